@@ -1,10 +1,11 @@
 """What all tests share.
 
-Hypothesis has no deadline and does not mind slow examples, for a busy machine decides how long one takes. And what the
-tests of a file leave in the environment ends with it: Dask, for one, leaves settings of malloc there for its workers.
+Hypothesis has no deadline and does not mind slow examples, for a busy machine decides how long one
+takes. And what the tests of a file leave in the environment ends with it: Dask, for one, leaves
+settings of malloc there for its workers.
 
-Linear algebra has one thread, here and in the processes that tests start: several tests run at a time, and threads of
-OpenBLAS that have no core to themselves spin.
+Linear algebra has one thread, here and in the processes that tests start: several tests run at a
+time, and threads of OpenBLAS that have no core to themselves spin.
 """
 
 import gc
@@ -16,7 +17,9 @@ from hypothesis import HealthCheck, settings
 
 from fsw_control.fast_dds import stay_on_this_machine
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before the first import of numpy, in test files
+os.environ.setdefault(
+    "OPENBLAS_NUM_THREADS", "1"
+)  # before the first import of numpy, in test files
 stay_on_this_machine(os.environ)  # before the first node: Fast DDS reads its profiles once
 _PATIENT = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("project", _PATIENT, max_examples=30)
@@ -24,7 +27,8 @@ settings.register_profile("full", _PATIENT, max_examples=400)  # scripts/test.py
 settings.load_profile("project")
 
 
-#: What libraries keep, a browser above all; an example of a property test that leaves one leaves hundreds.
+#: What libraries keep, a browser above all; an example of a property test that leaves one leaves
+#: hundreds.
 MOST_FILES_LEFT = 50
 
 

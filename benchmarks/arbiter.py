@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """Latency of the arbiter hop: measurement to proposal and to applied command, real processes in real time.
 
-A measuring process publishes the sensors; two controllers and the supervisor answer: at 10 Hz the decentralized
-controller and the NMPC, at 10 Hz and at 100 Hz two small ones that cost nothing.
-The hop is what the supervisor adds between the active controller's proposal and the command, both as they arrive
-at the measuring process.
+A measuring process publishes the sensors; two controllers and the supervisor answer: at 10 Hz the
+decentralized controller and the NMPC, at 10 Hz and at 100 Hz two small ones that cost nothing. The
+hop is what the supervisor adds between the active controller's proposal and the command, both as
+they arrive at the measuring process.
 
 usage: arbiter.py [--quick] [--json FILE]
 """
@@ -62,7 +62,11 @@ def run_dummy(name, arguments):
 
 
 #: by sensor, its mean and spread
-_SHOWN = (("depth", weld.DEPTH_MM, 1e-3), ("torque", 1052.86, 1.0), ("thermocouple", weld.TEMPERATURE_C, 0.2))
+_SHOWN = (
+    ("depth", weld.DEPTH_MM, 1e-3),
+    ("torque", 1052.86, 1.0),
+    ("thermocouple", weld.TEMPERATURE_C, 0.2),
+)
 
 
 class Meter:
@@ -78,7 +82,9 @@ class Meter:
         self._sensors = sensor_publishers(self.node)
         kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._references = self.node.create_publisher(WeldReference, "fsw/reference", kept)
-        self._references.publish(WeldReference(depth=weld.DEPTH_MM * 1e-3, temperature=weld.TEMPERATURE_C))
+        self._references.publish(
+            WeldReference(depth=weld.DEPTH_MM * 1e-3, temperature=weld.TEMPERATURE_C)
+        )
         self.sent, self.proposed, self.commanded, self.sources = {}, {}, {}, {}
         self.node.create_subscription(WeldCommand, f"fsw/{ACTIVE}/proposal", self._on_proposal, 10)
         self.node.create_subscription(WeldCommand, "fsw/command", self._on_command, 10)
@@ -137,14 +143,24 @@ def measure(rate_hz, ticks, real):
     period_s = 1.0 / rate_hz
     supervisor = [f"tick_period_s:={period_s}", f"deadline_s:={0.8 * period_s}"]
     controller = [f"period:={period_s}", f"deadline:={0.3 * period_s}"]
-    with tempfile.TemporaryDirectory() as folder, free_domain() as domain, Launcher(Path(folder), domain) as launcher:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        free_domain() as domain,
+        Launcher(Path(folder), domain) as launcher,
+    ):
         stay_on_this_machine(os.environ)
-        launcher.start("supervisor", "fsw_supervisor.supervisor_node", ["--ros-args", *_parameters(supervisor)])
+        launcher.start(
+            "supervisor",
+            "fsw_supervisor.supervisor_node",
+            ["--ros-args", *_parameters(supervisor)],
+        )
         for name in (ACTIVE, SHADOW):
             if real:
                 launcher.start(name, MODULES[name])
             else:
-                launcher.start(name, "arbiter", ["--controller", name, "--ros-args", *_parameters(controller)])
+                launcher.start(
+                    name, "arbiter", ["--controller", name, "--ros-args", *_parameters(controller)]
+                )
         meter = Meter(domain, rate_hz)
         try:
             launcher.wait_until(meter.ready, 60.0, "the graph")
@@ -162,11 +178,18 @@ def measure(rate_hz, ticks, real):
     case = f"{rate_hz}hz" + ("_real" if real else "")
     result = {}
     for name, values in series.items():
-        hundredths = statistics.quantiles([1e3 * value for value in values], n=100, method="inclusive")
-        result |= {f"{name}_p50_ms_{case}": hundredths[49], f"{name}_p99_ms_{case}": hundredths[98]}
+        hundredths = statistics.quantiles(
+            [1e3 * value for value in values], n=100, method="inclusive"
+        )
+        result |= {
+            f"{name}_p50_ms_{case}": hundredths[49],
+            f"{name}_p99_ms_{case}": hundredths[98],
+        }
     result[f"ticks_{case}"] = ticks
     result[f"ticks_without_command_{case}"] = len(meter.sent) - len(meter.commanded)
-    result[f"ticks_not_by_active_{case}"] = sum(source != ACTIVE for source in meter.sources.values())
+    result[f"ticks_not_by_active_{case}"] = sum(
+        source != ACTIVE for source in meter.sources.values()
+    )
     return result
 
 

@@ -35,13 +35,24 @@ SCENARIO = "reference_tracking"
 SHORT = {"name": "short", "duration_s": 2.0, "events": []}
 FACTORS = {
     f"plant.model.{name}": {"uniform": [0.8, 1.25]}
-    for name in ("thermal_gain_c_per_kw", "copper_lag_s", "tool_lag_s", "depth_gain_mm_per_kn_s", "depth_zero_s")
+    for name in (
+        "thermal_gain_c_per_kw",
+        "copper_lag_s",
+        "tool_lag_s",
+        "depth_gain_mm_per_kn_s",
+        "depth_zero_s",
+    )
 }
 
 
 def campaign(scenario, controller, welds):
     """A campaign with one controller and as many factors as a study has."""
-    content = {"name": "benchmark", "scenario": scenario, "controllers": [controller], "welds": welds}
+    content = {
+        "name": "benchmark",
+        "scenario": scenario,
+        "controllers": [controller],
+        "welds": welds,
+    }
     if isinstance(scenario, str):
         text = definition.scenario_file.text_of(scenario)
         content["scenario"] = definition.scenario_file.content_of(text)
@@ -59,7 +70,11 @@ def usage(client):
         return sum(me.cpu_times()[:2]), me.memory_info().rss / 1e6
 
     workers = list(client.run(of_process).values())
-    return [*of_process(), sum(cpu for cpu, _ in workers), sum(rss for _, rss in workers) / len(workers)]
+    return [
+        *of_process(),
+        sum(cpu for cpu, _ in workers),
+        sum(rss for _, rss in workers) / len(workers),
+    ]
 
 
 def measured_batch(text, batch):
@@ -75,7 +90,10 @@ def run(made, workers, folder):
     engine.run_batch = measured_batch
     with engine.connect(None, workers) as client, dataset.Dataset(folder, made) as written:
         labels = [one.label for one in made.entrants]
-        warm = [client.submit(run_batch, made.text, [(i, made.parameters(i), labels)] * 4, pure=False) for i in (0, 1)]
+        warm = [
+            client.submit(run_batch, made.text, [(i, made.parameters(i), labels)] * 4, pure=False)
+            for i in (0, 1)
+        ]
         client.gather(warm)
         cpu_s, batches = [], 0
         write = written.write
@@ -156,7 +174,9 @@ def main():
             for workers in (1, 2):
                 made = campaign(SCENARIO, controller, int(welds * share * workers / 2))
                 found = run(made, workers, Path(scratch) / f"{name}{workers}")
-                result |= {f"{name}_{workers}_workers_{key}": value for key, value in found.items()}
+                result |= {
+                    f"{name}_{workers}_workers_{key}": value for key, value in found.items()
+                }
             rates = [result[f"{name}_{workers}_workers_welds_per_s"] for workers in (2, 1)]
             result[f"{name}_speedup_by_2_workers"] = rates[0] / rates[1]
         made = campaign(SHORT, "decentral:tight", int(10_000 * share))

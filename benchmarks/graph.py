@@ -3,7 +3,8 @@
 
 usage: graph.py [--quick] [--json FILE]
 
-The delay is from the last sensor of a tick to its command, by the times of their publication in the bag.
+The delay is from the last sensor of a tick to its command, by the times of their publication in
+the bag.
 """
 
 import os
@@ -86,17 +87,28 @@ def ten_hertz(name):
         Launcher(Path(folder) / "log", domain) as launcher,
     ):
         place, monitor = Path(folder) / "weld", {"monitor": "fsw_quality.monitor_node"}
-        graph = WeldGraph(load(name), place, ("nmpc", "decentral"), True, standby=True, companions=monitor)
+        graph = WeldGraph(
+            load(name), place, ("nmpc", "decentral"), True, standby=True, companions=monitor
+        )
         began_s, spent = time.perf_counter(), []
 
         def note(_):
-            pids = {name: child.process.pid for name, child in launcher.children.items() if child.running}
+            pids = {
+                name: child.process.pid
+                for name, child in launcher.children.items()
+                if child.running
+            }
             used = {name: (processor_s(pid), memory_mib(pid)) for name, pid in pids.items()}
             spent.append((time.perf_counter(), used))
 
         graph.run(launcher, note)
-        (first_s, first), (last_s, last) = spent[0], next(row for row in reversed(spent) if "scenario" in row[1])
-        figures = {"nodes": len(first), "start_of_graph_s": first_s - began_s} | delays_ms(graph.bag)
+        (first_s, first), (last_s, last) = (
+            spent[0],
+            next(row for row in reversed(spent) if "scenario" in row[1]),
+        )
+        figures = {"nodes": len(first), "start_of_graph_s": first_s - began_s} | delays_ms(
+            graph.bag
+        )
         for node in first:
             cpu_s = last[node][0] - first[node][0]
             figures[f"{node}_cpu_percent"] = 100.0 * cpu_s / (last_s - first_s)
@@ -121,7 +133,11 @@ def delays_ms(bag):
 def starts_s(repetitions):
     """Seconds from the start of a process until its node is seen in the graph; medians."""
     figures = {}
-    with tempfile.TemporaryDirectory() as folder, free_domain() as domain, Launcher(Path(folder), domain) as launcher:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        free_domain() as domain,
+        Launcher(Path(folder), domain) as launcher,
+    ):
         os.environ["ROS_DOMAIN_ID"] = str(domain)
         stay_on_this_machine(os.environ)
         rclpy.init(args=[])
@@ -132,11 +148,15 @@ def starts_s(repetitions):
             for _ in range(repetitions):
                 began_s = time.perf_counter()
                 launcher.start(node, module, bag)
-                launcher.wait_until(lambda name=node: name in observer.get_node_names(), 60.0, node, [node])
+                launcher.wait_until(
+                    lambda name=node: name in observer.get_node_names(), 60.0, node, [node]
+                )
                 times.append(time.perf_counter() - began_s)
                 launcher.stop(node)
                 shutil.rmtree(f"{folder}/bag", ignore_errors=True)
-                launcher.wait_until(lambda name=node: name not in observer.get_node_names(), 60.0, node, [])
+                launcher.wait_until(
+                    lambda name=node: name not in observer.get_node_names(), 60.0, node, []
+                )
             figures[f"start_of_{node}_s"] = statistics.median(times)
         observer.destroy_node()
         rclpy.shutdown()
@@ -147,9 +167,16 @@ def main():
     """Measure, print a table, write JSON."""
     arguments = parser(__doc__, "shorter scenario, fewer repetitions").parse_args()
     name, repetitions = ("quick", 1) if arguments.quick else ("reference_tracking", 3)
-    result = {"scenario": name, "repetitions": repetitions, "cpus": os.cpu_count(), "python": platform.python_version()}
+    result = {
+        "scenario": name,
+        "repetitions": repetitions,
+        "cpus": os.cpu_count(),
+        "python": platform.python_version(),
+    }
     result["offline_steps_per_s"] = offline_steps_per_s(name, 3 * repetitions)
-    result["graph_steps_per_s"], result["graph_start_and_stop_s"] = graph_steps_per_s(name, (), repetitions)
+    result["graph_steps_per_s"], result["graph_start_and_stop_s"] = graph_steps_per_s(
+        name, (), repetitions
+    )
     result["graph_with_nmpc_steps_per_s"], _ = graph_steps_per_s(name, ("nmpc",), repetitions)
     result |= starts_s(repetitions) | ten_hertz("quick")
     show(result, AIMS)

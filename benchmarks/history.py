@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 """The history of welds: false signals of stable welds, delays of shifts and wear, and the time for ten thousand welds.
 
-usage: history.py [--quick] [--json FILE] [--emulated COUNT] [--folder DIR] [--page FILE] [--figure FILE]
+usage: history.py [--quick] [--json FILE] [--emulated COUNT] [--folder DIR] [--page FILE] [--figure
+FILE]
 
-Stable histories are normally distributed, or drawn from emulated welds, whose rows are kept in the folder, so an
-interrupted run goes on where it was.
+Stable histories are normally distributed, or drawn from emulated welds, whose rows are kept in the
+folder, so an interrupted run goes on where it was.
 """
 
 import json
@@ -44,7 +45,8 @@ from fsw_test_support.made_history import rows
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "history.md"
 FIGURE = PAGE.parent.parent / "figures" / "history.png"
 CONTROLLERS = ("decentral:tight", "nmpc:default")
-#: the plant differs by so much from weld to weld, as canisters do (chosen), in these coefficients of its model
+#: the plant differs by so much from weld to weld, as canisters do (chosen), in these coefficients
+#: of its model
 SPREAD, MODEL = 0.01, ("thermal_gain_c_per_kw", "depth_gain_mm_per_kn_s", "sliding_friction")
 #: stable welds before a shift, and welds within which it must signal to count as detected
 BEFORE, WITHIN = (10, 20, 50), 100
@@ -64,7 +66,10 @@ def emulated(label, folder, seed):
         "name": "history",
         "duration_s": 240.0,
         "controller": name_of(label),
-        "plant": {"seed": seed, "model": {name: float(random.normal(1.0, SPREAD)) for name in MODEL}},
+        "plant": {
+            "seed": seed,
+            "model": {name: float(random.normal(1.0, SPREAD)) for name in MODEL},
+        },
         "events": [
             {"at_s": 5.0, "reference": {"depth_mm": 2.66, "temperature_c": 816.4}},
             {"at_s": 140.0, "reference": {"depth_mm": 2.76}},
@@ -82,7 +87,11 @@ def emulated(label, folder, seed):
 def share(draw, histories, groups=None):
     """Share of histories with a signal; ``draw`` returns the quantities of a history, by name."""
     signalled = (
-        any(at for made in history_report.charts_of(draw(), groups=groups).values() for at in made.signals.values())
+        any(
+            at
+            for made in history_report.charts_of(draw(), groups=groups).values()
+            for at in made.signals.values()
+        )
         for _ in range(histories)
     )
     return sum(signalled) / histories
@@ -94,7 +103,9 @@ def stable(random, correlation=0.0):
     for i in range(1, WELDS):
         noise[:, i] = correlation * noise[:, i - 1] + np.sqrt(1.0 - correlation**2) * noise[:, i]
     return {
-        name: 1e6 * np.exp(0.2 * values) if name in history_report.SKEWED else 1e6 * (10.0 + values)
+        name: 1e6 * np.exp(0.2 * values)
+        if name in history_report.SKEWED
+        else 1e6 * (10.0 + values)
         for name, values in zip(CHARTED, noise, strict=True)
     }
 
@@ -111,7 +122,9 @@ def delays(random, histories, values_of, before):
 
 def shifted(before, shift, random):
     """A normally distributed quantity that shifts after some welds."""
-    return random.normal(0.0, 1.0, before + WITHIN) + shift * (np.arange(before + WITHIN) >= before)
+    return random.normal(0.0, 1.0, before + WITHIN) + shift * (
+        np.arange(before + WITHIN) >= before
+    )
 
 
 def signals(histories):
@@ -126,7 +139,10 @@ def signals(histories):
     for before in BEFORE:
         for shift in (1, 2, 3):
             late, detected = delays(random, histories, partial(shifted, before, shift), before)
-            figures |= {f"delay_{shift}_sigma_after_{before}": late, f"share_{shift}_sigma_after_{before}": detected}
+            figures |= {
+                f"delay_{shift}_sigma_after_{before}": late,
+                f"share_{shift}_sigma_after_{before}": detected,
+            }
     return figures
 
 
@@ -136,7 +152,9 @@ def of_emulated(count, folder, histories):
     folder.mkdir(parents=True, exist_ok=True)
     for label in CONTROLLERS:
         with ProcessPoolExecutor() as pool:
-            made[label] = welds = list(pool.map(partial(emulated, label, folder), range(1, count + 1)))
+            made[label] = welds = list(
+                pool.map(partial(emulated, label, folder), range(1, count + 1))
+            )
         random, name = np.random.default_rng(45), name_of(label)
         table = {column: np.array([weld[column] for weld in welds]) for column in CHARTED}
 
@@ -145,7 +163,8 @@ def of_emulated(count, folder, histories):
             return {column: factor * values[chosen] for column, values in table.items()}
 
         figures[f"false_share_{name}"] = share(drawn, histories)
-        # in other units the least spreads that count do not: what the distributions of the quantities themselves do
+        # in other units the least spreads that count do not: what the distributions of the
+        # quantities themselves do
         figures[f"false_share_{name}_any_spread"] = share(partial(drawn, factor=1e6), histories)
         torque = table["torque_nm"]
         figures[f"sigma_torque_nm_{name}"] = float(torque.std(ddof=1))
@@ -182,7 +201,9 @@ def write_page(figures, page):
 
 
 def _delay(figures, shift, before):
-    median, within = (figures[f"{what}_{shift}_sigma_after_{before}"] for what in ("delay", "share"))
+    median, within = (
+        figures[f"{what}_{shift}_sigma_after_{before}"] for what in ("delay", "share")
+    )
     return f"{'–' if np.isinf(median) else format(median, '.0f')} ({within:.0%})"
 
 
@@ -215,17 +236,27 @@ def times(welds):
         history_report.write(table, folder / "report.html", "benchmark")
         figures["load_and_report_s"] = time.perf_counter() - began
         figures["load_and_report_cpu_s"] = time.process_time() - cpu
-        figures["bytes_per_weld"] = sum(file.stat().st_size for file in folder.glob("*.parquet")) / welds
+        figures["bytes_per_weld"] = (
+            sum(file.stat().st_size for file in folder.glob("*.parquet")) / welds
+        )
     return figures
 
 
 def main():
     """Measure, print a table, write JSON and the page."""
-    arguments = parser(__doc__, "a tenth of the histories and of the welds, no emulated ones, no page")
-    arguments.add_argument("--emulated", type=int, default=60, help="emulated welds of each controller (default 60)")
-    arguments.add_argument("--folder", type=Path, default=Path("out") / "history", help="keeps their rows")
+    arguments = parser(
+        __doc__, "a tenth of the histories and of the welds, no emulated ones, no page"
+    )
+    arguments.add_argument(
+        "--emulated", type=int, default=60, help="emulated welds of each controller (default 60)"
+    )
+    arguments.add_argument(
+        "--folder", type=Path, default=Path("out") / "history", help="keeps their rows"
+    )
     arguments.add_argument("--page", type=Path, default=PAGE, help="page of the results")
-    arguments.add_argument("--figure", type=Path, default=FIGURE, help="picture of the charts of emulated welds")
+    arguments.add_argument(
+        "--figure", type=Path, default=FIGURE, help="picture of the charts of emulated welds"
+    )
     chosen = arguments.parse_args()
     scale = 10 if chosen.quick else 1
     figures = signals(HISTORIES // scale)
@@ -234,7 +265,10 @@ def main():
         figures |= more
     figures |= times(10_000 // scale)
     show(figures)
-    save({name: None if figure == np.inf else figure for name, figure in figures.items()}, chosen.json)
+    save(
+        {name: None if figure == np.inf else figure for name, figure in figures.items()},
+        chosen.json,
+    )
     if not chosen.quick:
         write_page(figures, chosen.page)
         draw(welds[CONTROLLERS[0]], chosen.figure)

@@ -1,8 +1,9 @@
 """The operator's page with many viewers: processor time of its server, and how old a tick is when it is seen.
 
-Plant, both controllers, supervisor and the page's server run as processes in real time; the server has kept 45 minutes
-of a weld. The viewers are websockets in this process, and one is a browser. A tick's age is from its stamp, at which
-the plant measures, to its arrival here, and in the browser to the first frame drawn with it.
+Plant, both controllers, supervisor and the page's server run as processes in real time; the server
+has kept 45 minutes of a weld. The viewers are websockets in this process, and one is a browser. A
+tick's age is from its stamp, at which the plant measures, to its arrival here, and in the browser
+to the first frame drawn with it.
 """
 
 from __future__ import annotations
@@ -55,7 +56,10 @@ WARM_UP_S = 3.0
 async def view(url: str, build: str, ages_s: list[float], token: str = "") -> None:
     """Be a viewer, and with a token the one who gives the first set-points."""
     async with connect(
-        f"{url.replace('http', 'ws')}ws?build={build}", origin=url.rstrip("/"), compression=None, max_size=None
+        f"{url.replace('http', 'ws')}ws?build={build}",
+        origin=url.rstrip("/"),
+        compression=None,
+        max_size=None,
     ) as socket:
         if token:
             start = {"depth_mm": weld.DEPTH_MM, "temperature_c": weld.TEMPERATURE_C}
@@ -78,7 +82,9 @@ async def watch(url: str, token: str, viewers: int, seconds: float, process: int
         found = re.search(r'name="build" content="(\w+)"', response.read().decode())
     build = found[1] if found else ""
     ages_s: list[float] = []
-    jobs = [asyncio.create_task(view(url, build, ages_s, "" if i else token)) for i in range(viewers)]
+    jobs = [
+        asyncio.create_task(view(url, build, ages_s, "" if i else token)) for i in range(viewers)
+    ]
     await asyncio.sleep(WARM_UP_S)  # the measurement itself
     ages_s.clear()
     before_s, begin_s = processor_s(process), time.monotonic()
@@ -105,7 +111,11 @@ def keep_a_past(folder: Path) -> None:
     keeper.load(0.0)
     now_s = time.time()
     for i in range(PAST):
-        keeper.add(json.dumps([now_s + 0.1 * (i - PAST), *[1.0 + 1e-3 * math.sin(0.01 * i)] * (len(COLUMNS) - 1)]))
+        keeper.add(
+            json.dumps(
+                [now_s + 0.1 * (i - PAST), *[1.0 + 1e-3 * math.sin(0.01 * i)] * (len(COLUMNS) - 1)]
+            )
+        )
     keeper.keep(Kept(time.monotonic(), now_s))
 
 
@@ -133,7 +143,10 @@ def measure(seconds: float) -> Figures:
         Launcher(Path(text) / "log", domain) as launcher,
     ):
         for name, module in NODES.items():
-            settings = {"plant": f"wait_for_subscribers:={len(NODES) - 1}", "supervisor": "controller:=nmpc"}.get(name)
+            settings = {
+                "plant": f"wait_for_subscribers:={len(NODES) - 1}",
+                "supervisor": "controller:=nmpc",
+            }.get(name)
             launcher.start(name, module, ["--ros-args", "-p", settings] if settings else [])
         keep_a_past(Path(text) / "page")
         kept = ["--ros-args", "-p", f"state_folder:={text}/page"]

@@ -1,7 +1,8 @@
 """Operator's page in Chromium: how old a value is when it is on the screen, and what updates and trends cost.
 
-A small server sends a synthetic weld at 10 Hz. The age is from the server's stamp of a tick (the same machine's clock)
-to the first frame that the browser draws after the page has written its values.
+A small server sends a synthetic weld at 10 Hz. The age is from the server's stamp of a tick (the
+same machine's clock) to the first frame that the browser draws after the page has written its
+values.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from report import parser, save, show
 from fsw_test_support.browser import chromium
 from fsw_test_support.fake_hmi import FakeHmi
 
-#: told to the page before its scripts run: note each tick's age when it is drawn, and what handling it costs
+#: told to the page before its scripts run: note each tick's age when it is drawn, and what
+#: handling it costs
 WATCH = """
 window.ages = []; window.busy = [];
 const native = WebSocket;
@@ -54,7 +56,10 @@ def measure(window: str, seconds: float) -> dict[str, Any]:
             before = _task_s(session)
             page.wait_for_timeout(1000.0 * seconds)
             busy_s = _task_s(session) - before
-            ages, ticks = np.array(page.evaluate("window.ages")), np.array(page.evaluate("window.busy"))
+            ages, ticks = (
+                np.array(page.evaluate("window.ages")),
+                np.array(page.evaluate("window.busy")),
+            )
     finally:
         server.stop()
     key = window.replace(" ", "_")

@@ -1,13 +1,15 @@
 #!/usr/bin/env python3
 """How well model parameters are identified: random plants, one closed-loop weld of five minutes each.
 
-Once without disturbances, and once with a random one of the process or a sensor in each weld: how often is a parameter
-then off by more than three of its standard deviations, and how often without a word about a disturbance? And on whole
-welds of 45 minutes (``canister_weld``). And on canisters that conduct heat, which have another structure: how well does
-the identified model predict another weld, compared with the paper's? And on plants with other
-sensors than the model's, with noise that is correlated or a thermocouple that lags.
+Once without disturbances, and once with a random one of the process or a sensor in each weld: how
+often is a parameter then off by more than three of its standard deviations, and how often without
+a word about a disturbance? And on whole welds of 45 minutes (``canister_weld``). And on canisters
+that conduct heat, which have another structure: how well does the identified model predict another
+weld, compared with the paper's? And on plants with other sensors than the model's, with noise that
+is correlated or a thermocouple that lags.
 
-usage: identification.py [--quick] [--foreign | --sensors [KIND ...] | --short | --whole COUNT] [--keep FILE]
+usage: identification.py [--quick] [--foreign | --sensors [KIND ...] | --short | --whole COUNT]
+[--keep FILE]
                          [--json FILE]
 """
 
@@ -61,7 +63,8 @@ AIMS = {
     "depth_zero_s": 5.0,
     "depth_pole_slow_s": 5.0,
 }
-#: factors on the paper's parameters: those of the comparison of controllers, and others that are estimated
+#: factors on the paper's parameters: those of the comparison of controllers, and others that are
+#: estimated
 SPANS = RANDOM | {"model.depth_pole_slow_s": (0.8, 1.25), "model.motor_lag_s": (0.7, 1.4)}
 _95 = 1.96
 EXPERIMENT, WHOLE_WELD = "identify_closed_loop", "canister_weld"
@@ -81,7 +84,8 @@ AMPLITUDES = {
     "torque": ("nm", 10.0, 60.0),
 }
 FAULTS = {"depth": ("mm", 0.02, 0.1), "thermocouple": ("c", 1.0, 5.0)}
-#: correlation times [s] of two parts of the noise, each of half its variance: none is of the method's
+#: correlation times [s] of two parts of the noise, each of half its variance: none is of the
+#: method's
 MIXED = {"white and 5 s": (0.0, 5.0), "0.5 and 10 s": (0.5, 10.0)}
 #: noise of the method's colour, and a disturbance of the process or a sensor with it
 DISTURBED = "correlated 1 s, disturbed"
@@ -117,17 +121,26 @@ def disturbance(index):
 def one(job):
     """Weld and identify one plant.
 
-    Returns relative error and standard deviation of every parameter, seconds, excursions, remarks about disturbances,
-    largest memory of this process so far [MB].
+    Returns relative error and standard deviation of every parameter, seconds, excursions, remarks
+    about disturbances, largest memory of this process so far [MB].
     """
     index, factors, event, name = job
     signals = welded(name, {"seed": index + 1, **factors}, event)
     began = time.process_time()
     fit = identify(prepare(signals, specs()["actuators.lag_s"].default).segments)
     seconds = time.process_time() - began
-    moved = abs(signals.truth.depth_mm - DEPTH_MM).max(), abs(signals.truth.temperature_c - TEMPERATURE_C).max()
+    moved = (
+        abs(signals.truth.depth_mm - DEPTH_MM).max(),
+        abs(signals.truth.temperature_c - TEMPERATURE_C).max(),
+    )
     memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    return *errors_of(fit, factors), seconds, [float(one) for one in moved], disturbances(fit), memory_mb
+    return (
+        *errors_of(fit, factors),
+        seconds,
+        [float(one) for one in moved],
+        disturbances(fit),
+        memory_mb,
+    )
 
 
 def welded(name, plant, event=None):
@@ -142,9 +155,15 @@ def welded(name, plant, event=None):
 
 def errors_of(fit, factors):
     """Relative error and standard deviation of every parameter."""
-    model = {name.removeprefix("model."): of for name, of in factors.items() if name.startswith("model.")}
+    model = {
+        name.removeprefix("model."): of
+        for name, of in factors.items()
+        if name.startswith("model.")
+    }
     truth = nominal().scaled(**model)
-    errors = {name: getattr(fit.parameters, name) / getattr(truth, name) - 1.0 for name in fit.free}
+    errors = {
+        name: getattr(fit.parameters, name) / getattr(truth, name) - 1.0 for name in fit.free
+    }
     return errors, {name: fit.std[name] / getattr(fit.parameters, name) for name in fit.free}
 
 
@@ -156,7 +175,9 @@ def results_of(name, function, jobs, keep=None):
     runs = kept(name, keep)
     left = [job for job in enumerate(jobs) if job[0] not in runs and not INTERRUPTED]
     try:
-        for (index, _), run in zip(left, on_all_cores(function, [job for _, job in left]), strict=True):
+        for (index, _), run in zip(
+            left, on_all_cores(function, [job for _, job in left]), strict=True
+        ):
             runs[index] = run
             print(f"{name}: {len(runs)} of {len(jobs)}", file=sys.stderr, flush=True)
             if keep is not None:
@@ -180,19 +201,28 @@ def kept(name, keep):
         lines = [json.loads(line) for line in text.splitlines()]
         return {index: run for of, index, run in lines if of == name}
     except (TypeError, ValueError):
-        raise SystemExit(f"{keep}: not the results of this benchmark; name another file with --keep") from None
+        raise SystemExit(
+            f"{keep}: not the results of this benchmark; name another file with --keep"
+        ) from None
 
 
 def of_undisturbed(drawn, keep=None):
     """Errors and coverage of all intervals on undisturbed welds of five minutes."""
-    runs = results_of("undisturbed", one, [(i, factors, None, EXPERIMENT) for i, factors in enumerate(drawn)], keep)
+    runs = results_of(
+        "undisturbed",
+        one,
+        [(i, factors, None, EXPERIMENT) for i, factors in enumerate(drawn)],
+        keep,
+    )
     if not runs:
         return {}
     result = {"plants": len(runs), "cpus": os.cpu_count()}
     names = list(dict.fromkeys(name for errors, *_ in runs for name in errors))
     inside = []
     for name in names:
-        told = [(errors[name], deviations[name]) for errors, deviations, *_ in runs if name in errors]
+        told = [
+            (errors[name], deviations[name]) for errors, deviations, *_ in runs if name in errors
+        ]
         sizes = sorted(abs(error) for error, _ in told)
         in_s = name == "dead_time_s"
         scale = nominal().dead_time_s if in_s else 100.0
@@ -215,7 +245,9 @@ def of_undisturbed(drawn, keep=None):
 def of_disturbed(drawn, keep=None):
     """How many disturbed welds bias a parameter, and how many without a word."""
     events = [disturbance(index) for index in range(len(drawn))]
-    runs = results_of("disturbed", one, [(i, drawn[i], events[i], EXPERIMENT) for i in range(len(drawn))], keep)
+    runs = results_of(
+        "disturbed", one, [(i, drawn[i], events[i], EXPERIMENT) for i in range(len(drawn))], keep
+    )
     if not runs:
         return {}
     biased, silent, gross, largest = 0, 0, 0, []
@@ -226,7 +258,10 @@ def of_disturbed(drawn, keep=None):
         biased += off[worst] > BIASED
         silent += off[worst] > BIASED and not told
         gross += largest[-1] > GROSS and not told
-        print(f"{off[worst]:5.1f} deviations, {100 * largest[-1]:5.1f} %, {worst:<22} {event} {told}", file=sys.stderr)
+        print(
+            f"{off[worst]:5.1f} deviations, {100 * largest[-1]:5.1f} %, {worst:<22} {event} {told}",
+            file=sys.stderr,
+        )
     return {
         "disturbed_welds": len(runs),
         "disturbed_told": sum(bool(told) for *_, told, _ in runs),
@@ -248,12 +283,21 @@ def deviations_of(runs):
 
 def of_whole_welds(drawn, keep=None):
     """Coverage of all intervals and errors of the depth gain on welds of 45 minutes."""
-    runs = results_of("whole weld", one, [(i, factors, None, WHOLE_WELD) for i, factors in enumerate(drawn)], keep)
+    runs = results_of(
+        "whole weld",
+        one,
+        [(i, factors, None, WHOLE_WELD) for i, factors in enumerate(drawn)],
+        keep,
+    )
     if not runs:
         return {}
     off = deviations_of(runs)
     every = [one for values in off.values() for one in values]
-    gain = [abs(errors["depth_gain_mm_per_kn_s"]) for errors, *_ in runs if "depth_gain_mm_per_kn_s" in errors]
+    gain = [
+        abs(errors["depth_gain_mm_per_kn_s"])
+        for errors, *_ in runs
+        if "depth_gain_mm_per_kn_s" in errors
+    ]
     result = {
         f"whole_{name}_inside_95_percent": 100.0 * sum(one <= _95 for one in values) / len(values)
         for name, values in off.items()
@@ -287,7 +331,9 @@ def of_foreign(count, keep=None):
 
 def foreign(index):
     """Errors of predictions of another weld on a canister of the campaign: identified model over the paper's."""
-    overrides = [f"{name}={json.dumps(of)}" for name, of in load("canisters").parameters(index).items()]
+    overrides = [
+        f"{name}={json.dumps(of)}" for name, of in load("canisters").parameters(index).items()
+    ]
     heat = content_of(text_of("identify_heat"))
     other = content_of(text_of(EXPERIMENT)) | {"plant": heat["plant"]}
     welds = [
@@ -299,7 +345,10 @@ def foreign(index):
     ]
     lag_s = specs()["actuators.lag_s"].default
     taught, judged = (prepare(weld.run(), lag_s).segments for weld in welds)
-    free, steady = (over_the_papers(judged, identify(taught, steady=how), SETTLED_TICKS) for how in (False, True))
+    free, steady = (
+        over_the_papers(judged, identify(taught, steady=how), SETTLED_TICKS)
+        for how in (False, True)
+    )
     return free | {f"steady_{key}": ratio for key, ratio in steady.items()}
 
 
@@ -315,12 +364,17 @@ def of_sensors(drawn, kinds=KINDS, keep=None):
     result = {}
     for kind in kinds:
         sensors = SENSING.get(kind, {})
-        runs = results_of(kind, sensed, [(i, factors, kind) for i, factors in enumerate(drawn)], keep)
+        runs = results_of(
+            kind, sensed, [(i, factors, kind) for i, factors in enumerate(drawn)], keep
+        )
         if not runs:
             continue
         off = deviations_of(runs)
         every = [one for values in off.values() for one in values]
-        found = {f"{name}_inside_95_percent": percent(one <= _95 for one in values) for name, values in off.items()}
+        found = {
+            f"{name}_inside_95_percent": percent(one <= _95 for one in values)
+            for name, values in off.items()
+        }
         found["inside_95_percent"] = percent(one <= _95 for one in every)
         found["beyond_3_deviations_percent"] = percent(one > BIASED for one in every)
         found["told"] = sum(bool(told) for _, _, _, (told, _), *_ in runs)
@@ -329,19 +383,27 @@ def of_sensors(drawn, kinds=KINDS, keep=None):
         lags = [lag_s for *_, lag_s, _, _ in runs if lag_s]
         found["lag_told"] = len(lags)
         if lags:
-            off = [abs(lag_s - sensors.get("sensors.temperature_lag_s", 0.0)) / std for lag_s, std in lags]
+            off = [
+                abs(lag_s - sensors.get("sensors.temperature_lag_s", 0.0)) / std
+                for lag_s, std in lags
+            ]
             found["lag_s_median"] = statistics.median(lag_s for lag_s, _ in lags)
             found["lag_std_s_median"] = statistics.median(std for _, std in lags)
             found["lag_inside_95_percent"] = percent(one <= _95 for one in off)
         for output, name in enumerate(OUTPUTS):
-            found[f"{name}_correlation_s_median"] = statistics.median(over[output] for *_, over, _ in runs)
+            found[f"{name}_correlation_s_median"] = statistics.median(
+                over[output] for *_, over, _ in runs
+            )
         for name in AIMS:
             if sizes := [abs(errors[name]) for errors, *_ in runs if name in errors]:
                 found[f"{name}_median_percent"] = 100.0 * statistics.median(sizes)
         for key in runs[0][2]:
             ratios = [ratios[key] for _, _, ratios, *_ in runs]
             found[f"{key}_better_percent"] = percent(ratio < 1.0 for ratio in ratios)
-            found[f"{key}_ratio_median"], found[f"{key}_ratio_largest"] = statistics.median(ratios), max(ratios)
+            found[f"{key}_ratio_median"], found[f"{key}_ratio_largest"] = (
+                statistics.median(ratios),
+                max(ratios),
+            )
         found["plants"] = len(runs)
         result |= {f"sensors {kind}: {key}": value for key, value in found.items()}
     return result
@@ -355,8 +417,8 @@ def percent(flags):
 def sensed(job):
     """Identify a plant with such sensors.
 
-    Returns errors, standard deviations, ratios of errors of predictions, remarks about disturbances and whether one is
-    about whiteness, lag and correlation times found, seconds.
+    Returns errors, standard deviations, ratios of errors of predictions, remarks about
+    disturbances and whether one is about whiteness, lag and correlation times found, seconds.
     """
     index, factors, kind = job
     lag_s = specs()["actuators.lag_s"].default
@@ -364,7 +426,9 @@ def sensed(job):
     if kind == DISTURBED:
         sensors, event = SENSING["correlated 1 s"], disturbance(index)
     noise = {"noise": False} if kind in MIXED else {}
-    taught = prepare(welded(EXPERIMENT, {"seed": index + 1, **factors, **sensors, **noise}, event), lag_s).segments
+    taught = prepare(
+        welded(EXPERIMENT, {"seed": index + 1, **factors, **sensors, **noise}, event), lag_s
+    ).segments
     if kind in MIXED:
         taught = [noisy(segment, MIXED[kind], index) for segment in taught]
     began = time.process_time()
@@ -373,7 +437,14 @@ def sensed(job):
     judged = prepare(welded(JUDGE, {"noise": False, **factors, **sensors}), lag_s).segments
     ratios = over_the_papers(judged, fit, 0)
     told = disturbances(fit), any("not white" in line for line in remarks(Summary(kind, fit)))
-    return *errors_of(fit, factors), ratios, told, fit.lag_s, list(map(float, fit.correlation_s)), seconds
+    return (
+        *errors_of(fit, factors),
+        ratios,
+        told,
+        fit.lag_s,
+        list(map(float, fit.correlation_s)),
+        seconds,
+    )
 
 
 def noisy(segment, correlations_s, seed):
@@ -409,16 +480,26 @@ def prediction_errors(segments, model, settled, lag_s=0.0):
 def main():
     """Measure, print a table, write JSON; returns the exit code."""
     options = parser(
-        __doc__, "8 plants instead of 100, and of 60 that are disturbed; 2 of 12 whole welds and canisters"
+        __doc__,
+        "8 plants instead of 100, and of 60 that are disturbed; 2 of 12 whole welds and canisters",
     )
-    options.add_argument("--foreign", action="store_true", help="only the canisters and the other sensors")
     options.add_argument(
-        "--short", action="store_true", help="only the welds of five minutes, undisturbed and disturbed"
+        "--foreign", action="store_true", help="only the canisters and the other sensors"
     )
-    options.add_argument("--sensors", nargs="*", choices=KINDS, metavar="KIND", help="only the other sensors")
+    options.add_argument(
+        "--short",
+        action="store_true",
+        help="only the welds of five minutes, undisturbed and disturbed",
+    )
+    options.add_argument(
+        "--sensors", nargs="*", choices=KINDS, metavar="KIND", help="only the other sensors"
+    )
     options.add_argument("--whole", type=int, metavar="COUNT", help="only whole welds, so many")
     options.add_argument(
-        "--keep", type=Path, metavar="FILE", help="lines of JSON, one for each weld, to go on with after Ctrl-C"
+        "--keep",
+        type=Path,
+        metavar="FILE",
+        help="lines of JSON, one for each weld, to go on with after Ctrl-C",
     )
     arguments = options.parse_args()
     few, keep = 2 if arguments.quick else 12, arguments.keep
@@ -439,12 +520,20 @@ def main():
         return 130
     result |= of_disturbed(drawn[: 8 if arguments.quick else 60], keep)
     if not arguments.short:
-        result |= of_whole_welds(drawn[:few], keep) | of_foreign(few, keep) | of_sensors(drawn[:few], keep=keep)
+        result |= (
+            of_whole_welds(drawn[:few], keep)
+            | of_foreign(few, keep)
+            | of_sensors(drawn[:few], keep=keep)
+        )
     show(result)
     for name, aim in AIMS.items():
         found = next(value for key, value in result.items() if key.startswith(f"{name}_median"))
-        print(f"{name:<26} median {found:8.3g}  aim: <= {aim:g}  {'met' if found <= aim else 'MISSED'}")
-    print(f"{'inside the 95 % intervals':<26} {result['inside_95_percent']:.1f} %  aim: 90 to 98 %")
+        print(
+            f"{name:<26} median {found:8.3g}  aim: <= {aim:g}  {'met' if found <= aim else 'MISSED'}"
+        )
+    print(
+        f"{'inside the 95 % intervals':<26} {result['inside_95_percent']:.1f} %  aim: 90 to 98 %"
+    )
     save(result, arguments.json)
     return 0
 

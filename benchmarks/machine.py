@@ -1,7 +1,8 @@
 """At the emulated machine in real time: from a new value of the cycle counter to the set-point that answers it.
 
-Supervisor, NMPC, decentralized controller, gateway and machine run as processes. Times are the machine's own, from
-writing the counter to the heartbeat of the command; the cycles' intervals show whether 10 Hz was held.
+Supervisor, NMPC, decentralized controller, gateway and machine run as processes. Times are the
+machine's own, from writing the counter to the heartbeat of the command; the cycles' intervals show
+whether 10 Hz was held.
 """
 
 from __future__ import annotations
@@ -95,14 +96,21 @@ def measure(cycles: int, secure: bool) -> Figures:
         launcher.start("machine", machine_server.__name__, options)
         wait_for_text(launcher, "machine", "machine serves")
         for name, module in NODES.items():
-            settings = {"gateway": f"machine_file:={file}", "supervisor": "controller:=nmpc"}.get(name)
+            settings = {"gateway": f"machine_file:={file}", "supervisor": "controller:=nmpc"}.get(
+                name
+            )
             launcher.start(name, module, ["--ros-args", "-p", settings] if settings else [])
         wait_for_text(launcher, "supervisor", r"-> auto \(nmpc\)")
-        before = {name: processor_s(child.process.pid) for name, child in launcher.children.items()}
+        before = {
+            name: processor_s(child.process.pid) for name, child in launcher.children.items()
+        }
         begin_s = time.monotonic()
         time.sleep((WARM_UP + cycles + AT_THE_END) * weld.TICK_S)  # the measurement itself
         took_s = time.monotonic() - begin_s
-        used = {name: processor_s(child.process.pid) - before[name] for name, child in launcher.children.items()}
+        used = {
+            name: processor_s(child.process.pid) - before[name]
+            for name, child in launcher.children.items()
+        }
         launcher.stop()
         measured = json.loads(report.read_text(encoding="utf-8"))
     window = slice(-cycles - AT_THE_END, -AT_THE_END)

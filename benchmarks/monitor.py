@@ -34,7 +34,10 @@ HEALTHY, FAULTY = range(1000, 1050), range(2000, 2003)
 #: what a fault must be named within [s] (of gains: after the set-point that shows it has moved)
 AIMS_S = {
     **dict.fromkeys(("depth stuck", "torque stuck", "thermocouple stuck"), 3.0),
-    **dict.fromkeys(("thermocouple 2 °C/min", "torque gain +20 %", "depth gain +20 %", "depth gain -20 %"), 60.0),
+    **dict.fromkeys(
+        ("thermocouple 2 °C/min", "torque gain +20 %", "depth gain +20 %", "depth gain -20 %"),
+        60.0,
+    ),
     "heat gain +20 %": 60.0,
 }
 #: no information on a canister, whose heat is unknown
@@ -66,7 +69,11 @@ def judged(process, case, seed):
     after = [one for one in watched.alarms if faulty and one.begin_s >= FAULT_S]
     named = [one for one in after if one.finding.cause.word in causes]
     beside = [one for one in after if any(other.word in causes for other in one.finding.others)]
-    trends = [one for one in watched.others if faulty and one.end_s > FAULT_S and one.finding.cause.word in causes]
+    trends = [
+        one
+        for one in watched.others
+        if faulty and one.end_s > FAULT_S and one.finding.cause.word in causes
+    ]
 
     def delay_s(intervals):
         return max(intervals[0].begin_s - begin_s, 0.0) if intervals else None
@@ -82,7 +89,10 @@ def judged(process, case, seed):
         "first": after[0].finding.cause.word if after else "",
         "alone": bool(named) and not named[0].finding.others,
         "trend": bool(trends),
-        "step_ms": {"mean": 1e3 * float(np.mean(durations)), "p99": 1e3 * float(np.percentile(durations, 99))},
+        "step_ms": {
+            "mean": 1e3 * float(np.mean(durations)),
+            "p99": 1e3 * float(np.percentile(durations, 99)),
+        },
         "simulated_s": made_s,
     }
 
@@ -110,14 +120,24 @@ def overall(rows):
     figures = {"step_mean_ms": float(np.median([row["step_ms"]["mean"] for row in rows]))}
     figures["step_p99_ms"] = float(np.median([row["step_ms"]["p99"] for row in rows]))
     faulty = [row for row in rows if row["case"] in CASES]
-    figures |= {"fault_welds": len(faulty), "fault_welds_with_alarm_before": sum(bool(row["false"]) for row in faulty)}
+    figures |= {
+        "fault_welds": len(faulty),
+        "fault_welds_with_alarm_before": sum(bool(row["false"]) for row in faulty),
+    }
     for process in PROCESSES:
         free = [row for row in rows if row["process"] == process and row["case"] not in CASES]
         bad = [row for row in free if row["false"]]
-        figures[f"{process}_healthy_welds"], figures[f"{process}_with_false_alarm"] = len(free), len(bad)
+        figures[f"{process}_healthy_welds"], figures[f"{process}_with_false_alarm"] = (
+            len(free),
+            len(bad),
+        )
         figures[f"{process}_at_most_percent"] = 100.0 * wilson(len(bad), len(free))[1]
-        figures[f"{process}_false_alarms"] = ", ".join(sorted({cause for row in bad for cause in row["false"]}))
-        figures[f"{process}_under_nmpc"] = sum(row["controller"].startswith("nmpc") for row in free)
+        figures[f"{process}_false_alarms"] = ", ".join(
+            sorted({cause for row in bad for cause in row["false"]})
+        )
+        figures[f"{process}_under_nmpc"] = sum(
+            row["controller"].startswith("nmpc") for row in free
+        )
     return figures
 
 
@@ -136,7 +156,9 @@ def main():
     print(file=sys.stderr)
     lost = [row for row in rows if "no_weld" in row]
     rows = [row for row in rows if "no_weld" not in row]
-    tables = {process: {case: summary(rows, process, case) for case in CASES} for process in PROCESSES}
+    tables = {
+        process: {case: summary(rows, process, case) for case in CASES} for process in PROCESSES
+    }
     figures = overall(rows) | {"draws_without_weld": len(lost)}
     missed = [
         (process, case, row)

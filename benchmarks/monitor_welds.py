@@ -1,7 +1,7 @@
 """Emulated welds for the benchmark of the monitor: healthy plants drawn widely, and plants with a fault.
 
-Nothing of these draws sets a limit of the monitor. The coefficients of the plant differ from the monitor's model, the
-probe may lag, noise may be larger or coloured, and any tuning may command.
+Nothing of these draws sets a limit of the monitor. The coefficients of the plant differ from the
+monitor's model, the probe may lag, noise may be larger or coloured, and any tuning may command.
 """
 
 from dataclasses import replace
@@ -22,12 +22,31 @@ FAULT_S = 200.0
 #: the NMPC commands six welds of ten
 CONTROLLERS = (
     *("nmpc:default", "nmpc:default", "decentral:conservative", "nmpc:default", "decentral:tight"),
-    *("nmpc:adaptive", "nmpc:default", "decentral:smith", "nmpc:adaptive", "decentral:conservative"),
+    *(
+        "nmpc:adaptive",
+        "nmpc:default",
+        "decentral:smith",
+        "nmpc:adaptive",
+        "decentral:conservative",
+    ),
 )
 #: coefficients that differ from the model's, by up to the spread of the weld
 COEFFICIENTS = (
-    *("thermal_gain_c_per_kw", "copper_lag_s", "tool_lag_s", "dead_time_s", "softening_per_c", "motor_lag_s"),
-    *("depth_gain_mm_per_kn_s", "depth_zero_s", "depth_pole_slow_s", "sliding_friction", "sticking_stress_pa"),
+    *(
+        "thermal_gain_c_per_kw",
+        "copper_lag_s",
+        "tool_lag_s",
+        "dead_time_s",
+        "softening_per_c",
+        "motor_lag_s",
+    ),
+    *(
+        "depth_gain_mm_per_kn_s",
+        "depth_zero_s",
+        "depth_pole_slow_s",
+        "sliding_friction",
+        "sticking_stress_pa",
+    ),
 )
 SPREADS = 0.05, 0.1
 NOISES = {"depth_noise_mm": 0.002, "torque_noise_nm": 2.0, "temperature_noise_c": 0.1}
@@ -35,7 +54,13 @@ NOISES = {"depth_noise_mm": 0.002, "torque_noise_nm": 2.0, "temperature_noise_c"
 CANISTER = {
     "process": "canister",
     "start": {"temperature_c": 805.0, "power_kw": 48.0},
-    "canister": {"lid_mm": 0.0, "probe_radius_mm": 25.0, "shoulder_share": 0.2, "element_mm": 10.0, "modes": 128},
+    "canister": {
+        "lid_mm": 0.0,
+        "probe_radius_mm": 25.0,
+        "shoulder_share": 0.2,
+        "element_mm": 10.0,
+        "modes": 128,
+    },
 }
 
 
@@ -46,7 +71,9 @@ class Sticking(Actuator):
 
     def advance(self, target):
         """As of ``Actuator``."""
-        return super().advance(self.setpoint if abs(target - self.setpoint) < self.band else target)
+        return super().advance(
+            self.setpoint if abs(target - self.setpoint) < self.band else target
+        )
 
 
 def changed(**settings):
@@ -55,7 +82,11 @@ def changed(**settings):
     def act(plant):
         if round(plant.time_s, 1) == FAULT_S:
             given = {name.replace("__", "."): value for name, value in settings.items()}
-            given |= {name: plant.config[name] * value for name, value in given.items() if name.startswith("model.")}
+            given |= {
+                name: plant.config[name] * value
+                for name, value in given.items()
+                if name.startswith("model.")
+            }
             plant.reconfigure(PlantConfig.from_values({**plant.config.values, **given}))
 
     return act
@@ -70,7 +101,9 @@ def sticking(plant):
 def load_cell(signals):
     """A fault: the load cell shows 2 kN too much."""
     late = signals.time_s >= FAULT_S
-    return replace(signals, drives=replace(signals.drives, force_kn=signals.drives.force_kn + 2.0 * late))
+    return replace(
+        signals, drives=replace(signals.drives, force_kn=signals.drives.force_kn + 2.0 * late)
+    )
 
 
 def fault(sensor, kind, **values):
@@ -80,12 +113,17 @@ def fault(sensor, kind, **values):
 
 def wear(nm_per_min):
     """Tool wear, as an event of the scenario."""
-    shape = {"channel": "torque", "shape": "ramp", "amplitude_nm": 10.0 * nm_per_min, "duration_s": 600.0}
+    shape = {
+        "channel": "torque",
+        "shape": "ramp",
+        "amplitude_nm": 10.0 * nm_per_min,
+        "duration_s": 600.0,
+    }
     return {"at_s": FAULT_S, "disturbance": shape}
 
 
-#: by name: event of the scenario, what acts on the plant, causes that name it (of Cause, in small letters), and the
-#: output whose set-point has to move before it shows
+#: by name: event of the scenario, what acts on the plant, causes that name it (of Cause, in small
+#: letters), and the output whose set-point has to move before it shows
 CASES = {
     **{f"{one} stuck": (fault(one, "freeze"), None, (f"{one}_stuck",), "") for one in ("depth", "torque")},
     "thermocouple stuck": (fault("thermocouple", "freeze"), None, ("thermocouple_stuck",), ""),
@@ -127,9 +165,14 @@ def plant_of(process, random, seed):
     plant = {"seed": seed, **(CANISTER if process == "canister" else {})}
     spread = float(random.choice(SPREADS))
     plant["model"] = {name: float(1.0 + random.uniform(-spread, spread)) for name in COEFFICIENTS}
-    factor, correlation_s = float(random.choice([1.0, 1.0, 3.0])), float(random.choice([0.0, 0.0, 1.0, 5.0]))
+    factor, correlation_s = (
+        float(random.choice([1.0, 1.0, 3.0])),
+        float(random.choice([0.0, 0.0, 1.0, 5.0])),
+    )
     plant["sensors"] = {name: factor * value for name, value in NOISES.items()}
-    plant["sensors"] |= {f"{name}_noise_correlation_s": correlation_s for name in ("depth", "torque", "temperature")}
+    plant["sensors"] |= {
+        f"{name}_noise_correlation_s": correlation_s for name in ("depth", "torque", "temperature")
+    }
     plant["sensors"]["temperature_lag_s"] = float(random.choice([0.0, 0.0, 2.0]))
     return plant
 
@@ -138,8 +181,15 @@ def scenario(process, seed, case):
     """A weld with random steps of the set-points, an unsteady torque, and an edge of the workpiece."""
     random = np.random.default_rng([seed, PROCESSES.index(process)])
     plant = plant_of(process, random, seed)
-    sine = {"amplitude_nm": float(random.uniform(1.0, 5.0)), "period_s": float(random.uniform(15.0, 60.0))}
-    edge = {"channel": "depth", "shape": "step", "amplitude_mm": float(random.choice([-0.05, 0.05]))}
+    sine = {
+        "amplitude_nm": float(random.uniform(1.0, 5.0)),
+        "period_s": float(random.uniform(15.0, 60.0)),
+    }
+    edge = {
+        "channel": "depth",
+        "shape": "step",
+        "amplitude_mm": float(random.choice([-0.05, 0.05])),
+    }
     events = [
         {"at_s": 5.0, "reference": {"depth_mm": 2.66, "temperature_c": 816.4}},
         {"at_s": round(float(random.uniform(120.0, 380.0)), 1), "disturbance": edge},
@@ -154,11 +204,15 @@ def scenario(process, seed, case):
             depth = 2.66 if depth != 2.66 else 2.66 + float(random.choice([-0.2, 0.1, 0.2]))
             events.append({"at_s": round(at_s, 1), "reference": {"depth_mm": depth}})
         else:
-            temperature = 816.4 if temperature != 816.4 else 816.4 + float(random.choice([-10.0, 6.0, 10.0]))
+            temperature = (
+                816.4 if temperature != 816.4 else 816.4 + float(random.choice([-10.0, 6.0, 10.0]))
+            )
             events.append({"at_s": round(at_s, 1), "reference": {"temperature_c": temperature}})
     label = CONTROLLERS[seed % len(CONTROLLERS)]
     events += [event] if event else []
-    if event and "fault" in event:  # then a supervisor commands, with a fallback; its switch comes after the end
+    if (
+        event and "fault" in event
+    ):  # then a supervisor commands, with a fallback; its switch comes after the end
         fallback = "decentral" if name_of(label) == "nmpc" else "nmpc"
         events.append({"at_s": DURATION_S - 0.1, "switch": fallback})
     made = parse(
@@ -192,5 +246,9 @@ def weld(process, seed, case):
     signals = loop.run()
     if act is load_cell:
         signals = load_cell(signals)
-    moves = [one.at_s for one in made.events if shown_by and getattr(one.reference, shown_by, None) is not None]
+    moves = [
+        one.at_s
+        for one in made.events
+        if shown_by and getattr(one.reference, shown_by, None) is not None
+    ]
     return signals, next((at_s for at_s in moves if at_s >= FAULT_S), None), label

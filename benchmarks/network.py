@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """A weld over a network that loses, delays or is cut: plant and recorder on one computer, control on another.
 
-The computers are two network namespaces of Linux with a TAP device each, between which a thread of this process
-carries the frames (``tc netem`` is not in every kernel). It needs root. Each weld is in real time; figures are of the
-plant's ticks, as the recorder beside it has seen them.
+The computers are two network namespaces of Linux with a TAP device each, between which a thread of
+this process carries the frames (``tc netem`` is not in every kernel). It needs root. Each weld is
+in real time; figures are of the plant's ticks, as the recorder beside it has seen them.
 
 usage: network.py [--quick] [--json FILE]
 """
@@ -113,7 +113,9 @@ class Cable(threading.Thread):
     def _device(name: str) -> int:
         with inside(name):
             descriptor = os.open("/dev/net/tun", os.O_RDWR)
-            fcntl.ioctl(descriptor, _TUNSETIFF, struct.pack("16sH22x", b"cable", _IFF_TAP | _IFF_NO_PI))
+            fcntl.ioctl(
+                descriptor, _TUNSETIFF, struct.pack("16sH22x", b"cable", _IFF_TAP | _IFF_NO_PI)
+            )
         return descriptor
 
     def run(self) -> None:
@@ -126,8 +128,15 @@ class Cable(threading.Thread):
                 frame, network = os.read(end, _LARGEST_FRAME), self.network
                 for _ in range(1 + (self._random.random() < network.repeated)):
                     if self._random.random() >= network.lost:
-                        late_s = network.delay_s + self._random.uniform(-1.0, 1.0) * network.jitter_s
-                        entry = (time.monotonic() + late_s, next(self._numbers), others[end], frame)
+                        late_s = (
+                            network.delay_s + self._random.uniform(-1.0, 1.0) * network.jitter_s
+                        )
+                        entry = (
+                            time.monotonic() + late_s,
+                            next(self._numbers),
+                            others[end],
+                            frame,
+                        )
                         heapq.heappush(under_way, entry)
             while under_way and under_way[0][0] <= time.monotonic():
                 _, _, end, frame = heapq.heappop(under_way)
@@ -153,7 +162,9 @@ def two_computers() -> Iterator[Cable]:
             ip("-n", name, "address", "add", f"{address}/24", "dev", "cable")
             for link in ("lo", "cable"):
                 ip("-n", name, "link", "set", link, "up")
-            ip("-n", name, "route", "add", "default", "dev", "cable")  # of discovery's multicast, too
+            ip(
+                "-n", name, "route", "add", "default", "dev", "cable"
+            )  # of discovery's multicast, too
         cable.start()
         undo.callback(cable.close)
         yield cable
@@ -175,7 +186,9 @@ def figures_of(bag: Path) -> Figures:
         lost = reader.info().custom_data["lost_messages"]
     unanswered = ~np.isfinite(weld.force_kn)
     rows = [0, *(np.flatnonzero(np.diff(unanswered.astype(int))) + 1), unanswered.size]
-    longest = max((end - begin for begin, end in itertools.pairwise(rows) if unanswered[begin]), default=0)
+    longest = max(
+        (end - begin for begin, end in itertools.pairwise(rows) if unanswered[begin]), default=0
+    )
     return {
         "ticks": weld.n_ticks,
         "ticks without a command": int(unanswered.sum()),
@@ -185,7 +198,9 @@ def figures_of(bag: Path) -> Figures:
     }
 
 
-def weld(title: str, cable: Cable, network: Network, scenario: Any, folder: Path, cut: bool = False) -> Figures:
+def weld(
+    title: str, cable: Cable, network: Network, scenario: Any, folder: Path, cut: bool = False
+) -> Figures:
     """Weld once; the cable is as it is to be from the beginning."""
     cable.network = network
     graph = WeldGraph(scenario, folder / "weld", ("nmpc",), realtime=True, standby=True)
@@ -213,7 +228,11 @@ def main() -> int:
     scenario = load("quick")
     names = ["good", "loses 5 %"] if arguments.quick else list(NETWORKS)
     figures: Figures = {}
-    with two_computers() as cable, tempfile.TemporaryDirectory() as scratch, ProgressBar("network") as bar:
+    with (
+        two_computers() as cable,
+        tempfile.TemporaryDirectory() as scratch,
+        ProgressBar("network") as bar,
+    ):
         for index, name in enumerate(names):
             figures |= weld(name, cable, NETWORKS[name], scenario, Path(scratch) / str(index))
             bar((index + 1) / (len(names) + 1))

@@ -3,15 +3,16 @@
 
     python3 benchmarks/nmpc.py [--quick] [--json FILE]
 
-Times are CPU times of the controller's thread for a whole step: estimator, trajectories, solver, acceptance, plan.
-``rti`` is the default tuning with 20 blocks, ``rti108`` the same with a move of both inputs in every interval,
-``paper`` the preset with the paper's cost, which has 108 moves too.
+Times are CPU times of the controller's thread for a whole step: estimator, trajectories, solver,
+acceptance, plan. ``rti`` is the default tuning with 20 blocks, ``rti108`` the same with a move of
+both inputs in every interval, ``paper`` the preset with the paper's cost, which has 108 moves too.
 
-``ratio_NAME`` is the CPU time of another solver (with its processes) over the library's, both cold on the same problems
-of a weld, with 108 moves; the library linearises three times, and the costs that all of them reach are compared.
-``ratio_NAME_to_tick`` is over the one linearisation about the last plan that a tick does: its cost is compared too.
-GEKKO and do-mpc are compared where they are installed (.venv/bin/pip install gekko do-mpc); nothing else needs them.
-The exit code is 1 if a solver does not agree on what its solution costs, or reaches another cost.
+``ratio_NAME`` is the CPU time of another solver (with its processes) over the library's, both cold
+on the same problems of a weld, with 108 moves; the library linearises three times, and the costs
+that all of them reach are compared. ``ratio_NAME_to_tick`` is over the one linearisation about the
+last plan that a tick does: its cost is compared too. GEKKO and do-mpc are compared where they are
+installed (.venv/bin/pip install gekko do-mpc); nothing else needs them. The exit code is 1 if a
+solver does not agree on what its solution costs, or reaches another cost.
 """
 
 from __future__ import annotations
@@ -44,10 +45,24 @@ from fsw_control import Command, Measurement, Reference, weld
 from fsw_model import STEP_S, ProcessModel, nominal
 from fsw_nmpc.controller import NmpcController
 from fsw_nmpc.library import KERNEL, SolveStatus, Vector
-from fsw_test_support.nmpc_ipopt import ReferenceSolver, cumulation, input_bounds, largest_moves, objective
-from fsw_test_support.nmpc_problems import make_library, predict, problem_of, random_problem, solve, use_solver
+from fsw_test_support.nmpc_ipopt import (
+    ReferenceSolver,
+    cumulation,
+    input_bounds,
+    largest_moves,
+    objective,
+)
+from fsw_test_support.nmpc_problems import (
+    make_library,
+    predict,
+    problem_of,
+    random_problem,
+    solve,
+    use_solver,
+)
 
-#: Two steps of the depth and two of the temperature: when, and what they add to the operating point.
+#: Two steps of the depth and two of the temperature: when, and what they add to the operating
+#: point.
 EVENTS = ((20.0, 0.2, 0.0), (70.0, 0.0, 0.0), (130.0, 0.0, 10.0), (180.0, 0.0, 0.0))
 WELD_S = 240.0
 #: Standard deviations of depth, torque and temperature.
@@ -65,15 +80,27 @@ SAME_COST = 1e-3
 def main() -> int:
     """Run all measurements; returns the exit code."""
     arguments = parser(__doc__, "shorter runs: minutes become seconds")
-    arguments.add_argument("--only-ratios", action="store_true", help="only the comparison with other solvers")
+    arguments.add_argument(
+        "--only-ratios", action="store_true", help="only the comparison with other solvers"
+    )
     options = arguments.parse_args()
     figures: Figures = {}
-    for part in (ratios,) if options.only_ratios else (step_times, ratios, worst_cases, against_converged):
-        print(f"{(part.__doc__ or '').splitlines()[0].removesuffix('.')} ...", file=sys.stderr, flush=True)
+    for part in (
+        (ratios,) if options.only_ratios else (step_times, ratios, worst_cases, against_converged)
+    ):
+        print(
+            f"{(part.__doc__ or '').splitlines()[0].removesuffix('.')} ...",
+            file=sys.stderr,
+            flush=True,
+        )
         figures |= part(options.quick)
         save(figures, options.json)
     show(figures)
-    others = [name for name, value in figures.items() if name.startswith("cost_") and value and abs(value) > SAME_COST]
+    others = [
+        name
+        for name, value in figures.items()
+        if name.startswith("cost_") and value and abs(value) > SAME_COST
+    ]
     for name in others:
         print(f"not the same: {name} is beyond {SAME_COST}", file=sys.stderr)
     return int(bool(others))
@@ -97,8 +124,8 @@ def close_loop(
 ) -> tuple[Vector, Vector]:
     """Run controller and process from rest; ``noise`` is the share of the sensors' noise.
 
-    Returns rows of time, depth, temperature and the set-points (n, 5), and the CPU time of each step (n,). ``watch`` is
-    told every tick's time, problem and where its solve began.
+    Returns rows of time, depth, temperature and the set-points (n, 5), and the CPU time of each
+    step (n,). ``watch`` is told every tick's time, problem and where its solve began.
     """
     model, rng = ProcessModel(), np.random.default_rng(1)
     rest = model.equilibrium()
@@ -112,15 +139,24 @@ def close_loop(
         time_s = STEP_S * k
         target = reference(time_s)
         measurement = Measurement(
-            time_s, shown.depth_mm + off[0], shown.motor_torque_nm + off[1], shown.temperature_c + off[2]
+            time_s,
+            shown.depth_mm + off[0],
+            shown.motor_torque_nm + off[1],
+            shown.temperature_c + off[2],
         )
-        start = np.array(list(library.state.plan.start[0 : 2 * library.horizon.n_blocks])) if watch else None
+        start = (
+            np.array(list(library.state.plan.start[0 : 2 * library.horizon.n_blocks]))
+            if watch
+            else None
+        )
         began = time.thread_time()
         proposal = controller.step(measurement, target, applied, STEP_S)
         cpu_s.append(time.thread_time() - began)
         if watch:
             watch(time_s, problem_of(library), start)
-        rows.append((time_s, shown.depth_mm, shown.temperature_c, target.depth_mm, target.temperature_c))
+        rows.append(
+            (time_s, shown.depth_mm, shown.temperature_c, target.depth_mm, target.temperature_c)
+        )
         applied = proposal.command
         model.step(state, applied.force_kn, applied.speed_rpm)
     return np.array(rows), np.array(cpu_s)
@@ -140,8 +176,14 @@ def step_times(quick: bool) -> Figures:
     """CPU time per step in closed loop, with sensor noise."""
     figures: Figures = {}
     duration_s = WELD_S / 4 if quick else WELD_S
-    for name, controller in (("rti", make()), ("rti108", make(54)), ("paper", make(preset="paper"))):
-        _, cpu_s = close_loop(controller, lambda t: reference_at(t, WELD_S / duration_s), duration_s, noise=1.0)
+    for name, controller in (
+        ("rti", make()),
+        ("rti108", make(54)),
+        ("paper", make(preset="paper")),
+    ):
+        _, cpu_s = close_loop(
+            controller, lambda t: reference_at(t, WELD_S / duration_s), duration_s, noise=1.0
+        )
         cpu_ms = 1e3 * cpu_s[10:]
         figures[f"{name}_p50_ms"] = float(np.median(cpu_ms))
         figures[f"{name}_p99_ms"] = float(np.quantile(cpu_ms, 0.99))
@@ -153,7 +195,11 @@ def step_times(quick: bool) -> Figures:
 def problems_of_weld(controller: NmpcController, quick: bool) -> list[tuple[Any, Vector]]:
     """Problems as they come after the set-points' steps, each with the last plan's moves."""
     found: list[tuple[Any, Vector]] = []
-    wanted = {round(10 * (at_s + later_s)) for at_s, _, _ in EVENTS for later_s in (TAKEN_S[1:2] if quick else TAKEN_S)}
+    wanted = {
+        round(10 * (at_s + later_s))
+        for at_s, _, _ in EVENTS
+        for later_s in (TAKEN_S[1:2] if quick else TAKEN_S)
+    }
 
     def watch(time_s: float, problem: Any, start: Vector) -> None:
         if round(10 * time_s) in wanted:
@@ -174,21 +220,32 @@ class Comparison:
         self._exact = self._tuning.tolerance
         self._cold = np.zeros(2 * self._horizon.n_blocks)
         solvers = rivals(controller.settings.model, self._library)
-        self.names, self._here = list(solvers), {name: solve for name, solve in solvers.items() if solve}
+        self.names, self._here = (
+            list(solvers),
+            {name: solve for name, solve in solvers.items() if solve},
+        )
         self._series: dict[str, list[float]] = defaultdict(list)
         self._unsolved = dict.fromkeys(self._here, 0)
 
     def compare(self, problem: Any, start: Vector, left_out: Collection[str]) -> str:
         """Solve one problem by all solvers but those left out; the costs in words."""
-        own, tick = self._by_library(problem, self._cold, COLD_TOLERANCES), self._by_library(problem, start)
+        own, tick = (
+            self._by_library(problem, self._cold, COLD_TOLERANCES),
+            self._by_library(problem, start),
+        )
         answers = {"rti108": own, "tick": tick}
         for name in (one for one in self._here if one not in left_out):
             answers[name] = self._here[name](problem)
             self._unsolved[name] += answers[name].moves is None
-        moves = {name: answer.moves for name, answer in answers.items() if answer.moves is not None}
+        moves = {
+            name: answer.moves for name, answer in answers.items() if answer.moves is not None
+        }
         costs = {name: self._cost_of(problem, its) for name, its in moves.items()}
         best = min(
-            *costs.values(), self._cost_of(problem, self._by_library(problem, self._cold, (self._exact,) * 8).moves)
+            *costs.values(),
+            self._cost_of(
+                problem, self._by_library(problem, self._cold, (self._exact,) * 8).moves
+            ),
         )
         for name, cost in costs.items():
             for key, value in {
@@ -200,12 +257,16 @@ class Comparison:
                 "ratio_{}_to_tick": answers[name].cpu_s / tick.cpu_s,
             }.items():
                 self._series[key.format(name)].append(value)
-        return f"cost {best:.4g}; " + ", ".join(f"{name} {cost / best - 1.0:+.1e}" for name, cost in costs.items())
+        return f"cost {best:.4g}; " + ", ".join(
+            f"{name} {cost / best - 1.0:+.1e}" for name, cost in costs.items()
+        )
 
     def figures(self) -> Figures:
         """Medians of times, and the largest excesses."""
         series, figures = self._series, Figures()
-        for key in (one for name in self.names for one in (f"ratio_{name}", f"ratio_{name}_to_tick")):
+        for key in (
+            one for name in self.names for one in (f"ratio_{name}", f"ratio_{name}_to_tick")
+        ):
             figures[key] = self._middle(key)
         for name in ("rti108", "tick", *self._here):
             figures[f"solve_{name}_ms"] = self._middle(f"solve_{name}_ms")
@@ -215,14 +276,18 @@ class Comparison:
         figures["tick_cost_excess_p50"] = self._middle("cost_excess_tick")
         figures["tick_cost_excess_max"] = max(series["cost_excess_tick"])
         for name in self._here:
-            figures[f"cost_error_{name}"] = max(series[f"cost_error_{name}"], key=abs, default=None)
+            figures[f"cost_error_{name}"] = max(
+                series[f"cost_error_{name}"], key=abs, default=None
+            )
             figures[f"unsolved_{name}"] = self._unsolved[name]
         return figures
 
     def _middle(self, key: str) -> float | None:
         return statistics.median(self._series[key]) if self._series[key] else None
 
-    def _by_library(self, problem: Any, start: Vector, tolerances: tuple[float, ...] = ()) -> Answer:
+    def _by_library(
+        self, problem: Any, start: Vector, tolerances: tuple[float, ...] = ()
+    ) -> Answer:
         times = []
         for _ in range(10):
             began, moves = time.thread_time(), start
@@ -231,7 +296,9 @@ class Comparison:
                 status, moves, _, _ = solve(self._library, problem, moves)
             times.append(time.thread_time() - began)
             if status not in (SolveStatus.OK, SolveStatus.ITERATION_CAP):
-                raise RuntimeError(f"the library cannot solve a problem of the weld: {status.name}")
+                raise RuntimeError(
+                    f"the library cannot solve a problem of the weld: {status.name}"
+                )
         self._tuning.tolerance = self._exact
         return Answer(statistics.median(times), moves)
 
@@ -280,8 +347,11 @@ def against_converged(quick: bool) -> Figures:
         figures |= {
             f"iae_depth_vs_nlp{ending}": iae(own, 1) / iae(best, 1) - 1.0,
             f"iae_temperature_vs_nlp{ending}": iae(own, 2) / iae(best, 2) - 1.0,
-            f"largest_depth_difference_um{ending}": 1e3 * float(np.abs(own[:, 1] - best[:, 1]).max()),
-            f"largest_temperature_difference_c{ending}": float(np.abs(own[:, 2] - best[:, 2]).max()),
+            f"largest_depth_difference_um{ending}": 1e3
+            * float(np.abs(own[:, 1] - best[:, 1]).max()),
+            f"largest_temperature_difference_c{ending}": float(
+                np.abs(own[:, 2] - best[:, 2]).max()
+            ),
             f"nlp_failures{ending}": converged.library.output.bad_cycles,
         }
     return figures

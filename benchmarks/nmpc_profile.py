@@ -3,8 +3,8 @@
 
     python3 benchmarks/nmpc_profile.py [--quick] [--json FILE]
 
-The problems and tolerances are those of ``ratio_NAME`` in ``nmpc.py``. The library is compiled from changed copies of
-its sources; the installed one stays as it is.
+The problems and tolerances are those of ``ratio_NAME`` in ``nmpc.py``. The library is compiled
+from changed copies of its sources; the installed one stays as it is.
 """
 
 from __future__ import annotations
@@ -32,7 +32,10 @@ from fsw_nmpc.library import KERNEL, Library, tuning_of
 from fsw_test_support.nmpc_problems import solve
 
 MORE = 10
-ASSEMBLE, CHOLESKY = "assemble(w);", "cholesky(w->scratch.matrices.factor, w->per_diagonal, w->nv);"
+ASSEMBLE, CHOLESKY = (
+    "assemble(w);",
+    "cholesky(w->scratch.matrices.factor, w->per_diagonal, w->nv);",
+)
 PREDICT = "fsw_predict_into(m, &problem->start, v, w);"
 #: Which file is changed, before which text, and what is done more often there.
 PARTS = {
@@ -74,13 +77,21 @@ def main() -> int:
                 more = f"  for (int more = 0; more < {MORE}; more++) {{ {work} }}\n"
                 (sources / name).write_text(text.replace(before, more + before), encoding="utf-8")
             built = replace(KERNEL, folder=sources).build(Path(scratch) / "kernel.so")
-            return Library(settings.model, horizon, tuning_of(settings), KERNEL.ffi.dlopen(str(built)))
+            return Library(
+                settings.model, horizon, tuning_of(settings), KERNEL.ffi.dlopen(str(built))
+            )
 
     whole_ms, iterations = solve_ms(changed(None))
     share = {part: (solve_ms(changed(part))[0] / whole_ms - 1.0) / MORE for part in PARTS}
-    share["Cholesky factor"] = share.pop("normal matrix and Cholesky factor") - share["normal matrix"]
+    share["Cholesky factor"] = (
+        share.pop("normal matrix and Cholesky factor") - share["normal matrix"]
+    )
     share["everything else"] = 1.0 - sum(share.values())
-    figures = {"solve_ms": whole_ms, "linearisations": len(COLD_TOLERANCES), "iterations": iterations}
+    figures = {
+        "solve_ms": whole_ms,
+        "linearisations": len(COLD_TOLERANCES),
+        "iterations": iterations,
+    }
     figures |= {f"share of {part}": value for part, value in share.items()}
     show(figures)
     save(figures, options.json)

@@ -3,15 +3,17 @@
 
     python3 benchmarks/nmpc_qp.py [--quick] [--json FILE]
 
-All of them get the same linearisation about the last plan, in ticks after the set-points' steps of a weld, once for the
-preset ``default`` (40 moves, quadratic cost) and once for ``paper`` (108 moves, L1 costs, so that each dead-band and
-each move has a variable of its own). The library eliminates those; HPIPM, which is made for stages, gets one stage.
+All of them get the same linearisation about the last plan, in ticks after the set-points' steps of
+a weld, once for the preset ``default`` (40 moves, quadratic cost) and once for ``paper`` (108
+moves, L1 costs, so that each dead-band and each move has a variable of its own). The library
+eliminates those; HPIPM, which is made for stages, gets one stage.
 
-``NAME_ms`` is the CPU time in the solver, ``NAME_interface_ms`` what CasADi adds to it, ``NAME_warm_ms`` the same
-started from the last plan. ``own_ms`` is the library's solver from the last plan without the prediction, which is
-``prediction_ms``; ``iterations`` are its, ``active`` the limits that its solution is at. ``ratio_NAME`` is the time
-over the library's, of the faster of cold and warm. Solutions are judged by their cost: ``excess_NAME`` is the largest
-relative difference to the best. The exit code is 1 if the library's own solution is not the best.
+``NAME_ms`` is the CPU time in the solver, ``NAME_interface_ms`` what CasADi adds to it,
+``NAME_warm_ms`` the same started from the last plan. ``own_ms`` is the library's solver from the
+last plan without the prediction, which is ``prediction_ms``; ``iterations`` are its, ``active``
+the limits that its solution is at. ``ratio_NAME`` is the time over the library's, of the faster of
+cold and warm. Solutions are judged by their cost: ``excess_NAME`` is the largest relative
+difference to the best. The exit code is 1 if the library's own solution is not the best.
 """
 
 from __future__ import annotations
@@ -93,7 +95,11 @@ class Qp:
         at_moves = self.a[:, :n] @ x[:n]
         for column in range(n, len(self.g)):
             rows = np.flatnonzero(self.a[:, column])
-            over = np.where(self.a[rows, column] < 0, at_moves[rows] - self.u[rows], self.l[rows] - at_moves[rows])
+            over = np.where(
+                self.a[rows, column] < 0,
+                at_moves[rows] - self.u[rows],
+                self.l[rows] - at_moves[rows],
+            )
             x[column] = max(0.0, *over)
         return float(0.5 * x @ self.h @ x + self.g @ x + self.constant)
 
@@ -115,9 +121,13 @@ def qp_of(library: Library, problem: Any, plan: Vector) -> Qp:
     weighed = squares(problem, t)
     hessian, gradient, constant = np.diag(square + _LEAST_CURVATURE), np.zeros(n), 0.0
     rows, low, high, weight = [], [], [], []
-    depth, temperature, by_depth, by_temperature = predict(library, KERNEL.ffi.addressof(problem, "start"), plan)
+    depth, temperature, by_depth, by_temperature = predict(
+        library, KERNEL.ffi.addressof(problem, "start"), plan
+    )
     for q, (output, by) in enumerate(((depth, by_depth), (temperature, by_temperature))):
-        band = np.array([list(side[q][0 : h.n_out]) for side in (problem.low, problem.high)]) - (output - by @ plan)
+        band = np.array([list(side[q][0 : h.n_out]) for side in (problem.low, problem.high)]) - (
+            output - by @ plan
+        )
         for i in np.flatnonzero((h.depth_width, h.temperature_width)[q] > 0):
             row, centre = by[i] * largest, band[:, i].mean()
             hessian += weighed[q] * np.outer(row, row)
@@ -178,7 +188,9 @@ def by_casadi(name: str, qp: Qp, warm: bool) -> Answer:
         a = ca.vertcat(ca.horzcat(ca.DM(1, n), ca.DM(-1.0)), ca.horzcat(ca.DM(qp.a), ca.DM(m, 1)))
         edges = {"lba": 0.0, "uba": 0.0, "lbx": -1.0, "ubx": 1.0, "g": 0.0}
         bounds = {
-            key: np.append(value, edges[key]) if key in ("lbx", "ubx", "g") else np.append(edges[key], value)
+            key: np.append(value, edges[key])
+            if key in ("lbx", "ubx", "g")
+            else np.append(edges[key], value)
             for key, value in bounds.items()
         }
     if warm:
@@ -224,7 +236,9 @@ def compare(preset: str, quick: bool) -> Figures:
         whole_s = median_s(lambda problem=problem, plan=plan: solve(library, problem, plan))
         own_s = whole_s - prediction_s
         series["iterations"].append(library.output.iterations)
-        largest = np.outer(library.horizon.block_reach, largest_moves(library.state.tuning)).ravel()
+        largest = np.outer(
+            library.horizon.block_reach, largest_moves(library.state.tuning)
+        ).ravel()
         series["active"].append(qp.active(own_moves / largest))
         costs = {"own": qp.cost(own_moves / largest)}
         for name in names:
@@ -245,7 +259,9 @@ def compare(preset: str, quick: bool) -> Figures:
         print(f"  {preset}: problem {number} of {len(problems)}", file=sys.stderr, flush=True)
     figures: Figures = {f"{preset}_problems": len(problems)}
     for key, values in series.items():
-        figures[f"{preset}_{key}"] = max(values) if key.startswith("excess_") else statistics.median(values)
+        figures[f"{preset}_{key}"] = (
+            max(values) if key.startswith("excess_") else statistics.median(values)
+        )
     return figures | {f"{preset}_unsolved_{name}": count for name, count in unsolved.items()}
 
 

@@ -1,9 +1,10 @@
 """The NMPC's problem put to other solvers, cold, for ``nmpc.py``: IPOPT, FATROP, SQP with PIQP, GEKKO, do-mpc.
 
-All of them get the same problem: the steps and tables of the horizon, the moves, bounds, dead-bands and weights. None
-gets help from a solution: moves start at zero. What a solver needs to be told about a problem is made ready before its
-clock starts. Solvers of CasADi are given the moves only (``fsw_test_support.nmpc_ipopt``), GEKKO and do-mpc the
-states of every step too; with do-mpc the power under way in the dead time is a line of states.
+All of them get the same problem: the steps and tables of the horizon, the moves, bounds,
+dead-bands and weights. None gets help from a solution: moves start at zero. What a solver needs to
+be told about a problem is made ready before its clock starts. Solvers of CasADi are given the
+moves only (``fsw_test_support.nmpc_ipopt``), GEKKO and do-mpc the states of every step too; with
+do-mpc the power under way in the dead time is a line of states.
 """
 
 from __future__ import annotations
@@ -21,7 +22,13 @@ from fsw_model import STEP_S, ModelParameters
 from fsw_model.equations import depth_modes, friction_torque_nm, power_kw, process_torque_nm
 from fsw_nmpc.horizon import Horizon
 from fsw_nmpc.library import Library, SolveStatus, Vector
-from fsw_test_support.nmpc_ipopt import ReferenceSolver, input_ranges, largest_moves, move_weights, weights
+from fsw_test_support.nmpc_ipopt import (
+    ReferenceSolver,
+    input_ranges,
+    largest_moves,
+    move_weights,
+    weights,
+)
 from fsw_test_support.nmpc_prediction import N_START, start_vector
 
 
@@ -34,10 +41,16 @@ class Answer:
     cost: float = np.nan
 
 
-#: SQP with exact second derivatives; of CasADi's QP solvers PIQP takes them as they are, and is the fastest that does
+#: SQP with exact second derivatives; of CasADi's QP solvers PIQP takes them as they are, and is
+#: the fastest that does
 SQP = {
     **{f"print_{what}": False for what in ("header", "iteration", "status")},
-    **{"qpsol": "piqp", "qpsol_options": {"error_on_fail": False}, "error_on_fail": False, "max_iter": 50},
+    **{
+        "qpsol": "piqp",
+        "qpsol_options": {"error_on_fail": False},
+        "error_on_fail": False,
+        "max_iter": 50,
+    },
 }
 FATROP = {"fatrop": {"print_level": 0, "max_iter": 500}, "expand": True}
 Solve = Callable[[Any], Answer]
@@ -51,8 +64,12 @@ def rivals(parameters: ModelParameters, library: Library) -> dict[str, Solve | N
         raise ValueError("the rivals are told L1 costs, and a move in every interval")
     return {
         "ipopt": by_casadi(parameters, library, "ipopt"),
-        "sqp_piqp": by_casadi(parameters, library, "sqpmethod", SQP) if ca.has_conic("piqp") else None,
-        "fatrop": by_casadi(parameters, library, "fatrop", FATROP) if ca.has_nlpsol("fatrop") else None,
+        "sqp_piqp": by_casadi(parameters, library, "sqpmethod", SQP)
+        if ca.has_conic("piqp")
+        else None,
+        "fatrop": by_casadi(parameters, library, "fatrop", FATROP)
+        if ca.has_nlpsol("fatrop")
+        else None,
         "gekko_apopt": gekko_apopt(parameters, h, t) if find_spec("gekko") else None,
         "do_mpc": DoMpc(parameters, h, t) if find_spec("do_mpc") else None,
     }
@@ -64,7 +81,9 @@ def cpu_now_s() -> float:
     return sum(each.ru_utime + each.ru_stime for each in used)
 
 
-def by_casadi(p: ModelParameters, library: Library, method: str, options: dict[str, Any] | None = None) -> Solve:
+def by_casadi(
+    p: ModelParameters, library: Library, method: str, options: dict[str, Any] | None = None
+) -> Solve:
     """A cold solver of CasADi on the moves alone."""
     oracle = ReferenceSolver(library, p, method=method, options=options)
 
@@ -88,9 +107,9 @@ def one_step(
 ) -> tuple[list[Any], list[Any], Any]:
     """One step of the prediction, as in ``fsw_test_support.nmpc_prediction``, of whatever can be added and multiplied.
 
-    ``mode`` is a row of the horizon's table; ``arriving`` the delayed power on copper and tool. ``kept`` is told every
-    value that is worth a variable of its own and returns what stands for it. Returns state, power (3) and depth at the
-    end of the step.
+    ``mode`` is a row of the horizon's table; ``arriving`` the delayed power on copper and tool.
+    ``kept`` is told every value that is worth a variable of its own and returns what stands for
+    it. Returns state, power (3) and depth at the end of the step.
     """
     creep, slow, copper, tool, motor = state
     force_offset, heat_offset, scale, speed_offset, gain = disturbances
@@ -100,7 +119,10 @@ def one_step(
     settled = p.operating_depth_mm + gain * float(-gains[2] / poles[2]) * pushed
     depth = kept((settled + creep + slow) * (1.0 + p.softening_per_c * tool))
     left = kept(scale * process_torque_nm(p, acting, depth))
-    creep, slow = kept(creep + gain * mode[0] * pushed), kept(mode[1] * slow + gain * mode[2] * pushed)
+    creep, slow = (
+        kept(creep + gain * mode[0] * pushed),
+        kept(mode[1] * slow + gain * mode[2] * pushed),
+    )
     tool = kept(mode[6] * copper + mode[7] * tool + mode[9] * heat_offset + arriving[1])
     copper = kept(mode[5] * copper + mode[8] * heat_offset + arriving[0])
     depth = kept((settled + creep + slow) * (1.0 + p.softening_per_c * tool))
@@ -127,7 +149,13 @@ def along(
     """The whole prediction: interval, depth, temperature, force, speed at every output point."""
     start = start_vector(problem.start, h).tolist()
     depth_drift, temperature_drift = start[N_START : N_START + h.n_out], start[N_START + h.n_out :]
-    state, force, speed, depth_offset, temperature_offset = start[:5], start[5], start[6], start[10], start[11]
+    state, force, speed, depth_offset, temperature_offset = (
+        start[:5],
+        start[5],
+        start[6],
+        start[10],
+        start[11],
+    )
     disturbances = disturbances_of(start)
     history = list(problem.start.history[0 : 3 * h.n_history])
     segments: list[Any] = [history[3 * j : 3 * j + 3] for j in range(h.n_history)]
@@ -139,12 +167,21 @@ def along(
         arriving = [0.0, 0.0]
         for e in range(h.weight_start[k], h.weight_start[k + 1]):
             w, segment = h.weight[e].tolist(), segments[h.weight_segment[e]]
-            arriving = [arriving[i] + sum(w[3 * i + j] * segment[j] for j in range(3)) for i in range(2)]
+            arriving = [
+                arriving[i] + sum(w[3 * i + j] * segment[j] for j in range(3)) for i in range(2)
+            ]
         mode = h.modes[k].tolist()
-        state, power, depth = one_step(p, mode, state, (force, speed), disturbances, arriving, kept)
+        state, power, depth = one_step(
+            p, mode, state, (force, speed), disturbances, arriving, kept
+        )
         segments.append(power)
         if h.out_step[interval] == k:
-            temperature = p.operating_temperature_c + state[3] + temperature_offset + temperature_drift[interval]
+            temperature = (
+                p.operating_temperature_c
+                + state[3]
+                + temperature_offset
+                + temperature_drift[interval]
+            )
             yield interval, depth + depth_offset + depth_drift[interval], temperature, force, speed
 
 
@@ -198,7 +235,11 @@ def gekko_apopt(p: ModelParameters, h: Horizon, t: Any) -> Solve:
         cpu_s = cpu_now_s() - began
         found = Answer(cpu_s)
         if solved:
-            found = Answer(cpu_s, np.array([move.value[0] for move in moves], dtype=float), float(m.options.OBJFCNVAL))
+            found = Answer(
+                cpu_s,
+                np.array([move.value[0] for move in moves], dtype=float),
+                float(m.options.OBJFCNVAL),
+            )
         m.cleanup()
         return found
 
@@ -209,7 +250,11 @@ class DoMpc:
     """A discrete model of do-mpc whose tables change with the step; moves are zero where no interval begins."""
 
     _STATES, _INPUTS = ("creep", "slow", "copper", "tool", "motor"), ("force", "speed")
-    _MOVES, _SIZES, _OVERS = ("by_force", "by_speed"), ("force_size", "speed_size"), ("over_z", "over_t")
+    _MOVES, _SIZES, _OVERS = (
+        ("by_force", "by_speed"),
+        ("force_size", "speed_size"),
+        ("over_z", "over_t"),
+    )
 
     def __init__(self, p: ModelParameters, h: Horizon, t: Any) -> None:
         self._p, self._h, self._t = p, h, t
@@ -222,7 +267,11 @@ class DoMpc:
         for k in range(self._n_steps):
             held = [] if self._begins[k] else [*self._MOVES, *self._SIZES]
             is_out = k in h.out_step
-            held += [self._OVERS[q] for q in range(2) if not (is_out and self._reached[h.step_interval[k], q])]
+            held += [
+                self._OVERS[q]
+                for q in range(2)
+                if not (is_out and self._reached[h.step_interval[k], q])
+            ]
             for name in held:
                 self._mpc.lb_opt_x["_u", k, 0, name] = self._mpc.ub_opt_x["_u", k, 0, name] = 0.0
 
@@ -233,7 +282,9 @@ class DoMpc:
         tables[:, :10] = h.modes
         for k in range(self._n_steps):
             for e in range(h.weight_start[k], h.weight_start[k + 1]):
-                place = h.weight_segment[e] - k  # in the line, which has moved on by one segment with every step
+                place = (
+                    h.weight_segment[e] - k
+                )  # in the line, which has moved on by one segment with every step
                 if not 0 <= place < h.n_history:
                     raise ValueError("a step looks back further than the line of states is long")
                 tables[k, 10 + 6 * place : 16 + 6 * place] += h.weight[e]
@@ -272,9 +323,15 @@ class DoMpc:
         import do_mpc as toolbox
 
         t, mpc = self._t, toolbox.controller.MPC(model)
-        move, size, over = ([model.u[name] for name in names] for names in (self._MOVES, self._SIZES, self._OVERS))
+        move, size, over = (
+            [model.u[name] for name in names] for names in (self._MOVES, self._SIZES, self._OVERS)
+        )
         band, outputs = model.tvp["band"], (model.aux["depth"], model.aux["tool_end"])
-        mpc.settings.n_horizon, mpc.settings.t_step, mpc.settings.store_full_solution = self._n_steps, STEP_S, False
+        mpc.settings.n_horizon, mpc.settings.t_step, mpc.settings.store_full_solution = (
+            self._n_steps,
+            STEP_S,
+            False,
+        )
         mpc.settings.supress_ipopt_output()
         cost = sum(move_weights(t)[q] * size[q] + weights(t)[q] * over[q] for q in range(2))
         mpc.set_objective(mterm=ca.DM(0), lterm=cost)
@@ -289,7 +346,9 @@ class DoMpc:
                 mpc.set_nl_cons(f"{name}{q}", expression, 0.0)
             mpc.bounds["lower", "_u", self._MOVES[q]] = -largest_moves(t)[q]
             mpc.bounds["upper", "_u", self._MOVES[q]] = largest_moves(t)[q]
-            mpc.bounds["lower", "_u", self._SIZES[q]] = mpc.bounds["lower", "_u", self._OVERS[q]] = 0.0
+            mpc.bounds["lower", "_u", self._SIZES[q]] = mpc.bounds[
+                "lower", "_u", self._OVERS[q]
+            ] = 0.0
             name = self._INPUTS[q]
             mpc.bounds["lower", "_x", name], mpc.bounds["upper", "_x", name] = input_ranges(t)[q]
         template = mpc.get_tvp_template()
@@ -297,7 +356,10 @@ class DoMpc:
         def at(_: float) -> Any:
             for k in range(self._n_steps + 1):
                 step = min(k, self._n_steps - 1)
-                template["_tvp", k, "table"], template["_tvp", k, "band"] = tables[step], self._bands[step]
+                template["_tvp", k, "table"], template["_tvp", k, "band"] = (
+                    tables[step],
+                    self._bands[step],
+                )
                 template["_tvp", k, "disturbance"] = self._disturbance
             return template
 
@@ -311,13 +373,19 @@ class DoMpc:
         start = start_vector(problem.start, h)
         drifts = start[N_START:].reshape(2, -1)
         bands = np.tile([-np.inf, np.inf] * 2, (self._n_steps, 1))
-        shown = 0.0, self._p.operating_temperature_c  # where the outputs that the constraints are on are zero
+        shown = (
+            0.0,
+            self._p.operating_temperature_c,
+        )  # where the outputs that the constraints are on are zero
         for q in range(2):
             reached = self._reached[:, q]
             offset, used = start[10 + q] + shown[q] + drifts[q][reached], h.out_step[reached]
             for column, values in enumerate((problem.low[q], problem.high[q])):
                 bands[used, 2 * q + column] = np.array(list(values[0 : h.n_out]))[reached] - offset
-        self._bands, self._disturbance = np.clip(bands, -1e4, 1e4), np.array(disturbances_of(start))
+        self._bands, self._disturbance = (
+            np.clip(bands, -1e4, 1e4),
+            np.array(disturbances_of(start)),
+        )
         history = np.array(list(problem.start.history[0 : 3 * h.n_history])).reshape(-1, 3)
         first = np.concatenate([start[:7], history.ravel(order="F")])
         mpc.reset_history()
@@ -332,6 +400,9 @@ class DoMpc:
         def found(name: str) -> Vector:
             return np.array([float(mpc.opt_x_num["_u", k, 0, name]) for k in range(self._n_steps)])
 
-        costs = [move_weights(t)[q] * found(self._SIZES[q]) + weights(t)[q] * found(self._OVERS[q]) for q in range(2)]
+        costs = [
+            move_weights(t)[q] * found(self._SIZES[q]) + weights(t)[q] * found(self._OVERS[q])
+            for q in range(2)
+        ]
         moves = np.column_stack([found(name)[self._begins] for name in self._MOVES])
         return Answer(cpu_s, moves.ravel(), float(np.sum(costs)))

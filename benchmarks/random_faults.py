@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
 """Random faults in real time: parts are killed, stopped, cut off and flooded; what is lost, and how long it lasts.
 
-Two graphs run at once, both with two controllers, two supervisors, a recorder and the operator's page: one with the
-emulated plant, one with the gateway and an OPC UA machine behind a proxy. A part that was killed is started again as
-the launch file does. Between two faults the graph must be healthy: a command of a controller for each of 20 ticks in a
-row, and every part there. An operator is played, too: after a safe stop he acknowledges it and asks for auto.
+Two graphs run at once, both with two controllers, two supervisors, a recorder and the operator's
+page: one with the emulated plant, one with the gateway and an OPC UA machine behind a proxy. A
+part that was killed is started again as the launch file does. Between two faults the graph must be
+healthy: a command of a controller for each of 20 ticks in a row, and every part there. An operator
+is played, too: after a safe stop he acknowledges it and asks for auto.
 
-Interlocks are as wide as in the tests of faults, because seconds without control leave the process window.
+Interlocks are as wide as in the tests of faults, because seconds without control leave the process
+window.
 
 usage: random_faults.py [--quick] [--trials N] [--seed N] [--json FILE] [--out FOLDER] [--publish]
 """
@@ -53,11 +55,17 @@ Row = dict[str, Any]
 
 def draw(random_: random.Random, graph: FaultyGraph) -> tuple[str, str, float]:
     """Kind of the fault, what it hits, and for how long [s]."""
-    kind = random_.choice(["kill", "kill", "stop", "flood", *(["cut", "clock"] if graph.has_machine else [])])
+    kind = random_.choice(
+        ["kill", "kill", "stop", "flood", *(["cut", "clock"] if graph.has_machine else [])]
+    )
     lasting_s = round(random_.uniform(SHORTEST_S, LONGEST_S), 2)
     if kind in ("kill", "stop"):
         return kind, random_.choice(graph.parts), lasting_s
-    return kind, {"cut": "link", "clock": "machine"}.get(kind) or random_.choice(graph.floods), lasting_s
+    return (
+        kind,
+        {"cut": "link", "clock": "machine"}.get(kind) or random_.choice(graph.floods),
+        lasting_s,
+    )
 
 
 def strike(graph: FaultyGraph, kind: str, target: str, lasting_s: float) -> None:
@@ -92,7 +100,9 @@ def trial(graph: FaultyGraph, random_: random.Random) -> Row:
     }
 
 
-def run(parts: dict[str, str], folder: Path, trials: int, seed: int, tell: Callable[[], None]) -> tuple[list[Row], Row]:
+def run(
+    parts: dict[str, str], folder: Path, trials: int, seed: int, tell: Callable[[], None]
+) -> tuple[list[Row], Row]:
     """All trials of one graph, and what its bags say."""
     random_, rows = random.Random(seed), []
     with free_domain() as domain, FaultyGraph(parts, folder, domain) as graph:
@@ -102,12 +112,20 @@ def run(parts: dict[str, str], folder: Path, trials: int, seed: int, tell: Calla
             rows.append(trial(graph, random_))
             tell()
             if not rows[-1]["recovered"]:
-                print(f"no recovery after {rows[-1]['fault']}: {graph.describe()}", file=sys.stderr, flush=True)
+                print(
+                    f"no recovery after {rows[-1]['fault']}: {graph.describe()}",
+                    file=sys.stderr,
+                    flush=True,
+                )
                 if not graph.start_over(PATIENCE_S):
                     break
         codes = graph.stop()
     moved = {"largest_move_taken": graph.largest_move_taken()} if graph.has_machine else {}
-    return rows, {**moved, "unclean_ends": [name for name, code in codes.items() if code], **graph.bags()}
+    return rows, {
+        **moved,
+        "unclean_ends": [name for name, code in codes.items() if code],
+        **graph.bags(),
+    }
 
 
 def fault_table(rows: list[Row]) -> str:
@@ -128,10 +146,14 @@ def fault_table(rows: list[Row]) -> str:
         lost = sorted(row["ticks_without_command"] for row in some)
         recovery = f"{times[len(times) // 2]:.1f}, {times[-1]:.1f}" if times else "–"
         gap_s = max(row["longest_gap_s"] for row in some)
-        moves = [f"{max(row[key] for row in some):.2f}" for key in ("command_moves", "acting_moves")]
+        moves = [
+            f"{max(row[key] for row in some):.2f}" for key in ("command_moves", "acting_moves")
+        ]
         ticks = f"{lost[len(lost) // 2]}, {lost[-1]}"
         safe_stops = sum(row["safe_stops"] for row in some)
-        cells.append((fault, len(some), len(times), recovery, ticks, f"{gap_s:.1f}", *moves, safe_stops))
+        cells.append(
+            (fault, len(some), len(times), recovery, ticks, f"{gap_s:.1f}", *moves, safe_stops)
+        )
     return table(cells)
 
 
@@ -139,11 +161,15 @@ def result(results: dict[str, tuple[list[Row], Row]], figures: Figures) -> str:
     """The result as Markdown."""
     lines = []
     for name, (rows, bags) in sorted(results.items(), reverse=True):
-        numbers = {key: figures[f"{name}_{key}"] for key in ("without_recovery", "ticks", "ticks_without_command")}
-        total = (
-            f"{len(rows)} trials, {numbers['without_recovery']} without recovery. Ticks: {numbers['ticks']}, without a "
+        numbers = {
+            key: figures[f"{name}_{key}"]
+            for key in ("without_recovery", "ticks", "ticks_without_command")
+        }
+        total = f"{len(rows)} trials, {numbers['without_recovery']} without recovery. "
+        total += (
+            f"Ticks: {numbers['ticks']}, without a command {numbers['ticks_without_command']}. "
         )
-        total += f"command {numbers['ticks_without_command']}. Bags: {bags['bags']}, readable {bags['bags_readable']}."
+        total += f"Bags: {bags['bags']}, readable {bags['bags_readable']}."
         if "largest_move_taken" in bags:
             total += f" Largest move of the set-points that the machine accepted: {bags['largest_move_taken']:.2f}."
         lines += [f"## {TITLES[name]}", "", total, "", fault_table(rows), ""]
@@ -155,7 +181,12 @@ def figures_of(name: str, rows: list[Row], bags: Row) -> Figures:
     times = sorted(row["recovery_s"] for row in rows if row["recovered"])
     totals: Counter[str] = Counter()
     for row in rows:
-        totals.update({key: row[key] for key in ("ticks", "ticks_without_command", "safe_stops", "operator_requests")})
+        totals.update(
+            {
+                key: row[key]
+                for key in ("ticks", "ticks_without_command", "safe_stops", "operator_requests")
+            }
+        )
     figures = {
         "trials": len(rows),
         "without_recovery": sum(not row["recovered"] for row in rows),
@@ -174,8 +205,12 @@ def main() -> int:
     command = parser(__doc__, "10 trials per graph instead of 100")
     command.add_argument("--trials", type=int, help="per graph")
     command.add_argument("--seed", type=int, default=1)
-    command.add_argument("--out", type=Path, help="keep logs and bags in this folder, which must not exist")
-    command.add_argument("--publish", action="store_true", help="write docs/results/random-faults.md")
+    command.add_argument(
+        "--out", type=Path, help="keep logs and bags in this folder, which must not exist"
+    )
+    command.add_argument(
+        "--publish", action="store_true", help="write docs/results/random-faults.md"
+    )
     arguments = command.parse_args()
     trials = arguments.trials or (10 if arguments.quick else 100)
     done, results = 0, {}
@@ -199,7 +234,9 @@ def main() -> int:
         for thread in threads:
             thread.join()
     figures = {
-        key: value for name, (rows, bags) in results.items() for key, value in figures_of(name, rows, bags).items()
+        key: value
+        for name, (rows, bags) in results.items()
+        for key, value in figures_of(name, rows, bags).items()
     }
     text = result(results, figures)
     print(text)
@@ -208,7 +245,10 @@ def main() -> int:
         RESULT.write_text(f"{before}{mark}\n{text}", encoding="utf-8")
     show(figures)
     save({**figures, "rows": {name: rows for name, (rows, _) in results.items()}}, arguments.json)
-    return int(len(results) < len(sides) or any(value for key, value in figures.items() if key.endswith("recovery")))
+    return int(
+        len(results) < len(sides)
+        or any(value for key, value in figures.items() if key.endswith("recovery"))
+    )
 
 
 if __name__ == "__main__":

@@ -29,7 +29,9 @@ def nonsense(newest_ns: int) -> dict[str, tuple[Any, str, Callable[[int], Any]]]
 
     def commanded(number: int) -> WeldCommand:
         force_n, speed_rad_s = _BAD[number % 8], _BAD[(number // 8) % 8]
-        message = WeldCommand(axial_force=force_n, spindle_speed=speed_rad_s, source=SOURCE, healthy=True)
+        message = WeldCommand(
+            axial_force=force_n, spindle_speed=speed_rad_s, source=SOURCE, healthy=True
+        )
         return stamped(message, number)
 
     def measured(number: int) -> ShoulderDepth:
@@ -43,5 +45,9 @@ def nonsense(newest_ns: int) -> dict[str, tuple[Any, str, Callable[[int], Any]]]
         "proposal": (WeldCommand, "fsw/nmpc/proposal", commanded),
         "command": (WeldCommand, "fsw/command", commanded),
         "reference": (WeldReference, "fsw/reference", referred),
-        "switch": (String, "fsw/switch_request", lambda number: String(data=("nobody", "", "x" * 5000)[number % 3])),
+        "switch": (
+            String,
+            "fsw/switch_request",
+            lambda number: String(data=("nobody", "", "x" * 5000)[number % 3]),
+        ),
     }

@@ -40,10 +40,22 @@ _CONTROL = {
 }
 #: by part, the module whose ``main`` it is
 EMULATOR = {"plant": "fsw_plant.plant_node", **_CONTROL}
-MACHINE = {"machine": "fsw_test_support.machine_server", "gateway": "fsw_machine.machine_node", **_CONTROL}
+MACHINE = {
+    "machine": "fsw_test_support.machine_server",
+    "gateway": "fsw_machine.machine_node",
+    **_CONTROL,
+}
 SUPERVISOR = (
-    *("controller:=nmpc", "fallbacks:=[decentral, nmpc]", "readmit_ticks:=10", "return_to_target:=true"),
-    *(f"interlocks.temperature_{name}" for name in ("low.warn:=210.0", "low.trip:=200.0", "high.trip:=1000.0")),
+    *(
+        "controller:=nmpc",
+        "fallbacks:=[decentral, nmpc]",
+        "readmit_ticks:=10",
+        "return_to_target:=true",
+    ),
+    *(
+        f"interlocks.temperature_{name}"
+        for name in ("low.warn:=210.0", "low.trip:=200.0", "high.trip:=1000.0")
+    ),
     *("interlocks.temperature_high.warn:=950.0", "storm_swaps:=0"),
 )
 RESPAWN_S = 0.5
@@ -133,7 +145,9 @@ class FaultyGraph(Spinner):
             port = free_port()
             self._server_file = write_machine_file(self._folder / "server.yaml", port, text)
             self._proxy = Proxy(port)
-            self._machine_file = write_machine_file(self._folder / "machine.yaml", self._proxy.port, text)
+            self._machine_file = write_machine_file(
+                self._folder / "machine.yaml", self._proxy.port, text
+            )
         for name in self.parts:
             self._start(name)
         return self
@@ -150,7 +164,12 @@ class FaultyGraph(Spinner):
 
     def _start(self, name: str) -> None:
         if name == "machine":
-            arguments = ["--machine-file", str(self._server_file), "--clock-step-s", str(CLOCK_STEP_S)]
+            arguments = [
+                "--machine-file",
+                str(self._server_file),
+                "--clock-step-s",
+                str(CLOCK_STEP_S),
+            ]
         else:
             settings = {
                 "plant": ("wait_for_subscribers:=3",),
@@ -161,7 +180,11 @@ class FaultyGraph(Spinner):
                 "page": ("port:=0",),
             }.get(name, ())
             rename = ["-r", "__node:=fsw_supervisor_standby"] if name == "standby" else []
-            arguments = ["--ros-args", *(word for setting in settings for word in ("-p", setting)), *rename]
+            arguments = [
+                "--ros-args",
+                *(word for setting in settings for word in ("-p", setting)),
+                *rename,
+            ]
         self._launcher.start(name, self._modules[name], arguments)
 
     def signal(self, name: str, number: int) -> None:
@@ -185,7 +208,10 @@ class FaultyGraph(Spinner):
         codes = self._launcher.stop()
         for name, code in codes.items():
             if code:
-                print(f"{name} has ended with {code}: {self._launcher.children[name].last_lines()}", flush=True)
+                print(
+                    f"{name} has ended with {code}: {self._launcher.children[name].last_lines()}",
+                    flush=True,
+                )
         return codes
 
     def start_over(self, patience_s: float) -> bool:
@@ -196,7 +222,9 @@ class FaultyGraph(Spinner):
     def largest_move_taken(self) -> float:
         """Largest move of the set-points that the machine accepted from what it had in force."""
         log = self._launcher.children["machine"].log.read_text(encoding="utf-8")
-        return max((float(one) for one in re.findall(r"largest move so far: ([\d.]+)", log)), default=1.0)
+        return max(
+            (float(one) for one in re.findall(r"largest move so far: ([\d.]+)", log)), default=1.0
+        )
 
     def bags(self) -> dict[str, int]:
         """How many bags there are, how many can be read to their end, and commands in them against those seen."""
@@ -257,7 +285,9 @@ class FaultyGraph(Spinner):
                 self.spin_until(lambda: False, 0.005)
             return
         kind, topic, make = nonsense(self.observer.ticks[-1][0])[target]
-        publisher = self._node.create_publisher(kind, topic, LATCHED if target == "reference" else 10)
+        publisher = self._node.create_publisher(
+            kind, topic, LATCHED if target == "reference" else 10
+        )
         while time.monotonic() < end_s:
             for number in range(_FLOOD_PER_SPIN):
                 publisher.publish(make(number))
@@ -267,4 +297,6 @@ class FaultyGraph(Spinner):
             self._refer()
 
     def _refer(self) -> None:
-        self._references.publish(convert.reference_message(Reference(weld.DEPTH_MM, weld.TEMPERATURE_C), 0))
+        self._references.publish(
+            convert.reference_message(Reference(weld.DEPTH_MM, weld.TEMPERATURE_C), 0)
+        )

@@ -59,13 +59,25 @@ class Observer:
     def begin_trial(self) -> None:
         """Set the score to nothing."""
         self._begun_s = time.monotonic()
-        names = ("ticks", "safe_stops", "operator_requests", "command_moves", "acting_moves", "longest_gap_s")
+        names = (
+            "ticks",
+            "safe_stops",
+            "operator_requests",
+            "command_moves",
+            "acting_moves",
+            "longest_gap_s",
+        )
         self._score: dict[str, Any] = dict.fromkeys(names, 0)
 
     def end_trial(self) -> dict[str, Any]:
         """The score since :meth:`begin_trial`."""
-        some = [stamp_ns for stamp_ns, heard_s in list(self.ticks)[:-2] if heard_s >= self._begun_s]
-        return {**self._score, "ticks_without_command": sum(stamp_ns not in self.answered for stamp_ns in some)}
+        some = [
+            stamp_ns for stamp_ns, heard_s in list(self.ticks)[:-2] if heard_s >= self._begun_s
+        ]
+        return {
+            **self._score,
+            "ticks_without_command": sum(stamp_ns not in self.answered for stamp_ns in some),
+        }
 
     def commanded(self, now_s: float) -> bool:
         """Whether each of the last ticks, all of this trial, was answered with a controller's command."""
@@ -86,7 +98,10 @@ class Observer:
         if self.state.actual_mode == "safe_stop" and self._acknowledge.service_is_ready():
             self._pending.append(self._acknowledge.call_async(Trigger.Request()))
             self._score["operator_requests"] += 1
-        if self.state.actual_mode in ("safe_stop", "hold", "manual") and self._set_mode.service_is_ready():
+        if (
+            self.state.actual_mode in ("safe_stop", "hold", "manual")
+            and self._set_mode.service_is_ready()
+        ):
             self._pending.append(self._set_mode.call_async(SetMode.Request(mode="auto")))
         self._pending = [future for future in self._pending if not future.done()][-20:]
 
@@ -97,7 +112,8 @@ class Observer:
         before_ns, before_s = self.ticks[-1] if self.ticks else (0, now_s)
         if stamp_ns == before_ns:
             return
-        # by the receipt and by the stamps: a flood holds up the receipt here, a step of the clock moves the stamps
+        # by the receipt and by the stamps: a flood holds up the receipt here, a step of the clock
+        # moves the stamps
         gap_s = min(now_s - before_s, abs(stamp_ns - before_ns) / NANOSECONDS)
         self._score["longest_gap_s"] = max(self._score["longest_gap_s"], round(gap_s, 2))
         self.ticks.append((stamp_ns, now_s))
@@ -108,7 +124,9 @@ class Observer:
         acting = convert.command(message)
         before_ns, before = self._drives.popitem() if self._drives else (0, acting)
         if abs(stamp_ns - before_ns - _TICK_NS) < _TICK_NS // 2:
-            self._score["acting_moves"] = max(self._score["acting_moves"], moves_between(acting, before))
+            self._score["acting_moves"] = max(
+                self._score["acting_moves"], moves_between(acting, before)
+            )
         self._drives = {stamp_ns: acting}
 
     def _on_command(self, message: WeldCommand) -> None:
@@ -124,6 +142,8 @@ class Observer:
             )
 
     def _on_state(self, message: SupervisorState) -> None:
-        if message.actual_mode == "safe_stop" and (self.state is None or self.state.actual_mode != "safe_stop"):
+        if message.actual_mode == "safe_stop" and (
+            self.state is None or self.state.actual_mode != "safe_stop"
+        ):
             self._score["safe_stops"] += 1
         self.state = message

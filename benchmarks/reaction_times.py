@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
 """Reaction time and process safety time of the faults in the safety case, in simulated time, without middleware.
 
-Each fault begins in a weld in equilibrium. With the supervisor's arbiter and the plant's watchdog, the reaction time is
-from the fault's onset to the first command or watchdog step of a safe stop, with the arbiter's deadline added. Without
-them (the active controller's proposal is limited and applied, and the last one held), the process safety time is from
-the onset until the process, free of noise, is beyond a trip limit. The worst of several seeds counts for each. The
-figures are the same on every run; ``scripts/build_docs.py`` writes them into docs/concepts/safety.md.
+Each fault begins in a weld in equilibrium. With the supervisor's arbiter and the plant's watchdog,
+the reaction time is from the fault's onset to the first command or watchdog step of a safe stop,
+with the arbiter's deadline added. Without them (the active controller's proposal is limited and
+applied, and the last one held), the process safety time is from the onset until the process, free
+of noise, is beyond a trip limit. The worst of several seeds counts for each. The figures are the
+same on every run; ``scripts/build_docs.py`` writes them into docs/concepts/safety.md.
 
 usage: reaction_times.py [--quick] [--json FILE]
 """
@@ -64,7 +65,8 @@ class Fault:
     name: str
     limit: str
     events: Sequence[Any] = ()  #: of the plant's schedule
-    #: what the active controller adds to the applied command in each tick, kN and rpm; None: it works
+    #: what the active controller adds to the applied command in each tick, kN and rpm; None: it
+    #: works
     runaway: tuple[float, float] | None = None
     unusable: bool = False  #: no controller is healthy
     silent: bool = False  #: no command reaches the plant
@@ -80,22 +82,83 @@ def _push(amplitude_kn: float) -> list[Any]:
 
 FAULTS = (
     Fault("Too deep", "the active controller raises the force", "depth_high", runaway=(1.0, 0.0)),
-    Fault("Too deep", "the depth sensor slips by −2 mm", "depth_high", _sensor("depth", "bias", -2.0)),
-    Fault("Too deep", "the depth sensor drifts by −0.05 mm/s", "depth_high", _sensor("depth", "drift", -0.05)),
+    Fault(
+        "Too deep", "the depth sensor slips by −2 mm", "depth_high", _sensor("depth", "bias", -2.0)
+    ),
+    Fault(
+        "Too deep",
+        "the depth sensor drifts by −0.05 mm/s",
+        "depth_high",
+        _sensor("depth", "drift", -0.05),
+    ),
     Fault("Too deep", "depth samples are missing", "depth_high", _sensor("depth", "dropout")),
-    Fault("Too hot", "the active controller raises the speed", "temperature_high", runaway=(0.0, 10.0)),
-    Fault("Too hot", "the thermocouple drifts by −2 °C/s", "temperature_high", _sensor("thermocouple", "drift", -2.0)),
-    Fault("Too hot", "the thermocouple shows 1000 °C more", "temperature_high", _sensor("thermocouple", "bias", 1e3)),
-    Fault("Too hot", "the torque shows 450 N·m too little", "temperature_high", _sensor("torque", "bias", -450.0)),
-    Fault("Too cold", "the active controller lowers the speed", "temperature_low", runaway=(0.0, -10.0)),
-    Fault("Too cold", "the thermocouple drifts by 2 °C/s", "temperature_low", _sensor("thermocouple", "drift", 2.0)),
-    Fault("The tool breaks", "the drive pushes 20 kN more than commanded", "force_high", _push(20.0)),
-    Fault("The tool breaks", "the torque shows 500 N·m too much", "torque_high", _sensor("torque", "bias", 500.0)),
-    Fault("The tool breaks", "the torque shows 2000 N·m too much", "torque_high", _sensor("torque", "bias", 2000.0)),
+    Fault(
+        "Too hot",
+        "the active controller raises the speed",
+        "temperature_high",
+        runaway=(0.0, 10.0),
+    ),
+    Fault(
+        "Too hot",
+        "the thermocouple drifts by −2 °C/s",
+        "temperature_high",
+        _sensor("thermocouple", "drift", -2.0),
+    ),
+    Fault(
+        "Too hot",
+        "the thermocouple shows 1000 °C more",
+        "temperature_high",
+        _sensor("thermocouple", "bias", 1e3),
+    ),
+    Fault(
+        "Too hot",
+        "the torque shows 450 N·m too little",
+        "temperature_high",
+        _sensor("torque", "bias", -450.0),
+    ),
+    Fault(
+        "Too cold",
+        "the active controller lowers the speed",
+        "temperature_low",
+        runaway=(0.0, -10.0),
+    ),
+    Fault(
+        "Too cold",
+        "the thermocouple drifts by 2 °C/s",
+        "temperature_low",
+        _sensor("thermocouple", "drift", 2.0),
+    ),
+    Fault(
+        "The tool breaks", "the drive pushes 20 kN more than commanded", "force_high", _push(20.0)
+    ),
+    Fault(
+        "The tool breaks",
+        "the torque shows 500 N·m too much",
+        "torque_high",
+        _sensor("torque", "bias", 500.0),
+    ),
+    Fault(
+        "The tool breaks",
+        "the torque shows 2000 N·m too much",
+        "torque_high",
+        _sensor("torque", "bias", 2000.0),
+    ),
     Fault("Uncontrolled force", "no controller is usable", "depth_high", unusable=True),
-    Fault("Uncontrolled force", "the same, and the drive pushes 5 kN more", "depth_high", _push(5.0), unusable=True),
+    Fault(
+        "Uncontrolled force",
+        "the same, and the drive pushes 5 kN more",
+        "depth_high",
+        _push(5.0),
+        unusable=True,
+    ),
     Fault("Uncontrolled force", "no command arrives", "depth_high", silent=True),
-    Fault("Uncontrolled force", "the same, and the drive pushes 5 kN more", "depth_high", _push(5.0), silent=True),
+    Fault(
+        "Uncontrolled force",
+        "the same, and the drive pushes 5 kN more",
+        "depth_high",
+        _push(5.0),
+        silent=True,
+    ),
 )
 
 
@@ -104,7 +167,9 @@ class _Weld:
 
     def __init__(self, case: Fault, seed: int, protected: bool) -> None:
         self._case, self._protected, self._failed = case, protected, False
-        config: dict[str, Any] = {"seed": seed} | ({} if protected else {"watchdog": {"hold_s": 600.0}})
+        config: dict[str, Any] = {"seed": seed} | (
+            {} if protected else {"watchdog": {"hold_s": 600.0}}
+        )
         self._plant = PlantEmulator(PlantConfig.from_values(config), PlantSchedule())
         self._controllers = {name: make(name) for name in ("nmpc", "decentral")}
         self._applied = self._plant.applied
@@ -124,7 +189,11 @@ class _Weld:
         stamp_ns, values, drives = reading.stamp_ns, reading.values, reading.drives
         measurement = self._guard.measure(stamp_ns * 1e-9, values, drives)
         proposals = {
-            name: self._spoilt(name, answer(controller, measurement, self._reference, self._applied, STEP_S), failed)
+            name: self._spoilt(
+                name,
+                answer(controller, measurement, self._reference, self._applied, STEP_S),
+                failed,
+            )
             for name, controller in self._controllers.items()
         }
         stopped = ""
@@ -135,12 +204,17 @@ class _Weld:
                 stopped = ", ".join(decision.reason.interlocks) or decision.reason.words
         else:
             one, source = proposals[ACTIVE], ACTIVE
-            self._applied = self._limits.clip(one.command if one.healthy else self._applied, self._applied)
+            self._applied = self._limits.clip(
+                one.command if one.healthy else self._applied, self._applied
+            )
         truth = plant.truth()
         if not (failed and case.silent):
             plant.apply(self._applied, stamp_ns, source)
         plant.step()
-        return "watchdog of the drives" if plant.truth().watchdog is WatchdogState.SAFE else stopped, truth
+        return (
+            "watchdog of the drives" if plant.truth().watchdog is WatchdogState.SAFE else stopped,
+            truth,
+        )
 
     def _spoilt(self, name: str, proposal: Proposal, failed: bool) -> Proposal:
         case = self._case
@@ -178,7 +252,11 @@ def _run(case: Fault, seed: int, protected: bool) -> _Outcome:
         if outcome.cause and case.limit == "temperature_low":
             continue  # a safe stop cools the weld: that is not the fault's doing
         value = value_of(truth)
-        outcome.worst = value if outcome.worst != outcome.worst else sign * max(sign * value, sign * outcome.worst)
+        outcome.worst = (
+            value
+            if outcome.worst != outcome.worst
+            else sign * max(sign * value, sign * outcome.worst)
+        )
         if sign * value > sign * LIMITS[case.limit]:
             outcome.limit_s = since_s if outcome.limit_s != outcome.limit_s else outcome.limit_s
             outcome.beyond_s += TICK_S
@@ -187,7 +265,9 @@ def _run(case: Fault, seed: int, protected: bool) -> _Outcome:
 
 def measured(case: Fault, seeds: Sequence[int] = SEEDS) -> Figures:
     """The row of a fault: the slowest reaction, and the soonest that a limit is passed."""
-    with_, without = ([_run(case, seed, protected) for seed in seeds] for protected in (True, False))
+    with_, without = (
+        [_run(case, seed, protected) for seed in seeds] for protected in (True, False)
+    )
     _, unit, sign = QUANTITIES[case.limit]
     slowest = max(with_, key=lambda one: one.stop_s if one.cause else inf)
     passed = [one.limit_s for one in without if one.limit_s == one.limit_s]
@@ -195,12 +275,18 @@ def measured(case: Fault, seeds: Sequence[int] = SEEDS) -> Figures:
         "hazard": case.hazard,
         "fault": case.name,
         "limit": f"{case.limit} {LIMITS[case.limit]:g} {unit}",
-        "reaction_s": round(slowest.stop_s + _SETTINGS["deadline_s"], 2) if slowest.cause else None,
+        "reaction_s": round(slowest.stop_s + _SETTINGS["deadline_s"], 2)
+        if slowest.cause
+        else None,
         "by": slowest.cause,
         "process_safety_s": round(min(passed), 1) if passed else None,
         "beyond_s": round(max(one.beyond_s for one in with_), 1),
-        "worst_with_reaction": round(sign * max(sign * one.worst for one in with_), 1 + (unit == "mm")),
-        "worst_without_reaction": round(sign * max(sign * one.worst for one in without), 1 + (unit == "mm")),
+        "worst_with_reaction": round(
+            sign * max(sign * one.worst for one in with_), 1 + (unit == "mm")
+        ),
+        "worst_without_reaction": round(
+            sign * max(sign * one.worst for one in without), 1 + (unit == "mm")
+        ),
         "unit": unit,
     }
 
@@ -212,8 +298,15 @@ def main() -> int:
     rows = []
     for case in FAULTS:
         rows.append(row := measured(case, seeds))
-        times = ("-" if row[key] is None else f"{row[key]:.2f}" for key in ("reaction_s", "process_safety_s"))
-        print(f"{case.hazard:<19}{case.name:<46}" + "".join(f"{time:>8}" for time in times), row["by"], flush=True)
+        times = (
+            "-" if row[key] is None else f"{row[key]:.2f}"
+            for key in ("reaction_s", "process_safety_s")
+        )
+        print(
+            f"{case.hazard:<19}{case.name:<46}" + "".join(f"{time:>8}" for time in times),
+            row["by"],
+            flush=True,
+        )
     save({"horizon_s": HORIZON_S, "seeds": len(seeds), "rows": rows}, arguments.json)
     return 0
 

@@ -3,9 +3,10 @@
 
 usage: recorded.py [--quick] [--welds N] [--at-a-time N] [--busy N] [--scenario NAME] [--json FILE]
 
-Lockstep welds as processes under the NMPC, with the decentralized controller beside it and a recorder; further
-processes do nothing but compute. A weld is discarded when its run fails. The ticks that each topic lacks come from the
-stamps in the bag: a tick is what any topic has, and the plant's topics have at least those of the scenario.
+Lockstep welds as processes under the NMPC, with the decentralized controller beside it and a
+recorder; further processes do nothing but compute. A weld is discarded when its run fails. The
+ticks that each topic lacks come from the stamps in the bag: a tick is what any topic has, and the
+plant's topics have at least those of the scenario.
 """
 
 from __future__ import annotations
@@ -43,7 +44,11 @@ FROM_PLANT = (*SENSOR_TOPICS.values(), "/fsw/drives", "/fsw/plant/truth")
 #: and the others answer with these; only the last tick of a weld may be without an answer
 ANSWERS = (
     "/fsw/command",
-    *(f"/fsw/{name}/{topic}" for name in ("decentral", "nmpc") for topic in ("proposal", "status")),
+    *(
+        f"/fsw/{name}/{topic}"
+        for name in ("decentral", "nmpc")
+        for topic in ("proposal", "status")
+    ),
 )
 
 
@@ -85,15 +90,26 @@ def measure(welds: int, at_a_time: int, busy: int, name: str, folder: Path) -> F
     """Run all welds beside busy processes; the sums."""
     scenario = load(name, ["controller=nmpc"])
     with ExitStack() as stack:
-        for _ in range(busy):  # each in a session of its own: the kernel shares the cores out by session
-            process = subprocess.Popen([sys.executable, "-c", "while True: pass"], start_new_session=True)
+        for _ in range(
+            busy
+        ):  # each in a session of its own: the kernel shares the cores out by session
+            process = subprocess.Popen(
+                [sys.executable, "-c", "while True: pass"], start_new_session=True
+            )
             stack.callback(process.kill)
         with ThreadPoolExecutor(at_a_time) as pool:
-            found = list(pool.map(lambda number: weld(scenario, folder / f"weld{number}"), range(welds)))
+            found = list(
+                pool.map(lambda number: weld(scenario, folder / f"weld{number}"), range(welds))
+            )
     total = sum(found, Counter[str]())
     counts = {name: total[name] for name in ("welds", "ticks", "discarded", "remarks")}
     missing = {f"missing {topic}": total[topic] for topic in (*FROM_PLANT, *ANSWERS)}
-    return counts | {"missing": sum(missing.values())} | missing | {"load_mean": total["load"] / welds}
+    return (
+        counts
+        | {"missing": sum(missing.values())}
+        | missing
+        | {"load_mean": total["load"] / welds}
+    )
 
 
 def main() -> None:
@@ -101,7 +117,9 @@ def main() -> None:
     words = parser(__doc__, quick="two welds")
     words.add_argument("--welds", type=int, default=60)
     words.add_argument("--at-a-time", type=int, default=3)
-    words.add_argument("--busy", type=int, default=4, help="processes that compute beside the welds")
+    words.add_argument(
+        "--busy", type=int, default=4, help="processes that compute beside the welds"
+    )
     words.add_argument("--scenario", default="quick")
     parsed = words.parse_args()
     welds = 2 if parsed.quick else parsed.welds

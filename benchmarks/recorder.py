@@ -3,9 +3,10 @@
 
 usage: recorder.py [--quick] [--json FILE]
 
-Writes the messages of a made-up weld with the recorder's writer, with the writer of ``rosbags`` and with bare ``mcap``;
-records a publisher of 1,000 messages/s with the recorder as a process of its own; reads the bag of a 45-minute weld.
-Every figure is of this run on this machine; compare the columns with each other, not with other machines.
+Writes the messages of a made-up weld with the recorder's writer, with the writer of ``rosbags``
+and with bare ``mcap``; records a publisher of 1,000 messages/s with the recorder as a process of
+its own; reads the bag of a 45-minute weld. Every figure is of this run on this machine; compare
+the columns with each other, not with other machines.
 """
 
 import argparse
@@ -113,7 +114,9 @@ def with_mcap(folder: Path, messages: Messages, compression: str = "") -> None:
         writer.finish()
 
 
-def measure(name: str, write: Callable[[Path], object], messages: Messages, folder: Path) -> dict[str, float]:
+def measure(
+    name: str, write: Callable[[Path], object], messages: Messages, folder: Path
+) -> dict[str, float]:
     """Wall and CPU time of writing all messages."""
     target = folder / name
     cpu, wall = time.process_time(), time.perf_counter()
@@ -127,7 +130,9 @@ def measure(name: str, write: Callable[[Path], object], messages: Messages, fold
         f"{name}_file_mb": sum(file.stat().st_size for file in target.iterdir()) / 1e6,
     }
     if isinstance(taken, list):
-        result[f"{name}_handover_p50_us"], result[f"{name}_handover_p99_us"] = np.percentile(taken, [50, 99]) * 1e6
+        result[f"{name}_handover_p50_us"], result[f"{name}_handover_p99_us"] = (
+            np.percentile(taken, [50, 99]) * 1e6
+        )
         result[f"{name}_handover_max_ms"] = max(taken) * 1e3
     return result
 
@@ -136,9 +141,13 @@ def graph_run(folder: Path, seconds: int) -> dict[str, float]:
     """Record a publisher of 1,000 messages/s with the recorder as a process of its own."""
     bag, count = folder / "graph", RATE_HZ * seconds
     with free_domain() as domain, Launcher(folder / "log", domain) as launcher:
-        recorder = launcher.start("recorder", "fsw_recorder.recorder_node", ["--ros-args", "-p", f"output:={bag}"])
+        recorder = launcher.start(
+            "recorder", "fsw_recorder.recorder_node", ["--ros-args", "-p", f"output:={bag}"]
+        )
         launcher.start("talker", "recorder", ["--talk", str(count)])
-        elapsed_s = float(wait_for_text(launcher, "talker", r"sent in [\d.]+ s", seconds + 60.0).split()[2])
+        elapsed_s = float(
+            wait_for_text(launcher, "talker", r"sent in [\d.]+ s", seconds + 60.0).split()[2]
+        )
         with suppress(LaunchError):  # what has not come by then is lost
             launcher.wait_until(lambda: received(bag) >= count, 10.0, "the last message")
         cpu_s = processor_s(recorder.process.pid)
@@ -184,7 +193,10 @@ def reading(folder: Path) -> dict[str, float]:
     return {
         "weld_45min_messages": float(count),
         "weld_45min_mb": sum(file.stat().st_size for file in bag.iterdir()) / 1e6,
-        **{f"weld_45min_{name}_s": float(taken) for name, taken in zip(names, np.diff(times), strict=True)},
+        **{
+            f"weld_45min_{name}_s": float(taken)
+            for name, taken in zip(names, np.diff(times), strict=True)
+        },
     }
 
 

@@ -62,7 +62,9 @@ class Memory:
             time_s, used_mb = np.array(samples[int(SETTLED * len(samples)) :]).T
             result[f"{name}_memory_first_mb"] = float(used_mb[0])
             result[f"{name}_memory_last_mb"] = float(used_mb[-1])
-            slope = float(np.polyfit(time_s - time_s[0], used_mb, 1)[0]) if time_s.size > 2 else None
+            slope = (
+                float(np.polyfit(time_s - time_s[0], used_mb, 1)[0]) if time_s.size > 2 else None
+            )
             result[f"{name}_memory_slope_mb_per_min"] = None if slope is None else 60.0 * slope
         return result
 
@@ -73,13 +75,17 @@ def weld(scenario: str, folder: Path) -> Figures:
     graph = WeldGraph(chosen, folder, ("decentral",), realtime=True, standby=True)
     with ExitStack() as stack:
         bar = stack.enter_context(ProgressBar(scenario))
-        launcher = stack.enter_context(Launcher(folder / "log", stack.enter_context(free_domain())))
+        launcher = stack.enter_context(
+            Launcher(folder / "log", stack.enter_context(free_domain()))
+        )
         launcher.start("hmi", "fsw_hmi.main", ["--port", "0"])
         memory = Memory(launcher, bar)
         took_s = graph.run(launcher, memory)
     signals = load_weld(graph.bag)
     source = signals.command_source
-    ticks = 1 + np.rint(np.diff(signals.stamp_ns, prepend=signals.stamp_ns[0]).cumsum() * 1e-9 / TICK_S).astype(int)
+    ticks = 1 + np.rint(
+        np.diff(signals.stamp_ns, prepend=signals.stamp_ns[0]).cumsum() * 1e-9 / TICK_S
+    ).astype(int)
     lost = int(ticks[-1] - ticks.size)
     latency_ms = 1e3 * signals.command_latency_s[np.isfinite(signals.command_latency_s)]
     return {
@@ -94,7 +100,8 @@ def weld(scenario: str, folder: Path) -> Figures:
         "latency_p99_ms": float(np.percentile(latency_ms, 99)),
         "latency_max_ms": float(latency_ms.max()),
         "bag_problems": len(signals.problems),
-        "bag_mb": sum(file.stat().st_size for file in graph.bag.rglob("*") if file.is_file()) / 1e6,
+        "bag_mb": sum(file.stat().st_size for file in graph.bag.rglob("*") if file.is_file())
+        / 1e6,
         **memory.figures(),
     }
 
@@ -102,7 +109,9 @@ def weld(scenario: str, folder: Path) -> Figures:
 def main() -> int:
     """Run the benchmark; returns the exit code."""
     command = parser(__doc__, "a weld of 240 s instead of the whole one")
-    command.add_argument("--out", type=Path, help="keep bag and logs in this folder, which must not exist")
+    command.add_argument(
+        "--out", type=Path, help="keep bag and logs in this folder, which must not exist"
+    )
     arguments = command.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         folder = arguments.out or Path(scratch) / "weld"

@@ -27,9 +27,26 @@ from fsw_analysis.report import templates
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "solvers.md"
 NAMES = {
-    **{"own": "this project's", "daqp": "DAQP", "qpoases": "qpOASES", "hpipm": "HPIPM", "piqp": "PIQP"},
-    **{"highs": "HiGHS", "proxqp": "ProxQP", "osqp": "OSQP", "rti108": "this project's", "ipopt": "IPOPT"},
-    **{"sqp_piqp": "SQP, PIQP", "fatrop": "FATROP", "gekko_apopt": "GEKKO, APOPT", "do_mpc": "do-mpc"},
+    **{
+        "own": "this project's",
+        "daqp": "DAQP",
+        "qpoases": "qpOASES",
+        "hpipm": "HPIPM",
+        "piqp": "PIQP",
+    },
+    **{
+        "highs": "HiGHS",
+        "proxqp": "ProxQP",
+        "osqp": "OSQP",
+        "rti108": "this project's",
+        "ipopt": "IPOPT",
+    },
+    **{
+        "sqp_piqp": "SQP, PIQP",
+        "fatrop": "FATROP",
+        "gekko_apopt": "GEKKO, APOPT",
+        "do_mpc": "do-mpc",
+    },
 }
 #: of a whole run of the benchmarks
 ALL_PROBLEMS = 20
@@ -58,7 +75,15 @@ def qp_rows(figures: dict[str, Any], preset: str) -> list[Row]:
     rows = [Row(NAMES["own"], 0, None, of("own_ms"), None, 1.0, of("excess_own"))]
     for name in (one for one in NAMES if of(f"unsolved_{one}") is not None):
         times = (of(f"{name}_{kind}") or None for kind in ("ms", "warm_ms", "interface_ms"))
-        rows.append(Row(NAMES[name], of(f"unsolved_{name}"), *times, of(f"ratio_{name}"), of(f"excess_{name}")))
+        rows.append(
+            Row(
+                NAMES[name],
+                of(f"unsolved_{name}"),
+                *times,
+                of(f"ratio_{name}"),
+                of(f"excess_{name}"),
+            )
+        )
     return sorted(rows, key=lambda row: row.ratio or float("inf"))
 
 
@@ -70,7 +95,9 @@ def nlp_rows(figures: dict[str, Any]) -> list[Row]:
             continue
         ratio = 1.0 if name == "rti108" else figures[f"ratio_{name}"]
         excess, unsolved = figures.get(f"cost_excess_{name}"), figures.get(f"unsolved_{name}", 0)
-        rows.append(Row(NAMES[name], unsolved, figures[f"solve_{name}_ms"], None, None, ratio, excess))
+        rows.append(
+            Row(NAMES[name], unsolved, figures[f"solve_{name}_ms"], None, None, ratio, excess)
+        )
     return sorted(rows, key=lambda row: row.ratio or float("inf"))
 
 
@@ -81,7 +108,9 @@ def faster(rows: list[Row]) -> list[str]:
 
 def missed(rows: list[Row]) -> bool:
     """Whether a solver takes less than twice the time of this project's."""
-    return any(row.ratio is not None and row.ratio < 2.0 for row in rows if row.name != NAMES["own"])
+    return any(
+        row.ratio is not None and row.ratio < 2.0 for row in rows if row.name != NAMES["own"]
+    )
 
 
 def draw(tables: dict[str, list[Row]], file: Path) -> None:
@@ -99,7 +128,13 @@ def draw(tables: dict[str, list[Row]], file: Path) -> None:
                 textcoords="offset points",
                 fontsize=8,
             )
-        axes.set(xscale="log", yscale="log", title=title, xlabel="CPU time [ms]", ylabel="largest excess of the cost")
+        axes.set(
+            xscale="log",
+            yscale="log",
+            title=title,
+            xlabel="CPU time [ms]",
+            ylabel="largest excess of the cost",
+        )
         axes.margins(0.2)
         axes.grid(alpha=0.3)
     figure.savefig(file, dpi=100)

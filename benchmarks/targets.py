@@ -1,9 +1,10 @@
 r"""Exported controllers on other processors: equal answers, memory, stack, instructions per step.
 
-Every controller is exported (``fsw.py export c``), built by its own CMakeLists.txt and run on its test vectors, a weld
-of 240 s, where compiler and emulator are installed:
+Every controller is exported (``fsw.py export c``), built by its own CMakeLists.txt and run on its
+test vectors, a weld of 240 s, where compiler and emulator are installed:
 
-    apt-get install cmake clang gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm qemu-user \
+    apt-get install cmake clang gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm qemu-user
+    \
         gcc-arm-linux-gnueabihf libc6-dev-armhf-cross gcc-powerpc-linux-gnu libc6-dev-powerpc-cross
 
 QEMU counts instructions, not cycles.
@@ -35,7 +36,8 @@ ROOT = Path(__file__).resolve().parent.parent
 PUBLISHED = ROOT / "lab" / "fsw_export" / "fsw_export" / "targets.json"
 PAGE = ROOT / "docs" / "results" / "targets.md"
 ALL = tuple(c_targets.TARGETS)
-#: exports: name, arguments, prefix of the library's functions, targets (108 moves take long under emulation)
+#: exports: name, arguments, prefix of the library's functions, targets (108 moves take long under
+#: emulation)
 EXPORTS: dict[str, tuple[list[str], str, tuple[str, ...]]] = {
     "nmpc": ([], "fsw_nmpc", ALL),
     "nmpc_adaptive": (["--parameter", "preset=adaptive"], "fsw_nmpc", ("gcc", "cortex_m7")),
@@ -77,7 +79,10 @@ def measure(name: str, scratch: Path, quick: bool) -> dict[str, Any]:
         if iterations.any():
             found["iterations_max"] = int(iterations.max())
             slope, base = np.polyfit(iterations, counts, 1)
-            found["instructions_per_iteration"], found["instructions_without"] = int(slope), int(base)
+            found["instructions_per_iteration"], found["instructions_without"] = (
+                int(slope),
+                int(base),
+            )
         found["flash_bytes"], found["static_bytes"] = c_targets.sizes(built)
         found["state_bytes"] = c_targets.state_bytes(built)
         found["stack_bytes"] = c_targets.stack_bytes(built, f"{prefix}_step")
@@ -87,11 +92,18 @@ def measure(name: str, scratch: Path, quick: bool) -> dict[str, Any]:
 def main() -> int:
     """Measure, print and, if asked to, publish."""
     arguments = parser(__doc__, "Cortex-M7 only")
-    arguments.add_argument("--publish", action="store_true", help="also write the shipped figures and docs/results")
+    arguments.add_argument(
+        "--publish", action="store_true", help="also write the shipped figures and docs/results"
+    )
     given = arguments.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         found = {name: measure(name, Path(scratch), given.quick) for name in EXPORTS}
-    flat = {f"{n}.{t}.{k}": v for n, by in found.items() for t, one in by.items() for k, v in one.items()}
+    flat = {
+        f"{n}.{t}.{k}": v
+        for n, by in found.items()
+        for t, one in by.items()
+        for k, v in one.items()
+    }
     show({key: value for key, value in flat.items() if not isinstance(value, str)})
     save(flat, given.json)
     if given.publish:

@@ -3,7 +3,8 @@
 
 usage: weld_env.py [--quick] [--json FILE]
 
-Every step has random actions, sensor noise, observations and rewards. Every figure is of this run on this machine.
+Every step has random actions, sensor noise, observations and rewards. Every figure is of this run
+on this machine.
 """
 
 import os
@@ -65,7 +66,8 @@ def main() -> None:
         "cores": cores,
         "single_steps_per_s": single(10 * n_steps // 3),
         "many_in_one_process_steps_per_s": steps / seconds,
-        "many_on_all_cores_steps_per_s": sum(count for count, _ in runs) / max(taken for _, taken in runs),
+        "many_on_all_cores_steps_per_s": sum(count for count, _ in runs)
+        / max(taken for _, taken in runs),
     }
     show(figures, AIMS)
     save(figures, arguments.json)

@@ -1,7 +1,7 @@
 """do-mpc on the process model of this project: .venv/bin/python examples/do_mpc_loop.py
 
-Needs the extra fsw-control[science]. Two set-point steps, without noise; do-mpc knows the whole state. The same model
-in the form that acados takes: see acados_model().
+Needs the extra fsw-control[science]. Two set-point steps, without noise; do-mpc knows the whole
+state. The same model in the form that acados takes: see acados_model().
 """
 
 import casadi as ca
@@ -14,9 +14,17 @@ import fsw
 
 def controller(model, depth_mm, temperature_c, horizon=60):
     mpc = MPC(model)
-    mpc.set_param(n_horizon=horizon, t_step=0.1, store_full_solution=False, nlpsol_opts={"ipopt.print_level": 0})
+    mpc.set_param(
+        n_horizon=horizon,
+        t_step=0.1,
+        store_full_solution=False,
+        nlpsol_opts={"ipopt.print_level": 0},
+    )
     mpc.settings.supress_ipopt_output()
-    errors = (model.aux["depth_mm"] - depth_mm) / 0.1, (model.aux["temperature_c"] - temperature_c) / 5.0
+    errors = (
+        (model.aux["depth_mm"] - depth_mm) / 0.1,
+        (model.aux["temperature_c"] - temperature_c) / 5.0,
+    )
     cost = errors[0] ** 2 + errors[1] ** 2
     mpc.set_objective(lterm=cost, mterm=ca.SX(0))
     mpc.set_rterm(force_kn=0.01, speed_rpm=1e-4)
@@ -31,7 +39,13 @@ def acados_model():
     discrete = fsw.model().discrete
     x, u = (ca.SX.sym(name, discrete.size1_in(name)) for name in ("x", "u"))
     after, y = discrete(x, u)
-    return {"name": "weld", "x": x, "u": u, "disc_dyn_expr": after, "cost_y_expr": ca.vertcat(y[:2], u)}
+    return {
+        "name": "weld",
+        "x": x,
+        "u": u,
+        "disc_dyn_expr": after,
+        "cost_y_expr": ca.vertcat(y[:2], u),
+    }
 
 
 def main(n_ticks=40):

@@ -1,10 +1,11 @@
 """Sets up the environment of every script here, with nothing but the standard library.
 
-``ensure()`` makes ``.venv`` in the workspace, installs the pinned locks into it (wheels only) and continues inside it.
-ROS 2 comes as wheels, too, and this project's messages are built for it (``_interfaces.py``). Where there is no C
-compiler for the controllers, or no npm for the page, one is installed as a wheel. When all is done already it only
-takes the few milliseconds of a new interpreter. In a shell where ROS 2 is sourced, a second environment
-(``.venv-ros``) sees the system's packages, and that ROS 2 is used.
+``ensure()`` makes ``.venv`` in the workspace, installs the pinned locks into it (wheels only) and
+continues inside it. ROS 2 comes as wheels, too, and this project's messages are built for it
+(``_interfaces.py``). Where there is no C compiler for the controllers, or no npm for the page, one
+is installed as a wheel. When all is done already it only takes the few milliseconds of a new
+interpreter. In a shell where ROS 2 is sourced, a second environment (``.venv-ros``) sees the
+system's packages, and that ROS 2 is used.
 """
 
 import os
@@ -16,8 +17,9 @@ def _end(*_):
     os._exit(130)
 
 
-# Ctrl-C while libraries are still being loaded must not be an exception, for it could come out of any of them, with a
-# traceback or as another one. What ignores it, as a background job does, goes on ignoring it.
+# Ctrl-C while libraries are still being loaded must not be an exception, for it could come out of
+# any of them, with a traceback or as another one. What ignores it, as a background job does, goes
+# on ignoring it.
 INTERRUPTIBLE = signal.getsignal(signal.SIGINT) is signal.default_int_handler
 if INTERRUPTIBLE:
     signal.signal(signal.SIGINT, _end)
@@ -39,7 +41,9 @@ from pathlib import Path
 WORKSPACE = Path(__file__).resolve().parent.parent
 SOURCES = WORKSPACE / "src"
 #: folders of the distributions: core, quality, lab; the core works without the others
-DISTRIBUTIONS = tuple(folder for name in ("src", "quality", "lab") if (folder := WORKSPACE / name).is_dir())
+DISTRIBUTIONS = tuple(
+    folder for name in ("src", "quality", "lab") if (folder := WORKSPACE / name).is_dir()
+)
 #: further folders that the environment imports from
 SEARCHED = (WORKSPACE / "lab" / "studies", WORKSPACE / "test" / "support")
 #: interface packages that the wheels of ROS 2 lack
@@ -56,11 +60,13 @@ ROS_GLIBC = (2, 28)
 # This folder is searched last, because fsw.py and others here are named as packages are.
 _HERE = Path(__file__).resolve().parent
 sys.path[:] = [*(path for path in sys.path if Path(path).resolve() != _HERE), str(_HERE)]
-#: set by the wheels of ROS 2 when they have set LD_LIBRARY_PATH, for which they start the interpreter again
+#: set by the wheels of ROS 2 when they have set LD_LIBRARY_PATH, for which they start the
+#: interpreter again
 WHEELS_READY = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 # with a sourced ROS 2 this comes from it: its message packages are compiled against its numpy
 FROM_ROS = ("numpy",)
-#: extras that the tests need; those of the second line are not there in the oldest supported versions
+#: extras that the tests need; those of the second line are not there in the oldest supported
+#: versions
 TEST_EXTRAS = ("fmu", "machine", "hmi", "canister", "signing", "pdf")
 NEWER_TEST_EXTRAS = ("campaign", "build", "science", "gym")
 
@@ -103,7 +109,8 @@ def ensure(dev=False, oldest=False, extras=()):
     dev : bool
         Install the tools of the tests as well.
     oldest : bool
-        Take an environment of its own (``.venv-oldest``) with the oldest supported versions, for tests.
+        Take an environment of its own (``.venv-oldest``) with the oldest supported versions, for
+        tests.
     extras : sequence of str
         Lock files without their suffix of what only some commands need.
 
@@ -114,8 +121,12 @@ def ensure(dev=False, oldest=False, extras=()):
     """
     prefer_a_python_of_the_wheels()
     if sys.version_info < OLDEST:
-        sys.exit(f"needs Python {_words(OLDEST)} or newer, this is {sys.version.split()[0]} ({sys.executable})")
-    home = WORKSPACE / (".venv-oldest" if oldest else ".venv-ros" if with_sourced_ros() else ".venv")
+        sys.exit(
+            f"needs Python {_words(OLDEST)} or newer, this is {sys.version.split()[0]} ({sys.executable})"
+        )
+    home = WORKSPACE / (
+        ".venv-oldest" if oldest else ".venv-ros" if with_sourced_ros() else ".venv"
+    )
     names = ("oldest.lock",) if oldest else ("runtime.lock", *(("dev.lock",) if dev else ()))
     reason = why_no_middleware()
     if not with_sourced_ros() and not reason:
@@ -130,23 +141,36 @@ def ensure(dev=False, oldest=False, extras=()):
     made_with = _made_with(home)
     if not inside and made_with not in ("", _minor(sys.version)):
         # nodes may be running in it
-        print(f"[set-up] {home.name} is of Python {made_with}; delete it to use {_minor(sys.version)}", file=sys.stderr)
+        print(
+            f"[set-up] {home.name} is of Python {made_with}; delete it to use {_minor(sys.version)}",
+            file=sys.stderr,
+        )
         _go_on(home)
-    stale = inside and not _is_from_source(home)  # a folder to import from is missing in this process
+    stale = inside and not _is_from_source(
+        home
+    )  # a folder to import from is missing in this process
     if not _is_ready(home, locks):
         try:
             with open(home.with_suffix(".lock"), "w") as turn:
-                fcntl.flock(turn, fcntl.LOCK_EX)  # several nodes may be started at once on a fresh machine
+                fcntl.flock(
+                    turn, fcntl.LOCK_EX
+                )  # several nodes may be started at once on a fresh machine
                 if not _is_ready(home, locks):
                     if reason:
-                        print(f"[set-up] no ROS 2: {reason}; welds run in one process", file=sys.stderr)
+                        print(
+                            f"[set-up] no ROS 2: {reason}; welds run in one process",
+                            file=sys.stderr,
+                        )
                     _make(home, locks)
         except (OSError, subprocess.CalledProcessError) as error:
             advice = "[set-up] run this once as a user who may write there"
             sys.exit(f"[set-up] cannot write {home} ({', '.join(names)}): {error}\n{advice}")
     prefixes = os.environ["AMENT_PREFIX_PATH"].split(os.pathsep) if with_sourced_ros() else []
     if prefixes and not any((Path(prefix) / "share" / "fsw_msgs").is_dir() for prefix in prefixes):
-        print("fsw_msgs is not built: run 'colcon build' and source 'install/setup.bash'", file=sys.stderr)
+        print(
+            "fsw_msgs is not built: run 'colcon build' and source 'install/setup.bash'",
+            file=sys.stderr,
+        )
     if not inside or stale:
         _go_on(home)
     _on_interrupt(signal.default_int_handler)
@@ -160,7 +184,10 @@ def prefer_a_python_of_the_wheels():
     for minor in range(last[1], first[1] - 1, -1):
         python = shutil.which(f"python3.{minor}")
         if python:
-            print(f"[set-up] Python {_minor(sys.version)} has no wheels of ROS 2: using {python}", file=sys.stderr)
+            print(
+                f"[set-up] Python {_minor(sys.version)} has no wheels of ROS 2: using {python}",
+                file=sys.stderr,
+            )
             _run_again(python)
 
 
@@ -184,13 +211,16 @@ def _on_interrupt(handler):
 def start(module, extras=()):
     """Go on inside the project's environment and end with what the ``main`` of a module returns.
 
-    What commands and nodes need of extras is installed when they ask for it (``fsw_schema.extras``).
+    What commands and nodes need of extras is installed when they ask for it
+    (``fsw_schema.extras``).
     """
     try:
         ensure(extras=extras)
         _on_interrupt(_end)
         with contextlib.suppress(ImportError):
-            importlib.import_module("fsw_schema.extras").install = lambda extra: ensure(extras=(extra,))
+            importlib.import_module("fsw_schema.extras").install = lambda extra: ensure(
+                extras=(extra,)
+            )
         main = importlib.import_module(module).main
         _on_interrupt(signal.default_int_handler)
         code = main()
@@ -224,14 +254,21 @@ def _made_with(home):
         lines = (home / "pyvenv.cfg").read_text().splitlines() if _python(home).exists() else []
     except OSError:
         return ""
-    return next((_minor(line.split("=")[1].strip()) for line in lines if line.startswith("version =")), "")
+    return next(
+        (_minor(line.split("=")[1].strip()) for line in lines if line.startswith("version =")), ""
+    )
 
 
 def _stamp(lock):
     """What must be equal for an installed lock to be still right."""
     parts = [f"{sys.version_info[:2]}\n" + "\n".join(_packages(lock))]
     if lock.stem == ROS:
-        sources = [path for folder in INTERFACES for path in folder.glob("*/*") if path.suffix in DEFINITIONS]
+        sources = [
+            path
+            for folder in INTERFACES
+            for path in folder.glob("*/*")
+            if path.suffix in DEFINITIONS
+        ]
         sources.append(_HERE / "_interfaces.py")
         parts += [path.read_text() for path in sorted(sources)]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()
@@ -240,11 +277,14 @@ def _stamp(lock):
 def _installed_from_source(home):
     """Files of the environment, by path, that make it import from the source folders and know their entry points.
 
-    A .pth file, and for each distribution what an editable installation by pip leaves of its pyproject.toml.
+    A .pth file, and for each distribution what an editable installation by pip leaves of its
+    pyproject.toml.
     """
     import tomllib  # older Pythons, which are refused, lack it
 
-    lines = sorted(str(path.parent) for folder in DISTRIBUTIONS for path in folder.glob("*/package.xml"))
+    lines = sorted(
+        str(path.parent) for folder in DISTRIBUTIONS for path in folder.glob("*/package.xml")
+    )
     lines += [str(folder) for folder in SEARCHED if folder.is_dir()]
     [site] = (home / "lib").glob("python3*/site-packages")
     files = {site / "fsw_workspace.pth": "".join(f"{line}\n" for line in lines)}
@@ -255,7 +295,9 @@ def _installed_from_source(home):
         project = tomllib.loads(file.read_text())["project"]
         info = site / f"{project['name'].replace('-', '_')}-{version}.dist-info"
         groups = {"console_scripts": project.get("scripts", {}), **project["entry-points"]}
-        files[info / "METADATA"] = f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {version}\n"
+        files[info / "METADATA"] = (
+            f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {version}\n"
+        )
         files[info / "entry_points.txt"] = "".join(
             f"[{group}]\n" + "".join(f"{name} = {value}\n" for name, value in points.items())
             for group, points in groups.items()
@@ -275,11 +317,15 @@ def _install_from_source(home):
     files = _installed_from_source(home)
     kept = {path.parent for path in files}
     for name in ("control", "quality", "lab"):
-        for old in set((home / "lib").glob(f"python3*/site-packages/fsw_{name}-*.dist-info")) - kept:
+        for old in (
+            set((home / "lib").glob(f"python3*/site-packages/fsw_{name}-*.dist-info")) - kept
+        ):
             shutil.rmtree(old)
     for path, text in files.items():
         path.parent.mkdir(exist_ok=True)
-        scratch = path.with_name(f"{path.name}.{os.getpid()}")  # whole at once: nodes may be starting
+        scratch = path.with_name(
+            f"{path.name}.{os.getpid()}"
+        )  # whole at once: nodes may be starting
         scratch.write_text(text)
         scratch.replace(path)
 
@@ -291,24 +337,47 @@ def _is_ready(home, locks):
 def _has_installed(home, locks):
     marks = [home / f"{lock.stem}.installed" for lock in locks]
     try:
-        return _python(home).exists() and all(m.read_text() == _stamp(lk) for m, lk in zip(marks, locks))  # noqa: B905
+        return _python(home).exists() and all(
+            m.read_text() == _stamp(lk) for m, lk in zip(marks, locks, strict=False)
+        )
     except OSError:
         return False
 
 
 def _make(home, locks):
     if _made_with(home) != _minor(sys.version):
-        print(f"[set-up] making {home.name} with Python {sys.version.split()[0]}", file=sys.stderr, flush=True)
+        print(
+            f"[set-up] making {home.name} with Python {sys.version.split()[0]}",
+            file=sys.stderr,
+            flush=True,
+        )
         try:
-            venv.EnvBuilder(with_pip=True, clear=True, system_site_packages=with_sourced_ros()).create(home)
+            venv.EnvBuilder(
+                with_pip=True, clear=True, system_site_packages=with_sourced_ros()
+            ).create(home)
         except (OSError, subprocess.CalledProcessError) as error:
-            sys.exit(f"[set-up] cannot make {home}: {error}\n[set-up] on Debian or Ubuntu: apt install python3-venv")
-    # those before the first one that is new are as they were; those after it may have other versions of its packages
+            sys.exit(
+                f"[set-up] cannot make {home}: {error}\n[set-up] on Debian or Ubuntu: apt install python3-venv"
+            )
+    # those before the first one that is new are as they were; those after it may have other
+    # versions of its packages
     old = len(list(itertools.takewhile(lambda lock: _has_installed(home, [lock]), locks)))
     for lock in locks[old:]:
         names = _packages(lock)
-        print(f"[set-up] installing {len(names)} packages of {lock.name} (once)", file=sys.stderr, flush=True)
-        pip = [str(_python(home)), "-m", "pip", "--disable-pip-version-check", "install", "--only-binary", ":all:"]
+        print(
+            f"[set-up] installing {len(names)} packages of {lock.name} (once)",
+            file=sys.stderr,
+            flush=True,
+        )
+        pip = [
+            str(_python(home)),
+            "-m",
+            "pip",
+            "--disable-pip-version-check",
+            "install",
+            "--only-binary",
+            ":all:",
+        ]
         _run_with_progress([*pip, "--no-binary", SOURCE_ONLY, *names], lock.name)
     _install_from_source(home)
     if any(lock.stem == ROS for lock in locks[old:]):
@@ -319,11 +388,22 @@ def _make(home, locks):
 
 def _build_interfaces(home):
     """Build the messages that the wheels of ROS 2 lack, all packages at once."""
-    print(f"[set-up] building {len(INTERFACES)} message packages (once)", file=sys.stderr, end="", flush=True)
+    print(
+        f"[set-up] building {len(INTERFACES)} message packages (once)",
+        file=sys.stderr,
+        end="",
+        flush=True,
+    )
     environment = {name: value for name, value in os.environ.items() if name != WHEELS_READY}
     command = [str(_python(home)), str(_HERE / "_interfaces.py")]
     running = [
-        subprocess.Popen([*command, str(folder)], stdout=sys.stderr, stderr=subprocess.PIPE, text=True, env=environment)
+        subprocess.Popen(
+            [*command, str(folder)],
+            stdout=sys.stderr,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=environment,
+        )
         for folder in INTERFACES
     ]
     failed = [process.communicate()[1] for process in running]
@@ -335,13 +415,19 @@ def _build_interfaces(home):
 def _packages(lock):
     lines = [line.strip() for line in lock.read_text().splitlines()]
     skipped = FROM_ROS if with_sourced_ros() else ()
-    return [line for line in lines if line and not line.startswith("#") and line.split("==")[0] not in skipped]
+    return [
+        line
+        for line in lines
+        if line and not line.startswith("#") and line.split("==")[0] not in skipped
+    ]
 
 
 def _run_with_progress(command, what):
     """Run pip, a dot per package, and show its words only when it fails."""
     lines = []
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as process:
         for line in process.stdout or ():
             lines.append(line)
             if line.startswith(("Collecting", "Installing")):
@@ -349,4 +435,6 @@ def _run_with_progress(command, what):
     print("", file=sys.stderr)
     if process.returncode:
         tail = "".join(lines[-15:])
-        sys.exit(f"{tail}[set-up] could not install {what}; a package index must be reachable the first time")
+        sys.exit(
+            f"{tail}[set-up] could not install {what}; a package index must be reachable the first time"
+        )

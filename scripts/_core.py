@@ -1,7 +1,7 @@
 """The core without the other distributions: README's demo and the core's fast tests, in a copy that lacks them.
 
-The copy has the files that git knows or would add, and an environment of its own: hard links to that of this clone, but
-for what makes it import from here.
+The copy has the files that git knows or would add, and an environment of its own: hard links to
+that of this clone, but for what makes it import from here.
 """
 
 import os
@@ -22,7 +22,10 @@ TESTS = ["-n", "2", "--dist", "loadfile", "-m", "not slow and not full and not r
 
 def _copy_tree() -> None:
     listed = subprocess.run(
-        ["git", "ls-files", "-z", "-co", "--exclude-standard"], cwd=WORKSPACE, stdout=subprocess.PIPE, check=True
+        ["git", "ls-files", "-z", "-co", "--exclude-standard"],
+        cwd=WORKSPACE,
+        stdout=subprocess.PIPE,
+        check=True,
     )
     for name in listed.stdout.decode().split("\0"):
         if name and name.partition("/")[0] not in OTHERS and (WORKSPACE / name).is_file():
@@ -33,7 +36,9 @@ def _copy_tree() -> None:
 def _copy_environment(home: Path) -> Path:
     """Interpreter of the copy's environment."""
     copy = PLACE / home.name
-    shutil.copytree(home, copy, symlinks=True, copy_function=os.link, ignore=shutil.ignore_patterns(*OWN))
+    shutil.copytree(
+        home, copy, symlinks=True, copy_function=os.link, ignore=shutil.ignore_patterns(*OWN)
+    )
     return copy / "bin" / "python"
 
 
@@ -45,7 +50,11 @@ def check() -> int:
     PLACE.mkdir(parents=True)
     _copy_tree()
     python = _copy_environment(Path(sys.prefix))
-    environment = {name: value for name, value in os.environ.items() if name not in (WHEELS_READY, "LD_LIBRARY_PATH")}
+    environment = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in (WHEELS_READY, "LD_LIBRARY_PATH")
+    }
     for words in (
         ["scripts/demo.py", "--out", "out/demo"],
         ["-m", "pytest", *TESTS, "src"],

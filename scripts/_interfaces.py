@@ -2,9 +2,10 @@
 
 usage: python _interfaces.py [--prefix FOLDER] PACKAGE_FOLDER ...
 
-Calls rosidl's generators and the C++ compiler directly; CMake and colcon are not needed. Only what rclpy and
-rmw_fastrtps_cpp load is built: Python classes, the C type support, and that of Fast DDS with its introspection. The
-files are laid out as ``colcon build --merge-install`` does it. ``_bootstrap.py`` calls this.
+Calls rosidl's generators and the C++ compiler directly; CMake and colcon are not needed. Only what
+rclpy and rmw_fastrtps_cpp load is built: Python classes, the C type support, and that of Fast DDS
+with its introspection. The files are laid out as ``colcon build --merge-install`` does it.
+``_bootstrap.py`` calls this.
 """
 
 import argparse
@@ -50,7 +51,9 @@ def _generate(folder: Path, build: Path) -> None:
     """Write the sources of a package: ``build/idl``, one folder for each library, and ``build/python``."""
     from rosidl_parser import parser
 
-    parser.parse_idl_file = functools.cache(parser.parse_idl_file)  # each generator would parse each file again
+    parser.parse_idl_file = functools.cache(
+        parser.parse_idl_file
+    )  # each generator would parse each file again
     from rosidl_adapter.action import convert_action_to_idl
     from rosidl_adapter.msg import convert_msg_to_idl
     from rosidl_adapter.srv import convert_srv_to_idl
@@ -62,7 +65,9 @@ def _generate(folder: Path, build: Path) -> None:
     from rosidl_typesupport_introspection_c.cli import GenerateIntrospectionCTypesupport
 
     name = folder.name
-    converters = dict(zip(KINDS, (convert_msg_to_idl, convert_srv_to_idl, convert_action_to_idl), strict=True))
+    converters = dict(
+        zip(KINDS, (convert_msg_to_idl, convert_srv_to_idl, convert_action_to_idl), strict=True)
+    )
     files = []
     for kind, convert in converters.items():
         for path in sorted((folder / kind).glob(f"*.{kind}")):
@@ -78,14 +83,18 @@ def _generate(folder: Path, build: Path) -> None:
     write("rosidl_generator_c", GenerateC(""), hashes)
     write("rosidl_typesupport_fastrtps_c", GenerateFastRTPSCTypesupport(""))
     write("rosidl_typesupport_introspection_c", GenerateIntrospectionCTypesupport(""))
-    write("rosidl_typesupport_c", GenerateCTypesupport("", typesupport_implementations=[*SUPPORTS]))
+    write(
+        "rosidl_typesupport_c", GenerateCTypesupport("", typesupport_implementations=[*SUPPORTS])
+    )
     write("python", GeneratePython("", typesupport_implementations=["rosidl_typesupport_c"]))
     (build / "python" / name / "__init__.py").touch()
 
 
 def _run(command: list[str], cwd: Path) -> None:
     """Run a compiler; RuntimeError with its output if it fails."""
-    ran = subprocess.run(command, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    ran = subprocess.run(
+        command, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
     if ran.returncode:
         raise RuntimeError(f"{shlex.join(command[:3])} ... failed:\n{ran.stdout[-3000:]}")
 
@@ -97,7 +106,9 @@ def _compile(library: str, build: Path, command: list[str], include: list[str]) 
     folder = build / ("python" if library == "rosidl_generator_py" else library)
     plain = [path for path in sorted(folder.rglob("*.c")) if ".ep." not in path.name]
     if plain:
-        as_c = [word for path in plain for word in ("-x", "c", str(path))]  # g++ takes "-x c" for the next file only
+        as_c = [
+            word for path in plain for word in ("-x", "c", str(path))
+        ]  # g++ takes "-x c" for the next file only
         _run([*command, *FLAGS, *include, "-c", *as_c], objects)
     plus = sorted(folder.rglob("*.cpp"))
     if plus:  # in one unit: their headers take nearly all of the time
@@ -110,9 +121,20 @@ def _link(name: str, build: Path, command: list[str], include: list[str], prefix
     """Make the libraries and the extension module from the objects."""
     libraries = build / "lib"
     libraries.mkdir()
-    others = sorted({path.name.removeprefix("lib").removesuffix(".so") for path in (prefix / "lib").glob("lib*.so")})
-    others = [other for other in others if not other.startswith(f"{name}__") and not other.endswith("_cpp")]
-    others = [other for other in others if "rosidl" in other or other in ("fastcdr", "rcutils", "rmw")]
+    others = sorted(
+        {
+            path.name.removeprefix("lib").removesuffix(".so")
+            for path in (prefix / "lib").glob("lib*.so")
+        }
+    )
+    others = [
+        other
+        for other in others
+        if not other.startswith(f"{name}__") and not other.endswith("_cpp")
+    ]
+    others = [
+        other for other in others if "rosidl" in other or other in ("fastcdr", "rcutils", "rmw")
+    ]
     end = [f"-L{libraries}", f"-L{prefix / 'lib'}", "-Wl,--as-needed"]
     end += [f"-l{other}" for other in ["rosidl_typesupport_fastrtps_cpp", *others]]
     own: list[str] = []
@@ -126,7 +148,22 @@ def _link(name: str, build: Path, command: list[str], include: list[str], prefix
     entry = package / f"_{name}_s.ep.rosidl_typesupport_c.c"
     extension = package / f"{name}_s__rosidl_typesupport_c.so"
     made = [*command, *FLAGS, *include, "-shared", "-s", "-Wl,-rpath,$ORIGIN/../../.."]
-    _run([*made, "-x", "c", str(entry), "-x", "none", "-o", str(extension), *end[:2], *own, *end[2:]], build)
+    _run(
+        [
+            *made,
+            "-x",
+            "c",
+            str(entry),
+            "-x",
+            "none",
+            "-o",
+            str(extension),
+            *end[:2],
+            *own,
+            *end[2:],
+        ],
+        build,
+    )
 
 
 def _install(folder: Path, build: Path, prefix: Path) -> None:
@@ -146,7 +183,9 @@ def _install(folder: Path, build: Path, prefix: Path) -> None:
     (prefix / "lib").mkdir(parents=True, exist_ok=True)
     for library in (build / "lib").iterdir():
         shutil.copy(library, prefix / "lib" / f".{library.name}")
-        os.replace(prefix / "lib" / f".{library.name}", prefix / "lib" / library.name)  # running nodes keep theirs
+        os.replace(
+            prefix / "lib" / f".{library.name}", prefix / "lib" / library.name
+        )  # running nodes keep theirs
     for kind in KINDS:
         if (folder / kind).is_dir():
             shutil.copytree(folder / kind, share / kind)
@@ -154,7 +193,9 @@ def _install(folder: Path, build: Path, prefix: Path) -> None:
     for index in ("packages", "rosidl_interfaces"):
         resources = prefix / "share" / "ament_index" / "resource_index" / index
         resources.mkdir(parents=True, exist_ok=True)
-        defined = sorted(f"{path.parent.name}/{path.name}" for kind in KINDS for path in share.glob(f"{kind}/*"))
+        defined = sorted(
+            f"{path.parent.name}/{path.name}" for kind in KINDS for path in share.glob(f"{kind}/*")
+        )
         (resources / name).write_text("\n".join(defined) if index == "rosidl_interfaces" else "")
 
 
@@ -187,11 +228,16 @@ def build_package(folder: Path, into: Path) -> None:
                 _generate(folder, build)
         except Exception as error:  # rosidl has no common one
             raise RuntimeError(f"{folder.name}: {error}") from error
-        folders = [*(build / library for library in (*LIBRARIES[:4], "python")), wheels / "include"]
+        folders = [
+            *(build / library for library in (*LIBRARIES[:4], "python")),
+            wheels / "include",
+        ]
         folders += [path for path in (wheels / "include").iterdir() if path.is_dir()]
         include = [f"-I{path}" for path in [*folders, python_headers(), numpy.get_include()]]
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            for _ in pool.map(lambda library: _compile(library, build, command, include), LIBRARIES):
+            for _ in pool.map(
+                lambda library: _compile(library, build, command, include), LIBRARIES
+            ):
                 print(".", end="", flush=True)
         _link(folder.name, build, command, include, wheels)
         _install(folder, build, into)
@@ -200,7 +246,9 @@ def build_package(folder: Path, into: Path) -> None:
 def main() -> int:
     """Build the packages that the command line names; returns the exit code."""
     cli = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    cli.add_argument("--prefix", type=Path, default=Path(sys.prefix), help="folder (default: this environment)")
+    cli.add_argument(
+        "--prefix", type=Path, default=Path(sys.prefix), help="folder (default: this environment)"
+    )
     cli.add_argument("folders", type=Path, nargs="+", metavar="PACKAGE_FOLDER")
     arguments = cli.parse_args()
     for folder in arguments.folders:

@@ -1,8 +1,9 @@
 """mutmut for mutation_test.py: words are left as they are, tests are collected once, and survivors are printed as JSON.
 
-Words are what a person reads: strings with a space, f-strings, what is raised and what is logged. Mutants of them say
-nothing about a weld. mutmut itself can only leave out whole lines, and so conditions that stand beside words; and it
-collects the tests anew for every mutant, which takes far longer than to run those that notice it.
+Words are what a person reads: strings with a space, f-strings, what is raised and what is logged.
+Mutants of them say nothing about a weld. mutmut itself can only leave out whole lines, and so
+conditions that stand beside words; and it collects the tests anew for every mutant, which takes
+far longer than to run those that notice it.
 
 usage: in the folder that was laid out: _mutmut.py run | tell
 """
@@ -61,10 +62,15 @@ def _collect_once(runner: ForkRunner) -> None:
     items = {item.nodeid: item for item in session.items}
 
     def run_tests(*, mutant_name: str, tests: list[str]) -> int:
-        chosen = [items[test] for test in sorted(tests, key=lambda test: state().duration_by_test[test])]
+        chosen = [
+            items[test] for test in sorted(tests, key=lambda test: state().duration_by_test[test])
+        ]
         with change_cwd("mutants"):
             for item, following in zip(chosen, [*chosen[1:], None], strict=True):
-                if any(report.failed for report in runtestprotocol(item, log=False, nextitem=following)):
+                if any(
+                    report.failed
+                    for report in runtestprotocol(item, log=False, nextitem=following)
+                ):
                     return 1
         return 0
 
@@ -79,7 +85,9 @@ def _forget_survivors() -> None:
             continue
         data.load()
         fates = data.exit_code_by_key.items()
-        data.exit_code_by_key = {name: code if status_by_exit_code[code] == "killed" else None for name, code in fates}
+        data.exit_code_by_key = {
+            name: code if status_by_exit_code[code] == "killed" else None for name, code in fates
+        }
         data.save()
 
 
@@ -91,7 +99,13 @@ def _tell() -> None:
         data.load()
         for name, code in data.exit_code_by_key.items():
             verdict = status_by_exit_code[code]
-            found.append((name, verdict, "" if verdict == "killed" else get_diff_for_mutant(name, path=path)))
+            found.append(
+                (
+                    name,
+                    verdict,
+                    "" if verdict == "killed" else get_diff_for_mutant(name, path=path),
+                )
+            )
     print(json.dumps(found))
 
 

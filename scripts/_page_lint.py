@@ -1,8 +1,8 @@
 """Lint of the operator's page, ``test.py --lint``: its types by tsc, its habits by ESLint.
 
-Both come by ``npm ci`` into a folder that is not tracked. npm is the system's or, where there is none that is new
-enough, that of the wheel in ``requirements/node.lock``. Where they cannot be had, a line says so and the lint is
-skipped.
+Both come by ``npm ci`` into a folder that is not tracked. npm is the system's or, where there is
+none that is new enough, that of the wheel in ``requirements/node.lock``. Where they cannot be had,
+a line says so and the lint is skipped.
 """
 
 import os
@@ -21,7 +21,16 @@ def lint() -> int:
     """Check the page's modules; the exit code of the first tool that complains."""
     print("== tsc and eslint of the operator's page", flush=True)
     if npm.find(_NODE) is None:
-        pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "install", "-q", "--only-binary", ":all:"]
+        pip = [
+            sys.executable,
+            "-m",
+            "pip",
+            "--disable-pip-version-check",
+            "install",
+            "-q",
+            "--only-binary",
+            ":all:",
+        ]
         subprocess.run([*pip, "-r", str(_LOCK)])
     try:
         npm.install(npm.OWN, at_least=_NODE)
@@ -29,5 +38,10 @@ def lint() -> int:
         print(f"SKIPPED, the page is not checked: {error}", flush=True)
         return 0
     found = npm.find(_NODE)
-    environment = {**os.environ, "PATH": os.pathsep.join([str(found.parent), os.environ.get("PATH", "")])}
-    return subprocess.run([str(found), "run", "--silent", "lint"], cwd=npm.OWN, env=environment).returncode
+    environment = {
+        **os.environ,
+        "PATH": os.pathsep.join([str(found.parent), os.environ.get("PATH", "")]),
+    }
+    return subprocess.run(
+        [str(found), "run", "--silent", "lint"], cwd=npm.OWN, env=environment
+    ).returncode

@@ -3,10 +3,11 @@
 
 usage: build_docs.py [--check]
 
-The reference and the table of the safety requirements exist in the site alone. A few committed pages hold a table or a
-drawing that is made from other files; they are rewritten. ``--check`` writes nothing outside out/site: the exit code is
-1 when one of these pages is out of date. It is always 1 when a requirement of the safety case has no test, and when the
-site has a dead link. MkDocs loads this file as its hook: it adds the generated pages and turns formulas into MathML.
+The reference and the table of the safety requirements exist in the site alone. A few committed
+pages hold a table or a drawing that is made from other files; they are rewritten. ``--check``
+writes nothing outside out/site: the exit code is 1 when one of these pages is out of date. It is
+always 1 when a requirement of the safety case has no test, and when the site has a dead link.
+MkDocs loads this file as its hook: it adds the generated pages and turns formulas into MathML.
 """
 
 from __future__ import annotations
@@ -42,14 +43,24 @@ def with_rows(page: str) -> str:
     """The page with the rows of tables of the results that its marks ask for, as they are there now."""
 
     def rows(match: re.Match[str]) -> str:
-        name, heading, labels = match[1], match[2], {label.strip() for label in (match[3] or "").split(";")} - {""}
+        name, heading, labels = (
+            match[1],
+            match[2],
+            {label.strip() for label in (match[3] or "").split(";")} - {""},
+        )
         text = (WORKSPACE / "docs" / "results" / name).read_text(encoding="utf-8")
         section = text.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
-        lines = list(takewhile(lambda line: line.startswith("|"), section[section.find("\n|") + 1 :].splitlines()))
+        lines = list(
+            takewhile(
+                lambda line: line.startswith("|"), section[section.find("\n|") + 1 :].splitlines()
+            )
+        )
         taken = [line for line in lines[2:] if not labels or line.split("|")[1].strip() in labels]
         if not taken or (labels and len(taken) != len(labels)):
             raise SystemExit(f"docs/results/{name}, {heading}: not all rows are there: {match[3]}")
-        return "\n".join([match[0].partition("\n")[0], "", *lines[:2], *taken, "", "<!-- rows: end -->"])
+        return "\n".join(
+            [match[0].partition("\n")[0], "", *lines[:2], *taken, "", "<!-- rows: end -->"]
+        )
 
     pattern = r"<!-- rows of (\S+), ([^:\n]*?)(?:: (.*?))? -->\n.*?<!-- rows: end -->"
     return re.sub(pattern, rows, page, flags=re.DOTALL)
@@ -81,8 +92,13 @@ def with_packages(page: str) -> str:
 def on_files(files: Any, config: Any) -> Any:
     """Add the pages that are not committed."""
     pages = {f"reference/{name}": text for name, text in reference().items()}
-    requirements, results = yaml.safe_load(safety_case.REQUIREMENTS.read_text("utf-8")), safety_case.load_results()[0]
-    pages["concepts/safety-requirements.md"] = safety_case.table(requirements, safety_case.marked(), results)
+    requirements, results = (
+        yaml.safe_load(safety_case.REQUIREMENTS.read_text("utf-8")),
+        safety_case.load_results()[0],
+    )
+    pages["concepts/safety-requirements.md"] = safety_case.table(
+        requirements, safety_case.marked(), results
+    )
     for name, text in pages.items():
         files.append(File.generated(config, name, content=text))
     return files
@@ -99,7 +115,9 @@ def on_page_content(content: str, page: Any, config: Any, files: Any) -> str:
     def mathml(match: re.Match[str]) -> str:
         tex = html.unescape(match[2] or match[3])
         tag = re.search(r"\\tag\{(.*?)\}", tex)
-        formula = convert(tex.replace(tag[0], "") if tag else tex, display="inline" if match[2] else "block")
+        formula = convert(
+            tex.replace(tag[0], "") if tag else tex, display="inline" if match[2] else "block"
+        )
         return f'<div class="equation"><span>({tag[1]})</span>{formula}</div>' if tag else formula
 
     pattern = r'<(span|div) class="arithmatex">(?:\\\((.*?)\\\)|\s*\\\[(.*?)\\\]\s*)</\1>'
@@ -109,14 +127,23 @@ def on_page_content(content: str, page: Any, config: Any, files: Any) -> str:
 def main() -> int:
     """Run the script; returns the exit code."""
     cli = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    cli.add_argument("--check", action="store_true", help="only check whether the committed pages are up to date")
+    cli.add_argument(
+        "--check",
+        action="store_true",
+        help="only check whether the committed pages are up to date",
+    )
     check: bool = cli.parse_args().check
-    requirements, tests = yaml.safe_load(safety_case.REQUIREMENTS.read_text("utf-8")), safety_case.marked()
+    requirements, tests = (
+        yaml.safe_load(safety_case.REQUIREMENTS.read_text("utf-8")),
+        safety_case.marked(),
+    )
     safety = safety_case.PAGE.read_text("utf-8")
     pages = {
         CONTRIBUTING: with_packages(CONTRIBUTING.read_text("utf-8")),
         VERDICT: with_rows(VERDICT.read_text("utf-8")),
-        safety_case.PAGE: safety_case.with_tables(safety, requirements, *safety_case.load_results()),
+        safety_case.PAGE: safety_case.with_tables(
+            safety, requirements, *safety_case.load_results()
+        ),
     }
     faults = safety_case.faults(requirements, tests, safety)
     print(*(f"safety case: {fault}\n" for fault in faults), sep="", end="")
@@ -127,7 +154,9 @@ def main() -> int:
     for path in () if check else stale:
         path.write_text(pages[path], encoding="utf-8")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet"]
-    built = subprocess.run(command, cwd=WORKSPACE, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}).returncode
+    built = subprocess.run(
+        command, cwd=WORKSPACE, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}
+    ).returncode
     return built or int(bool(faults or (stale and check)))
 
 

@@ -3,8 +3,8 @@
 
 usage: build_gallery.py [--out FOLDER] [NAME ...]
 
-The notebooks are the scripts in examples/gallery, in cells that begin with ``# %%`` as Jupytext, VS Code and Spyder
-know them; ``jupytext --to ipynb`` makes Jupyter's of them.
+The notebooks are the scripts in examples/gallery, in cells that begin with ``# %%`` as Jupytext,
+VS Code and Spyder know them; ``jupytext --to ipynb`` makes Jupyter's of them.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ class Page:
     def __init__(self, name: str, folder: Path) -> None:
         self._name, self._folder, self._figures = name, folder, 0
         self.lines: list[str] = []
-        # the ``__main__`` of processes that a notebook starts is this script's, which does nothing there
+        # the ``__main__`` of processes that a notebook starts is this script's, which does nothing
+        # there
         self._names: dict[str, Any] = {"__name__": name}
 
     def run(self, code: str) -> None:
@@ -56,7 +57,11 @@ class Page:
         printed = io.StringIO()
         with redirect_stdout(printed):
             exec(compile(tree, self._name, "exec"), self._names)
-            value = eval(compile(ast.Expression(last.value), self._name, "eval"), self._names) if last else None
+            value = (
+                eval(compile(ast.Expression(last.value), self._name, "eval"), self._names)
+                if last
+                else None
+            )
         self.lines += ["```python", code, "```", ""]
         if printed.getvalue():
             self.lines += ["```", printed.getvalue().rstrip(), "```", ""]
@@ -96,8 +101,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Build the pages; returns the exit code."""
     known = sorted(path.stem for path in NOTEBOOKS.glob("*.py"))
     cli = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    cli.add_argument("--out", type=Path, default=WORKSPACE / "docs" / "gallery", help="folder (default docs/gallery)")
-    cli.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(known)} (default: all)")
+    cli.add_argument(
+        "--out",
+        type=Path,
+        default=WORKSPACE / "docs" / "gallery",
+        help="folder (default docs/gallery)",
+    )
+    cli.add_argument(
+        "names", nargs="*", metavar="NAME", help=f"of {', '.join(known)} (default: all)"
+    )
     parsed = cli.parse_args(arguments)
     if unknown := set(parsed.names) - set(known):
         cli.error(f"no notebook {', '.join(sorted(unknown))}")

@@ -18,7 +18,13 @@ from pathlib import Path
 
 WORKSPACE = Path(__file__).resolve().parents[1]
 #: distribution by the first folder; scripts and examples belong to none
-DISTRIBUTIONS = {"src": "core", "quality": "quality", "lab": "lab", "studies": "lab", "benchmarks": "lab"}
+DISTRIBUTIONS = {
+    "src": "core",
+    "quality": "quality",
+    "lab": "lab",
+    "studies": "lab",
+    "benchmarks": "lab",
+}
 LANGUAGES = {".py": "Python", ".c": "C", ".h": "C", ".js": "JavaScript"}
 #: most code lines that a distribution should have of a language
 BUDGETS = {
@@ -29,41 +35,64 @@ BUDGETS = {
     ("core", "JavaScript"): 2_000,
 }
 _NO_CODE = {
-    *(tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER),
+    *(
+        tokenize.COMMENT,
+        tokenize.NL,
+        tokenize.NEWLINE,
+        tokenize.INDENT,
+        tokenize.DEDENT,
+        tokenize.ENDMARKER,
+    ),
 }
 
 
 def code_lines(text: str, language: str = "Python") -> int:
     """Lines of a source text with code on them."""
-    if language != "Python":  # a comment leaves its line breaks; strings that look like one are kept
-        pattern = r'("(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|`(?:\\.|[^`\\])*`)|//[^\n]*|/\*.*?\*/'
-        rest = re.sub(pattern, lambda match: match[1] or "\n" * match[0].count("\n"), text, flags=re.DOTALL)
+    if (
+        language != "Python"
+    ):  # a comment leaves its line breaks; strings that look like one are kept
+        pattern = (
+            r'("(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|`(?:\\.|[^`\\])*`)|//[^\n]*|/\*.*?\*/'
+        )
+        rest = re.sub(
+            pattern, lambda match: match[1] or "\n" * match[0].count("\n"), text, flags=re.DOTALL
+        )
         return sum(bool(line.strip()) for line in rest.splitlines())
     lines: set[int] = set()
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type not in _NO_CODE:
             lines.update(range(token.start[0], token.end[0] + 1))
     for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and ast.get_docstring(
-            node, clean=False
-        ):
+        if isinstance(
+            node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+        ) and ast.get_docstring(node, clean=False):
             lines.difference_update(range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1))
     return len(lines)
 
 
 def _git(*words: str, **options: bytes) -> bytes:
-    return subprocess.run(["git", *words], cwd=WORKSPACE, stdout=subprocess.PIPE, check=True, **options).stdout
+    return subprocess.run(
+        ["git", *words], cwd=WORKSPACE, stdout=subprocess.PIPE, check=True, **options
+    ).stdout
 
 
 def sources(revision: str) -> Iterator[tuple[str, str]]:
     """Path and text of each source file at a revision, else of the working tree; git reports its errors itself."""
     if not revision:
-        for name in sorted(set(_git("ls-files", "-z", "-co", "--exclude-standard").decode().split("\0"))):
+        for name in sorted(
+            set(_git("ls-files", "-z", "-co", "--exclude-standard").decode().split("\0"))
+        ):
             if _counted(name) and (WORKSPACE / name).is_file():
                 yield name, (WORKSPACE / name).read_text(encoding="utf-8")
         return
-    names = [n for n in _git("ls-tree", "-r", "-z", "--name-only", revision).decode().split("\0") if _counted(n)]
-    answer = io.BytesIO(_git("cat-file", "--batch", input="".join(f"{revision}:{n}\n" for n in names).encode()))
+    names = [
+        n
+        for n in _git("ls-tree", "-r", "-z", "--name-only", revision).decode().split("\0")
+        if _counted(n)
+    ]
+    answer = io.BytesIO(
+        _git("cat-file", "--batch", input="".join(f"{revision}:{n}\n" for n in names).encode())
+    )
     for name in names:
         size = int(answer.readline().split()[2])
         yield name, answer.read(size + 1).decode()
@@ -71,7 +100,11 @@ def sources(revision: str) -> Iterator[tuple[str, str]]:
 
 def _counted(name: str) -> bool:
     path = Path(name)
-    return path.suffix in LANGUAGES and "test" not in path.parts[:-1] and path.name != "eslint.config.js"
+    return (
+        path.suffix in LANGUAGES
+        and "test" not in path.parts[:-1]
+        and path.name != "eslint.config.js"
+    )
 
 
 def _package(name: str) -> str:
@@ -96,7 +129,9 @@ def totals(lines: Counter[tuple[str, str]]) -> Counter[tuple[str, str]]:
     return found
 
 
-def _print(now: Counter[tuple[str, str]], before: Counter[tuple[str, str]] | None, last: str) -> None:
+def _print(
+    now: Counter[tuple[str, str]], before: Counter[tuple[str, str]] | None, last: str
+) -> None:
     for key in sorted({*now, *(before or ())}):
         then = f"{before[key]:>8} {now[key] - before[key]:>+7}" if before is not None else ""
         budget = f"{BUDGETS[key]:>8}" if last and key in BUDGETS else ""
@@ -113,7 +148,11 @@ def main() -> int:
     except subprocess.CalledProcessError:
         return 2
     _print(now, before, "")
-    print("\ndistribution, language, code lines" + (", before, difference" if before else "") + ", budget")
+    print(
+        "\ndistribution, language, code lines"
+        + (", before, difference" if before else "")
+        + ", budget"
+    )
     _print(totals(now), None if before is None else totals(before), "budget")
     return 0
 

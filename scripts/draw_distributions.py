@@ -29,7 +29,9 @@ def _box(folder: str) -> tuple[list[str], float]:
     parts.append(_text(x + 12, y + 24, title, ' font-weight="bold"'))
     for i, name in enumerate(names):
         column, row = i % columns, i // columns
-        parts.append(_text(x + 12 + column * (width - 12) / columns, y + _HEAD + 6 + row * _ROW, name))
+        parts.append(
+            _text(x + 12 + column * (width - 12) / columns, y + _HEAD + 6 + row * _ROW, name)
+        )
     return parts, y + height
 
 

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Draws ``docs/figures/operator_page.png``: the page beside ``demo.py --live`` on the joint line, after four minutes.
 
-On the way the NMPC is chosen by the page, and the page's server is killed, so that the trends have a gap.
+On the way the NMPC is chosen by the page, and the page's server is killed, so that the trends have
+a gap.
 """
 
 from __future__ import annotations

@@ -36,7 +36,10 @@ def mermaid_diagram() -> str:
     labels: dict[tuple[Mode, Mode], list[str]] = {}
     for row in TRANSITIONS:
         labels.setdefault((row.source, row.target), []).append(row.trigger.word)
-    lines += [f"    {source} --> {target} : {' / '.join(names)}" for (source, target), names in labels.items()]
+    lines += [
+        f"    {source} --> {target} : {' / '.join(names)}"
+        for (source, target), names in labels.items()
+    ]
     return "\n".join(lines)
 
 
@@ -44,7 +47,9 @@ def by_trigger() -> dict[tuple[str, str, str], list[str]]:
     """Modes from which a trigger leads to a mode, by trigger, meaning and that mode."""
     rows: dict[tuple[str, str, str], list[str]] = {}
     for row in TRANSITIONS:
-        rows.setdefault((row.trigger.word, row.meaning, str(row.target)), []).append(str(row.source))
+        rows.setdefault((row.trigger.word, row.meaning, str(row.target)), []).append(
+            str(row.source)
+        )
     return rows
 
 
@@ -57,11 +62,15 @@ def svg_diagram() -> str:
         'font-size="13" role="img"><title>Modes of the supervisor and their transitions</title>'
     ]
     for name, at in x.items():
-        lines.append(f'<text x="{at}" y="16" text-anchor="middle" font-weight="bold">{name}</text>')
+        lines.append(
+            f'<text x="{at}" y="16" text-anchor="middle" font-weight="bold">{name}</text>'
+        )
         lines.append(f'<path d="M{at} 24V{height}" stroke="#bbb" stroke-dasharray="3 3"/>')
     for i, ((trigger, _, target), sources) in enumerate(by_trigger().items()):
         y, end = 44 + 26 * i, x[target]
-        lines.append(f'<text x="4" y="{y + 4}" font-family="monospace" font-size="12">{trigger}</text>')
+        lines.append(
+            f'<text x="4" y="{y + 4}" font-family="monospace" font-size="12">{trigger}</text>'
+        )
         for begin in (x[source] for source in sources):
             lines.append(f'<path d="M{begin} {y}H{end}" stroke="#333" stroke-width="1.5"/>')
             lines.append(f'<circle cx="{begin}" cy="{y}" r="4" fill="#333"/>')
@@ -72,7 +81,10 @@ def svg_diagram() -> str:
 
 def transition_table() -> str:
     """The transitions as a markdown table: trigger, meaning, from, to."""
-    rows = [(f"`{name}`", why, ", ".join(sources), to) for (name, why, to), sources in by_trigger().items()]
+    rows = [
+        (f"`{name}`", why, ", ".join(sources), to)
+        for (name, why, to), sources in by_trigger().items()
+    ]
     return table([("trigger", "when", "from", "to"), *rows], words=None)
 
 

@@ -1,15 +1,17 @@
 #!/usr/bin/env python3
 """Mutation testing of the safety-relevant code: which changes the tests do not notice.
 
-Python by mutmut: supervisor, command gate, validity, synchronizer and gateway, with their pure tests. C: the limits of
-both kernels, by the changes in test/mutants.yaml. Message texts are not changed. The result goes to
-docs/results/mutation.md, all survivors to mutants.csv beside it; test/mutants.yaml says why one is tolerated.
+Python by mutmut: supervisor, command gate, validity, synchronizer and gateway, with their pure
+tests. C: the limits of both kernels, by the changes in test/mutants.yaml. Message texts are not
+changed. The result goes to docs/results/mutation.md, all survivors to mutants.csv beside it;
+test/mutants.yaml says why one is tolerated.
 
-Verdicts are kept in out/mutation while the code is the same, so that an interrupted run is continued and only
-survivors are run again; remove that folder to start over. Changes that were not tried are counted separately.
+Verdicts are kept in out/mutation while the code is the same, so that an interrupted run is
+continued and only survivors are run again; remove that folder to start over. Changes that were not
+tried are counted separately.
 
-A change in Python takes 0.7 to 1.7 s of processor time, one in C, which is compiled, 4 s (measured): some 30 minutes
-for all on two idle cores.
+A change in Python takes 0.7 to 1.7 s of processor time, one in C, which is compiled, 4 s
+(measured): some 30 minutes for all on two idle cores.
 
 usage: mutation_test.py [--only WORD] [--out FILE]
 """
@@ -51,16 +53,31 @@ RESULT = WORKSPACE / "docs" / "results" / "mutation.md"
 MODULES = {
     "fsw_supervisor": (
         *("arbiter", "arbitration", "controller_registry", "failover", "in_force"),
-        *("operator_requests", "safety_monitor", "settings", "start_up", "state_machine", "tick", "ticks"),
+        *(
+            "operator_requests",
+            "safety_monitor",
+            "settings",
+            "start_up",
+            "state_machine",
+            "tick",
+            "ticks",
+        ),
     ),
-    "fsw_control": ("command_gate", "command_check", "validity", "message_synchronizer", "references"),
+    "fsw_control": (
+        "command_gate",
+        "command_check",
+        "validity",
+        "message_synchronizer",
+        "references",
+    ),
     "fsw_machine": ("gateway", "cycle", "samples", "stamps"),
 }
 #: files with tests of these modules elsewhere than in the package's own test folder
 ELSEWHERE = {"fsw_control": ("src/fsw_plant/test/test_plant_parts.py",)}
 #: tests that start nodes or processes are too slow for thousands of mutants
 _NOT_PURE = re.compile(
-    r"^\s*(?:import|from) (?:rclpy|subprocess|fsw_\w+\.launcher|asyncua|fsw_test_support\.machine)", re.M
+    r"^\s*(?:import|from) (?:rclpy|subprocess|fsw_\w+\.launcher|asyncua|fsw_test_support\.machine)",
+    re.M,
 )
 _CONFIGURATION = """
 [tool.mutmut]
@@ -97,10 +114,12 @@ class Mutant(NamedTuple):
 def prepare(package: str, only: str) -> Path | None:
     """Lay out a package and its tests as mutmut needs them; None if nothing is to be mutated.
 
-    Verdicts of an earlier run are kept in the folder while the package is the same: a change that was noticed is not
-    run again, for tests are only added.
+    Verdicts of an earlier run are kept in the folder while the package is the same: a change that
+    was noticed is not run again, for tests are only added.
     """
-    files = [f"{package}/{module}.py" for module in MODULES[package] if only in f"{package}/{module}"]
+    files = [
+        f"{package}/{module}.py" for module in MODULES[package] if only in f"{package}/{module}"
+    ]
     if not files:
         return None
     folder = CACHE / package
@@ -122,12 +141,16 @@ def prepare(package: str, only: str) -> Path | None:
         tests = folder / "tests" / source.parent.name
         tests.mkdir(parents=True, exist_ok=True)
         for test in source.glob("*.py"):
-            if not test.name.startswith("test_") or not _NOT_PURE.search(test.read_text(encoding="utf-8")):
+            if not test.name.startswith("test_") or not _NOT_PURE.search(
+                test.read_text(encoding="utf-8")
+            ):
                 shutil.copy(test, tests)
     for name in ELSEWHERE.get(package, ()):
         shutil.copy(WORKSPACE / name, folder / "tests")
     (folder / "tests" / "conftest.py").write_text(_CONFTEST, encoding="utf-8")
-    (folder / "pyproject.toml").write_text(_CONFIGURATION.format(package=package, files=files), encoding="utf-8")
+    (folder / "pyproject.toml").write_text(
+        _CONFIGURATION.format(package=package, files=files), encoding="utf-8"
+    )
     return folder
 
 
@@ -138,7 +161,9 @@ def python_mutants(package: str, only: str) -> list[Mutant]:
         return []
     mutmut = [sys.executable, str(SCRIPT.with_name("_mutmut.py"))]
     subprocess.run([*mutmut, "run"], cwd=folder, check=True)
-    told = subprocess.run([*mutmut, "tell"], cwd=folder, capture_output=True, text=True, check=True).stdout
+    told = subprocess.run(
+        [*mutmut, "tell"], cwd=folder, capture_output=True, text=True, check=True
+    ).stdout
     return [_described(*one) for one in json.loads(told)]
 
 
@@ -147,7 +172,9 @@ def _described(name: str, verdict: str, difference: str) -> Mutant:
     module, _, function = re.sub(r"__mutmut_\d+$", "", name).rpartition(".")
     where = function.removeprefix("x_").removeprefix("xǁ").replace("ǁ", ".")
     lines = [line for line in difference.splitlines() if re.match(r"[+-](?![+-])", line)]
-    change = " → ".join(" ".join(line[1:].strip() for line in lines if line[0] == sign) for sign in "-+")
+    change = " → ".join(
+        " ".join(line[1:].strip() for line in lines if line[0] == sign) for sign in "-+"
+    )
     return Mutant(module, where, change, verdict)
 
 
@@ -162,18 +189,34 @@ def c_mutants(only: str) -> list[Mutant]:
             continue
         with tempfile.TemporaryDirectory() as text:
             folder = Path(text)
-            shutil.copytree(SOURCES / package / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
+            shutil.copytree(
+                SOURCES / package / package,
+                folder / package,
+                ignore=shutil.ignore_patterns("__pycache__"),
+            )
             file = folder / Path(entry["file"]).relative_to(Path("src") / package)
             code = file.read_text(encoding="utf-8")
             if code.count(entry["old"]) != 1:
-                raise SystemExit(f"{MUTANTS.name}: {entry['old']!r} is not there once in {entry['file']}")
+                raise SystemExit(
+                    f"{MUTANTS.name}: {entry['old']!r} is not there once in {entry['file']}"
+                )
             changed = code.replace(entry["old"], entry["new"])
             file.write_text(changed, encoding="utf-8")
             key = hashlib.sha256(f"{entry['file']}\0{changed}".encode()).hexdigest()
             if key in killed:
                 result.append(_c_mutant(entry, "killed"))
                 continue
-            command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-p", "no_shrinking"]
+            command = [
+                sys.executable,
+                "-m",
+                "pytest",
+                "-q",
+                "-x",
+                "-p",
+                "no:cacheprovider",
+                "-p",
+                "no_shrinking",
+            ]
             (folder / "no_shrinking.py").write_text(_CONFTEST, encoding="utf-8")
             environment = {
                 **os.environ,
@@ -189,8 +232,12 @@ def c_mutants(only: str) -> list[Mutant]:
                 text=True,
                 check=False,
             )
-            if run.returncode > 1 or "did not compile" in run.stdout:  # a mutant that cannot be run shows nothing
-                raise SystemExit(f"{entry['new']!r} in {entry['file']} is no mutant:\n{run.stdout}")
+            if (
+                run.returncode > 1 or "did not compile" in run.stdout
+            ):  # a mutant that cannot be run shows nothing
+                raise SystemExit(
+                    f"{entry['new']!r} in {entry['file']} is no mutant:\n{run.stdout}"
+                )
             result.append(_c_mutant(entry, "killed" if run.returncode else "survived"))
             print(f"{result[-1].verdict}: {result[-1].change}", flush=True)
             if run.returncode:
@@ -225,7 +272,11 @@ def reason(mutant: Mutant, tolerated: list[dict[str, str]]) -> str:
 
 def page(mutants: list[Mutant], tolerated: list[dict[str, str]]) -> str:
     """The result as Markdown."""
-    left = [(one, reason(one, tolerated)) for one in mutants if not is_noticed(one) and one.verdict != _NOT_TRIED]
+    left = [
+        (one, reason(one, tolerated))
+        for one in mutants
+        if not is_noticed(one) and one.verdict != _NOT_TRIED
+    ]
     lines = [
         "# Mutation testing",
         "",
@@ -238,12 +289,23 @@ def page(mutants: list[Mutant], tolerated: list[dict[str, str]]) -> str:
         "These are tolerated, each for a stated reason, but still count as not noticed.",
         "",
     ]
-    columns = ("changes", "not tried", "noticed", "tolerated", "survived", "noticed of those tried [%]")
+    columns = (
+        "changes",
+        "not tried",
+        "noticed",
+        "tolerated",
+        "survived",
+        "noticed of those tried [%]",
+    )
     rows: list[tuple[object, ...]] = [("module", *columns)]
     for module in [*dict.fromkeys(one.module for one in mutants), ""]:
         here = [one for one in mutants if not module or one.module == module]
         tried = sum(one.verdict != _NOT_TRIED for one in here)
-        kinds = Counter("tolerated" if why else "survived" for one, why in left if not module or one.module == module)
+        kinds = Counter(
+            "tolerated" if why else "survived"
+            for one, why in left
+            if not module or one.module == module
+        )
         noticed = tried - kinds.total()
         share = f"{100.0 * noticed / tried:.1f}" if tried else ""
         counts = (len(here), len(here) - tried, noticed, kinds["tolerated"], kinds["survived"])
@@ -258,7 +320,11 @@ def page(mutants: list[Mutant], tolerated: list[dict[str, str]]) -> str:
 
 def listing(mutants: list[Mutant], tolerated: list[dict[str, str]]) -> str:
     """The changes that were not noticed, as CSV; first those that a test should notice."""
-    left = [(reason(one, tolerated), one) for one in mutants if not is_noticed(one) and one.verdict != _NOT_TRIED]
+    left = [
+        (reason(one, tolerated), one)
+        for one in mutants
+        if not is_noticed(one) and one.verdict != _NOT_TRIED
+    ]
     text = StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(["where", "change", "reached by a test", "why it is tolerated"])
@@ -269,18 +335,27 @@ def listing(mutants: list[Mutant], tolerated: list[dict[str, str]]) -> str:
 
 def is_noticed(mutant: Mutant) -> bool:
     """Whether the tests fail or hang with this change."""
-    return mutant.verdict in ("killed", "timeout", "segfault", "suspicious", "caught by type check")
+    return mutant.verdict in (
+        "killed",
+        "timeout",
+        "segfault",
+        "suspicious",
+        "caught by type check",
+    )
 
 
 def main() -> int:
     """Run all and write the result; the exit code is 1 when less than nine in ten changes are noticed."""
     command = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     command.add_argument(
-        "--only", default="", help="only files whose path has this word; writes no result without --out"
+        "--only",
+        default="",
+        help="only files whose path has this word; writes no result without --out",
     )
     command.add_argument("--out", type=Path, help=f"default: {RESULT.relative_to(WORKSPACE)}")
     arguments = command.parse_args()
-    # threads of the matrix library on as many processors as there are wait for each other for most of the time
+    # threads of the matrix library on as many processors as there are wait for each other for most
+    # of the time
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     mutants = [one for package in MODULES for one in python_mutants(package, arguments.only)]
     mutants += c_mutants(arguments.only)

@@ -3,11 +3,11 @@
 
 usage: record_golden_bags.py [BAG ...]
 
-In closed loop the predictive controller welds and the decentralized one runs in shadow, so that a bag tests both; one
-scenario is welded by the decentralized controller as well.
+In closed loop the predictive controller welds and the decentralized one runs in shadow, so that a
+bag tests both; one scenario is welded by the decentralized controller as well.
 
-To be run when a change of plant or controllers is meant to change the welds; ``test/test_golden_bags.py`` then holds
-the new ones.
+To be run when a change of plant or controllers is meant to change the welds;
+``test/test_golden_bags.py`` then holds the new ones.
 """
 
 import json
@@ -75,7 +75,9 @@ def record(name: str, target: Path) -> None:
     size = sum(file.stat().st_size for file in target.iterdir())
     print(f"{target.relative_to(WORKSPACE)}: {size} bytes, {result['ticks']} ticks")
     if size > LARGEST_BYTES:
-        raise SystemExit(f"{target}: larger than {LARGEST_BYTES} bytes; shorten the scenario or record fewer topics")
+        raise SystemExit(
+            f"{target}: larger than {LARGEST_BYTES} bytes; shorten the scenario or record fewer topics"
+        )
 
 
 def end_of_scenario(bag: Path, duration_s: float) -> int:

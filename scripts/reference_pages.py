@@ -42,8 +42,16 @@ def parameter_table(specs: dict[str, ParameterSpec]) -> list[str]:
     """A table of parameters."""
     rows = []
     for spec in specs.values():
-        default = ", ".join(map(str, spec.default)) if isinstance(spec.default, list) else str(spec.default)
-        allowed = ", ".join(spec.options) if spec.range is None else f"{spec.range[0]:g} … {spec.range[1]:g}"
+        default = (
+            ", ".join(map(str, spec.default))
+            if isinstance(spec.default, list)
+            else str(spec.default)
+        )
+        allowed = (
+            ", ".join(spec.options)
+            if spec.range is None
+            else f"{spec.range[0]:g} … {spec.range[1]:g}"
+        )
         text = spec.text + (" (at start only)" if spec.read_only else "")
         rows.append((f"`{spec.name}`", spec.type, default, allowed, spec.unit, text))
     return table(("parameter", "type", "default", "range", "unit", "meaning"), rows)
@@ -68,7 +76,8 @@ def describes_parameters(text: str) -> bool:
     """Whether a YAML file is one that describes parameters."""
     content = yaml.safe_load(text)
     return isinstance(content, dict) and all(
-        name == INCLUDE or (isinstance(entry, dict) and "default_value" in entry) for name, entry in content.items()
+        name == INCLUDE or (isinstance(entry, dict) and "default_value" in entry)
+        for name, entry in content.items()
     )
 
 
@@ -78,17 +87,31 @@ def parameters() -> dict[str, str]:
     for path in sorted(of_packages("fsw_*/fsw_*/*.yaml"), key=lambda path: path.parts[-3:]):
         text = path.read_text(encoding="utf-8")
         if describes_parameters(text):
-            comment = [line.lstrip("# ") for line in takewhile(lambda line: line.startswith("#"), text.splitlines())]
+            comment = [
+                line.lstrip("# ")
+                for line in takewhile(lambda line: line.startswith("#"), text.splitlines())
+            ]
             comment = [line.replace("<", "&lt;") for line in comment]
             specs = parse(text, str(path))
             name = f"parameters-{path.stem.replace('_', '-')}"
             title = f"Parameters: {path.name} ({path.parent.name})"
             intro = [*comment, *([""] if comment else [])]
             pages[name] = page(title, *intro, *parameter_table(specs))
-            rows.append((f"[{path.name}]({name}.md)", path.parent.name, len(specs), " ".join(comment).split(". ")[0]))
-            if len(pages[name].split()) > LONGEST_PAGE:  # groups, as limits.*, on a page of their own
+            rows.append(
+                (
+                    f"[{path.name}]({name}.md)",
+                    path.parent.name,
+                    len(specs),
+                    " ".join(comment).split(". ")[0],
+                )
+            )
+            if (
+                len(pages[name].split()) > LONGEST_PAGE
+            ):  # groups, as limits.*, on a page of their own
                 groups = {key: spec for key, spec in specs.items() if "." in key}
-                names = ", ".join(f"`{one}`" for one in dict.fromkeys(key.partition(".")[0] for key in groups))
+                names = ", ".join(
+                    f"`{one}`" for one in dict.fromkeys(key.partition(".")[0] for key in groups)
+                )
                 more = [f"The groups {names} are [on a page of their own]({name}-groups.md).", ""]
                 single = {key: spec for key, spec in specs.items() if key not in groups}
                 pages[name] = page(title, *intro, *more, *parameter_table(single))
@@ -115,7 +138,11 @@ def tuning_file() -> dict[str, str]:
         for name, text in meanings(model).items():
             values = [attrgetter(place + name)(preset) for preset in presets]
             if not isinstance(values[0], Model):
-                yield (f"`{place}{name}`", *(f"{v:.6g}" if isinstance(v, float) else v for v in values), text)
+                yield (
+                    f"`{place}{name}`",
+                    *(f"{v:.6g}" if isinstance(v, float) else v for v in values),
+                    text,
+                )
 
     header, name = ("field", "`default`", "`paper`", "meaning"), "parameters-tuning"
     own = (*rows(Tuning), *rows(ApproachTuning, "approach."))
@@ -136,19 +163,39 @@ def tuning_file() -> dict[str, str]:
 def meanings(model: type[Model]) -> dict[str, str]:
     """What a model says of each field; its own description where it says nothing."""
     summary = (model.__doc__ or "").split("\n")[0]
-    return {name: descriptions(model).get(name, summary).replace("``", "`") for name in model.model_fields}
+    return {
+        name: descriptions(model).get(name, summary).replace("``", "`")
+        for name in model.model_fields
+    }
 
 
 def messages() -> dict[str, str]:
     """Pages of the definitions: messages of control, of state, of operation and quality, services, actions."""
     folder = WORKSPACE / "src/fsw_msgs"
-    watching = ("AlarmEvent", "OperatorAction", "WeldFinding", "WeldHealth", "WeldKpi", "WeldProgress")
+    watching = (
+        "AlarmEvent",
+        "OperatorAction",
+        "WeldFinding",
+        "WeldHealth",
+        "WeldKpi",
+        "WeldProgress",
+    )
     state = ("ControllerHealth", "ControllerStatus", "Reason", "SupervisorState")
-    control = [path for path in sorted((folder / "msg").glob("*.msg")) if path.stem not in (*watching, *state)]
+    control = [
+        path
+        for path in sorted((folder / "msg").glob("*.msg"))
+        if path.stem not in (*watching, *state)
+    ]
     groups = {
         "messages": ("Messages of control", control),
-        "messages-state": ("Messages of state, and reasons", [folder / "msg" / f"{name}.msg" for name in state]),
-        "messages-watch": ("Messages of operation and quality", [folder / "msg" / f"{name}.msg" for name in watching]),
+        "messages-state": (
+            "Messages of state, and reasons",
+            [folder / "msg" / f"{name}.msg" for name in state],
+        ),
+        "messages-watch": (
+            "Messages of operation and quality",
+            [folder / "msg" / f"{name}.msg" for name in watching],
+        ),
         "services": ("Services", sorted((folder / "srv").glob("*.srv"))),
         "actions": ("Actions", sorted((folder / "action").glob("*.action"))),
     }
@@ -156,7 +203,14 @@ def messages() -> dict[str, str]:
     for name, (heading, paths) in groups.items():
         lines = ["Definitions in `fsw_msgs`, with their comments. Units are SI."]
         for path in paths:
-            lines += ["", f"## {path.stem}", "", "```", path.read_text(encoding="utf-8").strip(), "```"]
+            lines += [
+                "",
+                f"## {path.stem}",
+                "",
+                "```",
+                path.read_text(encoding="utf-8").strip(),
+                "```",
+            ]
         pages[name] = page(heading, *lines)
     return pages
 
@@ -169,11 +223,31 @@ def model_tables(model: type[Model], heading: str = "##") -> list[str]:
         required = one.get("required", [])
         rows = []
         if "enum" in one:
-            lines += ["", f"{heading} {title(name)}", "", one.get("description", ""), "", allowed(one)]
+            lines += [
+                "",
+                f"{heading} {title(name)}",
+                "",
+                one.get("description", ""),
+                "",
+                allowed(one),
+            ]
             continue
         for key, value in one["properties"].items():
-            default = f"`{json.dumps(value['default'])}`" if "default" in value else "needed" if key in required else ""
-            rows.append((f"`{key}`", allowed(value), default, value.get("description", "").replace("\n", " ")))
+            default = (
+                f"`{json.dumps(value['default'])}`"
+                if "default" in value
+                else "needed"
+                if key in required
+                else ""
+            )
+            rows.append(
+                (
+                    f"`{key}`",
+                    allowed(value),
+                    default,
+                    value.get("description", "").replace("\n", " "),
+                )
+            )
         lines += ["", f"{heading} {title(name) if name else 'Keys'}", ""]
         lines += [one["description"], ""] if name else []
         lines += table(("key", "value", "default", "meaning"), rows)
@@ -197,13 +271,18 @@ def allowed(value: dict[str, Any]) -> str:
     if "minimum" in value:
         return str(Range(value["minimum"], value["maximum"], value.get("unit", "")))
     words = {"object": "mapping", "boolean": "`true`, `false`", "string": "text"}
-    return "letters, digits, `_`" if "pattern" in value else words.get(value["type"], value["type"])
+    return (
+        "letters, digits, `_`" if "pattern" in value else words.get(value["type"], value["type"])
+    )
 
 
 def scenarios() -> dict[str, str]:
     """A page of the keys and ranges of scenario files, and one of the shipped scenarios."""
     loaded = [scenario_file.load(name) for name in scenario_file.shipped()]
-    shipped = [(f"`{one.name}`", f"{one.duration_s:g}", " ".join(one.description.split())) for one in loaded]
+    shipped = [
+        (f"`{one.name}`", f"{one.duration_s:g}", " ".join(one.description.split()))
+        for one in loaded
+    ]
     changes = "; ".join(
         f"`{name}` by {step:g} {unit} at once, {rate:g} {unit}/s as a ramp"
         for name, (unit, step, rate) in LIMITS.items()
@@ -268,9 +347,21 @@ def evidence() -> dict[str, str]:
 
 def command_line() -> dict[str, str]:
     """All commands with their arguments: pages of the verbs for a running weld, its nodes, bags, and of the rest."""
-    verbs = next(one for one in operator_parser()._actions if isinstance(one, argparse._SubParsersAction)).choices
+    verbs = next(
+        one for one in operator_parser()._actions if isinstance(one, argparse._SubParsersAction)
+    ).choices
     nodes = ("param", "lifecycle", "hmi")
-    running = ("status", "reference", "disturb", "fault", "switch", "controllers", "mode", "acknowledge", "weld")
+    running = (
+        "status",
+        "reference",
+        "disturb",
+        "fault",
+        "switch",
+        "controllers",
+        "mode",
+        "acknowledge",
+        "weld",
+    )
     running = (*running, "commission")
     quality = ("procedure", "record", "monitor", "history")
     whole = ("demo", "node", "completion", "schema")
@@ -285,8 +376,12 @@ def command_line() -> dict[str, str]:
     }
     pages, lines = {}, []
     for name, (title, members) in groups.items():
-        lines.append(f"- [{title.partition(': ')[2]}]({name}.md): {', '.join(f'`{verb}`' for verb in sorted(members))}")
-        pages[name] = page(title, *(line for verb in verbs if verb in members for line in command(verbs[verb])))
+        lines.append(
+            f"- [{title.partition(': ')[2]}]({name}.md): {', '.join(f'`{verb}`' for verb in sorted(members))}"
+        )
+        pages[name] = page(
+            title, *(line for verb in verbs if verb in members for line in command(verbs[verb]))
+        )
     overview = [
         "`scripts/fsw.py` has a verb for everything; installed as a package, the command is `fsw`:",
         "",
@@ -311,7 +406,13 @@ def sentence(parser: argparse.ArgumentParser) -> str:
 
 def command(parser: argparse.ArgumentParser) -> list[str]:
     """A command and its subcommands."""
-    lines = [f"## {' '.join(parser.prog.split()[1:])}", "", sentence(parser), *arguments(parser), ""]
+    lines = [
+        f"## {' '.join(parser.prog.split()[1:])}",
+        "",
+        sentence(parser),
+        *arguments(parser),
+        "",
+    ]
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             lines += [line for one in action.choices.values() for line in command(one)]
@@ -325,7 +426,9 @@ def arguments(parser: argparse.ArgumentParser) -> list[str]:
         if not isinstance(action, argparse._SubParsersAction | argparse._HelpAction):
             chosen = f"one of {', '.join(map(str, action.choices))}" if action.choices else ""
             text = argparse.HelpFormatter("")._expand_help(action) if action.help else ""
-            rows.append((f"`{argument(action)}`", "; ".join(part for part in (chosen, text) if part)))
+            rows.append(
+                (f"`{argument(action)}`", "; ".join(part for part in (chosen, text) if part))
+            )
     return ["", *table(("argument", "meaning"), rows)] if rows else []
 
 
@@ -334,7 +437,9 @@ def argument(action: argparse.Action) -> str:
     value = action.metavar if isinstance(action.metavar, str) else None
     if not action.option_strings:
         value = value or action.dest
-        return {"?": f"[{value}]", "*": f"[{value} ...]", "+": f"{value} [{value} ...]"}.get(str(action.nargs), value)
+        return {"?": f"[{value}]", "*": f"[{value} ...]", "+": f"{value} [{value} ...]"}.get(
+            str(action.nargs), value
+        )
     name = action.option_strings[-1]
     text = name if action.nargs == 0 else f"{name} {value or action.dest.upper()}"
     return text if action.required else f"[{text}]"
@@ -342,6 +447,13 @@ def argument(action: argparse.Action) -> str:
 
 def reference() -> dict[str, str]:
     """All files, by name."""
-    pages = {**parameters(), **messages(), **scenarios(), **procedures(), **evidence(), **command_line()}
+    pages = {
+        **parameters(),
+        **messages(),
+        **scenarios(),
+        **procedures(),
+        **evidence(),
+        **command_line(),
+    }
     schemas = {f"{name}.schema.json": schema_text(name) for name in kinds()}
     return {f"{name}.md": text for name, text in pages.items()} | schemas

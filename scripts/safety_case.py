@@ -3,9 +3,10 @@
 
 usage: safety_case.py --publish [pytest arguments]
 
-``--publish`` runs the tests that are marked with a requirement, one after another, and writes the outcome with the
-commit into docs/results/safety_tests.json; arguments choose among them, e.g. ``-m "requirement and not real_time"``.
-Then run ``scripts/build_docs.py``, which writes the tables. It fails on a tree with changes that are not committed.
+``--publish`` runs the tests that are marked with a requirement, one after another, and writes the
+outcome with the commit into docs/results/safety_tests.json; arguments choose among them, e.g. ``-m
+"requirement and not real_time"``. Then run ``scripts/build_docs.py``, which writes the tables. It
+fails on a tree with changes that are not committed.
 """
 
 from __future__ import annotations
@@ -48,7 +49,9 @@ when a mark names an unknown requirement, or when a requirement belongs to no ha
 """
 
 
-def marked(paths: Iterable[Path] | None = None, full: bool = True) -> dict[str, list[tuple[Path, str]]]:
+def marked(
+    paths: Iterable[Path] | None = None, full: bool = True
+) -> dict[str, list[tuple[Path, str]]]:
     """Tests by the requirement in ``@pytest.mark.requirement("S1", ...)``; by default the project's. Imports none.
 
     Without ``full`` those are left out that only ``scripts/test.py --full`` runs.
@@ -63,9 +66,14 @@ def marked(paths: Iterable[Path] | None = None, full: bool = True) -> dict[str, 
                 if not full and "pytest.mark.full" in map(ast.unparse, node.decorator_list):
                     continue
                 for mark in node.decorator_list:
-                    if isinstance(mark, ast.Call) and ast.unparse(mark.func) == "pytest.mark.requirement":
+                    if (
+                        isinstance(mark, ast.Call)
+                        and ast.unparse(mark.func) == "pytest.mark.requirement"
+                    ):
                         for one in mark.args:
-                            found.setdefault(str(ast.literal_eval(one)), []).append((path, node.name))
+                            found.setdefault(str(ast.literal_eval(one)), []).append(
+                                (path, node.name)
+                            )
     return found
 
 
@@ -77,15 +85,26 @@ def _tree(text: str) -> ast.Module:
 def test_files() -> list[Path]:
     """All files with tests."""
     folders = [folder for pattern in TESTS for folder in sorted(WORKSPACE.glob(pattern))]
-    return [path for folder in folders for path in sorted(folder.rglob("*.py")) if "test" in path.name]
+    return [
+        path for folder in folders for path in sorted(folder.rglob("*.py")) if "test" in path.name
+    ]
 
 
-def faults(requirements: Mapping[str, str], tests: Mapping[str, list[tuple[Path, str]]], page: str) -> list[str]:
+def faults(
+    requirements: Mapping[str, str], tests: Mapping[str, list[tuple[Path, str]]], page: str
+) -> list[str]:
     """What is wrong with the safety case, whose hazards are on a page; one line each."""
     named = set(re.findall(r"\bS\d+\b", page))
-    found = [f"{one}: no test has @pytest.mark.requirement({one!r})" for one in requirements if one not in tests]
+    found = [
+        f"{one}: no test has @pytest.mark.requirement({one!r})"
+        for one in requirements
+        if one not in tests
+    ]
     found += [f"{one}: in no hazard of {PAGE.name}" for one in requirements if one not in named]
-    found += [f"{one}: {PAGE.name} names it, {REQUIREMENTS.name} does not" for one in sorted(named - set(requirements))]
+    found += [
+        f"{one}: {PAGE.name} names it, {REQUIREMENTS.name} does not"
+        for one in sorted(named - set(requirements))
+    ]
     for one in sorted(set(tests) - set(requirements)):
         places = ", ".join(f"{path.name}::{name}" for path, name in tests[one])
         found.append(f"{one}: the mark of {places} names no requirement of {REQUIREMENTS.name}")
@@ -93,7 +112,9 @@ def faults(requirements: Mapping[str, str], tests: Mapping[str, list[tuple[Path,
 
 
 def table(
-    requirements: Mapping[str, str], tests: Mapping[str, list[tuple[Path, str]]], results: Mapping[str, Any]
+    requirements: Mapping[str, str],
+    tests: Mapping[str, list[tuple[Path, str]]],
+    results: Mapping[str, Any],
 ) -> str:
     """Requirements, their tests and the last outcome as Markdown."""
     rows = [("", "requirement", "tests", "last run")]
@@ -101,7 +122,9 @@ def table(
         files: dict[str, list[str]] = {}
         for path, name in sorted(tests.get(one, [])):
             files.setdefault(path.name, []).append(f"`{name}`")
-        shown = "<br>".join(f"{name}: {', '.join(sorted(set(names)))}" for name, names in files.items())
+        shown = "<br>".join(
+            f"{name}: {', '.join(sorted(set(names)))}" for name, names in files.items()
+        )
         rows.append((one, " ".join(text.split()), shown, outcome(results, one)))
     return "\n".join([HEAD, *_last_run(results), "", markdown.table(rows, words=None), ""])
 
@@ -128,24 +151,43 @@ def _verdict(counts: Mapping[str, int]) -> str:
 
 def load_results() -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     """Outcomes of the tests and reaction times, as they were written last."""
-    tests, reactions = (json.loads(path.read_text(encoding="utf-8")) for path in (RESULTS, REACTIONS))
+    tests, reactions = (
+        json.loads(path.read_text(encoding="utf-8")) for path in (RESULTS, REACTIONS)
+    )
     return tests, reactions
 
 
 def with_tables(
-    page: str, requirements: Iterable[str], results: Mapping[str, Any], reactions: Mapping[str, Any]
+    page: str,
+    requirements: Iterable[str],
+    results: Mapping[str, Any],
+    reactions: Mapping[str, Any],
 ) -> str:
     """The page of the safety case with its generated tables as they are now."""
-    groups: dict[str, list[str]] = {"passed": [], "failed": [], "passed in part": [], "skipped": [], "not run": []}
+    groups: dict[str, list[str]] = {
+        "passed": [],
+        "failed": [],
+        "passed in part": [],
+        "skipped": [],
+        "not run": [],
+    }
     for one in requirements:
         groups[_verdict(results["requirements"].get(one, {}))].append(one)
     total, passed = sum(map(len, groups.values())), len(groups.pop("passed"))
     rest = "; ".join(f"{name}: {', '.join(ones) or 'none'}" for name, ones in groups.items())
     summary = f"Passed with all their tests: {passed} of {total} requirements; {rest}."
-    tables = {"reaction times": reaction_table(reactions), "last run": "\n".join([*_last_run(results), summary])}
+    tables = {
+        "reaction times": reaction_table(reactions),
+        "last run": "\n".join([*_last_run(results), summary]),
+    }
     for name, text in tables.items():
         pattern = rf"(<!-- {name}: begin -->\n).*?(\n<!-- {name}: end -->)"
-        page = re.sub(pattern, lambda match, text=text: f"{match[1]}\n{text}\n{match[2]}", page, flags=re.DOTALL)
+        page = re.sub(
+            pattern,
+            lambda match, text=text: f"{match[1]}\n{text}\n{match[2]}",
+            page,
+            flags=re.DOTALL,
+        )
     return page
 
 
@@ -155,9 +197,14 @@ def reaction_table(reactions: Mapping[str, Any]) -> str:
     cells = [("hazard", "fault", "limit", "by", *columns)]
     for row in reactions["rows"]:
         limit = row["limit"].split(" ", 1)
-        times = [f"{row[key]:g} s" if row[key] is not None else "–" for key in ("reaction_s", "process_safety_s")]
+        times = [
+            f"{row[key]:g} s" if row[key] is not None else "–"
+            for key in ("reaction_s", "process_safety_s")
+        ]
         by = row["by"] or "**no reaction**"
-        peaks = " / ".join(_peak(row[f"worst_{key}_reaction"], row["unit"]) for key in ("with", "without"))
+        peaks = " / ".join(
+            _peak(row[f"worst_{key}_reaction"], row["unit"]) for key in ("with", "without")
+        )
         cells.append((row["hazard"], row["fault"], limit[1], by, *times, peaks))
     return "\n".join([markdown.table(cells, words=4), "", _coverage(reactions["rows"])])
 
@@ -214,10 +261,15 @@ def publish(arguments: list[str]) -> int:
     import pytest
 
     def git(*words: str) -> str:
-        return subprocess.run(["git", *words], cwd=WORKSPACE, check=True, capture_output=True, text=True).stdout.strip()
+        return subprocess.run(
+            ["git", *words], cwd=WORKSPACE, check=True, capture_output=True, text=True
+        ).stdout.strip()
 
     if git("status", "--porcelain", "--untracked-files=no"):
-        print("safety_case.py: commit the changes first: the outcome is published with its commit", file=sys.stderr)
+        print(
+            "safety_case.py: commit the changes first: the outcome is published with its commit",
+            file=sys.stderr,
+        )
         return 2
     chosen = arguments or ["-m", "requirement and not full"]
     commit, date = git("rev-parse", "--short=10", "HEAD"), git("show", "-s", "--format=%cs")

@@ -3,13 +3,15 @@
 
 usage: test.py [--full] [--lint] [--fast] [--core] [--oldest] [pytest arguments]
 
-Without arguments all tests run that need no minutes of computing, several at a time, and those against the clock after
-the others. ``--full`` runs these, too: sanitizers, other processors, FMUs, comparisons, tuning. ``--fast`` leaves out
-all tests marked as slow. ``--lint`` also runs ruff, mypy and, on the operator's page, tsc and ESLint, and builds the
-documentation. ``--core`` runs README's demo and the core's fast tests in a copy without quality and lab, and nothing
-else. ``--oldest`` runs the tests of the packages that compute, draw and read bags in an environment of its own
-with the oldest supported versions of numpy, scipy, matplotlib, ... (Python 3.11); with ``--fast`` in a minute. Where
-pytest gets arguments (paths, -k, -m), the tests that these choose run one after another.
+Without arguments all tests run that need no minutes of computing, several at a time, and those
+against the clock after the others. ``--full`` runs these, too: sanitizers, other processors, FMUs,
+comparisons, tuning. ``--fast`` leaves out all tests marked as slow. ``--lint`` also runs ruff,
+mypy and, on the operator's page, tsc and ESLint, and builds the documentation. ``--core`` runs
+README's demo and the core's fast tests in a copy without quality and lab, and nothing else.
+``--oldest`` runs the tests of the packages that compute, draw and read bags in an environment of
+its own with the oldest supported versions of numpy, scipy, matplotlib, ... (Python 3.11); with
+``--fast`` in a minute. Where pytest gets arguments (paths, -k, -m), the tests that these choose
+run one after another.
 """
 
 import os
@@ -27,11 +29,13 @@ from _bootstrap import (
 )
 
 OLDEST = "--oldest"
-#: Most tests of processes wait for each other, so that a core has room for three. The tests of a file stay together:
-#: they share fixtures, and those of a launch file come one after the other. Files come in the order of ``testpaths``.
+#: Most tests of processes wait for each other, so that a core has room for three. The tests of a
+#: file stay together: they share fixtures, and those of a launch file come one after the other.
+#: Files come in the order of ``testpaths``.
 BY_FILE = ["--dist", "loadfile", "--no-loadscope-reorder"]
 PARALLEL = ["-n", str(min(8, 2 * (os.cpu_count() or 1))), *BY_FILE]
-#: Graphs against the clock, after all others: only their folders are collected, those of the longest files first.
+#: Graphs against the clock, after all others: only their folders are collected, those of the
+#: longest files first.
 REAL_TIME = [
     "test/machine",
     "test/hmi",
@@ -44,8 +48,18 @@ REAL_TIME = [
 OLDEST_PACKAGES = ["model", "control", "decentral", "plant", "recorder", "analysis", "scenario"]
 #: Campaigns need pyarrow, and that a newer numpy.
 NO_CAMPAIGN = ["--ignore", "lab/fsw_lab/test/test_lab_campaign.py", "-k", "not campaign"]
-OLDEST_LAB = ["lab/fsw_identification/test", "lab/fsw_tuning/test", "lab/fsw_lab/test", "quality/fsw_quality/test"]
-OLDEST_TESTS = [*(f"src/fsw_{name}/test" for name in OLDEST_PACKAGES), "src/fsw/test", *OLDEST_LAB, *NO_CAMPAIGN]
+OLDEST_LAB = [
+    "lab/fsw_identification/test",
+    "lab/fsw_tuning/test",
+    "lab/fsw_lab/test",
+    "quality/fsw_quality/test",
+]
+OLDEST_TESTS = [
+    *(f"src/fsw_{name}/test" for name in OLDEST_PACKAGES),
+    "src/fsw/test",
+    *OLDEST_LAB,
+    *NO_CAMPAIGN,
+]
 if sys.argv[1:2] in (["-h"], ["--help"]):  # nothing needs to be installed for this
     print(__doc__)
     sys.exit()
@@ -69,15 +83,22 @@ def rewrite_assertions() -> None:
     print("== preparing the tests", flush=True)
     collect = [sys.executable, "-m", "pytest", "--collect-only", "-qq"]
     halves = (["test", "quality", "lab"], ["src"])
-    running = [subprocess.Popen([*collect, *half], cwd=WORKSPACE, stdout=subprocess.DEVNULL) for half in halves]
+    running = [
+        subprocess.Popen([*collect, *half], cwd=WORKSPACE, stdout=subprocess.DEVNULL)
+        for half in halves
+    ]
     for one in running:
         one.wait()
 
 
 def main() -> int:
     """Run what was asked for; the exit code is the first that is not 0."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it, and so would nodes
-    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else each of a thousand processes would compile what it imports
+    signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # a shell's background jobs ignore it, and so would nodes
+    os.environ.pop(
+        "PYTHONDONTWRITEBYTECODE", None
+    )  # else each of a thousand processes would compile what it imports
     arguments = sys.argv[1:]
     if "--core" in arguments:
         from _core import check
@@ -98,11 +119,19 @@ def main() -> int:
 
         codes.append(lint())
         print("== documentation", flush=True)
-        codes.append(subprocess.run([sys.executable, WORKSPACE / "scripts" / "build_docs.py", "--check"]).returncode)
+        codes.append(
+            subprocess.run(
+                [sys.executable, WORKSPACE / "scripts" / "build_docs.py", "--check"]
+            ).returncode
+        )
     full, fast = "--full" in arguments, "--fast" in arguments
     arguments = [one for one in arguments if one not in ("--full", "--fast")]
     if arguments or fast:
-        codes.append(run("pytest", "pytest", *(["-m", "not slow"] if fast else []), *(arguments or PARALLEL)))
+        codes.append(
+            run(
+                "pytest", "pytest", *(["-m", "not slow"] if fast else []), *(arguments or PARALLEL)
+            )
+        )
     else:
         chosen = "" if full else " and not full"
         rewrite_assertions()

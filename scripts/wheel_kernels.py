@@ -1,8 +1,8 @@
 """Build hook of the wheel: compiles the controllers' libraries into it, and says for which machine they are.
 
-``FSW_WHEEL_PLATFORM``, e.g. ``manylinux_2_17_aarch64``, names another machine: then the ziglang wheel compiles. Where
-no C compiler is found, the wheel is made without libraries; they are compiled at the first start, into the user's
-cache.
+``FSW_WHEEL_PLATFORM``, e.g. ``manylinux_2_17_aarch64``, names another machine: then the ziglang
+wheel compiles. Where no C compiler is found, the wheel is made without libraries; they are
+compiled at the first start, into the user's cache.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ def zig_target(platform: str) -> str:
     """Target of zig for a platform tag, e.g. ``x86_64-linux-gnu.2.17``."""
     found = re.fullmatch(r"manylinux_(\d+)_(\d+)_(x86_64|aarch64)", platform)
     if found is None:
-        sys.exit(f"{PLATFORM}={platform}: give a tag such as manylinux_2_17_x86_64 or manylinux_2_17_aarch64")
+        sys.exit(
+            f"{PLATFORM}={platform}: give a tag such as manylinux_2_17_x86_64 or manylinux_2_17_aarch64"
+        )
     return f"{found[3]}-linux-gnu.{found[1]}.{found[2]}"
 
 
@@ -45,7 +47,9 @@ class CustomBuildHook(BuildHookInterface[Any]):
         zig = [sys.executable, "-m", "ziglang", "cc"]
         command = [*zig, "-target", zig_target(platform)] if platform else compiler()
         if command is None:
-            self.app.display_warning("no C compiler: the controllers will be compiled at their first start")
+            self.app.display_warning(
+                "no C compiler: the controllers will be compiled at their first start"
+            )
             return
         self._folder = tempfile.mkdtemp()
         for package in PACKAGES:

@@ -1,6 +1,7 @@
 """One weld in the bags of other recorders, versions and accidents: the same figures from each, and its recovered copy.
 
-Each form follows a public report or a version of rosbag2. What each form can lose is tested beside the reader.
+Each form follows a public report or a version of rosbag2. What each form can lose is tested beside
+the reader.
 """
 
 from __future__ import annotations
@@ -48,7 +49,8 @@ class Source:
 
 
 Make = Callable[[Source, Path], None]
-#: by name: writes the weld into an empty folder; the number of remarks on reading it; receive times may be wrong
+#: by name: writes the weld into an empty folder; the number of remarks on reading it; receive
+#: times may be wrong
 FORMS: dict[str, tuple[Make, int]] = {}
 
 
@@ -75,7 +77,10 @@ def write_mcap(
     path: Path,
     source: Source,
     records: Iterable[BagRecord] | None = None,
-    definition: Callable[[RecordedTopic], tuple[str, bytes]] = lambda topic: ("ros2msg", topic.definition.encode()),
+    definition: Callable[[RecordedTopic], tuple[str, bytes]] = lambda topic: (
+        "ros2msg",
+        topic.definition.encode(),
+    ),
     **options: Any,
 ) -> None:
     """One MCAP file by the reference library, in the order given."""
@@ -89,23 +94,37 @@ def write_mcap(
             channels[name] = writer.register_channel(name, "cdr", schema)
         for record in source.records if records is None else records:
             writer.add_message(
-                channels[record.topic], record.log_time_ns, record.data, record.publish_time_ns, record.sequence
+                channels[record.topic],
+                record.log_time_ns,
+                record.data,
+                record.publish_time_ns,
+                record.sequence,
             )
         writer.add_attachment(0, 0, "scenario.yaml", "application/yaml", source.scenario)
         writer.finish()
 
 
-def write_sqlite(path: Path, source: Source, version: int, journal: str = "DELETE") -> sqlite3.Connection:
+def write_sqlite(
+    path: Path, source: Source, version: int, journal: str = "DELETE"
+) -> sqlite3.Connection:
     """One sqlite3 file with rosbag2's tables of a version: 1 before Foxy, 2 Foxy, 3 Humble, 4 Iron to Rolling."""
     base = sqlite3.connect(path, isolation_level=None)
     base.execute(f"PRAGMA journal_mode={journal}")
     base.execute("PRAGMA wal_autocheckpoint=0")
     base.execute(SQL[max(one for one in SQL if one <= version)])
-    base.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)")
+    base.execute(
+        "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
+    )
     if version >= 3:
-        base.execute("CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL)")
-        base.execute("INSERT INTO schema VALUES (?, ?)", (version, "humble" if version == 3 else "rolling"))
-        base.execute("CREATE TABLE metadata(id INTEGER PRIMARY KEY, metadata_version INTEGER, metadata TEXT)")
+        base.execute(
+            "CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL)"
+        )
+        base.execute(
+            "INSERT INTO schema VALUES (?, ?)", (version, "humble" if version == 3 else "rolling")
+        )
+        base.execute(
+            "CREATE TABLE metadata(id INTEGER PRIMARY KEY, metadata_version INTEGER, metadata TEXT)"
+        )
     if version >= 4:
         base.execute(
             "CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT, encoding TEXT, "
@@ -113,7 +132,13 @@ def write_sqlite(path: Path, source: Source, version: int, journal: str = "DELET
         )
     numbers = {name: number for number, name in enumerate(source.topics, 1)}
     for name, topic in source.topics.items():
-        values = [numbers[name], name, topic.type_name, "cdr", *["", topic.type_hash][: max(0, min(version, 4) // 2)]]
+        values = [
+            numbers[name],
+            name,
+            topic.type_name,
+            "cdr",
+            *["", topic.type_hash][: max(0, min(version, 4) // 2)],
+        ]
         base.execute(f"INSERT INTO topics VALUES ({','.join('?' * len(values))})", values)
         if version >= 4:
             row = (numbers[name], topic.type_name, "ros2msg", topic.definition, topic.type_hash)
@@ -126,15 +151,31 @@ def write_sqlite(path: Path, source: Source, version: int, journal: str = "DELET
     return base
 
 
-def metadata(version: int, storage: str, files: list[str], source: Source, **changes: Any) -> bytes:
+def metadata(
+    version: int, storage: str, files: list[str], source: Source, **changes: Any
+) -> bytes:
     """Text of metadata.yaml in a version of rosbag2: 4 Foxy, 5 Humble, 9 Jazzy and Rolling."""
     begin, end = (source.records[at].log_time_ns for at in (0, -1))
-    counts = {name: sum(record.topic == name for record in source.records) for name in source.topics}
-    times = {"starting_time": {"nanoseconds_since_epoch": begin}, "duration": {"nanoseconds": end - begin}}
+    counts = {
+        name: sum(record.topic == name for record in source.records) for name in source.topics
+    }
+    times = {
+        "starting_time": {"nanoseconds_since_epoch": begin},
+        "duration": {"nanoseconds": end - begin},
+    }
     topics = []
     for name, topic in source.topics.items():
-        own = {"name": name, "type": topic.type_name, "serialization_format": "cdr", "offered_qos_profiles": ""}
-        own |= {"type_description_hash": topic.type_hash, "offered_qos_profiles": []} if version >= 9 else {}
+        own = {
+            "name": name,
+            "type": topic.type_name,
+            "serialization_format": "cdr",
+            "offered_qos_profiles": "",
+        }
+        own |= (
+            {"type_description_hash": topic.type_hash, "offered_qos_profiles": []}
+            if version >= 9
+            else {}
+        )
         topics.append({"topic_metadata": own, "message_count": counts[name]})
     content = {
         "version": version,
@@ -147,7 +188,9 @@ def metadata(version: int, storage: str, files: list[str], source: Source, **cha
         "compression_mode": "",
     }
     if version >= 5:
-        content["files"] = [{"path": name, **times, "message_count": len(source.records)} for name in files]
+        content["files"] = [
+            {"path": name, **times, "message_count": len(source.records)} for name in files
+        ]
     if version >= 9:
         content |= {"custom_data": None, "ros_distro": "rolling"}
     return yaml.safe_dump({"rosbag2_bagfile_information": content | changes}).encode()
@@ -166,7 +209,11 @@ def _(source: Source, bag: Path) -> None:
 
 for _name, _options in {
     "mcap, not in chunks": {"use_chunking": False},
-    "mcap, without index": {"index_types": IndexType.NONE, "use_statistics": False, "use_summary_offsets": False},
+    "mcap, without index": {
+        "index_types": IndexType.NONE,
+        "use_statistics": False,
+        "use_summary_offsets": False,
+    },
     "mcap, no copies in the summary": {"repeat_channels": False, "repeat_schemas": False},
     "mcap, lz4": {"compression": CompressionType.LZ4},
     "mcap, zstd, small chunks": {"compression": CompressionType.ZSTD, "chunk_size": 4096},
@@ -190,26 +237,38 @@ def _(source: Source, bag: Path) -> None:
 
 @form("mcap with definitions in IDL", remarks=1)
 def _(source: Source, bag: Path) -> None:
-    write_mcap(bag / "weld.mcap", source, definition=lambda topic: ("ros2idl", b"module fsw_msgs { module msg { }; };"))
+    write_mcap(
+        bag / "weld.mcap",
+        source,
+        definition=lambda topic: ("ros2idl", b"module fsw_msgs { module msg { }; };"),
+    )
 
 
 @form("mcap, clock of the recorder set back by an hour in mid-weld", remarks=2)
 def _(source: Source, bag: Path) -> None:
     half = source.records[len(source.records) // 2].log_time_ns
-    back = [one._replace(log_time_ns=one.log_time_ns - HOUR_NS * (one.log_time_ns > half)) for one in source.records]
+    back = [
+        one._replace(log_time_ns=one.log_time_ns - HOUR_NS * (one.log_time_ns > half))
+        for one in source.records
+    ]
     write_mcap(bag / "weld.mcap", source, back)
 
 
 @form("mcap, all messages twice", remarks=2)
 def _(source: Source, bag: Path) -> None:
-    write_mcap(bag / "weld.mcap", source, [record for one in source.records for record in (one, one)])
+    write_mcap(
+        bag / "weld.mcap", source, [record for one in source.records for record in (one, one)]
+    )
 
 
 for _unknown in (0, 2**64 - 1):
 
     @form(f"mcap, receive time {_unknown} now and then", remarks=2)
     def _(source: Source, bag: Path, unknown: int = _unknown) -> None:
-        odd = [one._replace(log_time_ns=unknown) if k % 97 == 5 else one for k, one in enumerate(source.records)]
+        odd = [
+            one._replace(log_time_ns=unknown) if k % 97 == 5 else one
+            for k, one in enumerate(source.records)
+        ]
         write_mcap(bag / "weld.mcap", source, odd)
 
 
@@ -236,7 +295,9 @@ def _(source: Source, bag: Path) -> None:
     write_mcap(bag / "weld_0.mcap", source)
     compress(bag / "weld_0.mcap")
     changes = {"compression_format": "zstd", "compression_mode": "FILE"}
-    (bag / "metadata.yaml").write_bytes(metadata(9, "mcap", ["weld_0.mcap.zstd"], source, **changes))
+    (bag / "metadata.yaml").write_bytes(
+        metadata(9, "mcap", ["weld_0.mcap.zstd"], source, **changes)
+    )
 
 
 @form("mcap, compressed as a file, listed without its suffix")
@@ -252,7 +313,9 @@ for _changed, _listed, _compressed in (
 ):
 
     @form(f"mcap in two files, the first {_changed} since")
-    def _(source: Source, bag: Path, listed: list[str] = _listed, compressed: str = _compressed) -> None:
+    def _(
+        source: Source, bag: Path, listed: list[str] = _listed, compressed: str = _compressed
+    ) -> None:
         half = len(source.records) // 2
         write_mcap(bag / "weld_0.mcap", source, source.records[:half])
         write_mcap(bag / "weld_1.mcap", source, source.records[half:])
@@ -266,12 +329,21 @@ def _(source: Source, bag: Path) -> None:
     (bag / "metadata.yaml").unlink()
 
 
-for _version, _distro, _metadata in ((1, "Eloquent", 3), (2, "Foxy", 4), (3, "Humble", 5), (4, "Rolling", 9)):
+for _version, _distro, _metadata in (
+    (1, "Eloquent", 3),
+    (2, "Foxy", 4),
+    (3, "Humble", 5),
+    (4, "Rolling", 9),
+):
 
     @form(f"sqlite3 of {_distro}")
-    def _(source: Source, bag: Path, version: int = _version, of_metadata: int = _metadata) -> None:
+    def _(
+        source: Source, bag: Path, version: int = _version, of_metadata: int = _metadata
+    ) -> None:
         write_sqlite(bag / "weld_0.db3", source, version).close()
-        (bag / "metadata.yaml").write_bytes(metadata(of_metadata, "sqlite3", ["weld_0.db3"], source))
+        (bag / "metadata.yaml").write_bytes(
+            metadata(of_metadata, "sqlite3", ["weld_0.db3"], source)
+        )
 
 
 for _version in (2, 4):
@@ -292,7 +364,9 @@ def _(source: Source, bag: Path) -> None:
     write_sqlite(bag / "weld_0.db3", source, 4).close()
     compress(bag / "weld_0.db3")
     changes = {"compression_format": "zstd", "compression_mode": "FILE"}
-    (bag / "metadata.yaml").write_bytes(metadata(9, "sqlite3", ["weld_0.db3.zstd"], source, **changes))
+    (bag / "metadata.yaml").write_bytes(
+        metadata(9, "sqlite3", ["weld_0.db3.zstd"], source, **changes)
+    )
 
 
 def figures(path: Path) -> tuple[str, list[str]]:

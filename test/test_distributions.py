@@ -20,7 +20,15 @@ PROJECTS = {
     "quality": WORKSPACE / "quality" / "pyproject.toml",
     "lab": WORKSPACE / "lab" / "pyproject.toml",
 }
-GROUPS = ("fsw.commands", "fsw.nodes", "fsw.controllers", "fsw.processes", "fsw.record_hooks", "fsw.schemas", "fsw.api")
+GROUPS = (
+    "fsw.commands",
+    "fsw.nodes",
+    "fsw.controllers",
+    "fsw.processes",
+    "fsw.record_hooks",
+    "fsw.schemas",
+    "fsw.api",
+)
 
 
 def packages(folder: str) -> set[str]:
@@ -29,7 +37,9 @@ def packages(folder: str) -> set[str]:
 
 
 FOREIGN = {
-    folder: set().union(*(packages(other) for other in ABOVE if other != folder and other not in above))
+    folder: set().union(
+        *(packages(other) for other in ABOVE if other != folder and other not in above)
+    )
     for folder, above in ABOVE.items()
 }
 
@@ -48,14 +58,19 @@ def named(source: str) -> Iterator[str]:
 
 def sources(folder: str) -> list[Path]:
     files = (WORKSPACE / folder).rglob("*.py")
-    return [path for path in sorted(files) if "test" not in path.relative_to(WORKSPACE / folder).parts]
+    return [
+        path for path in sorted(files) if "test" not in path.relative_to(WORKSPACE / folder).parts
+    ]
 
 
 @pytest.mark.parametrize("folder", ABOVE)
 def test_a_distribution_names_only_those_above_it(folder: str) -> None:
     files = sources(folder)
     assert len(files) > 20
-    found = {path.relative_to(WORKSPACE): FOREIGN[folder] & {*named(path.read_text("utf-8"))} for path in files}
+    found = {
+        path.relative_to(WORKSPACE): FOREIGN[folder] & {*named(path.read_text("utf-8"))}
+        for path in files
+    }
     assert {path: names for path, names in found.items() if names} == {}
 
 
@@ -76,7 +91,9 @@ def test_no_way_to_name_another_one_escapes(text: str) -> None:
 
 
 def registered(folder: str) -> dict[str, dict[str, str]]:
-    points: dict[str, Any] = tomllib.loads(PROJECTS[folder].read_text("utf-8"))["project"]["entry-points"]
+    points: dict[str, Any] = tomllib.loads(PROJECTS[folder].read_text("utf-8"))["project"][
+        "entry-points"
+    ]
     return points
 
 
@@ -84,9 +101,16 @@ def of_setup(folder: str) -> dict[str, dict[str, str]]:
     """Entry points of our groups by the packages' setup.py, each of which registers what it has itself."""
     found: dict[str, dict[str, str]] = {}
     for file in (WORKSPACE / folder).glob("*/setup.py"):
-        calls = [node for node in ast.walk(ast.parse(file.read_text("utf-8"))) if isinstance(node, ast.Call)]
+        calls = [
+            node
+            for node in ast.walk(ast.parse(file.read_text("utf-8")))
+            if isinstance(node, ast.Call)
+        ]
         [call] = [node for node in calls if getattr(node.func, "id", "") == "setup"]
-        points = next((ast.literal_eval(word.value) for word in call.keywords if word.arg == "entry_points"), {})
+        points = next(
+            (ast.literal_eval(word.value) for word in call.keywords if word.arg == "entry_points"),
+            {},
+        )
         for group in points.keys() - {"console_scripts"}:
             for name, value in (map(str.strip, point.split("=")) for point in points[group]):
                 assert re.split("[.:]", value)[0] == file.parent.name
@@ -101,8 +125,16 @@ def test_pyproject_and_setup_register_the_same(folder: str) -> None:
 
 @pytest.mark.parametrize("group", GROUPS)
 def test_all_that_is_registered_is_seen_here_and_can_be_loaded(group: str) -> None:
-    wanted = {name: value for folder in PROJECTS for name, value in registered(folder).get(group, {}).items()}
-    assert wanted and wanted.items() <= {name: point.value for name, point in extensions(group).items()}.items()
+    wanted = {
+        name: value
+        for folder in PROJECTS
+        for name, value in registered(folder).get(group, {}).items()
+    }
+    assert (
+        wanted
+        and wanted.items()
+        <= {name: point.value for name, point in extensions(group).items()}.items()
+    )
     assert all(loaded(group, name) is not None for name in wanted)
 
 
@@ -111,9 +143,16 @@ def test_no_group_is_unknown() -> None:
 
 
 def test_scripts_run_the_nodes_that_are_registered() -> None:
-    scripts = {path.stem.removeprefix("run_"): path.read_text("utf-8") for path in WORKSPACE.glob("scripts/run_*.py")}
+    scripts = {
+        path.stem.removeprefix("run_"): path.read_text("utf-8")
+        for path in WORKSPACE.glob("scripts/run_*.py")
+    }
     started = {name: re.findall(r'start\("([\w.]+)"', text) for name, text in scripts.items()}
-    nodes = {name: [point.module] for name, point in extensions("fsw.nodes").items() if name != "procedure"}
+    nodes = {
+        name: [point.module]
+        for name, point in extensions("fsw.nodes").items()
+        if name != "procedure"
+    }
     assert started == nodes | {"machine_server": ["fsw_test_support.machine_server"]}
 
 
@@ -126,16 +165,24 @@ def extras() -> dict[tuple[str, str], str]:
         for node in ast.walk(ast.parse(path.read_text("utf-8")))
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Extra"
     ]
-    return {tuple(ast.literal_eval(word) for word in node.args[:2]): str(path) for path, node in calls}
+    return {
+        tuple(ast.literal_eval(word) for word in node.args[:2]): str(path) for path, node in calls
+    }
 
 
 def test_each_extra_is_declared_by_its_distribution_and_has_a_lock_for_clones() -> None:
     projects = [tomllib.loads(file.read_text("utf-8"))["project"] for file in PROJECTS.values()]
-    declared = {(project["name"], extra) for project in projects for extra in project["optional-dependencies"]}
+    declared = {
+        (project["name"], extra)
+        for project in projects
+        for extra in project["optional-dependencies"]
+    }
     asked = extras()
     assert len(asked) >= 8
     assert asked.keys() - declared == set()
-    assert [name for _, name in asked if not (WORKSPACE / "requirements" / f"{name}.lock").is_file()] == []
+    assert [
+        name for _, name in asked if not (WORKSPACE / "requirements" / f"{name}.lock").is_file()
+    ] == []
 
 
 def test_the_drawing_has_the_packages_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:

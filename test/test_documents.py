@@ -43,15 +43,23 @@ def commands_of(text: str) -> list[str]:
     """Commands in a page that call one of the project's programs, without those shortened by ``…``."""
     text = text.replace("\\\n", " ")
     blocks = re.findall(r"^```\w*\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
-    inline = re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL))
+    inline = re.findall(
+        r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
+    )
     lines = (line.removeprefix("$ ") for line in [*"\n".join(blocks).splitlines(), *inline])
-    return [line for line in lines if PROGRAM.match(line) and not re.search(r"…|\.\.\.|\bNAME\b", line)]
+    return [
+        line for line in lines if PROGRAM.match(line) and not re.search(r"…|\.\.\.|\bNAME\b", line)
+    ]
 
 
 def commands() -> list[tuple[str, str]]:
     """Page and text of each command on the committed pages."""
     return sorted(
-        {(str(page.relative_to(WORKSPACE)), line) for page in PAGES for line in commands_of(page.read_text("utf-8"))}
+        {
+            (str(page.relative_to(WORKSPACE)), line)
+            for page in PAGES
+            for line in commands_of(page.read_text("utf-8"))
+        }
     )
 
 
@@ -70,7 +78,11 @@ def refusal(text: str) -> str | None:
     words = shlex.split(text.partition(" > ")[0].replace("[", "").replace("]", ""), comments=True)
     if words[0] in ("python3", ".venv/bin/python") and words[1] == "-m":
         if words[0] == "python3":
-            return None if words[2] in sys.stdlib_module_names else "python3 has none of the project's modules"
+            return (
+                None
+                if words[2] in sys.stdlib_module_names
+                else "python3 has none of the project's modules"
+            )
         return None if importlib.util.find_spec(words[2]) else f"no module {words[2]}"
     words = words[1:] if words[0] in ("python3", ".venv/bin/python") else words
     script = WORKSPACE / ("scripts/fsw.py" if words[0] in ("fsw.py", "fsw") else words[0])
@@ -103,7 +115,11 @@ def refusal(text: str) -> str | None:
     if script.parent.name == "benchmarks":
         source += (script.parent / "report.py").read_text(encoding="utf-8")
     known = ("--help",) if script.name.startswith("run_") else ()
-    unknown = [word for word in given if word.startswith("--") and word not in known and f'"{word}"' not in source]
+    unknown = [
+        word
+        for word in given
+        if word.startswith("--") and word not in known and f'"{word}"' not in source
+    ]
     return f"no option {unknown[0]}" if unknown else None
 
 
@@ -150,7 +166,12 @@ def safety_case() -> ModuleType:
 
 def test_the_safety_case_is_whole(safety_case: ModuleType) -> None:
     requirements = yaml.safe_load(safety_case.REQUIREMENTS.read_text(encoding="utf-8"))
-    assert safety_case.faults(requirements, safety_case.marked(), safety_case.PAGE.read_text(encoding="utf-8")) == []
+    assert (
+        safety_case.faults(
+            requirements, safety_case.marked(), safety_case.PAGE.read_text(encoding="utf-8")
+        )
+        == []
+    )
 
 
 def test_tables_of_the_safety_case_are_those_of_the_results(safety_case: ModuleType) -> None:
@@ -162,12 +183,21 @@ def test_tables_of_the_safety_case_are_those_of_the_results(safety_case: ModuleT
 def test_a_skipped_test_is_no_proof_of_a_requirement(safety_case: ModuleType) -> None:
     marks = ("reaction times", "last run")
     page = "\n".join(f"<!-- {name}: begin -->\n\n<!-- {name}: end -->" for name in marks)
-    counts = {"S1": (2, 0, 0, 0), "S2": (1, 0, 1, 0), "S3": (0, 0, 2, 0), "S4": (3, 1, 0, 0), "S6": (2, 0, 0, 1)}
+    counts = {
+        "S1": (2, 0, 0, 0),
+        "S2": (1, 0, 1, 0),
+        "S3": (0, 0, 2, 0),
+        "S4": (3, 1, 0, 0),
+        "S6": (2, 0, 0, 1),
+    }
     results = {
         "commit": "c",
         "date": "d",
         "chosen": "pytest",
-        "requirements": {one: dict(zip(safety_case.KINDS, numbers, strict=True)) for one, numbers in counts.items()},
+        "requirements": {
+            one: dict(zip(safety_case.KINDS, numbers, strict=True))
+            for one, numbers in counts.items()
+        },
     }
     text = safety_case.with_tables(page, [*counts, "S5"], results, safety_case.load_results()[1])
     wanted = "1 of 6 requirements; failed: S4; passed in part: S2, S6; skipped: S3; not run: S5."
@@ -187,9 +217,19 @@ def is_program(text: str) -> bool:
 def test_each_node_has_a_test_that_is_run_without_full(safety_case: ModuleType) -> None:
     """A file that names the node's module, and has a test without the mark."""
     texts = [path.read_text(encoding="utf-8") for path in safety_case.test_files()]
-    texts = [text for text in texts if re.search(r"^(?<!full\n)(async )?def test_", text, re.MULTILINE)]
-    texts = [text for text in texts if not re.search(r"^pytestmark = .*pytest\.mark\.full\b", text, re.MULTILINE)]
-    nodes = [path for path in WORKSPACE.glob("*/fsw_*/fsw_*/*_node.py") if is_program(path.read_text("utf-8"))]
+    texts = [
+        text for text in texts if re.search(r"^(?<!full\n)(async )?def test_", text, re.MULTILINE)
+    ]
+    texts = [
+        text
+        for text in texts
+        if not re.search(r"^pytestmark = .*pytest\.mark\.full\b", text, re.MULTILINE)
+    ]
+    nodes = [
+        path
+        for path in WORKSPACE.glob("*/fsw_*/fsw_*/*_node.py")
+        if is_program(path.read_text("utf-8"))
+    ]
     assert len(nodes) >= 10
     named = [rf"\b{path.parent.name}(\.| import (\w+, )*){path.stem}\b" for path in nodes]
     assert [name for name in named if not any(re.search(name, text) for text in texts)] == []
@@ -212,7 +252,11 @@ def test_marks_are_read_without_an_import(safety_case: ModuleType, tmp_path: Pat
 def test_gaps_in_the_safety_case_are_reported(safety_case: ModuleType) -> None:
     gaps = safety_case.faults(
         {"S1": "good", "S2": "no test", "S3": "no hazard"},
-        {"S1": [(Path("t.py"), "test_a")], "S3": [(Path("t.py"), "test_a")], "S4": [(Path("t.py"), "test_b")]},
+        {
+            "S1": [(Path("t.py"), "test_a")],
+            "S3": [(Path("t.py"), "test_a")],
+            "S4": [(Path("t.py"), "test_b")],
+        },
         "hazards: S1, S2, S9",
     )
     assert [line.partition(":")[0] for line in gaps] == ["S2", "S3", "S9", "S4"]
@@ -223,8 +267,9 @@ def test_the_table_of_requirements_has_their_tests(safety_case: ModuleType) -> N
     tests = {"S1": [(Path("t.py"), "test_b"), (Path("t.py"), "test_a")]}
     counts = {"passed": 2, "failed": 0, "skipped": 1}
     results = {"commit": "c", "date": "d", "chosen": "pytest", "requirements": {"S1": counts}}
-    assert "| S1 | it holds | t.py: `test_a`, `test_b` | 2 passed, 1 skipped |\n" in safety_case.table(
-        {"S1": "it\nholds"}, tests, results
+    assert (
+        "| S1 | it holds | t.py: `test_a`, `test_b` | 2 passed, 1 skipped |\n"
+        in safety_case.table({"S1": "it\nholds"}, tests, results)
     )
 
 
@@ -232,11 +277,14 @@ def test_the_sites_state_diagram_has_every_mode_and_transition() -> None:
     drawing = load("draw_state_machine")
     shown = drawing.svg_diagram()
     assert all(f">{mode}<" in shown for mode in drawing.Mode)
-    assert all(f">{trigger.word}<" in shown for trigger in {row.trigger for row in drawing.TRANSITIONS})
+    assert all(
+        f">{trigger.word}<" in shown for trigger in {row.trigger for row in drawing.TRANSITIONS}
+    )
     assert shown.count("<circle") == len(drawing.TRANSITIONS)
 
 
-#: words of a page; all that a safety engineer asks for is on one page, and long tables are not split
+#: words of a page; all that a safety engineer asks for is on one page, and long tables are not
+#: split
 _MOST_WORDS = 1400
 _LONGER = {"safety": 2000, "parameters-supervisor-groups": 2500, "nmpc-adaptive": 1500}
 
@@ -245,7 +293,9 @@ def words_in(text: str) -> int:
     return sum(any(map(str.isalnum, word)) for word in text.split())  # no bars of tables
 
 
-@pytest.mark.parametrize("page", sorted((WORKSPACE / "docs").rglob("*.md")), ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page", sorted((WORKSPACE / "docs").rglob("*.md")), ids=lambda page: page.stem
+)
 def test_no_page_is_too_long_to_be_read(page: Path) -> None:
     words = words_in(page.read_text(encoding="utf-8"))
     assert words <= _LONGER.get(page.stem, _MOST_WORDS), (
@@ -264,7 +314,9 @@ def generated() -> dict[str, str]:
 
 def test_generated_pages_are_not_too_long(generated: dict[str, str]) -> None:
     counts = {name: words_in(text) for name, text in generated.items()}
-    assert {name: count for name, count in counts.items() if count > _LONGER.get(name, _MOST_WORDS)} == {}
+    assert {
+        name: count for name, count in counts.items() if count > _LONGER.get(name, _MOST_WORDS)
+    } == {}
 
 
 def test_commands_on_generated_pages_can_run(generated: dict[str, str]) -> None:
@@ -274,22 +326,39 @@ def test_commands_on_generated_pages_can_run(generated: dict[str, str]) -> None:
 
 def test_the_reference_has_all_messages_parameters_and_commands(generated: dict[str, str]) -> None:
     tables = "\n".join(text for name, text in generated.items() if name.startswith("parameters"))
-    texts = {path: path.read_text("utf-8") for path in (WORKSPACE / "src").glob("fsw_*/fsw_*/*.yaml")}
+    texts = {
+        path: path.read_text("utf-8") for path in (WORKSPACE / "src").glob("fsw_*/fsw_*/*.yaml")
+    }
     described = {path: text for path, text in texts.items() if "default_value:" in text}
     names = {name for path, text in described.items() for name in parse(text, str(path))}
     assert len(names) > 100 and [name for name in names if f"| `{name}` |" not in tables] == []
     definitions = "\n".join(
-        text for name, text in generated.items() if name.startswith(("messages", "services", "actions"))
+        text
+        for name, text in generated.items()
+        if name.startswith(("messages", "services", "actions"))
     )
-    paths = [path for kind in ("msg", "srv", "action") for path in (WORKSPACE / "src/fsw_msgs" / kind).glob("*.*")]
+    paths = [
+        path
+        for kind in ("msg", "srv", "action")
+        for path in (WORKSPACE / "src/fsw_msgs" / kind).glob("*.*")
+    ]
     assert [path.stem for path in paths if f"\n## {path.stem}\n" not in definitions] == []
-    commands = "\n".join(text for name, text in generated.items() if name.startswith("command-line-"))
-    verbs = next(action.choices for action in operator_parser()._actions if isinstance(action.choices, dict))
+    commands = "\n".join(
+        text for name, text in generated.items() if name.startswith("command-line-")
+    )
+    verbs = next(
+        action.choices for action in operator_parser()._actions if isinstance(action.choices, dict)
+    )
     assert [verb for verb in verbs if f"## {verb}\n" not in commands] == []
 
 
 @pytest.mark.parametrize(
-    "page", [*WORKSPACE.glob("*.md"), *WORKSPACE.glob("src/*/README.md"), *WORKSPACE.glob("studies/*/README.md")]
+    "page",
+    [
+        *WORKSPACE.glob("*.md"),
+        *WORKSPACE.glob("src/*/README.md"),
+        *WORKSPACE.glob("studies/*/README.md"),
+    ],
 )
 def test_links_outside_the_site_lead_to_a_file(page: Path) -> None:
     """MkDocs checks those of ``docs``; a generated page cannot be linked from outside the site."""
@@ -297,14 +366,19 @@ def test_links_outside_the_site_lead_to_a_file(page: Path) -> None:
     assert [link for link in links if not (page.parent / link).exists()] == []
 
 
-def test_rows_of_the_results_are_copied_and_a_missing_one_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rows_of_the_results_are_copied_and_a_missing_one_is_reported(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.syspath_prepend(WORKSPACE / "scripts")
     build_docs = load("build_docs")
     mark, end = "<!-- rows of campaign.md, Ratios: IAE depth -->", "<!-- rows: end -->"
     page = build_docs.with_rows(f"before\n{mark}\nold\n{end}\nafter\n")
     row = next(line for line in page.splitlines() if line.startswith("| IAE depth |"))
     assert row in (WORKSPACE / "docs/results/campaign.md").read_text(encoding="utf-8").splitlines()
-    assert "old" not in page and len([line for line in page.splitlines() if line.startswith("|")]) == 3
+    assert (
+        "old" not in page
+        and len([line for line in page.splitlines() if line.startswith("|")]) == 3
+    )
     assert build_docs.with_rows(page) == page
     with pytest.raises(SystemExit, match="no such row"):
         build_docs.with_rows(page.replace("IAE depth -->", "IAE depth; no such row -->"))
@@ -318,10 +392,26 @@ def test_the_page_of_solvers_says_by_its_figures_which_are_faster(
     qp: dict[str, float | None] = {}
     qp |= {"default_active": 13.0, "default_iterations": 5.0}
     for preset, ratio in (("default", 0.8), ("paper", 3.0)):
-        qp |= {f"{preset}_{name}": 0.05 for name in ("own_ms", "daqp_ms", "daqp_warm_ms", "prediction_ms")}
-        qp |= {f"{preset}_problems": 4, f"{preset}_excess_own": 1e-9, f"{preset}_excess_daqp": 1e-12}
-        qp |= {f"{preset}_unsolved_daqp": 0, f"{preset}_ratio_daqp": ratio, f"{preset}_unsolved_osqp": 4}
-    nlp = {"solve_rti108_ms": 1.7, "cost_excess_rti108": 1e-7, "ratio_problems": 4, "unsolved_fatrop": 4}
+        qp |= {
+            f"{preset}_{name}": 0.05
+            for name in ("own_ms", "daqp_ms", "daqp_warm_ms", "prediction_ms")
+        }
+        qp |= {
+            f"{preset}_problems": 4,
+            f"{preset}_excess_own": 1e-9,
+            f"{preset}_excess_daqp": 1e-12,
+        }
+        qp |= {
+            f"{preset}_unsolved_daqp": 0,
+            f"{preset}_ratio_daqp": ratio,
+            f"{preset}_unsolved_osqp": 4,
+        }
+    nlp = {
+        "solve_rti108_ms": 1.7,
+        "cost_excess_rti108": 1e-7,
+        "ratio_problems": 4,
+        "unsolved_fatrop": 4,
+    }
     nlp |= {
         "solve_ipopt_ms": 357.0,
         "ratio_ipopt": 210.0,

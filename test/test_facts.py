@@ -10,7 +10,17 @@ ROOT = Path(__file__).resolve().parents[1]
 #: names of fields and variables that hold sentences
 PROSE = {"reason", "text", "message", "words", "detail", "why", "msg", "said", "sentence"}
 #: methods and functions that take a text apart, or look into it
-READS = {"startswith", "endswith", "partition", "rpartition", "split", "removeprefix", "removesuffix", "find", "index"}
+READS = {
+    "startswith",
+    "endswith",
+    "partition",
+    "rpartition",
+    "split",
+    "removeprefix",
+    "removesuffix",
+    "find",
+    "index",
+}
 MATCHES = {"search", "match", "fullmatch", "findall", "finditer", "split", "sub"}
 #: texts that other software or a person wrote
 FOREIGN = {
@@ -18,10 +28,14 @@ FOREIGN = {
 }
 PYTHON = [path for path in sorted(ROOT.glob("src/*/*/**/*.py")) if "test" not in path.parts]
 OTHERS = [
-    path for name in ("scripts", "benchmarks", "studies", "examples") for path in sorted(ROOT.glob(f"{name}/**/*.py"))
+    path
+    for name in ("scripts", "benchmarks", "studies", "examples")
+    for path in sorted(ROOT.glob(f"{name}/**/*.py"))
 ]
 PAGE = sorted((ROOT / "src/fsw_hmi/fsw_hmi/page").glob("*.js"))
-IN_PAGE = re.compile(rf"\b({'|'.join(sorted(PROSE))})\??\.(split|match|startsWith|endsWith|includes|indexOf|slice)\(")
+IN_PAGE = re.compile(
+    rf"\b({'|'.join(sorted(PROSE))})\??\.(split|match|startsWith|endsWith|includes|indexOf|slice)\("
+)
 
 
 def holds_prose(node: ast.AST) -> bool:
@@ -31,11 +45,15 @@ def holds_prose(node: ast.AST) -> bool:
         return node.attr in PROSE
     if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant):
         return node.slice.value in PROSE
-    return isinstance(node, ast.Name) and (node.id in names or node.id.endswith(("_reason", "_words")))
+    return isinstance(node, ast.Name) and (
+        node.id in names or node.id.endswith(("_reason", "_words"))
+    )
 
 
 def is_words(node: ast.AST) -> bool:
-    return isinstance(node, ast.Constant) and isinstance(node.value, str) and bool(node.value.strip())
+    return (
+        isinstance(node, ast.Constant) and isinstance(node.value, str) and bool(node.value.strip())
+    )
 
 
 def is_constant(node: ast.AST) -> bool:
@@ -54,7 +72,11 @@ def reads(node: ast.AST) -> bool:
         )
     if isinstance(node, ast.Compare):
         [*operators], sides = node.ops, [node.left, *node.comparators]
-        looks_in = isinstance(operators[0], ast.In | ast.NotIn) and is_words(sides[0]) and holds_prose(sides[1])
+        looks_in = (
+            isinstance(operators[0], ast.In | ast.NotIn)
+            and is_words(sides[0])
+            and holds_prose(sides[1])
+        )
         is_equal = (
             isinstance(operators[0], ast.Eq | ast.NotEq)
             and any(map(holds_prose, sides))
@@ -69,12 +91,19 @@ def sentences_read(source: str) -> list[int]:
 
 
 def test_nothing_reads_a_sentence_of_ours():
-    found = {path.relative_to(ROOT).as_posix(): sentences_read(path.read_text("utf-8")) for path in [*PYTHON, *OTHERS]}
+    found = {
+        path.relative_to(ROOT).as_posix(): sentences_read(path.read_text("utf-8"))
+        for path in [*PYTHON, *OTHERS]
+    }
     assert {path: lines for path, lines in found.items() if lines and path not in FOREIGN} == {}
 
 
 def test_the_page_reads_no_sentence_of_ours():
-    assert [f"{path.name}: {one[0]}" for path in PAGE for one in IN_PAGE.finditer(path.read_text("utf-8"))] == []
+    assert [
+        f"{path.name}: {one[0]}"
+        for path in PAGE
+        for one in IN_PAGE.finditer(path.read_text("utf-8"))
+    ] == []
 
 
 @pytest.mark.parametrize(
@@ -110,7 +139,11 @@ FACTS = {
 def test_messages_say_by_a_number_what_was_and_why(name):
     lines = (ROOT / f"src/fsw_msgs/msg/{name}.msg").read_text("utf-8").splitlines()
     fact, sentences = FACTS[name]
-    fields = [line.split()[:2] for line in lines if line.strip() and not line.startswith("#") and "=" not in line]
+    fields = [
+        line.split()[:2]
+        for line in lines
+        if line.strip() and not line.startswith("#") and "=" not in line
+    ]
     assert fact.split() in fields
     told = PROSE | {"action", "event"}
     assert {field for kind, field in fields if kind == "string" and field in told} == sentences

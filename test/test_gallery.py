@@ -13,14 +13,18 @@ PAGES = WORKSPACE / "docs" / "gallery"
 
 
 def code_of(page):
-    return re.findall(r"^```python\n(.*?)\n```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    return re.findall(
+        r"^```python\n(.*?)\n```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
+    )
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
 def test_the_page_shows_the_notebook_as_it_is(notebook):
     page, text = PAGES / f"{notebook.stem}.md", notebook.read_text(encoding="utf-8")
     cells = [part.partition("\n") for part in re.split(r"^# %%", text, flags=re.MULTILINE)[1:]]
-    assert code_of(page) == [content.strip() for kind, _, content in cells if "markdown" not in kind]
+    assert code_of(page) == [
+        content.strip() for kind, _, content in cells if "markdown" not in kind
+    ]
     shown = re.findall(r"!\[\]\((.*?)\)", page.read_text(encoding="utf-8"))
     assert shown == [path.name for path in sorted(PAGES.glob(f"{notebook.stem}_[0-9].png"))]
     assert f"({notebook.stem}.md)" in (PAGES / "index.md").read_text(encoding="utf-8")

@@ -1,6 +1,7 @@
 """Recorded welds stay what they were: their figures of merit, and the proposals of the controllers that run on them.
 
-When a change of plant or controllers is meant, record the bags again with ``scripts/record_golden_bags.py``.
+When a change of plant or controllers is meant, record the bags again with
+``scripts/record_golden_bags.py``.
 """
 
 import json
@@ -26,17 +27,25 @@ CONTROLLERS = [
     for one in ("decentral", "nmpc")
     if one == "decentral" or not name.endswith("_decentral")
 ]
-#: equal bit by bit on the machine of the recording; elsewhere the last digits of exp() and the like may differ, and
-#: another compiler may order the sums of the kernel differently
+#: equal bit by bit on the machine of the recording; elsewhere the last digits of exp() and the
+#: like may differ, and another compiler may order the sums of the kernel differently
 TOLERANCE_KN_RPM = {"decentral": 1e-9, "nmpc": 1e-6}
 
 
 def numbers(value: Any, path: str = "") -> dict[str, float]:
     """All numbers in nested JSON by their path; NaN where there is none."""
     if isinstance(value, dict):
-        return {key: one for name, part in value.items() for key, one in numbers(part, f"{path}/{name}").items()}
+        return {
+            key: one
+            for name, part in value.items()
+            for key, one in numbers(part, f"{path}/{name}").items()
+        }
     if isinstance(value, list):
-        return {key: one for index, part in enumerate(value) for key, one in numbers(part, f"{path}/{index}").items()}
+        return {
+            key: one
+            for index, part in enumerate(value)
+            for key, one in numbers(part, f"{path}/{index}").items()
+        }
     if value is None:
         return {path: math.nan}
     return {path: value} if isinstance(value, int | float) else {}
@@ -44,7 +53,11 @@ def numbers(value: Any, path: str = "") -> dict[str, float]:
 
 def test_every_paper_scenario_has_one() -> None:
     assert len(BAGS) == 6 and len(CLOSED_LOOP) == 4
-    recorded = [(name, one) for name in CLOSED_LOOP for one in WeldMessages(GOLDEN / name).controllers("proposal")]
+    recorded = [
+        (name, one)
+        for name in CLOSED_LOOP
+        for one in WeldMessages(GOLDEN / name).controllers("proposal")
+    ]
     assert sorted(recorded) == CONTROLLERS
     for name in BAGS:
         assert sum(file.stat().st_size for file in (GOLDEN / name).iterdir()) < 1_000_000
@@ -63,7 +76,10 @@ def test_figures_of_merit(name: str) -> None:
 def largest(result: Comparison) -> float:
     """Largest difference of any manipulated variable; infinite when the health differs."""
     return max(
-        [max(abs(one.force_kn), abs(one.speed_rpm)) if not one.text else float("inf") for one in result.differences],
+        [
+            max(abs(one.force_kn), abs(one.speed_rpm)) if not one.text else float("inf")
+            for one in result.differences
+        ],
         default=0.0,
     )
 
@@ -82,5 +98,7 @@ def test_controllers_propose_what_they_proposed(name: str, controller: str) -> N
 
 
 def test_another_tuning_is_told_apart() -> None:
-    result = replayed("reference_tracking_decentral", "decentral", tuning="tight").against_own("decentral")
+    result = replayed("reference_tracking_decentral", "decentral", tuning="tight").against_own(
+        "decentral"
+    )
     assert largest(result) > 0.1 and not result.identical

@@ -62,9 +62,14 @@ def test_interlock_trips_into_a_safe_stop(interlock):
     assert f"interlock: {interlock} is trip" in "\n".join(
         f"{event.who}: {event.text}" for event in loop.arbiter.machine.events
     )
-    also = {"power_high": "torque", "temperature_high": "thermocouple"}  # the sensor that has jumped
+    also = {
+        "power_high": "torque",
+        "temperature_high": "thermocouple",
+    }  # the sensor that has jumped
     quantities = {interlock.partition("_")[0], also.get(interlock, "")}
-    assert {name.partition("_")[0] for name in loop.arbiter.safety.tripped} <= quantities, "by this one and no other"
+    assert {name.partition("_")[0] for name in loop.arbiter.safety.tripped} <= quantities, (
+        "by this one and no other"
+    )
 
 
 @pytest.mark.requirement("S1", "S2")

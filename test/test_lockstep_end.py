@@ -38,8 +38,11 @@ def test_every_process_ends_cleanly_and_the_bag_is_whole(signs, tmp_path):
     with free_domain() as domain, Launcher(tmp_path / "log", domain, PATIENCE_S) as launcher:
         graph = WeldGraph(scenario, tmp_path / "weld")
         player = graph.start(launcher)
-        # many more than must be recorded: on a busy machine the recorder is behind when it is ended
-        launcher.wait_until(lambda: player.status().get("tick", 0) >= 300, PATIENCE_S, "so many ticks")
+        # many more than must be recorded: on a busy machine the recorder is behind when it is
+        # ended
+        launcher.wait_until(
+            lambda: player.status().get("tick", 0) >= 300, PATIENCE_S, "so many ticks"
+        )
         for child in launcher.children.values():
             for sign in signs:
                 child.process.send_signal(sign)
@@ -85,14 +88,17 @@ def processes_with(text):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
 @pytest.mark.parametrize(
-    ("sign", "code"), [pytest.param(signal.SIGTERM, 130, marks=pytest.mark.full), (signal.SIGKILL, -signal.SIGKILL)]
+    ("sign", "code"),
+    [pytest.param(signal.SIGTERM, 130, marks=pytest.mark.full), (signal.SIGKILL, -signal.SIGKILL)],
 )
 def test_the_demonstration_leaves_no_process_behind(sign, code, tmp_path):
     out = tmp_path / "out"
     command = [sys.executable, "-m", "fsw.demo", "--controller", "decentral", "--out", str(out)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     with (tmp_path / "printed").open("wb") as printed:
-        demo = subprocess.Popen(command, stdout=printed, stderr=printed, env=environment, cwd=WORKSPACE)
+        demo = subprocess.Popen(
+            command, stdout=printed, stderr=printed, env=environment, cwd=WORKSPACE
+        )
     status = out / "reference_tracking" / "decentral" / "log" / "scenario.status"
     try:
         end = time.monotonic() + PATIENCE_S
@@ -114,7 +120,9 @@ def test_the_demonstration_leaves_no_process_behind(sign, code, tmp_path):
 def test_player_alone_gives_up_with_one_clear_line(tmp_path):
     with free_domain() as domain, Launcher(tmp_path, domain, PATIENCE_S) as launcher:
         player = launcher.start(
-            "player", "fsw_scenario.scenario_node", ["quick", "--ros-args", "-p", "silence_timeout_s:=1.0"]
+            "player",
+            "fsw_scenario.scenario_node",
+            ["quick", "--ros-args", "-p", "silence_timeout_s:=1.0"],
         )
         player.process.wait(PATIENCE_S)
         assert player.process.returncode == 1
@@ -126,10 +134,16 @@ def test_player_does_not_begin_for_listeners_that_are_no_controllers(tmp_path):
     with free_domain() as domain, Launcher(tmp_path, domain, PATIENCE_S) as launcher:
         context = Context()
         rclpy.init(args=[], context=context, domain_id=domain)
-        sender = rclpy.create_node("sender", context=context)  # so that the recorder listens before the player starts
+        sender = rclpy.create_node(
+            "sender", context=context
+        )  # so that the recorder listens before the player starts
         sender.create_publisher(WeldReference, "fsw/reference", LATCHED)
         launcher.start("supervisor", "fsw_supervisor.supervisor_node")
-        launcher.start("recorder", "fsw_recorder.recorder_node", ["--ros-args", "-p", f"output:={tmp_path / 'bag'}"])
+        launcher.start(
+            "recorder",
+            "fsw_recorder.recorder_node",
+            ["--ros-args", "-p", f"output:={tmp_path / 'bag'}"],
+        )
         wait_for_text(launcher, "supervisor", "role: active")
         wait_for_text(launcher, "recorder", "subscribed to /fsw/reference")
         player = launcher.start("player", "fsw_scenario.scenario_node", arguments)

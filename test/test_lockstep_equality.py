@@ -104,7 +104,14 @@ SIGNALS = (
     "torque_nm",
     "temperature_c",
 )
-TRUTH = ("depth_mm", "temperature_c", "process_power_kw", "force_kn", "speed_rpm", "depth_disturbance_mm")
+TRUTH = (
+    "depth_mm",
+    "temperature_c",
+    "process_power_kw",
+    "force_kn",
+    "speed_rpm",
+    "depth_disturbance_mm",
+)
 
 
 @pytest.mark.parametrize(
@@ -141,10 +148,16 @@ def test_graph_in_lockstep_equals_one_process(text, tmp_path, monkeypatch):
     assert list(there.command_reason) == list(here.command_reason)
     assert list(there.truth.active_faults) == list(here.truth.active_faults)
     for name in SIGNALS:
-        np.testing.assert_allclose(getattr(there, name), getattr(here, name), rtol=0.0, atol=1e-9, err_msg=name)
+        np.testing.assert_allclose(
+            getattr(there, name), getattr(here, name), rtol=0.0, atol=1e-9, err_msg=name
+        )
     for name in TRUTH:
         np.testing.assert_allclose(
-            getattr(there.truth, name), getattr(here.truth, name), rtol=0.0, atol=1e-9, err_msg=f"truth {name}"
+            getattr(there.truth, name),
+            getattr(here.truth, name),
+            rtol=0.0,
+            atol=1e-9,
+            err_msg=f"truth {name}",
         )
     assert shares == sorted(shares)
     assert elapsed_s > 0.0

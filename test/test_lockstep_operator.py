@@ -16,7 +16,9 @@ from fsw_test_support.waiting import PATIENCE_S, wait_for_text
 def graph(tmp_path_factory):
     """A weld at 10 Hz that goes on for as long as the tests need."""
     folder = tmp_path_factory.mktemp("weld")
-    scenario = load("quick", ["duration_s=600", "events=[]", "phases=[{name: dwell, duration_s: 600.0}]"])
+    scenario = load(
+        "quick", ["duration_s=600", "events=[]", "phases=[{name: dwell, duration_s: 600.0}]"]
+    )
     with free_domain() as domain, Launcher(folder / "log", domain) as launcher:
         PatientWeld(scenario, folder / "weld", realtime=True, record=False).start(launcher)
         wait_for_text(launcher, "supervisor", "controller decentral is ready")
@@ -54,7 +56,17 @@ def patient(fsw):
 
 
 def test_status_tells_who_commands_what_is_measured_and_applied(patient):
-    patient("status", words=("fsw_plant", "auto, decentral", "set-point 2.66 mm", "degC", "kN", "from decentral"))
+    patient(
+        "status",
+        words=(
+            "fsw_plant",
+            "auto, decentral",
+            "set-point 2.66 mm",
+            "degC",
+            "kN",
+            "from decentral",
+        ),
+    )
 
 
 def test_controllers(patient):
@@ -108,7 +120,11 @@ def test_refusals_are_one_line_and_a_bad_exit_code(fsw):
 def test_an_empty_domain_is_told(capsys, monkeypatch):
     with free_domain() as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        for arguments in (["status"], ["disturb", "depth", "none"], ["reference", "--depth", "2.7"]):
+        for arguments in (
+            ["status"],
+            ["disturb", "depth", "none"],
+            ["reference", "--depth", "2.7"],
+        ):
             assert main([*arguments, "--timeout", "0.5"]) == 1
             error = capsys.readouterr().err
             assert error.count("\n") == 1
@@ -127,12 +143,17 @@ def test_without_a_set_point_status_says_that_it_is_what_lacks(tmp_path, capsys,
         wait_for_text(launcher, "supervisor", "role: active")
         end_s = time.monotonic() + PATIENCE_S
         printed = ""
-        while "hold, no controller: starting: waiting for decentral: no set-point yet" not in printed:
+        while (
+            "hold, no controller: starting: waiting for decentral: no set-point yet" not in printed
+        ):
             assert time.monotonic() < end_s, printed
             assert main(["status", "--timeout", "60"]) == 0
             printed = " ".join(capsys.readouterr().out.split())
         assert "set-points none yet" in printed
-        assert main(["reference", "--depth", "2.66", "--temperature", "816.4", "--timeout", "60"]) == 0
+        assert (
+            main(["reference", "--depth", "2.66", "--temperature", "816.4", "--timeout", "60"])
+            == 0
+        )
         wait_for_text(launcher, "supervisor", "start -> auto")
         while "auto, decentral" not in printed:
             assert time.monotonic() < end_s, printed

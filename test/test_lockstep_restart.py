@@ -28,8 +28,13 @@ class SlowGraph(WeldGraph):
         """Content of the parameter file."""
         nodes = super().parameter_file(scenario_file)
         for name in {"fsw_supervisor", STANDBY} & nodes.keys():
-            nodes[name]["ros__parameters"] |= dict.fromkeys(("lockstep_deadline_s", "lockstep_shadow_wait_s"), 60.0)
-        nodes["fsw_plant"]["ros__parameters"] |= {"lockstep_timeout_s": 600.0, "lockstep_give_up_s": 0.0}
+            nodes[name]["ros__parameters"] |= dict.fromkeys(
+                ("lockstep_deadline_s", "lockstep_shadow_wait_s"), 60.0
+            )
+        nodes["fsw_plant"]["ros__parameters"] |= {
+            "lockstep_timeout_s": 600.0,
+            "lockstep_give_up_s": 0.0,
+        }
         return nodes
 
 
@@ -75,14 +80,22 @@ def kill(launcher, name):
 
 @pytest.mark.requirement("S9")
 @pytest.mark.parametrize("standby", [False, True])
-def test_the_graph_continues_after_its_supervisor_was_killed(standby, tmp_path, domain_id, observer):
+def test_the_graph_continues_after_its_supervisor_was_killed(
+    standby, tmp_path, domain_id, observer
+):
     with Launcher(tmp_path / "log", domain_id) as launcher:
-        graph = SlowGraph(parse(SCENARIO), tmp_path / "weld", ("nmpc",), record=False, standby=standby)
+        graph = SlowGraph(
+            parse(SCENARIO), tmp_path / "weld", ("nmpc",), record=False, standby=standby
+        )
         graph.start(launcher)
         observer.ticks(30)
         for _ in range(1 if standby else 2):
             kill(launcher, "supervisor")
             if not standby:
-                arguments = ["--ros-args", "--params-file", str(tmp_path / "weld" / "parameters.yaml")]
+                arguments = [
+                    "--ros-args",
+                    "--params-file",
+                    str(tmp_path / "weld" / "parameters.yaml"),
+                ]
                 launcher.start("supervisor", "fsw_supervisor.supervisor_node", arguments)
             observer.ticks(30)

@@ -41,35 +41,105 @@ MAY_IMPORT = {
     "fsw_recorder": {"fsw_schema", "fsw_control"},
     "fsw_analysis": {"fsw_schema", "fsw_recorder", "fsw_control", "fsw_model"},
     # of fsw_plant: what disturbs it
-    "fsw_hmi": {"fsw_schema", "fsw_control", "fsw_plant", "fsw_analysis", "fsw_recorder", "fsw_msgs"},
+    "fsw_hmi": {
+        "fsw_schema",
+        "fsw_control",
+        "fsw_plant",
+        "fsw_analysis",
+        "fsw_recorder",
+        "fsw_msgs",
+    },
     "fsw_scenario": {
-        *("fsw_schema", "fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor"),
+        *(
+            "fsw_schema",
+            "fsw_model",
+            "fsw_control",
+            "fsw_nmpc",
+            "fsw_decentral",
+            "fsw_plant",
+            "fsw_supervisor",
+        ),
         *("fsw_recorder", "fsw_analysis", "fsw_msgs"),
     },
     "fsw": {
-        *("fsw_schema", "fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor"),
-        *("fsw_recorder", "fsw_analysis", "fsw_scenario", "fsw_msgs", "fsw_hmi"),  # of fsw_hmi: its named users
+        *(
+            "fsw_schema",
+            "fsw_model",
+            "fsw_control",
+            "fsw_nmpc",
+            "fsw_decentral",
+            "fsw_plant",
+            "fsw_supervisor",
+        ),
+        *(
+            "fsw_recorder",
+            "fsw_analysis",
+            "fsw_scenario",
+            "fsw_msgs",
+            "fsw_hmi",
+        ),  # of fsw_hmi: its named users
     },
     "fsw_bringup": {"fsw_schema", "fsw_control", "fsw_scenario"},
     "fsw_quality": {
-        *("fsw_schema", "fsw_analysis", "fsw_control", "fsw_model", "fsw_recorder", "fsw_scenario", "fsw_msgs", "fsw"),
+        *(
+            "fsw_schema",
+            "fsw_analysis",
+            "fsw_control",
+            "fsw_model",
+            "fsw_recorder",
+            "fsw_scenario",
+            "fsw_msgs",
+            "fsw",
+        ),
     },
     "fsw_identification": {"fsw_schema", "fsw_analysis", "fsw_control", "fsw_model"},
     "fsw_heat": {"fsw_schema", "fsw_canister", "fsw_analysis"},
     "fsw_tuning": {
-        *("fsw_schema", "fsw_model", "fsw_control", "fsw_decentral", "fsw_plant", "fsw_analysis", "fsw_scenario"),
+        *(
+            "fsw_schema",
+            "fsw_model",
+            "fsw_control",
+            "fsw_decentral",
+            "fsw_plant",
+            "fsw_analysis",
+            "fsw_scenario",
+        ),
         "fsw_identification",
     },
     "fsw_export": {
-        *("fsw_schema", "fsw_model", "fsw_canister", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant"),
+        *(
+            "fsw_schema",
+            "fsw_model",
+            "fsw_canister",
+            "fsw_control",
+            "fsw_nmpc",
+            "fsw_decentral",
+            "fsw_plant",
+        ),
         *("fsw_analysis", "fsw_scenario"),
     },
     "fsw_campaign": {
-        *("fsw_schema", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_recorder", "fsw_analysis"),
+        *(
+            "fsw_schema",
+            "fsw_control",
+            "fsw_nmpc",
+            "fsw_decentral",
+            "fsw_plant",
+            "fsw_recorder",
+            "fsw_analysis",
+        ),
         "fsw_scenario",
     },
     "fsw_lab": {
-        *("fsw_schema", "fsw_model", "fsw_canister", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant"),
+        *(
+            "fsw_schema",
+            "fsw_model",
+            "fsw_canister",
+            "fsw_control",
+            "fsw_nmpc",
+            "fsw_decentral",
+            "fsw_plant",
+        ),
         *("fsw_recorder", "fsw_analysis", "fsw_scenario", "fsw_msgs", "fsw"),
         *("fsw_identification", "fsw_heat", "fsw_tuning", "fsw_export", "fsw_campaign"),
     },
@@ -94,11 +164,27 @@ KEYS = {
     "zstandard": "mcap-ros2-support",
 }
 #: other keys that rosdep knows, or packages of Jazzy, as of August 2026
-KNOWN = {*KEYS.values(), "python3-pytest-timeout", "ament_cmake", "ament_index_python", "ros2launch"}
+KNOWN = {
+    *KEYS.values(),
+    "python3-pytest-timeout",
+    "ament_cmake",
+    "ament_index_python",
+    "ros2launch",
+}
 KNOWN |= {"launch", "launch_ros", "launch_testing", "launch_testing_ros", "rclpy"}
 KNOWN |= {"rosidl_default_generators", "rosidl_default_runtime", "rosidl_runtime_py"}
 KNOWN |= {
-    f"{kind}_msgs" for kind in ("action", "diagnostic", "geometry", "nav", "rosgraph", "sensor", "std", "visualization")
+    f"{kind}_msgs"
+    for kind in (
+        "action",
+        "diagnostic",
+        "geometry",
+        "nav",
+        "rosgraph",
+        "sensor",
+        "std",
+        "visualization",
+    )
 }
 KNOWN |= {"std_srvs", "action_msgs", "lifecycle_msgs"}
 KNOWN |= {f"{kind}_interfaces" for kind in ("builtin", "example", "rcl", "rosbag2")}
@@ -136,7 +222,9 @@ OPTIONAL = {
 def modules(folder: Path) -> Iterator[tuple[str, str, bool]]:
     """File, imported module and whether it is imported when the file is, for every import, also inside functions."""
     for path in folder.rglob("*.py"):
-        name = ".".join(path.relative_to(folder.parent).with_suffix("").parts).removesuffix(".__init__")
+        name = ".".join(path.relative_to(folder.parent).with_suffix("").parts).removesuffix(
+            ".__init__"
+        )
         for module, at_import in imports(path.read_text(encoding="utf-8")):
             yield name, module, at_import
 
@@ -204,13 +292,17 @@ def test_package_xml_says_what_the_tests_import(package: Path) -> None:
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_package_xml_says_what_setup_imports(package: Path) -> None:
     source = (package / "setup.py").read_text(encoding="utf-8")
-    used = {module.partition(".")[0] for module, _ in imports(source)} - set(sys.stdlib_module_names)
+    used = {module.partition(".")[0] for module, _ in imports(source)} - set(
+        sys.stdlib_module_names
+    )
     assert used - {"setuptools"} == declared(package, "depend", "build_depend")
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_arrows_point_down(package: Path) -> None:
-    used = {module for module in imported(product(package)) if module.startswith("fsw")} - {package.name}
+    used = {module for module in imported(product(package)) if module.startswith("fsw")} - {
+        package.name
+    }
     assert used - MAY_IMPORT[package.name] == set()
     order = list(MAY_IMPORT)
     assert used <= set(order[: order.index(package.name)])
@@ -258,10 +350,14 @@ def module_edges(folder: Path, only_at_import: bool) -> dict[str, set[str]]:
 
 def folder_edges(folder: Path) -> dict[str, set[str]]:
     """For each folder in a package, which others of it are imported there, also inside functions."""
-    packages = {".".join(path.parent.relative_to(folder.parent).parts) for path in folder.rglob("*.py")}
+    packages = {
+        ".".join(path.parent.relative_to(folder.parent).parts) for path in folder.rglob("*.py")
+    }
     edges: dict[str, set[str]] = {}
     for source, targets in module_edges(folder, only_at_import=False).items():
-        own, *others = (name if name in packages else name.rpartition(".")[0] for name in (source, *targets))
+        own, *others = (
+            name if name in packages else name.rpartition(".")[0] for name in (source, *targets)
+        )
         edges.setdefault(own, set()).update(set(others) - {own})
     return edges
 
@@ -295,10 +391,16 @@ def test_a_circle_of_sub_packages_would_be_found(tmp_path: Path) -> None:
 def test_package_has_what_ament_and_colcon_look_for(package: Path) -> None:
     """Without the extra ``test``, ``colcon test`` runs no test at all and says OK."""
     assert (package / "resource" / package.name).is_file()
-    assert f"Changelog for package {package.name}\n" in (package / "CHANGELOG.rst").read_text(encoding="utf-8")
+    assert f"Changelog for package {package.name}\n" in (package / "CHANGELOG.rst").read_text(
+        encoding="utf-8"
+    )
     assert (package / "README.md").is_file()
-    assert 'extras_require={"test": ["pytest"]}' in (package / "setup.py").read_text(encoding="utf-8")
-    assert f"install_scripts=$base/lib/{package.name}" in (package / "setup.cfg").read_text(encoding="utf-8")
+    assert 'extras_require={"test": ["pytest"]}' in (package / "setup.py").read_text(
+        encoding="utf-8"
+    )
+    assert f"install_scripts=$base/lib/{package.name}" in (package / "setup.cfg").read_text(
+        encoding="utf-8"
+    )
     assert ElementTree.parse(package / "package.xml").getroot().findtext("name") == package.name
 
 
@@ -322,7 +424,9 @@ def test_nodes_start_quietly_and_their_entry_points_exist(package: Path) -> None
 
 @pytest.mark.parametrize("package", [*PACKAGES, SOURCES / "fsw_msgs"], ids=lambda path: path.name)
 def test_package_xml_agrees_with_pyproject(package: Path) -> None:
-    project = tomllib.loads((SOURCES.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    project = tomllib.loads((SOURCES.parent / "pyproject.toml").read_text(encoding="utf-8"))[
+        "project"
+    ]
     root = ElementTree.parse(package / "package.xml").getroot()
     for tag in ("maintainer", "author"):
         assert [{"name": element.text} for element in root.findall(tag)] == project[f"{tag}s"]
@@ -331,7 +435,11 @@ def test_package_xml_agrees_with_pyproject(package: Path) -> None:
 
 
 def test_the_version_is_the_same_everywhere() -> None:
-    versions = {"CITATION.cff": yaml.safe_load((SOURCES.parent / "CITATION.cff").read_text("utf-8"))["version"]}
+    versions = {
+        "CITATION.cff": yaml.safe_load((SOURCES.parent / "CITATION.cff").read_text("utf-8"))[
+            "version"
+        ]
+    }
     for package in [*PACKAGES, SOURCES / "fsw_msgs"]:
         versions[str(package)] = ElementTree.parse(package / "package.xml").findtext("version")
     for path in (package / "setup.py" for package in PACKAGES):
@@ -339,7 +447,9 @@ def test_the_version_is_the_same_everywhere() -> None:
     changes = (SOURCES.parent / "CHANGELOG.md").read_text(encoding="utf-8")
     versions["CHANGELOG.md"] = re.search(r"^## \[(.*)\]", changes, re.MULTILINE)[1]
     assert len(versions) >= 2 * len(PACKAGES)
-    assert {name: version for name, version in versions.items() if version != fsw.__version__} == {}
+    assert {
+        name: version for name, version in versions.items() if version != fsw.__version__
+    } == {}
 
 
 @pytest.mark.parametrize("package", [*PACKAGES, SOURCES / "fsw_msgs"], ids=lambda path: path.name)
@@ -347,14 +457,19 @@ def test_dependencies_are_known_to_rosdep_and_named_once(package: Path) -> None:
     root = ElementTree.parse(package / "package.xml").getroot()
     entries = [(entry.tag, entry.text) for entry in root if entry.tag.endswith("depend")]
     assert len(entries) == len(set(entries))
-    assert {key for _, key in entries} - KNOWN - {path.name for path in PACKAGES} - {"fsw_msgs"} == set()
+    assert {key for _, key in entries} - KNOWN - {path.name for path in PACKAGES} - {
+        "fsw_msgs"
+    } == set()
 
 
 def test_numbers_of_the_weld_are_those_of_the_model_and_of_the_plant() -> None:
     """``fsw_control`` must not import the model, and a rate is not a step: the same facts in other words."""
     model, plant = nominal(), defaults(load("fsw_plant", "plant.yaml"))
     assert weld.TICK_S == STEP_S
-    assert (model.operating_depth_mm, model.operating_temperature_c) == (weld.DEPTH_MM, weld.TEMPERATURE_C)
+    assert (model.operating_depth_mm, model.operating_temperature_c) == (
+        weld.DEPTH_MM,
+        weld.TEMPERATURE_C,
+    )
     assert model.operating_force_kn == weld.FORCE_KN
     assert pytest.approx(ProcessModel(model).equilibrium().speed_rpm, abs=5e-4) == weld.SPEED_RPM
     assert weld.FORCE_MIN_KN < weld.FORCE_KN < weld.FORCE_MAX_KN

@@ -31,7 +31,14 @@ class Weld(Spinner):
 
     def __init__(self, folder, domain, launcher, standby):
         self.launcher = launcher
-        graph = PatientWeld(parse(SCENARIO), folder / "weld", ("nmpc",), realtime=True, record=False, standby=standby)
+        graph = PatientWeld(
+            parse(SCENARIO),
+            folder / "weld",
+            ("nmpc",),
+            realtime=True,
+            record=False,
+            standby=standby,
+        )
         graph.start(launcher)
         self.arguments = ["--ros-args", "--params-file", str(folder / "weld" / "parameters.yaml")]
         self.context = Context()
@@ -42,7 +49,10 @@ class Weld(Spinner):
         self.follows, self.commands = {}, []
         for name in ("decentral", "nmpc", "supervisor"):
             self.node.create_subscription(
-                WeldReference, f"/fsw/{name}/reference", lambda m, n=name: self.follows.update({n: m}), LATEST
+                WeldReference,
+                f"/fsw/{name}/reference",
+                lambda m, n=name: self.follows.update({n: m}),
+                LATEST,
             )
         self.node.create_subscription(WeldCommand, "/fsw/command", self.commands.append, STREAM)
 
@@ -55,11 +65,16 @@ class Weld(Spinner):
         return f"followed: {self.depths()}"
 
     def depths(self):
-        return {name: round(convert.reference(message).depth_mm, 6) for name, message in self.follows.items()}
+        return {
+            name: round(convert.reference(message).depth_mm, 6)
+            for name, message in self.follows.items()
+        }
 
     def until_all_follow(self, depth_mm, *names):
         names = names or ("decentral", "nmpc", "supervisor")
-        self.until(lambda: all(self.depths().get(name) == depth_mm for name in names), f"{depth_mm} mm")
+        self.until(
+            lambda: all(self.depths().get(name) == depth_mm for name in names), f"{depth_mm} mm"
+        )
 
     def ticks(self, count):
         goal = len(self.commands) + count
@@ -72,7 +87,11 @@ class Weld(Spinner):
         self.follows.pop(name if name != "standby" else "supervisor", None)
 
     def start(self, name):
-        module = "fsw_supervisor.supervisor_node" if name in ("supervisor", "standby") else f"fsw_{name}.{name}_node"
+        module = (
+            "fsw_supervisor.supervisor_node"
+            if name in ("supervisor", "standby")
+            else f"fsw_{name}.{name}_node"
+        )
         renamed = ["-r", f"__node:={STANDBY}"] if name == "standby" else []
         self.launcher.start(name, module, [*self.arguments, *renamed])
 
@@ -171,7 +190,9 @@ def test_set_point_and_safe_stop_outlive_the_supervisors(make_weld, capsys):
     set_depth(weld, capsys, 2.72)
     for _ in range(2):
         supervisors = ("supervisor", "standby")
-        dies, takes_over = supervisors if weld.role("supervisor") == "active" else reversed(supervisors)
+        dies, takes_over = (
+            supervisors if weld.role("supervisor") == "active" else reversed(supervisors)
+        )
         weld.kill(dies)
         weld.until(lambda name=takes_over: weld.role(name) == "active", "the takeover")
         weld.until_all_follow(2.72, "supervisor")
@@ -181,8 +202,12 @@ def test_set_point_and_safe_stop_outlive_the_supervisors(make_weld, capsys):
     assert_stays(weld, capsys, 2.72)
 
     obeyed(weld, capsys, lambda: weld.source == "safe_stop", "mode", "safe_stop")
-    told = ["safe_stop"] * 5  # until then, those who remember it for the next supervisors may not have heard of it
-    weld.until(lambda: [message.source for message in weld.commands[-5:]] == told, "a safe stop in force")
+    told = [
+        "safe_stop"
+    ] * 5  # until then, those who remember it for the next supervisors may not have heard of it
+    weld.until(
+        lambda: [message.source for message in weld.commands[-5:]] == told, "a safe stop in force"
+    )
     for name in ("supervisor", "standby"):
         weld.kill(name)
     before = len(weld.commands)

@@ -29,12 +29,17 @@ NODES = {
 
 def run(script, *arguments, **options):
     command = [sys.executable, str(SCRIPTS / f"{script}.py"), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=600, check=False, **options)
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=600, check=False, **options
+    )
 
 
 @pytest.mark.parametrize(
     "script",
-    [name if name in ("run_plant", "run_hmi") else pytest.param(name, marks=pytest.mark.full) for name in NODES],
+    [
+        name if name in ("run_plant", "run_hmi") else pytest.param(name, marks=pytest.mark.full)
+        for name in NODES
+    ],
 )
 def test_help_lists_the_parameters_and_wrong_names_are_refused(script, tmp_path):
     ran = run(script, "--help")
@@ -50,12 +55,23 @@ def test_lines_are_counted_now_and_at_another_revision():
     ran = run("count_lines", "HEAD")
     assert ran.returncode == 0 and ran.stderr == ""
     packages, sums = ran.stdout.split("\n\n")
-    rows = {tuple(words[:2]): list(map(int, words[2:5])) for words in map(str.split, packages.splitlines())}
+    rows = {
+        tuple(words[:2]): list(map(int, words[2:5]))
+        for words in map(str.split, packages.splitlines())
+    }
     assert all(now == before + more for now, before, more in rows.values())
-    assert {("src/fsw_control", "Python"), ("src/fsw_nmpc", "C"), ("lab/studies/canister", "Python")} <= rows.keys()
-    core = next(words for words in map(str.split, sums.splitlines()) if words[:2] == ["core", "Python"])
+    assert {
+        ("src/fsw_control", "Python"),
+        ("src/fsw_nmpc", "C"),
+        ("lab/studies/canister", "Python"),
+    } <= rows.keys()
+    core = next(
+        words for words in map(str.split, sums.splitlines()) if words[:2] == ["core", "Python"]
+    )
     assert int(core[2]) == sum(
-        now for (name, language), (now, *_) in rows.items() if name[:4] == "src/" and language == "Python"
+        now
+        for (name, language), (now, *_) in rows.items()
+        if name[:4] == "src/" and language == "Python"
     )
     ran = run("count_lines", "no_such_revision")
     assert ran.returncode == 2 and "Traceback" not in ran.stderr
@@ -104,8 +120,14 @@ def test_an_environment_that_cannot_be_written_is_said_in_short(tmp_path):
     for name in (".venv.lock", ".venv-ros.lock"):
         (tmp_path / name).mkdir(parents=True)
     program = f"import sys; sys.path.insert(0, {str(tmp_path / 'scripts')!r}); import _bootstrap; _bootstrap.ensure()"
-    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=600, check=False)
-    assert ran.returncode == 1 and "Traceback" not in ran.stderr and str(tmp_path / ".venv") in ran.stderr
+    ran = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=600, check=False
+    )
+    assert (
+        ran.returncode == 1
+        and "Traceback" not in ran.stderr
+        and str(tmp_path / ".venv") in ran.stderr
+    )
 
 
 def test_an_environment_of_another_python_is_used_and_not_made_again(tmp_path):
@@ -123,31 +145,50 @@ def test_an_environment_of_another_python_is_used_and_not_made_again(tmp_path):
     python.chmod(0o755)
     (tmp_path / ".venv" / "pyvenv.cfg").write_text("home = /nowhere\nversion = 3.99.1\n")
     command = [sys.executable, str(script), "an argument"]
-    ran = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False, env=environment)
+    ran = subprocess.run(
+        command, capture_output=True, text=True, timeout=600, check=False, env=environment
+    )
     assert (ran.returncode, ran.stdout) == (0, f"ran {script} an argument\n")
-    assert "is of Python 3.99; delete it to use" in ran.stderr and python.read_text().startswith("#!/bin/sh")
+    assert "is of Python 3.99; delete it to use" in ran.stderr and python.read_text().startswith(
+        "#!/bin/sh"
+    )
 
 
 def test_python_of_an_environment_is_what_its_file_says_if_there_is_an_interpreter(tmp_path):
     """Whether it is made anew and whether it is used both follow from that."""
-    for name, interpreter in (("whole", True), ("without interpreter", False), ("without file", True)):
+    for name, interpreter in (
+        ("whole", True),
+        ("without interpreter", False),
+        ("without file", True),
+    ):
         (tmp_path / name / "bin").mkdir(parents=True)
         if interpreter:
             (tmp_path / name / "bin" / "python").touch()
         if name != "without file":
             (tmp_path / name / "pyvenv.cfg").write_text("home = /nowhere\nversion = 3.99.1\n")
-    homes = [str(tmp_path / name) for name in ("whole", "without interpreter", "without file", "nowhere")]
+    homes = [
+        str(tmp_path / name)
+        for name in ("whole", "without interpreter", "without file", "nowhere")
+    ]
     program = (
         f"import sys; sys.path.insert(0, {str(SCRIPTS)!r}); import _bootstrap\n"
         f"print([_bootstrap._made_with(_bootstrap.Path(home)) for home in {homes}])"
     )
-    ran = subprocess.run([sys.executable, "-S", "-c", program], capture_output=True, text=True, timeout=600, check=True)
+    ran = subprocess.run(
+        [sys.executable, "-S", "-c", program],
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=True,
+    )
     assert ran.stdout == "['3.99', '', '', '']\n"
 
 
 def test_output_that_nobody_reads():
     command = f"{sys.executable} {SCRIPTS / 'run_plant.py'} --help | true"
-    ran = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=600, check=False)
+    ran = subprocess.run(
+        ["bash", "-c", command], capture_output=True, text=True, timeout=600, check=False
+    )
     assert ran.stderr == ""
 
 
@@ -159,7 +200,9 @@ def test_output_that_nobody_reads():
         ("", "return 3", 3, ""),
     ],
 )
-def test_ctrl_c_gives_no_traceback_not_even_while_libraries_are_loaded(tmp_path, while_imported, in_main, code, said):
+def test_ctrl_c_gives_no_traceback_not_even_while_libraries_are_loaded(
+    tmp_path, while_imported, in_main, code, said
+):
     text = f"import os, signal\n{while_imported}\ndef main():\n    {in_main}\n"
     (tmp_path / "command_of_test.py").write_text(text, encoding="utf-8")
     program = (
@@ -172,6 +215,8 @@ def test_ctrl_c_gives_no_traceback_not_even_while_libraries_are_loaded(tmp_path,
         text=True,
         timeout=600,
         check=False,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a background job ignores it
+        preexec_fn=lambda: signal.signal(
+            signal.SIGINT, signal.SIG_DFL
+        ),  # a background job ignores it
     )
     assert (ran.returncode, ran.stderr) == (code, said)

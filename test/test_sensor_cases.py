@@ -45,10 +45,15 @@ def case(tmp_path):
 
     def write(sensor, *faults):
         lines = [
-            f"  - {{at_s: {at_s}, fault: {{sensor: {sensor}, kind: {kind}{values}}}}}" for at_s, kind, values in faults
+            f"  - {{at_s: {at_s}, fault: {{sensor: {sensor}, kind: {kind}{values}}}}}"
+            for at_s, kind, values in faults
         ]
         path = tmp_path / "case.yaml"
-        path.write_text("\n".join(["name: case", "duration_s: 80.0", "controller: decentral", "events:", *lines]))
+        path.write_text(
+            "\n".join(
+                ["name: case", "duration_s: 80.0", "controller: decentral", "events:", *lines]
+            )
+        )
         return path
 
     return write
@@ -78,7 +83,10 @@ def test_a_broken_probe_stops_the_weld_before_the_copper_is_hot(controller):
 @pytest.mark.parametrize("slip_mm", [2.0, -2.0, -1.0, -0.6, -0.45])
 @pytest.mark.parametrize("ticks", [1, 3])
 def test_a_slip_is_caught_at_once_or_spread_over_some_ticks(case, controller, slip_mm, ticks):
-    faults = [(FAULT_S + 0.1 * k, "bias", f", magnitude_mm: {slip_mm * (k + 1) / ticks:.4f}") for k in range(ticks)]
+    faults = [
+        (FAULT_S + 0.1 * k, "bias", f", magnitude_mm: {slip_mm * (k + 1) / ticks:.4f}")
+        for k in range(ticks)
+    ]
     outcome = welded(case("depth", *faults), controller)
     assert outcome.stopped_s <= 0.6
     assert any(cause.startswith(("depth_", "torque_model")) for cause in outcome.causes)
@@ -115,9 +123,13 @@ def test_a_sensor_that_is_mostly_away_ends_the_weld(case, controller):
 
 @pytest.mark.requirement("S35", "S37")
 @pytest.mark.parametrize("controller", CONTROLLERS)
-@pytest.mark.parametrize("scenario", ["output_disturbances", "model_uncertainty", "simultaneous_events", "quick"])
+@pytest.mark.parametrize(
+    "scenario", ["output_disturbances", "model_uncertainty", "simultaneous_events", "quick"]
+)
 def test_a_weld_without_a_fault_does_not_trip(controller, scenario):
-    controllers = {name: make(name) for name in CONTROLLERS}  # of several, the supervisor applies one
+    controllers = {
+        name: make(name) for name in CONTROLLERS
+    }  # of several, the supervisor applies one
     signals = ClosedLoop(load(scenario, [f"controller={controller}"]), controllers).run()
     assert set(signals.actual_mode[10:]) == {"auto"}
 
@@ -126,6 +138,9 @@ def test_a_weld_without_a_fault_does_not_trip(controller, scenario):
 @pytest.mark.parametrize("plant", [{}, {"sensors.torque_resolution_nm": 0.0}])
 @pytest.mark.parametrize("scenario", ["output_disturbances", "reference_tracking", "quick"])
 def test_without_noise_no_sensor_is_frozen(scenario, controller, plant):
-    quiet = {f"sensors.{name}": 0.0 for name in ("depth_noise_mm", "torque_noise_nm", "temperature_noise_c")}
+    quiet = {
+        f"sensors.{name}": 0.0
+        for name in ("depth_noise_mm", "torque_noise_nm", "temperature_noise_c")
+    }
     signals = fsw.simulate(scenario, controller=controller, plant=quiet | plant).signals
     assert signals.proposals[controller].healthy.all()

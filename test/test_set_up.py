@@ -13,9 +13,15 @@ SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
 def in_python(program, *arguments, **environment):
     """Run a program that has imported ``_bootstrap``, outside of any sourced ROS 2; returns its output."""
     begin = f"import sys; sys.path.insert(0, {str(SCRIPTS)!r}); import _bootstrap, _interfaces\n"
-    kept = {name: value for name, value in os.environ.items() if name not in ("ROS_DISTRO", "AMENT_PREFIX_PATH")}
+    kept = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in ("ROS_DISTRO", "AMENT_PREFIX_PATH")
+    }
     command = [sys.executable, "-c", begin + program, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=600, check=False, env=kept | environment)
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=600, check=False, env=kept | environment
+    )
 
 
 @pytest.mark.parametrize(
@@ -26,13 +32,22 @@ def in_python(program, *arguments, **environment):
         ("_bootstrap.platform.machine = lambda: 'aarch64'", "for Linux on x86-64"),
         ("_bootstrap.platform.libc_ver = lambda: ('glibc', '2.17')", "for Linux on x86-64"),
         ("_bootstrap.platform.libc_ver = lambda: ('', '')", "for Linux on x86-64"),
-        ("sys.version_info = (3, 15, 0)", "for Python 3.11 to 3.14: use one of these, or source a ROS 2"),
-        ("_interfaces.compiler = lambda: None", "a C++ compiler (Debian, Ubuntu: apt install g++)"),
+        (
+            "sys.version_info = (3, 15, 0)",
+            "for Python 3.11 to 3.14: use one of these, or source a ROS 2",
+        ),
+        (
+            "_interfaces.compiler = lambda: None",
+            "a C++ compiler (Debian, Ubuntu: apt install g++)",
+        ),
         (
             "_interfaces.python_headers = lambda: _bootstrap.Path('/none')",
             "headers (Debian, Ubuntu: apt install",
         ),
-        ("import os; os.environ |= {'ROS_DISTRO': 'jazzy', 'AMENT_PREFIX_PATH': '/opt'}; sys.platform = 'any'", ""),
+        (
+            "import os; os.environ |= {'ROS_DISTRO': 'jazzy', 'AMENT_PREFIX_PATH': '/opt'}; sys.platform = 'any'",
+            "",
+        ),
     ],
 )
 def test_reason_why_there_is_no_middleware(change, reason):
@@ -66,7 +81,13 @@ def built(tmp_path_factory):
     }.items():
         (package / name).parent.mkdir(parents=True)
         (package / name).write_text(text.replace("Reading answer", "small_msgs/Reading answer"))
-    command = [sys.executable, str(SCRIPTS / "_interfaces.py"), "--prefix", str(folder / "prefix"), str(package)]
+    command = [
+        sys.executable,
+        str(SCRIPTS / "_interfaces.py"),
+        "--prefix",
+        str(folder / "prefix"),
+        str(package),
+    ]
     ran = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert ran.returncode == 0, ran.stderr
     return folder / "prefix"
@@ -105,7 +126,13 @@ def test_built_package_is_laid_out_as_by_colcon(built):
 def test_a_definition_that_is_wrong_is_one_error(tmp_path):
     (tmp_path / "bad_msgs" / "msg").mkdir(parents=True)
     (tmp_path / "bad_msgs" / "msg" / "Bad.msg").write_text("float64 lower lower")
-    command = [sys.executable, str(SCRIPTS / "_interfaces.py"), "--prefix", str(tmp_path), str(tmp_path / "bad_msgs")]
+    command = [
+        sys.executable,
+        str(SCRIPTS / "_interfaces.py"),
+        "--prefix",
+        str(tmp_path),
+        str(tmp_path / "bad_msgs"),
+    ]
     ran = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert ran.returncode == 1 and "bad_msgs" in ran.stderr and "Traceback" not in ran.stderr
 
@@ -113,10 +140,20 @@ def test_a_definition_that_is_wrong_is_one_error(tmp_path):
 def test_a_compiler_that_fails_is_one_error(tmp_path):
     (tmp_path / "small_msgs" / "msg").mkdir(parents=True)
     (tmp_path / "small_msgs" / "msg" / "Empty.msg").write_text("")
-    command = [sys.executable, str(SCRIPTS / "_interfaces.py"), "--prefix", str(tmp_path / "prefix")]
+    command = [
+        sys.executable,
+        str(SCRIPTS / "_interfaces.py"),
+        "--prefix",
+        str(tmp_path / "prefix"),
+    ]
     command.append(str(tmp_path / "small_msgs"))
     ran = subprocess.run(
-        command, capture_output=True, text=True, timeout=600, check=False, env=os.environ | {"CXX": "false"}
+        command,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+        env=os.environ | {"CXX": "false"},
     )
     assert ran.returncode == 1 and "false" in ran.stderr and "Traceback" not in ran.stderr
     assert not (tmp_path / "prefix").exists()

@@ -5,7 +5,11 @@ import time
 
 import pytest
 import rclpy
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.executors import (
+    ExternalShutdownException,
+    MultiThreadedExecutor,
+    SingleThreadedExecutor,
+)
 from rclpy.task import Future
 
 from fsw_control.controller_node import ControllerNode
@@ -24,7 +28,11 @@ TICKS = 200
 def test_a_weld_in_one_executor(make, monkeypatch):
     with free_domain() as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        parameters = ["fsw_plant:clock:=simulated", "fsw_plant:speed:=0.0", "fsw_plant:wait_for_subscribers:=2"]
+        parameters = [
+            "fsw_plant:clock:=simulated",
+            "fsw_plant:speed:=0.0",
+            "fsw_plant:wait_for_subscribers:=2",
+        ]
         parameters += ["fsw_supervisor:use_sim_time:=true", "fsw_decentral:use_sim_time:=true"]
         rclpy.init(args=["--ros-args", *(word for one in parameters for word in ("-p", one))])
         try:

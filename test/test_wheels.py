@@ -17,17 +17,30 @@ WORKSPACE = Path(__file__).resolve().parents[1]
 
 def run(*command, cwd, **environment):
     return subprocess.run(
-        list(map(str, command)), cwd=cwd, env=environment, capture_output=True, text=True, timeout=900, check=True
+        list(map(str, command)),
+        cwd=cwd,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=900,
+        check=True,
     ).stdout
 
 
 @pytest.mark.parametrize(
     ("project", "folder", "without"),
-    [(".", "src", {"fsw_msgs", "fsw_bringup"}), ("quality", "quality", set()), ("lab", "lab", set())],
+    [
+        (".", "src", {"fsw_msgs", "fsw_bringup"}),
+        ("quality", "quality", set()),
+        ("lab", "lab", set()),
+    ],
 )
 def test_every_package_is_in_its_wheel(project, folder, without):
     content = tomllib.loads((WORKSPACE / project / "pyproject.toml").read_text())
-    named = [WORKSPACE / project / path for path in content["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]]
+    named = [
+        WORKSPACE / project / path
+        for path in content["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
+    ]
     assert all(path.is_dir() for path in named)
     manifests = list((WORKSPACE / folder).glob("*/package.xml"))
     assert {path.parent.name for path in manifests} == {path.name for path in named} | without
@@ -53,7 +66,9 @@ def test_wheels_weld_in_an_empty_environment(tmp_path):
     run(*pip, *locks, "fsw-lab[gym]", "fsw-quality[pdf]", cwd=place, **os.environ)
 
     def command(*words):
-        return run(home / "bin" / "fsw", *words, cwd=place, HOME=str(place), PATH="/nowhere")  # no compiler there
+        return run(
+            home / "bin" / "fsw", *words, cwd=place, HOME=str(place), PATH="/nowhere"
+        )  # no compiler there
 
     assert command("--version") == f"fsw-control {fsw.__version__}\n"
     assert "IAE depth" in command("simulate", "quick", "--controller", "nmpc", "--no-figures")
@@ -64,4 +79,6 @@ def test_wheels_weld_in_an_empty_environment(tmp_path):
     command("demo", "--scenario", "quick", "--controller", "decentral", "--out", "welded")
     written = {path.name for path in (place / "welded" / "quick").iterdir()}
     assert written == {"kpi.json", "kpi.md", "overview.png"}
-    assert "copper_lid" in command("record", "--help") and "--evaluations" in command("tune", "--help")
+    assert "copper_lid" in command("record", "--help") and "--evaluations" in command(
+        "tune", "--help"
+    )

@@ -9,12 +9,16 @@ from pathlib import Path
 
 import fsw
 
-machine = {"model.thermal_gain_c_per_kw": 1.25, "model.depth_gain_mm_per_kn_s": 1.4, "model.dead_time_s": 1.2}
+machine = {
+    "model.thermal_gain_c_per_kw": 1.25,
+    "model.depth_gain_mm_per_kn_s": 1.4,
+    "model.dead_time_s": 1.2,
+}
 experiment = fsw.simulate("identify_closed_loop", plant=machine)
 
 # %% [markdown]
-# The experiment moves the set-points under control, so that the weld stays good. Its sensors and the drives'
-# feedback are enough for the parameters that a weld can show:
+# The experiment moves the set-points under control, so that the weld stays good. Its sensors and
+# the drives' feedback are enough for the parameters that a weld can show:
 
 # %%
 found = fsw.identify(experiment)
@@ -29,7 +33,9 @@ for name, std in found.std.items():
 file = Path(tempfile.mkdtemp()) / "model.yaml"
 file.write_text(found.text, encoding="utf-8")
 before = fsw.simulate("reference_tracking", "nmpc", plant=machine, noise=False)
-after = fsw.simulate("reference_tracking", "nmpc", plant=machine, noise=False, parameters={"model_file": str(file)})
+after = fsw.simulate(
+    "reference_tracking", "nmpc", plant=machine, noise=False, parameters={"model_file": str(file)}
+)
 before.label, after.label = "paper's model", "identified model"
 both = fsw.Comparison({weld.label: weld for weld in (before, after)})
 both

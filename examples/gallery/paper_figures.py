@@ -1,11 +1,10 @@
 # %% [markdown]
 # # The paper's Figs. 4 to 9
 #
-# *Simulation based evaluation of a nonlinear model predictive controller for friction stir welding of nuclear
-# waste canisters* (Nielsen, Garpinger, Cederqvist, ECC 2013) shows the process in open loop and two controllers
-# on steps of the set-points and of disturbances. The sizes of the steps are not in the paper; they are chosen.
-#
-# ## Open loop: Figs. 4 and 5
+# *Simulation based evaluation of a nonlinear model predictive controller for friction stir welding
+# of nuclear waste canisters* (Nielsen, Garpinger, Cederqvist, ECC 2013) shows the process in open
+# loop and two controllers on steps of the set-points and of disturbances. The sizes of the steps
+# are not in the paper; they are chosen. ## Open loop: Figs. 4 and 5
 
 # %%
 import fsw

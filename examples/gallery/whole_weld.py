@@ -1,9 +1,9 @@
 # %% [markdown]
 # # The whole weld's record
 #
-# 45 minutes around the canister: dwell, start, down to the joint line, once around, overlap, parking; with slow
-# heating, edges, drifts and wear of the tool. Here it runs over DDS, in processes, as fast as they can, as by
-# `fsw demo` on the command line.
+# 45 minutes around the canister: dwell, start, down to the joint line, once around, overlap,
+# parking; with slow heating, edges, drifts and wear of the tool. Here it runs over DDS, in
+# processes, as fast as they can, as by `fsw demo` on the command line.
 
 # %%
 import io
@@ -18,7 +18,17 @@ from fsw_analysis import phase_kpi
 
 folder = Path(tempfile.mkdtemp())
 with redirect_stdout(io.StringIO()):
-    main(["demo", "--scenario", "canister_weld", "--controller", "nmpc", "--out", str(folder / "welded")])
+    main(
+        [
+            "demo",
+            "--scenario",
+            "canister_weld",
+            "--controller",
+            "nmpc",
+            "--out",
+            str(folder / "welded"),
+        ]
+    )
 bag = folder / "welded" / "canister_weld" / "nmpc" / "bag"
 weld = fsw.read_bag(bag, "nmpc")
 weld.plot()
@@ -31,7 +41,8 @@ phases = phase_kpi.recorded_spans(weld.signals)
 print(phase_kpi.markdown([phase_kpi.compute(weld.signals, weld.label, phases)]))
 
 # %% [markdown]
-# Its record, judged by the welding procedure `copper_lid`; [as a page and PDF](../how-to/record.md), too:
+# Its record, judged by the welding procedure `copper_lid`; [as a page and
+# PDF](../how-to/record.md), too:
 
 # %%
 with redirect_stdout(io.StringIO()):

@@ -47,11 +47,18 @@ def expected():
     made = definition.read(yaml.safe_load(yaml.safe_dump(CAMPAIGN)))
     labels = [one.label for one in made.entrants]
     rows = run_batch(made.text, [(i, made.parameters(i), labels) for i in range(made.welds)])
-    return [without_times(row) for row in sorted(rows, key=lambda row: (row["index"], row["controller"]))]
+    return [
+        without_times(row)
+        for row in sorted(rows, key=lambda row: (row["index"], row["controller"]))
+    ]
 
 
 def without_times(row):
-    return {key: value for key, value in row.items() if key not in TIMES and value is not None and key != "events"}
+    return {
+        key: value
+        for key, value in row.items()
+        if key not in TIMES and value is not None and key != "events"
+    }
 
 
 def found(folder):
@@ -64,7 +71,9 @@ def command(log, *arguments):
     """A campaign as a process, in a session of its own; its workers outlive it a little when it is killed."""
     with log.open("w") as stream:
         return subprocess.Popen(
-            [sys.executable, str(SCRIPT), "campaign", *map(str, arguments)], stderr=stream, start_new_session=True
+            [sys.executable, str(SCRIPT), "campaign", *map(str, arguments)],
+            stderr=stream,
+            start_new_session=True,
         )
 
 
@@ -79,14 +88,20 @@ def wait_for_rows(folder, process):
 @pytest.mark.parametrize("workers", [1, 2])
 @pytest.mark.full
 def test_results_do_not_depend_on_the_number_of_workers(file, tmp_path, expected, workers):
-    with engine.connect(None, workers) as client, Dataset(tmp_path / "out", definition.load(file)) as written:
+    with (
+        engine.connect(None, workers) as client,
+        Dataset(tmp_path / "out", definition.load(file)) as written,
+    ):
         assert engine.run(written, client) == len(expected)
     assert found(tmp_path / "out") == expected
 
 
 @pytest.mark.full
 def test_a_killed_worker_loses_nothing(file, tmp_path, expected):
-    with engine.connect(None, 2) as client, Dataset(tmp_path / "out", definition.load(file)) as written:
+    with (
+        engine.connect(None, 2) as client,
+        Dataset(tmp_path / "out", definition.load(file)) as written,
+    ):
         victims = list(client.run(os.getpid).values())[:1]
 
         def kill(_):
@@ -102,7 +117,9 @@ def test_a_killed_worker_loses_nothing(file, tmp_path, expected):
 def test_a_batch_that_ends_its_worker_again_and_again_is_told(file, tmp_path, monkeypatch):
     made = definition.load(file, welds=1)
     with engine.connect(None, 1) as client, Dataset(tmp_path / "out", made) as written:
-        client.run_on_scheduler(lambda dask_scheduler: setattr(dask_scheduler, "allowed_failures", 0))
+        client.run_on_scheduler(
+            lambda dask_scheduler: setattr(dask_scheduler, "allowed_failures", 0)
+        )
         monkeypatch.setattr(engine, "run_batch", lambda text, task: os._exit(1))
         assert engine.run(written, client) == 2
     assert {row["status"] for row in found(tmp_path / "out")} == {"error"}
@@ -137,8 +154,12 @@ def cluster(tmp_path):
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     module = [sys.executable, "-m", "distributed.cli"]
     options = ["--scheduler-file", str(where), "--no-dashboard"]
-    scheduler = subprocess.Popen([*module[:2], f"{module[2]}.dask_scheduler", "--port", "0", *options], **quiet)
-    worker = subprocess.Popen([*module[:2], f"{module[2]}.dask_worker", "--nthreads", "1", *options], **quiet)
+    scheduler = subprocess.Popen(
+        [*module[:2], f"{module[2]}.dask_scheduler", "--port", "0", *options], **quiet
+    )
+    worker = subprocess.Popen(
+        [*module[:2], f"{module[2]}.dask_worker", "--nthreads", "1", *options], **quiet
+    )
     wait_until(lambda: where.exists() and where.read_text(), "the scheduler's address")
     address = yaml.safe_load(where.read_text())["address"]
     with Client(address, timeout=PATIENCE_S, set_as_default=False) as client:
@@ -159,17 +180,25 @@ def test_a_scheduler_by_address_and_its_loss(file, tmp_path, expected, cluster):
             scheduler.kill()
             scheduler.wait()
 
-        with pytest.raises(InputError, match="the scheduler is gone"), engine.connect(address, None) as client:
+        with (
+            pytest.raises(InputError, match="the scheduler is gone"),
+            engine.connect(address, None) as client,
+        ):
             engine.run(written, client, kill)
     rows = found(tmp_path / "out")
     assert rows and all(row in expected for row in rows)
-    with engine.connect(None, 1) as client, Dataset(tmp_path / "out", made, resume=True) as written:
+    with (
+        engine.connect(None, 1) as client,
+        Dataset(tmp_path / "out", made, resume=True) as written,
+    ):
         engine.run(written, client)
     assert found(tmp_path / "out") == expected
 
 
 @pytest.mark.parametrize("status", ["finished", "error", "cancelled"])
-def test_the_scheduler_may_be_lost_between_two_questions_to_a_future(file, tmp_path, monkeypatch, status):
+def test_the_scheduler_may_be_lost_between_two_questions_to_a_future(
+    file, tmp_path, monkeypatch, status
+):
     lost = FutureCancelledError("key", "scheduler-connection-lost")
     future = Mock(status=status, key="key")
     future.result.side_effect = lost

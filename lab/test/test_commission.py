@@ -33,10 +33,18 @@ _LOCKSTEP = {"use_sim_time": True, "lockstep_deadline_s": 30.0, "lockstep_shadow
 NODES = {
     "fsw_supervisor": ("fsw_supervisor.supervisor_node", PATIENT | _LOCKSTEP),
     "fsw_decentral": ("fsw_decentral.decentral_node", {"use_sim_time": True}),
-    "fsw_scenario": ("fsw_scenario.scenario_node", {"use_sim_time": True, "scenario": "", "silence_timeout_s": 3600.0}),
+    "fsw_scenario": (
+        "fsw_scenario.scenario_node",
+        {"use_sim_time": True, "scenario": "", "silence_timeout_s": 3600.0},
+    ),
     "fsw_plant": (
         "fsw_plant.plant_node",
-        {"clock": "simulated", "speed": 0.0, "wait_for_subscribers": 2, "model.thermal_gain_c_per_kw": 1.3},
+        {
+            "clock": "simulated",
+            "speed": 0.0,
+            "wait_for_subscribers": 2,
+            "model.thermal_gain_c_per_kw": 1.3,
+        },
     ),
 }
 
@@ -45,7 +53,9 @@ NODES = {
 def graph(tmp_path, monkeypatch):
     """Plant, decentralized controller, supervisor and a player that waits, in lockstep; the plant heats by 1.3."""
     file = tmp_path / "parameters.yaml"
-    file.write_text(yaml.safe_dump({name: {"ros__parameters": values} for name, (_, values) in NODES.items()}))
+    file.write_text(
+        yaml.safe_dump({name: {"ros__parameters": values} for name, (_, values) in NODES.items()})
+    )
     for name, content in (("experiment", EXPERIMENT), ("acceptance", TEST)):
         (tmp_path / f"{name}.yaml").write_text(json.dumps(content))
     with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
@@ -53,14 +63,31 @@ def graph(tmp_path, monkeypatch):
         for name, (module, _) in NODES.items():
             launcher.start(name, module, ["--ros-args", "--params-file", str(file)])
         wait_for_text(launcher, "fsw_supervisor", "controller decentral has joined")
-        assert main(["reference", "--depth", "2.66", "--temperature", "816.4", "--timeout", "60"]) == 0
+        assert (
+            main(["reference", "--depth", "2.66", "--temperature", "816.4", "--timeout", "60"])
+            == 0
+        )
         yield tmp_path
         launcher.check()
 
 
 def arguments(folder, out):
-    files = [word for name in ("experiment", "acceptance") for word in (f"--{name}", f"{folder / name}.yaml")]
-    return ["commission", "--out", f"{folder / out}", "--timeout", "60", "--evaluations", "4", "--yes", *files]
+    files = [
+        word
+        for name in ("experiment", "acceptance")
+        for word in (f"--{name}", f"{folder / name}.yaml")
+    ]
+    return [
+        "commission",
+        "--out",
+        f"{folder / out}",
+        "--timeout",
+        "60",
+        "--evaluations",
+        "4",
+        "--yes",
+        *files,
+    ]
 
 
 def course(folder, out):
@@ -73,11 +100,17 @@ def interrupted(folder, out):
     """Ctrl-C in the middle of the experiment; returns exit code and output."""
     log = folder / "command.log"
     with log.open("wb") as file:
-        environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "PYTHONUNBUFFERED": "1"}
+        environment = os.environ | {
+            "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+            "PYTHONUNBUFFERED": "1",
+        }
         command = [sys.executable, "-m", "fsw.main", *arguments(folder, out)]
         process = subprocess.Popen(command, stdout=file, stderr=subprocess.STDOUT, env=environment)
         try:
-            wait_until(lambda: "running: " in log.read_text() or process.poll() is not None, "the experiment")
+            wait_until(
+                lambda: "running: " in log.read_text() or process.poll() is not None,
+                "the experiment",
+            )
             process.send_signal(signal.SIGINT)
             wait_until(lambda: process.poll() is not None, "the command's end")
         finally:
@@ -87,13 +120,19 @@ def interrupted(folder, out):
 
 def test_a_running_graph_is_commissioned_and_ctrl_c_aborts(graph, capsys):
     end_s = time.monotonic() + PATIENCE_S
-    while main(arguments(graph, "out")) != 0:  # where the machine stands still, samples are lost: a step is repeated
+    while (
+        main(arguments(graph, "out")) != 0
+    ):  # where the machine stands still, samples are lost: a step is repeated
         captured = capsys.readouterr()
-        if course(graph, "out").get("accept") == "failed":  # a search of four evaluations finds no good tuning
+        if (
+            course(graph, "out").get("accept") == "failed"
+        ):  # a search of four evaluations finds no good tuning
             break
         assert time.monotonic() < end_s, captured
     done = course(graph, "out")
-    assert [done[name] for name in ("check", "experiment", "identify", "tune", "apply")] == ["done"] * 5
+    assert [done[name] for name in ("check", "experiment", "identify", "tune", "apply")] == [
+        "done"
+    ] * 5
     found = ModelParameters.from_file(graph / "out" / "tuned" / "model.yaml")
     assert found.thermal_gain_c_per_kw == pytest.approx(1.3 * 18.1, rel=0.2)
     tuning = (graph / "out" / "tuned" / "decentral_conservative.yaml").read_text()
@@ -118,5 +157,7 @@ def test_a_running_graph_is_commissioned_and_ctrl_c_aborts(graph, capsys):
     assert "safe_stop" in capsys.readouterr().out
     assert main(arguments(graph, "again")) == 1
     captured = capsys.readouterr()
-    note = yaml.safe_load((graph / "again" / "commission.yaml").read_text())["outcomes"]["experiment"]["note"]
+    note = yaml.safe_load((graph / "again" / "commission.yaml").read_text())["outcomes"][
+        "experiment"
+    ]["note"]
     assert "in mode safe_stop, so nothing was moved; fsw.py acknowledge" in note, captured

@@ -26,6 +26,9 @@ setup(
         "fsw.nodes": ["monitor = fsw_quality.monitor_node:main"],
         "fsw.record_hooks": ["record = fsw_quality.record_hook:command"],
         "fsw.api": ["record = fsw_quality.api:record"],
-        "fsw.schemas": ["attestation = fsw_quality.attestation:Attestation", "record = fsw_quality.record:Record"],
+        "fsw.schemas": [
+            "attestation = fsw_quality.attestation:Attestation",
+            "record = fsw_quality.record:Record",
+        ],
     },
 )

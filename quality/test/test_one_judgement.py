@@ -88,7 +88,9 @@ def states(weld: WeldSignals) -> list[str]:
     found = np.full(weld.n_ticks, "running", object)
     for event in weld.events:
         if event.kind == "weld":
-            found[weld.time_s >= event.time_s - 1e-6] = {"resumed": "running"}.get(event.subject, event.subject)
+            found[weld.time_s >= event.time_s - 1e-6] = {"resumed": "running"}.get(
+                event.subject, event.subject
+            )
     return list(found)
 
 
@@ -99,11 +101,23 @@ def live(weld: WeldSignals, book: RuleBook) -> LiveWeld:
     for i in range(weld.n_ticks):
         phase = [name for name, begin_s in weld.phases if begin_s <= weld.time_s[i] + 1e-6][-1]
         progress: dict[str, Any] = {
-            **{"state": state[i], "phase": phase, "angle_deg": weld.angle_deg[i], "length_mm": weld.travel_mm[i]},
-            **{"depth_mm": weld.programme_depth_mm[i], "temperature_c": weld.programme_temperature_c[i]},
+            **{
+                "state": state[i],
+                "phase": phase,
+                "angle_deg": weld.angle_deg[i],
+                "length_mm": weld.travel_mm[i],
+            },
+            **{
+                "depth_mm": weld.programme_depth_mm[i],
+                "temperature_c": weld.programme_temperature_c[i],
+            },
         }
         page.on_progress(progress)
-        supervisor = {"actual_controller": "decentral", "actual_mode": weld.actual_mode[i], "interlocks": []}
+        supervisor = {
+            "actual_controller": "decentral",
+            "actual_mode": weld.actual_mode[i],
+            "interlocks": [],
+        }
         page.on_state("a", supervisor | {"reason": "", "cause": Cause.STARTED, "by": ""})
         values = (
             *(weld.depth_mm[i], weld.temperature_c[i], weld.torque_nm[i]),
@@ -116,7 +130,10 @@ def live(weld: WeldSignals, book: RuleBook) -> LiveWeld:
 
 
 def outside(account: Account | Record) -> list[tuple[Any, ...]]:
-    return [(one.kind, one.variable, one.begin_s, one.samples, one.missing, one.beyond) for one in account.exceedances]
+    return [
+        (one.kind, one.variable, one.begin_s, one.samples, one.missing, one.beyond)
+        for one in account.exceedances
+    ]
 
 
 @pytest.mark.parametrize(("spoil", "rule", "verdict"), CASES)
@@ -130,22 +147,38 @@ def test_record_and_pages_say_the_same_of_a_weld(
     running, frame = page.account(), page.frame()
     assert running is not None and frame is not None
     assert (record.deciding.name, record.verdict) == (rule, verdict)
-    assert (recorded["rule"], recorded["verdict"], frame["rule"], frame["verdict"]) == (rule, verdict, rule, verdict)
-    assert (recorded["level"] == "good") == (frame["level"] == "good") == (verdict is Verdict.ACCEPT)
+    assert (recorded["rule"], recorded["verdict"], frame["rule"], frame["verdict"]) == (
+        rule,
+        verdict,
+        rule,
+        verdict,
+    )
+    assert (
+        (recorded["level"] == "good") == (frame["level"] == "good") == (verdict is Verdict.ACCEPT)
+    )
     of_record = [
-        (one.kind, one.variable, one.begin_s, one.samples, one.missing, one.beyond) for one in record.exceedances
+        (one.kind, one.variable, one.begin_s, one.samples, one.missing, one.beyond)
+        for one in record.exceedances
     ]
-    assert outside(running) == of_record and len(recorded["marks"]) == len(frame["marks"]) == len(of_record)
+    assert outside(running) == of_record and len(recorded["marks"]) == len(frame["marks"]) == len(
+        of_record
+    )
     own = {(one.name, one.subject, one.words): one.verdict for one in record.rules}
-    assert {(one.name, one.subject, one.words): one.verdict for one in running.rules}.items() <= own.items()
+    assert {
+        (one.name, one.subject, one.words): one.verdict for one in running.rules
+    }.items() <= own.items()
 
 
-@pytest.mark.parametrize(("spoil", "rule", "verdict"), [case for case in CASES if case[1] != "hold"])
+@pytest.mark.parametrize(
+    ("spoil", "rule", "verdict"), [case for case in CASES if case[1] != "hold"]
+)
 def test_without_a_procedure_the_defaults_judge_for_all(
     spoil: Callable[[WeldSignals], None], rule: str, verdict: Verdict
 ) -> None:
     weld = weld_of(spoil, procedure=False)
-    book = default().changed(acceptance=default().acceptance.model_copy(update={"tolerated_share": 1.0}))
+    book = default().changed(
+        acceptance=default().acceptance.model_copy(update={"tolerated_share": 1.0})
+    )
     running = live(weld, book).account()
     assert running is not None and running.verdict is judge(weld, book).verdict
     assert rule_book(weld.attachments) is default()

@@ -21,14 +21,21 @@ from fsw_test_support.ros_graph import Spinner, domain_id
 __all__ = ["domain_id"]
 pytestmark = pytest.mark.slow
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "topics.md"
-ROW = re.compile(r"^\| `(/[\w/<>]+)` \|.*\| (reliable|transient local), keep last (\d+) \|$", re.MULTILINE)
+ROW = re.compile(
+    r"^\| `(/[\w/<>]+)` \|.*\| (reliable|transient local), keep last (\d+) \|$", re.MULTILINE
+)
 PROGRAMME = "{name: t, controller: nmpc, phases: [{name: dwell, duration_s: 60.0}]}"
 
 
 def on_the_page():
     text = PAGE.read_text(encoding="utf-8")
-    rows = {name.replace("<controller>", "nmpc"): (kind, int(depth)) for name, kind, depth in ROW.findall(text)}
-    assert len(rows) == text.partition("## Services")[0].count("\n| `/"), "a row is written in another way"
+    rows = {
+        name.replace("<controller>", "nmpc"): (kind, int(depth))
+        for name, kind, depth in ROW.findall(text)
+    }
+    assert len(rows) == text.partition("## Services")[0].count("\n| `/"), (
+        "a row is written in another way"
+    )
     return rows
 
 
@@ -47,15 +54,23 @@ def published(monkeypatch):
 
 
 def described(profile):
-    assert profile.history == HistoryPolicy.KEEP_LAST and profile.reliability == ReliabilityPolicy.RELIABLE
+    assert (
+        profile.history == HistoryPolicy.KEEP_LAST
+        and profile.reliability == ReliabilityPolicy.RELIABLE
+    )
     latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
     return "transient local" if latched else "reliable", profile.depth
 
 
 def test_quality_of_service_is_that_of_the_page(published, domain_id, tmp_path):
     values = {"fsw_plant:clock": "simulated", "fsw_plant:speed": 0.0, "fsw_hmi:port": 0}
-    values |= {"fsw_hmi:token_file": tmp_path / "token", "fsw_hmi:state_folder": tmp_path / "state"}
-    values |= dict.fromkeys((f"fsw_{name}:use_sim_time" for name in ("supervisor", "nmpc", "scenario")), "true")
+    values |= {
+        "fsw_hmi:token_file": tmp_path / "token",
+        "fsw_hmi:state_folder": tmp_path / "state",
+    }
+    values |= dict.fromkeys(
+        (f"fsw_{name}:use_sim_time" for name in ("supervisor", "nmpc", "scenario")), "true"
+    )
     arguments = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
     (tmp_path / "weld.yaml").write_text(PROGRAMME)
     (tmp_path / "token").touch(mode=0o600)

@@ -4,7 +4,9 @@ from pathlib import Path
 from setuptools import Extension, find_packages, setup
 
 package_name = "fsw_nmpc"
-sys.path.append(str(Path(__file__).resolve().parents[1] / "fsw_control"))  # in the workspace; elsewhere it is installed
+sys.path.append(
+    str(Path(__file__).resolve().parents[1] / "fsw_control")
+)  # in the workspace; elsewhere it is installed
 from fsw_control.c_library import CLibrary  # noqa: E402
 
 setup(

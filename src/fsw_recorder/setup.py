@@ -19,7 +19,10 @@ setup(
             "recorder = fsw_schema.entry:fsw_recorder.recorder_node.main",
             "replay = fsw_schema.entry:fsw_recorder.replay_node.main",
         ],
-        "fsw.nodes": ["recorder = fsw_recorder.recorder_node:main", "replay = fsw_recorder.replay_node:main"],
+        "fsw.nodes": [
+            "recorder = fsw_recorder.recorder_node:main",
+            "replay = fsw_recorder.replay_node:main",
+        ],
         "fsw.schemas": ["manifest = fsw_recorder.manifest:Manifest"],
     },
 )

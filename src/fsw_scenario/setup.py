@@ -8,7 +8,15 @@ setup(
     name=package_name,
     version="0.3.0",
     packages=find_packages(exclude=["test"]),
-    package_data={package_name: ["*.yaml", "scenarios/*.yaml", "events/*.yaml", "procedures/*.yaml", "py.typed"]},
+    package_data={
+        package_name: [
+            "*.yaml",
+            "scenarios/*.yaml",
+            "events/*.yaml",
+            "procedures/*.yaml",
+            "py.typed",
+        ]
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),

@@ -22,8 +22,18 @@ class Table:
     def write(self, path):
         rows = [("fault", "detected by", "reaction", "ticks lost", "worst deviation")]
         for fault, (detected, reaction, (lost, depth_mm, temperature_c)) in self.rows.items():
-            rows.append((fault, detected, reaction, lost, f"{1e3 * depth_mm:.1f} µm, {temperature_c:.1f} °C"))
+            rows.append(
+                (
+                    fault,
+                    detected,
+                    reaction,
+                    lost,
+                    f"{1e3 * depth_mm:.1f} µm, {temperature_c:.1f} °C",
+                )
+            )
         begin, end = TABLE_MARKS
         text = path.read_text(encoding="utf-8")
         before, after = text.split(begin)[0], text.split(end)[1]
-        path.write_text(f"{before}{begin}\n\n{table(rows, words=None)}\n\n{end}{after}", encoding="utf-8")
+        path.write_text(
+            f"{before}{begin}\n\n{table(rows, words=None)}\n\n{end}{after}", encoding="utf-8"
+        )

@@ -64,8 +64,9 @@ RELIABLE = ("fsw/drives", "fsw/plant/truth")
 class Outcome:
     """What reached the plant since a mark; deviations are from the values at the mark.
 
-    What time decides is exact in lockstep only: in real time a busy machine loses ticks and makes controllers late
-    that nothing is done to. How soon a fault is answered is tested with a clock by hand (fsw_supervisor/test).
+    What time decides is exact in lockstep only: in real time a busy machine loses ticks and makes
+    controllers late that nothing is done to. How soon a fault is answered is tested with a clock
+    by hand (fsw_supervisor/test).
     """
 
     exact: bool
@@ -93,7 +94,9 @@ class Outcome:
     def assert_sources(self, *names):
         """These commanded, in this order; in lockstep nobody else did."""
         rest = iter(self.sources)
-        assert (self.sources == [*names]) if self.exact else all(name in rest for name in names), self
+        assert (self.sources == [*names]) if self.exact else all(name in rest for name in names), (
+            self
+        )
 
 
 class Relay:
@@ -107,7 +110,9 @@ class Relay:
         for topic, kind in RELAYED.items():
             self.out[topic] = weld.node.create_publisher(kind, topic, 10)
             quality = DEEP if topic in RELIABLE else LOSSY
-            weld.node.create_subscription(kind, f"raw/{topic}", lambda m, t=topic: self.forward(t, m), quality)
+            weld.node.create_subscription(
+                kind, f"raw/{topic}", lambda m, t=topic: self.forward(t, m), quality
+            )
         self.commands = weld.node.create_publisher(WeldCommand, "raw/fsw/command", 10)
         weld.node.create_subscription(WeldCommand, "fsw/command", self.back, DEEP)
 
@@ -131,7 +136,12 @@ class Weld(Spinner):
     """The graph as processes and one observer; it can play a controller called ``rogue``, too."""
 
     def __init__(self, domain, launcher, folder, lockstep=False, relayed=False, standby=False):
-        self.launcher, self.folder, self.lockstep, self.relayed = launcher, folder, lockstep, relayed
+        self.launcher, self.folder, self.lockstep, self.relayed = (
+            launcher,
+            folder,
+            lockstep,
+            relayed,
+        )
         self.supervisors = SUPERVISORS if standby else SUPERVISORS[:1]
         self.parts = ("plant", "decentral", "nmpc", *self.supervisors)
         self.commands, self.truths, self.states, self.reports = {}, [], [], []
@@ -145,10 +155,15 @@ class Weld(Spinner):
         raw = "raw/" if relayed else ""
         node.create_subscription(WeldCommand, f"{raw}fsw/command", self.on_command, DEEP)
         node.create_subscription(PlantState, f"{raw}fsw/plant/truth", self.truths.append, DEEP)
-        node.create_subscription(SupervisorState, "fsw/supervisor/state", self.states.append, LATEST)
+        node.create_subscription(
+            SupervisorState, "fsw/supervisor/state", self.states.append, LATEST
+        )
         node.create_subscription(DiagnosticArray, "/diagnostics", self.reports.append, DEEP)
-        # rogue answers the newest: one that works off a queue never comes back once lockstep has ceased to wait for it
-        node.create_subscription(Temperature, "fsw/thermocouple", self.on_measurement, QoSProfile(depth=1))
+        # rogue answers the newest: one that works off a queue never comes back once lockstep has
+        # ceased to wait for it
+        node.create_subscription(
+            Temperature, "fsw/thermocouple", self.on_measurement, QoSProfile(depth=1)
+        )
         self.references = node.create_publisher(WeldReference, "fsw/reference", LATEST)
         self.requests = node.create_publisher(String, "fsw/switch_request", 10)
         self.proposals = node.create_publisher(WeldCommand, "fsw/rogue/proposal", 10)
@@ -162,15 +177,27 @@ class Weld(Spinner):
         if name == "plant":
             settings.append(f"wait_for_subscribers:={1 if self.relayed else 3}")
             settings += ["clock:=simulated", "speed:=0.0"] if self.lockstep else []
-            if self.relayed:  # after a tick of which all was lost; until the only supervisor of a busy machine is back
-                settings.append("lockstep_timeout_s:=0.5" if self.lockstep else "watchdog.hold_s:=60.0")
-            remaps = [f"{topic}:=raw/{topic}" for topic in (*RELAYED, "fsw/command")] if self.relayed else []
+            # after a tick of which all was lost; until the only supervisor of a busy machine is
+            # back
+            if self.relayed:
+                settings.append(
+                    "lockstep_timeout_s:=0.5" if self.lockstep else "watchdog.hold_s:=60.0"
+                )
+            remaps = (
+                [f"{topic}:=raw/{topic}" for topic in (*RELAYED, "fsw/command")]
+                if self.relayed
+                else []
+            )
         elif self.lockstep:
             settings.append("use_sim_time:=true")
         if name in SUPERVISORS:
             settings += ["fallbacks:=[decentral, nmpc]", "storm_swaps:=0", "readmit_ticks:=10"]
             # the times of a machine that may stand still meanwhile
-            settings += ["takeover_wait_s:=2.0", "lockstep_deadline_s:=5.0", "lockstep_shadow_wait_s:=5.0"]
+            settings += [
+                "takeover_wait_s:=2.0",
+                "lockstep_deadline_s:=5.0",
+                "lockstep_shadow_wait_s:=5.0",
+            ]
         if name == "standby":
             settings.append("standby:=true")
             remaps.append("__node:=fsw_supervisor_standby")
@@ -198,8 +225,14 @@ class Weld(Spinner):
             else:
                 self.start(name)
         roles = sorted(("active", "standby")[: len(self.supervisors)])
-        self.until(lambda: sorted(map(self.role, self.supervisors)) == roles, what="one leading supervisor")
-        self.until(lambda: len(self.truths) > 15 and self.ready("decentral", "nmpc", "rogue"), "the weld to run")
+        self.until(
+            lambda: sorted(map(self.role, self.supervisors)) == roles,
+            what="one leading supervisor",
+        )
+        self.until(
+            lambda: len(self.truths) > 15 and self.ready("decentral", "nmpc", "rogue"),
+            "the weld to run",
+        )
         first = self.switch("decentral")
         self.ticks(3)
         return first
@@ -214,7 +247,9 @@ class Weld(Spinner):
     def on_command(self, message):
         if message.source != "foreign":
             stamp = convert.stamp_ns(message.header.stamp)
-            if self.lockstep and stamp < max(self.commands, default=0):  # the plant's time has begun anew
+            if self.lockstep and stamp < max(
+                self.commands, default=0
+            ):  # the plant's time has begun anew
                 self.commands.clear()
             self.commands.setdefault(stamp, message)
             self.applied = convert.command(message)
@@ -237,7 +272,9 @@ class Weld(Spinner):
 
     def ready(self, *names):
         health = {item.name: item for item in self.states[-1].controllers} if self.states else {}
-        return all(name in health and not health[name].lack and health[name].warm for name in names)
+        return all(
+            name in health and not health[name].lack and health[name].warm for name in names
+        )
 
     def roles(self, name):
         """Roles that a supervisor has had since it started."""
@@ -256,8 +293,12 @@ class Weld(Spinner):
     # ---- what is done to it
 
     def refer(self, depth_mm):
-        header = convert.header(self.node.get_clock().now().nanoseconds if not self.lockstep else 0)
-        self.references.publish(WeldReference(header=header, depth=depth_mm * 1e-3, temperature=weld.TEMPERATURE_C))
+        header = convert.header(
+            self.node.get_clock().now().nanoseconds if not self.lockstep else 0
+        )
+        self.references.publish(
+            WeldReference(header=header, depth=depth_mm * 1e-3, temperature=weld.TEMPERATURE_C)
+        )
 
     def call(self, client, request):
         response = super().call(client, request)
@@ -276,7 +317,10 @@ class Weld(Spinner):
 
         self.until(applied, what=f"the switch to {name}")
         newest = max(self.commands)
-        self.until(lambda: convert.stamp_ns(self.truths[-1].header.stamp) >= newest, "the truth of this tick")
+        self.until(
+            lambda: convert.stamp_ns(self.truths[-1].header.stamp) >= newest,
+            "the truth of this tick",
+        )
         stamps = [convert.stamp_ns(truth.header.stamp) for truth in self.truths]
         return len(stamps) - 1 - stamps[::-1].index(newest)
 
@@ -290,9 +334,14 @@ class Weld(Spinner):
 
         def has_those_of_a_fresh_one():
             self.signal("plant", signal.SIGSTOP)
-            end_s = time.monotonic() + 3.0  # a tick is never answered if the signal has stopped its publication
+            end_s = (
+                time.monotonic() + 3.0
+            )  # a tick is never answered if the signal has stopped its publication
             self.until(lambda: self.answered() or time.monotonic() > end_s)
-            force, speed = (abs(a - b) for a, b in zip(self.applied, (weld.FORCE_KN, weld.SPEED_RPM), strict=True))
+            force, speed = (
+                abs(a - b)
+                for a, b in zip(self.applied, (weld.FORCE_KN, weld.SPEED_RPM), strict=True)
+            )
             if self.answered() and force < 0.3 * MOVE_KN and speed < 0.3 * MOVE_RPM:
                 return True
             self.signal("plant", signal.SIGCONT)
@@ -309,7 +358,9 @@ class Weld(Spinner):
     def new_time(self, first):
         """Number of the first truth of a time that began anew, from ``first`` on; None while there is none."""
         stamps = [convert.stamp_ns(truth.header.stamp) for truth in self.truths[first - 1 :]]
-        return next((first + i for i, (a, b) in enumerate(itertools.pairwise(stamps)) if b < a), None)
+        return next(
+            (first + i for i, (a, b) in enumerate(itertools.pairwise(stamps)) if b < a), None
+        )
 
     def a_controller_commands(self):
         self.until(lambda: self.source() in ("decentral", "nmpc"), "a controller in command")
@@ -322,13 +373,16 @@ class Weld(Spinner):
     def outcome(self, first):
         """From truth number ``first`` on; the last ticks are left out, their commands may be on the way.
 
-        In lockstep commands may arrive here long after the plant has taken them, while truths overtake them.
+        In lockstep commands may arrive here long after the plant has taken them, while truths
+        overtake them.
         """
         truths = self.truths[first:-3]
         stamps = [convert.stamp_ns(truth.header.stamp) for truth in truths]
         if self.lockstep:
             end_s = time.monotonic() + 10.0  # what ends without commands never gets them
-            self.until(lambda: max(self.commands, default=-1) >= stamps[-1] or time.monotonic() > end_s)
+            self.until(
+                lambda: max(self.commands, default=-1) >= stamps[-1] or time.monotonic() > end_s
+            )
         moves = []  # pairs: what acts or was commanded, and the command that follows
         commands = [self.commands.get(stamp) for stamp in stamps]
         for k, (before, after) in enumerate(itertools.pairwise(commands), 1):
@@ -337,16 +391,22 @@ class Weld(Spinner):
             new = convert.command(after)
             if before is not None:
                 moves.append((convert.command(before), new))
-            else:  # after lost ticks it goes on from what acts; the newest feedback may be some ticks old, while the
+            # after lost ticks it goes on from what acts; the newest feedback may be some ticks
+            # old, while the
+            else:
                 # watchdog moves the drives
                 acting = (
-                    Command(units.kn_from_n(truth.axial_force), units.rpm_from_rad_s(truth.spindle_speed))
+                    Command(
+                        units.kn_from_n(truth.axial_force),
+                        units.rpm_from_rad_s(truth.spindle_speed),
+                    )
                     for truth in truths[max(0, k - (0 if self.lockstep else 5)) : k + 1]
                 )
                 nearest = min(
                     acting,
                     key=lambda one: (
-                        abs(one.force_kn - new.force_kn) / MOVE_KN + abs(one.speed_rpm - new.speed_rpm) / MOVE_RPM
+                        abs(one.force_kn - new.force_kn) / MOVE_KN
+                        + abs(one.speed_rpm - new.speed_rpm) / MOVE_RPM
                     ),
                 )
                 moves.append((nearest, new))

@@ -25,7 +25,9 @@ def test_a_nominal_weld_loses_nothing(launch, table, lockstep):
     outcome = weld.outcome(first)
     outcome.assert_steady(depth_mm=0.02 if lockstep else 0.1)
     outcome.assert_sources("decentral")
-    weld.until(lambda: weld.node.count_publishers("/fsw/command") == 1, "a standby that publishes nothing")
+    weld.until(
+        lambda: weld.node.count_publishers("/fsw/command") == 1, "a standby that publishes nothing"
+    )
     table.add("none (nominal weld)", "–", "–", outcome)
 
 
@@ -48,10 +50,14 @@ def test_swaps_in_both_directions_during_a_depth_step(launch, table, lockstep):
 
 
 @pytest.mark.requirement("S6")
-@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.full)])
+@pytest.mark.parametrize(
+    "number", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.full)]
+)
 @pytest.mark.parametrize(("active", "other"), [("decentral", "nmpc"), ("nmpc", "decentral")])
 @pytest.mark.parametrize("lockstep", [pytest.param(False, marks=IN_REAL_TIME), True])
-def test_the_active_controller_is_killed_or_stopped(launch, table, active, other, number, lockstep):
+def test_the_active_controller_is_killed_or_stopped(
+    launch, table, active, other, number, lockstep
+):
     weld = launch(lockstep=True) if lockstep else launch(standby=True)
     weld.restore()
     told = len(weld.states)
@@ -66,7 +72,9 @@ def test_the_active_controller_is_killed_or_stopped(launch, table, active, other
     outcome = weld.outcome(first)
     outcome.assert_steady()
     outcome.assert_sources(active, other)
-    assert any(state.cause == Cause.SWAP_FAILED for state in weld.states[told:]) or not outcome.exact
+    assert (
+        any(state.cause == Cause.SWAP_FAILED for state in weld.states[told:]) or not outcome.exact
+    )
     verb = "killed (-9)" if number == signal.SIGKILL else "stopped and continued"
     where = ", lockstep" if lockstep else ""
     table.add(f"`{active}`, in command, {verb}{where}", DEADLINE, FALLBACK, outcome)
@@ -149,6 +157,8 @@ def test_two_controllers_of_one_name(steps, table):
     weld.ticks(5)
     outcome = weld.outcome(first)
     outcome.assert_steady()
-    weld.until(lambda: ReasonCode.NAMESAKE in [why.code for why in weld.states[-1].why], "the reason")
+    weld.until(
+        lambda: ReasonCode.NAMESAKE in [why.code for why in weld.states[-1].why], "the reason"
+    )
     detected = "different proposals to one stamp, 3 ticks in a row"
     table.add("two controllers of one name", detected, "the first counts, then fallback", outcome)

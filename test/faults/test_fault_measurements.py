@@ -52,28 +52,44 @@ def test_the_plant_is_killed_and_started_again(weld, table):
 
 KINDS = ("nan", "dropout", "freeze", "spike", "delay", "duplicate")
 #: A delay of the thermocouple waits for the deadline many times.
-DEFAULT = {"depth": ("nan", "dropout", "freeze", "spike", "delay"), "thermocouple": ("nan", "freeze", "spike")}
+DEFAULT = {
+    "depth": ("nan", "dropout", "freeze", "spike", "delay"),
+    "thermocouple": ("nan", "freeze", "spike"),
+}
 
 
 @pytest.mark.requirement("S8")
 @pytest.mark.parametrize(
     ("sensor", "kind"),
     [
-        pytest.param(sensor, kind, marks=[] if kind in DEFAULT.get(sensor, ()) else pytest.mark.full)
+        pytest.param(
+            sensor, kind, marks=[] if kind in DEFAULT.get(sensor, ()) else pytest.mark.full
+        )
         for sensor in ("depth", "torque", "thermocouple")
         for kind in KINDS
     ],
 )
 def test_a_sensor_fails(steps, table, sensor, kind):
     first = steps.restore()
-    magnitude = {"spike": {"depth": 1e-3, "torque": 300.0, "thermocouple": 60.0}[sensor], "delay": 0.3}.get(kind, 0.0)
+    magnitude = {
+        "spike": {"depth": 1e-3, "torque": 300.0, "thermocouple": 60.0}[sensor],
+        "delay": 0.3,
+    }.get(kind, 0.0)
     duration_s = 1.0 if kind == "delay" else 3.0
-    steps.call(steps.faults, SetFault.Request(sensor=sensor, kind=kind, magnitude=magnitude, duration=duration_s))
+    steps.call(
+        steps.faults,
+        SetFault.Request(sensor=sensor, kind=kind, magnitude=magnitude, duration=duration_s),
+    )
     steps.ticks(60)
     outcome = steps.outcome(first)
     outcome.assert_steady(depth_mm=0.25)
     reaction = "held 0.3 s, then a controller that tolerates it, else hold"
-    table.add(f"sensor fault `{kind}` of {duration_s:g} s, each sensor, lockstep", "validity", reaction, outcome)
+    table.add(
+        f"sensor fault `{kind}` of {duration_s:g} s, each sensor, lockstep",
+        "validity",
+        reaction,
+        outcome,
+    )
 
 
 def test_the_plant_of_lockstep_is_killed_and_restarts_its_time(steps, table):
@@ -106,7 +122,12 @@ def test_a_third_of_the_measurements_is_lost(launch, table):
     outcome.assert_steady()
     assert "safe_stop" not in outcome.sources
     weld.a_controller_commands()
-    table.add("30 % of the samples of every sensor lost", "validity", "held 0.3 s, then fallback or hold", outcome)
+    table.add(
+        "30 % of the samples of every sensor lost",
+        "validity",
+        "held 0.3 s, then fallback or hold",
+        outcome,
+    )
 
 
 @pytest.mark.requirement("S15")
@@ -119,4 +140,9 @@ def test_the_clock_of_the_measurements_jumps(launch, table, hours):
     outcome = weld.outcome(first)
     outcome.assert_steady(lost=1)
     weld.a_controller_commands()
-    table.add("clock of the measurements jumps by an hour, forth and back", "two sensors agree", "continues", outcome)
+    table.add(
+        "clock of the measurements jumps by an hour, forth and back",
+        "two sensors agree",
+        "continues",
+        outcome,
+    )

@@ -23,7 +23,9 @@ class Stopped:
 
     def __init__(self, weld):
         self.weld, self.reports = weld, []
-        self.subscription = weld.node.create_subscription(DriveFeedback, "fsw/drives", self.reports.append, 100)
+        self.subscription = weld.node.create_subscription(
+            DriveFeedback, "fsw/drives", self.reports.append, 100
+        )
         self.modes = weld.node.create_client(SetMode, "fsw/set_mode")
         weld.restore()
 
@@ -40,21 +42,31 @@ class Stopped:
         """Ask for a mode until it is confirmed; a request to a supervisor that has died is not answered."""
         while True:
             asked, due_s = self.ask(mode), time.monotonic() + _ANSWER_S
-            self.weld.until(lambda asked=asked, due_s=due_s: asked.done() or time.monotonic() > due_s, "the answer")
+            self.weld.until(
+                lambda asked=asked, due_s=due_s: asked.done() or time.monotonic() > due_s,
+                "the answer",
+            )
             if asked.done() and asked.result().ok:
                 return
             if mode == "hold" and self.actuator.stop.stopped:
-                return  # on a busy machine the plant's watchdog is faster than the start of a supervisor
+                # on a busy machine the plant's watchdog is faster than the start of a supervisor
+                return
 
     def assert_stays(self):
         """Nothing but the safe stop acts, and no force is raised, while control would have time to come back."""
-        self.weld.until(lambda: self.reports and self.actuator.stop.stopped, "the stop at the plant")
-        self.weld.until(lambda: self.actuator.source == "safe_stop", "a leader that carries it out")
+        self.weld.until(
+            lambda: self.reports and self.actuator.stop.stopped, "the stop at the plant"
+        )
+        self.weld.until(
+            lambda: self.actuator.source == "safe_stop", "a leader that carries it out"
+        )
         first = len(self.reports)
         self.weld.until(lambda: len(self.reports) >= first + TICKS, f"{TICKS} measurements")
         after = self.reports[first:]
         sources = {report.actuator.source for report in after}
-        assert sources - {""} == {"safe_stop"}, "no source: the plant's own ramp, while no supervisor lives"
+        assert sources - {""} == {"safe_stop"}, (
+            "no source: the plant's own ramp, while no supervisor lives"
+        )
         assert all(one.actuator.stop.stopped for one in after)
         assert max(one.axial_force for one in after) <= after[0].axial_force + 1.0
 
@@ -131,5 +143,8 @@ def test_hold_asked_of_a_fresh_supervisor_is_in_force_when_it_is_answered(stoppe
         weld.start(name)
     stopped.confirm("hold")
     answered_ns = weld.node.get_clock().now().nanoseconds
-    weld.until(lambda: convert.stamp_ns(stopped.reports[-1].header.stamp) > answered_ns, "the next measurement")
+    weld.until(
+        lambda: convert.stamp_ns(stopped.reports[-1].header.stamp) > answered_ns,
+        "the next measurement",
+    )
     assert stopped.actuator.source == "hold" or stopped.actuator.stop.stopped

@@ -22,7 +22,12 @@ WRITER_PARTS = ("fsw_supervisor: command topic", "fsw_plant: commands")
 
 def writer_statuses(weld, first):
     """Statuses of these parts, from report number ``first`` on."""
-    return [status for array in weld.reports[first:] for status in array.status if status.name in WRITER_PARTS]
+    return [
+        status
+        for array in weld.reports[first:]
+        for status in array.status
+        if status.name in WRITER_PARTS
+    ]
 
 
 def writer_errors(weld, first):
@@ -51,7 +56,9 @@ def test_a_foreign_writer_is_reported_and_changes_nothing(weld, table):
     foreign = weld.node.create_publisher(WeldCommand, "fsw/command", 10)
     reports = len(weld.reports)
     wild = convert.command_message(Command(61.0, 310.0), 1, "foreign")
-    timer = weld.node.create_timer(0.1, lambda: foreign.publish(wild))  # the others hear it once they have found it
+    timer = weld.node.create_timer(
+        0.1, lambda: foreign.publish(wild)
+    )  # the others hear it once they have found it
     weld.until(lambda: writer_errors(weld, reports), what="the error on /diagnostics")
     weld.ticks(5)
     weld.node.destroy_timer(timer)
@@ -59,8 +66,12 @@ def test_a_foreign_writer_is_reported_and_changes_nothing(weld, table):
     outcome = weld.outcome(first)
     outcome.assert_steady()
     outcome.assert_sources("decentral")
-    assert {"decentral", "nmpc", "hold"}.issuperset(outcome.sources), "no controller follows a stranger"
-    weld.until(lambda: [weld.role(name) for name in weld.supervisors].count("active") == 1, "one leader")
+    assert {"decentral", "nmpc", "hold"}.issuperset(outcome.sources), (
+        "no controller follows a stranger"
+    )
+    weld.until(
+        lambda: [weld.role(name) for name in weld.supervisors].count("active") == 1, "one leader"
+    )
     table.add(
         "a foreign writer on `/fsw/command`",
         "a command that the supervisor did not send",
@@ -71,7 +82,9 @@ def test_a_foreign_writer_is_reported_and_changes_nothing(weld, table):
 
 @pytest.mark.real_time
 @pytest.mark.requirement("S9")
-@pytest.mark.parametrize("number", [pytest.param(signal.SIGKILL, marks=pytest.mark.full), signal.SIGSTOP])
+@pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGKILL, marks=pytest.mark.full), signal.SIGSTOP]
+)
 def test_the_supervisor_falls_silent_and_the_standby_takes_over(weld, table, number):
     weld.restore()
     wait_for_no_writer_error(weld)
@@ -82,11 +95,16 @@ def test_the_supervisor_falls_silent_and_the_standby_takes_over(weld, table, num
     other = next(name for name in weld.supervisors if name != silent)
     weld.signal(silent, number)
     weld.until(lambda: weld.role(other) == "active", what="the takeover")
-    weld.until(lambda: "[takeover]" in weld.launcher.children[other].text(), what="the takeover's reason")
+    weld.until(
+        lambda: "[takeover]" in weld.launcher.children[other].text(), what="the takeover's reason"
+    )
     weld.ticks(10)
     if number == signal.SIGSTOP:
         weld.signal(silent, signal.SIGCONT)
-        weld.until(lambda: weld.role(silent) == "standby", f"the one that was stopped, {silent}, stepping back")
+        weld.until(
+            lambda: weld.role(silent) == "standby",
+            f"the one that was stopped, {silent}, stepping back",
+        )
     weld.ticks(10)
     outcome = weld.outcome(first)
     outcome.assert_steady(lost=3)
@@ -94,7 +112,12 @@ def test_the_supervisor_falls_silent_and_the_standby_takes_over(weld, table, num
     assert not writer_errors(weld, reports), "a takeover is no foreign writer"
     verb = "killed (-9)" if number == signal.SIGKILL else "stopped and continued"
     reaction = "takes over in the second, under the same controller"
-    table.add(f"leading supervisor {verb}, with a standby", "standby: two ticks unanswered", reaction, outcome)
+    table.add(
+        f"leading supervisor {verb}, with a standby",
+        "standby: two ticks unanswered",
+        reaction,
+        outcome,
+    )
 
 
 @pytest.mark.requirement("S9")
@@ -103,7 +126,9 @@ def test_the_standby_falls_silent(launch, table, number):
     weld = launch(lockstep=True, standby=True)
     first = weld.restore()
     standby = next(name for name in weld.supervisors if name != weld.leader)
-    weld.until(lambda: weld.node.count_publishers("/fsw/command") == 1, "a standby that publishes nothing")
+    weld.until(
+        lambda: weld.node.count_publishers("/fsw/command") == 1, "a standby that publishes nothing"
+    )
     weld.signal(standby, number)
     weld.ticks(8)
     if number == signal.SIGSTOP:
@@ -117,7 +142,9 @@ def test_the_standby_falls_silent(launch, table, number):
 
 
 @pytest.mark.requirement("S24")
-@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.full)])
+@pytest.mark.parametrize(
+    "number", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.full)]
+)
 def test_the_recorder_falls_silent(launch, table, number):
     weld = launch(lockstep=True, standby=True)
     weld.restore()
@@ -158,7 +185,9 @@ def test_the_only_supervisor_falls_silent(behind_relay, table, number):
     outcome = weld.outcome(first)
     outcome.assert_steady(lost=60 if number == signal.SIGKILL else 10)
     weld.until(lambda: weld.states[states:] and weld.states[-1].actual_mode == "auto", "control")
-    state = weld.states[-1]  # of a machine that stands still for some time the arbiter takes a controller for late
+    state = weld.states[
+        -1
+    ]  # of a machine that stands still for some time the arbiter takes a controller for late
     of_it = [row for row, new in enumerate(weld.states) if new.leader == state.leader]
     begin = next(row for row in of_it if row >= states and weld.states[row].actual_mode == "auto")
     earlier = [weld.states[row] for row in of_it if row < begin]
@@ -166,6 +195,12 @@ def test_the_only_supervisor_falls_silent(behind_relay, table, number):
     assert state.target_controller == "nmpc" or state.cause in AUTOMATIC or not found, (
         "the previously active controller continues, not the configured one, if it has been found by then"
     )
-    verb = "killed (-9) and started again" if number == signal.SIGKILL else "stopped for 0.8 s and continued"
-    reaction = "the plant holds; resumes from the drives' feedback with the previously active controller"
+    verb = (
+        "killed (-9) and started again"
+        if number == signal.SIGKILL
+        else "stopped for 0.8 s and continued"
+    )
+    reaction = (
+        "the plant holds; resumes from the drives' feedback with the previously active controller"
+    )
     table.add(f"only supervisor {verb}", "–", reaction, outcome)

@@ -39,7 +39,10 @@ def test_supervisor_and_recorder_die_on_the_joint_line(weld, table):
     (weld.folder / "scenario.yaml").write_text(SCENARIO)
     weld.start("scenario")
     weld.until(lambda: reports and reports[-1].phase == "joint_line", "the joint line")
-    first, in_command = len(weld.truths), weld.source()  # on a busy machine a fallback may command by now
+    first, in_command = (
+        len(weld.truths),
+        weld.source(),
+    )  # on a busy machine a fallback may command by now
     weld.signal("recorder", signal.SIGKILL)
     weld.signal(weld.leader, signal.SIGKILL)
     weld.until(lambda: reports[-1].state == "done", "the end of the programme")
@@ -50,13 +53,22 @@ def test_supervisor_and_recorder_die_on_the_joint_line(weld, table):
     outcome.assert_steady(lost=3)
     outcome.assert_sources(in_command)
     phases = [phase for phase, _ in itertools.groupby(report.phase for report in reports)]
-    assert phases == PHASES[PHASES.index(phases[0]) :], "the first may be over before this node has been found"
+    assert phases == PHASES[PHASES.index(phases[0]) :], (
+        "the first may be over before this node has been found"
+    )
     lengths = [report.length for report in reports]
     assert lengths == sorted(lengths)
     assert lengths[-1] == pytest.approx(radians(2.0) * units.m_from_mm(CANISTER_DIAMETER_MM) / 2.0)
     recorded = load_weld(weld.bag)
     begin_ns, end_ns = recorded.stamp_ns[0], recorded.stamp_ns[-1]
     heard = [convert.stamp_ns(truth.header.stamp) for truth in weld.truths]
-    assert list(recorded.stamp_ns) == [stamp for stamp in heard if begin_ns <= stamp <= end_ns], "no tick is lacking"
+    assert list(recorded.stamp_ns) == [stamp for stamp in heard if begin_ns <= stamp <= end_ns], (
+        "no tick is lacking"
+    )
     reaction = "the standby takes over; the bag ends within the second before"
-    table.add("leading supervisor and recorder killed (-9) on the joint line", "standby", reaction, outcome)
+    table.add(
+        "leading supervisor and recorder killed (-9) on the joint line",
+        "standby",
+        reaction,
+        outcome,
+    )

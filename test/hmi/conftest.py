@@ -38,7 +38,9 @@ def browser():
 def _patient(silence_ms, route):
     """Serve the script with ten minutes in place of a second: on a busy machine a page may stand still."""
     response = route.fetch()
-    text, count = re.subn(r"(?<=SILENCE_MS = )800|(?<=BEHIND_MS = )1000", str(silence_ms), response.text())
+    text, count = re.subn(
+        r"(?<=SILENCE_MS = )800|(?<=BEHIND_MS = )1000", str(silence_ms), response.text()
+    )
     assert count == 2
     route.fulfill(response=response, body=text)
 
@@ -47,7 +49,8 @@ def _patient(silence_ms, route):
 def open_page(browser):
     """Function that opens an address at a size; errors of the page's scripts and policies fail the test.
 
-    A ``patient`` page takes itself for disconnected after ten minutes of silence, not within a second.
+    A ``patient`` page takes itself for disconnected after ten minutes of silence, not within a
+    second.
     """
     errors, contexts = [], []
 
@@ -58,7 +61,12 @@ def open_page(browser):
             page.route("**/connection.js*", partial(_patient, silence_ms))
         page.set_default_timeout(PATIENCE_MS)
         page.on("pageerror", lambda error: errors.append(str(error)))
-        page.on("console", lambda line: errors.append(line.text) if "Content Security Policy" in line.text else None)
+        page.on(
+            "console",
+            lambda line: (
+                errors.append(line.text) if "Content Security Policy" in line.text else None
+            ),
+        )
         page.goto(url)
         return page
 

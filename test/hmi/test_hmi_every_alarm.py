@@ -28,10 +28,23 @@ from fsw_test_support.waiting import PATIENCE_S, wait_for_text
 
 pytestmark = [pytest.mark.real_time, pytest.mark.full]
 
-#: what is cold after a stop is no further cause to stop; an NMPC that cannot heat as it may be asked to
-COLD_IS_FINE = ["-p", "interlocks.temperature_low.warn:=310.0", "-p", "interlocks.temperature_low.trip:=300.0"]
+#: what is cold after a stop is no further cause to stop; an NMPC that cannot heat as it may be
+#: asked to
+COLD_IS_FINE = [
+    "-p",
+    "interlocks.temperature_low.warn:=310.0",
+    "-p",
+    "interlocks.temperature_low.trip:=300.0",
+]
 SLOW_SPINDLE = ["--ros-args", "-p", "speed_max:=415.0"]
-SOON = ["-p", "deviation_persistence_s:=0.3", "-p", "quality_persistence_s:=0.3", "-p", "request_timeout_s:=60.0"]
+SOON = [
+    "-p",
+    "deviation_persistence_s:=0.3",
+    "-p",
+    "quality_persistence_s:=0.3",
+    "-p",
+    "request_timeout_s:=60.0",
+]
 SUPERVISOR = "fsw_supervisor.supervisor_node"
 PARTS = {
     "decentral": ("fsw_decentral.decentral_node", []),
@@ -40,7 +53,15 @@ PARTS = {
     "plant": ("fsw_plant.plant_node", []),
     "standby": (
         SUPERVISOR,
-        ["--ros-args", "-r", f"__node:={STANDBY}", "-p", "standby:=true", *PATIENT_ARGUMENTS, *COLD_IS_FINE],
+        [
+            "--ros-args",
+            "-r",
+            f"__node:={STANDBY}",
+            "-p",
+            "standby:=true",
+            *PATIENT_ARGUMENTS,
+            *COLD_IS_FINE,
+        ],
     ),
 }
 #: what an interlock warns of is there when its limit is on the wrong side of the weld's values
@@ -60,9 +81,14 @@ WRONG = {
     "temperature_model_low": 100.0,
     "temperature_model_high": -100.0,
 }
-DEFAULTS = load_yaml(files("fsw_supervisor").joinpath("supervisor.yaml").read_text(encoding="utf-8"))
+DEFAULTS = load_yaml(
+    files("fsw_supervisor").joinpath("supervisor.yaml").read_text(encoding="utf-8")
+)
 USUAL = {
-    name: {level: DEFAULTS[f"interlocks.{name}.{level}"]["default_value"] for level in ("warn", "trip")}
+    name: {
+        level: DEFAULTS[f"interlocks.{name}.{level}"]["default_value"]
+        for level in ("warn", "trip")
+    }
     for name in WRONG
 } | {"temperature_low": {"warn": 310.0, "trip": 300.0}}
 DEPTH_MM, TEMPERATURE_C = 2.66, 816.4
@@ -80,7 +106,9 @@ class AlarmWeld(Spinner):
         self.executor.add_node(node)
         node.create_subscription(AlarmEvent, "fsw/alarms", self.journal.append, LATCHED)
         self.diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 100)
-        self.parameters = node.create_client(SetParametersAtomically, "fsw_supervisor/set_parameters_atomically")
+        self.parameters = node.create_client(
+            SetParametersAtomically, "fsw_supervisor/set_parameters_atomically"
+        )
         self.commands = self.another_journal = None
         launcher.start("hmi", "fsw_hmi.main", ["--port", "0", "--ros-args", *SOON])
         url = wait_for_text(launcher, "hmi", r"http://\S+")
@@ -121,11 +149,16 @@ class AlarmWeld(Spinner):
         """Start all parts of a weld, and wait until it is under way, commanded by the NMPC."""
         self.start("decentral", "nmpc", "supervisor", "plant")
         self.page.until("tick")
-        self.page.seen("state", lambda frame: "no set-point yet" in frame["reason"])  # a controller waits for them
+        self.page.seen(
+            "state", lambda frame: "no set-point yet" in frame["reason"]
+        )  # a controller waits for them
         self.refer()
         self.until_auto()
         # one whose library is still being compiled is not yet known
-        self.page.seen("state", lambda frame: {"nmpc", "decentral"} <= {one["name"] for one in frame["controllers"]})
+        self.page.seen(
+            "state",
+            lambda frame: {"nmpc", "decentral"} <= {one["name"] for one in frame["controllers"]},
+        )
         if self.page.frames["state"]["actual_controller"] != "nmpc":
             self.until_done("switch", controller="nmpc", wait_s=10)
         self.until_auto("nmpc")
@@ -137,14 +170,21 @@ class AlarmWeld(Spinner):
     def until_auto(self, controller=""):
         self.page.seen(
             "state",
-            lambda frame: frame["actual_mode"] == "auto" and controller in ("", frame["actual_controller"]),
+            lambda frame: (
+                frame["actual_mode"] == "auto" and controller in ("", frame["actual_controller"])
+            ),
         )
 
     def limit(self, name, **levels):
         """Set the levels of an interlock; by default the usual ones."""
-        values = {f"interlocks.{name}.{level}": value for level, value in ({**USUAL[name], **levels}).items()}
+        values = {
+            f"interlocks.{name}.{level}": value
+            for level, value in ({**USUAL[name], **levels}).items()
+        }
         request = SetParametersAtomically.Request(
-            parameters=[Parameter(key, value=value).to_parameter_msg() for key, value in values.items()]
+            parameters=[
+                Parameter(key, value=value).to_parameter_msg() for key, value in values.items()
+            ]
         )
         result = self.call(self.parameters, request).result
         assert result.successful, result.reason
@@ -157,7 +197,8 @@ class AlarmWeld(Spinner):
     def tell(self, level, text, *nodes):
         """Diagnostics of nodes that are not there."""
         status = [
-            DiagnosticStatus(name=f"{node}: part", level=level, message=text, hardware_id="test") for node in nodes
+            DiagnosticStatus(name=f"{node}: part", level=level, message=text, hardware_id="test")
+            for node in nodes
         ]
         self.diagnostics.publish(DiagnosticArray(status=status))
 
@@ -211,7 +252,13 @@ class AlarmWeld(Spinner):
         self.alarm(name, "acknowledged")
         end()
         self.alarm(name, "")
-        seen = ["raised" if raised["count"] == 1 else "re-raised", "cleared", "re-raised", "acknowledged", "cleared"]
+        seen = [
+            "raised" if raised["count"] == 1 else "re-raised",
+            "cleared",
+            "re-raised",
+            "acknowledged",
+            "cleared",
+        ]
         shelf = [] if raised["priority"] == "high" else ["shelved", "unshelved"]
         expected = [*seen[:1], *shelf, *seen[1:]]
         self.until(lambda: self.told(name)[-len(expected) :] == expected, f"the journal of {name}")
@@ -240,17 +287,42 @@ def test_alarms_of_the_process(graph):
     def disturb(channel, shape, amplitude=0.0):
         return lambda: weld.ask("disturb", channel=channel, shape=shape, amplitude=amplitude)
 
-    weld.cycle("sensor:torque", fault("nan", sensor="torque"), fault("none", sensor="torque"), "its value is no number")
-    weld.cycle("quality:depth_error_mm", disturb("depth", "step", 0.2), disturb("depth", "none"), "Depth off")
-    weld.cycle("quality:temperature_error_c", fault("bias", -30.0), fault("none"), "Temperature off")
-    weld.cycle("essential:temperature_c", fault("bias", -30.0), fault("none"), "outside 790 to 910")
-    for value, channel, amplitude in (("force_kn", "axial_force", 10.0), ("speed_rpm", "spindle_speed", 40.0)):
+    weld.cycle(
+        "sensor:torque",
+        fault("nan", sensor="torque"),
+        fault("none", sensor="torque"),
+        "its value is no number",
+    )
+    weld.cycle(
+        "quality:depth_error_mm",
+        disturb("depth", "step", 0.2),
+        disturb("depth", "none"),
+        "Depth off",
+    )
+    weld.cycle(
+        "quality:temperature_error_c", fault("bias", -30.0), fault("none"), "Temperature off"
+    )
+    weld.cycle(
+        "essential:temperature_c", fault("bias", -30.0), fault("none"), "outside 790 to 910"
+    )
+    for value, channel, amplitude in (
+        ("force_kn", "axial_force", 10.0),
+        ("speed_rpm", "spindle_speed", 40.0),
+    ):
         weld.cycle(
-            f"deviation:{value}", disturb(channel, "step", amplitude), disturb(channel, "none"), "does not follow"
+            f"deviation:{value}",
+            disturb(channel, "step", amplitude),
+            disturb(channel, "none"),
+            "does not follow",
         )
     weld.cycle("out_of_reach", lambda: weld.refer(860.0), weld.refer, "860 °C asked")
     for name, wrong in WRONG.items():
-        weld.cycle(f"interlock:{name}", partial(weld.limit, name, warn=wrong), partial(weld.limit, name), ": warning")
+        weld.cycle(
+            f"interlock:{name}",
+            partial(weld.limit, name, warn=wrong),
+            partial(weld.limit, name),
+            ": warning",
+        )
 
 
 def test_alarms_of_stops(graph):
@@ -279,14 +351,26 @@ def thawed(weld, *names):
 
 def test_alarm_of_a_failover(graph):
     weld = graph.weld()
-    weld.page.seen("alarms", lambda frame: "active" not in {one["state"] for one in frame["alarms"]})
+    weld.page.seen(
+        "alarms", lambda frame: "active" not in {one["state"] for one in frame["alarms"]}
+    )
     text = "decentral commands in place of nmpc: no proposal at the deadline"
-    weld.cycle("failover", partial(weld.signal, signal.SIGSTOP, "nmpc"), partial(thawed, weld, "nmpc"), text)
+    weld.cycle(
+        "failover",
+        partial(weld.signal, signal.SIGSTOP, "nmpc"),
+        partial(thawed, weld, "nmpc"),
+        text,
+    )
 
 
 def test_alarm_of_a_command_that_is_held(graph):
     weld, everybody = graph.weld(), ("nmpc", "decentral")
-    weld.cycle("hold", partial(weld.signal, signal.SIGSTOP, *everybody), partial(thawed, weld, *everybody), "held: ")
+    weld.cycle(
+        "hold",
+        partial(weld.signal, signal.SIGSTOP, *everybody),
+        partial(thawed, weld, *everybody),
+        "held: ",
+    )
 
 
 def test_alarm_of_a_controller_that_is_inhibited(graph):
@@ -302,7 +386,12 @@ def test_alarm_of_a_controller_that_is_inhibited(graph):
         weld.until_done("switch", controller="nmpc", wait_s=10)
         weld.until_auto("nmpc")
 
-    weld.cycle("controller:nmpc", fail, go_back, "Controller nmpc is inhibited: no proposal at the deadline")
+    weld.cycle(
+        "controller:nmpc",
+        fail,
+        go_back,
+        "Controller nmpc is inhibited: no proposal at the deadline",
+    )
 
 
 def test_alarm_of_a_controller_that_is_not_ready(graph):
@@ -310,7 +399,9 @@ def test_alarm_of_a_controller_that_is_not_ready(graph):
     weld.until_done("switch", controller="decentral", wait_s=10)
     weld.until_auto("decentral")
     freeze = partial(weld.signal, signal.SIGSTOP, "nmpc")
-    weld.cycle("controller:nmpc", freeze, partial(thawed, weld, "nmpc"), "Controller nmpc is not ready: ")
+    weld.cycle(
+        "controller:nmpc", freeze, partial(thawed, weld, "nmpc"), "Controller nmpc is not ready: "
+    )
 
 
 def test_alarms_of_nodes(graph):

@@ -31,7 +31,11 @@ EPOCH = re.compile(r"\b1[6-9]\d{8}\b")
 def texts(content):
     """All texts in a frame."""
     if isinstance(content, dict | list):
-        return [text for one in (content.values() if isinstance(content, dict) else content) for text in texts(one)]
+        return [
+            text
+            for one in (content.values() if isinstance(content, dict) else content)
+            for text in texts(one)
+        ]
     return [content] if isinstance(content, str) else []
 
 
@@ -45,11 +49,15 @@ def launcher(tmp_path):
 def test_each_process_that_is_killed_is_missed_and_one_that_is_back_is_not(launcher, tmp_path):
     launcher.start("hmi", "fsw_hmi.main", ["--port", "0"])
     url = wait_for_text(launcher, "hmi", r"http://\S+")
-    graph = PatientWeld(parse(PROGRAMME), tmp_path / "weld", ["decentral", "nmpc"], realtime=True, standby=True)
+    graph = PatientWeld(
+        parse(PROGRAMME), tmp_path / "weld", ["decentral", "nmpc"], realtime=True, standby=True
+    )
     graph.start(launcher)
 
     def told(frame, name, state):
-        return next((one for one in frame["alarms"] if (one["id"], one["state"]) == (name, state)), None)
+        return next(
+            (one for one in frame["alarms"] if (one["id"], one["state"]) == (name, state)), None
+        )
 
     def alarm(name, state, count=1):
         def is_it(frame):
@@ -64,10 +72,16 @@ def test_each_process_that_is_killed_is_missed_and_one_that_is_back_is_not(launc
     with Page(url) as page:
         page.command(wait_for_text(launcher, "hmi", r"token: \S+").split()[1])
         page.seen(
-            "state", lambda frame: frame["actual_mode"] == "auto" and all(one["ready"] for one in frame["controllers"])
+            "state",
+            lambda frame: (
+                frame["actual_mode"] == "auto"
+                and all(one["ready"] for one in frame["controllers"])
+            ),
         )
         page.seen("state", lambda frame: {("fsw_supervisor: standby", "ok")} <= parts(frame))
-        page.seen("state", lambda frame: any(name.startswith("fsw_recorder") for name, _ in parts(frame)))
+        page.seen(
+            "state", lambda frame: any(name.startswith("fsw_recorder") for name, _ in parts(frame))
+        )
         for process, (name, text) in SAID.items():
             launcher.children[process].process.kill()
             begin_s = time.monotonic()
@@ -75,7 +89,9 @@ def test_each_process_that_is_killed_is_missed_and_one_that_is_back_is_not(launc
             print(f"{process}: {said} after {time.monotonic() - begin_s:.2f} s")
             assert said.startswith(text)
             if process == "nmpc":
-                assert page.ask("shelve", alarm=name, minutes=5, reason="test")["outcome"] == "done"
+                assert (
+                    page.ask("shelve", alarm=name, minutes=5, reason="test")["outcome"] == "done"
+                )
                 alarm(name, "shelved")
                 assert page.ask("unshelve", alarm=name)["outcome"] == "done"
                 again = launcher.children[process]
@@ -83,4 +99,6 @@ def test_each_process_that_is_killed_is_missed_and_one_that_is_back_is_not(launc
                 alarm(name, "cleared")
                 launcher.children[process].process.kill()
                 alarm(name, "active", count=2)
-        assert not [text for frame in page.frames.values() for text in texts(frame) if EPOCH.search(text)]
+        assert not [
+            text for frame in page.frames.values() for text in texts(frame) if EPOCH.search(text)
+        ]

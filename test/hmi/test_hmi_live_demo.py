@@ -25,7 +25,9 @@ def demo(tmp_path):
             scenario = tmp_path / "scenario.yaml"
             scenario.write_text(text)
             out = ["--out", str(tmp_path / "weld")]
-            child = launcher.start("demo", "fsw.demo", ["--live", "--port", "0", "--scenario", str(scenario), *out])
+            child = launcher.start(
+                "demo", "fsw.demo", ["--live", "--port", "0", "--scenario", str(scenario), *out]
+            )
             url = wait_for_text(launcher, "demo", r"http://\S+")
             return child, url, wait_for_text(launcher, "demo", r"token: \S+").split()[1]
 
@@ -41,7 +43,9 @@ def test_weld_goes_on_to_its_end_without_its_page(demo, tmp_path):
         assert kill(tmp_path, "fsw_hmi") == 1
     assert re.search(r"export ROS_DOMAIN_ID=\d+$", child.text(), re.MULTILINE)
     wait_until(lambda: not child.running, "the end of the weld")
-    assert (child.process.returncode, "the weld is over" in child.text()) == (0, True), child.text()
+    assert (child.process.returncode, "the weld is over" in child.text()) == (0, True), (
+        child.text()
+    )
     with BagReader(tmp_path / "weld" / "bag") as bag:
         assert "/fsw/operator_action" in bag.topics()
     wait_until(lambda: not processes(tmp_path), "the end of all processes")
@@ -51,20 +55,35 @@ def test_weld_goes_on_to_its_end_without_its_page(demo, tmp_path):
 @pytest.mark.full
 def test_what_is_killed_is_started_again_and_an_interrupt_ends_everything(demo, tmp_path):
     child, url, token = demo(LONG)
-    parts = {"recorder": "fsw_recorder", "decentral": "fsw_decentral", "nmpc": "fsw_nmpc.", "hmi": "fsw_hmi"}
+    parts = {
+        "recorder": "fsw_recorder",
+        "decentral": "fsw_decentral",
+        "nmpc": "fsw_nmpc.",
+        "hmi": "fsw_hmi",
+    }
     with Page(url) as page:
         page.until("tick")
         page.seen("state", lambda frame: len(frame["controllers"]) == 2)
         assert kill(tmp_path, *parts.values()) == len(parts)
     again = "{} has ended with exit code -9 and is started again"
-    wait_until(lambda: all(again.format(name) in child.text() for name in parts), "word of what was killed")
-    wait_until(lambda: all(len(processes(tmp_path, module)) == 1 for module in parts.values()), "what was killed")
+    wait_until(
+        lambda: all(again.format(name) in child.text() for name in parts),
+        "word of what was killed",
+    )
+    wait_until(
+        lambda: all(len(processes(tmp_path, module)) == 1 for module in parts.values()),
+        "what was killed",
+    )
     hmi_log = tmp_path / "weld" / "log" / "hmi.log"
     wait_until(lambda: "operator's page" in hmi_log.read_text().partition("\n")[2], "the page")
     with Page(url) as page:
         page.command(token)
-        page.seen("state", lambda frame: [one["ready"] for one in frame["controllers"]] == [True, True])
-    wait_until((tmp_path / "weld" / "bag_1").exists, "the bag of the recorder that was started again")
+        page.seen(
+            "state", lambda frame: [one["ready"] for one in frame["controllers"]] == [True, True]
+        )
+    wait_until(
+        (tmp_path / "weld" / "bag_1").exists, "the bag of the recorder that was started again"
+    )
     assert (tmp_path / "weld" / "token").stat().st_mode & 0o077 == 0
     assert all(token not in log.read_text() for log in (tmp_path / "weld" / "log").glob("*.log"))
     child.process.send_signal(signal.SIGINT)
@@ -85,11 +104,15 @@ def test_safe_stop_keeps_the_page_up_whatever_was_killed(demo, tmp_path, killed)
         page.seen("state", lambda frame: frame["actual_mode"] == "auto")
         kill(tmp_path, *killed)
         if killed == ("scenario_node",):
-            wait_until(lambda: "the scenario player has ended" in child.text(), "word of the player's end")
+            wait_until(
+                lambda: "the scenario player has ended" in child.text(), "word of the player's end"
+            )
         page.send("safe_stop")
         stopped = page.seen("state", lambda frame: frame["actual_mode"] == "safe_stop")
         assert stopped["reason"]
-        wait_until(lambda: "the other processes keep running" in child.text(), "word of the player's end")
+        wait_until(
+            lambda: "the other processes keep running" in child.text(), "word of the player's end"
+        )
         for _ in range(20):
             page.until("tick")
         assert page.frames["state"]["actual_mode"] == "safe_stop"

@@ -9,13 +9,25 @@ from playwright.sync_api import expect
 from fsw_test_support.browser import shot
 from fsw_test_support.fake_hmi import PLACE, TOKEN, FakeHmi, good_account, sample_alarms
 from fsw_test_support.page_boxes import faults
-from fsw_test_support.page_steps import DRAWN_AHEAD, band_pixels, in_control, log_in, press, ready, settled, until
+from fsw_test_support.page_steps import (
+    DRAWN_AHEAD,
+    band_pixels,
+    in_control,
+    log_in,
+    press,
+    ready,
+    settled,
+    until,
+)
 
 
 def test_live_values_and_progress_are_on_the_screen(fake, open_page):
     page = ready(open_page(fake.url))
     fake.depth_offset_mm = 0.05
-    until(page, "Math.abs(parseFloat(document.querySelector('#value-depth_mm output').textContent) - 2.75) < .1")
+    until(
+        page,
+        "Math.abs(parseFloat(document.querySelector('#value-depth_mm output').textContent) - 2.75) < .1",
+    )
     expect(page.locator("#who strong")).to_have_text("nmpc · auto")
     expect(page.locator("#progress .detail")).to_contain_text("143°")
     shot(page, "good")
@@ -96,14 +108,20 @@ def test_alarm_is_shelved_with_a_time_and_a_reason_and_taken_back(fake, open_pag
     fake.push()
     expect(page.locator(".reach")).to_have_text("✓ Commands reach the machine")
     expect(page.locator(".alarm", has_text="Depth sensor")).to_contain_text("3 times")
-    expect(page.get_by_role("button", name="Shelve: Depth sensor")).to_have_count(0)  # of high priority
+    expect(page.get_by_role("button", name="Shelve: Depth sensor")).to_have_count(
+        0
+    )  # of high priority
     page.locator("summary", has_text="Temperature above 900 °C").click()
     press(page, "Shelve: Temperature above 900 °C")
     page.get_by_label("20 min").check()
     page.get_by_label("Why").fill("set-point is being lowered")
     page.locator("dialog").get_by_role("button", name="Shelve").click()
     expect(page.locator("#actions .answer")).to_have_text("Shelve an alarm: ✓ done")
-    asked = {"alarm": "temperature_high:warn", "minutes": 20, "reason": "set-point is being lowered"}
+    asked = {
+        "alarm": "temperature_high:warn",
+        "minutes": 20,
+        "reason": "set-point is being lowered",
+    }
     assert fake.requests[-1] == fake.requests[-1] | asked | {"do": "shelve"}
     press(page, "Back: x no longer reports")
     expect(page.locator("#actions .answer")).to_have_text("Take an alarm back: ✓ done")
@@ -143,7 +161,9 @@ def test_page_whose_script_hangs_is_veiled_without_it(fake, open_page):
         while (performance.now() < end);
         done(document.querySelector("#veil").getAnimations()[0].effect.getTiming().duration);
     }))"""
-    assert any(page.evaluate(hang) < 1000.0 for _ in range(20))  # a page that is cut off just then is veiled already
+    assert any(
+        page.evaluate(hang) < 1000.0 for _ in range(20)
+    )  # a page that is cut off just then is veiled already
     ready(page)
 
 
@@ -173,11 +193,15 @@ def test_set_points_show_from_to_and_ramp_before_they_are_sent(fake, open_page):
     in_control(page)
     press(page, "Set-points")
     page.locator("dialog").get_by_label("Temperature").fill("826.4")
-    expect(page.locator(".summary")).to_have_text("Temperature 816.4 → 826.4 °C (+10.0), by a ramp of 10 s")
+    expect(page.locator(".summary")).to_have_text(
+        "Temperature 816.4 → 826.4 °C (+10.0), by a ramp of 10 s"
+    )
     shot(page, "set_points")
     press(page, "Apply set-points")
     expect(page.locator("dialog")).to_have_count(0)
-    assert fake.requests[-1]["do"] == "set_reference" and fake.requests[-1]["temperature_c"] == 826.4
+    assert (
+        fake.requests[-1]["do"] == "set_reference" and fake.requests[-1]["temperature_c"] == 826.4
+    )
 
 
 def test_mode_by_hand_asks_for_force_and_speed(fake, open_page):
@@ -201,7 +225,9 @@ def test_swap_shows_why_it_is_refused(fake, open_page):
     in_control(page)
     press(page, "Controller")
     press(page, "Swap")
-    expect(page.locator("dialog .answer")).to_have_text("✕ refused: decentral is not ready: no set-points")
+    expect(page.locator("dialog .answer")).to_have_text(
+        "✕ refused: decentral is not ready: no set-points"
+    )
 
 
 @pytest.mark.requirement("S19")
@@ -243,7 +269,13 @@ def test_without_control_alarms_and_commands_are_disabled_and_say_why(fake, open
     fake.alarms = sample_alarms(time.time())
     page = open_page(fake.url)
     log_in(page)
-    for name in ("Ack: Depth sensor invalid: frozen", "Ack all", "Set-points", "Abort weld", "Disturb"):
+    for name in (
+        "Ack: Depth sensor invalid: frozen",
+        "Ack all",
+        "Set-points",
+        "Abort weld",
+        "Disturb",
+    ):
         button = page.get_by_role("button", name=name, exact=True)
         expect(button).to_be_disabled()
         expect(button).to_have_attribute("title", "Take control to command.")
@@ -310,7 +342,9 @@ def test_programme_and_set_points_in_force_are_side_by_side(fake, open_page):
 
 
 def test_resume_is_drawn_ahead_before_it_is_confirmed(fake, open_page, uplot):
-    fake.progress.update(state="held", left=True, way_back_s=10.5, depth_mm=2.66, temperature_c=826.4)
+    fake.progress.update(
+        state="held", left=True, way_back_s=10.5, depth_mm=2.66, temperature_c=826.4
+    )
     page = ready(open_page(fake.url))
     in_control(page)
     assert page.evaluate(DRAWN_AHEAD) == [False] * 4
@@ -334,7 +368,9 @@ def test_stop_is_followed_until_the_force_is_safe(fake, open_page):
     expect(page.locator("#progress strong")).to_have_text("Stopping: 78.0 → 65.0 kN")
     fake.force_kn = 70.0
     expect(page.locator("#progress strong")).to_have_text("Stopping: 70.0 → 65.0 kN")
-    assert page.locator("#progress progress").evaluate("(one) => one.value") == pytest.approx(8 / 13, abs=1e-4)
+    assert page.locator("#progress progress").evaluate("(one) => one.value") == pytest.approx(
+        8 / 13, abs=1e-4
+    )
     fake.held_s += 20.0
     expect(page.locator("#progress strong")).to_have_text("■ Force does not fall: 70.0 kN")
     fake.force_kn = 65.0
@@ -344,7 +380,9 @@ def test_stop_is_followed_until_the_force_is_safe(fake, open_page):
 
 def test_weld_is_unrolled_and_its_exceedances_lead_to_their_moments(fake, open_page):
     page = ready(open_page(fake.url))
-    expect(page.locator("#map h2")).to_have_text("Weld, unrolled 143° welded, nowhere outside the limits")
+    expect(page.locator("#map h2")).to_have_text(
+        "Weld, unrolled 143° welded, nowhere outside the limits"
+    )
     expect(page.locator("#verdict strong")).to_have_text("Good")
     fake.account = good_account(PLACE)
     fake.push()

@@ -19,7 +19,9 @@ def make_fake():
 
     def make(**options):
         server = FakeHmi(**options)
-        server.measuring = False  # nothing is drawn: several pages are open on a machine that may be busy
+        server.measuring = (
+            False  # nothing is drawn: several pages are open on a machine that may be busy
+        )
         servers.append(server.start())
         return server
 
@@ -72,7 +74,9 @@ def test_control_is_asked_for_and_handed_over(fake, person):
     shot(otto, "request_for_control")
     press(otto, "Hand over to olga")
     says(olga, "olga (you) has control. Otto has handed control over to you.")
-    says(otto, "olga has control. Ask for control to command. You have handed control over to olga.")
+    says(
+        otto, "olga has control. Ask for control to command. You have handed control over to olga."
+    )
     expect(otto.locator("dialog")).to_have_count(0)  # nor is anything sent by who has lost it
     expect(otto.get_by_role("button", name="Set-points")).to_be_disabled()
     asked = [one["action"] for one in fake.actions if one["action"] != "log in"]
@@ -93,7 +97,9 @@ def test_request_is_refused_and_withdrawn(fake, person):
     assert fake.holder.name == "otto"
 
 
-def test_control_is_taken_only_when_nobody_answers_and_closes_the_form_of_who_had_it(make_fake, person):
+def test_control_is_taken_only_when_nobody_answers_and_closes_the_form_of_who_had_it(
+    make_fake, person
+):
     fake = make_fake(handover_timeout_s=0.0)
     anna, bert = person(fake, "Anna", TOKEN, "Token"), person(fake, "Bert", TOKEN, "Token")
     press(anna, "Take control")
@@ -103,7 +109,10 @@ def test_control_is_taken_only_when_nobody_answers_and_closes_the_form_of_who_ha
     press(bert, "Take control")
     assert fake.holder.name == "Anna"
     press(bert, "Take control from Anna")
-    says(anna, "Bert has control. Ask for control to command. Bert has taken control: nobody answered")
+    says(
+        anna,
+        "Bert has control. Ask for control to command. Bert has taken control: nobody answered",
+    )
     expect(anna.locator("dialog")).to_have_count(0)
     assert fake.requests[-1]["do"] == "take_control"
 
@@ -135,7 +144,8 @@ def test_idle_page_says_so_stops_and_wants_a_login_again(fake, person):
     press(otto, "Set-points")
     fake.log_out()
     says(
-        otto, "Nobody has control. Log in to command. Nobody has touched the page for 15 min: log in again to command."
+        otto,
+        "Nobody has control. Log in to command. Nobody has touched the page for 15 min: log in again to command.",
     )
     expect(otto.locator("dialog")).to_have_count(0)
     otto.locator("#safe-stop").click()
@@ -168,7 +178,9 @@ def test_name_that_may_be_confused_is_not_sent(fake, open_page):
 
 
 @pytest.mark.parametrize(
-    "size", [(390, 844), pytest.param((1280, 800), marks=pytest.mark.full)], ids="{0[0]}x{0[1]}".format
+    "size",
+    [(390, 844), pytest.param((1280, 800), marks=pytest.mark.full)],
+    ids="{0[0]}x{0[1]}".format,
 )
 def test_request_leaves_the_safe_stop_free(fake, person, size):
     otto, olga = person(fake, "otto", size=size), person(fake, "olga")

@@ -20,7 +20,11 @@ PARTS = {
     "nmpc": ("fsw_nmpc.nmpc_node", []),
     "supervisor": (
         "fsw_supervisor.supervisor_node",
-        ["--ros-args", *PATIENT_ARGUMENTS, *(word for one in WIDE for word in ("-p", f"interlocks.temperature_{one}"))],
+        [
+            "--ros-args",
+            *PATIENT_ARGUMENTS,
+            *(word for one in WIDE for word in ("-p", f"interlocks.temperature_{one}")),
+        ],
     ),
     "plant": ("fsw_plant.plant_node", ["--ros-args", "-p", "wait_for_subscribers:=3"]),
 }
@@ -103,7 +107,9 @@ def test_set_points_swap_disturbance_fault_and_safe_stop_by_clicking(address, op
 
 @pytest.mark.full
 @pytest.mark.parametrize("bounds", [["--ros-args", "-p", "speed_max:=415.0"]], ids=["415 rpm"])
-def test_set_point_out_of_reach_of_the_real_nmpc_is_an_alarm_and_of_a_trip_the_first_is_marked(address, open_page):
+def test_set_point_out_of_reach_of_the_real_nmpc_is_an_alarm_and_of_a_trip_the_first_is_marked(
+    address, open_page
+):
     url, token = address
     page = open_page(url)
     in_control(page, secret=token)
@@ -160,19 +166,28 @@ def test_set_point_out_of_reach_of_the_real_nmpc_is_an_alarm_and_of_a_trip_the_f
 def programme(tmp_path):
     """Address and token of a page at a weld that follows a programme."""
     with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
-        launcher.start("hmi", "fsw_hmi.main", ["--port", "0", "--ros-args", "-p", "request_timeout_s:=60.0"])
+        launcher.start(
+            "hmi", "fsw_hmi.main", ["--port", "0", "--ros-args", "-p", "request_timeout_s:=60.0"]
+        )
         url = wait_for_text(launcher, "hmi", r"http://\S+")
         token = wait_for_text(launcher, "hmi", r"token: \S+").split()[1]
-        PatientWeld(parse(PROGRAMME), tmp_path / "weld", ["decentral", "nmpc"], realtime=True).start(launcher)
+        PatientWeld(
+            parse(PROGRAMME), tmp_path / "weld", ["decentral", "nmpc"], realtime=True
+        ).start(launcher)
         yield url, token
 
 
-@pytest.mark.full  # with a page that others play to: test_hmi_page.py; without the page: test_hmi_weld.py
+# with a page that others play to: test_hmi_page.py; without the page: test_hmi_weld.py
+@pytest.mark.full
 def test_programme_is_held_and_resumed_and_its_weld_unrolled_by_clicking(programme, open_page):
     url, token = programme
     page = open_page(url)
     in_control(page, secret=token)
-    form, progress, unrolled = page.locator("dialog"), page.locator("#progress"), page.locator("#map h2")
+    form, progress, unrolled = (
+        page.locator("dialog"),
+        page.locator("#progress"),
+        page.locator("#map h2"),
+    )
     plan = page.locator("#value-temperature_c .plan")
     expect(progress).to_contain_text("joint line")
     expect(plan).to_have_text("= programme 825.0")  # its ramp is over
@@ -188,7 +203,9 @@ def test_programme_is_held_and_resumed_and_its_weld_unrolled_by_clicking(program
     expect(plan).to_have_text("≠ programme 825.0")
     assert page.evaluate(DRAWN_AHEAD) == [False] * 4
     press(page, "Resume weld")
-    expect(page.locator(".summary")).to_contain_text("818.0 → 825.0 °C (+7.0); back to the programme by a ramp of ")
+    expect(page.locator(".summary")).to_contain_text(
+        "818.0 → 825.0 °C (+7.0); back to the programme by a ramp of "
+    )
     until(page, f"{DRAWN_AHEAD}.join() === 'true,true,false,false'")
     shot(page, "graph_resume")
     form.locator("button[type=submit]").click()
@@ -196,7 +213,9 @@ def test_programme_is_held_and_resumed_and_its_weld_unrolled_by_clicking(program
     expect(plan).to_have_text("= programme 825.0")
     expect(progress).not_to_contain_text("held")
 
-    press(page, "Fault")  # a depth that is measured wrong leaves the band, and that is marked where it was
+    press(
+        page, "Fault"
+    )  # a depth that is measured wrong leaves the band, and that is marked where it was
     form.get_by_label("Sensor").select_option("depth")
     form.get_by_label("Fault").select_option("bias")
     form.get_by_label("Size").fill("0.3")
@@ -204,7 +223,9 @@ def test_programme_is_held_and_resumed_and_its_weld_unrolled_by_clicking(program
     press(page, "Set the fault")
     expect(form).to_have_count(0)
     mark = page.locator(".exceedances button").first
-    expect(mark).to_have_attribute("aria-label", re.compile(r"depth error outside: .*, \d+° to \d+°, \d\d:\d\d:\d\d"))
+    expect(mark).to_have_attribute(
+        "aria-label", re.compile(r"depth error outside: .*, \d+° to \d+°, \d\d:\d\d:\d\d")
+    )
     expect(unrolled).not_to_contain_text("nowhere outside")
     mark.click()
     back = page.get_by_role("button", name="Back to now")

@@ -62,7 +62,9 @@ def test_six_alarms_are_in_view_on_a_panel_computer(fake, open_page):
     expect(page.locator(".alarm details[open]")).to_have_count(1)
     expect(page.locator(".alarm").first).to_contain_text("→ Check the sensor")
     page.locator("summary", has_text="decentral commands").click()
-    expect(page.locator(".alarm details[open]")).to_contain_text("decentral commands in place of nmpc")
+    expect(page.locator(".alarm details[open]")).to_contain_text(
+        "decentral commands in place of nmpc"
+    )
     gone = page.locator(".alarm.cleared .what")
     assert gone.bounding_box()["height"] < 25  # one line
 
@@ -74,7 +76,11 @@ def test_nothing_moves_when_a_state_changes(fake, open_page, size):
     before = places(page)
 
     def moved():
-        return {name: (box, before.get(name)) for name, box in places(page).items() if box != before.get(name)}
+        return {
+            name: (box, before.get(name))
+            for name, box in places(page).items()
+            if box != before.get(name)
+        }
 
     fake.state.update(
         reason="decentral commands because nmpc was late 3 times in a row; nmpc stays inhibited until mode auto "
@@ -121,24 +127,41 @@ def test_no_line_of_the_controllers_and_actions_is_half_in_view(fake, open_page,
     assert settled(page, lambda: page.evaluate(CUT_LINES)) == []
     done = {"who": "Anna (1)", "action": "take control", "outcome": "done", "message": ""}
     for count in range(1, 6):  # with one or two lines each
-        fake.actions.append(done | {"server_s": time.time(), "message": count % 2 * "what nobody can say briefly " * 3})
+        fake.actions.append(
+            done
+            | {"server_s": time.time(), "message": count % 2 * "what nobody can say briefly " * 3}
+        )
         texts = ["disk full" + i % 2 * " of what others record" for i in range(count)]
-        fake.state["parts"] = [{"name": f"part{i}: file", "level": "error", "text": one} for i, one in enumerate(texts)]
+        fake.state["parts"] = [
+            {"name": f"part{i}: file", "level": "error", "text": one}
+            for i, one in enumerate(texts)
+        ]
         fake.push()
         expect(page.locator("#controllers li")).to_have_count(count)
         expect(page.locator("#actions li")).to_have_count(count)
         assert settled(page, lambda: page.evaluate(CUT_LINES)) == []
-        assert count < 5 or size[0] < 700 or lists.evaluate("(one) => one.scrollHeight > one.clientHeight")
+        assert (
+            count < 5
+            or size[0] < 700
+            or lists.evaluate("(one) => one.scrollHeight > one.clientHeight")
+        )
     lists.evaluate("(one) => one.scrollBy(0, 1e6)")
     assert settled(page, lambda: page.evaluate(CUT_LINES)) == []
     shot(page, "controllers_{}x{}".format(*size))
 
 
 @pytest.mark.parametrize(
-    "what", ["good", "form", *(pytest.param(one, marks=pytest.mark.full) for one in ("phone", "alarms", "bag"))]
+    "what",
+    [
+        "good",
+        "form",
+        *(pytest.param(one, marks=pytest.mark.full) for one in ("phone", "alarms", "bag")),
+    ],
 )
 def test_accessible_by_axe(fake, bags, open_page, axe, what):
-    page = open_page(bags.url if what == "bag" else fake.url, *(PHONE if what == "phone" else PANEL))
+    page = open_page(
+        bags.url if what == "bag" else fake.url, *(PHONE if what == "phone" else PANEL)
+    )
     if what == "bag":
         expect(page.locator("#play")).to_be_visible()
     else:

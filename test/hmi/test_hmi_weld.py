@@ -56,10 +56,16 @@ class Weld(Spinner):
         self.node = node = rclpy.create_node("observer", context=self.context)
         self.executor.add_node(node)
         self.actions, self.commands, self.states, self.stated = [], [], [], []
-        node.create_subscription(OperatorAction, "fsw/operator_action", self.actions.append, LATCHED)
+        node.create_subscription(
+            OperatorAction, "fsw/operator_action", self.actions.append, LATCHED
+        )
         node.create_subscription(WeldCommand, "fsw/command", self.commands.append, DEEP)
-        node.create_subscription(SupervisorState, "fsw/supervisor/state", self.states.append, LATEST)
-        node.create_subscription(WeldReference, "fsw/supervisor/reference", self.stated.append, LATEST)
+        node.create_subscription(
+            SupervisorState, "fsw/supervisor/state", self.states.append, LATEST
+        )
+        node.create_subscription(
+            WeldReference, "fsw/supervisor/reference", self.stated.append, LATEST
+        )
         self.page = None
 
     def close(self):
@@ -71,7 +77,11 @@ class Weld(Spinner):
 
     def serve(self, *arguments):
         """Start the page's server."""
-        patient = ["--ros-args", "-p", "request_timeout_s:=60.0"]  # a machine may stand still for some time
+        patient = [
+            "--ros-args",
+            "-p",
+            "request_timeout_s:=60.0",
+        ]  # a machine may stand still for some time
         self.launcher.start("hmi", "fsw_hmi.main", ["--port", "0", *patient, *arguments])
         self.url = wait_for_text(self.launcher, "hmi", r"http://\S+")
         self.token = wait_for_text(self.launcher, "hmi", r"token: \S+").split()[1]
@@ -89,11 +99,17 @@ class Weld(Spinner):
                 "standby": ["-r", f"__node:={STANDBY}", "-p", "standby:=true", *PATIENT_ARGUMENTS],
             }.get(name, [])
             if lockstep:
-                given = ("clock:=simulated", "speed:=0.0") if name == "plant" else ("use_sim_time:=true",)
+                given = (
+                    ("clock:=simulated", "speed:=0.0")
+                    if name == "plant"
+                    else ("use_sim_time:=true",)
+                )
                 patient = ("lockstep_deadline_s:=60.0", "lockstep_shadow_wait_s:=60.0")
                 given += patient if name in ("supervisor", "standby") else ()
                 arguments = [*arguments, *(word for one in given for word in ("-p", one))]
-            self.launcher.start(name, MODULES[name], ["--ros-args", *arguments] if arguments else [])
+            self.launcher.start(
+                name, MODULES[name], ["--ros-args", *arguments] if arguments else []
+            )
 
     def start_weld(self, *arguments, lockstep=False):
         """Start all parts and the page, and give the first set-points."""
@@ -101,7 +117,9 @@ class Weld(Spinner):
         self.start(*PARTS, waits=len(PARTS) - 1, lockstep=lockstep)
         page = self.command()
         page.until("tick")
-        page.seen("state", lambda frame: "no set-point yet" in frame["reason"])  # a controller waits for them
+        page.seen(
+            "state", lambda frame: "no set-point yet" in frame["reason"]
+        )  # a controller waits for them
         answer = page.ask("set_reference", depth_mm=2.66, temperature_c=816.4)
         assert answer["outcome"] == "done", answer
         page.seen("state", lambda frame: frame["actual_mode"] == "auto")
@@ -126,7 +144,14 @@ def weld(tmp_path):
 
 def junk_from_strangers(weld):
     """All of it is refused; that none of it acts, the actions that are recorded show."""
-    for text in ("null", "{}", '{"id":1,"do":"safe_stop"}', "[" * 4000, "\x00", json.dumps({"id": 2, "do": "mode"})):
+    for text in (
+        "null",
+        "{}",
+        '{"id":1,"do":"safe_stop"}',
+        "[" * 4000,
+        "\x00",
+        json.dumps({"id": 2, "do": "mode"}),
+    ):
         with Page(weld.url) as stranger:
             stranger.socket.send(text)
             stranger.socket.send(text.encode())
@@ -144,7 +169,10 @@ def test_a_person_steers_the_weld_by_the_page_and_all_of_it_is_recorded(weld):
     page.seen("prediction", lambda frame: frame["controller"] == "nmpc")
     unknown = page.ask("switch", controller="nobody", wait_s=0)
     assert (unknown["outcome"], "unknown controller" in unknown["message"]) == ("refused", True)
-    assert page.ask("set_reference", depth_mm=2.68, temperature_c=818.4, ramp=True)["outcome"] == "done"
+    assert (
+        page.ask("set_reference", depth_mm=2.68, temperature_c=818.4, ramp=True)["outcome"]
+        == "done"
+    )
     page.until("tick", lambda _: page.value("reference_temperature_c") == 818.4)
     assert page.value("reference_depth_mm") == 2.68
     assert page.ask("mode", mode="hold")["outcome"] == "done"
@@ -152,7 +180,10 @@ def test_a_person_steers_the_weld_by_the_page_and_all_of_it_is_recorded(weld):
     assert page.ask("mode", mode="auto")["outcome"] == "done"
     page.seen("state", lambda frame: frame["actual_mode"] == "auto")
     assert page.ask("disturb", channel="depth", shape="step", amplitude=0.05)["outcome"] == "done"
-    assert page.ask("fault", sensor="torque", kind="bias", magnitude=5, duration_s=1)["outcome"] == "done"
+    assert (
+        page.ask("fault", sensor="torque", kind="bias", magnitude=5, duration_s=1)["outcome"]
+        == "done"
+    )
     assert page.ask("safe_stop")["outcome"] == "done"
     page.seen("state", lambda frame: frame["actual_mode"] == "safe_stop")
     page.seen("alarms", lambda frame: any(one["id"] == "safe_stop" for one in frame["alarms"]))
@@ -184,7 +215,9 @@ def test_page_killed_in_a_ramp_changes_nothing(weld):
     assert answer["outcome"] == "done", answer
     weld.launcher.children["hmi"].process.send_signal(signal.SIGKILL)
     goal = Reference(2.66, 820.4)
-    weld.until(lambda: weld.stated and convert.reference(weld.stated[-1]) == goal, "the end of the ramp")
+    weld.until(
+        lambda: weld.stated and convert.reference(weld.stated[-1]) == goal, "the end of the ramp"
+    )
     assert weld.unanswered_ticks() == 0
     weld.serve()  # again
     with Page(weld.url) as reloaded:
@@ -249,9 +282,14 @@ def test_programme_is_held_changed_by_hand_and_resumed(weld):
     graph.start(weld.launcher)
     page = weld.command()
     # not its first report, so that the supervisor has heard of the programme, too
-    page.seen("progress", lambda frame: (frame["state"], frame["phase"]) == ("running", "joint_line"))
+    page.seen(
+        "progress", lambda frame: (frame["state"], frame["phase"]) == ("running", "joint_line")
+    )
     refused = page.ask("set_reference", depth_mm=2.7, temperature_c=822)
-    assert (refused["outcome"], "hold the programme first" in refused["message"]) == ("refused", True)
+    assert (refused["outcome"], "hold the programme first" in refused["message"]) == (
+        "refused",
+        True,
+    )
     assert page.ask("weld", action="hold")["outcome"] == "done"
     page.seen("progress", lambda frame: frame["state"] == "held")
     assert page.ask("set_reference", depth_mm=2.7, temperature_c=822)["outcome"] == "done"

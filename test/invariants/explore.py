@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Every sequence of letters of a welding cell, breadth first; sequences that lead to the same state are merged.
 
-usage: explore.py [--depth N] [--only ALPHABET] [--machine MACHINE] [--mode MODE] [--forgive RULE ...] [--json FILE]
+usage: explore.py [--depth N] [--only ALPHABET] [--machine MACHINE] [--mode MODE] [--forgive RULE
+...] [--json FILE]
        explore.py --publish FILE
 """
 
@@ -35,7 +36,14 @@ from fsw_control.weld import TICK_NS
 from fsw_supervisor.state_machine import Mode
 from fsw_test_support import results_page
 from fsw_test_support.results_page import Row
-from fsw_test_support.welding_cell import ALPHABET, CANDIDATES, RESTART, BrokenRuleError, Cell, Rules
+from fsw_test_support.welding_cell import (
+    ALPHABET,
+    CANDIDATES,
+    RESTART,
+    BrokenRuleError,
+    Cell,
+    Rules,
+)
 
 #: with all well again and the operator's help, a controller is back in control after so many ticks
 RECOVERY_TICKS = 40
@@ -62,7 +70,8 @@ ALPHABETS = {
     "control": ("tick", *CANDIDATES, "auto", "manual", "hold", "safe_stop", "switch", RESTART),
     "all": ALPHABET,
 }
-#: of these the drives report at every tick and stamps jump with the clock, or a gateway and a PLC are in between
+#: of these the drives report at every tick and stamps jump with the clock, or a gateway and a PLC
+#: are in between
 WITH_AND_WITHOUT_GATEWAY = ("link", "all")
 GATEWAY = "gateway and PLC"
 #: whether a gateway is in between
@@ -89,7 +98,8 @@ def started(mode: str, gateway: bool) -> Cell:
 
 # ---------------------------------------------------------------- when two cells are the same
 
-#: counts, words and what is constant: no later decision depends on them, or :func:`state` adds what does
+#: counts, words and what is constant: no later decision depends on them, or :func:`state` adds
+#: what does
 _SKIPPED = """settings limits _limits lockstep _lockstep reason cause since_ns transitions revision events tick
     _stamp_ns _interlocks hold_s _persistence_s reasons _causes who message on_done missed late rejected duplicates
     latencies_s _past _sent foreign_commands jumps counts latency_s samples read gate _machine machine _safety safety
@@ -121,9 +131,22 @@ def state(cell: Cell) -> int:
     arbiter, gateway = cell.arbiter, cell.gateway
     machine, start_up, operator = arbiter.machine, arbiter._start_up, arbiter.operator
     parts = [machine, arbiter.safety, arbiter.registry, operator, arbiter.watch, start_up]
-    parts += [arbiter.in_force, arbiter.ticks._arbitration, arbiter.ticks._stamps, arbiter.ticks.present]
+    parts += [
+        arbiter.in_force,
+        arbiter.ticks._arbitration,
+        arbiter.ticks._stamps,
+        arbiter.ticks.present,
+    ]
     parts += [gateway, cell.plc.watchdog, cell.rules]
-    own = (cell.in_force, cell.temperature, cell.candidate, cell.linked, cell.delivering, cell.followed, cell.source)
+    own = (
+        cell.in_force,
+        cell.temperature,
+        cell.candidate,
+        cell.linked,
+        cell.delivering,
+        cell.followed,
+        cell.source,
+    )
     own += (cell.pushed_kn, min(cell.control, CONTROL_TICKS), arbiter.ticks.last is None)
     own += (*arbiter.safety.sensor_reasons.values(), arbiter.safety.held_sensors)
     own += (0 if machine.mode in _LASTING_MODES else machine.time_ns - machine.mode_since_ns,)
@@ -145,7 +168,12 @@ class _Freezers(dict[type, Callable[[Any, str, _Now], Any]]):
     """By type, what makes of an attribute's value and name something to hash; found once for each type."""
 
     def __missing__(self, kind: type) -> Callable[[Any, str, _Now], Any]:
-        bases = ((Enum, _plain), (dict, _dict), ((tuple, list, deque), _items), ((set, frozenset), _set))
+        bases = (
+            (Enum, _plain),
+            (dict, _dict),
+            ((tuple, list, deque), _items),
+            ((set, frozenset), _set),
+        )
         freeze = next((freeze for base, freeze in bases if issubclass(kind, base)), None)
         self[kind] = freeze or _object_freezer()
         return self[kind]
@@ -176,12 +204,20 @@ def _int(value: int, name: str, now: _Now) -> int:
 
 
 def _dict(value: dict[Any, Any], name: str, now: _Now) -> tuple[Any, ...]:
-    return tuple([(str(key), _FREEZERS[type(item)](item, "", now)) for key, item in sorted(value.items())])
+    return tuple(
+        [(str(key), _FREEZERS[type(item)](item, "", now)) for key, item in sorted(value.items())]
+    )
 
 
 def _items(value: Iterable[Any], name: str, now: _Now) -> tuple[Any, ...]:
     if name == "_automatic":
-        return tuple([now[3] - time_ns for time_ns in value if now[3] - time_ns < _FORGOTTEN_TICKS * TICK_NS])
+        return tuple(
+            [
+                now[3] - time_ns
+                for time_ns in value
+                if now[3] - time_ns < _FORGOTTEN_TICKS * TICK_NS
+            ]
+        )
     return tuple([_FREEZERS[type(item)](item, "", now) for item in value])
 
 
@@ -194,13 +230,19 @@ def _object_freezer() -> Callable[[Any, str, _Now], Any]:
 
     def freeze(value: Any, name: str, now: _Now) -> tuple[Any, ...]:
         nonlocal names
-        names = names or tuple(one for one in getattr(value, "__slots__", ()) or vars(value) if one not in _IRRELEVANT)
-        return tuple([_FREEZERS[type(item := getattr(value, one))](item, one, now) for one in names])
+        names = names or tuple(
+            one for one in getattr(value, "__slots__", ()) or vars(value) if one not in _IRRELEVANT
+        )
+        return tuple(
+            [_FREEZERS[type(item := getattr(value, one))](item, one, now) for one in names]
+        )
 
     return freeze
 
 
-_FREEZERS = _Freezers({kind: _plain for kind in (type(None), bool, str)} | {float: _float, int: _int})
+_FREEZERS = _Freezers(
+    {kind: _plain for kind in (type(None), bool, str)} | {float: _float, int: _int}
+)
 
 
 def packed(cell: Cell) -> bytes:
@@ -283,8 +325,8 @@ class Result:
 class Explorer:
     """Explores from all starts at once; a state counts as known whatever start and sequence led to it first.
 
-    It is gone on from there, at the least depth at which any start reaches it: so every sequence of every start is
-    covered.
+    It is gone on from there, at the least depth at which any start reaches it: so every sequence
+    of every start is covered.
     """
 
     def __init__(self, alphabet: Sequence[str]) -> None:
@@ -303,7 +345,9 @@ class Explorer:
         """As :meth:`explore`; yields each depth when all its sequences are done."""
         result = self.result
         self._seen.update(state(start) for start in starts.values())
-        layer: list[tuple[bytes, tuple[str, ...]]] = [(packed(start), (name,)) for name, start in starts.items()]
+        layer: list[tuple[bytes, tuple[str, ...]]] = [
+            (packed(start), (name,)) for name, start in starts.items()
+        ]
         for level in range(1, depth + 1):
             result.sequences += len(starts) * len(self.alphabet) ** level
             last = level == depth
@@ -311,7 +355,9 @@ class Explorer:
             result.states = len(self._seen)
             yield level
 
-    def _go_on(self, copy: bytes, path: tuple[str, ...], last: bool) -> Iterator[tuple[bytes, tuple[str, ...]]]:
+    def _go_on(
+        self, copy: bytes, path: tuple[str, ...], last: bool
+    ) -> Iterator[tuple[bytes, tuple[str, ...]]]:
         """Try every letter; yields copies of the new states, unless these are the ``last`` ones."""
         cell: Cell = pickle.loads(copy)
         before = Snapshot(cell)
@@ -340,8 +386,12 @@ class Explorer:
         """The messages of the tick in another order, which differs from state to state."""
         rank = 1 + self.result.transitions % 40319
         again = cell.step(letter, rank)
-        if (again and (again.source, again.command)) != (decision and (decision.source, decision.command)):
-            raise BrokenRuleError("the order of messages does not matter", f"{decision} or, in order {rank}, {again}")
+        if (again and (again.source, again.command)) != (
+            decision and (decision.source, decision.command)
+        ):
+            raise BrokenRuleError(
+                "the order of messages does not matter", f"{decision} or, in order {rank}, {again}"
+            )
 
     def _check_recovery(self, cell: Cell, key: int) -> None:
         """All is well from now on: count the ticks until a controller is in control."""
@@ -349,9 +399,8 @@ class Explorer:
         while cell.control < CONTROL_TICKS and key not in self._ticks_to_control:
             keys.append(key)
             if len(keys) > RECOVERY_TICKS:
-                words = (
-                    f"in {RECOVERY_TICKS} ticks; mode {cell.arbiter.machine.mode}, {cell.arbiter.machine.reason.words}"
-                )
+                machine = cell.arbiter.machine
+                words = f"in {RECOVERY_TICKS} ticks; mode {machine.mode}, {machine.reason.words}"
                 raise BrokenRuleError("a healthy cell returns to control", words)
             cell.heal()
             self.result.transitions += 1
@@ -369,9 +418,21 @@ class Explorer:
 def rows_of(name: str, machine: str, modes: Sequence[str], depth: int) -> Iterator[Row]:
     """Explore one alphabet; yields the figures after each letter, so that a run that is cut off is a result, too."""
     explorer, begun_s = Explorer(ALPHABETS[name]), time.process_time()
-    for reached in explorer.levels({mode: started(mode, MACHINES[machine]) for mode in modes}, depth):
-        row = {"alphabet": name, "machine": machine, "modes": len(modes), "letters": len(ALPHABETS[name])}
-        yield row | {"depth": reached} | asdict(explorer.result) | {"cpu_s": time.process_time() - begun_s}
+    for reached in explorer.levels(
+        {mode: started(mode, MACHINES[machine]) for mode in modes}, depth
+    ):
+        row = {
+            "alphabet": name,
+            "machine": machine,
+            "modes": len(modes),
+            "letters": len(ALPHABETS[name]),
+        }
+        yield (
+            row
+            | {"depth": reached}
+            | asdict(explorer.result)
+            | {"cpu_s": time.process_time() - begun_s}
+        )
 
 
 def page(rows: Sequence[Row]) -> str:
@@ -379,12 +440,19 @@ def page(rows: Sequence[Row]) -> str:
     counted = ("sequences", "transitions", "states")
     cells = [("alphabet", "machine", "letters", "depth", *counted, "slowest recovery", "CPU [s]")]
     for row in rows:
-        numbers = (row["letters"], row["depth"], *(f"{row[name]:,}" for name in counted), row["slowest_recovery"])
+        numbers = (
+            row["letters"],
+            row["depth"],
+            *(f"{row[name]:,}" for name in counted),
+            row["slowest_recovery"],
+        )
         cells.append((row["alphabet"], row["machine"], *numbers, round(row["cpu_s"])))
     total = {name: f"{sum(row[name] for row in rows):,}" for name in counted}
     slowest = max(row["slowest_recovery"] for row in rows)
     broken = {rule: told for row in rows for rule, told in row["broken"].items()}
-    text = "Together {sequences} sequences, {transitions} transitions between {states} states.".format(**total)
+    text = "Together {sequences} sequences, {transitions} transitions between {states} states.".format(
+        **total
+    )
     text += f" The slowest recovery took {slowest} ticks. Rules violated: {len(broken) or 'none'}."
     lines = [table(cells, words=2), "", text]
     lines += [f"\n- After `{' '.join(path)}`: {words}." for path, words in broken.values()]
@@ -393,14 +461,27 @@ def page(rows: Sequence[Row]) -> str:
 
 def main() -> int:
     """Explore one alphabet after the other; returns how many rules are broken."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--depth", type=int, default=6, help="letters per sequence; two less for the alphabet of all")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--depth",
+        type=int,
+        default=6,
+        help="letters per sequence; two less for the alphabet of all",
+    )
     parser.add_argument("--only", choices=ALPHABETS, help="this alphabet only")
     parser.add_argument("--machine", choices=MACHINES, help="with this machine only")
     parser.add_argument("--mode", choices=MODES, help="from this mode only")
-    parser.add_argument("--forgive", nargs="*", default=[], metavar="RULE", help="rules that are not checked")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="enter the figures here after each letter")
-    parser.add_argument("--publish", type=Path, metavar="FILE", help="write such figures into the results page")
+    parser.add_argument(
+        "--forgive", nargs="*", default=[], metavar="RULE", help="rules that are not checked"
+    )
+    parser.add_argument(
+        "--json", type=Path, metavar="FILE", help="enter the figures here after each letter"
+    )
+    parser.add_argument(
+        "--publish", type=Path, metavar="FILE", help="write such figures into the results page"
+    )
     args = parser.parse_args()
     if args.publish:
         results_page.publish("invariants.md", "results", page(results_page.load(args.publish)))

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Two supervisors and an actuator end over a lossy network: random walks, and all short sequences of a few letters.
 
-Counter-examples are shrunk. usage: explore_pair.py [--machine plant|gateway|both] [--transitions N] [--seed N]
+Counter-examples are shrunk. usage: explore_pair.py [--machine plant|gateway|both] [--transitions
+N] [--seed N]
                      [--depth N] [--json FILE]; explore_pair.py --publish FILE
 """
 
@@ -40,7 +41,9 @@ FROZEN = ("a", "b", "end", "page", "controllers")
 GROUPS: dict[str, tuple[str, ...]] = {
     "time": ("run 1", "run 1", "run 2", "run 3", "run 5", "run 12", "ms 5", "ms 30", "ms 70"),
     "request": tuple(f"ask {kind} {name}" for kind in REQUESTS for name in SUPERVISORS),
-    "restore": tuple(f"ask {kind} {name}" for kind in ("acknowledge", "auto") for name in SUPERVISORS),
+    "restore": tuple(
+        f"ask {kind} {name}" for kind in ("acknowledge", "auto") for name in SUPERVISORS
+    ),
     "press": ("press",),
     "link": tuple(
         f"link {kind} {source} {target}"
@@ -50,7 +53,14 @@ GROUPS: dict[str, tuple[str, ...]] = {
         if source != target and not (target == "page" and source == "controllers")
     ),
     "isolate": tuple(f"isolate {name}" for name in ("a", "b", "end", "page")),
-    "network": ("network well", "network well", "network lossy", "network late", "network swap", "network dup"),
+    "network": (
+        "network well",
+        "network well",
+        "network lossy",
+        "network late",
+        "network swap",
+        "network dup",
+    ),
     "process": (
         *(f"freeze {name}" for name in FROZEN),
         *(f"thaw {name} {first}" for name in FROZEN for first in ("timers", "messages")),
@@ -61,9 +71,20 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "cause": ("temperature 920", "temperature 885", "temperature nan", "temperature 885"),
     "clock": ("clock 0.9", "clock -0.9", "clock 3600", "clock -3600"),
     "wish": ("wish 84", "wish 78"),
-    "plc": tuple(f"plc {state}" for state in (*PLC_LINKS, "forbids", "well", "permits", "well", "permits")),
+    "plc": tuple(
+        f"plc {state}" for state in (*PLC_LINKS, "forbids", "well", "permits", "well", "permits")
+    ),
 }
-_WEIGHTS = {"time": 30, "request": 8, "restore": 8, "press": 2, "link": 8, "isolate": 2, "network": 4, "process": 14}
+_WEIGHTS = {
+    "time": 30,
+    "request": 8,
+    "restore": 8,
+    "press": 2,
+    "link": 8,
+    "isolate": 2,
+    "network": 4,
+    "process": 14,
+}
 _WEIGHTS |= {"cause": 2, "clock": 1, "wish": 2}
 _MORE_DISTURBED = {"link": 20, "process": 28, "isolate": 5}
 _END_WEIGHTS = {"plant": _WEIGHTS, "gateway": _WEIGHTS | {"plc": 5}}
@@ -72,8 +93,24 @@ LETTERS = tuple(dict.fromkeys(letter for group in GROUPS.values() for letter in 
 LENGTH = 40
 #: letters of the short sequences; a tick passes after each
 FEW = (
-    *("run 2", "run 12", "ask safe_stop a", "ask acknowledge a", "ask auto a", "kill a", "start a", "kill b"),
-    *("freeze a", "thaw a timers", "freeze end", "thaw end messages", "link cut a end", "network well"),
+    *(
+        "run 2",
+        "run 12",
+        "ask safe_stop a",
+        "ask acknowledge a",
+        "ask auto a",
+        "kill a",
+        "start a",
+        "kill b",
+    ),
+    *(
+        "freeze a",
+        "thaw a timers",
+        "freeze end",
+        "thaw end messages",
+        "link cut a end",
+        "network well",
+    ),
 )
 
 
@@ -135,7 +172,10 @@ def short_sequences(depth: int) -> Iterator[tuple[str, ...]]:
 
 
 def shrink(
-    letters: Sequence[str], rule: str, machine: str = "plant", forgiven: frozenset[str] = frozenset()
+    letters: Sequence[str],
+    rule: str,
+    machine: str = "plant",
+    forgiven: frozenset[str] = frozenset(),
 ) -> tuple[str, ...]:
     """Leave out letters for as long as the same invariant is broken (delta debugging)."""
     left, size = list(letters), max(1, len(letters) // 2)
@@ -177,67 +217,150 @@ def explore(
 # ---------------------------------------------------------------- runs and their results
 
 
-def run(kind: str, sequences: Iterable[tuple[str, ...]], machine: str, transitions: float = inf) -> results_page.Row:
+def run(
+    kind: str, sequences: Iterable[tuple[str, ...]], machine: str, transitions: float = inf
+) -> results_page.Row:
     """Explore and print; returns the figures."""
     found, shown, begun_s = Found(machine), 0, time.process_time()
     for found in explore(sequences, machine, transitions):
         if found.transitions - shown >= 1_000_000:
             shown = found.transitions
-            print(f"{machine}: {shown} transitions in {found.walks} walks, broken: {sorted(found.broken)}", flush=True)
+            print(
+                f"{machine}: {shown} transitions in {found.walks} walks, broken: {sorted(found.broken)}",
+                flush=True,
+            )
     cpu_s = time.process_time() - begun_s
     rate = found.transitions / max(cpu_s, 1e-9)
-    print(f"{machine}, {kind}: {found.transitions} transitions in {found.walks} walks, {rate:.0f} a second of CPU")
-    print(f"{found.accepted} commands acted; control was back after at most {found.slowest_s:.1f} s", flush=True)
+    print(
+        f"{machine}, {kind}: {found.transitions} transitions in {found.walks} walks, {rate:.0f} a second of CPU"
+    )
+    print(
+        f"{found.accepted} commands acted; control was back after at most {found.slowest_s:.1f} s",
+        flush=True,
+    )
     for rule, (letters, words) in sorted(found.broken.items()):
         print(f"{rule}: {', '.join(letters)}: {words}", flush=True)
-    row: results_page.Row = {"machine": machine, "kind": kind, "walks": found.walks, "transitions": found.transitions}
-    return row | {"accepted": found.accepted, "slowest_s": found.slowest_s, "broken": found.broken, "cpu_s": cpu_s}
+    row: results_page.Row = {
+        "machine": machine,
+        "kind": kind,
+        "walks": found.walks,
+        "transitions": found.transitions,
+    }
+    return row | {
+        "accepted": found.accepted,
+        "slowest_s": found.slowest_s,
+        "broken": found.broken,
+        "cpu_s": cpu_s,
+    }
 
 
 def invariants() -> list[str]:
     """The invariants and the fault model as ``pair_rules.py`` states them, in Markdown."""
     _, mark, text = (pair_rules.__doc__ or "").partition("I1  ")
-    text = (mark + text).replace("``CAUSE_S``", f"{pair_rules.CAUSE_S:g} s").replace("``HEAL_S``", f"{HEAL_S:g} s")
+    text = (
+        (mark + text)
+        .replace("``CAUSE_S``", f"{pair_rules.CAUSE_S:g} s")
+        .replace("``HEAL_S``", f"{HEAL_S:g} s")
+    )
     text = text.replace("``ANSWER_S``", f"{pair_rules.ANSWER_S:g} s")
-    text = text.replace("``SWITCH_S``", f"{pair_rules.SWITCH_S:g} s").replace("``SWAPS``", f"{pair_rules.SWAPS}")
+    text = text.replace("``SWITCH_S``", f"{pair_rules.SWITCH_S:g} s").replace(
+        "``SWAPS``", f"{pair_rules.SWAPS}"
+    )
     text = text.replace("``SWAPS_S``", f"{pair_rules.SWAPS_S:g} s")
-    return re.sub(r"^(I\d)  ", r"- **\1** ", text, flags=re.MULTILINE).replace("\n    ", "\n  ").splitlines()
+    return (
+        re.sub(r"^(I\d)  ", r"- **\1** ", text, flags=re.MULTILINE)
+        .replace("\n    ", "\n  ")
+        .splitlines()
+    )
 
 
 def page(rows: Sequence[results_page.Row]) -> str:
     """Invariants and table of the results page, and what is broken."""
     lines = [*invariants(), ""]
-    numbers = ("number", "transitions", "commands acted", "slowest return [s]", "broken", "CPU [s]")
+    numbers = (
+        "number",
+        "transitions",
+        "commands acted",
+        "slowest return [s]",
+        "broken",
+        "CPU [s]",
+    )
     cells: list[Sequence[object]] = [("machine", "sequences", *numbers)]
     for row in rows:
         counts = [f"{row[name]:,}" for name in ("walks", "transitions", "accepted")]
-        ends = [f"{row['slowest_s']:.1f}", ", ".join(sorted(row["broken"])) or "none", round(row["cpu_s"])]
+        ends = [
+            f"{row['slowest_s']:.1f}",
+            ", ".join(sorted(row["broken"])) or "none",
+            round(row["cpu_s"]),
+        ]
         cells.append((row["machine"], row["kind"], *counts, *ends))
-    lines += [table(cells, words=2), "", f"Together {sum(row['transitions'] for row in rows):,} transitions."]
+    lines += [
+        table(cells, words=2),
+        "",
+        f"Together {sum(row['transitions'] for row in rows):,} transitions.",
+    ]
     for row in rows:
-        lines += [f"\n- {row['machine']}, `{', '.join(path)}`: {words}." for path, words in row["broken"].values()]
+        lines += [
+            f"\n- {row['machine']}, `{', '.join(path)}`: {words}."
+            for path, words in row["broken"].values()
+        ]
     return "\n".join(lines) + "\n"
 
 
 def main() -> int:
     """Walk at both ends; returns how many invariants are broken."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--machine", choices=(*ENDS, "both"), default="both", help="the actuator end")
-    parser.add_argument("--transitions", type=int, default=10_000_000, help="events and letters of random walks in all")
-    parser.add_argument("--seed", type=int, default=1, help="of the first walk; the next ones count on")
-    parser.add_argument("--depth", type=int, default=0, help="before that, every sequence of so many of a few letters")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--machine", choices=(*ENDS, "both"), default="both", help="the actuator end"
+    )
+    parser.add_argument(
+        "--transitions",
+        type=int,
+        default=10_000_000,
+        help="events and letters of random walks in all",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=1, help="of the first walk; the next ones count on"
+    )
+    parser.add_argument(
+        "--depth",
+        type=int,
+        default=0,
+        help="before that, every sequence of so many of a few letters",
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="enter the figures here")
-    parser.add_argument("--publish", type=Path, metavar="FILE", help="write such figures into the results page")
+    parser.add_argument(
+        "--publish", type=Path, metavar="FILE", help="write such figures into the results page"
+    )
     args = parser.parse_args()
     if args.publish:
-        results_page.publish("invariants-pair.md", "pair results", page(results_page.load(args.publish)))
+        results_page.publish(
+            "invariants-pair.md", "pair results", page(results_page.load(args.publish))
+        )
         return 0
     machines, broken = (tuple(ENDS) if args.machine == "both" else (args.machine,)), 0
     for machine in machines:
         each = args.transitions / len(machines)
-        short = (f"all of {args.depth} of {len(FEW)} letters", short_sequences(args.depth), machine)
+        short = (
+            f"all of {args.depth} of {len(FEW)} letters",
+            short_sequences(args.depth),
+            machine,
+        )
         rows = [run(*short)] if args.depth else []
-        rows += [run(f"random, from seed {args.seed}", random_walks(args.seed, machine), machine, each)] if each else []
+        rows += (
+            [
+                run(
+                    f"random, from seed {args.seed}",
+                    random_walks(args.seed, machine),
+                    machine,
+                    each,
+                )
+            ]
+            if each
+            else []
+        )
         broken += sum(len(row["broken"]) for row in rows)
         for row in rows if args.json else ():
             results_page.save(row, args.json, ("machine", "kind"))

@@ -3,13 +3,15 @@
 
 usage: stop_model.py [--epochs E] [--terms T] [--restarts R] [--requests S] [--delayed M]
 
-Any message may be lost, repeated, delayed and overtaken without limit. All copies of the register stay under way. Of
-reports and of commands, those that the parts send in their present state can be delivered, and ``delayed`` of those
-sent before, whichever these are: the bound is on how many are late at once, not on how late.
+Any message may be lost, repeated, delayed and overtaken without limit. All copies of the register
+stay under way. Of reports and of commands, those that the parts send in their present state can be
+delivered, and ``delayed`` of those sent before, whichever these are: the bound is on how many are
+late at once, not on how late.
 
-The parts are the real classes (``fsw_test_support/stop_parts.py``). Supervisors take over, the actuator end reacts by
-itself and operators ask at any time, so that counts of measurements, times and stamps need no state. The page is any
-value that it may have heard; thus it restarts at any time. From every state the parts must also recover.
+The parts are the real classes (``fsw_test_support/stop_parts.py``). Supervisors take over, the
+actuator end reacts by itself and operators ask at any time, so that counts of measurements, times
+and stamps need no state. The page is any value that it may have heard; thus it restarts at any
+time. From every state the parts must also recover.
 """
 
 from __future__ import annotations
@@ -35,7 +37,8 @@ from fsw_control.stop import Stop
 from fsw_test_support import stop_parts as parts
 from fsw_test_support.stop_parts import CONTROL, End, Message, Supervisor
 
-#: rounds of messages after which control must be back, when all are delivered and the operator acknowledges
+#: rounds of messages after which control must be back, when all are delivered and the operator
+#: acknowledges
 HEAL_ROUNDS = 8
 
 
@@ -46,7 +49,9 @@ class Bounds(NamedTuple):
     terms: int = 2  #: greatest term
     restarts: int = 0  #: of supervisors and actuator end, in all; the page restarts at any time
     requests: int = 1  #: for a safe stop, to a supervisor
-    delayed: int = 1  #: reports under way that the actuator end would not send now; commands likewise
+    delayed: int = (
+        1  #: reports under way that the actuator end would not send now; commands likewise
+    )
 
 
 #: of the short tests: seconds each
@@ -73,7 +78,8 @@ class State(NamedTuple):
     requests: int = 0
     life: int = 0  #: of the actuator end; a new one does not get the commands to the one before
     ramps: bool = False  #: the actuator end moves the drives by itself
-    stopped: bool = False  #: a safe stop was answered with success, and not acknowledged since it was asked for
+    #: a safe stop was answered with success, and not acknowledged since it was asked for
+    stopped: bool = False
     reacted: bool = False  #: the actuator end has reacted, and nobody has acknowledged since
 
 
@@ -130,7 +136,11 @@ class Model:
         leader = Supervisor("a0", True, 1, True, 1, confirmed=True, fresh=False)
         standby = Supervisor("b0", reported=True, heard_term=1, fresh=False)
         end = End(term=1, leader="a0", source=CONTROL)
-        return State(self.ends.number(end), self.supervisors.number(leader), self.supervisors.number(standby))
+        return State(
+            self.ends.number(end),
+            self.supervisors.number(leader),
+            self.supervisors.number(standby),
+        )
 
     def _once(self, function: Callable[..., Any], *args: Hashable) -> Any:
         key = (function, args)
@@ -150,12 +160,20 @@ class Model:
             late_commands = commands & ~present[1] if after.life == state.life else 0
             for left_reports in self._once(_choices, late_reports, self.bounds.delayed):
                 for left_commands in self._once(_choices, late_commands, self.bounds.delayed):
-                    yield words, after._replace(reports=left_reports, commands=left_commands, copies=copies)
+                    yield (
+                        words,
+                        after._replace(
+                            reports=left_reports, commands=left_commands, copies=copies
+                        ),
+                    )
 
     def _present(self, end: int, a: int, b: int) -> tuple[int, int, int]:
         """What the parts send in their present state."""
         commands = copies = 0
-        for value in (self.ends.items[end].value, *(self.supervisors.items[item].value for item in (a, b))):
+        for value in (
+            self.ends.items[end].value,
+            *(self.supervisors.items[item].value for item in (a, b)),
+        ):
             copies |= self.copies.bit(value) if value.epoch else 0
         for item in (a, b):
             message = parts.command(self.supervisors.items[item])
@@ -165,13 +183,20 @@ class Model:
     def _parts(self, state: State, reports: int, commands: int) -> Iterator[tuple[str, State]]:
         for after, words, source in self._once(self._end_moves, state.end, commands, state.copies):
             if source == CONTROL and state.stopped:
-                raise BrokenError(f"{words}: control acts after a safe stop was answered, unacknowledged")
+                raise BrokenError(
+                    f"{words}: control acts after a safe stop was answered, unacknowledged"
+                )
             if source == CONTROL and state.reacted:
-                raise BrokenError(f"{words}: control acts after the actuator end's own reaction, unacknowledged")
+                raise BrokenError(
+                    f"{words}: control acts after the actuator end's own reaction, unacknowledged"
+                )
             yield words, state._replace(end=after, ramps=state.ramps and not source)
         reacts = self._once(self._reacts, state.end)
         if reacts is not None:
-            yield "end reacts", state._replace(end=reacts, ramps=True, reacted=state.reacted or not state.ramps)
+            yield (
+                "end reacts",
+                state._replace(end=reacts, ramps=True, reacted=state.reacted or not state.ramps),
+            )
         for copies in self._once(self._pressed, state.copies):
             yield "page: SAFE STOP", state._replace(copies=copies)
         for name in ("a", "b"):
@@ -197,7 +222,9 @@ class Model:
                 words = f"end obeys {_words(message)}"
                 self._judge(end, acts, message, words)
                 moves.setdefault((acts, message.source), words)
-            if refused.term < end.term or (refused.term == end.term and refused.leader != end.leader):
+            if refused.term < end.term or (
+                refused.term == end.term and refused.leader != end.leader
+            ):
                 raise BrokenError(
                     f"{_words(message)}: term {end.term} of {end.leader} is {refused.term} of {refused.leader}"
                 )
@@ -214,7 +241,10 @@ class Model:
 
     def _judge(self, before: End, after: End, message: Message, words: str) -> None:
         signature, source = message
-        if (after.term, after.leader) != (signature.term, signature.leader) or signature.term < before.term:
+        if (after.term, after.leader) != (
+            signature.term,
+            signature.leader,
+        ) or signature.term < before.term:
             raise BrokenError(f"{words}: an older leader's command acts")
         if source == CONTROL and after.value.stopped:
             raise BrokenError(f"{words}: control acts in a safe stop")
@@ -224,17 +254,28 @@ class Model:
     def _pressed(self, copies: int) -> list[int]:
         """The page's SAFE STOP: the page may have heard any copy, and forgotten later ones in a restart."""
         pressed = [parts.press(value) for value in (Stop(), *self.copies.of(copies))]
-        more = {copies | self.copies.bit(value) for value in pressed if value.epoch <= self.bounds.epochs}
+        more = {
+            copies | self.copies.bit(value)
+            for value in pressed
+            if value.epoch <= self.bounds.epochs
+        }
         return sorted(more - {copies})
 
-    def _at_supervisor(self, state: State, name: str, reports: int, commands: int) -> Iterator[tuple[str, State]]:
+    def _at_supervisor(
+        self, state: State, name: str, reports: int, commands: int
+    ) -> Iterator[tuple[str, State]]:
         number: int = getattr(state, name)
-        for after, words, answered in self._once(self._supervisor_moves, number, reports, commands, state.copies):
+        for after, words, answered in self._once(
+            self._supervisor_moves, number, reports, commands, state.copies
+        ):
             stopped = state.stopped or answered
             yield f"{name} {words}", state._replace(**{name: after}, stopped=stopped)
         asked, acknowledged = self._once(self._requests, number)
         if asked is not None and state.requests < self.bounds.requests:
-            yield f"{name} is asked for a safe stop", state._replace(**{name: asked}, requests=state.requests + 1)
+            yield (
+                f"{name} is asked for a safe stop",
+                state._replace(**{name: asked}, requests=state.requests + 1),
+            )
         if acknowledged is not None:
             after = state._replace(**{name: acknowledged})
             if self.supervisors.items[acknowledged].value > self.ends.items[state.end].value:
@@ -245,7 +286,9 @@ class Model:
     def _covered(self, number: int) -> int:
         """A supervisor after an acknowledgement: it covers a request for a safe stop that was made before."""
         supervisor: Supervisor = self.supervisors.items[number]
-        return self.supervisors.number(supervisor._replace(acknowledged=supervisor.asked is not None))
+        return self.supervisors.number(
+            supervisor._replace(acknowledged=supervisor.asked is not None)
+        )
 
     def _requests(self, number: int) -> tuple[int | None, int | None]:
         """The supervisor after a request for a safe stop, and after an acknowledgement; None where nothing changes."""
@@ -253,23 +296,34 @@ class Model:
         after = [parts.ask_stop(before), parts.acknowledge(before)]
         for item in after:
             _grows(before.value, item.value, before.identity)
-        changed = [item if item != before and item.value.epoch <= self.bounds.epochs else None for item in after]
-        asked, acknowledged = (None if item is None else self.supervisors.number(item) for item in changed)
+        changed = [
+            item if item != before and item.value.epoch <= self.bounds.epochs else None
+            for item in after
+        ]
+        asked, acknowledged = (
+            None if item is None else self.supervisors.number(item) for item in changed
+        )
         return asked, acknowledged
 
-    def _supervisor_moves(self, number: int, reports: int, commands: int, copies: int) -> list[tuple[int, str, bool]]:
+    def _supervisor_moves(
+        self, number: int, reports: int, commands: int, copies: int
+    ) -> list[tuple[int, str, bool]]:
         before: Supervisor = self.supervisors.items[number]
         moves: dict[tuple[Supervisor, bool], str] = {}
         for state in self.reports.of(reports):
             for after, answered in self._once(_hear_report, before, state):
-                words = f"hears report {_report(state)}" + (", answers the safe stop" if answered else "")
+                words = f"hears report {_report(state)}" + (
+                    ", answers the safe stop" if answered else ""
+                )
                 moves.setdefault((after, answered and not before.acknowledged), words)
         for message in self.commands.of(commands):
             if message.signature.leader != before.identity:
                 after = self._once(parts.hear_command, before, message)
                 moves.setdefault((after, False), f"hears {_words(message)}")
         for value in self.copies.of(copies):
-            moves.setdefault((self._once(parts.hear_stop, before, value), False), f"hears {_value(value)}")
+            moves.setdefault(
+                (self._once(parts.hear_stop, before, value), False), f"hears {_value(value)}"
+            )
         moves.setdefault((self._once(parts.take_over, before), False), "takes over")
         moves.setdefault((self._once(parts.ask_auto, before), False), "is asked for auto")
         moves.pop((before, False), None)
@@ -298,9 +352,13 @@ class Model:
         for name, other in (("a", "b"), ("b", "a")):
             if newest in (end.value, pair[other].value):
                 life = int(pair[name].identity[1:]) + 1
-                yield f"{name} restarts", again._replace(**{name: self.supervisors.number(Supervisor(f"{name}{life}"))})
+                yield (
+                    f"{name} restarts",
+                    again._replace(**{name: self.supervisors.number(Supervisor(f"{name}{life}"))}),
+                )
         if pair["a"].value == pair["b"].value == newest:
-            # It hears the newest value before a command; commands that were under way do not reach a new process.
+            # It hears the newest value before a command; commands that were under way do not reach
+            # a new process.
             fresh = self.ends.number(parts.end_hears(End(), newest))
             yield "end restarts", again._replace(end=fresh, life=state.life + 1, ramps=False)
 
@@ -317,7 +375,10 @@ class Model:
             newest = max(end.value, heard, *(item.value for item in pair))
             end = self._once(parts.end_hears, end, newest)
             state = self._once(parts.report, end)
-            pair = [self._once(parts.hear_report, self._once(parts.hear_stop, item, newest), state)[0] for item in pair]
+            pair = [
+                self._once(parts.hear_report, self._once(parts.hear_stop, item, newest), state)[0]
+                for item in pair
+            ]
             if not pair[0].active and not pair[1].active:
                 pair[0] = self._once(parts.take_over, pair[0])
             for place, item in enumerate(pair):
@@ -329,12 +390,16 @@ class Model:
                 if message.source == CONTROL:
                     return
                 pair[place] = self._once(parts.ask_auto, self._once(parts.acknowledge, item))
-        raise BrokenError("no recovery: control does not come back, though all is delivered and acknowledged")
+        raise BrokenError(
+            "no recovery: control does not come back, though all is delivered and acknowledged"
+        )
 
 
 def _hear_report(before: Supervisor, state: ActuatorState) -> list[tuple[Supervisor, bool]]:
     """Of a leader that has answered the last measurement, and of one that has not."""
-    return [parts.hear_report(before, state._replace(unanswered=unanswered)) for unanswered in (0, 1)]
+    return [
+        parts.hear_report(before, state._replace(unanswered=unanswered)) for unanswered in (0, 1)
+    ]
 
 
 def _grows(before: Stop, after: Stop, name: str) -> None:
@@ -343,7 +408,9 @@ def _grows(before: Stop, after: Stop, name: str) -> None:
 
 
 def _value(stop: Stop) -> str:
-    return f"{stop.epoch} {'stopped' if stop.stopped else 'acknowledged'} ({stop.cause.name.lower()})"
+    return (
+        f"{stop.epoch} {'stopped' if stop.stopped else 'acknowledged'} ({stop.cause.name.lower()})"
+    )
 
 
 def _words(message: Message) -> str:
@@ -395,12 +462,18 @@ def search(bounds: Bounds, heal: bool = True) -> Result:
 
 def main() -> int:
     """Search within the bounds; returns 1 if an invariant is broken."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--epochs", type=int, default=3, help="greatest epoch of the register")
     parser.add_argument("--terms", type=int, default=2, help="greatest term")
-    parser.add_argument("--restarts", type=int, default=0, help="of supervisors and actuator end, in all")
+    parser.add_argument(
+        "--restarts", type=int, default=0, help="of supervisors and actuator end, in all"
+    )
     parser.add_argument("--requests", type=int, default=1, help="for a safe stop, to a supervisor")
-    parser.add_argument("--delayed", type=int, default=0, help="late reports, and late commands, at once")
+    parser.add_argument(
+        "--delayed", type=int, default=0, help="late reports, and late commands, at once"
+    )
     args = parser.parse_args()
     begun_s = time.process_time()
     result = search(Bounds(**vars(args)))

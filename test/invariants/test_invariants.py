@@ -11,7 +11,16 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from explore import ALPHABETS, CONTROL_TICKS, MODES, RECOVERY_TICKS, Explorer, Snapshot, started, state
+from explore import (
+    ALPHABETS,
+    CONTROL_TICKS,
+    MODES,
+    RECOVERY_TICKS,
+    Explorer,
+    Snapshot,
+    started,
+    state,
+)
 
 from fsw_test_support.welding_cell import ALPHABET, permuted
 
@@ -70,7 +79,11 @@ class CellMachine(RuleBasedStateMachine):
         """A cell in some mode."""
         self.cell = started(mode, gateway)
 
-    @rule(letter=st.sampled_from(ALPHABET), rank=st.integers(0, 40319), ticks=st.sampled_from([0, 0, 0, 1, 4, 15]))
+    @rule(
+        letter=st.sampled_from(ALPHABET),
+        rank=st.integers(0, 40319),
+        ticks=st.sampled_from([0, 0, 0, 1, 4, 15]),
+    )
     def step(self, letter, rank, ticks):
         """A letter, with the messages in some order, and the condition lasts."""
         self.cell.step(letter, rank)
@@ -85,7 +98,9 @@ class CellMachine(RuleBasedStateMachine):
             if self.cell.control >= CONTROL_TICKS:
                 return
             self.cell.heal()
-        raise AssertionError(f"not in control after {RECOVERY_TICKS} ticks: {self.cell.arbiter.machine.reason.words}")
+        raise AssertionError(
+            f"not in control after {RECOVERY_TICKS} ticks: {self.cell.arbiter.machine.reason.words}"
+        )
 
 
 TestCell = pytest.mark.slow(CellMachine.TestCase)

@@ -39,7 +39,16 @@ def test_no_short_sequence_breaks_an_invariant(machine):
 @pytest.mark.parametrize(
     "letters",
     [
-        ("freeze end", "ask safe_stop a", "ms 70", "kill a", "start a", "run 5", "thaw end messages", "run 12"),
+        (
+            "freeze end",
+            "ask safe_stop a",
+            "ms 70",
+            "kill a",
+            "start a",
+            "run 5",
+            "thaw end messages",
+            "run 12",
+        ),
         ("freeze a", "run 5", "ask safe_stop b", "run 3", "thaw a timers", "run 12", "run 12"),
         ("ask safe_stop a", "run 2", "kill a", "kill b", "start a", "start b", "run 12"),
         ("kill a", "kill b", "run 12", "run 12", "start a", "start b", "run 12", "run 12"),
@@ -47,18 +56,40 @@ def test_no_short_sequence_breaks_an_invariant(machine):
         ("kill a", "start a", "ms 5", "ask hold a", "run 5"),
         ("isolate a", "link cut b end", "run 12", "run 5", "run 12"),
         ("link cut b end", "ms 70", "wish 84", "link cut end a", "run 3"),
-        ("ms 30", "freeze b", "kill a", "start a", "run 1", "freeze a", "ms 70", "run 2", "run 5", "run 12"),
+        (
+            "ms 30",
+            "freeze b",
+            "kill a",
+            "start a",
+            "run 1",
+            "freeze a",
+            "ms 70",
+            "run 2",
+            "run 5",
+            "run 12",
+        ),
         ("freeze b", "press", "isolate end", "run 12", "run 5"),
         ("wish 84", "link cut end b", "run 5", "freeze a", "network dup", "run 2"),
         ("wish 84", "run 5", "link cut a b", "ask safe_stop a", "run 12", "kill a", "run 3"),
         ("run 5", "link cut a b", "wish 84", "run 5", "kill a", "run 3"),
-        ("ms 30", "network late", "freeze a", "run 3", "isolate end", "run 6", "run 12", "network lossy", "run 1"),
+        (
+            "ms 30",
+            "network late",
+            "freeze a",
+            "run 3",
+            "isolate end",
+            "run 6",
+            "run 12",
+            "network lossy",
+            "run 1",
+        ),
     ],
 )
 def test_counter_examples_of_earlier_versions(letters):
     """A stop in a pause, terms that restart, both killed, the watchdog's ramp, a partition, a fresh supervisor.
 
-    Commands that do not arrive, a backlog after the plant's ramp, a standby that has missed measurements or commands.
+    Commands that do not arrive, a backlog after the plant's ramp, a standby that has missed
+    measurements or commands.
     """
     _, error = walk(letters)
     assert error is None
@@ -72,12 +103,29 @@ def test_counter_examples_of_earlier_versions(letters):
         ("kill a", "run 1", "plc deaf", "run 1", "kill b", "run 3"),
         ("freeze a", "ms 30", "kill end", "run 12", "start end"),
         (
-            *("network dup", "press", "run 5", "ask acknowledge a", "ms 30", "run 5", "freeze a", "isolate b"),
+            *(
+                "network dup",
+                "press",
+                "run 5",
+                "ask acknowledge a",
+                "ms 30",
+                "run 5",
+                "freeze a",
+                "isolate b",
+            ),
             *("ask acknowledge a", "press", "ms 30"),
         ),
         ("plc mute", "run 12", "run 5", "ms 30", "kill end", "ask acknowledge a", "ask auto a"),
         (
-            *("isolate a", "ms 30", "link dup end b", "run 5", "ask hold b", "network swap", "run 1"),
+            *(
+                "isolate a",
+                "ms 30",
+                "link dup end b",
+                "run 5",
+                "ask hold b",
+                "network swap",
+                "run 1",
+            ),
             *("ask auto b", "run 2"),
         ),
     ],
@@ -85,7 +133,8 @@ def test_counter_examples_of_earlier_versions(letters):
 def test_counter_examples_with_the_gateway(letters):
     """A command that waits when a stop comes, fresh supervisors after a failed write, a fresh gateway after a ramp.
 
-    A stop that comes between an acknowledgement and a report that has waited, a report of the mode before.
+    A stop that comes between an acknowledgement and a report that has waited, a report of the mode
+    before.
     """
     _, error = walk(letters, "gateway")
     assert error is None

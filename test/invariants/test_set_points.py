@@ -10,8 +10,8 @@ from fsw_control.contract import Reference
 from fsw_control.references import AHEAD_REAL_NS, ReferenceQueue
 from fsw_control.units import NANOSECONDS
 
-#: by letter, how far the stamp is ahead of the measurements [s] (None: 0, at once) and the sender's clock of the
-#: receiver's [s]
+#: by letter, how far the stamp is ahead of the measurements [s] (None: 0, at once) and the
+#: sender's clock of the receiver's [s]
 SENT: dict[str, tuple[float | None, float]] = {
     "at_once": (None, 0.0),
     "coming": (0.25, 0.0),
@@ -36,7 +36,9 @@ class Listener:
         self._joined_s = self.now_s
         self.queue.join(self._ns(self.now_s))
         self._pass(listens_s)
-        self.accepted: list[tuple[int, float, Reference]] = []  # place in the order, begin [s], set-point
+        self.accepted: list[
+            tuple[int, float, Reference]
+        ] = []  # place in the order, begin [s], set-point
         self._sent: list[tuple[int, Reference, int]] = []
 
     @staticmethod
@@ -73,7 +75,9 @@ class Listener:
             self.accepted.append((place, begins_s, reference))
             self._sent.append(sent)
         else:
-            repeat = clock_s < -5.0 and self.now_s <= self._joined_s + 5.0  # looks like what is repeated at the start
+            repeat = (
+                clock_s < -5.0 and self.now_s <= self._joined_s + 5.0
+            )  # looks like what is repeated at the start
             assert repeat or len(self.refused) > told, "a refusal is told"
 
     def _hear(self, stamp_ns: int, reference: Reference, published_ns: int) -> bool:
@@ -83,10 +87,16 @@ class Listener:
 
     def _check(self, in_force: Reference | None) -> None:
         by_place = sorted(self.accepted, key=lambda one: one[0])
-        begun = [reference for _, begins_s, reference in by_place if begins_s <= self.tick_s + 1e-6]
-        assert in_force == (begun[-1] if begun else None), "of all that have begun, the one received last holds"
+        begun = [
+            reference for _, begins_s, reference in by_place if begins_s <= self.tick_s + 1e-6
+        ]
+        assert in_force == (begun[-1] if begun else None), (
+            "of all that have begun, the one received last holds"
+        )
         latest = max((one.depth_mm for one in begun), default=0.0)
-        assert any(one.depth_mm >= latest for one in self.held) or not begun, "an accepted one comes to hold"
+        assert any(one.depth_mm >= latest for one in self.held) or not begun, (
+            "an accepted one comes to hold"
+        )
 
 
 @pytest.mark.slow

@@ -97,12 +97,16 @@ pass_on = Failover.pass_on
 
 
 def of_stop_by(effect):
-    return lambda self, now_s: self._add(effect(self._failover.signature.stop, self._failover.machine), now_s)
+    return lambda self, now_s: self._add(
+        effect(self._failover.signature.stop, self._failover.machine), now_s
+    )
 
 
 def by_epoch(asked, machine):
     """The rule of an earlier version."""
-    return lambda state: state.stop.stopped and state.stop.epoch >= asked.epoch and machine.register.stopped
+    return lambda state: (
+        state.stop.stopped and state.stop.epoch >= asked.epoch and machine.register.stopped
+    )
 
 
 def before_the_echo(asked, machine):
@@ -126,15 +130,46 @@ MUTANTS = {
         acknowledge_in_the_same_epoch,
         Bounds(1, 2, 0, 0, 1),
     ),
-    "a stop takes no new epoch": (StopRegister, "stop", stop_in_the_same_epoch, Bounds(2, 1, 0, 0, 1)),
-    "one term has two leaders": (Fence, "check", check_with(same_term=True), Bounds(1, 2, 1, 0, 0)),
+    "a stop takes no new epoch": (
+        StopRegister,
+        "stop",
+        stop_in_the_same_epoch,
+        Bounds(2, 1, 0, 0, 1),
+    ),
+    "one term has two leaders": (
+        Fence,
+        "check",
+        check_with(same_term=True),
+        Bounds(1, 2, 1, 0, 0),
+    ),
     "an older term passes": (Fence, "check", check_with(any_term=True), Bounds(1, 2, 0, 0, 1)),
-    # alone it is not seen: a supervisor that knows the stop commands nothing else, and one that does not is refused
-    "control passes in a stop": (Fence, "check", check_with(during_stop=True, unknowing=True), Bounds(1, 1, 0, 0, 0)),
-    "control passes that does not know the epoch": (Fence, "check", check_with(unknowing=True), Bounds(2, 2, 0, 0, 0)),
+    # alone it is not seen: a supervisor that knows the stop commands nothing else, and one that
+    # does not is refused
+    "control passes in a stop": (
+        Fence,
+        "check",
+        check_with(during_stop=True, unknowing=True),
+        Bounds(1, 1, 0, 0, 0),
+    ),
+    "control passes that does not know the epoch": (
+        Fence,
+        "check",
+        check_with(unknowing=True),
+        Bounds(2, 2, 0, 0, 0),
+    ),
     "the end's reaction is no stop": (Fence, "stop", react_without_a_stop, Bounds(1, 1, 0, 0, 0)),
-    "a reaction in a stop takes no new epoch": (Fence, "stop", react_only_if_not_stopped, Bounds(3, 2, 0, 0, 0)),
-    "a reaction without a source takes no new epoch": (Fence, "stop", react_unless_no_source, Bounds(3, 2, 1, 0, 0)),
+    "a reaction in a stop takes no new epoch": (
+        Fence,
+        "stop",
+        react_only_if_not_stopped,
+        Bounds(3, 2, 0, 0, 0),
+    ),
+    "a reaction without a source takes no new epoch": (
+        Fence,
+        "stop",
+        react_unless_no_source,
+        Bounds(3, 2, 1, 0, 0),
+    ),
     "the end forgets the register": (Fence, "stop", react_and_forget, Bounds(2, 1, 0, 0, 0)),
     "two stops of an epoch are one": (Fence, "hear", merge_only, Bounds(2, 2, 0, 1, 0)),
     "an acknowledgement is not compared": (
@@ -143,14 +178,24 @@ MUTANTS = {
         acknowledge_unconfirmed,
         Bounds(3, 2, 0, 1, 0),
     ),
-    "a lead begins with term 1": (Failover, "pass_on", lead_with_the_first_term, Bounds(1, 2, 0, 0, 0)),
+    "a lead begins with term 1": (
+        Failover,
+        "pass_on",
+        lead_with_the_first_term,
+        Bounds(1, 2, 0, 0, 0),
+    ),
     "a stop is answered before the echo": (
         Confirmations,
         "of_stop",
         of_stop_by(before_the_echo),
         Bounds(1, 1, 0, 1, 1),
     ),
-    "a stop is answered by its epoch": (Confirmations, "of_stop", of_stop_by(by_epoch), Bounds(2, 2, 0, 1, 0)),
+    "a stop is answered by its epoch": (
+        Confirmations,
+        "of_stop",
+        of_stop_by(by_epoch),
+        Bounds(2, 2, 0, 1, 0),
+    ),
     "a stop in a stop takes no new epoch": (Machine, "stop_again", nothing, Bounds(2, 2, 0, 1, 0)),
 }
 

@@ -35,7 +35,9 @@ def _weld_arguments(request):
     if _is_after_shutdown(request.node):
         stop()
     method = request.node.obj
-    request.node.obj = partial(method, **{name: arguments[name] for name in inspect.signature(method).parameters})
+    request.node.obj = partial(
+        method, **{name: arguments[name] for name in inspect.signature(method).parameters}
+    )
 
 
 def _is_after_shutdown(item):

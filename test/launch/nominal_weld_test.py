@@ -25,7 +25,9 @@ from fsw_analysis.signals import load_weld
 from fsw_control import parameters
 from fsw_msgs.msg import PlantState, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
 
-WELD = WeldUnderTest("{name: nominal, duration_s: 600.0, plant: {seed: 5}}", ("decentral",), record=True)
+WELD = WeldUnderTest(
+    "{name: nominal, duration_s: 600.0, plant: {seed: 5}}", ("decentral",), record=True
+)
 TICKS = 30
 FILES = {
     "fsw_plant": [("fsw_plant", "plant.yaml")],
@@ -51,9 +53,13 @@ class TestWeld(unittest.TestCase):
 
             def steady():
                 """The same stamps of all sensors, 100 ms apart; a busy machine may skip a tick now and then."""
-                shared = set.intersection(*(set(map(stamp_ns, messages)) for messages in topics.values()))
+                shared = set.intersection(
+                    *(set(map(stamp_ns, messages)) for messages in topics.values())
+                )
                 latest = sorted(shared)[-TICKS:]
-                return len(latest) == TICKS and latest[-1] - latest[0] < 1.05 * (TICKS - 1) * TICK_NS
+                return (
+                    len(latest) == TICKS and latest[-1] - latest[0] < 1.05 * (TICKS - 1) * TICK_NS
+                )
 
             eye.until(steady, f"{TICKS} ticks in succession")
         for messages in topics.values():
@@ -68,7 +74,9 @@ class TestWeld(unittest.TestCase):
             def answered():
                 """A busy machine may lose ticks, but not for ever."""
                 sources = {stamp_ns(command): command.source for command in commands}
-                ticks = [ns for ns in map(stamp_ns, depths) if ns <= max(sources, default=0)][-TICKS:]
+                ticks = [ns for ns in map(stamp_ns, depths) if ns <= max(sources, default=0)][
+                    -TICKS:
+                ]
                 return len(ticks) == TICKS and {sources.get(ns) for ns in ticks} == {"decentral"}
 
             eye.until(answered, f"{TICKS} ticks in succession answered by the controller")
@@ -109,7 +117,9 @@ class TestParameters(unittest.TestCase):
     def test_every_parameter_is_listed(self, domain):
         with Observer(domain) as eye:
             for node in FILES:
-                listed = eye.call(ListParameters, f"/{node}/list_parameters", ListParameters.Request()).result.names
+                listed = eye.call(
+                    ListParameters, f"/{node}/list_parameters", ListParameters.Request()
+                ).result.names
                 self.assertEqual(set(specs_of(node)) - set(listed), set(), node)
 
     def test_ranges_and_descriptions_are_shown(self, domain):
@@ -117,18 +127,25 @@ class TestParameters(unittest.TestCase):
             for node in FILES:
                 specs = specs_of(node)
                 request = DescribeParameters.Request(names=list(specs))
-                shown = eye.call(DescribeParameters, f"/{node}/describe_parameters", request).descriptors
+                shown = eye.call(
+                    DescribeParameters, f"/{node}/describe_parameters", request
+                ).descriptors
                 for spec, descriptor in zip(specs.values(), shown, strict=True):
                     self.assertIn(spec.description, descriptor.description)
                     self.assertEqual(descriptor.read_only, spec.read_only, spec.name)
                     ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
-                    self.assertEqual([(r.from_value, r.to_value) for r in ranges], [spec.range] if spec.range else [])
+                    self.assertEqual(
+                        [(r.from_value, r.to_value) for r in ranges],
+                        [spec.range] if spec.range else [],
+                    )
 
     def test_value_in_range_is_taken(self, domain):
         with Observer(domain) as eye:
             result = set_one(eye, "fsw_plant", "sensors.depth_noise_mm", 0.003)
             self.assertTrue(result.successful, result.reason)
-            self.assertEqual(get_one(eye, "fsw_plant", "sensors.depth_noise_mm").double_value, 0.003)
+            self.assertEqual(
+                get_one(eye, "fsw_plant", "sensors.depth_noise_mm").double_value, 0.003
+            )
 
     def test_bad_values_are_refused_with_a_reason(self, domain):
         bad = (
@@ -151,7 +168,9 @@ class TestParameters(unittest.TestCase):
 class TestAfterShutdown(unittest.TestCase):
     def test_all_have_ended_cleanly(self, proc_info):
         codes = exit_codes(proc_info)
-        self.assertEqual(codes, dict.fromkeys(("recorder", "plant", "decentral", "supervisor", "scenario"), 0))
+        self.assertEqual(
+            codes, dict.fromkeys(("recorder", "plant", "decentral", "supervisor", "scenario"), 0)
+        )
 
     def test_bag_is_complete(self, bag):
         weld = load_weld(bag)

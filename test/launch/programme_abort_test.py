@@ -33,10 +33,14 @@ class TestAbort(unittest.TestCase):
             states = eye.listen(SupervisorState, "/fsw/supervisor/state", LATEST)
             depths = eye.listen(ShoulderDepth, "/fsw/depth")
             eye.until(lambda: states and states[-1].actual_mode == "auto", "automatic control")
-            answer = eye.call(CancelGoal, "/fsw/run_weld/_action/cancel_goal", CancelGoal.Request())
+            answer = eye.call(
+                CancelGoal, "/fsw/run_weld/_action/cancel_goal", CancelGoal.Request()
+            )
             self.assertEqual(len(answer.goals_canceling), 1)
             eye.until(lambda: states[-1].actual_mode == "safe_stop", "the safe stop")
-            eye.until(lambda: "fsw_scenario" not in eye.node.get_node_names(), "the end of the player")
+            eye.until(
+                lambda: "fsw_scenario" not in eye.node.get_node_names(), "the end of the player"
+            )
             seen = len(depths)
             eye.until(lambda: len(depths) >= seen + 30, "three seconds more of the weld")
             self.assertEqual(states[-1].actual_mode, "safe_stop")
@@ -46,5 +50,6 @@ class TestAbort(unittest.TestCase):
 class TestAfterShutdown(unittest.TestCase):
     def test_only_the_player_failed(self, proc_info):
         self.assertEqual(
-            exit_codes(proc_info), {"scenario": ABORTED} | dict.fromkeys(("plant", "decentral", "supervisor"), 0)
+            exit_codes(proc_info),
+            {"scenario": ABORTED} | dict.fromkeys(("plant", "decentral", "supervisor"), 0),
         )

@@ -20,7 +20,8 @@ from fsw_msgs.msg import SupervisorState, WeldCommand
 pytestmark = pytest.mark.full
 WELD = WeldUnderTest("{name: standby, duration_s: 600.0}", ("decentral",), standby=True)
 TICKS = 20
-#: by node: a text in the command line of its process, and, where another has it as well, one that is not there
+#: by node: a text in the command line of its process, and, where another has it as well, one that
+#: is not there
 LEADERS = {
     "fsw_supervisor": ("fsw_supervisor", "standby"),
     "fsw_supervisor_standby": ("__node:=fsw_supervisor_standby",),
@@ -38,7 +39,10 @@ class TestStandby(unittest.TestCase):
         with Observer(domain) as eye:
             states = eye.listen(SupervisorState, "fsw/supervisor/state", LATEST)
             commands = eye.listen(WeldCommand, "fsw/command")
-            eye.until(lambda: bool(commands) and commands[-1].source == "decentral", "the controller's command")
+            eye.until(
+                lambda: bool(commands) and commands[-1].source == "decentral",
+                "the controller's command",
+            )
             eye.until(lambda: set(LEADERS) <= set(eye.node.get_node_names()), "both")
 
             def steady():
@@ -59,14 +63,17 @@ class TestStandby(unittest.TestCase):
             kill(domain, *LEADERS[leading[0].node_name])
             eye.until(lambda: any(one.leader != first for one in states), "the other one leads")
             eye.until(steady, f"{TICKS} commands of the controller from the other one")
-        # A tick or two are lost, more where the machine is busy: by the clock that is tested in fsw_supervisor.
+        # A tick or two are lost, more where the machine is busy: by the clock that is tested in
+        # fsw_supervisor.
         self.assertLessEqual({command.source for command in commands}, {"decentral", "hold"})
         self.assertEqual(len({command.leader for command in commands}), 2)
         answered = [stamp_ns(command) for command in commands]
         self.assertEqual(answered, sorted(set(answered)), "one command per tick")
         for before, after in itertools.pairwise(commands):
             self.assertLessEqual(abs(after.axial_force - before.axial_force), MOVE_N + 1e-6)
-            self.assertLessEqual(abs(after.spindle_speed - before.spindle_speed), MOVE_RAD_PER_S + 1e-9)
+            self.assertLessEqual(
+                abs(after.spindle_speed - before.spindle_speed), MOVE_RAD_PER_S + 1e-9
+            )
 
 
 @post_shutdown_test()
@@ -76,7 +83,9 @@ class TestAfterShutdown(unittest.TestCase):
         codes.pop("scenario")
         self.assertEqual(set(codes), {"plant", "decentral", "supervisor", "standby"})
         for name in ("supervisor", "standby"):
-            if codes[name] == -signal.SIGKILL:  # the one that was leading; started again where launch does that
+            if (
+                codes[name] == -signal.SIGKILL
+            ):  # the one that was leading; started again where launch does that
                 del codes[name]
                 break
         self.assertEqual(set(codes.values()), {0}, codes)

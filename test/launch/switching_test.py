@@ -30,7 +30,9 @@ def generate_test_description():
 
 
 def is_in_command(states, name):
-    return bool(states) and states[-1].actual_controller == name and states[-1].applied.source == name
+    return (
+        bool(states) and states[-1].actual_controller == name and states[-1].applied.source == name
+    )
 
 
 def switch(eye, name):
@@ -58,7 +60,9 @@ class TestSwitching(unittest.TestCase):
         self.assertEqual(stamps, sorted(set(stamps)), "one command per tick")
         for before, after in itertools.pairwise(commands):
             self.assertLessEqual(abs(after.axial_force - before.axial_force), MOVE_N + 1e-6)
-            self.assertLessEqual(abs(after.spindle_speed - before.spindle_speed), MOVE_RAD_PER_S + 1e-9)
+            self.assertLessEqual(
+                abs(after.spindle_speed - before.spindle_speed), MOVE_RAD_PER_S + 1e-9
+            )
 
     def test_unknown_controller_is_refused_with_the_reason(self, domain):
         with Observer(domain) as eye:
@@ -68,7 +72,9 @@ class TestSwitching(unittest.TestCase):
             answer = eye.call(
                 SwitchController,
                 "fsw/switch_controller",
-                SwitchController.Request(name="nobody", strictness=SwitchController.Request.STRICT),
+                SwitchController.Request(
+                    name="nobody", strictness=SwitchController.Request.STRICT
+                ),
             )
             self.assertFalse(answer.ok)
             self.assertIn("nobody", answer.message)

@@ -1,8 +1,8 @@
 """What the launch tests share: the weld that they start, and an observer in its graph.
 
-A test module names its weld once, as ``WELD``. Under ``launch_test`` and ``colcon test`` it is started by
-``weld.launch.py`` of the built workspace; under plain pytest, with or without ROS, ``conftest.py`` has it started as
-plain processes.
+A test module names its weld once, as ``WELD``. Under ``launch_test`` and ``colcon test`` it is
+started by ``weld.launch.py`` of the built workspace; under plain pytest, with or without ROS,
+``conftest.py`` has it started as plain processes.
 """
 
 from __future__ import annotations
@@ -99,12 +99,15 @@ class WeldUnderTest:
             "standby": str(self.standby).lower(),
             "bag_dir": str(folder / "bag"),
         }
-        launch_file = Path(get_package_share_directory("fsw_bringup")) / "launch" / "weld.launch.py"
+        launch_file = (
+            Path(get_package_share_directory("fsw_bringup")) / "launch" / "weld.launch.py"
+        )
         description = LaunchDescription(
             [
                 SetEnvironmentVariable("ROS_DOMAIN_ID", str(domain)),
                 IncludeLaunchDescription(
-                    PythonLaunchDescriptionSource(str(launch_file)), launch_arguments=list(arguments.items())
+                    PythonLaunchDescriptionSource(str(launch_file)),
+                    launch_arguments=list(arguments.items()),
                 ),
                 ReadyToTest(),
             ]
@@ -115,14 +118,17 @@ class WeldUnderTest:
     def plain_processes(self, folder: Path) -> Iterator[tuple[dict[str, Any], Callable[[], None]]]:
         """Run the weld without launch.
 
-        Yields the arguments for the tests, with launch_testing's ``proc_info``, and a function that ends the
-        processes as launch does.
+        Yields the arguments for the tests, with launch_testing's ``proc_info``, and a function
+        that ends the processes as launch does.
         """
         scenario = parse(self.scenario, overrides=[f"controller={self.controllers[0]}"])
         from fsw_test_support.patient_weld import PatientWeld
 
         exits: list[Exit] = []
-        with free_domain() as domain, Launcher(folder / "log", domain, patience_s=240.0) as launcher:
+        with (
+            free_domain() as domain,
+            Launcher(folder / "log", domain, patience_s=240.0) as launcher,
+        ):
             options = {"realtime": True, "record": self.record, "standby": self.standby}
             graph = PatientWeld(scenario, folder, self.controllers, **options)
             graph.start(launcher)
@@ -130,7 +136,10 @@ class WeldUnderTest:
             def stop() -> None:
                 if not exits:
                     codes = launcher.stop()
-                    exits.extend(Exit(f"{name}-{i}", code) for i, (name, code) in enumerate(codes.items(), 1))
+                    exits.extend(
+                        Exit(f"{name}-{i}", code)
+                        for i, (name, code) in enumerate(codes.items(), 1)
+                    )
 
             yield {"domain": domain, "bag": graph.bag, "proc_info": exits}, stop
 
@@ -140,7 +149,9 @@ def kill(domain: int, word: str, but: str | None = None) -> None:
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
-            here = f"ROS_DOMAIN_ID={domain}".encode() in (folder / "environ").read_bytes().split(b"\0")
+            here = f"ROS_DOMAIN_ID={domain}".encode() in (folder / "environ").read_bytes().split(
+                b"\0"
+            )
             command = (folder / "cmdline").read_bytes().decode(errors="replace")
             if here and word in command and (but is None or but not in command):
                 found.append(int(folder.name))

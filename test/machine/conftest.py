@@ -35,12 +35,21 @@ def secured(tmp_path_factory, shipped_text):
     """Machine file parts with certificates, a user and other units."""
     folder = tmp_path_factory.mktemp("certificates")
     machine_server.make_certificates(folder)
-    names = {"certificate": "client.der", "private_key": "client_key.pem", "server_certificate": "server.der"}
+    names = {
+        "certificate": "client.der",
+        "private_key": "client_key.pem",
+        "server_certificate": "server.der",
+    }
     (folder / "password").touch(0o600)
     (folder / "password").write_text("stir")
-    security = {"policy": "Basic256Sha256"} | {key: str(folder / name) for key, name in names.items()}
+    security = {"policy": "Basic256Sha256"} | {
+        key: str(folder / name) for key, name in names.items()
+    }
     units = {f"nodes__{name}__unit": unit for name, unit in OTHER_UNITS.items()}
-    return folder, {"security": security, "user": {"name": "fsw", "password_file": str(folder / "password")}} | units
+    return folder, {
+        "security": security,
+        "user": {"name": "fsw", "password_file": str(folder / "password")},
+    } | units
 
 
 @pytest.fixture
@@ -52,7 +61,8 @@ def weld(tmp_path, shipped_text, secured):
     keys, parts = secured
     port = free_port()
     machine = RunningMachine(
-        write_machine_file(tmp_path / "server.yaml", port, shipped_text, **parts), keys / "server_key.pem"
+        write_machine_file(tmp_path / "server.yaml", port, shipped_text, **parts),
+        keys / "server_key.pem",
     )
     proxy = Proxy(port)
     file = write_machine_file(tmp_path / "machine.yaml", proxy.port, shipped_text, **parts)

@@ -29,7 +29,10 @@ GRAPH = ("gateway", "nmpc", "decentral", "supervisor")
 SUPERVISOR = (
     *("controller:=nmpc", "readmit_ticks:=10", "return_to_target:=true", "storm_swaps:=0"),
     # seconds without control leave the process window, which is not what these tests are about
-    *(f"interlocks.temperature_{name}" for name in ("low.warn:=610.0", "low.trip:=600.0", "high.trip:=1000.0")),
+    *(
+        f"interlocks.temperature_{name}"
+        for name in ("low.warn:=610.0", "low.trip:=600.0", "high.trip:=1000.0")
+    ),
 )
 DEEP = QoSProfile(depth=1000)
 
@@ -44,7 +47,10 @@ class MachineWeld(Spinner):
         self.launcher, self.machine = launcher, machine
         self._arguments = {
             "gateway": ["--ros-args", "-p", f"machine_file:={file}", "-p", "reconnect.max_s:=0.5"],
-            "supervisor": ["--ros-args", *(item for setting in SUPERVISOR for item in ("-p", setting))],
+            "supervisor": [
+                "--ros-args",
+                *(item for setting in SUPERVISOR for item in ("-p", setting)),
+            ],
             "server": ["--machine-file", str(file), *server_arguments],
         }
         self.commands, self.drives, self.depths, self.reports = [], [], [], {}
@@ -87,7 +93,9 @@ class MachineWeld(Spinner):
         assert number == signal.SIGKILL or code == 0, self.launcher.children[name].last_lines()
 
     def refer(self, depth_mm):
-        self.references.publish(convert.reference_message(Reference(depth_mm, weld.TEMPERATURE_C), 0))
+        self.references.publish(
+            convert.reference_message(Reference(depth_mm, weld.TEMPERATURE_C), 0)
+        )
 
     # ---- what is seen
 
@@ -122,16 +130,21 @@ class MachineWeld(Spinner):
     def assert_no_bump(self, first):
         """From command number ``first`` on, each was within a move of what was in force.
 
-        The machine's watchdog may lower the force between the read that a command answers and the command.
+        The machine's watchdog may lower the force between the read that a command answers and the
+        command.
         """
         taken = self.taken()[first - 1 :]
         safe_kn = weld.TICK_S * self.machine.server.plant.config["watchdog.safe_rate_kn_per_s"]
         assert len(taken) > 1
         for (last, *_), (counter, command, before) in itertools.pairwise(taken):
-            ramp_kn = safe_kn * (1 + min(counter - last, 5))  # a busy gateway answers a read of some cycles ago
+            ramp_kn = safe_kn * (
+                1 + min(counter - last, 5)
+            )  # a busy gateway answers a read of some cycles ago
             seen = f"{command} after {before} at cycle {counter} after {last}"
             assert counter > last, seen
-            assert abs(command.force_kn - before.force_kn) <= weld.FORCE_STEP_KN + ramp_kn + 1e-6, seen
+            assert (
+                abs(command.force_kn - before.force_kn) <= weld.FORCE_STEP_KN + ramp_kn + 1e-6
+            ), seen
             assert abs(command.speed_rpm - before.speed_rpm) <= weld.SPEED_STEP_RPM + 1e-6, seen
 
     def in_force(self):
@@ -144,5 +157,8 @@ class MachineWeld(Spinner):
 
     def until_safe(self):
         """Wait until the machine's watchdog has gone to its safe state; returns the set-points in force then."""
-        self.until(lambda: self.machine.do(lambda server: server.plant.watchdog.state.name) == "SAFE", "the watchdog")
+        self.until(
+            lambda: self.machine.do(lambda server: server.plant.watchdog.state.name) == "SAFE",
+            "the watchdog",
+        )
         return self.in_force()

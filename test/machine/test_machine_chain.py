@@ -31,10 +31,14 @@ def test_it_welds(weld):
 
     # what is reported is some time old
     weld.until(lambda: weld.depths[-1].depth == pytest.approx(depth(), abs=2e-5), "the depth")
-    weld.until(lambda: temperature() == pytest.approx(weld.temperature_c(), abs=2.0), "the temperature")
+    weld.until(
+        lambda: temperature() == pytest.approx(weld.temperature_c(), abs=2.0), "the temperature"
+    )
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.full)])
+@pytest.mark.parametrize(
+    "number", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.full)]
+)
 def test_nmpc_ends(weld, number):
     weld.runs("nmpc")
     weld.end("nmpc", number)
@@ -79,7 +83,9 @@ def test_the_machine_does_not_permit(weld):
     weld.until_safe()
     assert len(weld.taken()) == count
     weld.until(lambda: isnan(weld.drives[-1].axial_force), "drives that do not obey")
-    weld.until(lambda: int(weld.value("commands", "refused: not_permissive")) > 0, "commands refused")
+    weld.until(
+        lambda: int(weld.value("commands", "refused: not_permissive")) > 0, "commands refused"
+    )
     weld.machine.do(lambda server: setattr(server, "permissive", True))
     weld.runs()
 
@@ -88,7 +94,9 @@ def test_the_machine_does_not_permit(weld):
 def test_the_machines_clock_is_set(weld):
     """By minutes, forwards and back: the stamps go on, and the weld with them."""
     for offset_s in (300.0, -300.0):
-        weld.machine.do(lambda server, s=offset_s: setattr(server, "clock_offset_ns", round(s * 1e9)))
+        weld.machine.do(
+            lambda server, s=offset_s: setattr(server, "clock_offset_ns", round(s * 1e9))
+        )
         weld.until(lambda: "it was set" in weld.report("clock"), "the step to be told")
         weld.runs()
     stamps = [message.header.stamp for message in weld.depths]
@@ -146,14 +154,22 @@ def test_the_machine_is_started_again(tmp_path, shipped_text, domain_id):
             weld.end("server", number)
             weld.until_report("machine", "not connected")
             weld.start("server")
-            weld.until(lambda goal=times + 1: int(weld.value("machine", "counter went back")) == goal, "the counter")
+            weld.until(
+                lambda goal=times + 1: int(weld.value("machine", "counter went back")) == goal,
+                "the counter",
+            )
             count = int(weld.value("writes", "written"))
-            weld.until(lambda least=count + 5: int(weld.value("writes", "written")) > least, "commands written")
+            weld.until(
+                lambda least=count + 5: int(weld.value("writes", "written")) > least,
+                "commands written",
+            )
         weld.close()
 
 
 def test_a_machine_file_that_is_wrong_is_refused_in_one_line(tmp_path, shipped_text, domain_id):
-    file = write_machine_file(tmp_path / "machine.yaml", 4840, shipped_text, nodes__depth__unit="inch")
+    file = write_machine_file(
+        tmp_path / "machine.yaml", 4840, shipped_text, nodes__depth__unit="inch"
+    )
     with Launcher(tmp_path / "log", domain_id) as launcher:
         weld = MachineWeld(domain_id, launcher, None, file)
         weld.start("gateway")

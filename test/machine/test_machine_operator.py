@@ -15,7 +15,9 @@ from fsw_msgs.msg import WeldCommand
 def desk(weld):
     """The alarms of the operator's page, in this graph."""
     watch = Watch(weld.node, lambda rows, restarted: None, lambda plan: None, lambda: None)
-    return AlarmDesk(weld.node, watch, defaults(load("fsw_hmi", "hmi.yaml")).__getitem__, default())
+    return AlarmDesk(
+        weld.node, watch, defaults(load("fsw_hmi", "hmi.yaml")).__getitem__, default()
+    )
 
 
 def until_alarm(weld, desk, name, state, text=""):
@@ -43,7 +45,13 @@ def until_reached(weld, desk):
 def test_operator_is_told_that_commands_do_not_reach_the_machine_and_why(weld, desk):
     until_reached(weld, desk)
     weld.machine.do(lambda server: setattr(server, "permissive", False))
-    until_alarm(weld, desk, "machine", "active", "Commands do not reach the machine: it does not permit them")
+    until_alarm(
+        weld,
+        desk,
+        "machine",
+        "active",
+        "Commands do not reach the machine: it does not permit them",
+    )
     assert desk.frame()["reach"]["ok"] is False
     weld.machine.do(lambda server: setattr(server, "permissive", True))
     until_alarm(weld, desk, "machine", "cleared")
@@ -66,7 +74,9 @@ def test_operator_is_told_of_a_foreign_writer(weld, desk):
     def command():
         rogue.publish(WeldCommand(header=weld.depths[-1].header, source="rogue", healthy=True))
 
-    timer = weld.node.create_timer(0.1, command)  # supervisor and gateway hear it once they have found it
+    timer = weld.node.create_timer(
+        0.1, command
+    )  # supervisor and gateway hear it once they have found it
     until_alarm(weld, desk, "foreign", "active")
     weld.node.destroy_timer(timer)
     weld.node.destroy_publisher(rogue)

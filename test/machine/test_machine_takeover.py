@@ -35,7 +35,8 @@ class Loop:
     Attributes
     ----------
     late : bool
-        Commands reach the gateway too late to be written: it goes on reporting drives that do not obey.
+        Commands reach the gateway too late to be written: it goes on reporting drives that do not
+        obey.
     push : Command
         What a load cell sees besides the set-points.
     """
@@ -48,15 +49,23 @@ class Loop:
         self.gateway.on_connected()
         self.arbiter = Arbiter(ArbiterSettings.from_values({}))
         parameters = defaults(load("fsw_supervisor", "supervisor.yaml"))
-        self.arbiter.safety.configure(parameters | any_residual("depth"))  # this depth does not follow the force
+        self.arbiter.safety.configure(
+            parameters | any_residual("depth")
+        )  # this depth does not follow the force
         self.in_force, self.push, self.late = Command(78.4, 407.5), Command(0.0, 0.0), False
         self.counter, self.silent, self.first = 100, 0, []
 
     def _read(self):
-        acting = Command(self.in_force.force_kn + self.push.force_kn, self.in_force.speed_rpm + self.push.speed_rpm)
+        acting = Command(
+            self.in_force.force_kn + self.push.force_kn,
+            self.in_force.speed_rpm + self.push.speed_rpm,
+        )
         values = {"permissive": True, "depth": 2.66, "torque": 1052.0, "temperature": 850.0}
         values |= {"force_acting": acting.force_kn, "speed_acting": acting.speed_rpm}
-        values |= {"force_in_force": self.in_force.force_kn, "speed_in_force": self.in_force.speed_rpm}
+        values |= {
+            "force_in_force": self.in_force.force_kn,
+            "speed_in_force": self.in_force.speed_rpm,
+        }
         source_ns = _START_NS + self.counter * NANOSECONDS // 10
         raw = {name: RawValue(value, source_ns=source_ns) for name, value in values.items()}
         return CycleRead(self.counter, raw, source_ns, self.counter * _TICK_S, source_ns, 1)
@@ -66,14 +75,18 @@ class Loop:
         self.counter += 1
         self.silent += 1
         if self.silent > _PATIENCE:
-            self.in_force = Command(max(_SAFE_KN, self.in_force.force_kn - _RAMP_KN), self.in_force.speed_rpm)
+            self.in_force = Command(
+                max(_SAFE_KN, self.in_force.force_kn - _RAMP_KN), self.in_force.speed_rpm
+            )
         arbiter, now_s, out = self.arbiter, self.counter * _TICK_S, []
         seen = self.gateway.on_read(self._read())
         if seen is not None:
             arbiter.on_actuator(self.gateway.fence.state)
             if isfinite(seen.drives.force_kn):
                 out += arbiter.on_drives(seen.stamp_ns, seen.drives, now_s)
-            values = _VALUES | {"torque": _VALUES["torque"] + _TORQUE_NM_PER_KN * (self.in_force.force_kn - 78.4)}
+            values = _VALUES | {
+                "torque": _VALUES["torque"] + _TORQUE_NM_PER_KN * (self.in_force.force_kn - 78.4)
+            }
             for sensor, value in values.items():
                 out += arbiter.on_sample(sensor, seen.stamp_ns, value, now_s)
             for name in ("decentral", "nmpc"):
@@ -90,7 +103,9 @@ class Loop:
             arbiter.on_command(decision.stamp_ns, decision.source, decision.command)
             at_s = now_s + (0.3 if self.late else 0.02)
             signature = Signature(1, "m", arbiter.machine.register.value)
-            order = self.gateway.on_command(decision.command, decision.stamp_ns, decision.source, True, at_s, signature)
+            order = self.gateway.on_command(
+                decision.command, decision.stamp_ns, decision.source, True, at_s, signature
+            )
             if order is not None:
                 self.gateway.on_written(order, "", at_s)
                 self.in_force, self.silent, written = order.command, 0, True
@@ -127,7 +142,9 @@ def test_after_a_plcs_own_ramp_control_comes_back_in_bounded_time(late_ticks, pu
     assert loop.arbiter.machine.mode is Mode.SAFE_STOP
     assert loop.in_force.force_kn <= before_kn, "no control after a safe reaction"
     loop.resume()
-    assert all(loop.run(40)[20:]), f"{loop.gateway.gate.last_refusal}; {loop.arbiter.machine.reason.words}"
+    assert all(loop.run(40)[20:]), (
+        f"{loop.gateway.gate.last_refusal}; {loop.arbiter.machine.reason.words}"
+    )
     assert loop.arbiter.machine.mode is Mode.AUTO
     assert loop.arbiter.machine.active == "decentral"
 

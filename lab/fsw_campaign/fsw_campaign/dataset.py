@@ -31,8 +31,22 @@ _COUNTS = ("duration_s", "ticks", "ticks_without_output", "ticks_without_command
 #: columns that differ from run to run
 TIMES = ("solve_time_p50_ms", "solve_time_p99_ms", "solve_time_max_ms", "wall_time_s")
 _EVENT_NUMBERS = (
-    *("time_s", "until_s", "size_mm", "size_c", "iae_depth_mm_s", "iae_temperature_c_s", "peak_depth_error_mm"),
-    *("peak_temperature_error_c", "settling_s", "overshoot_mm", "overshoot_c", "overshoot_percent"),
+    *(
+        "time_s",
+        "until_s",
+        "size_mm",
+        "size_c",
+        "iae_depth_mm_s",
+        "iae_temperature_c_s",
+        "peak_depth_error_mm",
+    ),
+    *(
+        "peak_temperature_error_c",
+        "settling_s",
+        "overshoot_mm",
+        "overshoot_c",
+        "overshoot_percent",
+    ),
 )
 _TEXT = pa.dictionary(pa.int32(), pa.string())
 _EVENT = pa.struct(
@@ -47,7 +61,9 @@ def schema(campaign: Campaign) -> pa.Schema:
     types = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: _TEXT}
     columns += [("plant.seed", pa.int64())]
     columns += [
-        (path, types[type(one.extremes[0])]) for path, one in campaign.distributions.items() if path != "plant.seed"
+        (path, types[type(one.extremes[0])])
+        for path, one in campaign.distributions.items()
+        if path != "plant.seed"
     ]
     columns += [("status", _TEXT), ("reason", pa.string()), ("inside", pa.bool_())]
     columns += [
@@ -70,13 +86,14 @@ class _Manifest(Model):
 class Dataset:
     """Writes the rows of one campaign into a folder; a context.
 
-    Files appear under their name only when they are complete, so that the folder can be read at any time. With
-    ``resume`` the rows that are already there are kept and the missing ones added.
+    Files appear under their name only when they are complete, so that the folder can be read at
+    any time. With ``resume`` the rows that are already there are kept and the missing ones added.
 
     Raises
     ------
     InputError
-        If the folder cannot be used: it is another campaign's, in use, or without ``resume`` not empty.
+        If the folder cannot be used: it is another campaign's, in use, or without ``resume`` not
+        empty.
     """
 
     def __init__(self, folder: Path, campaign: Campaign, resume: bool = False) -> None:
@@ -88,15 +105,22 @@ class Dataset:
             if manifest.exists():
                 self._check(resume)
             elif folder.exists() and any(folder.iterdir()):
-                raise InputError(f"folder {folder} exists and is not the folder of a campaign; choose another --out")
+                raise InputError(
+                    f"folder {folder} exists and is not the folder of a campaign; choose another --out"
+                )
             (folder / _WELDS).mkdir(parents=True, exist_ok=True)
             self._lock = (folder / ".lock").open("w")
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             for left in (folder / _WELDS).glob(".*.tmp.parquet"):
                 left.unlink()
             if not manifest.exists():
-                write_whole(folder / SCENARIO, yaml.safe_dump(campaign.scenario, sort_keys=False, allow_unicode=True))
-                content = _Manifest(digest=campaign.digest, versions=versions(), campaign=json.loads(campaign.text))
+                write_whole(
+                    folder / SCENARIO,
+                    yaml.safe_dump(campaign.scenario, sort_keys=False, allow_unicode=True),
+                )
+                content = _Manifest(
+                    digest=campaign.digest, versions=versions(), campaign=json.loads(campaign.text)
+                )
                 write_whole(manifest, content.model_dump_json(indent=1))
         except BlockingIOError:
             raise InputError(
@@ -104,10 +128,14 @@ class Dataset:
             ) from None
         except OSError as error:
             raise InputError(f"cannot write to folder {folder}: {error.strerror}") from None
-        self.done: set[tuple[int, str]] = set()  #: number and controller of each weld in the folder
+        self.done: set[tuple[int, str]] = (
+            set()
+        )  #: number and controller of each weld in the folder
         if parts := _parts(folder):
             keys = _read(parts, ["index", "controller"])
-            self.done = set(zip(keys["index"].to_pylist(), keys["controller"].to_pylist(), strict=True))
+            self.done = set(
+                zip(keys["index"].to_pylist(), keys["controller"].to_pylist(), strict=True)
+            )
         self._next = int(parts[-1].stem) + 1 if parts else 0
 
     def _check(self, resume: bool) -> None:
@@ -119,7 +147,9 @@ class Dataset:
                 f"this one is {campaign.name}, {campaign.digest}); choose another --out"
             )
         if not resume and _parts(self.folder):
-            raise InputError(f"folder {self.folder} has welds of this campaign; continue with --resume")
+            raise InputError(
+                f"folder {self.folder} has welds of this campaign; continue with --resume"
+            )
         if manifest.versions != versions():
             raise InputError(
                 f"folder {self.folder} was begun with other software ({manifest.versions}; this is {versions()}); "
@@ -129,7 +159,10 @@ class Dataset:
     def missing(self) -> list[tuple[int, list[str]]]:
         """Welds that are still to be run: number, and labels of the controllers."""
         labels = [one.label for one in self.campaign.entrants]
-        found = ((i, [label for label in labels if (i, label) not in self.done]) for i in range(self.campaign.welds))
+        found = (
+            (i, [label for label in labels if (i, label) not in self.done])
+            for i in range(self.campaign.welds)
+        )
         return [(index, left) for index, left in found if left]
 
     def write(self, rows: Sequence[Row]) -> None:
@@ -139,7 +172,9 @@ class Dataset:
         target = self.folder / _WELDS / f"{self._next:08d}.parquet"
         try:
             with replacing(target) as scratch:
-                pq.write_table(pa.Table.from_pylist(list(rows), self._schema), scratch, compression="zstd")
+                pq.write_table(
+                    pa.Table.from_pylist(list(rows), self._schema), scratch, compression="zstd"
+                )
         except OSError as error:
             raise InputError(f"cannot write {target}: {error.strerror or error}") from None
         self._next += 1
@@ -148,8 +183,8 @@ class Dataset:
     def compact(self) -> None:
         """Join small files into one: each has an overhead of some 25 kB.
 
-        The joined file takes the place of the first. If the process ends before the others are deleted, their rows
-        exist twice and are read once.
+        The joined file takes the place of the first. If the process ends before the others are
+        deleted, their rows exist twice and are read once.
         """
         small = [path for path in _parts(self.folder) if pq.read_metadata(path).num_rows < _SMALL]
         if len(small) > 1:

@@ -44,7 +44,10 @@ _SHIPPED = Path(__file__).parent / "campaigns"
 _NOT_DRAWN = ("name", "description", "controller", "figures")
 #: signals that a limit may be for: errors against the set-points, and numbers of the truth
 ERRORS = {"depth_error_mm": "depth_mm", "temperature_error_c": "temperature_c"}
-SIGNALS = (*ERRORS, *(one.name for one in fields(TruthSignals) if re.search(r"_(mm|c|kn|rpm|nm|kw)$", one.name)))
+SIGNALS = (
+    *ERRORS,
+    *(one.name for one in fields(TruthSignals) if re.search(r"_(mm|c|kn|rpm|nm|kw)$", one.name)),
+)
 
 
 def _signal(name: str) -> str:
@@ -67,7 +70,10 @@ class Bounds(Model):
 
     def hold(self, numbers: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether each number is inside; NaN is not."""
-        low, high = -np.inf if self.min is None else self.min, np.inf if self.max is None else self.max
+        low, high = (
+            -np.inf if self.min is None else self.min,
+            np.inf if self.max is None else self.max,
+        )
         return np.asarray((numbers >= low) & (numbers <= high))
 
 
@@ -115,7 +121,9 @@ class Campaign(Model):
     description: Annotated[str, AfterValidator(lambda text: " ".join(text.split()))] = ""
     scenario: Annotated[dict[str, Any], _NAMED]
     """name or path of a scenario, or a scenario itself"""
-    entrants: Annotated[Many[Entrant], Field(min_length=1, alias="controllers", json_schema_extra=_or_name)]
+    entrants: Annotated[
+        Many[Entrant], Field(min_length=1, alias="controllers", json_schema_extra=_or_name)
+    ]
     welds: Annotated[Whole, Range(1, 10_000_000, "welds")]
     """of each controller; weld ``i`` has the same plant and the same noise under all controllers"""
     seed: Annotated[Whole, Range(0, 2**32 - 1, "")] = 1
@@ -151,7 +159,11 @@ class Campaign(Model):
     @cached_property
     def book(self) -> RuleBook:
         """By what the welds are judged; InputError if the procedure is not a valid one."""
-        return default() if self.procedure is None else validate(Procedure, self.procedure, "procedure")
+        return (
+            default()
+            if self.procedure is None
+            else validate(Procedure, self.procedure, "procedure")
+        )
 
     @cached_property
     def shares(self) -> NDArray[np.float64]:
@@ -160,7 +172,10 @@ class Campaign(Model):
 
     def parameters(self, index: int) -> dict[str, Any]:
         """Values of a weld, by path in the scenario: those drawn, and the seed of the noise unless it is drawn."""
-        return {"plant.seed": weld_seed(self.seed, index), **values(self.distributions, self.shares[index])}
+        return {
+            "plant.seed": weld_seed(self.seed, index),
+            **values(self.distributions, self.shares[index]),
+        }
 
     def weld(self, parameters: Mapping[str, Any], entrant: Entrant) -> Scenario:
         """Scenario of a weld; InputError if it is not a valid one."""
@@ -190,8 +205,9 @@ def load(
     Parameters
     ----------
     source : str or Path
-        Path of a YAML file, or the name of a shipped campaign. The scenario in it is a name, a path relative to the
-        file, or a scenario itself, and so is the procedure, which has no name.
+        Path of a YAML file, or the name of a shipped campaign. The scenario in it is a name, a
+        path relative to the file, or a scenario itself, and so is the procedure, which has no
+        name.
     welds : int, optional
         Instead of the file's.
     trusted : sequence of TrustedKey, optional
@@ -202,7 +218,8 @@ def load(
     Raises
     ------
     fsw_schema.models.InputError
-        If there is no such campaign, something in it is wrong, or its procedure is not signed as it has to be.
+        If there is no such campaign, something in it is wrong, or its procedure is not signed as
+        it has to be.
     """
     content = content_of(read_text(source, "campaign", _SHIPPED), str(source))
     if isinstance(content, dict):
@@ -217,7 +234,9 @@ def load(
             signer_of(path, trusted, require_signed)
             content["procedure"] = content_of(read_text(path, "procedure"), name)
         elif require_signed:
-            raise InputError(f"{source}: has no procedure in a file of its own, which could be signed")
+            raise InputError(
+                f"{source}: has no procedure in a file of its own, which could be signed"
+            )
     return read(content, str(source))
 
 
@@ -232,7 +251,9 @@ def _check_welds(campaign: Campaign, where: str) -> None:
     """Make the first weld of every controller, and one with each extreme value of each distribution."""
     base = scenario_file.read(copy.deepcopy(campaign.scenario), f"{where}: scenario")
     if base.open_loop:
-        raise InputError(f"{where}: scenario {base.name} is open-loop; a campaign needs a closed-loop one")
+        raise InputError(
+            f"{where}: scenario {base.name} is open-loop; a campaign needs a closed-loop one"
+        )
     try:
         for entrant in campaign.entrants:
             campaign.controllers(campaign.weld({}, entrant), entrant)
@@ -243,4 +264,6 @@ def _check_welds(campaign: Campaign, where: str) -> None:
             try:
                 campaign.weld({path: value}, campaign.entrants[0])
             except InputError as error:
-                raise InputError(f"{where}: distributions.{path} = {value!r} cannot be: {error}") from None
+                raise InputError(
+                    f"{where}: distributions.{path} = {value!r} cannot be: {error}"
+                ) from None

@@ -48,10 +48,14 @@ class Distribution(Model):
     def _check(self) -> Distribution:
         if len(given := [name for name, value in self if value is not None]) != 1:
             has = ", ".join(given) or "none"
-            raise ValueError(f"needs exactly one of {', '.join(Distribution.model_fields)}, has {has}")
+            raise ValueError(
+                f"needs exactly one of {', '.join(Distribution.model_fields)}, has {has}"
+            )
         if self.choice:
             if len({type(value) for value in self.choice}) > 1:
-                raise ValueError("has values of several types; write all numbers with a decimal point or none")
+                raise ValueError(
+                    "has values of several types; write all numbers with a decimal point or none"
+                )
             return self
         low, high = self.bounds
         if not low < high:
@@ -95,13 +99,16 @@ class Distribution(Model):
         if self.normal is None:
             return stats.uniform(low, high - low)
         mean, deviation = self.normal.mean, self.normal.deviation
-        return stats.truncnorm((low - mean) / deviation, (high - mean) / deviation, mean, deviation)
+        return stats.truncnorm(
+            (low - mean) / deviation, (high - mean) / deviation, mean, deviation
+        )
 
 
 def draw(parameters: int, count: int, seed: int, sampler: str) -> NDArray[np.float64]:
     """Shares of all parameters, 0 to 1, for :meth:`Distribution.value`: a row per weld, a column per parameter.
 
-    Rows depend on the arguments alone; the first rows of a Sobol sequence do not depend on ``count``.
+    Rows depend on the arguments alone; the first rows of a Sobol sequence do not depend on
+    ``count``.
     """
     from scipy.stats import qmc  # heavy to import
 
@@ -121,4 +128,7 @@ def weld_seed(seed: int, index: int) -> int:
 
 def values(distributions: Mapping[str, Distribution], shares: Iterable[float]) -> dict[str, Any]:
     """Values by path of one row of :func:`draw`."""
-    return {path: one.value(share) for (path, one), share in zip(distributions.items(), shares, strict=True)}
+    return {
+        path: one.value(share)
+        for (path, one), share in zip(distributions.items(), shares, strict=True)
+    }

@@ -24,7 +24,8 @@ from fsw_schema.models import InputError
 PATIENCE_S = 10.0
 #: target duration of a batch: handing it out then costs little, and little is lost with a worker
 BATCH_S = 1.0
-#: time allowed to the scheduler for each batch: with more than BATCH_S / HANDLING_S threads, batches are longer
+#: time allowed to the scheduler for each batch: with more than BATCH_S / HANDLING_S threads,
+#: batches are longer
 HANDLING_S = 0.01
 _LARGEST_BATCH = 1024
 #: batches in flight for each thread of the workers
@@ -56,10 +57,13 @@ def connect(scheduler: str | None, workers: int | None) -> Iterator[Client]:
     """
     for name in ("tornado", "asyncio", *logging.root.manager.loggerDict):
         if name.startswith(("distributed", "tornado", "asyncio")):
-            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # failures are reported in one line
+            logging.getLogger(name).setLevel(
+                logging.CRITICAL + 1
+            )  # failures are reported in one line
     with config.set({**_LEAN, "distributed.comm.timeouts.connect": f"{PATIENCE_S}s"}):
         if scheduler is None:
-            # Ctrl-C on a terminal reaches the workers as well; it is for this process alone to end them
+            # Ctrl-C on a terminal reaches the workers as well; it is for this process alone to end
+            # them
             before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # they inherit that
             try:
                 cluster = LocalCluster(  # type: ignore[no-untyped-call]
@@ -74,7 +78,9 @@ def connect(scheduler: str | None, workers: int | None) -> Iterator[Client]:
                 yield client
             return
         try:
-            get_address_host_port(scheduler)  # a client that fails on a wrong one prints a traceback when it is deleted
+            get_address_host_port(
+                scheduler
+            )  # a client that fails on a wrong one prints a traceback when it is deleted
             client = Client(scheduler, timeout=f"{PATIENCE_S}s", set_as_default=False)  # type: ignore[no-untyped-call]
         except (OSError, ValueError) as error:
             reason = " ".join(str(error).split()) or type(error).__name__
@@ -120,7 +126,9 @@ def run(dataset: Dataset, client: Client, progress: Callable[[int], None] | None
         for future in under_way:
             task = sent.pop(future.key)
             # the scheduler may be lost at any moment, and a future cancelled between two queries
-            found = _failed(future.exception(), task) if future.status == "error" else future.result()
+            found = (
+                _failed(future.exception(), task) if future.status == "error" else future.result()
+            )
             del future
             rows += found
             finished += len(found)
@@ -132,14 +140,20 @@ def run(dataset: Dataset, client: Client, progress: Callable[[int], None] | None
                 threads = _threads(client)
             if progress is not None:
                 progress(finished)
-    except (OSError, RuntimeError, CancelledError) as error:  # what Dask raises when the scheduler is gone
+    except (
+        OSError,
+        RuntimeError,
+        CancelledError,
+    ) as error:  # what Dask raises when the scheduler is gone
         raise InputError(f"{_LOST} ({' '.join(str(error).split())})") from None
     finally:
         dataset.write(rows)
     return finished
 
 
-_LOST = "the scheduler is gone; all finished welds are written; start one and continue with --resume"
+_LOST = (
+    "the scheduler is gone; all finished welds are written; start one and continue with --resume"
+)
 
 
 def _threads(client: Client) -> int:
@@ -177,7 +191,9 @@ def _failed(error: BaseException, task: Task) -> list[Row]:
     if isinstance(error, CancelledError):
         raise error
     if not isinstance(error, KilledWorker):
-        raise InputError(f"a worker cannot run welds: {type(error).__name__}: {' '.join(str(error).split())}")
+        raise InputError(
+            f"a worker cannot run welds: {type(error).__name__}: {' '.join(str(error).split())}"
+        )
     row = {
         "status": ERROR,
         "reason": "the worker that ran this batch ended, several times in succession",

@@ -33,7 +33,9 @@ _DPI = 110
 
 def _png(figure: Figure) -> bytes:
     target = BytesIO()
-    FigureCanvasAgg(figure).print_png(target, metadata={"Software": None})  # the same figures, the same bytes
+    FigureCanvasAgg(figure).print_png(
+        target, metadata={"Software": None}
+    )  # the same figures, the same bytes
     return target.getvalue()
 
 
@@ -66,7 +68,12 @@ def ratios(results: Results) -> bytes | None:
         for label in others:
             _steps(axes, results.ratio(keys[i], label), label, colours[label])
         axes.axvline(1.0, color="0.4", lw=0.8)
-        axes.set(xscale="log", title=ROWS[keys[i]][0], xlabel=f"ratio to {first}", ylabel="welds up to [%]")
+        axes.set(
+            xscale="log",
+            title=ROWS[keys[i]][0],
+            xlabel=f"ratio to {first}",
+            ylabel="welds up to [%]",
+        )
         axes.title.set_fontsize("medium")
         low, high = axes.get_xlim()
         axes.set_xlim(max(low, _SHOWN[0]), min(high, _SHOWN[1]))
@@ -91,7 +98,9 @@ def times_outside(results: Results) -> bytes | None:
     def draw(axes: Any, i: int) -> None:
         signal = signals[i]
         at_most_s = results.campaign.limits[signal].at_most_s
-        for label, times, colour in zip(results.labels, found[signal], colours_of(results.labels), strict=True):
+        for label, times, colour in zip(
+            results.labels, found[signal], colours_of(results.labels), strict=True
+        ):
             _steps(axes, times, label, colour)
         shown_s = max(_WIDEST * at_most_s, float(np.quantile(found[signal], _SHOWN_SHARE)))
         axes.set_xlim(0.0, shown_s or None)
@@ -113,13 +122,21 @@ def sensitivities(results: Results) -> bytes | None:
         return None
     values = np.array([list(one.values()) for one in found]).T  # (2, parameters, cases)
     names = [name.removeprefix("plant.") for name in found[0]]
-    figure = Figure(figsize=(3.6 + 1.15 * len(cases), 1.8 + 0.34 * len(names)), dpi=_DPI, layout="constrained")
+    figure = Figure(
+        figsize=(3.6 + 1.15 * len(cases), 1.8 + 0.34 * len(names)), dpi=_DPI, layout="constrained"
+    )
     bounds = results.chance
     titles = ("rank correlation", "share of the variance (first-order index)")
     rows = (names, [*names, "together"])
     panels = [values[0], np.vstack([values[1], values[1].sum(axis=0)])]
     for i, (axes, panel) in enumerate(zip(figure.subplots(1, 2), panels, strict=True)):
-        axes.imshow(panel, cmap="RdBu_r" if i == 0 else "Reds", vmin=-1.0 if i == 0 else 0.0, vmax=1.0, aspect="auto")
+        axes.imshow(
+            panel,
+            cmap="RdBu_r" if i == 0 else "Reds",
+            vmin=-1.0 if i == 0 else 0.0,
+            vmax=1.0,
+            aspect="auto",
+        )
         labels = [f"{ROWS[key][0]}, {label}" for key, label in cases]
         axes.set_xticks(range(len(cases)), labels, rotation=35, ha="right")
         axes.set_yticks(range(len(panel)), rows[i])
@@ -127,6 +144,10 @@ def sensitivities(results: Results) -> bytes | None:
         axes.set_title(titles[i], fontsize="medium")
         for (row, column), value in np.ndenumerate(panel):
             if np.isfinite(value):
-                shade = "white" if abs(value) > 0.6 else "black" if abs(value) > bounds[i] else "0.7"
-                axes.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=7, color=shade)
+                shade = (
+                    "white" if abs(value) > 0.6 else "black" if abs(value) > bounds[i] else "0.7"
+                )
+                axes.text(
+                    column, row, f"{value:.2f}", ha="center", va="center", fontsize=7, color=shade
+                )
     return _png(figure)

@@ -41,8 +41,12 @@ def read(file: Path | None, columns: Sequence[str]) -> list[Requirement]:
         If it cannot be read or something in it is wrong.
     """
     path = file or _SHIPPED
-    found = validate(_Requirements, {"limits": content_of(read_text(path, "limits"), str(path))}, str(path)).limits
+    found = validate(
+        _Requirements, {"limits": content_of(read_text(path, "limits"), str(path))}, str(path)
+    ).limits
     unknown = [column for one in found for column in one.limits if column not in columns]
     if unknown and file is not None:
-        raise InputError(f"{file}: {unknown[0]} is not a figure of merit of this campaign; known: {', '.join(columns)}")
+        raise InputError(
+            f"{file}: {unknown[0]} is not a figure of merit of this campaign; known: {', '.join(columns)}"
+        )
     return [one for one in found if not set(unknown) & one.limits.keys()]

@@ -34,27 +34,33 @@ def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
     folder : Path
         Folder of the campaign, which may still be running.
     target : Path
-        File to write; ends in ``.html`` or ``.md``. Markdown has its worst welds on a second page, ``<stem>_worst.md``.
+        File to write; ends in ``.html`` or ``.md``. Markdown has its worst welds on a second page,
+        ``<stem>_worst.md``.
     limits : Path, optional
         File of further limits, see :mod:`fsw_campaign.quality`; the shipped ones by default.
 
     Raises
     ------
     InputError
-        If the folder is no campaign's or has too few welds, the limits cannot be read, or the report not be written.
+        If the folder is no campaign's or has too few welds, the limits cannot be read, or the
+        report not be written.
     """
     if target.suffix not in (".html", ".md"):
         raise InputError(f"{target}: the name of a report must end in .html or .md")
     results = Results(*load(folder), folder)
     if not results.complete.size:
-        raise InputError(f"{folder} has no weld yet that all controllers have finished; continue with --resume")
+        raise InputError(
+            f"{folder} has no weld yet that all controllers have finished; continue with --resume"
+        )
     requirements = quality.read(limits, results.columns)
     drawn = {
         "outside": figures.times_outside(results),
         "ratios": figures.ratios(results),
         "parameters": figures.sensitivities(results),
     }
-    images = {f"{target.stem}_{name}.png": image for name, image in drawn.items() if image is not None}
+    images = {
+        f"{target.stem}_{name}.png": image for name, image in drawn.items() if image is not None
+    }
     content = _content(results, requirements) | {
         "stem": target.stem,
         "figures": {name for name, image in drawn.items() if image is not None},
@@ -83,7 +89,9 @@ def _rendered(template: str, content: dict[str, Any]) -> str:
 def _html(title: str, markdown: str, images: dict[str, bytes]) -> str:
     body = MarkdownIt("commonmark", {"html": False}).enable("table").render(markdown)
     for name, image in images.items():
-        body = body.replace(f'src="{name}"', f'src="data:image/png;base64,{base64.b64encode(image).decode()}"')
+        body = body.replace(
+            f'src="{name}"', f'src="data:image/png;base64,{base64.b64encode(image).decode()}"'
+        )
     return _TEMPLATES.get_template("report.html.j2").render(title=title, body=body)
 
 
@@ -96,8 +104,12 @@ def _content(results: Results, requirements: Sequence[Requirement]) -> dict[str,
         "best": _best(results),
         "complete": results.complete.size,
         "begun": np.unique(results.table["index"].to_numpy()).size,
-        "distributions": [(path, _words(one)) for path, one in results.campaign.distributions.items()],
-        "versions": list(zip(*np.unique(results.texts("versions"), return_counts=True), strict=True)),
+        "distributions": [
+            (path, _words(one)) for path, one in results.campaign.distributions.items()
+        ],
+        "versions": list(
+            zip(*np.unique(results.texts("versions"), return_counts=True), strict=True)
+        ),
         "limits": [_limit(signal, one) for signal, one in results.campaign.limits.items()],
         "inside": _inside(results),
         "one_by_one": _one_by_one(results, requirements),
@@ -126,13 +138,20 @@ def _best(results: Results) -> dict[str, Any] | None:
         return None
     inside = None
     if results.campaign.limits:
-        percent = {label: 100 * results.inside[results.controller == label].mean() for label in results.labels}
+        percent = {
+            label: 100 * results.inside[results.controller == label].mean()
+            for label in results.labels
+        }
         inside = max(percent.items(), key=lambda one: one[1])
     found = []
     for key in MAIN:
-        medians = {label: float(np.median(results.numbers(key, label))) for label in results.labels}
+        medians = {
+            label: float(np.median(results.numbers(key, label))) for label in results.labels
+        }
         best, second = min(medians, key=medians.__getitem__), min(others, key=medians.__getitem__)
-        worse = results.ratio(key, second) > 1.0 if best == first else results.ratio(key, best) < 1.0
+        worse = (
+            results.ratio(key, second) > 1.0 if best == first else results.ratio(key, best) < 1.0
+        )
         found.append(
             {
                 "figure": ROWS[key][0],
@@ -156,7 +175,9 @@ def _words(one: Distribution) -> str:
 def _limit(signal: str, one: Limit) -> str:
     low = f"from {one.min:g} " if one.min is not None else ""
     high = f"to {one.max:g}" if one.max is not None else ""
-    return f"`{signal}` {low}{high}".rstrip() + (f", outside for at most {one.at_most_s:g} s" if one.at_most_s else "")
+    return f"`{signal}` {low}{high}".rstrip() + (
+        f", outside for at most {one.at_most_s:g} s" if one.at_most_s else ""
+    )
 
 
 def _inside(results: Results) -> list[list[str]]:
@@ -166,7 +187,15 @@ def _inside(results: Results) -> list[list[str]]:
         good, total = results.count(results.inside, label)
         low, high = wilson(good, total)
         counts = [str(int(np.sum(status[own] == word))) for word in (OK, DIVERGED, ERROR)]
-        rows.append([label, *counts, str(good), f"{100 * good / total:.2f}", f"{100 * low:.2f} to {100 * high:.2f}"])
+        rows.append(
+            [
+                label,
+                *counts,
+                str(good),
+                f"{100 * good / total:.2f}",
+                f"{100 * low:.2f} to {100 * high:.2f}",
+            ]
+        )
     return rows
 
 
@@ -183,7 +212,9 @@ def _one_by_one(results: Results, requirements: Sequence[Requirement]) -> list[l
             all_met &= met
             rows.append([words, *(_share(results, met, label) for label in results.labels)])
     if rows:
-        rows.append(["all of these", *(_share(results, all_met, label) for label in results.labels)])
+        rows.append(
+            ["all of these", *(_share(results, all_met, label) for label in results.labels)]
+        )
     return rows
 
 
@@ -201,7 +232,11 @@ def _figures_of_merit(results: Results) -> list[list[str]]:
         for label in results.labels:
             values = results.numbers(key, label) * factor
             values = values[np.isfinite(values)]
-            cells.append(f"{np.median(values):.3g} [{np.quantile(values, 0.95):.3g}]" if values.size else "–")
+            cells.append(
+                f"{np.median(values):.3g} [{np.quantile(values, 0.95):.3g}]"
+                if values.size
+                else "–"
+            )
         rows.append([f"{meaning} [{unit}]" if unit else meaning, *cells])
     return rows
 
@@ -218,7 +253,9 @@ def _ratios(results: Results) -> list[list[str]]:
                 cells.append("–")
                 continue
             low, middle, high = np.quantile(values, (0.05, 0.5, 0.95))
-            cells.append(f"{middle:.2f} [{low:.2f}, {high:.2f}], {100 * np.mean(values < 1.0):.1f} %")
+            cells.append(
+                f"{middle:.2f} [{low:.2f}, {high:.2f}], {100 * np.mean(values < 1.0):.1f} %"
+            )
         if any(cell != "–" for cell in cells):
             rows.append([ROWS[key][0], *cells])
     return rows

@@ -12,8 +12,22 @@ from platform import python_version
 
 #: packages that compute and judge a weld
 _PACKAGES = (
-    *("fsw_schema", "fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor"),
-    *("fsw_analysis", "fsw_scenario", "fsw_campaign", "fsw_canister", "fsw_recorder"),  # the last has the signatures
+    *(
+        "fsw_schema",
+        "fsw_model",
+        "fsw_control",
+        "fsw_nmpc",
+        "fsw_decentral",
+        "fsw_plant",
+        "fsw_supervisor",
+    ),
+    *(
+        "fsw_analysis",
+        "fsw_scenario",
+        "fsw_campaign",
+        "fsw_canister",
+        "fsw_recorder",
+    ),  # the last has the signatures
 )
 #: endings of files that only the graph uses
 _GRAPH = ("_ros.py", "_node.py")
@@ -45,6 +59,11 @@ def versions() -> str:
         own = version("fsw-control")
     except PackageNotFoundError:  # imported from the source tree
         own = "source"
-    found = {"fsw_control": own, "code": digest(), "nmpc": NMPC.source_id(), "decentral": DECENTRAL.source_id()}
+    found = {
+        "fsw_control": own,
+        "code": digest(),
+        "nmpc": NMPC.source_id(),
+        "decentral": DECENTRAL.source_id(),
+    }
     found |= {name: version(name) for name in ("numpy", "casadi")} | {"python": python_version()}
     return ", ".join(f"{name} {value}" for name, value in found.items())

@@ -32,15 +32,17 @@ _GROUP, _MOST_GROUPS = 25, 16
 def first_order(parameter: Vector, values: Vector) -> float:
     """Share of the variance of the ranks of ``values`` that is explained by a parameter alone, in any direction.
 
-    Effect size (eta squared) of the Kruskal-Wallis test over groups of like parameter values, which estimates Sobol's
-    first-order index of the ranks; 0 by chance, NaN with too few values.
+    Effect size (eta squared) of the Kruskal-Wallis test over groups of like parameter values,
+    which estimates Sobol's first-order index of the ranks; 0 by chance, NaN with too few values.
     """
     from scipy.stats import kruskal
 
     n, groups = values.size, _groups(values.size)
     if groups < 3 or np.ptp(values) == 0.0:
         return float("nan")
-    statistic = kruskal(*np.array_split(values[np.argsort(parameter, kind="stable")], groups)).statistic
+    statistic = kruskal(
+        *np.array_split(values[np.argsort(parameter, kind="stable")], groups)
+    ).statistic
     return float((statistic - groups + 1) / (n - groups))
 
 
@@ -78,7 +80,9 @@ class Results:
 
     def numbers(self, column: str, label: str) -> Vector:
         """A column of the complete welds of a controller, in order; NaN where there is no value."""
-        chosen = (self.controller == label) & np.isin(self.table["index"].to_numpy(), self.complete)
+        chosen = (self.controller == label) & np.isin(
+            self.table["index"].to_numpy(), self.complete
+        )
         found = self.table[column].cast(pa.float64()).to_numpy()[chosen]
         return np.asarray(found, dtype=np.float64)
 
@@ -86,7 +90,11 @@ class Results:
     def columns(self) -> list[str]:
         """Columns with figures, on which limits may be set."""
         parameters = self.campaign.distributions
-        return [one.name for one in self.table.schema if pa.types.is_floating(one.type) and one.name not in parameters]
+        return [
+            one.name
+            for one in self.table.schema
+            if pa.types.is_floating(one.type) and one.name not in parameters
+        ]
 
     @cached_property
     def inside(self) -> NDArray[np.bool_]:
@@ -134,8 +142,13 @@ class Results:
                 continue
             parameter = self.numbers(path, label)[known]
             varies = known.sum() > 2 and np.ptp(parameter) > 0.0 and np.ptp(values[known]) > 0.0
-            correlation = float(spearmanr(parameter, values[known]).statistic) if varies else float("nan")
-            found[path] = correlation, first_order(parameter, values[known]) if varies else float("nan")
+            correlation = (
+                float(spearmanr(parameter, values[known]).statistic) if varies else float("nan")
+            )
+            found[path] = (
+                correlation,
+                first_order(parameter, values[known]) if varies else float("nan"),
+            )
         return found
 
     @property
@@ -151,7 +164,10 @@ class Results:
 
     def worst(self) -> list[tuple[dict[str, Any], str]]:
         """The worst welds and why: first those that did not finish, then by ``MAIN`` over their controller's median."""
-        medians = {label: [np.nanmedian(self.numbers(key, label)) for key in MAIN] for label in self.labels}
+        medians = {
+            label: [np.nanmedian(self.numbers(key, label)) for key in MAIN]
+            for label in self.labels
+        }
         scored = []
         for row in self.table.drop_columns(["events"]).to_pylist():
             score, why = float("inf"), f"{row['status']}: {row['reason']}"
@@ -169,17 +185,26 @@ class Results:
     def command(self, row: Mapping[str, Any]) -> str:
         """Command that runs the weld of a row again."""
         entrant = next(one for one in self.campaign.entrants if one.label == row["controller"])
-        return shlex.join(["python3", "scripts/fsw.py", *arguments(self.folder, entrant, self.campaign, row)])
+        return shlex.join(
+            ["python3", "scripts/fsw.py", *arguments(self.folder, entrant, self.campaign, row)]
+        )
 
 
-def arguments(folder: Path, entrant: Entrant, campaign: Campaign, row: Mapping[str, Any]) -> list[str]:
+def arguments(
+    folder: Path, entrant: Entrant, campaign: Campaign, row: Mapping[str, Any]
+) -> list[str]:
     """Arguments of ``fsw.py`` with which the weld of a row is run again."""
     paths = dict.fromkeys(["plant.seed", *campaign.distributions])
     name = campaign.scenario["name"]
     is_shipped = name in scenario_file.shipped() and campaign.scenario == scenario_file.content_of(
         scenario_file.text_of(name)
     )
-    found = ["simulate", name if is_shipped else str(folder / SCENARIO), "--controller", entrant.controller]
+    found = [
+        "simulate",
+        name if is_shipped else str(folder / SCENARIO),
+        "--controller",
+        entrant.controller,
+    ]
     for name, value in entrant.parameters.items():
         found += ["--parameter", f"{entrant.name}.{name}={_yaml(value)}"]
     for path in paths:
@@ -188,4 +213,6 @@ def arguments(folder: Path, entrant: Entrant, campaign: Campaign, row: Mapping[s
 
 
 def _yaml(value: Any) -> str:
-    return yaml.safe_dump(value, default_flow_style=True, width=10_000).removesuffix("...\n").strip()
+    return (
+        yaml.safe_dump(value, default_flow_style=True, width=10_000).removesuffix("...\n").strip()
+    )

@@ -39,7 +39,9 @@ def _controllers(text: str, label: str, names: tuple[str, ...]) -> dict[str, Con
     return campaign.controllers(campaign.weld({}, entrant), entrant)
 
 
-def run_batch(text: str, batch: Sequence[tuple[int, Mapping[str, Any], Sequence[str]]]) -> list[Row]:
+def run_batch(
+    text: str, batch: Sequence[tuple[int, Mapping[str, Any], Sequence[str]]]
+) -> list[Row]:
     """Run welds one after the other and return their rows of the dataset.
 
     Parameters
@@ -62,23 +64,39 @@ def run_batch(text: str, batch: Sequence[tuple[int, Mapping[str, Any], Sequence[
         gc.enable()
 
 
-def run_weld(campaign: Campaign, index: int, parameters: Mapping[str, Any], entrant: Entrant) -> Row:
+def run_weld(
+    campaign: Campaign, index: int, parameters: Mapping[str, Any], entrant: Entrant
+) -> Row:
     """Run one weld; returns a row in any case."""
     began = time.perf_counter()
-    row: Row = {"index": index, "controller": entrant.label, "reason": "", "inside": False, **parameters}
+    row: Row = {
+        "index": index,
+        "controller": entrant.label,
+        "reason": "",
+        "inside": False,
+        **parameters,
+    }
     try:
         scenario = campaign.weld(parameters, entrant)
-        loop = ClosedLoop(scenario, _controllers(campaign.text, entrant.label, scenario.controllers))
+        loop = ClosedLoop(
+            scenario, _controllers(campaign.text, entrant.label, scenario.controllers)
+        )
         signals = loop.run()
         row |= _figures(signals)
-        inside = [_outside(signals, name, limit, row) <= limit.at_most_s for name, limit in campaign.limits.items()]
+        inside = [
+            _outside(signals, name, limit, row) <= limit.at_most_s
+            for name, limit in campaign.limits.items()
+        ]
         row["status"] = DIVERGED if loop.plant.stopped else OK
         row["reason"] = loop.plant.stopped
         decided = judge(with_programme(signals, scenario), campaign.book, recorded=False).deciding
         row["verdict"], row["rule"] = str(decided.verdict), decided.name
         row["inside"] = all(inside) and not loop.plant.stopped
     except Exception as error:  # one weld of thousands may fail in any way, the others go on
-        row["status"], row["reason"] = ERROR, f"{type(error).__name__}: {' '.join(str(error).split())}"
+        row["status"], row["reason"] = (
+            ERROR,
+            f"{type(error).__name__}: {' '.join(str(error).split())}",
+        )
     row["versions"] = versions()
     row["wall_time_s"] = time.perf_counter() - began
     return row

@@ -74,8 +74,14 @@ def test_samplers_fill_the_cube_evenly():
     [
         ({"uniform": [2.0, 4.0]}, [2.0, 2.5, 4.0]),
         ({"loguniform": [0.01, 100.0]}, [0.01, 0.1, 100.0]),
-        ({"normal": {"mean": 0.0, "deviation": 1.0, "low": -50.0, "high": 50.0}}, [-50.0, -0.6744897501960817, 50.0]),
-        ({"normal": {"mean": 0.0, "deviation": 1.0, "low": 0.0, "high": 50.0}}, [0.0, 0.31863936396437514, 50.0]),
+        (
+            {"normal": {"mean": 0.0, "deviation": 1.0, "low": -50.0, "high": 50.0}},
+            [-50.0, -0.6744897501960817, 50.0],
+        ),
+        (
+            {"normal": {"mean": 0.0, "deviation": 1.0, "low": 0.0, "high": 50.0}},
+            [0.0, 0.31863936396437514, 50.0],
+        ),
         ({"choice": ["a", "b", "c"]}, ["a", "a", "c"]),
     ],
 )
@@ -101,7 +107,9 @@ def test_a_row_has_all_figures_of_merit(small):
     for key, value in found.items():
         if key not in ("label", "controllers", "outputs"):
             assert rows[0][key] == value, key
-    assert {event for row in rows for entry in row["events"] for event in entry} <= {f.name for f in dataset._EVENT}
+    assert {event for row in rows for entry in row["events"] for event in entry} <= {
+        f.name for f in dataset._EVENT
+    }
 
 
 def test_limits_are_judged_on_the_true_outputs(small):
@@ -121,7 +129,10 @@ WELD = {
     "name": "short_weld",
     "controller": "decentral",
     "plant": {"seed": 3},
-    "phases": [{"name": "dwell", "duration_s": 1.0}, {"name": "joint_line", "to_deg": 1.0, "speed_mm_per_min": 120.0}],
+    "phases": [
+        {"name": "dwell", "duration_s": 1.0},
+        {"name": "joint_line", "to_deg": 1.0, "speed_mm_per_min": 120.0},
+    ],
 }
 
 
@@ -129,30 +140,53 @@ WELD = {
     ("changes", "verdict", "rule"),
     [
         ({}, "accept", "all"),
-        ({"phases": [*PHASES, {"name": "overlap", "to_deg": 2.0, "source": "test"}]}, "reject", "complete"),
+        (
+            {"phases": [*PHASES, {"name": "overlap", "to_deg": 2.0, "source": "test"}]},
+            "reject",
+            "complete",
+        ),
         ({"controllers": [{"name": "nmpc"}]}, "review", "controller"),
-        ({"quality": [{"variable": "depth_mm", "max": 2.5, "source": "test"}]}, "review", "quality"),
+        (
+            {"quality": [{"variable": "depth_mm", "max": 2.5, "source": "test"}]},
+            "review",
+            "quality",
+        ),
     ],
 )
 def test_welds_are_judged_by_the_procedure(tmp_path, changes, verdict, rule):
     procedure = short_procedure(**changes).model_dump(mode="json", exclude_none=True)
     (tmp_path / "lid.yaml").write_text(yaml.safe_dump(procedure))
     made = campaign(
-        tmp_path, scenario=WELD, distributions={}, limits={}, procedure="lid.yaml", controllers=["decentral"]
+        tmp_path,
+        scenario=WELD,
+        distributions={},
+        limits={},
+        procedure="lid.yaml",
+        controllers=["decentral"],
     )
-    assert definition.read(json.loads(made.text)).book == made.book and made.book.id == "copper_lid"
+    assert (
+        definition.read(json.loads(made.text)).book == made.book and made.book.id == "copper_lid"
+    )
     row = run_weld(made, 0, {"plant.seed": 1}, made.entrants[0])
     assert (row["status"], row["reason"], row["verdict"], row["rule"]) == ("ok", "", verdict, rule)
 
 
 def test_the_procedure_is_signed_as_it_has_to_be(tmp_path):
-    pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/signing.lock")
+    pytest.importorskip(
+        "securesystemslib", reason="not installed: pip install -r requirements/signing.lock"
+    )
     path = tmp_path / "lid.yaml"
     path.write_text(yaml.safe_dump(short_procedure().model_dump(mode="json", exclude_none=True)))
     file = tmp_path / "campaign.yaml"
     file.write_text(
         yaml.safe_dump(
-            {"name": "signed", "scenario": WELD, "welds": 1, "procedure": "lid.yaml", "controllers": ["decentral"]}
+            {
+                "name": "signed",
+                "scenario": WELD,
+                "welds": 1,
+                "procedure": "lid.yaml",
+                "controllers": ["decentral"],
+            }
         )
     )
     for name in ("own", "foreign"):
@@ -163,7 +197,9 @@ def test_the_procedure_is_signed_as_it_has_to_be(tmp_path):
         definition.load(file, trusted=own, require_signed=True)
     assert caught.value.findings[0].code is Code.NOT_SIGNED
     for name, code in (("own", None), ("foreign", Code.KEY_UNKNOWN)):
-        text = sign(path.read_bytes(), path.name, Purpose.PROCEDURE, load_private(tmp_path / name), NOW)
+        text = sign(
+            path.read_bytes(), path.name, Purpose.PROCEDURE, load_private(tmp_path / name), NOW
+        )
         signature_path(path).write_text(text)
         if code is None:
             assert definition.load(file, trusted=own, require_signed=True).book.id == "copper_lid"
@@ -185,11 +221,15 @@ def test_a_procedure_that_is_none_is_refused(tmp_path):
 
 def test_what_cannot_be_welded_is_a_row(tmp_path):
     made = campaign(tmp_path, **one("plant.start.temperature_c", uniform=[816.4, 1000.0]))
-    hot = run_weld(made, 0, {"plant.seed": 1, "plant.start.temperature_c": 1000.0}, made.entrants[0])
+    hot = run_weld(
+        made, 0, {"plant.seed": 1, "plant.start.temperature_c": 1000.0}, made.entrants[0]
+    )
     assert hot["status"] == "error" and "beyond the drives" in hot["reason"] and not hot["inside"]
     made = campaign(tmp_path, **one("plant.model.depth_gain_mm_per_kn_s", uniform=[1.0, 10.0]))
     parameters = {"plant.seed": 1, "plant.model.depth_gain_mm_per_kn_s": 10.0}
-    lost = run_weld(made, 1, parameters | {"events[2].disturbance.channel": "temperature"}, made.entrants[0])
+    lost = run_weld(
+        made, 1, parameters | {"events[2].disturbance.channel": "temperature"}, made.entrants[0]
+    )
     assert lost["status"] == "error"  # amplitude_mm is no key of that channel
     with Dataset(tmp_path / "out", made) as written:
         written.write([hot | parameters, lost])
@@ -201,7 +241,11 @@ def test_dataset_is_continued_and_others_are_refused(small, tmp_path):
     folder = tmp_path / "out"
     with Dataset(folder, made) as written:
         written.write(rows[:3])
-        assert written.missing() == [(1, ["mine"]), (2, ["decentral:tight", "mine"]), (3, ["decentral:tight", "mine"])]
+        assert written.missing() == [
+            (1, ["mine"]),
+            (2, ["decentral:tight", "mine"]),
+            (3, ["decentral:tight", "mine"]),
+        ]
         with pytest.raises(InputError, match="another run"):
             Dataset(folder, made, resume=True)
     with pytest.raises(InputError, match="--resume"):
@@ -216,7 +260,9 @@ def test_dataset_is_continued_and_others_are_refused(small, tmp_path):
     assert [row["index"] for row in table.to_pylist()] == [0, 0, 1, 1, 2, 2, 3, 3]
     assert not list((folder / "welds").glob(".*"))
     (joined,) = (folder / "welds").iterdir()
-    (folder / "welds" / "00000001.parquet").write_bytes(joined.read_bytes())  # as if cut off while files are joined
+    (folder / "welds" / "00000001.parquet").write_bytes(
+        joined.read_bytes()
+    )  # as if cut off while files are joined
     assert dataset.load(folder)[1].equals(table)
     (folder / "welds" / "00000001.parquet").write_text("broken")
     with pytest.raises(InputError, match="damaged"):
@@ -242,12 +288,18 @@ def test_statistics_of_a_campaign(folder):
     good, total = results.count(results.inside, "mine")
     low, high = wilson(good, total)
     p, z2 = good / total, 1.959963984540054**2  # Wilson's formula
-    centre, spread = p + z2 / (2 * total), (z2 * (p * (1 - p) / total + z2 / (4 * total**2))) ** 0.5
-    assert (low, high) == pytest.approx(((centre - spread) / (1 + z2 / total), (centre + spread) / (1 + z2 / total)))
+    centre, spread = (
+        p + z2 / (2 * total),
+        (z2 * (p * (1 - p) / total + z2 / (4 * total**2))) ** 0.5,
+    )
+    assert (low, high) == pytest.approx(
+        ((centre - spread) / (1 + z2 / total), (centre + spread) / (1 + z2 / total))
+    )
     assert total == 4
     ratio = results.ratio("iae_depth_mm_s", "mine")
     assert ratio == pytest.approx(
-        results.numbers("iae_depth_mm_s", "mine") / results.numbers("iae_depth_mm_s", results.labels[0])
+        results.numbers("iae_depth_mm_s", "mine")
+        / results.numbers("iae_depth_mm_s", results.labels[0])
     )
     assert set(results.sensitivities("iae_depth_mm_s", "mine")) == set(SMALL["distributions"])
     assert results.meets({"iae_depth_mm_s": Bounds(min=0.0, max=1e9)}).sum() == 6
@@ -284,9 +336,13 @@ def test_the_software_of_a_campaign_is_all_that_computes_a_weld():
         "assert [row['status'] for row in rows] == ['ok', 'ok'], rows;"
         "print(*(module.__file__ for name, module in sys.modules.items() if name.startswith('fsw_')))"
     )
-    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+    found = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    ).stdout.split()
     of_campaigns = {"__init__.py", "errors.py", "software.py"}
-    assert {path for path in found if Path(path).name not in of_campaigns} <= set(map(str, software.sources()))
+    assert {path for path in found if Path(path).name not in of_campaigns} <= set(
+        map(str, software.sources())
+    )
 
 
 def test_code_decides_the_versions(tmp_path, monkeypatch):

@@ -30,26 +30,33 @@ def check_folder(out: Path, replace: bool = False) -> None:
     """Refuse a folder that :func:`write_folder` could not write; the InputError says why."""
     if not out.absolute().parent.is_dir():
         raise InputError(f"cannot write {out}: there is no folder {out.parent}")
-    if out.exists() and not (out.is_dir() and (not any(out.iterdir()) or (replace and (out / _MARK).exists()))):
+    if out.exists() and not (
+        out.is_dir() and (not any(out.iterdir()) or (replace and (out / _MARK).exists()))
+    ):
         again = "; --force deletes it" if (out / _MARK).exists() else ""
         kind = "an earlier export" if again else "something else"
-        raise InputError(f"{out}: holds {kind}; give a folder that does not exist yet, or an empty one{again}")
+        raise InputError(
+            f"{out}: holds {kind}; give a folder that does not exist yet, or an empty one{again}"
+        )
 
 
 def write_folder(
-    choice: Choice, out: Path, replace: bool = False, progress: Callable[[float], None] | None = None
+    choice: Choice,
+    out: Path,
+    replace: bool = False,
+    progress: Callable[[float], None] | None = None,
 ) -> str:
     """Weld with a controller to record test vectors, write its folder, compile the example and run it on them.
 
-    Returns what the example printed. The folder must not exist yet, or be empty; with ``replace`` an earlier export
-    there is deleted, with everything that was added to it. ``progress`` is called with the share of the weld that is
-    done, 0 to 1.
+    Returns what the example printed. The folder must not exist yet, or be empty; with ``replace``
+    an earlier export there is deleted, with everything that was added to it. ``progress`` is
+    called with the share of the weld that is done, 0 to 1.
 
     Raises
     ------
     InputError
-        If the folder holds something else or cannot be written, the controller cannot control its model, or the example
-        fails.
+        If the folder holds something else or cannot be written, the controller cannot control its
+        model, or the example fails.
     """
     check_folder(out, replace)
     sources, vectors = recorded(choice, progress)
@@ -118,8 +125,21 @@ def _run_example(folder: Path) -> str:
     program = folder / "fsw_example"
     files = [str(folder / "main.c"), *map(str, sorted((folder / "src").glob("*.c")))]
     try:
-        run_compiler([*command, *FLAGS, f"-I{folder}", f"-I{folder / 'src'}", *files, "-o", str(program), "-lm"])
-        ran = subprocess.run([program], cwd=folder, capture_output=True, text=True, timeout=300, check=True)
+        run_compiler(
+            [
+                *command,
+                *FLAGS,
+                f"-I{folder}",
+                f"-I{folder / 'src'}",
+                *files,
+                "-o",
+                str(program),
+                "-lm",
+            ]
+        )
+        ran = subprocess.run(
+            [program], cwd=folder, capture_output=True, text=True, timeout=300, check=True
+        )
     except (RuntimeError, subprocess.SubprocessError) as error:
         words = getattr(error, "stderr", None) or str(error)
         raise InputError(f"the exported example failed: {words.strip()}") from None

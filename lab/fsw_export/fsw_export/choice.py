@@ -20,7 +20,9 @@ class Choice:
     #: the paper's model and the default tuning where they are not given
     model_file: Path | None = None
     tuning_file: Path | None = None
-    values: Mapping[str, Any] = field(default_factory=dict)  #: parameters of the controller's node or of the plant
+    values: Mapping[str, Any] = field(
+        default_factory=dict
+    )  #: parameters of the controller's node or of the plant
 
     @cached_property
     def model(self) -> ModelParameters:
@@ -41,7 +43,9 @@ class Choice:
         if self.unit == "plant" and self.tuning_file is not None:
             raise InputError("the plant has no tuning; leave out --tuning")
         files = {"model_file": self.model_file, "tuning_file": self.tuning_file}
-        return dict(self.values) | {name: str(path) for name, path in files.items() if path is not None}
+        return dict(self.values) | {
+            name: str(path) for name, path in files.items() if path is not None
+        }
 
     @property
     def origin(self) -> str:
@@ -49,7 +53,9 @@ class Choice:
         model = f"model `{self.model_file.name}`" if self.model_file else "the paper's model"
         default = "default tuning" + " but for" * bool(self.values)
         tuning = f"tuning `{self.tuning_file.name}`" if self.tuning_file else default
-        return ", ".join([model, tuning, *(f"`{name}={value}`" for name, value in self.values.items())])
+        return ", ".join(
+            [model, tuning, *(f"`{name}={value}`" for name, value in self.values.items())]
+        )
 
     def _of_spindle(self) -> dict[str, Any]:
         """Process data of the decentralized controller, as parameters of its node."""
@@ -67,5 +73,7 @@ class Choice:
             return {}
         content = content_of(read_text(self.tuning_file, "tuning"), str(self.tuning_file))
         if not isinstance(content, dict):
-            raise InputError(f"{self.tuning_file}: must map names of parameters to values, e.g. depth_gain: 120.0")
+            raise InputError(
+                f"{self.tuning_file}: must map names of parameters to values, e.g. depth_gain: 120.0"
+            )
         return content

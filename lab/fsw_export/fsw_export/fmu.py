@@ -25,7 +25,11 @@ FLAGS = (*PORTABLE, "-shared", "-fvisibility=hidden")
 CROSS = {"linux64": ("x86_64-linux-gnu", ".so"), "win64": ("x86_64-windows-gnu", ".dll")}
 _HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 #: what can be exported, by name
-UNITS: dict[str, Callable[[Choice], Content]] = {"plant": plant, "nmpc": nmpc, "decentral": decentral}
+UNITS: dict[str, Callable[[Choice], Content]] = {
+    "plant": plant,
+    "nmpc": nmpc,
+    "decentral": decentral,
+}
 
 
 def make(choice: Choice) -> Content:
@@ -54,13 +58,14 @@ def check_file(out: Path, replace: bool = False) -> None:
 def write(content: Content, out: Path, replace: bool = False, others: Sequence[str] = ()) -> None:
     """Compile a unit for this machine and write its FMU, ``*.fmu``.
 
-    ``replace``: an existing file may be replaced. ``others`` are platforms of ``CROSS`` to compile for as well, which
-    needs ziglang.
+    ``replace``: an existing file may be replaced. ``others`` are platforms of ``CROSS`` to compile
+    for as well, which needs ziglang.
 
     Raises
     ------
     InputError, RuntimeError
-        If the file cannot be written, or there is no compiler or it fails; nothing has been written then.
+        If the file cannot be written, or there is no compiler or it fails; nothing has been
+        written then.
     """
     check_file(out, replace)
     sources, guid = _sources(content)
@@ -94,8 +99,14 @@ def _sources(content: Content) -> tuple[dict[str, str], str]:
     sources = {**content.sources, "fmu.c": source("fmu.c"), "fmu.h": source("fmu.h")}
     sources |= {name: (headers / name).read_text(encoding="utf-8") for name in _HEADERS}
     unnamed = sources | declarations(content, "")
-    digest = hashlib.sha256(repr([content.variables, sorted(unnamed.items())]).encode()).hexdigest()
-    guid = "{" + "-".join((digest[:8], digest[8:12], digest[12:16], digest[16:20], digest[20:32])) + "}"
+    digest = hashlib.sha256(
+        repr([content.variables, sorted(unnamed.items())]).encode()
+    ).hexdigest()
+    guid = (
+        "{"
+        + "-".join((digest[:8], digest[8:12], digest[12:16], digest[16:20], digest[20:32]))
+        + "}"
+    )
     return sources | declarations(content, guid), guid
 
 

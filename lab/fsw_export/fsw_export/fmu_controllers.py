@@ -39,12 +39,21 @@ _DECENTRAL = {name: name for name in Gains.model_fields} | {
 }
 _TYPE = {"real": "Real", "int": "Integer", "bool": "Boolean"}
 #: parameters of the NMPC's node that its FMU has as its own
-_KNOBS, _COUNTS = ("depth_aggressiveness", "temperature_aggressiveness", "calmness"), ("max_iterations", "plan_reuse")
+_KNOBS, _COUNTS = (
+    ("depth_aggressiveness", "temperature_aggressiveness", "calmness"),
+    ("max_iterations", "plan_reuse"),
+)
 _NMPC = (*_KNOBS, *_LIMITS, *_COUNTS)
 #: signals that the FMU sets itself
 _OWN = ("dt_s", "applied_force_kn", "applied_speed_rpm", "n_changes")
 #: the one future set-point that the FMU takes
-_KNOWN = Signal("change_valid", "bool", "", "whether the next set-point is known: the change_... signals", "n_changes")
+_KNOWN = Signal(
+    "change_valid",
+    "bool",
+    "",
+    "whether the next set-point is known: the change_... signals",
+    "n_changes",
+)
 
 
 def nmpc(choice: Choice) -> Content:
@@ -58,8 +67,12 @@ def nmpc(choice: Choice) -> Content:
     specs = load("fsw_nmpc", "nmpc.yaml")
     values = validate(specs, choice.parameters)
     sources = sources_of(NmpcController(values))
-    tune = render("tune_nmpc.h", move_costs=MOVE_COSTS, walks=WALKS, reals=_LIMITS, integers=_COUNTS)
-    return _content(sources, [parameter(specs[name], values[name]) for name in _NMPC], choice, tune)
+    tune = render(
+        "tune_nmpc.h", move_costs=MOVE_COSTS, walks=WALKS, reals=_LIMITS, integers=_COUNTS
+    )
+    return _content(
+        sources, [parameter(specs[name], values[name]) for name in _NMPC], choice, tune
+    )
 
 
 def decentral(choice: Choice) -> Content:
@@ -80,14 +93,22 @@ def decentral(choice: Choice) -> Content:
             low, high = spec.range or (-inf, inf)
             allowed = (max(low, 0.0), high) if hasattr(controller.gains, name) else (low, high)
             parameters.append(parameter(replace(spec, range=allowed), values[name]))
-    return _content(sources_of(controller), parameters, choice, render("tune_decentral.h", fields=_DECENTRAL))
+    return _content(
+        sources_of(controller), parameters, choice, render("tune_decentral.h", fields=_DECENTRAL)
+    )
 
 
-def _content(library: ControllerSources, parameters: list[Variable], choice: Choice, tune: str) -> Content:
+def _content(
+    library: ControllerSources, parameters: list[Variable], choice: Choice, tune: str
+) -> Content:
     """An FMU of a library; inputs start at the model's operating point, ``tune`` is the C code of its parameters."""
     start = ProcessModel(choice.model).equilibrium()
     at = {"depth_mm": start.outputs.depth_mm, "temperature_c": start.outputs.temperature_c}
-    at |= {"torque_nm": start.outputs.motor_torque_nm, "force_kn": start.force_kn, "speed_rpm": start.speed_rpm}
+    at |= {
+        "torque_nm": start.outputs.motor_torque_nm,
+        "force_kn": start.force_kn,
+        "speed_rpm": start.speed_rpm,
+    }
     own = {variable.name: variable for variable in parameters}
     inputs = [signal for signal in library.inputs if signal.name not in _OWN]
     if library.name == "nmpc":
@@ -95,25 +116,48 @@ def _content(library: ControllerSources, parameters: list[Variable], choice: Cho
     variables = [_input(signal, at) for signal in inputs]
     if library.name == "nmpc":
         variables += [
-            boolean("drives_valid", "Whether acting_force_kn and acting_speed_rpm are connected and valid", False)
+            boolean(
+                "drives_valid",
+                "Whether acting_force_kn and acting_speed_rpm are connected and valid",
+                False,
+            )
         ]
     force, speed = at["force_kn"], at["speed_rpm"]
     variables += [
-        real("applied_force_kn", "Force set-point in force until now, if it is not that of this FMU", "kN", force),
+        real(
+            "applied_force_kn",
+            "Force set-point in force until now, if it is not that of this FMU",
+            "kN",
+            force,
+        ),
         real("applied_speed_rpm", "Speed set-point in force until now, likewise", "rpm", speed),
         boolean(
-            "applied_valid", "Whether these are connected; otherwise this FMU's own output counts as applied", False
+            "applied_valid",
+            "Whether these are connected; otherwise this FMU's own output counts as applied",
+            False,
         ),
         *(output(one.name, _text(one), _unit(one), _TYPE[one.kind]) for one in library.outputs),
         *parameters,
-        replace(own["force_max"], name="start_force_kn", description="Force at the start", start=force, fixed=True),
         replace(
-            own["speed_max"], name="start_speed_rpm", description="Spindle speed at the start", start=speed, fixed=True
+            own["force_max"],
+            name="start_force_kn",
+            description="Force at the start",
+            start=force,
+            fixed=True,
+        ),
+        replace(
+            own["speed_max"],
+            name="start_speed_rpm",
+            description="Spindle speed at the start",
+            start=speed,
+            fixed=True,
         ),
     ]
     code = library.files() | {
         "fmu_controller.c": source("fmu_controller.c"),
-        "fmu_unit.h": render("fmu_unit.h", prefix=library.prefix, has_model="model" in library.structs),
+        "fmu_unit.h": render(
+            "fmu_unit.h", prefix=library.prefix, has_model="model" in library.structs
+        ),
         "signals.h": render("signals.h", inputs=inputs, outputs=library.outputs),
         "tune.h": tune,
     }
@@ -126,7 +170,9 @@ def _text(source: Signal | str) -> str:
 
 
 def _unit(signal: Signal) -> str:
-    return "K" if signal.name == "temperature_offset_c" else signal.unit  # a difference: degC has its zero elsewhere
+    return (
+        "K" if signal.name == "temperature_offset_c" else signal.unit
+    )  # a difference: degC has its zero elsewhere
 
 
 def _input(signal: Signal, at: Mapping[str, float]) -> Variable:

@@ -47,7 +47,9 @@ class Variable:
     causality: str  #: ``input``, ``output`` or ``parameter``
     description: str
     unit: str = ""  #: one of ``UNITS``; empty: none
-    start: float | None = None  #: its type is that of the variable; None (an output): Real, or what ``type`` says
+    start: float | None = (
+        None  #: its type is that of the variable; None (an output): Real, or what ``type`` says
+    )
     type: str = "Real"  #: one of ``TYPES``
     allowed: tuple[float, float] = (-inf, inf)  #: range of a parameter
     fixed: bool = False  #: whether a parameter cannot be changed after the initialization
@@ -74,7 +76,11 @@ class Variable:
     @property
     def attributes(self) -> dict[str, str]:
         """Those that its type has in XML."""
-        low, high = (int(x) for x in self.allowed) if self.type == "Integer" and self.allowed[1] < inf else self.allowed
+        low, high = (
+            (int(x) for x in self.allowed)
+            if self.type == "Integer" and self.allowed[1] < inf
+            else self.allowed
+        )
         attributes = {
             "unit": self.unit,
             "min": repr(low) if low > -inf else "",
@@ -120,7 +126,8 @@ class Content:
     identifier: str  #: model identifier of FMI
     description: str
     variables: tuple[Variable, ...]
-    #: C files of the unit by name, without those that all FMUs share; ``fmu_unit.h`` declares its memory
+    #: C files of the unit by name, without those that all FMUs share; ``fmu_unit.h`` declares its
+    #: memory
     sources: Mapping[str, str] = field(repr=False)
 
     def of_type(self, type: str) -> list[Variable]:
@@ -130,7 +137,10 @@ class Content:
 
 def declarations(content: Content, guid: str) -> dict[str, str]:
     """The generated C files: ``variables.h``, for the unit, and ``tables.h``, for the FMI functions."""
-    types = [{"name": type, "in_c": in_c, "variables": content.of_type(type)} for type, in_c in TYPES.items()]
+    types = [
+        {"name": type, "in_c": in_c, "variables": content.of_type(type)}
+        for type, in_c in TYPES.items()
+    ]
     return {
         "variables.h": render("variables.h", types=types, step_s=TICK_S),
         "tables.h": render("variables_tables.h", types=types, guid=guid),
@@ -144,7 +154,9 @@ def model_description(content: Content, sources: Sequence[str], guid: str) -> st
         identifier=content.identifier,
         description=content.description,
         variables=content.variables,
-        references={v.name: number for type in TYPES for number, v in enumerate(content.of_type(type))},
+        references={
+            v.name: number for type in TYPES for number, v in enumerate(content.of_type(type))
+        },
         sources=sources,
         units=UNITS,
         step_s=TICK_S,

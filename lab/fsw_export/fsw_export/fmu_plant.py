@@ -26,7 +26,10 @@ _MOTION = {
         "traverse_mm_per_min",
         "Traverse speed of the tool around the canister during a step; before the first one, while it is heated",
     ),
-    "tool.axial_mm": ("axial_mm", "Height of the tool above the joint line, towards the lid, at the end of a step"),
+    "tool.axial_mm": (
+        "axial_mm",
+        "Height of the tool above the joint line, towards the lid, at the end of a step",
+    ),
 }
 _TUNABLE = (
     "limits.force_min_kn",
@@ -49,14 +52,18 @@ def plant(choice: Choice) -> Content:
     Raises
     ------
     InputError
-        If a parameter is unknown or out of range, the file cannot be used, or there is no equilibrium to start from
-        within the drives' limits.
+        If a parameter is unknown or out of range, the file cannot be used, or there is no
+        equilibrium to start from within the drives' limits.
     """
     on_canister = choice.parameters.get("process", "paper") == "canister"
     fixed = (*_FIXED, *(_OF_CANISTER if on_canister else ()))
     groups = ("model.", "canister.") if on_canister else ("model.",)
     own = {*fixed, *_TUNABLE, "model_file", "process", *(_MOTION if on_canister else ())}
-    specs = {name: spec for name, spec in config.specs().items() if name in own or name.startswith(groups)}
+    specs = {
+        name: spec
+        for name, spec in config.specs().items()
+        if name in own or name.startswith(groups)
+    }
     validate(specs, choice.parameters)
     chosen = config.PlantConfig.from_values(choice.parameters)
     emulator = PlantEmulator(chosen)  # checks the start
@@ -65,18 +72,38 @@ def plant(choice: Choice) -> Content:
     variables: list[Variable] = [
         real("force_kn", "Commanded axial force, held during a step", "kN", start.force_kn),
         real("speed_rpm", "Commanded spindle speed, held during a step", "rpm", start.speed_rpm),
-        real("axial_force_disturbance_kn", "Disturbance force, added to the drive's force during a step", "kN", 0.0),
+        real(
+            "axial_force_disturbance_kn",
+            "Disturbance force, added to the drive's force during a step",
+            "kN",
+            0.0,
+        ),
         real(
             "spindle_speed_disturbance_rpm",
             "Disturbance of the speed, added to the drive's speed during a step",
             "rpm",
             0.0,
         ),
-        real("depth_disturbance_mm", "Added to the measured depth at the end of a step", "mm", 0.0),
-        real("temperature_disturbance_k", "Added to the measured temperature at the end of a step", "K", 0.0),
+        real(
+            "depth_disturbance_mm", "Added to the measured depth at the end of a step", "mm", 0.0
+        ),
+        real(
+            "temperature_disturbance_k",
+            "Added to the measured temperature at the end of a step",
+            "K",
+            0.0,
+        ),
         output("depth_mm", "Measured shoulder depth", "mm"),
-        output("torque_nm", "Measured motor torque, including the peak while the spindle accelerates", "N m"),
-        output("temperature_c", "Temperature of the stir zone, as measured by the thermocouple", "degC"),
+        output(
+            "torque_nm",
+            "Measured motor torque, including the peak while the spindle accelerates",
+            "N m",
+        ),
+        output(
+            "temperature_c",
+            "Temperature of the stir zone, as measured by the thermocouple",
+            "degC",
+        ),
         output("acting_force_kn", "Actual axial force, as reported by the drive", "kN"),
         output("acting_speed_rpm", "Actual spindle speed, as reported by the drive", "rpm"),
         output("process_torque_nm", "Torque of the tool on the copper", "N m"),
@@ -87,7 +114,10 @@ def plant(choice: Choice) -> Content:
         *(parameter(specs[name], chosen[name]) for name in _TUNABLE),
     ]
     if on_canister:
-        variables += [real(name, words, specs[own].unit, chosen[own]) for own, (name, words) in _MOTION.items()]
+        variables += [
+            real(name, words, specs[own].unit, chosen[own])
+            for own, (name, words) in _MOTION.items()
+        ]
     kind = "canister" if on_canister else "paper"
     code = canister_code(chosen) if on_canister else process_code(process)
     return Content(
@@ -95,7 +125,10 @@ def plant(choice: Choice) -> Content:
         "Friction stir welding process with its drives; no noise",
         tuple(variables),
         {
-            **{name: source(name) for name in ("fmu_plant.c", "fmu_plant.h", f"fmu_process_{kind}.c")},
+            **{
+                name: source(name)
+                for name in ("fmu_plant.c", "fmu_plant.h", f"fmu_process_{kind}.c")
+            },
             "fmu_unit.h": source("fmu_unit_plant.h"),
             "fmu_process.h": source(f"fmu_process_{kind}.h"),
             **code,
@@ -130,11 +163,15 @@ def canister_code(chosen: config.PlantConfig) -> dict[str, str]:
         "CANISTER_LONGEST_S": LONGEST_HEATING_S,
     }
     functions = [equations.driven_step_function(chosen.model), process.output_function]
-    header = render("canister.h", tables={name: table.ravel().tolist() for name, table in tables.items()})
+    header = render(
+        "canister.h", tables={name: table.ravel().tolist() for name, table in tables.items()}
+    )
     return {"canister.h": header, **_code(process, functions, numbers)}
 
 
-def _code(process: ProcessModel, functions: Sequence[Any], more: Mapping[str, float]) -> dict[str, str]:
+def _code(
+    process: ProcessModel, functions: Sequence[Any], more: Mapping[str, float]
+) -> dict[str, str]:
     """``process.c`` of functions, and ``process.h`` with the numbers that every process has, and more."""
     p = process.parameters
     numbers: dict[str, float] = {
@@ -150,6 +187,10 @@ def _code(process: ProcessModel, functions: Sequence[Any], more: Mapping[str, fl
     }
     for function in functions:
         for size in ("arg", "res", "iw", "w"):
-            numbers[f"{function.name().upper()}_{size.upper()}"] = getattr(function, f"sz_{size}")()
-    header = render("process.h", numbers=numbers, functions=[function.name() for function in functions])
+            numbers[f"{function.name().upper()}_{size.upper()}"] = getattr(
+                function, f"sz_{size}"
+            )()
+    header = render(
+        "process.h", numbers=numbers, functions=[function.name() for function in functions]
+    )
     return {"process.c": c_text("process", *functions), "process.h": header}

@@ -12,7 +12,13 @@ from typing import Any
 from fsw_control.c_library import CLibrary
 from fsw_decentral import DecentralController
 from fsw_decentral.library import KERNEL as DECENTRAL
-from fsw_export.signals import DECENTRAL_INPUTS, DECENTRAL_OUTPUTS, NMPC_INPUTS, NMPC_OUTPUTS, Signal
+from fsw_export.signals import (
+    DECENTRAL_INPUTS,
+    DECENTRAL_OUTPUTS,
+    NMPC_INPUTS,
+    NMPC_OUTPUTS,
+    Signal,
+)
 from fsw_export.templates import render
 from fsw_nmpc import NmpcController
 from fsw_nmpc.library import KERNEL as NMPC
@@ -28,7 +34,9 @@ class ControllerSources:
     library: CLibrary
     sizes: Mapping[str, int]  #: macros that lower the header's sizes to those of the model
     arrays: Mapping[str, Any]  #: tables that the structs' pointers of the same name refer to
-    structs: Mapping[str, Any]  #: arguments of the controller's initialisation, by kind: ``model``, ``tuning``
+    structs: Mapping[
+        str, Any
+    ]  #: arguments of the controller's initialisation, by kind: ``model``, ``tuning``
     inputs: tuple[Signal, ...]
     outputs: tuple[Signal, ...]
 
@@ -53,24 +61,35 @@ class ControllerSources:
         values = {}
         for field, member in self.library.ffi.typeof(struct).fields:
             kind, value = member.type.kind, getattr(struct, field)
-            values[field] = field if kind == "pointer" else self._members(value) if kind == "struct" else value
+            values[field] = (
+                field if kind == "pointer" else self._members(value) if kind == "struct" else value
+            )
         return values
 
     @cached_property
     def digest(self) -> str:
         """Digest of sources, model and tuning; ``<prefix>_id()`` returns it."""
-        return hashlib.sha256(f"{self.library.source_id()}\0{self._tables}".encode()).hexdigest()[:16]
+        return hashlib.sha256(f"{self.library.source_id()}\0{self._tables}".encode()).hexdigest()[
+            :16
+        ]
 
     def files(self) -> dict[str, str]:
         """Text of every source file by name, tables included."""
-        texts = {p.name: p.read_text(encoding="utf-8") for p in sorted(self.library.folder.glob("*.[ch]"))}
+        texts = {
+            p.name: p.read_text(encoding="utf-8")
+            for p in sorted(self.library.folder.glob("*.[ch]"))
+        }
         header = texts[f"{self.prefix}.h"]
         for size, value in self.sizes.items():
-            header = re.sub(rf"#ifndef {size}\n(#define {size} )\d+(.*\n)#endif\n", rf"\g<1>{value}\2", header)
+            header = re.sub(
+                rf"#ifndef {size}\n(#define {size} )\d+(.*\n)#endif\n", rf"\g<1>{value}\2", header
+            )
         guard = f"#define {self.prefix.upper()}_H\n"
         identity = f'#define {self.prefix.upper()}_ID "{self.digest}" /* of sources, model and tuning */\n'
         texts[f"{self.prefix}.h"] = header.replace(guard, f"{guard}{identity}", 1)
-        texts[f"{self.prefix}_tables.h"] = render("tables.h", prefix=self.prefix, structs=self.structs)
+        texts[f"{self.prefix}_tables.h"] = render(
+            "tables.h", prefix=self.prefix, structs=self.structs
+        )
         texts[f"{self.prefix}_tables.c"] = self._tables
         return texts
 

@@ -26,13 +26,17 @@ _LOW_CAP = 12
 
 def published(name: str, target: str) -> dict[str, Any] | None:
     """Shipped figures of an export on a processor for ``figures.md.j2``, None if there are none."""
-    measured = json.loads(resources.files("fsw_export").joinpath("targets.json").read_text(encoding="utf-8"))
+    measured = json.loads(
+        resources.files("fsw_export").joinpath("targets.json").read_text(encoding="utf-8")
+    )
     return _derived(measured[name][target]) if target in measured.get(name, {}) else None
 
 
 def results_page(measured: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
     """The page of measured figures, by export and target as ``benchmarks/targets.py`` measures them."""
-    exports = {_TITLES[name]: list(map(_derived, targets.values())) for name, targets in measured.items()}
+    exports = {
+        _TITLES[name]: list(map(_derived, targets.values())) for name, targets in measured.items()
+    }
     return render("targets.md", exports=exports)
 
 
@@ -50,9 +54,15 @@ def _derived(measured: Mapping[str, Any]) -> dict[str, Any]:
             counts[f"estimated worst case with `max_iterations` {cap}"] = _worst(measured, cap)
         for clock in _CLOCKS:
             budget = 0.1 * clock * 1e6 / _CYCLES[-1]
-            caps[clock] = max((cap for cap in range(1, 201) if _worst(measured, cap) <= budget), default=0)
+            caps[clock] = max(
+                (cap for cap in range(1, 201) if _worst(measured, cap) <= budget), default=0
+            )
     ticks = [
-        (title, count, [[_short(count * cycles / clock / 1e3) for cycles in _CYCLES] for clock in _CLOCKS])
+        (
+            title,
+            count,
+            [[_short(count * cycles / clock / 1e3) for cycles in _CYCLES] for clock in _CLOCKS],
+        )
         for title, count in counts.items()
     ]
     return {**measured, "ticks": ticks, "caps": caps, "clocks_mhz": _CLOCKS, "cycles": _CYCLES}
@@ -61,7 +71,9 @@ def _derived(measured: Mapping[str, Any]) -> dict[str, Any]:
 def _worst(measured: Mapping[str, Any], cap: int) -> int:
     """Instructions of a tick that solves twice, the most that it may, each time up to the limit."""
     without = int(measured["instructions_without"])
-    return int(without + 2 * cap * (measured["instructions_max"] - without) / measured["iterations_max"])
+    return int(
+        without + 2 * cap * (measured["instructions_max"] - without) / measured["iterations_max"]
+    )
 
 
 def _short(value: float) -> str:

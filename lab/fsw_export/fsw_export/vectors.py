@@ -19,7 +19,8 @@ from fsw_scenario.controllers import make
 from fsw_scenario.scenario_file import parse
 from fsw_schema.models import InputError
 
-#: ticks of the vectors with faults; share of the inputs that are wrong there, and their values then
+#: ticks of the vectors with faults; share of the inputs that are wrong there, and their values
+#: then
 _FAULTY_TICKS, _SHARE = 600, 0.03
 _WRONG_REALS = (nan, inf, -inf, -1e300, 1e6, 0.0, -1.0)
 _WRONG_INTS = (0, 1, -7)
@@ -32,7 +33,9 @@ _PART = re.compile(r"(\w+)(?:\[(\d+)\])?")
 class VectorRecorder:
     """Records input and output of every step of a library, inside a ``with``, which replaces its ``step``."""
 
-    def __init__(self, library: CController, inputs: Sequence[Signal], outputs: Sequence[Signal]) -> None:
+    def __init__(
+        self, library: CController, inputs: Sequence[Signal], outputs: Sequence[Signal]
+    ) -> None:
         self.library, self.inputs, self.outputs = library, inputs, outputs
         #: a row of values per step, in the order of the signals
         self.ticks: list[tuple[float, ...]] = []
@@ -48,7 +51,9 @@ class VectorRecorder:
 
     def _noted(self) -> None:
         if hasattr(self.library.input, "n_changes"):
-            self.library.input.n_changes = min(self.library.input.n_changes, 1)  # the CSV files have columns for one
+            self.library.input.n_changes = min(
+                self.library.input.n_changes, 1
+            )  # the CSV files have columns for one
         self.ticks.append(_row(self.library.input, self.inputs))
         self._step()
         self.answers.append(_row(self.library.output, self.outputs))
@@ -80,7 +85,9 @@ def recorded(
     )
     with VectorRecorder(controller.library, sources.inputs, sources.outputs) as weld:
         try:
-            ClosedLoop(parse(text, "the weld of the test vectors"), {controller.name: controller}).run(progress)
+            ClosedLoop(
+                parse(text, "the weld of the test vectors"), {controller.name: controller}
+            ).run(progress)
         except (OperatingPointError, InputError) as error:
             raise InputError(f"cannot weld with this model: {error}") from None
     if weld.healthy() < _HEALTHY_SHARE * len(weld.answers):
@@ -96,13 +103,21 @@ def with_faults(weld: VectorRecorder) -> VectorRecorder:
     rng = random.Random(7)
     names = [signal.name for signal in weld.inputs]
     first = dict(zip(names, weld.ticks[0], strict=True))
-    weld.library.reset(first["applied_force_kn"], first["applied_speed_rpm"])  # as the example does
+    weld.library.reset(
+        first["applied_force_kn"], first["applied_speed_rpm"]
+    )  # as the example does
     with VectorRecorder(weld.library, weld.inputs, weld.outputs) as recorder:
         for k, tick in enumerate(weld.ticks[:_FAULTY_TICKS]):
             for signal, value in zip(weld.inputs, tick, strict=True):
                 _put(weld.library.input, signal.in_c, value)
                 if k > 0 and rng.random() < _SHARE:
-                    wrong = _WRONG_TIMES if signal.name == "dt_s" else _WRONG_INTS if signal.is_int else _WRONG_REALS
+                    wrong = (
+                        _WRONG_TIMES
+                        if signal.name == "dt_s"
+                        else _WRONG_INTS
+                        if signal.is_int
+                        else _WRONG_REALS
+                    )
                     _put(weld.library.input, signal.in_c, rng.choice(wrong))
             recorder.library.step()
     return recorder

@@ -12,7 +12,13 @@ from fsw_export.vectors import csv_text
 from fsw_test_support.c_code import SANITIZE, compile_c, has_sanitizers
 from fsw_test_support.exports import c_folder, c_objects
 
-SANE = {"depth_mm": 2.66, "torque_nm": 1052.0, "temperature_c": 816.4, "reference_depth_mm": 2.7, "dt_s": 0.1}
+SANE = {
+    "depth_mm": 2.66,
+    "torque_nm": 1052.0,
+    "temperature_c": 816.4,
+    "reference_depth_mm": 2.7,
+    "dt_s": 0.1,
+}
 SANE |= {"reference_temperature_c": 818.0, "acting_force_kn": 78.4, "acting_speed_rpm": 407.6}
 SANE |= {"applied_force_kn": 78.4, "applied_speed_rpm": 407.6}
 JUNK = (nan, inf, -inf, 0.0, -0.0, 5e-324, -1.0, 97.0, 1e12, -1e12, 1e300, -1e300, 1.7e308)
@@ -33,7 +39,9 @@ def rows(signals, rng):
 
 @pytest.mark.requirement("S31")
 @pytest.mark.slow
-@pytest.mark.parametrize("checks", [(), pytest.param(SANITIZE, marks=pytest.mark.full)], ids=["plain", "sanitizers"])
+@pytest.mark.parametrize(
+    "checks", [(), pytest.param(SANITIZE, marks=pytest.mark.full)], ids=["plain", "sanitizers"]
+)
 @pytest.mark.parametrize("name", ["nmpc", "decentral"])
 def test_whatever_comes_the_command_is_inside_the_bounds(name, checks, tmp_path, tmp_path_factory):
     if checks and not has_sanitizers(tmp_path):
@@ -42,10 +50,24 @@ def test_whatever_comes_the_command_is_inside_the_bounds(name, checks, tmp_path,
     inputs = {"nmpc": NMPC_INPUTS, "decentral": DECENTRAL_INPUTS}[name]
     ticks = tmp_path / "ticks.csv"
     ticks.write_text(csv_text(inputs, list(rows(inputs, random.Random(5)))), encoding="utf-8")
-    options = [*checks, "-I", str(folder), "-I", str(folder / "src"), str(folder / "main.c"), *objects]
+    options = [
+        *checks,
+        "-I",
+        str(folder),
+        "-I",
+        str(folder / "src"),
+        str(folder / "main.c"),
+        *objects,
+    ]
     built = compile_c([*options, "-o", str(tmp_path / "run"), "-lm"])
     assert built.returncode == 0, built.stderr
-    ran = subprocess.run([str(tmp_path / "run"), str(ticks)], capture_output=True, text=True, check=True, timeout=100)
+    ran = subprocess.run(
+        [str(tmp_path / "run"), str(ticks)],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=100,
+    )
     told = list(csv.DictReader(ran.stdout.splitlines()))
     assert len(told) == 600
     for row in told:

@@ -74,14 +74,18 @@ def test_fmpy_finds_no_problem(fmus: dict[str, Path], name: str) -> None:
 def test_page_shows_the_example() -> None:
     workspace = Path(__file__).resolve().parents[3]
     example = (workspace / "examples" / "fmu_loop.py").read_text(encoding="utf-8")
-    assert f"```python\n{example}```\n" in (workspace / "docs" / "how-to" / "fmu.md").read_text(encoding="utf-8")
+    assert f"```python\n{example}```\n" in (workspace / "docs" / "how-to" / "fmu.md").read_text(
+        encoding="utf-8"
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("controller", ["nmpc", "decentral"])
 def test_the_example_runs_with_each_controller(fmus: dict[str, Path], controller: str) -> None:
     example = Path(__file__).resolve().parents[3] / "examples" / "fmu_loop.py"
-    ran = subprocess.run([sys.executable, example, fmus["plant"], fmus[controller]], capture_output=True, text=True)
+    ran = subprocess.run(
+        [sys.executable, example, fmus["plant"], fmus[controller]], capture_output=True, text=True
+    )
     assert ran.returncode == 0, ran.stderr
     assert float(ran.stdout.splitlines()[-1].split()[2]) == pytest.approx(2.76, abs=0.002)
 
@@ -97,7 +101,11 @@ def test_units_are_those_of_the_project() -> None:
     "values",
     [
         {},
-        {"model.thermal_gain_c_per_kw": 1.2, "actuators.lag_s": 0.3, "sensors.temperature_lag_s": 1.5},
+        {
+            "model.thermal_gain_c_per_kw": 1.2,
+            "actuators.lag_s": 0.3,
+            "sensors.temperature_lag_s": 1.5,
+        },
         {"model.dead_time_s": 0.1},
     ],
 )
@@ -113,13 +121,19 @@ def test_plant_is_the_emulator(tmp_path: Path, running: Units, values: dict[str,
     for tick in range(300):
         reading, truth = emulator.measure(), emulator.truth()
         same = {SENSORS[name].signal: reading.values[name] for name in REQUIRED}
-        same |= {"acting_force_kn": reading.drives.force_kn, "acting_speed_rpm": reading.drives.speed_rpm}
         same |= {
-            name: getattr(truth, name) for name in ("process_torque_nm", "friction_torque_nm", "copper_temperature_c")
+            "acting_force_kn": reading.drives.force_kn,
+            "acting_speed_rpm": reading.drives.speed_rpm,
+        }
+        same |= {
+            name: getattr(truth, name)
+            for name in ("process_torque_nm", "friction_torque_nm", "copper_temperature_c")
         }
         same["power_kw"] = truth.process_power_kw
         assert {name: plant.get(name) for name in same} == pytest.approx(same, rel=1e-12)
-        for (channel, unit), value in zip(channels.items(), (0.1 * random.normal(size=4)).round(6), strict=True):
+        for (channel, unit), value in zip(
+            channels.items(), (0.1 * random.normal(size=4)).round(6), strict=True
+        ):
             if tick % 10 == 0:
                 emulator.begin(disturbance(channel, "step", value))
                 plant.set(**{f"{channel}_disturbance_{unit}": value})
@@ -143,7 +157,9 @@ def test_command_beyond_the_limits_is_clipped(fmus: dict[str, Path], running: Un
 
 
 @pytest.mark.parametrize("name", fmu.UNITS)
-def test_rewound_it_computes_the_same_bits(fmus: dict[str, Path], running: Units, name: str) -> None:
+def test_rewound_it_computes_the_same_bits(
+    fmus: dict[str, Path], running: Units, name: str
+) -> None:
     """Also another instance with a binary of its own, which is given the serialized state after the first has ended."""
     other = "nmpc" if name == "plant" else name
     units = {"plant": running.start(fmus["plant"]), other: running.start(fmus[other])}
@@ -183,21 +199,27 @@ def test_a_damaged_state_is_refused_wherever_the_damage_is(
         with pytest.raises(fmpy.fmi2.FMICallException):
             unit.fmu.deSerializeFMUstate(bytes(damaged))
     lines = capfd.readouterr().out.splitlines()
-    assert len(lines) == len(places) and all(any(reason in line for reason in reasons) for line in lines)
+    assert len(lines) == len(places) and all(
+        any(reason in line for reason in reasons) for line in lines
+    )
     for other in (saved[:-1], saved + b"\0", saved[:40], b""):
         with pytest.raises(fmpy.fmi2.FMICallException):
             unit.fmu.deSerializeFMUstate(other)
     unit.fmu.freeFMUstate(unit.fmu.deSerializeFMUstate(saved))
 
 
-def test_instances_do_not_share_anything(fmus: dict[str, Path], running: Units, tmp_path: Path) -> None:
+def test_instances_do_not_share_anything(
+    fmus: dict[str, Path], running: Units, tmp_path: Path
+) -> None:
     """Two of each in one binary, stepped in turn, one pair with another set-point."""
     pairs = []
     for name in ("plant", "nmpc"):
         first = running.start(fmus[name])
         second = copy(first)
         model = fmpy.read_model_description(str(fmus[name]))
-        second.fmu = fmpy.simulation.instantiate_fmu(first.fmu.unzipDirectory, model, "CoSimulation")
+        second.fmu = fmpy.simulation.instantiate_fmu(
+            first.fmu.unzipDirectory, model, "CoSimulation"
+        )
         initialised(second)
         pairs.append((first, second))
     moved, still = ({"plant": plant, "nmpc": nmpc} for plant, nmpc in zip(*pairs, strict=True))
@@ -223,7 +245,9 @@ def test_it_can_be_reset(fmus: dict[str, Path], running: Units) -> None:
 
 
 @pytest.mark.parametrize("name", fmu.UNITS)
-def test_its_sources_are_complete(fmus: dict[str, Path], running: Units, tmp_path: Path, name: str) -> None:
+def test_its_sources_are_complete(
+    fmus: dict[str, Path], running: Units, tmp_path: Path, name: str
+) -> None:
     """fmpy compiles them, in its own way, to a binary that computes the same."""
     bare, compiled = tmp_path / "bare.fmu", tmp_path / "compiled.fmu"
     with zipfile.ZipFile(fmus[name]) as whole, zipfile.ZipFile(bare, "w") as part:
@@ -245,7 +269,9 @@ def test_its_sources_are_complete(fmus: dict[str, Path], running: Units, tmp_pat
 def test_its_sources_are_strict_c99(fmus: dict[str, Path], tmp_path: Path, name: str) -> None:
     folder = Path(fmpy.extract(str(fmus[name]), str(tmp_path / name))) / "sources"
     for file in sorted(folder.glob("*.c")):
-        built = compile_c([*STRICT, "-Wno-unused-parameter", "-c", str(file), "-o", str(tmp_path / "object")])
+        built = compile_c(
+            [*STRICT, "-Wno-unused-parameter", "-c", str(file), "-o", str(tmp_path / "object")]
+        )
         assert built.returncode == 0, built.stderr
 
 
@@ -287,9 +313,21 @@ ERRORS: list[tuple[str, Callable[[Any], object], str]] = [
         lambda u: u.fmu.doStep(0.2, 0.1),
         "fmi2DoStep from 0.2 s, but the time is 0.1 s: no step can be left out",
     ),
-    ("plant", lambda u: u.fmu.doStep(0.1, 0.2), "fmi2DoStep over 0.2 s: the communication step must be 0.1 s"),
-    ("plant", lambda u: u.fmu.doStep(0.1, 0.0), "fmi2DoStep over 0 s: the communication step must be 0.1 s"),
-    ("plant", lambda u: u.fmu.doStep(float("nan"), 0.1), "fmi2DoStep from nan s, but the time is 0.1 s"),
+    (
+        "plant",
+        lambda u: u.fmu.doStep(0.1, 0.2),
+        "fmi2DoStep over 0.2 s: the communication step must be 0.1 s",
+    ),
+    (
+        "plant",
+        lambda u: u.fmu.doStep(0.1, 0.0),
+        "fmi2DoStep over 0 s: the communication step must be 0.1 s",
+    ),
+    (
+        "plant",
+        lambda u: u.fmu.doStep(float("nan"), 0.1),
+        "fmi2DoStep from nan s, but the time is 0.1 s",
+    ),
     ("plant", pressed_out, "the model holds while the shoulder is in the copper, above 0 mm"),
     (
         "plant",
@@ -298,14 +336,26 @@ ERRORS: list[tuple[str, Callable[[Any], object], str]] = [
     ),
     ("plant", lambda u: u.set(depth_mm=1.0), "depth_mm is an output"),
     ("plant", lambda u: u.set(**{"start.depth_mm": 2.0}), "start.depth_mm is a fixed parameter"),
-    ("plant", lambda u: u.set(**{"actuators.lag_s": -1.0}), "actuators.lag_s = -1 is outside 0 to 10"),
-    ("plant", lambda u: initialised(u, **{"start.temperature_c": 1000.0}), "beyond the drives' limits"),
+    (
+        "plant",
+        lambda u: u.set(**{"actuators.lag_s": -1.0}),
+        "actuators.lag_s = -1 is outside 0 to 10",
+    ),
+    (
+        "plant",
+        lambda u: initialised(u, **{"start.temperature_c": 1000.0}),
+        "beyond the drives' limits",
+    ),
     (
         "plant",
         lambda u: (u.set(**{"limits.force_max_kn": 50.0}), u.fmu.doStep(0.1, 0.1)),
         "limits: force 60 to 50 kN, speed 300 to 500 rpm; minimum must be below maximum",
     ),
-    ("plant", lambda u: u.fmu.getReal([999]), "there is no variable with this type and value reference"),
+    (
+        "plant",
+        lambda u: u.fmu.getReal([999]),
+        "there is no variable with this type and value reference",
+    ),
     ("plant", lambda u: u.fmu.deSerializeFMUstate(b"x" * 10), "this is no state of this FMU"),
     ("nmpc", lambda u: u.set(max_iterations=1000), "max_iterations = 1000 is outside 5 to 200"),
     (
@@ -313,7 +363,11 @@ ERRORS: list[tuple[str, Callable[[Any], object], str]] = [
         lambda u: (u.set(temperature_aggressiveness=5.0), u.fmu.doStep(0.1, 0.1)),
         "temperature_aggressiveness: with 5 the approach takes 0.168 s; it takes at least 0.2 s",
     ),
-    ("nmpc", lambda u: (u.set(speed_min=600.0), u.fmu.doStep(0.1, 0.1)), "each minimum must be below its maximum"),
+    (
+        "nmpc",
+        lambda u: (u.set(speed_min=600.0), u.fmu.doStep(0.1, 0.1)),
+        "each minimum must be below its maximum",
+    ),
 ]
 
 
@@ -354,10 +408,16 @@ def test_after_a_mistake_it_goes_on(fmus: dict[str, Path], running: Units) -> No
 def test_description_of_another_fmu_is_refused(
     fmus: dict[str, Path], tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    with zipfile.ZipFile(fmus["plant"]) as whole, zipfile.ZipFile(tmp_path / "other.fmu", "w") as other:
+    with (
+        zipfile.ZipFile(fmus["plant"]) as whole,
+        zipfile.ZipFile(tmp_path / "other.fmu", "w") as other,
+    ):
         for entry in whole.namelist():
             text = whole.read(entry)
-            other.writestr(entry, text.replace(b'guid="{', b'guid="{f') if entry == "modelDescription.xml" else text)
+            other.writestr(
+                entry,
+                text.replace(b'guid="{', b'guid="{f') if entry == "modelDescription.xml" else text,
+            )
     with pytest.raises(Exception, match="Failed to instantiate"):
         fmu_loop.Unit(str(tmp_path / "other.fmu"), tmp_path / "unpacked")
     assert "the guid is not that of this binary" in capfd.readouterr().out
@@ -391,7 +451,9 @@ def test_controller_that_is_not_in_command_follows(fmus: dict[str, Path], runnin
 
 
 @pytest.mark.parametrize("name", ["nmpc", "decentral"])
-def test_whatever_comes_in_the_command_is_within_the_limits(fmus: dict[str, Path], running: Units, name: str) -> None:
+def test_whatever_comes_in_the_command_is_within_the_limits(
+    fmus: dict[str, Path], running: Units, name: str
+) -> None:
     unit = running.start(fmus[name])
     random = np.random.default_rng(3)
     junk = [float("nan"), float("inf"), -float("inf"), 1e300, -1e300, 1e12, 5e-324, -1.0, 0.0]
@@ -400,7 +462,9 @@ def test_whatever_comes_in_the_command_is_within_the_limits(fmus: dict[str, Path
             v = unit.variables[input]
             usual = float(v.start) if v.type == "Real" else v.start == "true"
             odd = random.choice(junk) if v.type == "Real" else bool(random.integers(2))
-            unit.set(**{input: odd if random.random() < (0.02 if number < 200 else 0.3) else usual})
+            unit.set(
+                **{input: odd if random.random() < (0.02 if number < 200 else 0.3) else usual}
+            )
         unit.set(applied_valid=bool(random.integers(2)))
         unit.fmu.doStep(0.1 * number, 0.1)
         assert 60.0 <= unit.get("force_kn") <= 95.0 and 300.0 <= unit.get("speed_rpm") <= 500.0

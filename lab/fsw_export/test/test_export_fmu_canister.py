@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock")
+pytest.importorskip(
+    "skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock"
+)
 
 from fsw_control import Command
 from fsw_control.sensors import REQUIRED, SENSORS
@@ -47,7 +49,9 @@ SAME = ("process_torque_nm", "friction_torque_nm", "copper_temperature_c")
 @pytest.fixture(scope="module")
 def unit(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made_once(
-        tmp_path_factory, "canister.fmu", lambda out: fmu.write(fmu.make(Choice("plant", values=VALUES)), out)
+        tmp_path_factory,
+        "canister.fmu",
+        lambda out: fmu.write(fmu.make(Choice("plant", values=VALUES)), out),
     )
 
 
@@ -62,13 +66,17 @@ def test_it_is_the_emulator_along_a_path(unit: Path, running: Units) -> None:
     """From the heating on; standing, on the way down, at two speeds, with a dead time of a broken number of steps."""
     assert fmpy.validation.validate_fmu(str(unit)) == []
     own = {"start.temperature_c": 800.0, "start.power_kw": 45.0}
-    emulator = PlantEmulator(PlantConfig.from_values({**VALUES, **own, "noise": False}), PlantSchedule.from_yaml(PATH))
+    emulator = PlantEmulator(
+        PlantConfig.from_values({**VALUES, **own, "noise": False}), PlantSchedule.from_yaml(PATH)
+    )
     plant = running.start(unit, **own)
     random, seen = np.random.default_rng(1), []
     for tick in range(280):
         reading, truth = emulator.measure(), emulator.truth()
         same = {SENSORS[name].signal: reading.values[name] for name in REQUIRED}
-        same |= {name: getattr(truth, name) for name in SAME} | {"power_kw": truth.process_power_kw}
+        same |= {name: getattr(truth, name) for name in SAME} | {
+            "power_kw": truth.process_power_kw
+        }
         assert {name: plant.get(name) for name in same} == pytest.approx(same, rel=1e-9)
         seen.append(truth.copper_temperature_c)
         command = Command(78.4 + random.uniform(-3.0, 3.0), 405.0 + random.uniform(-30.0, 30.0))
@@ -87,7 +95,9 @@ def test_rewound_it_computes_the_same_bits(unit: Path, running: Units) -> None:
     def run(begin: int) -> list[float]:
         found = []
         for tick in range(begin, begin + 20):
-            plant.set(speed_rpm=400.0 + tick, traverse_mm_per_min=40.0 * (tick % 3), axial_mm=60.0 - tick)
+            plant.set(
+                speed_rpm=400.0 + tick, traverse_mm_per_min=40.0 * (tick % 3), axial_mm=60.0 - tick
+            )
             plant.fmu.doStep(0.1 * tick, 0.1)
             found.append(plant.get("copper_temperature_c"))
         return found
@@ -101,16 +111,26 @@ def test_rewound_it_computes_the_same_bits(unit: Path, running: Units) -> None:
 
 
 MISTAKES: list[tuple[Callable[[Any], object], str]] = [
-    (lambda u: u.set(axial_mm=-31.0), "canister: tool at -31 mm is off the copper; -30 to 85 mm above the joint"),
+    (
+        lambda u: u.set(axial_mm=-31.0),
+        "canister: tool at -31 mm is off the copper; -30 to 85 mm above the joint",
+    ),
     (lambda u: u.set(axial_mm=float("nan")), "tool at nan mm is off the copper"),
-    (lambda u: u.set(traverse_mm_per_min=-1.0), "traverse_mm_per_min is -1; the tool travels one way: at least 0"),
+    (
+        lambda u: u.set(traverse_mm_per_min=-1.0),
+        "traverse_mm_per_min is -1; the tool travels one way: at least 0",
+    ),
     (lambda u: u.set(traverse_mm_per_min=float("inf")), "traverse_mm_per_min is inf"),
 ]
 
 
 @pytest.mark.parametrize(("mistake", "told"), MISTAKES, ids=[told for _, told in MISTAKES])
 def test_mistakes_are_told_in_one_line_and_change_nothing(
-    unit: Path, running: Units, capfd: pytest.CaptureFixture[str], mistake: Callable[[Any], object], told: str
+    unit: Path,
+    running: Units,
+    capfd: pytest.CaptureFixture[str],
+    mistake: Callable[[Any], object],
+    told: str,
 ) -> None:
     plant = running.start(unit)
     before = plant.get("copper_temperature_c")
@@ -122,7 +142,9 @@ def test_mistakes_are_told_in_one_line_and_change_nothing(
     assert plant.get("copper_temperature_c") == before
 
 
-def test_a_start_that_is_not_reached_is_told(unit: Path, running: Units, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_start_that_is_not_reached_is_told(
+    unit: Path, running: Units, capfd: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(fmpy.fmi2.FMICallException):
         running.start(unit, **{"start.power_kw": 3.0})
     told = capfd.readouterr().out.splitlines()

@@ -23,16 +23,26 @@ Kind = TypeVar("Kind")
 def _shape(parameters: CanisterParameters, kind: type[Any]) -> str:
     """What a reduction depends on: geometry, discretisation and the sources that made it."""
     digest = hashlib.sha256()
-    for name in ("elements.py", "projection.py", *(["compaction.py"] if kind is not Projection else [])):
+    for name in (
+        "elements.py",
+        "projection.py",
+        *(["compaction.py"] if kind is not Projection else []),
+    ):
         digest.update((Path(__file__).parent / name).read_bytes())
     values = parameters.model_dump()
-    return json.dumps({name: values[name] for name in SHAPE} | {"sources": digest.hexdigest()[:16]})
+    return json.dumps(
+        {name: values[name] for name in SHAPE} | {"sources": digest.hexdigest()[:16]}
+    )
 
 
-def cache_path(parameters: CanisterParameters, folder: Path | None = None, kind: type[Any] = Projection) -> Path:
+def cache_path(
+    parameters: CanisterParameters, folder: Path | None = None, kind: type[Any] = Projection
+) -> Path:
     """Where the projection of a geometry, or another kind of reduction, is kept, by default in the user's cache."""
     digest = hashlib.sha256(_shape(parameters, kind).encode()).hexdigest()[:16]
-    return (folder or user_cache("fsw_canister")) / f"{'canister' if kind is Projection else 'compact'}-{digest}.npz"
+    return (
+        folder or user_cache("fsw_canister")
+    ) / f"{'canister' if kind is Projection else 'compact'}-{digest}.npz"
 
 
 def projection_of(
@@ -59,7 +69,10 @@ def kept(
             _write(path, found, shape)
         except OSError as error:
             if progress:
-                progress(1.0, f"not kept for the next time: {path}: {error.strerror} (set XDG_CACHE_HOME)")
+                progress(
+                    1.0,
+                    f"not kept for the next time: {path}: {error.strerror} (set XDG_CACHE_HOME)",
+                )
     return found
 
 
@@ -73,7 +86,9 @@ def _read(path: Path, kind: type[Kind], shape: str, refuse: bool) -> Kind | None
         return None
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         if refuse:
-            raise InputError(f"{path}: holds no reduced canister; remove it, then it is made anew") from None
+            raise InputError(
+                f"{path}: holds no reduced canister; remove it, then it is made anew"
+            ) from None
         return None
     wanted = json.loads(shape)
     if was == wanted:
@@ -81,7 +96,9 @@ def _read(path: Path, kind: type[Kind], shape: str, refuse: bool) -> Kind | None
     if refuse:
         other = next(name for name in wanted if was.get(name) != wanted[name])
         what = f"{other} {was.get(other)}, not {wanted[other]}"
-        raise InputError(f"{path}: reduced for another canister ({what}); give another place or remove it")
+        raise InputError(
+            f"{path}: reduced for another canister ({what}); give another place or remove it"
+        )
     return None
 
 

@@ -15,7 +15,8 @@ from fsw_heat.cache import kept, projection_of
 from fsw_heat.elements import one_thread
 from fsw_heat.projection import Progress, Projection
 
-#: Hankel singular value, mean of the positions, below which a direction is left out [K at ``_POWER_KW``]
+#: Hankel singular value, mean of the positions, below which a direction is left out [K at
+#: ``_POWER_KW``]
 TOLERANCE_K, _POWER_KW = 0.03, 50.0
 #: for which the vectors are chosen: traverse speeds [mm/s]; others are served as well
 _SPEEDS_MM_PER_S = (0.0, 43.0 / 60.0, 86.0 / 60.0, 172.0 / 60.0)
@@ -35,11 +36,14 @@ def load_or_compact(
     return CompactCanister(parameters, kept(Compact, parameters, cache, make, progress))
 
 
-def compact_of(projection: Projection, parameters: CanisterParameters, tolerance_k: float = TOLERANCE_K) -> Compact:
+def compact_of(
+    projection: Projection, parameters: CanisterParameters, tolerance_k: float = TOLERANCE_K
+) -> Compact:
     """Choose the vectors by the Gramians of even and odd part, and project on them.
 
-    With heat made and temperature taken at the same places the system in the tool's frame is its own adjoint but for
-    the direction of travel, which changes the sign of the odd part alone: inputs and outputs have the same Gramians.
+    With heat made and temperature taken at the same places the system in the tool's frame is its
+    own adjoint but for the direction of travel, which changes the sign of the odd part alone:
+    inputs and outputs have the same Gramians.
     """
     from scipy.linalg import block_diag
 
@@ -54,10 +58,14 @@ def compact_of(projection: Projection, parameters: CanisterParameters, tolerance
     for gramian in _gramians(q, here, decay, parameters.outer_radius_mm):
         with one_thread():
             leading = _leading(gramian, tolerance_k)
-        parities.append(np.concatenate([t @ leading[a:b] for (a, b), t in zip(blocks, turn, strict=True)]))
+        parities.append(
+            np.concatenate([t @ leading[a:b] for (a, b), t in zip(blocks, turn, strict=True)])
+        )
 
     def projected(matrix: Array) -> Array:
-        of_parity = [sum(v[a:b].T @ (matrix[a:b, : b - a] @ v[a:b]) for a, b in blocks) for v in parities]
+        of_parity = [
+            sum(v[a:b].T @ (matrix[a:b, : b - a] @ v[a:b]) for a, b in blocks) for v in parities
+        ]
         return np.asarray(block_diag(*of_parity))
 
     even, odd = parities
@@ -70,19 +78,28 @@ def compact_of(projection: Projection, parameters: CanisterParameters, tolerance
     )
 
 
-def _gramians(q: Projection, tables: list[Array], decay: Array, radius_mm: float) -> tuple[Array, Array]:
+def _gramians(
+    q: Projection, tables: list[Array], decay: Array, radius_mm: float
+) -> tuple[Array, Array]:
     """Gramians of the even and of the odd part, in the eigenvectors of typical copper, mean of positions and speeds.
 
-    The response to an impulse at a position is known, ``b exp(-decay t)`` times cosine and sine of ``s m t``; so are
-    the integrals over all time.
+    The response to an impulse at a position is known, ``b exp(-decay t)`` times cosine and sine of
+    ``s m t``; so are the integrals over all time.
     """
-    scale = 1e3 * _POWER_KW / (2.0 * pi * TYPICAL["rho_c"] * len(q.axial_mm) * len(tables) * len(_SPEEDS_MM_PER_S))
+    scale = (
+        1e3
+        * _POWER_KW
+        / (2.0 * pi * TYPICAL["rho_c"] * len(q.axial_mm) * len(tables) * len(_SPEEDS_MM_PER_S))
+    )
     products = scale * np.sum([one.T @ one for one in tables], axis=0)
     sums = decay[:, None] + decay
     apart, together = q.mode[:, None] - q.mode, q.mode[:, None] + q.mode
     even, odd = np.zeros_like(products), np.zeros_like(products)
     for speed in _SPEEDS_MM_PER_S:
-        one, other = (0.5 * products * sums / (sums**2 + (speed / radius_mm * m) ** 2) for m in (apart, together))
+        one, other = (
+            0.5 * products * sums / (sums**2 + (speed / radius_mm * m) ** 2)
+            for m in (apart, together)
+        )
         even += one + other
         odd += one - other
     return even, odd
@@ -93,5 +110,7 @@ def _leading(gramian: Array, tolerance_k: float) -> Array:
     from scipy.sparse.linalg import eigsh
 
     count = len(gramian)
-    values, vectors = eigsh(gramian, k=min(_MOST, count - 1), v0=np.ones(count))  # a start: the same every time
+    values, vectors = eigsh(
+        gramian, k=min(_MOST, count - 1), v0=np.ones(count)
+    )  # a start: the same every time
     return np.asarray(vectors[:, values > tolerance_k][:, ::-1])

@@ -1,9 +1,10 @@
 """Finite elements for one Fourier mode of the heat in the canister's end, by scikit-fem.
 
-The canister is a body of revolution and conduction is linear in theta (``copper.py``). So its Fourier modes around the
-circumference, ``theta = Re sum_m e_m theta_m(r, z) exp(i m angle)``, e_0 = 1 and e_m = 2, do not act on each other, and
-each is a problem in (r, z): ``rho c mass theta_m' + (k stiffness(m) + h surface + h_c clamp) theta_m = load_m``.
-The moving tool only turns the phase of the load.
+The canister is a body of revolution and conduction is linear in theta (``copper.py``). So its
+Fourier modes around the circumference, ``theta = Re sum_m e_m theta_m(r, z) exp(i m angle)``, e_0
+= 1 and e_m = 2, do not act on each other, and each is a problem in (r, z): ``rho c mass theta_m' +
+(k stiffness(m) + h surface + h_c clamp) theta_m = load_m``. The moving tool only turns the phase
+of the load.
 """
 
 from __future__ import annotations
@@ -60,7 +61,10 @@ class Elements:
     def __init__(self, parameters: CanisterParameters) -> None:
         skfem = extra("skfem")  # only the field and the reduction need it
         p = self.parameters = parameters
-        self.outer_m, self.inner_m = 1e-3 * p.outer_radius_mm, 1e-3 * (p.outer_radius_mm - p.wall_mm)
+        self.outer_m, self.inner_m = (
+            1e-3 * p.outer_radius_mm,
+            1e-3 * (p.outer_radius_mm - p.wall_mm),
+        )
         self.rim_m = 1e-3 * p.rim_mm
         self._plate_m = (1e-3 * p.lid_from_mm, 1e-3 * (p.lid_from_mm + p.lid_mm))
         self._has_plate = p.shape == "cylinder" and p.lid_mm > 0.0
@@ -72,7 +76,9 @@ class Elements:
         self.basis = skfem.Basis(self.mesh, skfem.ElementQuad2(), intorder=6)
         self.size = int(self.basis.N)  #: unknowns of one mode
         self._element_at = np.full((len(self._r_lines) - 1, len(self._z_lines) - 1), -1)
-        self._element_at[self._cell(*self.mesh.p[:, self.mesh.t].mean(axis=1))] = np.arange(self.mesh.t.shape[1])
+        self._element_at[self._cell(*self.mesh.p[:, self.mesh.t].mean(axis=1))] = np.arange(
+            self.mesh.t.shape[1]
+        )
         self._assemble()
 
     def _lines(self) -> tuple[Array, Array]:
@@ -95,15 +101,27 @@ class Elements:
         p = self.parameters
         radius = (lambda w: w.x[0]) if p.shape == "cylinder" else (lambda w: self.outer_m)
         mass = BilinearForm(lambda u, v, w: u * v * radius(w))
-        gradient = BilinearForm(lambda u, v, w: (u.grad[0] * v.grad[0] + u.grad[1] * v.grad[1]) * radius(w))
+        gradient = BilinearForm(
+            lambda u, v, w: (u.grad[0] * v.grad[0] + u.grad[1] * v.grad[1]) * radius(w)
+        )
         around = BilinearForm(lambda u, v, w: u * v / radius(w))
-        #: sparse matrices of 1, grad u grad v and u v / r2 in the copper; below, of 1 under the clamp and in the air
-        self.mass, self.gradient, self.around = (form.assemble(self.basis).tocsc() for form in (mass, gradient, around))
+        #: sparse matrices of 1, grad u grad v and u v / r2 in the copper; below, of 1 under the
+        #: clamp and in the air
+        self.mass, self.gradient, self.around = (
+            form.assemble(self.basis).tocsc() for form in (mass, gradient, around)
+        )
 
         clamped = BilinearForm(
-            lambda u, v, w: u * v * radius(w) * ((w.x[1] < -1e-3 * p.clamp_from_mm) & (w.x[1] > -1e-3 * p.clamp_to_mm))
+            lambda u, v, w: (
+                u
+                * v
+                * radius(w)
+                * ((w.x[1] < -1e-3 * p.clamp_from_mm) & (w.x[1] > -1e-3 * p.clamp_to_mm))
+            )
         )
-        outer = self.mesh.facets_satisfying(lambda x: np.isclose(x[0], self.outer_m), boundaries_only=True)
+        outer = self.mesh.facets_satisfying(
+            lambda x: np.isclose(x[0], self.outer_m), boundaries_only=True
+        )
         open_to_air = self.mesh.facets_satisfying(self._open_to_air, boundaries_only=True)
 
         def facets(found: Any) -> Any:
@@ -134,24 +152,37 @@ class Elements:
         """Sparse matrix from the unknowns of a mode to its values at n points; InputError for one off the copper."""
         from scipy.sparse import csr_matrix
 
-        r, z = (np.ravel(np.asarray(one, dtype=np.float64)) for one in np.broadcast_arrays(r_m, z_m))
+        r, z = (
+            np.ravel(np.asarray(one, dtype=np.float64)) for one in np.broadcast_arrays(r_m, z_m)
+        )
         close = 1e-6
         element = self._element_at[self._cell(r, z)]
-        for dr, dz in ((-close, 0.0), (close, 0.0), (0.0, -close), (0.0, close)):  # on an edge of the copper
+        for dr, dz in (
+            (-close, 0.0),
+            (close, 0.0),
+            (0.0, -close),
+            (0.0, close),
+        ):  # on an edge of the copper
             element = np.where(element < 0, self._element_at[self._cell(r + dr, z + dz)], element)
         off = (element < 0) | (r > self._r_lines[-1] + close) | (r < self._r_lines[0] - close)
-        off |= (z > self._z_lines[-1] + close) | (z < self._z_lines[0] - close) | ~np.isfinite(r + z)
+        off |= (
+            (z > self._z_lines[-1] + close) | (z < self._z_lines[0] - close) | ~np.isfinite(r + z)
+        )
         if off.any():
             where = f"radius {1e3 * r[off][0]:g} mm, {1e3 * z[off][0]:g} mm above the joint line"
             raise InputError(f"no copper at {where}")
         corner = self.mesh.p[:, self.mesh.t[:, element]]
         u, v = corner[:, 1] - corner[:, 0], corner[:, 3] - corner[:, 0]  # sides of a rectangle
         x = np.array([r, z]) - corner[:, 0]
-        local = np.array([(x * u).sum(axis=0) / (u * u).sum(axis=0), (x * v).sum(axis=0) / (v * v).sum(axis=0)])
+        local = np.array(
+            [(x * u).sum(axis=0) / (u * u).sum(axis=0), (x * v).sum(axis=0) / (v * v).sum(axis=0)]
+        )
         dofs = self.basis.element_dofs[:, element]
         values = np.array([self.basis.elem.lbasis(local, i)[0] for i in range(len(dofs))])
         columns = np.tile(np.arange(len(r)), (len(dofs), 1))
-        return csr_matrix((values.ravel(), (columns.ravel(), dofs.ravel())), shape=(len(r), self.size))
+        return csr_matrix(
+            (values.ravel(), (columns.ravel(), dofs.ravel())), shape=(len(r), self.size)
+        )
 
     def functional(self, cloud: Cloud, modes: int) -> Array:
         """Mean over a cloud of each mode's test functions, (modes, size)."""
@@ -163,7 +194,9 @@ class Elements:
 
     def rim(self, axial_m: float) -> Cloud:
         """Where the stir zone's temperature is taken: at the probe's radius, over its length."""
-        return self._round(axial_m, np.array([self.parameters.probe_radius_mm]), np.ones(1), power=0)
+        return self._round(
+            axial_m, np.array([self.parameters.probe_radius_mm]), np.ones(1), power=0
+        )
 
     def shoulder(self, axial_m: float) -> Cloud:
         """Where the shoulder makes heat: on the surface outside the probe, torque x speed of an even shear stress."""
@@ -171,7 +204,9 @@ class Elements:
         radii = _gauss(6, p.probe_radius_mm, p.shoulder_radius_mm)
         return self._round(axial_m, *radii, power=2, surface=True)
 
-    def _round(self, axial_m: float, rho_mm: Array, weight: Array, power: int, surface: bool = False) -> Cloud:
+    def _round(
+        self, axial_m: float, rho_mm: Array, weight: Array, power: int, surface: bool = False
+    ) -> Cloud:
         """Points round the tool's axis; weights ``weight rho^power``."""
         depths, shares = np.array([self.outer_m]), np.ones(1)
         if not surface:
@@ -180,7 +215,9 @@ class Elements:
             pieces = [_gauss(3, a, b) for a, b in zip([inmost, *lines], lines, strict=False)]
             depths, shares = (np.concatenate(part) for part in zip(*pieces, strict=True))
         turn = (np.arange(32) + 0.5) * pi / 32
-        rho, theta, r = (one.ravel() for one in np.meshgrid(1e-3 * rho_mm, turn, depths, indexing="ij"))
+        rho, theta, r = (
+            one.ravel() for one in np.meshgrid(1e-3 * rho_mm, turn, depths, indexing="ij")
+        )
         share = (weight * rho_mm**power)[:, None, None] * np.ones((1, 32, 1)) * shares
         radius = r if self.parameters.shape == "cylinder" else self.outer_m
         share = share.ravel() / share.sum()

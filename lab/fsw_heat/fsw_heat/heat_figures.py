@@ -21,18 +21,56 @@ from fsw_canister import CanisterState
 from fsw_heat.history import HeatHistory
 
 #: isotherms [degC], closer where most of the canister is
-LEVELS_C = (30, 40, 60, 80, 100, 125, 150, 175, 200, 250, 300, 350, 400, 500, 600, 700, 800, 900, 1000)
+LEVELS_C = (
+    30,
+    40,
+    60,
+    80,
+    100,
+    125,
+    150,
+    175,
+    200,
+    250,
+    300,
+    350,
+    400,
+    500,
+    600,
+    700,
+    800,
+    900,
+    1000,
+)
 _LABELLED_C = (40, 60, 100, 150, 200, 300, 400, 500, 600, 700, 800, 900)
 _COLOURS = matplotlib.colormaps["inferno"]
 _NORM = BoundaryNorm(LEVELS_C, _COLOURS.N, extend="both")
-_TOOL: dict[str, Any] = {"facecolor": "#9aa3ab", "edgecolor": "black", "linewidth": 0.7, "zorder": 3.0}
-_JOINT: dict[str, Any] = {"color": "white", "linewidth": 0.9, "linestyle": (0, (6, 4)), "zorder": 2.5}
-_CLAMP: dict[str, Any] = {"fill": False, "edgecolor": "white", "hatch": "////", "linewidth": 0.0, "alpha": 0.25}
-#: what is shown: angles of the unrolled surface, from before the start on; lowest height; the section about the tool
+_TOOL: dict[str, Any] = {
+    "facecolor": "#9aa3ab",
+    "edgecolor": "black",
+    "linewidth": 0.7,
+    "zorder": 3.0,
+}
+_JOINT: dict[str, Any] = {
+    "color": "white",
+    "linewidth": 0.9,
+    "linestyle": (0, (6, 4)),
+    "zorder": 2.5,
+}
+_CLAMP: dict[str, Any] = {
+    "fill": False,
+    "edgecolor": "white",
+    "hatch": "////",
+    "linewidth": 0.0,
+    "alpha": 0.25,
+}
+#: what is shown: angles of the unrolled surface, from before the start on; lowest height; the
+#: section about the tool
 _FIRST_DEG, _LOWEST_MM = -60.0, -400.0
 _SECTION_MM, _INWARD_MM, _OUTWARD_MM = (-165.0, 10.0), 60.0, 35.0
 FILM_FRAMES, FILM_FPS = 200, 8
-#: points a figure has in its surface and in each part of its section; a film has half in each direction
+#: points a figure has in its surface and in each part of its section; a film has half in each
+#: direction
 _SURFACE, _SECTION = (481, 97), (21, 121)
 
 
@@ -43,7 +81,9 @@ class HeatPicture:
     history: HeatHistory
     phases: Sequence[Span]
     title: str
-    thermocouples: Mapping[str, Any] = field(default_factory=dict)  #: temperatures at the kept times, by name
+    thermocouples: Mapping[str, Any] = field(
+        default_factory=dict
+    )  #: temperatures at the kept times, by name
 
 
 def draw_heat(picture: HeatPicture, moments_s: Sequence[float], path: Path) -> None:
@@ -51,17 +91,27 @@ def draw_heat(picture: HeatPicture, moments_s: Sequence[float], path: Path) -> N
     rows = len(moments_s)
     with sheet(12.0, 3.7 + 1.75 * rows, path) as figure:
         figure.suptitle(picture.title, fontsize=12.0, fontweight="bold")
-        grid = figure.add_gridspec(2 + rows, 2, width_ratios=(2.7, 1.0), height_ratios=(2.0, 1.0, *[1.5] * rows))
+        grid = figure.add_gridspec(
+            2 + rows, 2, width_ratios=(2.7, 1.0), height_ratios=(2.0, 1.0, *[1.5] * rows)
+        )
         curves = [figure.add_subplot(grid[i, :]) for i in (0, 1)]
         _draw_curves(curves, picture)
-        fields = [(figure.add_subplot(grid[2 + i, 0]), figure.add_subplot(grid[2 + i, 1])) for i in range(rows)]
+        fields = [
+            (figure.add_subplot(grid[2 + i, 0]), figure.add_subplot(grid[2 + i, 1]))
+            for i in range(rows)
+        ]
         for i, (axes, time_s) in enumerate(zip(fields, moments_s, strict=True)):
             at_s, state = picture.history.at(time_s)
             for axis in curves:
                 axis.axvline(at_s / 60.0, color="black", linewidth=0.9, linestyle=":")
             letter = chr(ord("A") + i)
             curves[0].text(
-                at_s / 60.0, 1.0, letter, transform=curves[0].get_xaxis_transform(), ha="center", va="bottom"
+                at_s / 60.0,
+                1.0,
+                letter,
+                transform=curves[0].get_xaxis_transform(),
+                ha="center",
+                va="bottom",
             )
             _draw_fields(axes, picture.history, state, f"{letter}: {_when(picture, at_s)}")
         _label_below(fields[-1])
@@ -73,7 +123,9 @@ def can_film(path: Path) -> bool:
     return path.suffix.lower() == ".gif" or bool(FFMpegWriter.isAvailable())
 
 
-def film_heat(picture: HeatPicture, path: Path, progress: Callable[[float], None] | None = None) -> None:
+def film_heat(
+    picture: HeatPicture, path: Path, progress: Callable[[float], None] | None = None
+) -> None:
     """Film the weld in quick motion: a GIF, or an MP4 by ffmpeg, by the name's ending. ``progress`` gets the share."""
     history = picture.history
     times_s = np.linspace(0.0, history.kept_s[-1], FILM_FRAMES)
@@ -105,7 +157,9 @@ def film_heat(picture: HeatPicture, path: Path, progress: Callable[[float], None
 def _when(picture: HeatPicture, at_s: float) -> str:
     """A moment in words: time, phase, stir zone, power."""
     history = picture.history
-    phase = next((name for name, begin, end in picture.phases if begin <= at_s < end), picture.phases[-1][0])
+    phase = next(
+        (name for name, begin, end in picture.phases if begin <= at_s < end), picture.phases[-1][0]
+    )
     i = max(int(np.searchsorted(history.time_s, at_s + 1e-6)) - 1, 0)
     minutes, seconds = divmod(round(at_s), 60)
     return (
@@ -142,12 +196,18 @@ def _draw_curves(axes: Sequence[Axes], picture: HeatPicture) -> None:
     shade_phases(axes, [(begin_s / 60.0, end_s / 60.0) for _, begin_s, end_s in picture.phases])
     for name, begin_s, _ in picture.phases:
         if begin_s - last_s > 0.7 * minutes[-1]:  # no name over another
-            axes[-1].text(begin_s / 60.0 + 0.003 * minutes[-1], 0.06, name.replace("_", " "), **style)
+            axes[-1].text(
+                begin_s / 60.0 + 0.003 * minutes[-1], 0.06, name.replace("_", " "), **style
+            )
             last_s = begin_s
 
 
 def _draw_fields(
-    axes: tuple[Axes, Axes], history: HeatHistory, state: CanisterState, title: str, coarse: int = 1
+    axes: tuple[Axes, Axes],
+    history: HeatHistory,
+    state: CanisterState,
+    title: str,
+    coarse: int = 1,
 ) -> None:
     """The outer surface unrolled, and the section at the tool, its outer surface on top."""
     surface, section = axes
@@ -176,14 +236,18 @@ def _draw_surface(axis: Axes, history: HeatHistory, state: CanisterState, coarse
         np.linspace(_FIRST_DEG, _FIRST_DEG + 360.0, across),
         np.linspace(max(_LOWEST_MM, -p.tube_mm), p.rim_mm, up),
     )
-    field_c = history.canister.temperature_c(state, p.outer_radius_mm, np.radians(degrees), height[:, None])
+    field_c = history.canister.temperature_c(
+        state, p.outer_radius_mm, np.radians(degrees), height[:, None]
+    )
     _isotherms(axis, degrees, height, field_c, _LABELLED_C[1:6])
     axis.axhline(0.0, **_JOINT)
     axis.axhspan(-p.clamp_to_mm, -p.clamp_from_mm, **_CLAMP)
     here = (np.degrees(state.angle_rad) - _FIRST_DEG) % 360.0 + _FIRST_DEG
     wide = np.degrees(p.shoulder_radius_mm / p.outer_radius_mm)
     for at in (here - 360.0, here, here + 360.0):  # also where it is cut by the edge
-        axis.add_patch(Ellipse((at, state.axial_mm), 2.0 * wide, 2.0 * p.shoulder_radius_mm, **_TOOL))
+        axis.add_patch(
+            Ellipse((at, state.axial_mm), 2.0 * wide, 2.0 * p.shoulder_radius_mm, **_TOOL)
+        )
     axis.set_xlim(degrees[0], degrees[-1])
     axis.set_xticks(np.arange(-60.0, 301.0, 30.0))
     axis.set_ylim(height[0], height[-1])
@@ -204,8 +268,14 @@ def _draw_section(axis: Axes, history: HeatHistory, state: CanisterState, coarse
         _isotherms(axis, z, r, field_c, _LABELLED_C[4::2])
     axis.plot([0.0, 0.0], [inner, outer], **_JOINT)
     tool_mm, probe, shoulder = state.axial_mm, p.probe_radius_mm, p.shoulder_radius_mm
-    axis.add_patch(Rectangle((tool_mm - probe, outer - p.probe_length_mm), 2.0 * probe, p.probe_length_mm, **_TOOL))
-    axis.add_patch(Rectangle((tool_mm - shoulder, outer), 2.0 * shoulder, 2.0 * _OUTWARD_MM, **_TOOL))
+    axis.add_patch(
+        Rectangle(
+            (tool_mm - probe, outer - p.probe_length_mm), 2.0 * probe, p.probe_length_mm, **_TOOL
+        )
+    )
+    axis.add_patch(
+        Rectangle((tool_mm - shoulder, outer), 2.0 * shoulder, 2.0 * _OUTWARD_MM, **_TOOL)
+    )
     axis.set_xlim(low, high)
     axis.set_ylim(inmost, outer + _OUTWARD_MM)
 

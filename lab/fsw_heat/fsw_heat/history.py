@@ -66,7 +66,12 @@ def heat_history(
     steps = course.power_kw.size
     state, states = start, [start]
     stir_zone, angle = np.empty(steps), np.empty(steps)
-    inputs = zip(course.power_kw.tolist(), course.traverse_mm_per_s.tolist(), course.axial_mm.tolist(), strict=True)
+    inputs = zip(
+        course.power_kw.tolist(),
+        course.traverse_mm_per_s.tolist(),
+        course.axial_mm.tolist(),
+        strict=True,
+    )
     for i, (power_kw, traverse, axial_mm) in enumerate(inputs):
         state = canister.step(state, power_kw, traverse, axial_mm, dt_s)
         stir_zone[i], angle[i] = canister.stir_zone_temperature_c(state), state.angle_rad

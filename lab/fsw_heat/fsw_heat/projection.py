@@ -1,8 +1,8 @@
 """Projection of the canister's heat, mode by mode, on the few vectors that matter.
 
-The vectors of a mode span its responses to the tool at several positions and time scales (rational Krylov), less what
-hardly shows at the tool's rim (balanced truncation). They depend on the geometry alone; k, c, losses and clamp enter
-the projected matrices later.
+The vectors of a mode span its responses to the tool at several positions and time scales (rational
+Krylov), less what hardly shows at the tool's rim (balanced truncation). They depend on the
+geometry alone; k, c, losses and clamp enter the projected matrices later.
 """
 
 from __future__ import annotations
@@ -22,14 +22,17 @@ from fsw_heat.elements import Elements, elements_of, one_thread
 
 Progress = Callable[[float, str], None]
 
-#: time scales of the responses [1/s]; those slower than a mode's own decay by this factor are left out
+#: time scales of the responses [1/s]; those slower than a mode's own decay by this factor are left
+#: out
 _SHIFTS_PER_S = (1e-4, 4e-4, 1.6e-3, 6.4e-3, 0.0256, 0.1, 0.4, 1.6, 6.4)
 _SLOWER = 0.1
 #: modes that decay faster than this answer at once in what their basis leaves out [1/s]
 _FAST_PER_S = 0.1
-#: tabulated positions of the tool in a radius of the probe, and how many of them are one apart for the responses
+#: tabulated positions of the tool in a radius of the probe, and how many of them are one apart for
+#: the responses
 _POSITIONS, _EVERY = 6, 4
-#: below this tolerance temperatures away from the tool count, and the responses are to twice as many
+#: below this tolerance temperatures away from the tool count, and the responses are to twice as
+#: many
 _FINE_K = 1e-3
 #: power of the tolerance
 _POWER_W = 50e3
@@ -45,7 +48,8 @@ class Projection:
     conduction: Array
     surface: Array
     clamp: Array
-    #: mean of the basis vectors where heat is made and where the temperature is taken, (positions, n)
+    #: mean of the basis vectors where heat is made and where the temperature is taken, (positions,
+    #: n)
     probe: Array
     shoulder: Array
     rim: Array
@@ -66,7 +70,9 @@ class Projection:
         """Eigenvalues and eigenvectors of each mode for such a conductivity and heat transfer, (n,) and blocks."""
         values, turn = [], []
         for a, b in pairwise(self.ends.tolist()):
-            conduction, losses, clamped = (one[a:b, : b - a] for one in (self.conduction, self.surface, self.clamp))
+            conduction, losses, clamped = (
+                one[a:b, : b - a] for one in (self.conduction, self.surface, self.clamp)
+            )
             matrix = k * conduction + surface * losses + clamp * clamped
             value, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
             values.append(value)
@@ -75,7 +81,10 @@ class Projection:
 
     def turned(self, rows: Array, turn: list[Array]) -> Array:
         """Rows of values in the basis, (..., n), as values in the eigenvectors of :meth:`diagonal`."""
-        parts = [rows[..., a:b] @ t for (a, b), t in zip(pairwise(self.ends.tolist()), turn, strict=True)]
+        parts = [
+            rows[..., a:b] @ t
+            for (a, b), t in zip(pairwise(self.ends.tolist()), turn, strict=True)
+        ]
         return np.concatenate(parts, axis=-1)
 
 
@@ -98,9 +107,14 @@ def _project(elements: Elements, progress: Progress | None) -> Projection:
     axial_mm = np.linspace(low, high, count)
     count = parameters.modes + 1
     clouds = (elements.probe, elements.shoulder, elements.rim)
-    tables = [np.array([elements.functional(cloud(1e-3 * a), count) for a in axial_mm]) for cloud in clouds]
+    tables = [
+        np.array([elements.functional(cloud(1e-3 * a), count) for a in axial_mm])
+        for cloud in clouds
+    ]
     left_out = np.zeros((2, len(axial_mm)))
-    parts: dict[str, list[Array]] = {name: [] for name in ("vectors", "conduction", "surface", "clamp", "functionals")}
+    parts: dict[str, list[Array]] = {
+        name: [] for name in ("vectors", "conduction", "surface", "clamp", "functionals")
+    }
     for mode in range(count):
         loads = np.concatenate([table[:, mode] for table in tables])
         stiffness = elements.stiffness(mode)
@@ -111,16 +125,23 @@ def _project(elements: Elements, progress: Progress | None) -> Projection:
             parts[name].append(basis.T @ (matrix @ basis))
         parts["functionals"].append(loads @ basis)
         if _own_decay_per_s(mode, elements.outer_m) > _FAST_PER_S:
-            left_out += _left_out(_typical_matrix(elements, stiffness), loads.reshape(3, len(axial_mm), -1), basis)
+            left_out += _left_out(
+                _typical_matrix(elements, stiffness), loads.reshape(3, len(axial_mm), -1), basis
+            )
         if progress:
             progress((mode + 1) / count, f"mode {mode} of {count - 1}")
     widths = [basis.shape[1] for basis in parts["vectors"]]
     first, everywhere = parts["vectors"][0], np.ones(elements.size)
     rest = np.zeros(sum(widths) - widths[0])
-    whole = [2.0 * pi * (everywhere @ (m @ first)) for m in (elements.mass, elements.surface, elements.clamp)]
+    whole = [
+        2.0 * pi * (everywhere @ (m @ first))
+        for m in (elements.mass, elements.surface, elements.clamp)
+    ]
     functionals = np.concatenate(parts["functionals"], axis=1).reshape(3, len(axial_mm), -1)
     blocks = [
-        np.concatenate([np.pad(block, ((0, 0), (0, max(widths) - len(block)))) for block in parts[name]])
+        np.concatenate(
+            [np.pad(block, ((0, 0), (0, max(widths) - len(block)))) for block in parts[name]]
+        )
         for name in ("conduction", "surface", "clamp")
     ]
     return Projection(
@@ -168,15 +189,18 @@ def _factors(matrix: Any) -> Any:
 def _basis(elements: Elements, stiffness: Any, loads: Array, mode: int) -> Array:
     """Vectors for a mode, orthonormal in the mass matrix: its responses, balanced and truncated.
 
-    All is symmetric, and heat is made where the temperature is taken, all but the shoulder's. With both as inputs and
-    outputs the two Gramians are one matrix: its eigenvectors balance the system, and truncation keeps it symmetric.
+    All is symmetric, and heat is made where the temperature is taken, all but the shoulder's. With
+    both as inputs and outputs the two Gramians are one matrix: its eigenvectors balance the
+    system, and truncation keeps it symmetric.
     """
     mass, rho_c = elements.mass, TYPICAL["rho_c"]
     matrix = _typical_matrix(elements, stiffness)
     probe, shoulder, rim = loads
     ends = np.stack([probe + TYPICAL["shoulder"] * (shoulder - probe), rim])
     every = 2 if elements.parameters.tolerance_k < _FINE_K else _EVERY
-    responses = _responses(matrix, rho_c * mass, ends[:, ::every].reshape(-1, elements.size).T, mode, elements.outer_m)
+    responses = _responses(
+        matrix, rho_c * mass, ends[:, ::every].reshape(-1, elements.size).T, mode, elements.outer_m
+    )
     constant = np.full((elements.size, 1), 1.0 / np.sqrt(mass.sum()))
     if mode == 0:
         responses -= constant @ (constant.T @ (mass @ responses))
@@ -198,7 +222,9 @@ def _responses(matrix: Any, capacity: Any, loads: Array, mode: int, radius_m: fl
     """Responses to loads at several time scales, and at rest but for mode 0, whose rest losses alone decide."""
     shifts = [s for s in _SHIFTS_PER_S if s > _SLOWER * _own_decay_per_s(mode, radius_m)]
     shifts = [0.0, *shifts] if mode else shifts
-    return np.concatenate([_factors((matrix + s * capacity).tocsc()).solve(loads) for s in shifts], axis=1)
+    return np.concatenate(
+        [_factors((matrix + s * capacity).tocsc()).solve(loads) for s in shifts], axis=1
+    )
 
 
 def _orthonormal(vectors: Array, mass: Any) -> Array:

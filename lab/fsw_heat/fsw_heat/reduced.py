@@ -1,7 +1,7 @@
 """The canister's heat in some two thousand decoupled complex numbers, stepped exactly.
 
-The projected matrices of each mode (``projection.py``) are diagonalised, so that a step with power, traverse speed and
-axial position held is one multiplication per state.
+The projected matrices of each mode (``projection.py``) are diagonalised, so that a step with
+power, traverse speed and axial position held is one multiplication per state.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ def load_or_reduce(
 ) -> ReducedCanister:
     """The reduced model, from the cache or made now, which takes some ten seconds.
 
-    ``cache`` is a folder, by default the user's cache, or a file (``.npz``) that must be of this geometry. ``progress``
-    gets the share that is done and a text.
+    ``cache`` is a folder, by default the user's cache, or a file (``.npz``) that must be of this
+    geometry. ``progress`` gets the share that is done and a text.
 
     Raises
     ------
@@ -48,18 +48,26 @@ class ReducedCanister(HeatModel):
         self.states = q.mode.size  #: complex numbers in a state
         self._mode, self._modes = q.mode, np.arange(q.mode[-1] + 1)
         self._radius_mm = p.outer_radius_mm
-        decay, turn = q.diagonal(p.conductivity_w_per_m_k, p.surface_w_per_m2_k, p.clamp_w_per_m2_k)
+        decay, turn = q.diagonal(
+            p.conductivity_w_per_m_k, p.surface_w_per_m2_k, p.clamp_w_per_m2_k
+        )
         self.decay_per_s = np.maximum(decay, 0.0) / p.heat_capacity_j_per_m3_k
         self._ends = q.ends
         source = p.into_copper(q.turned(q.probe, turn), q.turned(q.shoulder, turn))
         rest = p.into_copper(*q.rest_k_per_w) * (TYPICAL["k"] / p.conductivity_w_per_m_k)
         source = source / (2.0 * pi * p.heat_capacity_j_per_m3_k)
-        super().__init__(p, q.axial_mm, source, q.turned(q.rim, turn) * np.where(q.mode == 0, 1.0, 2.0), rest)
+        super().__init__(
+            p, q.axial_mm, source, q.turned(q.rim, turn) * np.where(q.mode == 0, 1.0, 2.0), rest
+        )
         self._vectors, self._ones = q.turned(q.vectors, turn), q.turned(q.ones, turn)
         self._loss = p.surface_w_per_m2_k * q.turned(q.surface_ones, turn)
         self._loss = self._loss + p.clamp_w_per_m2_k * q.turned(q.clamp_ones, turn)
         self._turned: tuple[float, Complex] = (float("nan"), np.zeros(0, complex))
-        self._response: tuple[tuple[float, float], Array, Complex] = ((-1.0, 0.0), np.zeros(0), np.zeros(0, complex))
+        self._response: tuple[tuple[float, float], Array, Complex] = (
+            (-1.0, 0.0),
+            np.zeros(0),
+            np.zeros(0, complex),
+        )
 
     def initial(
         self, temperature_c: float | None = None, angle_rad: float = 0.0, axial_mm: float = 0.0
@@ -75,7 +83,12 @@ class ReducedCanister(HeatModel):
         return CanisterState(modes, angle_rad, self._checked(axial_mm))
 
     def step(
-        self, state: CanisterState, power_kw: float, traverse_mm_per_s: float, axial_mm: float, dt_s: float = 0.1
+        self,
+        state: CanisterState,
+        power_kw: float,
+        traverse_mm_per_s: float,
+        axial_mm: float,
+        dt_s: float = 0.1,
     ) -> CanisterState:
         """See :meth:`HeatModel.step`."""
         self._check(power_kw, traverse_mm_per_s, axial_mm, dt_s)
@@ -102,14 +115,18 @@ class ReducedCanister(HeatModel):
             rate = self.decay_per_s - turning
             decay = np.exp(-self.decay_per_s * dt_s)
             still = np.abs(rate) * dt_s < 1e-7
-            response = np.where(still, dt_s, (np.exp(-turning * dt_s) - decay) / np.where(still, 1.0, rate))
+            response = np.where(
+                still, dt_s, (np.exp(-turning * dt_s) - decay) / np.where(still, 1.0, rate)
+            )
             self._response = ((traverse_mm_per_s, dt_s), decay, response)
         return self._response[1], self._response[2]
 
     def stir_zone_temperature_c(self, state: CanisterState) -> float:
         """See :meth:`HeatModel.stir_zone_temperature_c`."""
         _, rim, rest = self._at(state.axial_mm)
-        theta = np.dot(rim * self._phase(state.angle_rad), state.modes).real + rest * state.power_kw
+        theta = (
+            np.dot(rim * self._phase(state.angle_rad), state.modes).real + rest * state.power_kw
+        )
         return float(self.copper.temperature_c(theta))
 
     def temperature_c(

@@ -25,7 +25,9 @@ def write_vtk(history: HeatHistory, times_s: Sequence[float], folder: Path) -> l
     meshio = extra("meshio")
     canister = history.canister
     elements = elements_of(canister.parameters)
-    angles = np.linspace(0.0, 2.0 * pi, _POINTS_PER_WAVE * canister.parameters.modes, endpoint=False)
+    angles = np.linspace(
+        0.0, 2.0 * pi, _POINTS_PER_WAVE * canister.parameters.modes, endpoint=False
+    )
     points, cells = _solid(elements, angles)
     r, z = 1e3 * elements.mesh.p
     files: list[tuple[Path, float]] = []
@@ -33,11 +35,16 @@ def write_vtk(history: HeatHistory, times_s: Sequence[float], folder: Path) -> l
         at_s, state = history.at(time_s)
         field = canister.temperature_c(state, r, angles[:, None], z).ravel()
         path = folder / f"canister_{at_s:06.0f}s.vtu"
-        meshio.Mesh(points, cells, point_data={"temperature_c": field.astype(np.float32)}).write(path)
+        meshio.Mesh(points, cells, point_data={"temperature_c": field.astype(np.float32)}).write(
+            path
+        )
         files.append((path, at_s))
     series = folder / "canister.vtu.series"
     named = [{"name": path.name, "time": at_s} for path, at_s in files]
-    series.write_text(json.dumps({"file-series-version": "1.0", "files": named}, indent=1) + "\n", encoding="utf-8")
+    series.write_text(
+        json.dumps({"file-series-version": "1.0", "files": named}, indent=1) + "\n",
+        encoding="utf-8",
+    )
     return [series, *(path for path, _ in files)]
 
 

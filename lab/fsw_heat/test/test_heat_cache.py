@@ -31,7 +31,10 @@ class TestCache:
 
     @pytest.fixture(autouse=True)
     def _needs_finite_elements(self) -> None:
-        pytest.importorskip("skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock")
+        pytest.importorskip(
+            "skfem",
+            reason="scikit-fem is not installed: pip install -r requirements/canister.lock",
+        )
 
     @pytest.fixture
     def made(self, monkeypatch: pytest.MonkeyPatch) -> list[CanisterParameters]:
@@ -67,7 +70,10 @@ class TestCache:
 
         def meanwhile(share: float, _text: str) -> None:
             if not seen and share >= 0.5:
-                subprocess.run([sys.executable, "-c", code, json.dumps(TINY.model_dump()), str(tmp_path)], check=True)
+                subprocess.run(
+                    [sys.executable, "-c", code, json.dumps(TINY.model_dump()), str(tmp_path)],
+                    check=True,
+                )
                 seen.append(cache_path(TINY, tmp_path).stat().st_ino)
 
         slow = load_or_reduce(TINY, tmp_path, meanwhile)
@@ -78,11 +84,15 @@ class TestCache:
         assert np.array_equal(states[0].modes, states[1].modes)
 
     def test_copper_and_losses_need_no_other_one_but_the_geometry_does(self) -> None:
-        other = TINY.changed(conductivity_w_per_m_k=300.0, ambient_c=5.0, emissivity=0.8, shoulder_share=0.1)
+        other = TINY.changed(
+            conductivity_w_per_m_k=300.0, ambient_c=5.0, emissivity=0.8, shoulder_share=0.1
+        )
         assert cache_path(other) == cache_path(TINY)
         assert cache_path(TINY.changed(wall_mm=20.5)) != cache_path(TINY)
 
-    def test_a_damaged_one_is_made_anew(self, tmp_path: Path, made: list[CanisterParameters]) -> None:
+    def test_a_damaged_one_is_made_anew(
+        self, tmp_path: Path, made: list[CanisterParameters]
+    ) -> None:
         load_or_reduce(TINY, tmp_path)
         path = cache_path(TINY, tmp_path)
         whole = path.read_bytes()
@@ -96,7 +106,9 @@ class TestCache:
     def test_a_given_file_of_another_geometry_is_refused(self, tmp_path: Path) -> None:
         path = tmp_path / "mine.npz"
         load_or_reduce(TINY, path)
-        with pytest.raises(InputError, match=r"mine.npz: reduced for another canister \(wall_mm 20.0, not 20.5\)"):
+        with pytest.raises(
+            InputError, match=r"mine.npz: reduced for another canister \(wall_mm 20.0, not 20.5\)"
+        ):
             load_or_reduce(TINY.changed(wall_mm=20.5), path)
         path.write_text("x")
         with pytest.raises(InputError, match="holds no reduced canister"):
@@ -106,5 +118,10 @@ class TestCache:
     def test_a_place_that_cannot_be_written_does_without(self, tmp_path: Path) -> None:
         (tmp_path / "file").write_text("")
         texts: list[str] = []
-        assert load_or_reduce(TINY, tmp_path / "file" / "x", lambda _share, text: texts.append(text)).states > 0
+        assert (
+            load_or_reduce(
+                TINY, tmp_path / "file" / "x", lambda _share, text: texts.append(text)
+            ).states
+            > 0
+        )
         assert "not kept" in texts[-1]

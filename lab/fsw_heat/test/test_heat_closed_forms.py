@@ -6,7 +6,9 @@ from math import pi
 import numpy as np
 import pytest
 
-pytest.importorskip("skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock")
+pytest.importorskip(
+    "skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock"
+)
 
 from scipy.integrate import quad
 from scipy.special import k0
@@ -26,7 +28,8 @@ PLATE = {
     "convection_w_per_m2_k": 0.0, "emissivity": 0.0, "clamp_w_per_m2_k": 0.0,
     "conductivity_w_per_m_k": K, "heat_capacity_j_per_kg_k": RHO_C / 8933.0, "properties": "constant",
 }  # fmt: skip
-#: of a line source of 1 kW in 50 mm, at 25 mm from it, with an edge [mm], here far away or near: after s, K
+#: of a line source of 1 kW in 50 mm, at 25 mm from it, with an edge [mm], here far away or near:
+#: after s, K
 TABLE = {
     250.0: {5: 3.73, 10: 6.14, 30: 10.3, 60: 12.7, 120: 14.6, 300: 16.1, 600: 16.4},
     60.0: {5: 3.73, 10: 6.15, 30: 10.8, 60: 14.1, 120: 17.3, 300: 19.9, 600: 20.5},
@@ -41,7 +44,11 @@ def line_k(after_s: float, ahead_m: float, aside_m: float, edge_m: float) -> flo
         squares = [ahead**2 + (aside_m - image) ** 2 for image in (0.0, 2.0 * edge_m)]
         return sum(np.exp(-square / (4.0 * ALPHA * age_s)) for square in squares) / age_s
 
-    return float(20e3 / (4.0 * pi * K) * quad(integrand, 0.0, after_s, limit=300, points=[0.01 * after_s])[0])
+    return float(
+        20e3
+        / (4.0 * pi * K)
+        * quad(integrand, 0.0, after_s, limit=300, points=[0.01 * after_s])[0]
+    )
 
 
 def around(distance_m: float, count: int = 12) -> tuple[np.ndarray, np.ndarray]:
@@ -63,9 +70,16 @@ def test_a_moving_line_source_heats_a_plate_as_in_the_table(edge_mm: float) -> N
     for after, expected in TABLE[edge_mm].items():
         state = canister.step(state, 0.16, 1e3 * SPEED_M_PER_S, 0.0, after - seconds)
         seconds = after
-        rise = canister.temperature_c(state, 316.0, state.angle_rad + ahead / 0.32, 1e3 * aside).mean() - 20.0
+        rise = (
+            canister.temperature_c(
+                state, 316.0, state.angle_rad + ahead / 0.32, 1e3 * aside
+            ).mean()
+            - 20.0
+        )
         assert rise == pytest.approx(expected, rel=0.02)
-        green = np.mean([line_k(after, a, b, 1e-3 * edge_mm) for a, b in zip(ahead, aside, strict=True)])
+        green = np.mean(
+            [line_k(after, a, b, 1e-3 * edge_mm) for a, b in zip(ahead, aside, strict=True)]
+        )
         assert rise == pytest.approx(green, rel=0.02)
 
 
@@ -74,7 +88,14 @@ def test_a_line_source_far_from_edges_reaches_the_steady_field_of_rosenthal() ->
     """Edges at 250 mm, whose image belongs to the closed form; before the period of 2 m is noticed."""
     wide = plate(250.0)
     state = wide.step(wide.initial(), 0.16, 1e3 * SPEED_M_PER_S, 0.0, 700.0)
-    for ahead, aside in ((0.03, 0.0), (-0.03, 0.0), (0.0, 0.03), (0.0, -0.06), (0.06, 0.04), (-0.08, 0.02)):
+    for ahead, aside in (
+        (0.03, 0.0),
+        (-0.03, 0.0),
+        (0.0, 0.03),
+        (0.0, -0.06),
+        (0.06, 0.04),
+        (-0.08, 0.02),
+    ):
         distances = np.array([np.hypot(ahead, aside), np.hypot(ahead, aside - 0.5)])
         rate = SPEED_M_PER_S / (2.0 * ALPHA)
         rosenthal = 20e3 / (2.0 * pi * K) * np.exp(-rate * ahead) * k0(rate * distances).sum()

@@ -5,7 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock")
+pytest.importorskip(
+    "skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock"
+)
 
 from fsw_canister import CanisterParameters, CompactCanister
 from fsw_heat import load_or_compact, load_or_reduce
@@ -32,7 +34,13 @@ def canister() -> CompactCanister:
 
 def weld(second: float) -> tuple[float, float, float]:
     """Power kW, traverse mm/s and position mm: dwell, descent, a stop, another speed, the way up; power changes."""
-    speed = 0.0 if second < 100.0 or 700.0 < second < 760.0 else 0.5 * SPEED if second > 1000.0 else SPEED
+    speed = (
+        0.0
+        if second < 100.0 or 700.0 < second < 760.0
+        else 0.5 * SPEED
+        if second > 1000.0
+        else SPEED
+    )
     height = float(np.interp(second, [160.0, 240.0, 1100.0, 1180.0], [75.0, 0.0, 0.0, 90.0]))
     return 44.0 + 5.0 * np.sign(np.sin(0.05 * second)), speed, height
 
@@ -74,11 +82,14 @@ def test_one_long_step_is_many_short_ones(canister: CompactCanister) -> None:
     short = canister.initial()
     for _ in range(1000):
         short = canister.step(short, 40.0, SPEED, 0.0, 0.01)
-    assert canister.stir_zone_temperature_c(long) == pytest.approx(canister.stir_zone_temperature_c(short), abs=1e-8)
+    assert canister.stir_zone_temperature_c(long) == pytest.approx(
+        canister.stir_zone_temperature_c(short), abs=1e-8
+    )
 
 
 @pytest.mark.parametrize(
-    ("inputs", "text"), [((float("nan"), 1.0, 0.0), "not finite"), ((40.0, 1.0, 101.0), "off the copper")]
+    ("inputs", "text"),
+    [((float("nan"), 1.0, 0.0), "not finite"), ((40.0, 1.0, 101.0), "off the copper")],
 )
 def test_a_step_refuses_what_makes_no_sense(
     canister: CompactCanister, inputs: tuple[float, float, float], text: str
@@ -98,7 +109,9 @@ def test_a_given_file_is_of_this_kind_and_geometry(tmp_path: Path) -> None:
     assert kinds == ["canister", "compact"]
     file = next(tmp_path.glob("compact-*"))
     assert load_or_compact(tiny.changed(conductivity_w_per_m_k=300.0), file).states > 0
-    with pytest.raises(InputError, match=r"reduced for another canister \(wall_mm 20.0, not 20.5\)"):
+    with pytest.raises(
+        InputError, match=r"reduced for another canister \(wall_mm 20.0, not 20.5\)"
+    ):
         load_or_compact(tiny.changed(wall_mm=20.5), file)
     with pytest.raises(InputError, match="holds no reduced canister"):
         load_or_reduce(tiny, file)

@@ -5,7 +5,9 @@ from math import nan, pi
 import numpy as np
 import pytest
 
-pytest.importorskip("skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock")
+pytest.importorskip(
+    "skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock"
+)
 
 from fsw_canister import CanisterParameters
 from fsw_heat import ReducedCanister, load_or_reduce
@@ -37,7 +39,9 @@ def test_heat_in_is_heat_stored_and_lost(canister: ReducedCanister) -> None:
     assert lost > 0.01 * brought
 
 
-def test_a_canister_of_one_temperature_stays_so_but_for_its_losses(canister: ReducedCanister) -> None:
+def test_a_canister_of_one_temperature_stays_so_but_for_its_losses(
+    canister: ReducedCanister,
+) -> None:
     state = canister.initial(300.0)
     r, angle, z = [500.0, 10.0, 525.0, 480.0], [0.0, 1.0, 3.0, -2.0], [0.0, 60.0, -1500.0, 135.0]
     assert canister.temperature_c(state, r, angle, z) == pytest.approx(np.full(4, 300.0), abs=1e-6)
@@ -68,7 +72,9 @@ def test_a_tool_at_rest_heats_both_sides_alike_and_a_moving_one_leaves_the_heat_
     assert ahead == pytest.approx(behind, abs=1e-6)
     moving = canister.step(canister.initial(angle_rad=1.0), 40.0, 3.0, 0.0, 60.0)
     assert moving.angle_rad == pytest.approx(1.0 + 180.0 / 525.0)
-    ahead, behind = canister.temperature_c(moving, 525.0, moving.angle_rad + np.array([0.1, -0.1]), 0.0)
+    ahead, behind = canister.temperature_c(
+        moving, 525.0, moving.angle_rad + np.array([0.1, -0.1]), 0.0
+    )
     assert behind > ahead + 50.0
 
 
@@ -87,7 +93,9 @@ def test_one_long_step_is_many_short_ones(canister: ReducedCanister) -> None:
     short = canister.initial()
     for _ in range(1000):
         short = canister.step(short, 40.0, SPEED, 0.0, 0.01)
-    assert canister.stir_zone_temperature_c(long) == pytest.approx(canister.stir_zone_temperature_c(short), abs=1e-8)
+    assert canister.stir_zone_temperature_c(long) == pytest.approx(
+        canister.stir_zone_temperature_c(short), abs=1e-8
+    )
 
 
 def test_the_overlap_meets_its_own_heat(canister: ReducedCanister) -> None:
@@ -120,7 +128,11 @@ def test_a_step_refuses_what_makes_no_sense(
     assert canister.stir_zone_temperature_c(state) == pytest.approx(20.0)
 
 
-@pytest.mark.parametrize("place", [(400.0, 0.0, -10.0), (526.0, 0.0, 0.0), (500.0, 0.0, 136.0), (nan, 0.0, 0.0)])
-def test_a_thermocouple_outside_the_copper_is_refused(canister: ReducedCanister, place: tuple[float, ...]) -> None:
+@pytest.mark.parametrize(
+    "place", [(400.0, 0.0, -10.0), (526.0, 0.0, 0.0), (500.0, 0.0, 136.0), (nan, 0.0, 0.0)]
+)
+def test_a_thermocouple_outside_the_copper_is_refused(
+    canister: ReducedCanister, place: tuple[float, ...]
+) -> None:
     with pytest.raises(InputError, match="no copper"):
         canister.temperature_c(canister.initial(), *place)

@@ -14,20 +14,24 @@ from fsw_identification.problem import HEAT, Problem, Shift
 from fsw_identification.simulation import OUTPUTS
 from fsw_identification.solver import solve
 
-#: a shift of an output: samples before and after that are compared, and how many standard deviations are a shift
+#: a shift of an output: samples before and after that are compared, and how many standard
+#: deviations are a shift
 _SHIFT_TICKS, SHIFT = 30, 9.0
 _MOST_SHIFTS = 12
 #: a shift of fewer standard deviations is dropped in the end
 _REAL_SHIFT = 5.0
-#: residuals are limited to this many standard deviations where shifts are looked for, so that a spike does not count
+#: residuals are limited to this many standard deviations where shifts are looked for, so that a
+#: spike does not count
 _CLIP = 5.0
 #: and to this many where windows are looked for, so that the edge of a shift does not count
 _EDGE = 3.0
-#: windows whose mean residual is beyond so many of its standard deviations are left out, with a window on each side
+#: windows whose mean residual is beyond so many of its standard deviations are left out, with a
+#: window on each side
 _WINDOW_TICKS, _BIASED = 30, 5.0
 #: and those whose variance exceeds that of the noise by this factor
 _RESTLESS = 3.0
-#: how often windows are looked for, and the share of an output from which on the model is wrong, not disturbed
+#: how often windows are looked for, and the share of an output from which on the model is wrong,
+#: not disturbed
 _ROUNDS, _LARGEST_SHARE = 4, 0.4
 
 
@@ -38,10 +42,22 @@ def find_shifts(problem: Problem) -> list[Shift]:
         sizes = shift_sizes(whitened / problem.noise, problem.autocorrelation)
         for output, tick in enumerate(1 + sizes.argmax(axis=0)):
             shift = Shift(i, output, int(tick))
-            near = [s for s in problem.shifts if s.segment == i and s.output == output and abs(s.tick - tick) < 5]
-            if sizes[:, output].max() > SHIFT and not near and len(problem.shifts) + len(found) < _MOST_SHIFTS:
+            near = [
+                s
+                for s in problem.shifts
+                if s.segment == i and s.output == output and abs(s.tick - tick) < 5
+            ]
+            if (
+                sizes[:, output].max() > SHIFT
+                and not near
+                and len(problem.shifts) + len(found) < _MOST_SHIFTS
+            ):
                 found.append(shift)
-                heating = [s for s in problem.shifts if s.output == HEAT and abs(s.tick - tick) < _SHIFT_TICKS]
+                heating = [
+                    s
+                    for s in problem.shifts
+                    if s.output == HEAT and abs(s.tick - tick) < _SHIFT_TICKS
+                ]
                 if output == OUTPUTS.index("torque_nm") and not heating:
                     found.append(replace(shift, output=HEAT))
     return found
@@ -53,7 +69,9 @@ def shift_sizes(whitened: FloatArray, autocorrelation: FloatArray) -> FloatArray
     For white noise it is the difference of the means after and before.
     """
     limited, known = np.nan_to_num(np.clip(whitened, -_CLIP, _CLIP)), np.isfinite(whitened)
-    sums, counts = (np.vstack([np.zeros((1, 3)), np.cumsum(columns, axis=0)]) for columns in (limited, known))
+    sums, counts = (
+        np.vstack([np.zeros((1, 3)), np.cumsum(columns, axis=0)]) for columns in (limited, known)
+    )
     at = np.arange(1, len(whitened))
     low, high = np.maximum(at - _SHIFT_TICKS, 0), np.minimum(at + _SHIFT_TICKS, len(whitened))
     n_before, n_after = counts[at] - counts[low], counts[high] - counts[at]
@@ -65,7 +83,9 @@ def shift_sizes(whitened: FloatArray, autocorrelation: FloatArray) -> FloatArray
         of_both, of_level = new * (1.0 + new * (n_after - 1.0)), new**2 * (n_before + n_after)
         variance = 1.0 + new**2 * (n_after - 1.0) - of_both**2 / of_level
         sizes = np.abs(after - of_both / of_level * level) / np.sqrt(variance)
-    return np.asarray(np.where((n_before < _SHIFT_TICKS / 2) | (n_after < _SHIFT_TICKS / 2), 0.0, sizes))
+    return np.asarray(
+        np.where((n_before < _SHIFT_TICKS / 2) | (n_after < _SHIFT_TICKS / 2), 0.0, sizes)
+    )
 
 
 def drop_small_shifts(problem: Problem) -> None:
@@ -80,14 +100,16 @@ def drop_small_shifts(problem: Problem) -> None:
 def leave_out(problem: Problem, noise: FloatArray, progress: Callable[[], None]) -> list[str]:
     """Exclude windows in which the model does not follow an output; returns the excluded ones.
 
-    ``noise`` is the sensors' by itself, whitened. Again and again, because a disturbance hides in the parameters that
-    it biases.
+    ``noise`` is the sensors' by itself, whitened. Again and again, because a disturbance hides in
+    the parameters that it biases.
     """
     left = [np.zeros(segment.measured.shape, dtype=bool) for segment in problem.segments]
     followed, share = np.ones(len(OUTPUTS), dtype=bool), np.zeros(len(OUTPUTS))
     for _ in range(_ROUNDS):
         found = [disturbed_windows(whitened, noise) for whitened in problem.whitened]
-        share = np.concatenate([new | old for new, old in zip(found, left, strict=True)]).mean(axis=0)
+        share = np.concatenate([new | old for new, old in zip(found, left, strict=True)]).mean(
+            axis=0
+        )
         followed &= share < _LARGEST_SHARE
         new_ones = [new & ~old & followed for new, old in zip(found, left, strict=True)]
         if not any(new.any() for new in new_ones):
@@ -95,7 +117,9 @@ def leave_out(problem: Problem, noise: FloatArray, progress: Callable[[], None])
         for i, new in enumerate(new_ones):
             left[i] |= new
             segment = problem.segments[i]
-            problem.segments[i] = replace(segment, measured=np.where(left[i], np.nan, segment.measured))
+            problem.segments[i] = replace(
+                segment, measured=np.where(left[i], np.nan, segment.measured)
+            )
         solve(problem, progress)
     notes = [
         f"{OUTPUTS[i]}: the model does not follow it in {100 * share[i]:.0f} % of the time; do not rely on "

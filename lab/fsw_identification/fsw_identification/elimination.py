@@ -1,9 +1,10 @@
 """Least squares of one output of one segment; what is unknown at the knots is eliminated by orthogonal transformations.
 
-The unknowns are values at the knots, each coupled to the next by the data between them and by the random walk; and a
-few others, on which all samples may depend: the border. Nothing is squared before the knots are gone: force against
-depth offset, or power against temperature offset, are told apart so weakly, beside trends that hardly change, that
-normal equations lose all digits. Every other knot is eliminated at a time, all of them in one call of LAPACK.
+The unknowns are values at the knots, each coupled to the next by the data between them and by the
+random walk; and a few others, on which all samples may depend: the border. Nothing is squared
+before the knots are gone: force against depth offset, or power against temperature offset, are
+told apart so weakly, beside trends that hardly change, that normal equations lose all digits.
+Every other knot is eliminated at a time, all of them in one call of LAPACK.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ class Compressed(NamedTuple):
 class Eliminated:
     """What is left for the border."""
 
-    border: FloatArray  #: (1 + border, 1 + border): information; first row and column of the residuals
+    border: (
+        FloatArray  #: (1 + border, 1 + border): information; first row and column of the residuals
+    )
     logdet: float  #: of the information of the knots
     levels: list[Level]
 
@@ -42,7 +45,9 @@ class Eliminated:
     def shape(self) -> tuple[int, int]:
         """(k, p): knots, and unknowns at each."""
         together, _, rows = self.levels[0]
-        return 1 + max(int(at.max()) for at, _, _ in self.levels), rows.shape[1] // together.shape[1]
+        return 1 + max(int(at.max()) for at, _, _ in self.levels), rows.shape[1] // together.shape[
+            1
+        ]
 
     def values(self) -> FloatArray:
         """(k, p, 1 + border): at the knots, from the residuals and by each of the border; by back substitution."""
@@ -51,7 +56,9 @@ class Eliminated:
         for at, beside, rows in reversed(self.levels):
             n, m = at.shape[1] * p, beside.shape[1] * p
             known = rows[:, :, n : n + m] @ values[beside].reshape(len(at), m, width)
-            values[at] = np.linalg.solve(rows[:, :, :n], rows[:, :, n + m :] - known).reshape(*at.shape, p, width)
+            values[at] = np.linalg.solve(rows[:, :, :n], rows[:, :, n + m :] - known).reshape(
+                *at.shape, p, width
+            )
         return values
 
     def variance(self, weights: FloatArray) -> float:
@@ -61,7 +68,9 @@ class Eliminated:
             n = at.shape[1] * weights.shape[1]
             solved = np.linalg.solve(rows[:, :, :n].swapaxes(1, 2), left[at].reshape(-1, n, 1))
             squares += float(np.sum(solved**2))
-            others = (rows[:, :, n : n + beside.shape[1] * weights.shape[1]].swapaxes(1, 2) @ solved)[:, :, 0]
+            others = (
+                rows[:, :, n : n + beside.shape[1] * weights.shape[1]].swapaxes(1, 2) @ solved
+            )[:, :, 0]
             np.subtract.at(left, beside, others.reshape(*beside.shape, weights.shape[1]))
         return squares
 
@@ -71,11 +80,13 @@ def knots(n_ticks: int) -> int:
     return -(-n_ticks // KNOT_TICKS) + 1
 
 
-def compress(walk: Walks, factor: FloatArray, columns: FloatArray, weights: FloatArray, white: Whitening) -> Compressed:
+def compress(
+    walk: Walks, factor: FloatArray, columns: FloatArray, weights: FloatArray, white: Whitening
+) -> Compressed:
     """Rows of the data.
 
-    ``columns`` (n, 1 + border) are residuals and slopes by the border, ``factor`` (n,) multiplies what the knots add,
-    ``weights`` (n,) belong to the whitened rows.
+    ``columns`` (n, 1 + border) are residuals and slopes by the border, ``factor`` (n,) multiplies
+    what the knots add, ``weights`` (n,) belong to the whitened rows.
 
     Between two knots are the ticks after the one, up to the other: each with the sample before.
     """
@@ -89,7 +100,9 @@ def compress(walk: Walks, factor: FloatArray, columns: FloatArray, weights: Floa
     scale = np.where(ticks < n, (np.sqrt(weights) * white.scale)[at], 0.0)
     stacked = scale[:, :, None] * samples
     if white.share.any():
-        before = np.take_along_axis(samples, (white.before[at] - ticks[:, :1])[:, :, None].clip(0), axis=1)
+        before = np.take_along_axis(
+            samples, (white.before[at] - ticks[:, :1])[:, :, None].clip(0), axis=1
+        )
         stacked -= (scale * white.share[at])[:, :, None] * before
     stacked[1:, 0] = 0.0  # belongs to the knots before
     triangles = _triangles(stacked)
@@ -99,7 +112,9 @@ def compress(walk: Walks, factor: FloatArray, columns: FloatArray, weights: Floa
     return Compressed(rows, _squares(triangles[:, used.size :, used.size :]))
 
 
-def eliminate(data: Compressed, walk: Walks, noise: float, start: FloatArray, steps: FloatArray) -> Eliminated:
+def eliminate(
+    data: Compressed, walk: Walks, noise: float, start: FloatArray, steps: FloatArray
+) -> Eliminated:
     """Eliminate the knots.
 
     Parameters
@@ -109,22 +124,35 @@ def eliminate(data: Compressed, walk: Walks, noise: float, start: FloatArray, st
     noise : float
         Standard deviation of the samples.
     start, steps : (p,) arrays
-        Standard deviations of the values at the first knot, and of what changes from knot to knot; 0: nothing does.
+        Standard deviations of the values at the first knot, and of what changes from knot to knot;
+        0: nothing does.
     """
     p, width = walk.here.shape[1], data.border.shape[1]
     gains = np.abs(walk.here[0])
-    tight = 1.0 / np.where(steps > 0.0, np.maximum(steps, 1e-300), _STIFF * noise / np.maximum(gains, 1e-12))
+    tight = 1.0 / np.where(
+        steps > 0.0, np.maximum(steps, 1e-300), _STIFF * noise / np.maximum(gains, 1e-12)
+    )
     changes = np.hstack([-walk.before, walk.after, np.zeros((p, width))]) * tight[:, None]
-    edges = np.concatenate([data.rows / noise, np.broadcast_to(changes, (len(data.rows), *changes.shape))], axis=1)
+    edges = np.concatenate(
+        [data.rows / noise, np.broadcast_to(changes, (len(data.rows), *changes.shape))], axis=1
+    )
     border, left = data.border / noise**2, np.arange(len(edges) + 1)
     levels: list[Level] = []
     while len(edges) > 1:
         both = edges[: len(edges) // 2 * 2]
         at, n = left[1 : len(both) : 2], both.shape[1]
-        stacked = np.zeros((at.size, 2 * n, 3 * p + width))  # by the knot, the one before, the one after, border
+        stacked = np.zeros(
+            (at.size, 2 * n, 3 * p + width)
+        )  # by the knot, the one before, the one after, border
         stacked[:, :n, :p], stacked[:, :n, p : 2 * p] = both[::2, :, p : 2 * p], both[::2, :, :p]
-        stacked[:, n:, :p], stacked[:, n:, 2 * p : 3 * p] = both[1::2, :, :p], both[1::2, :, p : 2 * p]
-        stacked[:, :n, 3 * p :], stacked[:, n:, 3 * p :] = both[::2, :, 2 * p :], both[1::2, :, 2 * p :]
+        stacked[:, n:, :p], stacked[:, n:, 2 * p : 3 * p] = (
+            both[1::2, :, :p],
+            both[1::2, :, p : 2 * p],
+        )
+        stacked[:, :n, 3 * p :], stacked[:, n:, 3 * p :] = (
+            both[::2, :, 2 * p :],
+            both[1::2, :, 2 * p :],
+        )
         rows = _triangles(stacked)
         beside = np.column_stack([left[: len(both) : 2], left[2 : len(both) + 1 : 2]])
         levels.append((at[:, None], beside, rows[:, :p]))
@@ -135,7 +163,9 @@ def eliminate(data: Compressed, walk: Walks, noise: float, start: FloatArray, st
     rows = _triangles(np.concatenate([edges, first[None]], axis=1))
     levels.append((left[None], np.zeros((1, 0), dtype=int), rows[:, : 2 * p]))
     border += _squares(rows[:, 2 * p :, 2 * p :])
-    logdet = sum(2.0 * float(np.log(np.abs(np.diagonal(of, axis1=1, axis2=2))).sum()) for _, _, of in levels)
+    logdet = sum(
+        2.0 * float(np.log(np.abs(np.diagonal(of, axis1=1, axis2=2))).sum()) for _, _, of in levels
+    )
     logdet += 2.0 * len(data.rows) * -float(np.log(tight).sum())
     return Eliminated(border, logdet, levels)
 

@@ -1,8 +1,9 @@
 """Maximum-likelihood estimate of model parameters, initial states and slow disturbances from recorded welds.
 
-The recorded inputs drive the model; the rest of the outputs is the sensors' noise. Inputs are what acted, so a
-closed loop does not bias the estimate. Unknown slow disturbances of force, heat and outputs are random walks, whose
-size is chosen by the evidence; sudden shifts of an output are found in the residuals and estimated along.
+The recorded inputs drive the model; the rest of the outputs is the sensors' noise. Inputs are what
+acted, so a closed loop does not bias the estimate. Unknown slow disturbances of force, heat and
+outputs are random walks, whose size is chosen by the evidence; sudden shifts of an output are
+found in the residuals and estimated along.
 """
 
 from __future__ import annotations
@@ -13,12 +14,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from fsw_analysis.weld_signals import FloatArray
-from fsw_identification.disturbed import disturbed_windows, drop_small_shifts, find_shifts, leave_out
+from fsw_identification.disturbed import (
+    disturbed_windows,
+    drop_small_shifts,
+    find_shifts,
+    leave_out,
+)
 from fsw_identification.evidence import evidence, likely_colour, likely_lag
 from fsw_identification.noise import WHITE_S, correlation_s
 from fsw_identification.problem import NOISE_FLOOR, WALK, Problem, Shift
 from fsw_identification.robust import long_run_covariance
-from fsw_identification.simulation import CANDIDATES, DEPTH, OUTPUTS, TEMPERATURE, TORQUE, added, as_shown
+from fsw_identification.simulation import (
+    CANDIDATES,
+    DEPTH,
+    OUTPUTS,
+    TEMPERATURE,
+    TORQUE,
+    added,
+    as_shown,
+)
 from fsw_identification.solver import solve
 from fsw_identification.statistics import CORRELATED, long_run_factor
 from fsw_identification.weld_data import Segment
@@ -32,7 +46,8 @@ _LARGEST_AT_START = 0.3
 #: never estimated: (19)-(22) have six coefficients for the three things that welds show
 STRUCTURAL = ("geometry_factor", "contact_radius_m", "geometry_offset_m3")
 _WHY_STRUCTURAL = (
-    "(19)-(22) have six coefficients, welds identify three: the torque, its slope over force and over depth"
+    "(19)-(22) have six coefficients, welds identify three: "
+    "the torque, its slope over force and over depth"
 )
 #: identifiable even at rest, if the other torque parameters are kept nominal
 _LEVEL = "sliding_friction"
@@ -40,15 +55,18 @@ _LEVEL = "sliding_friction"
 _KEPT_FIRST = ("sticking_stress_pa", "contact_slope")
 #: up to this share of disturbed windows the start is right, and the rest is a disturbance
 _SHARE_OF_DISTURBANCE = 0.25
-#: correlation of the residuals from tick to tick, of any output, from which on the noise is tried as coloured
+#: correlation of the residuals from tick to tick, of any output, from which on the noise is tried
+#: as coloured
 _COLOURED = 0.2
-#: a lag of the thermocouple of more standard deviations is tried; how often the sensors are looked at
+#: a lag of the thermocouple of more standard deviations is tried; how often the sensors are looked
+#: at
 _LAGS, _LOOKS = 5.0, 2
 #: iterations between two searches for shifts
 _FEW = 6
 #: assumed relative standard deviation of a parameter that is kept nominal
 _KEPT_DEVIATION = 0.2
-#: residuals that exceed the noise between neighbouring samples by less than this factor count as noise alone
+#: residuals that exceed the noise between neighbouring samples by less than this factor count as
+#: noise alone
 _AS_GOOD = 1.1
 #: factors on the starting values, tried one after the other
 _STARTS: tuple[dict[str, float], ...] = (
@@ -68,11 +86,17 @@ class Fit:
 
     parameters: ModelParameters  #: those that were not estimated are as they were given
     free: tuple[str, ...]  #: names of the estimated parameters
-    covariance: FloatArray  #: (n, n): of the logarithms of the estimated parameters, i.e. of their relative errors
+    #: (n, n): of the logarithms of the estimated parameters, i.e. of their relative errors
+    covariance: FloatArray
     kept: dict[str, str]  #: by name, why a candidate was not estimated but kept nominal
-    noise: FloatArray  #: (3,): standard deviations of the outputs' noise in the order of ``OUTPUTS``
-    correlation_s: FloatArray  #: (3,): time after which the noise's autocorrelation is down to 1/e, 0: white
-    #: (3,): by how much the variance of a mean of the whitened residuals exceeds that of white noise; 1: they are white
+    noise: (
+        FloatArray  #: (3,): standard deviations of the outputs' noise in the order of ``OUTPUTS``
+    )
+    correlation_s: (
+        FloatArray  #: (3,): time after which the noise's autocorrelation is down to 1/e, 0: white
+    )
+    #: (3,): by how much the variance of a mean of the whitened residuals exceeds that of white
+    #: noise; 1: they are white
     colour: FloatArray
     segments: list[Segment]
     #: (n, 3) by segment; residuals are NaN where a sample was missing or left out
@@ -84,9 +108,11 @@ class Fit:
     offset: FloatArray
     offset_std: FloatArray
     shifts: list[tuple[Shift, float, float]]  #: with size and standard deviation
-    #: of the tool in slow disturbances of the temperature, and its standard deviation; the rest is the sensor's
+    #: of the tool in slow disturbances of the temperature, and its standard deviation; the rest is
+    #: the sensor's
     share: tuple[float, float]
-    #: of the thermocouple behind the tool, and its standard deviation; None where the data do not tell of any
+    #: of the thermocouple behind the tool, and its standard deviation; None where the data do not
+    #: tell of any
     lag_s: tuple[float, float] | None
     lag_correlation: FloatArray  #: (n,): of its estimate with those of the parameters
     heat_and_offset: float  #: correlation of slow heat and offset of the temperature
@@ -96,7 +122,10 @@ class Fit:
     def std(self) -> dict[str, float]:
         """Standard deviations of the estimated parameters, in their units."""
         relative = np.sqrt(np.diag(self.covariance))
-        return {name: float(getattr(self.parameters, name) * r) for name, r in zip(self.free, relative, strict=True)}
+        return {
+            name: float(getattr(self.parameters, name) * r)
+            for name, r in zip(self.free, relative, strict=True)
+        }
 
     @property
     def known_lag_s(self) -> float:
@@ -106,7 +135,9 @@ class Fit:
     @property
     def shown(self) -> ModelParameters:
         """The parameters as a controller sees the process: what the thermocouple shows, with its lag."""
-        return self.parameters if self.lag_s is None else as_shown(self.parameters, self.known_lag_s)
+        return (
+            self.parameters if self.lag_s is None else as_shown(self.parameters, self.known_lag_s)
+        )
 
     @property
     def correlation(self) -> FloatArray:
@@ -132,7 +163,8 @@ def identify(
     progress : callable, optional
         Called with the share done.
     steady : bool
-        Disturbances are constant, without drifts and shifts, so that what is slow is the process's.
+        Disturbances are constant, without drifts and shifts, so that what is slow is the
+        process's.
 
     Raises
     ------
@@ -145,7 +177,9 @@ def identify(
         nonlocal iterations
         iterations += 1
         if progress is not None:
-            progress(1.0 - np.exp(-iterations / 30.0))  # the number of iterations is not known in advance
+            progress(
+                1.0 - np.exp(-iterations / 30.0)
+            )  # the number of iterations is not known in advance
 
     try:
         return _identify(segments, start or ModelParameters(), count, steady)
@@ -156,7 +190,9 @@ def identify(
         ) from error
 
 
-def _identify(segments: Sequence[Segment], start: ModelParameters, count: Progress, steady: bool) -> Fit:
+def _identify(
+    segments: Sequence[Segment], start: ModelParameters, count: Progress, steady: bool
+) -> Fit:
     kept: dict[str, str] = {}
     first = Problem(segments, start, CANDIDATES)
     first.noise = _sensor_noise(segments)
@@ -167,7 +203,11 @@ def _identify(segments: Sequence[Segment], start: ModelParameters, count: Progre
         sensors = _sensors(best)
         if sensors == (best.coloured, best.lag_s):
             break
-        best = min(best, _best_start(start, segments, free, first.noise, count, False, sensors), key=evidence)
+        best = min(
+            best,
+            _best_start(start, segments, free, first.noise, count, False, sensors),
+            key=evidence,
+        )
     while (left := _select(best, kept, LARGEST_DEVIATION)) != best.free:
         nominal = {name: getattr(start, name) for name in best.free if name not in left}
         best.parameters, best.free = best.parameters.changed(**nominal), left
@@ -214,9 +254,12 @@ def _best_start(
         if best is None or evidence(solved) < evidence(best):
             best = solved
         alone = _innovation(noise, solved.autocorrelation)
-        share = np.concatenate([disturbed_windows(one, alone) for one in solved.whitened]).mean(axis=0)
+        share = np.concatenate([disturbed_windows(one, alone) for one in solved.whitened]).mean(
+            axis=0
+        )
         if (solved.noise < _AS_GOOD * alone).all() or (share < _SHARE_OF_DISTURBANCE).all():
-            break  # what remains is the sensors' noise, or a disturbance: no start can lead to less
+            # what remains is the sensors' noise, or a disturbance: no start can lead to less
+            break
     assert best is not None
     return best
 
@@ -242,8 +285,8 @@ def _solve_twice(
 ) -> Problem:
     """Solution from a start, with shifts and slow disturbances.
 
-    Shifts are found in the residuals of a model that they have biased; so it is repeated from the start, with these
-    shifts.
+    Shifts are found in the residuals of a model that they have biased; so it is repeated from the
+    start, with these shifts.
     """
     problem = _solve(start, segments, free, [], np.zeros(0), count, sensors)
     if not problem.shifts:
@@ -262,7 +305,8 @@ def _solve(
     sensors: Sensors,
 ) -> Problem:
     """Solution from a start with known shifts, and others that are found."""
-    # without the weakly identifiable parameters first: the valley that they open is long and curved
+    # without the weakly identifiable parameters first: the valley that they open is long and
+    # curved
     problem = Problem(segments, start, [name for name in free if name not in _KEPT_FIRST])
     problem.set_shifts(shifts, sizes)
     problem.coloured, problem.lag_s = sensors
@@ -283,7 +327,9 @@ def _solve(
 def _add_shifts(problem: Problem, count: Progress) -> None:
     """Add shifts and solve again, until there are no others."""
     while found := find_shifts(problem):
-        problem.set_shifts([*problem.shifts, *found], np.append(problem.sizes, np.zeros(len(found))))
+        problem.set_shifts(
+            [*problem.shifts, *found], np.append(problem.sizes, np.zeros(len(found)))
+        )
         solve(problem, count, _FEW)
 
 
@@ -373,9 +419,14 @@ def _by_kept(problem: Problem, kept: Sequence[str], covariance: FloatArray) -> F
 def _by_doubt(problem: Problem) -> FloatArray:
     """Information that free parameters, shifts, share and lag have in common with errors of the same.
 
-    Counts errors that reach the depth through the doubtful part of the temperature; the rest is treated as known.
+    Counts errors that reach the depth through the doubtful part of the temperature; the rest is
+    treated as known.
     """
-    free, p, parts = len(problem.free), problem.parameters, problem.linearised(problem.parameters, True)
+    free, p, parts = (
+        len(problem.free),
+        problem.parameters,
+        problem.linearised(problem.parameters, True),
+    )
     n = free + len(problem.shifts) + 2
     found = np.zeros((n, n))
     for depth, temperature in zip(parts[DEPTH::3], parts[TEMPERATURE::3], strict=True):
@@ -383,7 +434,9 @@ def _by_doubt(problem: Problem) -> FloatArray:
             continue
         by_rise = (problem.share - 1.0) * problem.by_rise(depth.segment, p)
         at_knots = -problem.eliminated(temperature, problem.walk).values()[:, :, 1 : 1 + free]
-        courses = [added(temperature.response, temperature.walk, at_knots[:, :, i]) for i in range(free)]
+        courses = [
+            added(temperature.response, temperature.walk, at_knots[:, :, i]) for i in range(free)
+        ]
         depth.columns = np.column_stack([depth.columns, *(by_rise * course for course in courses)])
         problem.compress(depth)
         found[:, :free] += problem.eliminated(depth, problem.walk).border[1 : 1 + n, 1 + n :]
@@ -394,11 +447,20 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str], rejected: boo
     residuals, whitened = problem.residuals, problem.whitened
     if rejected:
         inside, whitened = (
-            [np.where(weights > 0.0, one, np.nan) for one, weights in zip(every, problem.weights, strict=True)]
+            [
+                np.where(weights > 0.0, one, np.nan)
+                for one, weights in zip(every, problem.weights, strict=True)
+            ]
             for every in (residuals, whitened)
         )
-        count = np.isfinite(np.concatenate(residuals)).sum(axis=0) - np.isfinite(np.concatenate(inside)).sum(axis=0)
-        notes = notes + [f"{name}: {n} samples left out: outliers" for name, n in zip(OUTPUTS, count, strict=True) if n]
+        count = np.isfinite(np.concatenate(residuals)).sum(axis=0) - np.isfinite(
+            np.concatenate(inside)
+        ).sum(axis=0)
+        notes = notes + [
+            f"{name}: {n} samples left out: outliers"
+            for name, n in zip(OUTPUTS, count, strict=True)
+            if n
+        ]
         residuals = inside
     colour = np.array([long_run_factor([one[:, i] for one in whitened]) for i in range(3)])
     robust = np.diag(long_run_covariance(problem))

@@ -36,14 +36,23 @@ def likely_walk(problem: Problem, parts: Sequence[Part]) -> FloatArray:
     def of_size(log_size: float, of_output: list[Part], at: tuple[int, int]) -> float:
         sizes = found.copy()
         sizes[at] = np.exp(log_size)
-        return _evidence_of(problem, *problem.eliminate(of_output, True, sizes)) + _PARSIMONY * log_size
+        return (
+            _evidence_of(problem, *problem.eliminate(of_output, True, sizes))
+            + _PARSIMONY * log_size
+        )
 
     for output, which in enumerate(WALKS_OF):
         of_output = [part for part in parts if part.output == output]
         for at in ((i, walk) for walk in which for i in range(2)):
-            bounds = np.clip(np.log(found[at]) + np.log(_WALK_STEP) * np.array([-1, 1]), *np.log(WALK[::2, *at]))
+            bounds = np.clip(
+                np.log(found[at]) + np.log(_WALK_STEP) * np.array([-1, 1]), *np.log(WALK[::2, *at])
+            )
             best = scipy.optimize.minimize_scalar(
-                of_size, args=(of_output, at), method="bounded", bounds=bounds, options={"xatol": 0.1}
+                of_size,
+                args=(of_output, at),
+                method="bounded",
+                bounds=bounds,
+                options={"xatol": 0.1},
             )
             found[at] = np.exp(best.x)
     return found
@@ -59,10 +68,16 @@ def take_likely_colour(problem: Problem, parts: Sequence[Part]) -> None:
             problem.take_noise(output)
             for part in of_output:
                 problem.compress(part)
-            return _evidence_of(problem, *problem.eliminate(of_output, True)) + of_samples(problem, output)
+            return _evidence_of(problem, *problem.eliminate(of_output, True)) + of_samples(
+                problem, output
+            )
 
         bounds = np.log(_CORRELATION_S)
-        take(scipy.optimize.minimize_scalar(take, method="bounded", bounds=bounds, options={"xatol": 0.1}).x)
+        take(
+            scipy.optimize.minimize_scalar(
+                take, method="bounded", bounds=bounds, options={"xatol": 0.1}
+            ).x
+        )
 
 
 def evidence(problem: Problem) -> float:
@@ -70,7 +85,9 @@ def evidence(problem: Problem) -> float:
     parts = problem.linearised(problem.parameters, True)
     found = _evidence_of(problem, *problem.eliminate(parts, True))
     # a thermocouple that lags is another state
-    found += sum(2.0 * float(np.log(STATE_PRIOR[p.output][: p.response.gains.size]).sum()) for p in parts)
+    found += sum(
+        2.0 * float(np.log(STATE_PRIOR[p.output][: p.response.gains.size]).sum()) for p in parts
+    )
     return found + sum(of_samples(problem, output) for output in range(len(OUTPUTS)))
 
 
@@ -85,7 +102,9 @@ def of_samples(problem: Problem, output: int) -> float:
 
 def likely_colour(problem: Problem) -> FloatArray:
     """(3,): autocorrelation of the noise from tick to tick with the largest evidence at a solution, which stays."""
-    trial = problem.variant(autocorrelation=problem.autocorrelation.copy(), noise=problem.noise.copy())
+    trial = problem.variant(
+        autocorrelation=problem.autocorrelation.copy(), noise=problem.noise.copy()
+    )
     take_likely_colour(trial, trial.linearised(trial.parameters, True))
     return trial.autocorrelation
 
@@ -95,6 +114,8 @@ def likely_lag(problem: Problem) -> tuple[float, float]:
 
     Computed at a solution without a lag, which stays as it is.
     """
-    border, _ = problem.variant(lagged=True).eliminate(problem.linearised(problem.parameters, True), True)
+    border, _ = problem.variant(lagged=True).eliminate(
+        problem.linearised(problem.parameters, True), True
+    )
     covariance = np.linalg.inv(border[1:, 1:])
     return float(covariance[-1] @ border[1:, 0]), float(np.sqrt(covariance[-1, -1]))

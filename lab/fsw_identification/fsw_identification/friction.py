@@ -60,4 +60,6 @@ def from_air(
         )
     found, covariance = np.polyfit(speed, torque, 2, cov=True)
     values, deviations = map(float, found[::-1]), map(float, np.sqrt(np.diag(covariance))[::-1])
-    return start.changed(**dict(zip(_NAMES, values, strict=True))), dict(zip(_NAMES, deviations, strict=True))
+    return start.changed(**dict(zip(_NAMES, values, strict=True))), dict(
+        zip(_NAMES, deviations, strict=True)
+    )

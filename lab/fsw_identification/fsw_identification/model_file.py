@@ -8,19 +8,25 @@ from fsw_identification.simulation import OUTPUTS
 from fsw_identification.statistics import CORRELATED
 from fsw_model import ModelParameters
 
-#: a mean disturbance that is larger than this many standard deviations goes into the point of linearisation
+#: a mean disturbance that is larger than this many standard deviations goes into the point of
+#: linearisation
 _SIGNIFICANT = 3.0
 
 
 def estimates(fit: Fit, air: dict[str, float] | None = None) -> dict[str, tuple[float, float]]:
     """Estimated parameters with standard deviations, by name.
 
-    Also force and power at which the process rests, where they are not the nominal ones, and the coefficients of the
-    friction with the standard deviations ``air``, if they were estimated.
+    Also force and power at which the process rests, where they are not the nominal ones, and the
+    coefficients of the friction with the standard deviations ``air``, if they were estimated.
     """
-    known = {name: (getattr(fit.parameters, name), std) for name, std in (fit.std | (air or {})).items()}
+    known = {
+        name: (getattr(fit.parameters, name), std) for name, std in (fit.std | (air or {})).items()
+    }
     for name, offset, std in zip(
-        ("operating_force_kn", "operating_power_kw"), fit.offset.tolist(), fit.offset_std.tolist(), strict=True
+        ("operating_force_kn", "operating_power_kw"),
+        fit.offset.tolist(),
+        fit.offset_std.tolist(),
+        strict=True,
     ):
         if abs(offset) > _SIGNIFICANT * std:
             known[name] = (getattr(fit.parameters, name) - offset, std)
@@ -58,7 +64,9 @@ def text(fit: Fit, sources: str, air: dict[str, float] | None = None) -> str:
         if (as_seen := getattr(shown, name)) != getattr(fit.parameters, name):
             of_tool, value = f"as the thermocouple shows it; of the tool {value:.6g} ", as_seen
         # YAML 1.1 takes 1.5e+06 for a number only with a point
-        lines.append(f"{name}: {float(f'{value:.6g}')!r}  # {of_tool}+- {std:.2g}; nominal {nominal[name]:g}")
+        lines.append(
+            f"{name}: {float(f'{value:.6g}')!r}  # {of_tool}+- {std:.2g}; nominal {nominal[name]:g}"
+        )
     for name, value in dict(shown).items():
         if name not in known and value != nominal[name]:
             lines.append(f"{name}: {value!r}  # as given; nominal {nominal[name]:g}")

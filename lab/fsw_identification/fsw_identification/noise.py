@@ -1,6 +1,7 @@
 """Sensor noise that is correlated in time: a first-order Gauss-Markov process, n' = a n + e, white where a is 0.
 
-Whitening subtracts from each sample what the one before lets expect. In units of e, as the rows of least squares are.
+Whitening subtracts from each sample what the one before lets expect. In units of e, as the rows of
+least squares are.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ class Whitening(NamedTuple):
 def whitening(known: NDArray[np.bool_], autocorrelation: float) -> Whitening:
     """Of samples, where ``known``, whose noise has this ``autocorrelation`` from tick to tick.
 
-    The sample before may be several ticks ago, but not on the other side of a knot: then it is taken for unknown.
+    The sample before may be several ticks ago, but not on the other side of a knot: then it is
+    taken for unknown.
     """
     at = np.arange(known.size)
     last = np.maximum.accumulate(np.where(known, at, -1))

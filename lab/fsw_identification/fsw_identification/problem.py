@@ -41,15 +41,19 @@ _PRIOR_LOG = 2.0
 _OFFSET_PRIOR = np.array([10.0, 20.0, 1e-4, 1e-3, 1e-2])
 #: prior standard deviations of shifts of ``OUTPUTS``, and of ``HEAT``
 _SHIFT_PRIOR = np.array([1.0, 100.0, 500.0, 100.0])
-#: slow disturbances: of force [kN] and power [kW], which act on the process, and of what is shown of the outputs
+#: slow disturbances: of force [kN] and power [kW], which act on the process, and of what is shown
+#: of the outputs
 WALKS = ("force [kN]", "power [kW]", "depth [mm]", "temperature [°C]", "torque [N·m]")
 #: of an output: the walks of its input and of itself
 WALKS_OF = ((0, 2), (1, 3), (4,))
-#: prior standard deviations of the states at the first knot, by output; the temperature's third is the thermocouple's
+#: prior standard deviations of the states at the first knot, by output; the temperature's third is
+#: the thermocouple's
 STATE_PRIOR = (np.array([500.0, 50.0]), np.array([20.0, 20.0, 20.0]), np.zeros(0))
-#: standard deviations of a disturbance's change from knot to knot, and (second row) of the change of its trend:
-#: smallest, at the start, largest
-WALK = np.array([[1e-3, 1e-3, 2e-5, 1e-3, 1e-2], [0.01, 0.01, 2e-4, 0.01, 0.1], [3.0, 5.0, 0.1, 5.0, 50.0]])
+#: standard deviations of a disturbance's change from knot to knot, and (second row) of the change
+#: of its trend: smallest, at the start, largest
+WALK = np.array(
+    [[1e-3, 1e-3, 2e-5, 1e-3, 1e-2], [0.01, 0.01, 2e-4, 0.01, 0.1], [3.0, 5.0, 0.1, 5.0, 50.0]]
+)
 WALK = np.stack([WALK, 0.03 * WALK], axis=1)
 #: at the beginning of a segment the outputs are not used for so long: dead time and tool, motor
 _SETTLING_TICKS = (0, 40, 20)
@@ -60,8 +64,8 @@ OUTLIER = 5.0
 _HUBER = 3.0
 #: the part of the disturbance of the torque which acts on the process and is not measured
 HEAT = 3
-#: of a slow disturbance of the temperature this share is one of the tool itself, which softens the copper, and the rest
-#: is one of the sensor: mean and standard deviation before the depth tells
+#: of a slow disturbance of the temperature this share is one of the tool itself, which softens the
+#: copper, and the rest is one of the sensor: mean and standard deviation before the depth tells
 SHARE, _SHARE_DEVIATION = 0.5, 0.5
 #: prior standard deviation of the thermocouple's lag, by whether it is estimated [s]
 _LAG_PRIOR_S = (1e-6, 5.0)
@@ -77,8 +81,9 @@ _SMOOTH_TICKS = 21
 class Shift:
     """A sudden change of an output that the model does not explain, which stays."""
 
-    #: where, ``output`` in the order of ``OUTPUTS``; ``HEAT``: of the heat of a shift of the torque, beyond what the
-    #: torque by itself would give (all of it, less, when the sensor is wrong)
+    #: where, ``output`` in the order of ``OUTPUTS``; ``HEAT``: of the heat of a shift of the
+    #: torque, beyond what the torque by itself would give (all of it, less, when the sensor is
+    #: wrong)
     segment: int
     output: int
     tick: int  #: first row of the segment that is shifted
@@ -104,28 +109,43 @@ class Part:
 class Problem:
     """Normal equations of one linearisation after the other; all segments of all welds at once.
 
-    The border is the logarithms of the free parameters, the sizes of the shifts, the share of the tool in slow
-    disturbances of the temperature, and the lag of the thermocouple. ``free`` are the names of the parameters to
-    estimate, which begin at ``start``.
+    The border is the logarithms of the free parameters, the sizes of the shifts, the share of the
+    tool in slow disturbances of the temperature, and the lag of the thermocouple. ``free`` are the
+    names of the parameters to estimate, which begin at ``start``.
     """
 
-    def __init__(self, segments: Sequence[Segment], start: ModelParameters, free: Sequence[str]) -> None:
+    def __init__(
+        self, segments: Sequence[Segment], start: ModelParameters, free: Sequence[str]
+    ) -> None:
         self.parameters, self.free = start, tuple(free)
-        self.noise = np.array([0.01, 1.0, 10.0])  #: (3,): standard deviation of each output's whitened residuals
-        self.autocorrelation = np.zeros(len(OUTPUTS))  #: (3,): of the noise of each output, from tick to tick
+        self.noise = np.array(
+            [0.01, 1.0, 10.0]
+        )  #: (3,): standard deviation of each output's whitened residuals
+        self.autocorrelation = np.zeros(
+            len(OUTPUTS)
+        )  #: (3,): of the noise of each output, from tick to tick
         self.coloured = False  #: whether ``autocorrelation`` is estimated
-        #: (2, 5): standard deviation of the change from knot to knot of each of ``WALKS``, and of its trend
+        #: (2, 5): standard deviation of the change from knot to knot of each of ``WALKS``, and of
+        #: its trend
         self.walk = WALK[1].copy()
         self.fixed_walk = True  #: whether ``walk`` stays as it is
         self.shifts: list[Shift] = []
         self.sizes = np.zeros(0)  #: of the shifts
-        self.lag_s = 0.0  #: of the thermocouple behind the tool, which softens the copper; 0: there is none
+        self.lag_s = (
+            0.0  #: of the thermocouple behind the tool, which softens the copper; 0: there is none
+        )
         self.lagged = False  #: whether ``lag_s`` is estimated
         self.share = SHARE  #: of the tool in slow disturbances of the temperature
         self.segments = list(segments)
-        self.weights = [np.isfinite(_settled(segment.measured)).astype(float) for segment in segments]
+        self.weights = [
+            np.isfinite(_settled(segment.measured)).astype(float) for segment in segments
+        ]
         #: (n, 3) by segment, at the last solution
-        self.predicted, self.residuals, self.whitened = list[FloatArray](), list[FloatArray](), list[FloatArray]()
+        self.predicted, self.residuals, self.whitened = (
+            list[FloatArray](),
+            list[FloatArray](),
+            list[FloatArray](),
+        )
         self.known = [measured(segment, start) for segment in segments]
         self.parts: list[Part] = []
 
@@ -148,11 +168,15 @@ class Problem:
         """(n, 5) by segment: courses of ``WALKS``."""
         found = [np.zeros((segment.n_ticks, len(WALKS))) for segment in self.segments]
         for part in self.parts:
-            for which, at_knots in zip(reversed(WALKS_OF[part.output]), part.at_knots.T[::-1], strict=False):
+            for which, at_knots in zip(
+                reversed(WALKS_OF[part.output]), part.at_knots.T[::-1], strict=False
+            ):
                 found[part.segment][:, which] = _between(at_knots, len(found[part.segment]))
         return found
 
-    def _shift_slopes(self, i: int, output: int, p: ModelParameters, real: bool = True) -> FloatArray:
+    def _shift_slopes(
+        self, i: int, output: int, p: ModelParameters, real: bool = True
+    ) -> FloatArray:
         """Effect of a unit of each shift and of the share on an output of a segment, (n, shifts + 1).
 
         If not ``real``, only the effect on what the sensor shows.
@@ -167,7 +191,9 @@ class Problem:
             step = (np.arange(segment.n_ticks) >= shift.tick).astype(float)
             if shift.output == output:
                 slopes[:, column] = step
-            elif real and shift.output >= TORQUE and output == TEMPERATURE:  # a shift of the torque heats
+            elif (
+                real and shift.output >= TORQUE and output == TEMPERATURE
+            ):  # a shift of the torque heats
                 power = np.asarray(power_kw(*cast("Any", (step, segment.speed_rpm))))
                 slopes[:, column] = heated(p, power, power, self.lag_s)
         return slopes
@@ -206,8 +232,14 @@ class Problem:
         for i, segment in enumerate(self.segments):
             for output in range(len(OUTPUTS)):
                 response = respond(output, p, segment, self.known[i], self.lag_s)
-                walk, at_knots = walks(response), self.parts[len(parts)].at_knots if slopes else np.zeros(0)
-                columns = [np.nan_to_num(segment.measured[:, output])[:, None], self._shift_slopes(i, output, p)]
+                walk, at_knots = (
+                    walks(response),
+                    self.parts[len(parts)].at_knots if slopes else np.zeros(0),
+                )
+                columns = [
+                    np.nan_to_num(segment.measured[:, output])[:, None],
+                    self._shift_slopes(i, output, p),
+                ]
                 if slopes:
                     by_free, by_lag = self._slopes(i, output, at_knots)
                     columns = [columns[0], by_free, columns[1], by_lag[:, None]]
@@ -220,12 +252,16 @@ class Problem:
     def whitening(self, i: int, output: int) -> Whitening:
         """Of an output of a segment."""
         return whitening(
-            np.isfinite(_settled(self.segments[i].measured)[:, output]), float(self.autocorrelation[output])
+            np.isfinite(_settled(self.segments[i].measured)[:, output]),
+            float(self.autocorrelation[output]),
         )
 
     def compress(self, part: Part) -> None:
         """Rows of a part, with the present noise and weights."""
-        white, weights = self.whitening(part.segment, part.output), self.weights[part.segment][:, part.output]
+        white, weights = (
+            self.whitening(part.segment, part.output),
+            self.weights[part.segment][:, part.output],
+        )
         part.data = compress(part.walk, part.response.factor, part.columns, weights, white)
 
     def eliminate(
@@ -244,7 +280,10 @@ class Problem:
 
     def eliminated(self, part: Part, walk: FloatArray) -> Eliminated:
         """A part without its knots, with these sizes of the walks."""
-        which, states = list(WALKS_OF[part.output]), STATE_PRIOR[part.output][: part.response.gains.size]
+        which, states = (
+            list(WALKS_OF[part.output]),
+            STATE_PRIOR[part.output][: part.response.gains.size],
+        )
         start = np.concatenate([states, _TREND * walk[1, which], _OFFSET_PRIOR[which]])
         steps = np.concatenate([np.zeros(states.size), walk[1, which], walk[0, which]])
         return eliminate(part.data, part.walk, float(self.noise[part.output]), start, steps)
@@ -262,7 +301,8 @@ class Problem:
     def settle(self) -> None:
         """Take the best knots, shifts and share at the present parameters, for predictions and between the outputs.
 
-        The temperature is told as it was measured, smoothed: a model's would tell the depth the errors of the model.
+        The temperature is told as it was measured, smoothed: a model's would tell the depth the
+        errors of the model.
         """
         _, self.parts, sizes = self.profile(self.parameters)
         self.sizes, self.share = sizes[:-1], SHARE + float(sizes[-1])
@@ -270,23 +310,38 @@ class Problem:
         for i, segment in enumerate(self.segments):
             parts, p = self.parts[3 * i : 3 * i + 3], self.parameters
             shifts, of_sensor = (
-                np.column_stack([self._shift_slopes(i, output, p, real) @ sizes for output in range(3)])
+                np.column_stack(
+                    [self._shift_slopes(i, output, p, real) @ sizes for output in range(3)]
+                )
                 for real in (True, False)
             )
             self.predicted.append(np.column_stack([part.shown() for part in parts]) + shifts)
             self.residuals.append(_settled(segment.measured) - self.predicted[-1])
             self.whitened.append(np.column_stack([self._white(i, output) for output in range(3)]))
-            slow = np.column_stack([_between(part.at_knots[:, -1], segment.n_ticks) for part in parts])
-            seen = np.where(np.isfinite(segment.measured), segment.measured, self.predicted[-1]) - of_sensor
+            slow = np.column_stack(
+                [_between(part.at_knots[:, -1], segment.n_ticks) for part in parts]
+            )
+            seen = (
+                np.where(np.isfinite(segment.measured), segment.measured, self.predicted[-1])
+                - of_sensor
+            )
             depth = self.predicted[-1] - of_sensor if not self.fixed_walk else _smooth(seen)
             doubtful = self.known[i].doubtful_c
             rate = _rate(seen[:, TEMPERATURE])
-            if not self.fixed_walk:  # by the model, whose states are known only from where the temperature is used
+            if (
+                not self.fixed_walk
+            ):  # by the model, whose states are known only from where the temperature is used
                 told = rising(p, segment, self.known[i], self.lag_s, parts[TEMPERATURE].at_knots)
                 told += _rate((shifts - of_sensor)[:, TEMPERATURE])
                 rate[_SETTLING_TICKS[TEMPERATURE] :] = told[_SETTLING_TICKS[TEMPERATURE] :]
-            rise = _smooth(seen)[:, TEMPERATURE] - (1.0 - SHARE) * doubtful - p.operating_temperature_c
-            self.known[i] = Knowledge(rise, (depth - slow)[:, DEPTH], slow[:, TORQUE], doubtful, rate)
+            rise = (
+                _smooth(seen)[:, TEMPERATURE]
+                - (1.0 - SHARE) * doubtful
+                - p.operating_temperature_c
+            )
+            self.known[i] = Knowledge(
+                rise, (depth - slow)[:, DEPTH], slow[:, TORQUE], doubtful, rate
+            )
 
     def information(self) -> FloatArray:
         """Of free parameters, shifts and share, of data and prior."""
@@ -307,7 +362,9 @@ class Problem:
             self.take_noise(output)
         for i, whitened in enumerate(self.whitened):
             size = np.abs(np.nan_to_num(whitened / self.noise, nan=np.inf))
-            huber = np.where(np.isfinite(size), np.minimum(1.0, _HUBER / np.maximum(size, 1e-9)), 0.0)
+            huber = np.where(
+                np.isfinite(size), np.minimum(1.0, _HUBER / np.maximum(size, 1e-9)), 0.0
+            )
             self.weights[i] = np.where(size < OUTLIER, 1.0, 0.0) if reject else huber
 
 
@@ -335,12 +392,20 @@ def _settled(measured: FloatArray) -> FloatArray:
 def measured(segment: Segment, p: ModelParameters) -> Knowledge:
     """Depth and temperature as measured, smoothed."""
     shown = []
-    for column, usual in zip(segment.measured.T, (p.operating_depth_mm, p.operating_temperature_c), strict=False):
+    for column, usual in zip(
+        segment.measured.T, (p.operating_depth_mm, p.operating_temperature_c), strict=False
+    ):
         known = np.flatnonzero(np.isfinite(column))
-        filled = np.interp(np.arange(column.size), known, column[known]) if known.size else np.full(column.size, usual)
+        filled = (
+            np.interp(np.arange(column.size), known, column[known])
+            if known.size
+            else np.full(column.size, usual)
+        )
         shown.append(_smooth(filled))
     none = np.zeros(segment.n_ticks)
-    return Knowledge(shown[TEMPERATURE] - p.operating_temperature_c, shown[DEPTH], none, none, _rate(filled))
+    return Knowledge(
+        shown[TEMPERATURE] - p.operating_temperature_c, shown[DEPTH], none, none, _rate(filled)
+    )
 
 
 def _rate(values: FloatArray) -> FloatArray:

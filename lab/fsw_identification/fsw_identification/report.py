@@ -37,7 +37,9 @@ def write(result: Summary, folder: Path) -> list[Path]:
 def _draw(result: Summary, path: Path) -> None:
     columns = 3 if result.validation is not None else 2
     with sheet(6.5 * columns, 13.0, path) as figure:
-        figure.suptitle(f"Model identified from {result.sources}", fontsize=12.0, fontweight="bold")
+        figure.suptitle(
+            f"Model identified from {result.sources}", fontsize=12.0, fontweight="bold"
+        )
         grid = figure.subplots(5, columns, squeeze=False)
         _courses(list(grid[:, 0]), result.fit, result.judgement, "data")
         if result.validation is not None and result.checked is not None:
@@ -55,13 +57,17 @@ def _courses(axes: Sequence[Axes], fit: Fit, judgement: Judgement, what: str) ->
         begin_s = time_s[-1] + 10.0
         for output in range(3):
             measured = segment.measured[:, output]
-            axes[output].plot(time_s, measured, color=COLOURS[5], alpha=0.5, linewidth=0.7, label="measured")
+            axes[output].plot(
+                time_s, measured, color=COLOURS[5], alpha=0.5, linewidth=0.7, label="measured"
+            )
             axes[output].plot(time_s, fit.predicted[i][:, output], color=COLOURS[0], label="model")
         axes[3].plot(time_s, segment.force_kn, color=COLOURS[1])
         axes[4].plot(time_s, segment.speed_rpm, color=COLOURS[1])
     for shift, _, _ in fit.shifts:
         axes[min(shift.output, 2)].axvline(TICK_S * shift.tick, color=COLOURS[4], linestyle="--")
-    titles = [f"{name}, {what}: fit {judgement.fit_percent[i]:.1f} %" for i, name in enumerate(NAMES)]
+    titles = [
+        f"{name}, {what}: fit {judgement.fit_percent[i]:.1f} %" for i, name in enumerate(NAMES)
+    ]
     for axis, title in zip(axes, [*titles, "force [kN]", "speed [rpm]"], strict=True):
         axis.set_title(title, loc="left", fontsize=10.0)
         axis.ticklabel_format(axis="y", useOffset=False)
@@ -75,10 +81,16 @@ def _statistics(axes: Sequence[Axes], judgement: Judgement) -> None:
     both_s = TICK_S * np.arange(-LAGS, LAGS + 1)
     for output, axis in enumerate(axes):
         axis.axhspan(-judgement.bound, judgement.bound, color="black", alpha=0.12, linewidth=0.0)
-        axis.plot(both_s[LAGS + 1 :], judgement.auto[output], color=COLOURS[0], label="with themselves")
+        axis.plot(
+            both_s[LAGS + 1 :], judgement.auto[output], color=COLOURS[0], label="with themselves"
+        )
         for which, name in enumerate(("changes of force", "changes of speed")):
             axis.plot(
-                both_s, judgement.cross[output, which], color=COLOURS[1 + which], linewidth=0.8, label=f"with {name}"
+                both_s,
+                judgement.cross[output, which],
+                color=COLOURS[1 + which],
+                linewidth=0.8,
+                label=f"with {name}",
             )
         axis.set_title(
             f"{NAMES[output]}: correlation of whitened residuals, bounds of 99 % (left of 0: feedback)",

@@ -8,15 +8,16 @@ from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.problem import Problem
 from fsw_identification.simulation import KNOT_TICKS, shown
 
-#: correlation of the scores that counts, falling linearly to 0; beyond it, the noise is a slow disturbance's
+#: correlation of the scores that counts, falling linearly to 0; beyond it, the noise is a slow
+#: disturbance's
 _WINDOW_TICKS = KNOT_TICKS
 
 
 def long_run_covariance(problem: Problem) -> FloatArray:
     """(border, border): of free parameters, shifts, share and lag at a solution.
 
-    The information of the samples is replaced by the long-run variance of their scores: of the slopes, without what the
-    knots take of them, times the residuals. The prior's stays.
+    The information of the samples is replaced by the long-run variance of their scores: of the
+    slopes, without what the knots take of them, times the residuals. The prior's stays.
     """
     parts = problem.linearised(problem.parameters, True)
     border, found = problem.eliminate(parts, True)
@@ -25,10 +26,16 @@ def long_run_covariance(problem: Problem) -> FloatArray:
     for part, one in zip(parts, found, strict=True):
         by_knots = one.values()[:, :, 1:]
         response = part.response._replace(course=np.zeros(len(part.columns)))
-        slopes = [column - shown(response, part.walk, by_knots[:, :, i]) for i, column in enumerate(part.columns.T[1:])]
+        slopes = [
+            column - shown(response, part.walk, by_knots[:, :, i])
+            for i, column in enumerate(part.columns.T[1:])
+        ]
         i, output = part.segment, part.output
         scale = np.sqrt(problem.weights[i][:, output]) / problem.noise[output]
-        rows = np.column_stack([problem.whitening(i, output).of(slope) for slope in slopes]) * scale[:, None]
+        rows = (
+            np.column_stack([problem.whitening(i, output).of(slope) for slope in slopes])
+            * scale[:, None]
+        )
         residuals = np.nan_to_num(problem.whitened[i][:, output]) * scale
         scores += _long_run(rows * residuals[:, None]) - rows.T @ rows
     return np.asarray(inverse @ scores @ inverse)

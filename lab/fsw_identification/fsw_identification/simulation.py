@@ -1,10 +1,11 @@
 """The model's outputs along recorded inputs: the response that is known, and what unknown slow disturbances add.
 
-The static equations are those of :mod:`fsw_model.equations`. Each output follows from the inputs and from the others as
-they were measured and smoothed: depth (17), (27) from force and temperature; torque (18)-(23) from force, speed and
-depth; temperature (16), (24) from the power of that torque, behind the thermocouple's lag if there is one. So each is a
-linear response, of lags in parallel, exact for an input that is linear within a step. The fast pole of (17) is left
-out: it is a hundred times faster than a step.
+The static equations are those of :mod:`fsw_model.equations`. Each output follows from the inputs
+and from the others as they were measured and smoothed: depth (17), (27) from force and
+temperature; torque (18)-(23) from force, speed and depth; temperature (16), (24) from the power of
+that torque, behind the thermocouple's lag if there is one. So each is a linear response, of lags
+in parallel, exact for an input that is linear within a step. The fast pole of (17) is left out: it
+is a hundred times faster than a step.
 """
 
 from __future__ import annotations
@@ -22,14 +23,22 @@ from fsw_model.equations import friction_torque_nm, power_kw, process_torque_nm
 
 OUTPUTS = ("depth_mm", "temperature_c", "torque_nm")
 DEPTH, TEMPERATURE, TORQUE = range(3)
-#: what may be identifiable, by output; the rest of the model is the point of linearisation, the fast pole, the friction
+#: what may be identifiable, by output; the rest of the model is the point of linearisation, the
+#: fast pole, the friction
 OF_TEMPERATURE = ("thermal_gain_c_per_kw", "copper_lag_s", "tool_lag_s", "dead_time_s")
 OF_DEPTH = ("depth_gain_mm_per_kn_s", "depth_zero_s", "depth_pole_slow_s", "softening_per_c")
-OF_TORQUE = ("motor_lag_s", "sliding_friction", "sticking_stress_pa", "contact_slope", "spindle_inertia_kgm2")
+OF_TORQUE = (
+    "motor_lag_s",
+    "sliding_friction",
+    "sticking_stress_pa",
+    "contact_slope",
+    "spindle_inertia_kgm2",
+)
 CANDIDATES: tuple[str, ...] = (*OF_TEMPERATURE, *OF_DEPTH, *OF_TORQUE)
 #: on which an output depends; on ``OF_TORQUE`` the temperature does by the power
 DEPENDS = (OF_DEPTH, (*OF_TEMPERATURE, *OF_TORQUE), OF_TORQUE)
-#: two lags of the temperature that are nearer to each other than this share are taken for so far apart
+#: two lags of the temperature that are nearer to each other than this share are taken for so far
+#: apart
 _APART = 1e-3
 #: between two knots of a slow disturbance, which is linear in between
 KNOT_TICKS = 100
@@ -39,7 +48,8 @@ class Response(NamedTuple):
     """An output over the ticks of a segment: ``factor (course + modes of the disturbed input)``."""
 
     course: FloatArray  #: (n,): from rest, along the recorded inputs
-    #: (modes,): time constants [s], infinite of an integrator, and gains of the lags by which the input acts
+    #: (modes,): time constants [s], infinite of an integrator, and gains of the lags by which the
+    #: input acts
     lags_s: FloatArray
     gains: FloatArray
     factor: FloatArray  #: (n,)
@@ -51,12 +61,15 @@ class Knowledge(NamedTuple):
     rise_c: FloatArray  #: over the operating temperature, as a thermocouple shows it
     depth_mm: FloatArray  #: of the tool
     torque_nm: FloatArray  #: that acts in addition to the model's
-    #: slow disturbance of the temperature, of which only a share is known to be of the tool; that is in ``rise_c``
+    #: slow disturbance of the temperature, of which only a share is known to be of the tool; that
+    #: is in ``rise_c``
     doubtful_c: FloatArray
     rate_c_per_s: FloatArray  #: at which that rises
 
 
-def respond(output: int, p: ModelParameters, segment: Segment, known: Knowledge, lag_s: float = 0.0) -> Response:
+def respond(
+    output: int, p: ModelParameters, segment: Segment, known: Knowledge, lag_s: float = 0.0
+) -> Response:
     """Response of one of ``OUTPUTS``; ``lag_s`` is that of the thermocouple behind the tool."""
     none, ones = np.zeros(0), np.ones(segment.n_ticks)
     if output == DEPTH:
@@ -73,7 +86,9 @@ def respond(output: int, p: ModelParameters, segment: Segment, known: Knowledge,
     return Response(p.operating_temperature_c + course, *_thermal_modes(p, lag_s), ones)
 
 
-def _power_kw(p: ModelParameters, segment: Segment, known: Knowledge) -> tuple[FloatArray, FloatArray]:
+def _power_kw(
+    p: ModelParameters, segment: Segment, known: Knowledge
+) -> tuple[FloatArray, FloatArray]:
     """Power (24) over the operating power at the begin and the end of each step."""
     speed: Any = segment.speed_rpm
     torque = _motor_nm(p, segment, known.depth_mm)
@@ -88,7 +103,9 @@ def softened(p: ModelParameters, known: Knowledge, lag_s: float = 0.0) -> FloatA
     return 1.0 + p.softening_per_c * (known.rise_c + lag_s * known.rate_c_per_s)
 
 
-def heated(p: ModelParameters, begin_kw: FloatArray, end_kw: FloatArray, lag_s: float = 0.0) -> FloatArray:
+def heated(
+    p: ModelParameters, begin_kw: FloatArray, end_kw: FloatArray, lag_s: float = 0.0
+) -> FloatArray:
     """Rise (16) after power that is linear within each step; constant before the first."""
     lags_s, gains = _thermal_modes(p, lag_s)
     return np.asarray(gains @ [_late(begin_kw, end_kw, one_s, p.dead_time_s) for one_s in lags_s])
@@ -102,29 +119,39 @@ def _thermal_modes(p: ModelParameters, lag_s: float) -> tuple[FloatArray, FloatA
             if abs(lags_s[2] - other_s) < _APART * other_s:
                 lags_s[2] = (1.0 + _APART) * other_s
     apart = lags_s[:, None] - lags_s + np.diag(np.ones(lags_s.size))
-    return lags_s, np.asarray(p.thermal_gain_c_per_kw * lags_s ** (lags_s.size - 1) / apart.prod(axis=1))
+    return lags_s, np.asarray(
+        p.thermal_gain_c_per_kw * lags_s ** (lags_s.size - 1) / apart.prod(axis=1)
+    )
 
 
 def as_shown(p: ModelParameters, lag_s: float) -> ModelParameters:
     """Parameters of (16) for what a thermocouple with a lag shows.
 
-    They have the dead time and the shorter lag whose response to a step is nearest to that of all three lags, in the
-    sense of least squares.
+    They have the dead time and the shorter lag whose response to a step is nearest to that of all
+    three lags, in the sense of least squares.
     """
     step = np.ones(round((p.dead_time_s + 10.0 * (p.tool_lag_s + lag_s)) / STEP_S))
     step[0] = 0.0
     expected = heated(p, step, step, lag_s)
 
     def changed(logs: FloatArray) -> ModelParameters:
-        return p.changed(**dict(zip(("tool_lag_s", "dead_time_s"), map(float, np.exp(logs)), strict=True)))
+        return p.changed(
+            **dict(zip(("tool_lag_s", "dead_time_s"), map(float, np.exp(logs)), strict=True))
+        )
 
     long_s, short_s = max(p.tool_lag_s, lag_s), min(p.tool_lag_s, lag_s)
-    start = np.log([long_s + short_s / 2.0, p.dead_time_s + short_s / 2.0])  # Skogestad's half rule
-    found = scipy.optimize.least_squares(lambda logs: heated(changed(logs), step, step) - expected, start)
+    start = np.log(
+        [long_s + short_s / 2.0, p.dead_time_s + short_s / 2.0]
+    )  # Skogestad's half rule
+    found = scipy.optimize.least_squares(
+        lambda logs: heated(changed(logs), step, step) - expected, start
+    )
     return changed(found.x)
 
 
-def rising(p: ModelParameters, segment: Segment, known: Knowledge, lag_s: float, at_knots: FloatArray) -> FloatArray:
+def rising(
+    p: ModelParameters, segment: Segment, known: Knowledge, lag_s: float, at_knots: FloatArray
+) -> FloatArray:
     """Rate at which the shown temperature rises [°C/s], without drift of the sensor."""
     lags_s, gains = _thermal_modes(p, lag_s)
     power, heat = _power_kw(p, segment, known), at_knots.copy()
@@ -158,7 +185,9 @@ def _ramped(begin: FloatArray, slope: FloatArray, span_s: float, lag_s: float) -
 
 def _lagged(begin: FloatArray, end: FloatArray, lag_s: float) -> FloatArray:
     """First-order lag, from 0, of an input that is linear within each step."""
-    return _filtered(_ramped(begin, (end - begin) / STEP_S, STEP_S, lag_s), np.exp(-STEP_S / lag_s))
+    return _filtered(
+        _ramped(begin, (end - begin) / STEP_S, STEP_S, lag_s), np.exp(-STEP_S / lag_s)
+    )
 
 
 def _late(begin: FloatArray, end: FloatArray, lag_s: float, dead_time_s: float) -> FloatArray:
@@ -180,13 +209,14 @@ def _late(begin: FloatArray, end: FloatArray, lag_s: float, dead_time_s: float) 
 class Walks(NamedTuple):
     """How what is unknown at the knots acts.
 
-    In this order: states of the modes; then of the input's disturbance (if there are modes) and of the output's what
-    they change to the next knot, and themselves.
+    In this order: states of the modes; then of the input's disturbance (if there are modes) and of
+    the output's what they change to the next knot, and themselves.
     """
 
     here: FloatArray  #: (KNOT_TICKS + 1, p): on the ticks from a knot to the next
     ahead: FloatArray  #: (KNOT_TICKS + 1, p): on the same ticks, of the next
-    before: FloatArray  #: (p, p): ``after`` times a knot's values is this times those of the knot before
+    #: (p, p): ``after`` times a knot's values is this times those of the knot before
+    before: FloatArray
     after: FloatArray  #: (p, p)
 
 
@@ -218,7 +248,9 @@ def driven(walk: Walks, at_knots: FloatArray) -> FloatArray:
     driven = at_knots.copy()
     for i in range(at_knots.shape[1] - 4):
         added = at_knots[:-1, -2] * walk.before[i, -2] - at_knots[1:, -2] * walk.after[i, -2]
-        driven[:, i] = scipy.signal.lfilter([1.0], [1.0, -walk.before[i, i]], np.append(at_knots[0, i], added))
+        driven[:, i] = scipy.signal.lfilter(
+            [1.0], [1.0, -walk.before[i, i]], np.append(at_knots[0, i], added)
+        )
     return driven
 
 

@@ -1,7 +1,7 @@
 """Levenberg-Marquardt steps of the estimate of :mod:`fsw_identification.estimation`.
 
-No solver of SciPy does this: noise and size of the random walks are estimated again before each step, so that what is
-minimised changes from step to step.
+No solver of SciPy does this: noise and size of the random walks are estimated again before each
+step, so that what is minimised changes from step to step.
 """
 
 from __future__ import annotations
@@ -28,7 +28,12 @@ _MOST_DAMPED = 1e4
 _CONVERGED = 0.05
 
 
-def solve(problem: Problem, progress: Callable[[], None], iterations: int = _ITERATIONS, reject: bool = False) -> None:
+def solve(
+    problem: Problem,
+    progress: Callable[[], None],
+    iterations: int = _ITERATIONS,
+    reject: bool = False,
+) -> None:
     """Levenberg-Marquardt from the present values; outliers count less, or if ``reject``, not at all."""
     damping = 1e-3
     for segment, weights in zip(problem.segments, problem.weights, strict=True):
@@ -46,7 +51,11 @@ def solve(problem: Problem, progress: Callable[[], None], iterations: int = _ITE
         if problem.coloured:
             earlier = problem.autocorrelation.copy()
             take_likely_colour(problem, parts)
-            settled &= bool((np.abs(problem.autocorrelation - earlier) < _COLOUR_SETTLED * (1.0 - earlier)).all())
+            settled &= bool(
+                (
+                    np.abs(problem.autocorrelation - earlier) < _COLOUR_SETTLED * (1.0 - earlier)
+                ).all()
+            )
         if not problem.fixed_walk:
             earlier, problem.walk = problem.walk, likely_walk(problem, parts)
             settled &= bool((np.abs(np.log(problem.walk / earlier)) < _WALK_SETTLED).all())
@@ -58,7 +67,9 @@ def solve(problem: Problem, progress: Callable[[], None], iterations: int = _ITE
     problem.settle()
 
 
-def _descend(problem: Problem, border: FloatArray, before: float, damping: float) -> tuple[float, float]:
+def _descend(
+    problem: Problem, border: FloatArray, before: float, damping: float
+) -> tuple[float, float]:
     """Move so that the cost does not rise; the next damping, too large if no move does, and its size."""
     n, information = len(problem.free), border[1:, 1:]
     moving = [*range(n), *([len(information) - 1] if problem.lagged else [])]
@@ -70,7 +81,9 @@ def _descend(problem: Problem, border: FloatArray, before: float, damping: float
         after, parts, _ = problem.variant(lag_s=lag_s).profile(moved)
         if np.isfinite(after) and after <= before + 1e-6:
             problem.parameters, problem.parts, problem.lag_s = moved, parts, lag_s
-            return max(damping / 10.0, 1e-9), float(np.sqrt(by @ information[np.ix_(moving, moving)] @ by))
+            return max(damping / 10.0, 1e-9), float(
+                np.sqrt(by @ information[np.ix_(moving, moving)] @ by)
+            )
         damping = max(10.0 * damping, 1e-4)
     return damping, 0.0
 
@@ -79,7 +92,9 @@ def _move(border: FloatArray, moving: Sequence[int], damping: float) -> FloatArr
     """What moves, damped and bounded."""
     extra = np.zeros(len(border) - 1)
     extra[moving] = damping * np.diag(border)[1:][moving]
-    by = np.asarray(np.linalg.solve(border[1:, 1:] + np.diag(extra), border[1:, 0])[moving], dtype=np.float64)
+    by = np.asarray(
+        np.linalg.solve(border[1:, 1:] + np.diag(extra), border[1:, 0])[moving], dtype=np.float64
+    )
     return by * min(1.0, _LARGEST_MOVE / max(float(np.abs(by).max()), 1e-12))
 
 

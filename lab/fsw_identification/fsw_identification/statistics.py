@@ -17,8 +17,8 @@ LAGS = 50
 CORRELATED = 0.9
 #: quantile of the normal distribution for bounds of 99 %
 _QUANTILE = 2.576
-#: sum of the autocorrelations at all ``LAGS``, in its standard deviations, from which on residuals are not white: of a
-#: slow part that no single lag tells
+#: sum of the autocorrelations at all ``LAGS``, in its standard deviations, from which on residuals
+#: are not white: of a slow part that no single lag tells
 SLOW = 3.0
 
 
@@ -30,21 +30,30 @@ def fit_percent(measured: Sequence[FloatArray], residuals: Sequence[FloatArray])
     return 100.0 * (1.0 - float(np.linalg.norm(rest)) / spread) if spread > 0.0 else float("nan")
 
 
-def correlation(first: Sequence[FloatArray], second: Sequence[FloatArray], lags: IntArray) -> tuple[FloatArray, int]:
+def correlation(
+    first: Sequence[FloatArray], second: Sequence[FloatArray], lags: IntArray
+) -> tuple[FloatArray, int]:
     """Correlation of ``first[k + lag]`` with ``second[k]`` over all segments, and the number of pairs at lag 0.
 
     Missing samples (NaN) are left out.
     """
     whole = [np.concatenate(columns) for columns in (first, second)]
-    means, scale = [float(np.nanmean(one)) for one in whole], np.prod([np.nanstd(one) for one in whole])
+    means, scale = (
+        [float(np.nanmean(one)) for one in whole],
+        np.prod([np.nanstd(one) for one in whole]),
+    )
     products, counts, pairs = np.zeros(lags.size), np.zeros(lags.size), 0
     for one, other in zip(first, second, strict=True):
         known = [np.isfinite(column) for column in (one, other)]
-        a, b = (np.nan_to_num(column - mean) for column, mean in zip((one, other), means, strict=True))
+        a, b = (
+            np.nan_to_num(column - mean) for column, mean in zip((one, other), means, strict=True)
+        )
         inside = np.abs(lags) < a.size
         at = lags[inside] + a.size - 1
         products[inside] += scipy.signal.correlate(a, b)[at]
-        counts[inside] += np.rint(scipy.signal.correlate(known[0].astype(float), known[1].astype(float)))[at]
+        counts[inside] += np.rint(
+            scipy.signal.correlate(known[0].astype(float), known[1].astype(float))
+        )[at]
         pairs += int((known[0] & known[1]).sum())
     with np.errstate(all="ignore"):
         return np.nan_to_num(products / counts / scale), pairs
@@ -53,8 +62,8 @@ def correlation(first: Sequence[FloatArray], second: Sequence[FloatArray], lags:
 def long_run_factor(residuals: Sequence[FloatArray]) -> float:
     """Variance of a mean of residuals over that of white noise; 1 unless they are clearly not white.
 
-    The first lags of the autocorrelation whose size is beyond the bounds of 99 % count; all lags where they are beyond
-    theirs together.
+    The first lags of the autocorrelation whose size is beyond the bounds of 99 % count; all lags
+    where they are beyond theirs together.
     """
     if sum(int(np.isfinite(one).sum()) for one in residuals) < 2 * LAGS:
         return 1.0
@@ -71,15 +80,17 @@ class Judgement:
 
     fit_percent: tuple[float, ...]  #: NRMSE of each output
     bound: float  #: size that a correlation of white noise exceeds at one lag in a hundred
-    auto: FloatArray  #: (3, LAGS): autocorrelation of each output's whitened residuals, from lag 1 on
-    #: (3, 2, 2 LAGS + 1): correlation of the whitened residuals with the changes of force and speed, from lag -LAGS on
+    #: (3, LAGS): autocorrelation of each output's whitened residuals, from lag 1 on
+    auto: FloatArray
+    #: (3, 2, 2 LAGS + 1): correlation of the whitened residuals with the changes of force and
+    #: speed, from lag -LAGS on
     cross: FloatArray
 
     def outside(self, output: int) -> tuple[float, float]:
         """Shares of the lags of autocorrelation and cross-correlation that are beyond the bound; expected: 0.01.
 
-        At lags up to 0 a controller that feeds the noise back correlates it with the inputs, which is no fault of the
-        model: only inputs of the past count.
+        At lags up to 0 a controller that feeds the noise back correlates it with the inputs, which
+        is no fault of the model: only inputs of the past count.
         """
         auto = np.abs(self.auto[output]) > self.bound
         cross = np.abs(self.cross[output, :, LAGS + 1 :]) > self.bound
@@ -90,10 +101,15 @@ class Judgement:
         return float(self.auto[output].sum() / np.sqrt(LAGS) / (self.bound / _QUANTILE))
 
 
-def judge(segments: Sequence[Segment], residuals: Sequence[FloatArray], whitened: Sequence[FloatArray]) -> Judgement:
+def judge(
+    segments: Sequence[Segment], residuals: Sequence[FloatArray], whitened: Sequence[FloatArray]
+) -> Judgement:
     """Judge residuals, one (n, 3) array for each segment; whether the noise that is assumed explains them, whitened."""
     auto, cross, n, fits = np.zeros((3, LAGS)), np.zeros((3, 2, 2 * LAGS + 1)), 1, []
-    changes = [[np.diff(column, prepend=column[0]) for column in (one.force_kn, one.speed_rpm)] for one in segments]
+    changes = [
+        [np.diff(column, prepend=column[0]) for column in (one.force_kn, one.speed_rpm)]
+        for one in segments
+    ]
     for output in range(3):
         left = [one[:, output] for one in residuals]
         fits.append(fit_percent([one.measured[:, output] for one in segments], left))

@@ -19,7 +19,8 @@ NAMES = ("depth [mm]", "temperature [°C]", "torque [N·m]")
 _95 = 1.96
 #: slow disturbances that are worth a remark, in the order of WALKS
 _REMARKABLE = (0.1, 0.2, 0.002, 0.2, 4.0)
-#: correlation time [s] from which on noise is as slow as the process, and more likely a disturbance
+#: correlation time [s] from which on noise is as slow as the process, and more likely a
+#: disturbance
 _SLOW_S = 10.0
 #: share of lags beyond the bounds of 99 % from which on residuals are not called white
 _WHITE = 0.07
@@ -55,20 +56,34 @@ def parameter_rows(result: Summary) -> list[list[str]]:
     for name, (value, std) in estimates(result.fit, result.air).items():
         interval = f"{value - _95 * std:.4g} to {value + _95 * std:.4g}"
         share = f"{100.0 * std / abs(value):.2f}" if value else ""
-        rows.append([name, f"{value:.5g}", f"{std:.2g}", share, interval, f"{getattr(nominal, name):.5g}"])
+        rows.append(
+            [name, f"{value:.5g}", f"{std:.2g}", share, interval, f"{getattr(nominal, name):.5g}"]
+        )
     return rows
 
 
 def output_rows(result: Summary) -> list[list[str]]:
     """Header and a row per output: fit, noise, and how white the whitened residuals are."""
-    rows = [["output", "fit [%]", "validation [%]", "noise", "correlated over", "lags outside 99 %", "with inputs"]]
+    rows = [
+        [
+            "output",
+            "fit [%]",
+            "validation [%]",
+            "noise",
+            "correlated over",
+            "lags outside 99 %",
+            "with inputs",
+        ]
+    ]
     for i, name in enumerate(NAMES):
         auto, cross = result.judgement.outside(i)
         checked = f"{result.checked.fit_percent[i]:.1f}" if result.checked is not None else "-"
         fit, noise = f"{result.judgement.fit_percent[i]:.1f}", f"{result.fit.noise[i]:.3g}"
         correlation_s = float(result.fit.correlation_s[i])
         over = f"{correlation_s:.2g} s" if correlation_s > WHITE_S else "white"
-        rows.append([name, fit, checked, noise, over, f"{100 * auto:.0f} %", f"{100 * cross:.0f} %"])
+        rows.append(
+            [name, fit, checked, noise, over, f"{100 * auto:.0f} %", f"{100 * cross:.0f} %"]
+        )
     return rows
 
 
@@ -97,8 +112,14 @@ def disturbances(fit: Fit) -> list[str]:
     for which, name in enumerate(WALKS):
         largest = max(float(np.ptp(one[:, which])) for one in fit.disturbances)
         if largest > _REMARKABLE[which]:
-            lines.append(f"a slow disturbance of {name}, {largest:.2g} from lowest to highest, was estimated along")
-    if any(float(np.ptp(one[:, which])) > _REMARKABLE[which] for one in fit.disturbances for which in (1, 3)):
+            lines.append(
+                f"a slow disturbance of {name}, {largest:.2g} from lowest to highest, was estimated along"
+            )
+    if any(
+        float(np.ptp(one[:, which])) > _REMARKABLE[which]
+        for one in fit.disturbances
+        for which in (1, 3)
+    ):
         lines.append(
             f"heat and offset of the temperature: correlation {fit.heat_and_offset:+.2f}; of their sum the depth takes "
             f"{fit.share[0]:.2f} (std {fit.share[1]:.2g}) for the tool's, 0: all is the sensor's"
@@ -112,7 +133,10 @@ def remarks(result: Summary) -> list[str]:
     reasons: dict[str, list[str]] = {}
     for name, why in fit.kept.items():
         reasons.setdefault(why, []).append(name)
-    lines = [f"{', '.join(names)}: not identifiable, kept nominal: {why}" for why, names in reasons.items()]
+    lines = [
+        f"{', '.join(names)}: not identifiable, kept nominal: {why}"
+        for why, names in reasons.items()
+    ]
     lines += [*result.notes, *disturbances(fit)]
     correlation = fit.correlation
     for i, j in np.argwhere(np.tril(np.abs(correlation) > CORRELATED, -1)):

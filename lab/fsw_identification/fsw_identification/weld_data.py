@@ -32,8 +32,11 @@ class Segment:
     #: (n,): means of the acting inputs over the step that begins at the row
     force_kn: FloatArray
     speed_rpm: FloatArray
-    acceleration_rpm_per_s: FloatArray  #: (n,): mean of the spindle over the step that ends at the row
-    #: (n, 3): depth [mm], temperature [degC] and motor torque [N m]; NaN where there is no sample that may be used
+    acceleration_rpm_per_s: (
+        FloatArray  #: (n,): mean of the spindle over the step that ends at the row
+    )
+    #: (n, 3): depth [mm], temperature [degC] and motor torque [N m]; NaN where there is no sample
+    #: that may be used
     measured: FloatArray
 
     @property
@@ -76,7 +79,11 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
     name = str(signals.path)
     sensors = np.column_stack([signals.depth_mm, signals.temperature_c, signals.torque_nm])
     needed = ("torque",) if in_air else _COLUMNS
-    missing = [sensor for sensor, column in zip(_COLUMNS, sensors.T, strict=True) if not np.isfinite(column).any()]
+    missing = [
+        sensor
+        for sensor, column in zip(_COLUMNS, sensors.T, strict=True)
+        if not np.isfinite(column).any()
+    ]
     if missing := [sensor for sensor in missing if sensor in needed]:
         topics = ", ".join(SENSOR_TOPICS[sensor] for sensor in needed)
         raise InputError(f"{name}: no samples of {', '.join(missing)}; a bag needs {topics}")
@@ -89,17 +96,23 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
     for part in np.split(np.arange(row.size), cuts):
         n = int(row[part[-1]] - row[part[0]]) + 1
         if n * TICK_S < _SHORTEST_S:
-            notes.append(f"{n * TICK_S:.1f} s from {row[part[0]] * TICK_S:.1f} s on left out: too short")
+            notes.append(
+                f"{n * TICK_S:.1f} s from {row[part[0]] * TICK_S:.1f} s on left out: too short"
+            )
             continue
         grid = np.full((n, 5), np.nan)
         grid[row[part] - row[part[0]]] = np.column_stack([acting, sensors])[part]
         ends = np.column_stack([_filled(grid[:, i]) for i in range(2)])
         if not np.isfinite(ends).all():
-            notes.append(f"{n * TICK_S:.1f} s from {row[part[0]] * TICK_S:.1f} s on left out: no force or speed")
+            notes.append(
+                f"{n * TICK_S:.1f} s from {row[part[0]] * TICK_S:.1f} s on left out: no force or speed"
+            )
             continue
         means = _means(ends, drive_lag_s)
         acceleration = np.diff(ends[:, 1], prepend=ends[0, 1]) / TICK_S
-        segments.append(Segment(row[part[0]] * TICK_S, means[:, 0], means[:, 1], acceleration, grid[:, 2:]))
+        segments.append(
+            Segment(row[part[0]] * TICK_S, means[:, 0], means[:, 1], acceleration, grid[:, 2:])
+        )
     if not segments:
         raise InputError(
             f"{name}: no stretch of {_SHORTEST_S:g} s with sensors, force and speed ({signals.duration_s:.1f} s in all)"
@@ -115,10 +128,16 @@ def _acting(signals: WeldSignals, lag_s: float, notes: list[str]) -> FloatArray:
             return acting
     commands = np.column_stack([_filled(signals.force_kn), _filled(signals.speed_rpm)])
     if not np.isfinite(commands).all():
-        raise InputError(f"{signals.path}: has neither /fsw/drives nor /fsw/command, so its inputs are unknown")
-    notes.append("no drives' feedback: the commands are used instead, without disturbances of the inputs")
+        raise InputError(
+            f"{signals.path}: has neither /fsw/drives nor /fsw/command, so its inputs are unknown"
+        )
+    notes.append(
+        "no drives' feedback: the commands are used instead, without disturbances of the inputs"
+    )
     left = np.exp(-TICK_S / lag_s) if lag_s > 0.0 else 0.0
-    acting, _ = scipy.signal.lfilter([0.0, 1.0 - left], [1.0, -left], commands, axis=0, zi=commands[:1])
+    acting, _ = scipy.signal.lfilter(
+        [0.0, 1.0 - left], [1.0, -left], commands, axis=0, zi=commands[:1]
+    )
     return np.asarray(acting)
 
 
@@ -147,18 +166,26 @@ def _usable(signals: WeldSignals, sensors: FloatArray, notes: list[str]) -> Floa
     guard, usable = SensorGuard(), sensors.copy()
     refused: dict[str, Counter[str]] = {sensor: Counter() for sensor in SENSORS}
     for tick, row in enumerate(sensors):
-        values = {name: float(value) for name, value in zip(_COLUMNS, row, strict=True) if np.isfinite(value)}
+        values = {
+            name: float(value)
+            for name, value in zip(_COLUMNS, row, strict=True)
+            if np.isfinite(value)
+        }
         guard.measure(float(signals.stamp_ns[tick]) * 1e-9, values)
         for column, name in enumerate(_COLUMNS):
             reason = guard.reasons[name]
             if not reason:
                 continue
             begin = tick
-            while reason == Flaw.FROZEN and begin > 0 and sensors[begin - 1, column] == row[column]:
+            while (
+                reason == Flaw.FROZEN and begin > 0 and sensors[begin - 1, column] == row[column]
+            ):
                 begin -= 1
             fresh = np.isfinite(usable[begin : tick + 1, column])
             refused[name][reason] += max(1, int(fresh.sum()))
             usable[begin : tick + 1, column] = np.nan
     for name, reasons in refused.items():
-        notes += [f"{name}: {count} samples left out: {reason}" for reason, count in reasons.items()]
+        notes += [
+            f"{name}: {count} samples left out: {reason}" for reason, count in reasons.items()
+        ]
     return usable

@@ -54,16 +54,27 @@ class Case(NamedTuple):
         first = np.zeros((p, k, p))
         first[:, 0] = np.diag(1.0 / self.start)
         root = np.sqrt(self.weights)[:, None] / NOISE
-        ours = [root * by_knots.reshape(n, -1), (tight[:, None, None] * changes).reshape(-1, k * p)]
+        ours = [
+            root * by_knots.reshape(n, -1),
+            (tight[:, None, None] * changes).reshape(-1, k * p),
+        ]
         ours.append(first.reshape(p, -1))
         others = np.vstack(
-            [root * np.column_stack([self.white.of(one) for one in self.columns.T]), np.zeros((k * p, width))]
+            [
+                root * np.column_stack([self.white.of(one) for one in self.columns.T]),
+                np.zeros((k * p, width)),
+            ]
         )
         return np.vstack(ours), others
 
 
 def case(
-    output: str, n: int, seed: int, scales: tuple[float, float] = (-1.0, 1.0), width: int = 3, left: float = 0.0
+    output: str,
+    n: int,
+    seed: int,
+    scales: tuple[float, float] = (-1.0, 1.0),
+    width: int = 3,
+    left: float = 0.0,
 ) -> Case:
     """Random data; powers of ten of the priors within ``scales``, and noise of this autocorrelation."""
     generator = np.random.default_rng(seed)
@@ -85,7 +96,9 @@ def case(
     width=st.integers(1, 8),
     left=st.sampled_from([0.0, 0.3, 0.98]),
 )
-def test_as_by_dense_least_squares(output: str, n: int, seed: int, width: int, left: float) -> None:
+def test_as_by_dense_least_squares(
+    output: str, n: int, seed: int, width: int, left: float
+) -> None:
     one = case(output, n, seed, width=width, left=left)
     found, (rows, others) = one.eliminated(), one.rows()
     triangle = np.linalg.qr(rows)[1]
@@ -94,8 +107,12 @@ def test_as_by_dense_least_squares(output: str, n: int, seed: int, width: int, l
     np.testing.assert_allclose(found.border, left.T @ left, rtol=1e-7, atol=1e-7)
     k, p = found.shape
     deviations = np.sqrt((np.linalg.inv(triangle) ** 2).sum(axis=1)).reshape(k, p)
-    np.testing.assert_allclose((found.values() - values.reshape(k, p, -1)) / deviations[:, :, None], 0.0, atol=1e-5)
-    stiff = -np.log(np.where(one.steps > 0.0, one.steps, 1e-3 * NOISE / np.abs(one.walk.here[0]).clip(1e-12)))
+    np.testing.assert_allclose(
+        (found.values() - values.reshape(k, p, -1)) / deviations[:, :, None], 0.0, atol=1e-5
+    )
+    stiff = -np.log(
+        np.where(one.steps > 0.0, one.steps, 1e-3 * NOISE / np.abs(one.walk.here[0]).clip(1e-12))
+    )
     expected = 2.0 * np.log(np.abs(np.diag(triangle))).sum() - 2.0 * (knots(n) - 1) * stiff.sum()
     assert found.logdet == pytest.approx(expected, abs=1e-5)
     weights = np.random.default_rng(seed).standard_normal((k, p))

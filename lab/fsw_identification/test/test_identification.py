@@ -8,7 +8,15 @@ import pytest
 import scipy
 
 from fsw_analysis.weld_signals import DriveSignals, FloatArray, WeldSignals
-from fsw_identification import disturbed, estimation, model_file, noise, report, statistics, summary
+from fsw_identification import (
+    disturbed,
+    estimation,
+    model_file,
+    noise,
+    report,
+    statistics,
+    summary,
+)
 from fsw_identification.elimination import knots
 from fsw_identification.friction import from_air
 from fsw_identification.problem import HEAT, WALK, Problem
@@ -61,18 +69,28 @@ def signals_of(columns: dict[str, FloatArray], path: str = "weld") -> WeldSignal
         actual_controller=words,
         actual_mode=words,
         # what acts at a tick is what was held until it
-        drives=DriveSignals(*(np.concatenate([of[:1], of[:-1]]) for of in (columns["force_kn"], columns["speed_rpm"]))),
+        drives=DriveSignals(
+            *(
+                np.concatenate([of[:1], of[:-1]])
+                for of in (columns["force_kn"], columns["speed_rpm"])
+            )
+        ),
     )
 
 
-def weld(p: ModelParameters = OTHER, seconds: float = 150.0, seed: int = 1, noise: float = 1.0) -> WeldSignals:
+def weld(
+    p: ModelParameters = OTHER, seconds: float = 150.0, seed: int = 1, noise: float = 1.0
+) -> WeldSignals:
     """An open-loop weld with balanced steps of force and speed about the process's rest."""
     generator = np.random.default_rng(seed)
     n = round(10 * seconds)
     model = ProcessModel(p)
     rest = model.equilibrium()
     inputs = []
-    for centre, size, holds in ((rest.force_kn, 2.5, (30, 60, 150)), (rest.speed_rpm, 6.0, (40, 80, 120))):
+    for centre, size, holds in (
+        (rest.force_kn, 2.5, (30, 60, 150)),
+        (rest.speed_rpm, 6.0, (40, 80, 120)),
+    ):
         levels: list[float] = [0.0] * 50
         while len(levels) < n:
             hold, sign = int(generator.choice(holds)), float(generator.choice((-1.0, 1.0)))
@@ -83,10 +101,15 @@ def weld(p: ModelParameters = OTHER, seconds: float = 150.0, seed: int = 1, nois
     moved = np.diff(course["speed_rpm"], prepend=rest.speed_rpm)
     inertia_nm = np.concatenate([[0.0], moved[:-1]]) / 0.1 * p.spindle_inertia_kgm2 * np.pi / 30.0
     shown = (course["depth_mm"], course["temperature_c"], course["motor_torque_nm"] + inertia_nm)
-    noisy = [of + noise * std * generator.standard_normal(n) for of, std in zip(shown, NOISE, strict=True)]
+    noisy = [
+        of + noise * std * generator.standard_normal(n)
+        for of, std in zip(shown, NOISE, strict=True)
+    ]
     names = ("depth_mm", "temperature_c", "torque_nm")
     columns = dict(zip(names, noisy, strict=True))
-    return signals_of({**columns, "force_kn": course["force_kn"], "speed_rpm": course["speed_rpm"]})
+    return signals_of(
+        {**columns, "force_kn": course["force_kn"], "speed_rpm": course["speed_rpm"]}
+    )
 
 
 def only(signals: WeldSignals) -> Segment:
@@ -96,12 +119,17 @@ def only(signals: WeldSignals) -> Segment:
 
 def scores(fit: estimation.Fit, p: ModelParameters = OTHER) -> dict[str, float]:
     """Errors in standard deviations."""
-    return {name: (getattr(fit.parameters, name) - getattr(p, name)) / std for name, std in fit.std.items()}
+    return {
+        name: (getattr(fit.parameters, name) - getattr(p, name)) / std
+        for name, std in fit.std.items()
+    }
 
 
 def measured(segment: Segment, p: ModelParameters) -> Knowledge:
     depth, temperature, _ = segment.measured.T
-    return Knowledge(temperature - p.operating_temperature_c, depth, *np.zeros((3, segment.n_ticks)))
+    return Knowledge(
+        temperature - p.operating_temperature_c, depth, *np.zeros((3, segment.n_ticks))
+    )
 
 
 @pytest.mark.parametrize("dead_time_s", [0.1, 1.0, 2.4444])
@@ -120,12 +148,17 @@ def test_a_disturbance_acts_like_the_input() -> None:
     usual = respond(DEPTH, OTHER, segment, known)
     at_knots = np.zeros((knots(segment.n_ticks), 6))
     at_knots[:, -2] = np.random.default_rng(0).standard_normal(len(at_knots))
-    course = np.interp(np.arange(segment.n_ticks + 1), KNOT_TICKS * np.arange(len(at_knots)), at_knots[:, -2])
+    course = np.interp(
+        np.arange(segment.n_ticks + 1), KNOT_TICKS * np.arange(len(at_knots)), at_knots[:, -2]
+    )
     pushed = replace(segment, force_kn=segment.force_kn + (course[1:] + course[:-1]) / 2.0)
     walk = walks(usual)
     by = shown(usual, walk, driven(walk, at_knots)) - shown(usual, walk, 0.0 * at_knots)
     expected = respond(DEPTH, OTHER, pushed, known)
-    assert np.abs(expected.factor * (expected.course - usual.course) - by).max() < 1e-4 * np.abs(by).max()
+    assert (
+        np.abs(expected.factor * (expected.course - usual.course) - by).max()
+        < 1e-4 * np.abs(by).max()
+    )
 
 
 def test_power_heats_after_the_dead_time() -> None:
@@ -157,7 +190,12 @@ def test_two_lags_stand_in_for_three() -> None:
 @pytest.mark.slow
 def test_estimate_with_its_deviations() -> None:
     fit = estimation.identify([only(weld())])
-    assert {"thermal_gain_c_per_kw", "dead_time_s", "depth_gain_mm_per_kn_s", "depth_zero_s"} <= set(fit.free)
+    assert {
+        "thermal_gain_c_per_kw",
+        "dead_time_s",
+        "depth_gain_mm_per_kn_s",
+        "depth_zero_s",
+    } <= set(fit.free)
     assert max(map(abs, scores(fit).values())) < 4.0
     assert fit.std["dead_time_s"] < 0.1 and fit.std["thermal_gain_c_per_kw"] < 1.0
     assert fit.noise == pytest.approx(NOISE, rel=0.1)
@@ -171,17 +209,24 @@ def test_estimate_with_its_deviations() -> None:
 def test_coloured_noise_is_estimated_along() -> None:
     signals, left = weld(seconds=200.0, noise=0.0), noise.autocorrelation_of(2.0)
     fresh = np.random.default_rng(3).standard_normal((3, signals.n_ticks))
-    for of, std, one in zip((signals.depth_mm, signals.temperature_c, signals.torque_nm), NOISE, fresh, strict=True):
+    for of, std, one in zip(
+        (signals.depth_mm, signals.temperature_c, signals.torque_nm), NOISE, fresh, strict=True
+    ):
         of += std * scipy.signal.lfilter([np.sqrt(1.0 - left**2)], [1.0, -left], one)
     fit = estimation.identify([only(signals)])
     assert max(map(abs, scores(fit).values())) < 4.0
     assert fit.noise == pytest.approx(NOISE, rel=0.3)
     assert fit.correlation_s == pytest.approx([2.0] * 3, rel=0.6)
     assert not summary.disturbances(fit)
-    assert sum("correlated over" in line for line in summary.remarks(summary.Summary("weld", fit))) == 3
+    assert (
+        sum("correlated over" in line for line in summary.remarks(summary.Summary("weld", fit)))
+        == 3
+    )
     assert model_file.text(fit, "weld").count("correlated over") == 3
     slow = replace(fit, correlation_s=np.array([0.0, 2.0, 20.0]))
-    assert ["torque" in line for line in summary.disturbances(slow) if "counts as noise" in line] == [True]
+    assert [
+        "torque" in line for line in summary.disturbances(slow) if "counts as noise" in line
+    ] == [True]
     steady = estimation.identify([only(signals)], steady=True)
     assert sum("--steady takes noise for white" in note for note in steady.notes) == 3
 
@@ -192,11 +237,17 @@ def test_the_depth_tells_the_lag_of_the_thermocouple() -> None:
     signals, left = weld(seconds=200.0, noise=0.0), np.exp(-0.1 / 2.0)
     rise, mean = signals.temperature_c - signals.temperature_c[0], (1.0 - left) * 2.0 / 0.1
     # exact for a temperature that is linear within a step
-    signals.temperature_c[:] -= rise - scipy.signal.lfilter([1.0 - mean, mean - left], [1.0, -left], rise)
-    for of, std in zip((signals.depth_mm, signals.temperature_c, signals.torque_nm), NOISE, strict=True):
+    signals.temperature_c[:] -= rise - scipy.signal.lfilter(
+        [1.0 - mean, mean - left], [1.0, -left], rise
+    )
+    for of, std in zip(
+        (signals.depth_mm, signals.temperature_c, signals.torque_nm), NOISE, strict=True
+    ):
         of += std * np.random.default_rng(3).standard_normal(signals.n_ticks)
     fit = estimation.identify([only(signals)])
-    assert fit.lag_s is not None and fit.lag_s[0] == pytest.approx(2.0, abs=max(0.1, 4.0 * fit.lag_s[1]))
+    assert fit.lag_s is not None and fit.lag_s[0] == pytest.approx(
+        2.0, abs=max(0.1, 4.0 * fit.lag_s[1])
+    )
     assert fit.known_lag_s == fit.lag_s[0]
     assert max(map(abs, scores(fit).values())) < 4.0
     assert any("lags" in line for line in summary.remarks(summary.Summary("weld", fit)))
@@ -229,7 +280,10 @@ def test_shifts_are_found_and_do_not_bias() -> None:
     assert found == pytest.approx(shown | {(HEAT, 400): -15.0, (HEAT, 600): 15.0}, rel=0.2)
     assert max(map(abs, scores(fit).values())) < 4.0
     lines = summary.disturbances(fit)
-    assert sum("shifts by" in line for line in lines) == 3 and sum("heats like" in line for line in lines) == 2
+    assert (
+        sum("shifts by" in line for line in lines) == 3
+        and sum("heats like" in line for line in lines) == 2
+    )
 
 
 def test_windows_in_which_an_output_goes_its_own_way() -> None:
@@ -244,9 +298,15 @@ def test_windows_in_which_an_output_goes_its_own_way() -> None:
     coloured[:, 2] = np.convolve(clean[:3000, 2], np.ones(8), "same")
     for residuals, output in ((swinging, 0), (kinked, 1)):
         found = disturbed.disturbed_windows(residuals, noise)
-        assert found[650:750, output].all() and not found[900:, output].any() and not found[:500, output].any()
+        assert (
+            found[650:750, output].all()
+            and not found[900:, output].any()
+            and not found[:500, output].any()
+        )
         assert found.any(axis=0).sum() == 1
-    assert disturbed.disturbed_windows(coloured, noise).mean() < 0.02  # noise that is not white is no disturbance
+    assert (
+        disturbed.disturbed_windows(coloured, noise).mean() < 0.02
+    )  # noise that is not white is no disturbance
 
 
 @pytest.mark.slow
@@ -256,7 +316,10 @@ def test_slow_disturbance_is_found_and_does_not_bias() -> None:
     signals.temperature_c[500:] += np.minimum(4.0, 0.01 * np.arange(signals.n_ticks - 500))
     fit = estimation.identify([only(signals)])
     assert max(map(abs, scores(fit).values())) < 4.5
-    assert any("slow disturbance of temperature" in line for line in summary.remarks(summary.Summary("weld", fit)))
+    assert any(
+        "slow disturbance of temperature" in line
+        for line in summary.remarks(summary.Summary("weld", fit))
+    )
 
 
 @pytest.mark.slow
@@ -268,7 +331,12 @@ def test_steady_disturbances_neither_drift_nor_shift() -> None:
     assert max(map(abs, scores(clean).values())) < 4.0
     signals.depth_mm[700:] += 0.05
     fit = estimation.identify([only(signals)], steady=True)
-    assert not fit.shifts and (np.ptp(fit.disturbances[0], axis=0) < 0.2 * np.array([1.0, 1.0, 0.01, 1.0, 10.0])).all()
+    assert (
+        not fit.shifts
+        and (
+            np.ptp(fit.disturbances[0], axis=0) < 0.2 * np.array([1.0, 1.0, 0.01, 1.0, 10.0])
+        ).all()
+    )
     assert fit.noise[0] > 2.0 * clean.noise[0]
 
 
@@ -281,7 +349,9 @@ def test_fast_disturbance_of_the_temperature() -> None:
     signals.temperature_c[480:1024] -= 3.9 * np.sin(2.0 * np.pi * ticks / 342.0)
     segment = only(signals)
     fit = estimation.identify([segment])
-    assert all(np.nanmax(np.abs(one[:, 1] - segment.measured[:, 1])) < 20.0 for one in fit.predicted)
+    assert all(
+        np.nanmax(np.abs(one[:, 1] - segment.measured[:, 1])) < 20.0 for one in fit.predicted
+    )
 
 
 @pytest.mark.slow
@@ -309,11 +379,17 @@ def test_an_estimate_that_breaks_down_is_told(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.slow
 def test_nothing_is_identifiable_at_rest() -> None:
     signals = weld(seconds=60.0)
-    rest = [np.full(600, of[0]) for of in (signals.depth_mm, signals.temperature_c, signals.torque_nm)]
+    rest = [
+        np.full(600, of[0]) for of in (signals.depth_mm, signals.temperature_c, signals.torque_nm)
+    ]
     noise = np.random.default_rng(0).standard_normal((3, 600))
-    depth, temperature, torque = (of + std * one for of, std, one in zip(rest, NOISE, noise, strict=True))
+    depth, temperature, torque = (
+        of + std * one for of, std, one in zip(rest, NOISE, noise, strict=True)
+    )
     inputs = {"force_kn": np.full(600, 78.4), "speed_rpm": np.full(600, 407.6)}
-    quiet = signals_of({"depth_mm": depth, "temperature_c": temperature, "torque_nm": torque, **inputs})
+    quiet = signals_of(
+        {"depth_mm": depth, "temperature_c": temperature, "torque_nm": torque, **inputs}
+    )
     with pytest.raises(InputError, match="force and speed hardly move"):
         estimation.identify([only(quiet)])
 
@@ -328,9 +404,13 @@ def test_what_is_not_excited_is_kept_nominal() -> None:
     course = model.simulate([rest.force_kn] * 1200, speed.tolist(), rest)
     noise = np.random.default_rng(0).standard_normal((3, 1200))
     shown = (course["depth_mm"], course["temperature_c"], course["motor_torque_nm"])
-    depth, temperature, torque = (of + std * one for of, std, one in zip(shown, NOISE, noise, strict=True))
+    depth, temperature, torque = (
+        of + std * one for of, std, one in zip(shown, NOISE, noise, strict=True)
+    )
     inputs = {"force_kn": course["force_kn"], "speed_rpm": course["speed_rpm"]}
-    signals = signals_of({"depth_mm": depth, "temperature_c": temperature, "torque_nm": torque, **inputs})
+    signals = signals_of(
+        {"depth_mm": depth, "temperature_c": temperature, "torque_nm": torque, **inputs}
+    )
     fit = estimation.identify([only(signals)])
     assert "thermal_gain_c_per_kw" in fit.free and "depth_zero_s" not in fit.free
     assert fit.parameters.depth_zero_s == p.depth_zero_s
@@ -344,7 +424,11 @@ def test_samples_that_cannot_be_used_are_left_out() -> None:
     signals.torque_nm[400] = 1e6
     data = prepare(signals, 0.0)
     measured = data.segments[0].measured
-    assert np.isnan(measured[201:240, 0]).all() and np.isnan(measured[300:310, 1]).all() and np.isnan(measured[400, 2])
+    assert (
+        np.isnan(measured[201:240, 0]).all()
+        and np.isnan(measured[300:310, 1]).all()
+        and np.isnan(measured[400, 2])
+    )
     text = "\n".join(data.notes)
     assert "depth" in text and "frozen" in text and "missing" in text and "out of range" in text
 
@@ -378,7 +462,12 @@ def test_commands_stand_in_for_the_drives() -> None:
 def test_inputs_within_a_step_follow_the_lag_of_the_drives() -> None:
     signals = weld(seconds=40.0)
     assert signals.drives is not None
-    left, setpoint, position, means = np.exp(-0.1 / 0.05), signals.force_kn, float(signals.force_kn[0]), []
+    left, setpoint, position, means = (
+        np.exp(-0.1 / 0.05),
+        signals.force_kn,
+        float(signals.force_kn[0]),
+        [],
+    )
     for k, wanted in enumerate(setpoint):
         signals.drives.force_kn[k] = position
         means.append(wanted + (position - wanted) * 0.5 * (1.0 - left))
@@ -390,7 +479,10 @@ def test_inputs_within_a_step_follow_the_lag_of_the_drives() -> None:
     ("change", "words"),
     [
         ({"torque_nm": np.full(400, np.nan)}, "no samples of torque"),
-        ({"drives": None, "force_kn": np.full(400, np.nan)}, "neither /fsw/drives nor /fsw/command"),
+        (
+            {"drives": None, "force_kn": np.full(400, np.nan)},
+            "neither /fsw/drives nor /fsw/command",
+        ),
     ],
 )
 def test_a_weld_without_what_is_needed(change: dict[str, FloatArray], words: str) -> None:
@@ -407,7 +499,10 @@ def test_a_short_weld() -> None:
 def test_validation_shows_a_wrong_model() -> None:
     segment = only(weld(seed=3))
     right, wrong = (estimation.validate([segment], p) for p in (OTHER, ModelParameters()))
-    fits = [statistics.judge(one.segments, one.residuals, one.whitened).fit_percent for one in (right, wrong)]
+    fits = [
+        statistics.judge(one.segments, one.residuals, one.whitened).fit_percent
+        for one in (right, wrong)
+    ]
     assert all(good > 80.0 for good in fits[0]) and fits[1][1] < fits[0][1] - 10.0
 
 
@@ -417,24 +512,39 @@ def test_model_file_and_report(tmp_path: Path) -> None:
     fit = estimation.identify([segment])
     text = model_file.text(fit, "weld")
     read = ModelParameters.from_yaml(text)
-    assert read.thermal_gain_c_per_kw == pytest.approx(fit.parameters.thermal_gain_c_per_kw, rel=1e-5)
+    assert read.thermal_gain_c_per_kw == pytest.approx(
+        fit.parameters.thermal_gain_c_per_kw, rel=1e-5
+    )
     assert "# +- " in text and "#   geometry_factor" in text
     result = summary.Summary("weld <1>", fit, estimation.validate([segment], fit.parameters))
     page, picture = report.write(result, tmp_path)
     assert picture.read_bytes().startswith(b"\x89PNG")
     written = page.read_text(encoding="utf-8")
-    assert "weld &lt;1&gt;" in written and "data:image/png;base64," in written and "http" not in written
+    assert (
+        "weld &lt;1&gt;" in written
+        and "data:image/png;base64," in written
+        and "http" not in written
+    )
 
 
 def test_friction_from_a_run_in_air() -> None:
     p = ModelParameters(friction_constant_nm=200.0)
     speeds = np.repeat([320.0, 380.0, 440.0, 480.0], 200)
     shown = (
-        p.friction_constant_nm + p.friction_linear_nm_per_rpm * speeds + p.friction_quadratic_nm_per_rpm2 * speeds**2
+        p.friction_constant_nm
+        + p.friction_linear_nm_per_rpm * speeds
+        + p.friction_quadratic_nm_per_rpm2 * speeds**2
     )
     nothing = np.full(800, np.nan)
-    columns = {"depth_mm": nothing, "temperature_c": nothing, "force_kn": np.zeros(800), "speed_rpm": speeds}
-    signals = signals_of({**columns, "torque_nm": shown + np.random.default_rng(0).normal(0.0, 2.0, 800)})
+    columns = {
+        "depth_mm": nothing,
+        "temperature_c": nothing,
+        "force_kn": np.zeros(800),
+        "speed_rpm": speeds,
+    }
+    signals = signals_of(
+        {**columns, "torque_nm": shown + np.random.default_rng(0).normal(0.0, 2.0, 800)}
+    )
     found, deviations = from_air(signals, ModelParameters(), 0.02)
     for name, std in deviations.items():
         assert abs(getattr(found, name) - getattr(p, name)) < 4.0 * std
@@ -454,7 +564,9 @@ def test_a_slow_part_of_the_noise_is_told_though_no_lag_is() -> None:
     """2 % of the variance, correlated over 10 s."""
     generator, left = np.random.default_rng(1), 0.99
     white = generator.standard_normal(3000)
-    slow = scipy.signal.lfilter([np.sqrt(0.02 * (1.0 - left**2))], [1.0, -left], generator.standard_normal(3000))
+    slow = scipy.signal.lfilter(
+        [np.sqrt(0.02 * (1.0 - left**2))], [1.0, -left], generator.standard_normal(3000)
+    )
     segment = only(weld(seconds=300.0))
     for one, told in ((white, False), (white + slow, True)):
         left_over = [np.column_stack([white, one, white])]
@@ -477,8 +589,12 @@ def widened(noise: FloatArray) -> FloatArray:
     ``noise`` is in the sensors' standard deviations.
     """
     segment = only(weld(seconds=300.0, noise=0.0))
-    segment = replace(segment, measured=segment.measured + np.array(NOISE) * noise[: segment.n_ticks])
-    problem = Problem([segment], OTHER, ("thermal_gain_c_per_kw", "depth_gain_mm_per_kn_s", "sliding_friction"))
+    segment = replace(
+        segment, measured=segment.measured + np.array(NOISE) * noise[: segment.n_ticks]
+    )
+    problem = Problem(
+        [segment], OTHER, ("thermal_gain_c_per_kw", "depth_gain_mm_per_kn_s", "sliding_friction")
+    )
     problem.walk = WALK[0]
     solve(problem, lambda: None)
     ratios = np.diag(long_run_covariance(problem)) / np.diag(np.linalg.inv(problem.information()))

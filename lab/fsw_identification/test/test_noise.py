@@ -36,15 +36,17 @@ def test_a_sample_and_the_one_before_belong_to_the_same_knots() -> None:
     white = whitening(known, 0.9)
     at = np.flatnonzero(white.share)
     assert at.size > 0.9 * 0.3 * N and known[white.before[at]].all()
-    assert ((at - 1) // KNOT_TICKS * KNOT_TICKS <= white.before[at]).all() and (white.before[at] < at).all()
+    assert ((at - 1) // KNOT_TICKS * KNOT_TICKS <= white.before[at]).all() and (
+        white.before[at] < at
+    ).all()
 
 
 def test_white_noise_stays_as_it_is() -> None:
     noise = coloured(0.0, 300)
     np.testing.assert_array_equal(whitening(np.ones(300, dtype=bool), 0.0).of(noise), noise)
-    assert correlation_s(np.array([0.0, autocorrelation_of(1.0), autocorrelation_of(5.0)])) == pytest.approx(
-        [0.0, 1.0, 5.0]
-    )
+    assert correlation_s(
+        np.array([0.0, autocorrelation_of(1.0), autocorrelation_of(5.0)])
+    ) == pytest.approx([0.0, 1.0, 5.0])
 
 
 def test_coloured_noise_is_no_disturbance() -> None:
@@ -52,7 +54,9 @@ def test_coloured_noise_is_no_disturbance() -> None:
     left = np.array([autocorrelation_of(1.0), autocorrelation_of(5.0), 0.0])
     noise = np.column_stack([coloured(one, 60 * KNOT_TICKS, i) for i, one in enumerate(left)])
     known = np.ones(len(noise), dtype=bool)
-    white = np.column_stack([whitening(known, one).of(column) for one, column in zip(left, noise.T, strict=True)])
+    white = np.column_stack(
+        [whitening(known, one).of(column) for one, column in zip(left, noise.T, strict=True)]
+    )
     assert disturbed.shift_sizes(white, left).max() < disturbed.SHIFT
     assert not disturbed.disturbed_windows(white, np.ones(3)).any()
     taken_for_white = disturbed.shift_sizes(noise / noise.std(axis=0), np.zeros(3))

@@ -25,8 +25,12 @@ _ONLY_RUN, _ONLY_REPORT = (
 @command(
     "campaign",
     "run many welds with random parameters on Dask; report on them",
-    option("file", metavar="FILE", help="YAML file or name of a shipped campaign; or the word report"),
-    option("folder", metavar="DIR", nargs="?", type=Path, help="after report: folder of a campaign"),
+    option(
+        "file", metavar="FILE", help="YAML file or name of a shipped campaign; or the word report"
+    ),
+    option(
+        "folder", metavar="DIR", nargs="?", type=Path, help="after report: folder of a campaign"
+    ),
     file(
         "--out",
         "folder for the welds (default out/<date>_<campaign>); of a report the file, .html with its figures in it "
@@ -34,10 +38,19 @@ _ONLY_RUN, _ONLY_REPORT = (
         "OUT",
     ),
     switch("--resume", "run the welds that are still missing in the folder"),
-    option("--welds", type=int, metavar="N", help="welds of each controller, instead of the file's"),
-    option("--workers", type=int, metavar="N", help="processes on this machine (default: one per core)"),
     option(
-        "--scheduler", metavar="ADDRESS", help="Dask scheduler, e.g. tcp://host:8786, instead of processes started here"
+        "--welds", type=int, metavar="N", help="welds of each controller, instead of the file's"
+    ),
+    option(
+        "--workers",
+        type=int,
+        metavar="N",
+        help="processes on this machine (default: one per core)",
+    ),
+    option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Dask scheduler, e.g. tcp://host:8786, instead of processes started here",
     ),
     TRUSTED,
     REQUIRE_SIGNED_PROCEDURE,
@@ -90,7 +103,9 @@ def _weld(arguments: argparse.Namespace) -> int:
             state = f"{len(written.done)} of {total} welds are in {folder}"
             print(f"interrupted; {state}; continue with --resume", file=sys.stderr)
             return 130
-    print(f"in {folder}: {total} welds, {total - there} of them new; next: {program()} campaign report {folder}")
+    print(
+        f"in {folder}: {total} welds, {total - there} of them new; next: {program()} campaign report {folder}"
+    )
     return 0
 
 

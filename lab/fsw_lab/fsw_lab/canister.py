@@ -27,7 +27,8 @@ from fsw_schema.models import InputError
 from fsw_schema.ranges import Range
 
 _SCENARIO = "canister_weld_heat"
-#: moments that are shown where none is given, as shares of these phases; of the whole where there are none of them
+#: moments that are shown where none is given, as shares of these phases; of the whole where there
+#: are none of them
 _MOMENTS = {"start": 0.9, "joint_line": 0.5, "overlap": 0.9}
 #: tolerance of the reduction where temperatures away from the tool are shown
 _FINE_K = 1e-5
@@ -37,9 +38,24 @@ _ONLY_WITHOUT_BAG = ("power", "scenario", "canister")
 @command(
     "canister",
     "heat of a weld in the canister: table, figure, film, VTK files, thermocouples",
-    option("bag", nargs="?", type=Path, metavar="BAG", help="bag of a weld on a plant with process: canister"),
-    number("--power", "KW", Range(0.0, 200.0, "kW"), "constant power, 0 to 200 kW (default: the paper's, 43.6 kW)"),
-    option("--scenario", metavar="NAME", help=f"scenario whose path the tool takes (default {_SCENARIO})"),
+    option(
+        "bag",
+        nargs="?",
+        type=Path,
+        metavar="BAG",
+        help="bag of a weld on a plant with process: canister",
+    ),
+    number(
+        "--power",
+        "KW",
+        Range(0.0, 200.0, "kW"),
+        "constant power, 0 to 200 kW (default: the paper's, 43.6 kW)",
+    ),
+    option(
+        "--scenario",
+        metavar="NAME",
+        help=f"scenario whose path the tool takes (default {_SCENARIO})",
+    ),
     file("--canister", "parameters of the canister (YAML) instead of the scenario's"),
     repeated(
         "--probe",
@@ -85,14 +101,18 @@ def _check(arguments: argparse.Namespace) -> None:
     """Refuse what cannot be done, before any work."""
     given = [name for name in _ONLY_WITHOUT_BAG if getattr(arguments, name) is not None]
     if arguments.bag is not None and given:
-        raise CommandError(f"canister: --{given[0]} does not go with a bag, which has power, path and canister itself")
+        raise CommandError(
+            f"canister: --{given[0]} does not go with a bag, which has power, path and canister itself"
+        )
     if arguments.figure is not None and arguments.figure.suffix.lower() != ".png":
         raise CommandError(f"--figure {arguments.figure}: the name must end in .png")
     if arguments.film is not None:
         if arguments.film.suffix.lower() not in (".gif", ".mp4"):
             raise CommandError(f"--film {arguments.film}: the name must end in .gif or .mp4")
         if not heat_figures.can_film(arguments.film):
-            raise CommandError(f"--film {arguments.film}: ffmpeg is not installed; install it or give a name in .gif")
+            raise CommandError(
+                f"--film {arguments.film}: ffmpeg is not installed; install it or give a name in .gif"
+            )
     check_new([arguments.csv, arguments.figure, arguments.film], arguments.force)
     arguments.probe = [_probe(text) for text in arguments.probe]
 
@@ -109,7 +129,9 @@ def _probe(text: str) -> _Probe:
     try:
         r, degrees, z = map(float, text.split(","))
     except ValueError:
-        raise CommandError(f"--probe {text}: give radius, angle and height as R,ANGLE,Z, e.g. 525,90,-50") from None
+        raise CommandError(
+            f"--probe {text}: give radius, angle and height as R,ANGLE,Z, e.g. 525,90,-50"
+        ) from None
     if not isfinite(r + degrees + z):
         raise CommandError(f"--probe {text}: not finite")
     return _Probe(text, f"{r:g} mm, {degrees:g}°, {z:+g} mm", (r, radians(degrees), z))
@@ -121,12 +143,16 @@ def _moments(arguments: argparse.Namespace, weld: CanisterWeld) -> list[float]:
         raise CommandError(f"--at {late:g}: the weld lasts from 0 to {end_s:.0f} s")
     spans = {name: (begin, end) for name, begin, end in weld.phases}
     named = [
-        spans[name][0] + share * (spans[name][1] - spans[name][0]) for name, share in _MOMENTS.items() if name in spans
+        spans[name][0] + share * (spans[name][1] - spans[name][0])
+        for name, share in _MOMENTS.items()
+        if name in spans
     ]
     return sorted(arguments.at) or named or [share * end_s for share in _MOMENTS.values()]
 
 
-def _computed(arguments: argparse.Namespace, weld: CanisterWeld) -> tuple[HeatHistory, dict[_Probe, Any], float]:
+def _computed(
+    arguments: argparse.Namespace, weld: CanisterWeld
+) -> tuple[HeatHistory, dict[_Probe, Any], float]:
     """The heat over time, the thermocouples by name, and what a step took [us]."""
     for text, _, (r, _, z) in arguments.probe:
         try:
@@ -172,15 +198,23 @@ def _pictures(
     words = []
     if arguments.figure is not None or arguments.film is not None:
         named = {one.words: values for one, values in probes.items()}
-        picture = heat_figures.HeatPicture(history, weld.phases, f"Heat in the canister: {weld.name}", named)
+        picture = heat_figures.HeatPicture(
+            history, weld.phases, f"Heat in the canister: {weld.name}", named
+        )
         if arguments.figure is not None:
             arguments.figure.parent.mkdir(parents=True, exist_ok=True)
             heat_figures.draw_heat(picture, moments_s, arguments.figure)
-            words.append(f"{arguments.figure}: the canister at {', '.join(f'{one:.0f}' for one in moments_s)} s")
+            words.append(
+                f"{arguments.figure}: the canister at {', '.join(f'{one:.0f}' for one in moments_s)} s"
+            )
         if arguments.film is not None:
             with ProgressBar("film") as bar:
-                write_whole(arguments.film, lambda part: heat_figures.film_heat(picture, part, bar))
-            words.append(f"{arguments.film}: film of {heat_figures.FILM_FRAMES / heat_figures.FILM_FPS:.0f} s")
+                write_whole(
+                    arguments.film, lambda part: heat_figures.film_heat(picture, part, bar)
+                )
+            words.append(
+                f"{arguments.film}: film of {heat_figures.FILM_FRAMES / heat_figures.FILM_FPS:.0f} s"
+            )
     if arguments.vtk is not None:
         files = write_vtk(history, moments_s, arguments.vtk)
         words.append(f"{files[0]}: {len(files) - 1} moments, for ParaView")
@@ -190,9 +224,13 @@ def _pictures(
 def _print(weld: CanisterWeld, history: HeatHistory, step_us: float) -> None:
     """What was computed, and the temperatures of each phase."""
     p, canister, last = weld.parameters, history.canister, history.states[-1]
-    print(f"{weld.name}: outer radius {p.outer_radius_mm:g} mm, wall {p.wall_mm:g} mm, lid {p.lid_mm:g} mm")
+    print(
+        f"{weld.name}: outer radius {p.outer_radius_mm:g} mm, wall {p.wall_mm:g} mm, lid {p.lid_mm:g} mm"
+    )
     stored_mj = 1e-6 * canister.stored_j(last)
-    print(f"{canister.states} states, {step_us:.0f} us a step; {stored_mj:.1f} MJ in the copper at the end")
+    print(
+        f"{canister.states} states, {step_us:.0f} us a step; {stored_mj:.1f} MJ in the copper at the end"
+    )
     if weld.stir_zone_c is not None:
         largest = abs(history.stir_zone_c - weld.stir_zone_c).max()
         print(f"the stir zone differs from that in the bag by at most {largest:.2f} degC")

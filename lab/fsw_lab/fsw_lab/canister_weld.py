@@ -35,9 +35,12 @@ class CanisterWeld:
     parameters: CanisterParameters
     phases: Sequence[Span]
     course: ToolCourse
-    #: power [kW] by which the canister is heated before the weld, and the stir zone's temperature then; None: cold
+    #: power [kW] by which the canister is heated before the weld, and the stir zone's temperature
+    #: then; None: cold
     heated: tuple[float, float] | None = None
-    stir_zone_c: FloatArray | None = None  #: the stir zone's temperature as recorded, for comparison
+    stir_zone_c: FloatArray | None = (
+        None  #: the stir zone's temperature as recorded, for comparison
+    )
 
     def start(self, canister: ReducedCanister) -> CanisterState:
         """The canister before the first step."""
@@ -45,22 +48,35 @@ class CanisterWeld:
         if self.heated is None:
             return canister.initial(axial_mm=motion[1])
         power_kw, until_c = self.heated
-        return heated(canister, power_kw, motion, STEP_S, lambda at: until_c - canister.stir_zone_temperature_c(at))
+        return heated(
+            canister,
+            power_kw,
+            motion,
+            STEP_S,
+            lambda at: until_c - canister.stir_zone_temperature_c(at),
+        )
 
 
 def programmed(scenario_name: str, canister: Path | None, power_kw: float | None) -> CanisterWeld:
     """A constant power along the path of a scenario, from a cold canister."""
     scenario = load(scenario_name)
     config = PlantConfig.from_values(scenario.plant)
-    parameters = CanisterParameters.from_file(canister) if canister is not None else config.canister
+    parameters = (
+        CanisterParameters.from_file(canister) if canister is not None else config.canister
+    )
     if parameters is None:
         raise CommandError(f"scenario {scenario.name} has no process: canister; give another one")
     steps = round(scenario.duration_s / STEP_S)
     kw = nominal().operating_power_kw if power_kw is None else power_kw
     phases = spans(scenario.phases) if scenario.phases else [("weld", 0.0, scenario.duration_s)]
-    speed, axial = _motion(ToolPath.of(scenario.path, config), np.arange(steps, dtype=np.float64) * STEP_S)
+    speed, axial = _motion(
+        ToolPath.of(scenario.path, config), np.arange(steps, dtype=np.float64) * STEP_S
+    )
     return CanisterWeld(
-        f"{scenario.name}, {kw:.3g} kW from cold", parameters, phases, ToolCourse(np.full(steps, kw), speed, axial)
+        f"{scenario.name}, {kw:.3g} kW from cold",
+        parameters,
+        phases,
+        ToolCourse(np.full(steps, kw), speed, axial),
     )
 
 
@@ -71,9 +87,13 @@ def recorded(bag: Path) -> CanisterWeld:
     scenario = parse(text.decode("utf-8", "replace"), "scenario.yaml of the bag") if text else None
     config = PlantConfig.from_values(scenario.plant) if scenario else None
     if scenario is None or config is None or config.canister is None:
-        raise CommandError(f"{bag}: not of a weld on a plant with process: canister; leave the bag out for --power")
+        raise CommandError(
+            f"{bag}: not of a weld on a plant with process: canister; leave the bag out for --power"
+        )
     truth = signals.truth
-    known = truth is not None and np.isfinite(truth.process_power_kw) & np.isfinite(truth.copper_temperature_c)
+    known = truth is not None and np.isfinite(truth.process_power_kw) & np.isfinite(
+        truth.copper_temperature_c
+    )
     if truth is None or np.count_nonzero(known) < 2:
         raise CommandError(f"{bag}: has no /fsw/plant/truth, which has the power")
     time_s = np.arange(signals.time_s[known][0], signals.time_s[known][-1] + 0.5 * STEP_S, STEP_S)
@@ -96,7 +116,9 @@ def recorded(bag: Path) -> CanisterWeld:
 def _motion(path: ToolPath, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Speed and height in the steps that begin at times."""
     motions = [path.motion(at_s) for at_s in time_s.tolist()]
-    return np.array([one.traverse_mm_per_s for one in motions]), np.array([one.axial_mm for one in motions])
+    return np.array([one.traverse_mm_per_s for one in motions]), np.array(
+        [one.axial_mm for one in motions]
+    )
 
 
 def _motion_of(
@@ -105,7 +127,9 @@ def _motion_of(
     """Speed and height between the times; by the angle where a programme was played, for it may have been held."""
     known = np.flatnonzero(np.isfinite(signals.angle_deg))
     if not known.size:
-        return _motion(ToolPath.of(scenario.path, config), time_s[:-1] - STEP_S)  # the first tick is at 0.1 s
+        return _motion(
+            ToolPath.of(scenario.path, config), time_s[:-1] - STEP_S
+        )  # the first tick is at 0.1 s
     angle, at_s = signals.angle_deg[known], signals.time_s[known]
     new = np.flatnonzero(np.diff(angle, prepend=angle[0] - 1.0))
     points = {}

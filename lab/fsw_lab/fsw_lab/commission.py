@@ -66,11 +66,24 @@ _TUNINGS = ("conservative", "tight", "smith")
     "commission",
     "lead through the commissioning of a running graph: check, experiment, model, tuning, acceptance test",
     *GRAPH,
-    file("--out", "folder for bags, model, tunings and report; that of an earlier run goes on", "DIR", required=True),
-    option(
-        "--controller", choices=("decentral", "nmpc"), default="decentral", help="to be accepted (default %(default)s)"
+    file(
+        "--out",
+        "folder for bags, model, tunings and report; that of an earlier run goes on",
+        "DIR",
+        required=True,
     ),
-    option("--tuning", choices=_TUNINGS, default=_TUNINGS[0], help="of decentral (default %(default)s)"),
+    option(
+        "--controller",
+        choices=("decentral", "nmpc"),
+        default="decentral",
+        help="to be accepted (default %(default)s)",
+    ),
+    option(
+        "--tuning",
+        choices=_TUNINGS,
+        default=_TUNINGS[0],
+        help="of decentral (default %(default)s)",
+    ),
     option(
         "--experiment",
         metavar="SCENARIO",
@@ -91,18 +104,29 @@ _TUNINGS = ("conservative", "tight", "smith")
         EVALUATIONS,
         int,
     ),
-    number("--drive-lag", "S", Range(0.0, 10.0, "s"), "time constant of the drives (default %(default)s s)", 0.1),
+    number(
+        "--drive-lag",
+        "S",
+        Range(0.0, 10.0, "s"),
+        "time constant of the drives (default %(default)s s)",
+        0.1,
+    ),
     switch("--yes", "yes to every step, for scripts; leaves after one that fails"),
     description=f"Lead through commissioning: {'; '.join(f'{name}: {step.text}' for name, step in STEPS.items())}. "
     "Every step is asked for: yes, no (refuse it and leave), quit, or the name of an earlier step to repeat. "
     "With the same --out it goes on where it was left. Nothing moves without a yes; Ctrl-C aborts a weld.",
 )
 def commission(arguments: argparse.Namespace) -> int:
-    for one in (arguments.experiment, arguments.acceptance):  # what is wrong in them is said before anything is done
+    for one in (
+        arguments.experiment,
+        arguments.acceptance,
+    ):  # what is wrong in them is said before anything is done
         check_experiment(load(one))
     file: Path = arguments.out / _COURSE
     course = (
-        validate(Course, content_of(read_text(file, "commission"), str(file)), str(file)) if file.exists() else Course()
+        validate(Course, content_of(read_text(file, "commission"), str(file)), str(file))
+        if file.exists()
+        else Course()
     )
     if not file.exists():
         new_folder(arguments.out, "commission")
@@ -144,7 +168,9 @@ class Work:
 
     def save(self, course: Course) -> None:
         """Write the course and the report."""
-        text = yaml.safe_dump(course.model_dump(mode="json"), sort_keys=False, allow_unicode=True, width=120)
+        text = yaml.safe_dump(
+            course.model_dump(mode="json"), sort_keys=False, allow_unicode=True, width=120
+        )
         write_text(self._folder / _COURSE, text)
         words = f"Of `{self._arguments.controller}` with fsw-control {__version__}, by `{program()} commission`."
         write_report(course, self._folder / _REPORT, words)
@@ -154,9 +180,19 @@ class Work:
         if step == "apply":
             return f"   {self._arguments.controller} gets another tuning: no jump, but it will control differently"
         scenario = self._scenario(step)
-        at = [(one.reference.depth_mm, one.reference.temperature_c) for one in scenario.events if one.reference]
-        depths, temperatures = ([one for one in column if one is not None] for column in zip(*at, strict=True))
-        span = ", ".join(f"{min(c):g} to {max(c):g} {u}" for c, u in ((depths, "mm"), (temperatures, "degC")) if c)
+        at = [
+            (one.reference.depth_mm, one.reference.temperature_c)
+            for one in scenario.events
+            if one.reference
+        ]
+        depths, temperatures = (
+            [one for one in column if one is not None] for column in zip(*at, strict=True)
+        )
+        span = ", ".join(
+            f"{min(c):g} to {max(c):g} {u}"
+            for c, u in ((depths, "mm"), (temperatures, "degC"))
+            if c
+        )
         return f"   moves for {scenario.duration_s:g} s: set-points of {span}, by {scenario.controller}; Ctrl-C aborts"
 
     def check(self) -> Outcome:
@@ -183,15 +219,24 @@ class Work:
         (self._folder / "identification").mkdir(exist_ok=True)
         report.write(found, self._folder / "identification")
         notes = "; ".join(summary.remarks(found))
-        return outcome_of(identify_rows(found.parameters, found.std), _now(), f"identification/report.html; {notes}")
+        return outcome_of(
+            identify_rows(found.parameters, found.std),
+            _now(),
+            f"identification/report.html; {notes}",
+        )
 
     def tune(self) -> Outcome:
         """Search for the tunings."""
         self._tuned.mkdir(exist_ok=True)
         model = ModelParameters.from_file(self._model)
         origin = self._origin(self._model)
-        own = write_tunings(self._model, self._tuned, self._arguments.evaluations, origin, matched=True)
-        gains = {name: start_of(name, model).changed(**own.parameters[f"decentral:{name}"]) for name in NAMES}
+        own = write_tunings(
+            self._model, self._tuned, self._arguments.evaluations, origin, matched=True
+        )
+        gains = {
+            name: start_of(name, model).changed(**own.parameters[f"decentral:{name}"])
+            for name in NAMES
+        }
         found = {name: robustness(one, model) for name, one in gains.items()}
         rows = tune_rows(found, BOUNDS)
         if self._arguments.controller == "nmpc":
@@ -218,7 +263,11 @@ class Work:
         """Weld the acceptance test, and compare it with the weld that the model predicts."""
         from fsw_lab.commission_ros import weld as weld_it
 
-        scenario, bag, name = self._scenario("accept"), self._new_bag("accept"), self._arguments.controller
+        scenario, bag, name = (
+            self._scenario("accept"),
+            self._new_bag("accept"),
+            self._arguments.controller,
+        )
         weld_it(self._arguments, scenario.text, bag, Guard())
         file = self._folder / "acceptance.yaml"
         write_text(file, scenario.text)
@@ -228,7 +277,9 @@ class Work:
         measured, usual = (compute(replace(one, truth=None)) for one in (found, predicted))
         commands = list(zip(found.command_source, found.command_reason, strict=True))
         rows = accept_rows(measured, usual, commands, name)
-        return outcome_of(rows, _now(), f"recorded to {bag.name}{'' if rows[0].good else _TOO_FAST}")
+        return outcome_of(
+            rows, _now(), f"recorded to {bag.name}{'' if rows[0].good else _TOO_FAST}"
+        )
 
     def _scenario(self, step: str) -> Scenario:
         """The scenario of a step; the experiment returns to the operating point at its end."""
@@ -238,7 +289,9 @@ class Work:
         content = content_of(made.text, made.name)
         rest = {"depth_mm": weld.DEPTH_MM, "temperature_c": weld.TEMPERATURE_C}
         content["events"].append({"at_s": made.duration_s, "reference": rest})
-        return parse(yaml.safe_dump(content | {"duration_s": made.duration_s + _RETURN_S}), made.name)
+        return parse(
+            yaml.safe_dump(content | {"duration_s": made.duration_s + _RETURN_S}), made.name
+        )
 
     def _file(self) -> Path:
         """The parameter file of the controller."""
@@ -250,7 +303,9 @@ class Work:
         return dict(content[f"fsw_{self._arguments.controller}"]["ros__parameters"])
 
     def _bags(self, step: str) -> list[Path]:
-        return sorted(self._folder.glob(f"{step}_*"), key=lambda path: int(path.name.rpartition("_")[2]))
+        return sorted(
+            self._folder.glob(f"{step}_*"), key=lambda path: int(path.name.rpartition("_")[2])
+        )
 
     def _bag(self, step: str) -> Path:
         if not (bags := self._bags(step)):
@@ -279,7 +334,9 @@ def _cut(signals: WeldSignals, scenario: Scenario) -> WeldSignals:
     if not first:
         raise InputError(f"{signals.path}: the set-points do not change")
     begin = signals.time_s[first[0]] - scenario.events[0].at_s
-    inside = (signals.time_s > begin - 1e-6) & (signals.time_s < begin + scenario.duration_s - 1e-6)
+    inside = (signals.time_s > begin - 1e-6) & (
+        signals.time_s < begin + scenario.duration_s - 1e-6
+    )
     ticks = inside.nonzero()[0]
     cut: WeldSignals = part(signals, slice(int(ticks[0]), int(ticks[-1]) + 1))
     return cut

@@ -30,7 +30,12 @@ from fsw_scenario.weld_programme import State
 
 _RECORDER = "fsw_commission_recorder"
 #: what must be recorded before anything moves
-_RECORDED = (*(SENSORS[name].topic for name in REQUIRED), "fsw/drives", "fsw/command", "fsw/reference")
+_RECORDED = (
+    *(SENSORS[name].topic for name in REQUIRED),
+    "fsw/drives",
+    "fsw/command",
+    "fsw/reference",
+)
 
 
 def listen(arguments: argparse.Namespace, ticks: int) -> Heard:
@@ -44,7 +49,9 @@ def listen(arguments: argparse.Namespace, ticks: int) -> Heard:
         sensors = node.watch_sensors()
         heard = {"commands": commands, "drives": drives, **sensors}
         patience_s = node.timeout_s + 2.0 * ticks * TICK_S
-        if not node.wait_until(lambda: states and all(len(one) >= ticks for one in heard.values()), patience_s):
+        if not node.wait_until(
+            lambda: states and all(len(one) >= ticks for one in heard.values()), patience_s
+        ):
             counts = ", ".join(f"{len(one)} of {name}" for name, one in heard.items())
             late = f"{ticks} ticks did not come within {patience_s:g} s on {domain_text()}"
             raise CommandError(f"{late}: {counts}; does the graph run there?")
@@ -56,7 +63,10 @@ def listen(arguments: argparse.Namespace, ticks: int) -> Heard:
     speed_rpm = sum(one.speed_rpm for one in commanded) / len(commanded)
     return Heard(
         time_s=[1e-9 * convert.stamp_ns(one.header.stamp) for one in sensors["depth"]],
-        **{SENSORS[name].signal: [convert.sensor_value(name, one) for one in sensors[name]] for name in REQUIRED},
+        **{
+            SENSORS[name].signal: [convert.sensor_value(name, one) for one in sensors[name]]
+            for name in REQUIRED
+        },
         force_kn=[units.kn_from_n(one.axial_force) - force_kn for one in drives],
         speed_rpm=[units.rpm_from_rad_s(one.spindle_speed) - speed_rpm for one in drives],
         reference=None if reference is None else (reference.depth_mm, reference.temperature_c),
@@ -64,7 +74,9 @@ def listen(arguments: argparse.Namespace, ticks: int) -> Heard:
         controller=state.actual_controller,
         ready=[one.name for one in state.controllers if health(one) == "ready"],
         interlocks=list(state.interlocks),
-        held=[convert.reason(one).words or one.source for one in commands if one.source not in names],
+        held=[
+            convert.reason(one).words or one.source for one in commands if one.source not in names
+        ],
     )
 
 
@@ -77,23 +89,33 @@ def weld(arguments: argparse.Namespace, text: str, bag: Path, guard: Guard) -> N
         When it was not welded to its end.
     """
     domain = int(os.environ.get("ROS_DOMAIN_ID") or "0")
-    names = ["-r", f"__node:={_RECORDER}", *(["-r", f"__ns:=/{one}"] if (one := arguments.namespace) else [])]
+    names = [
+        "-r",
+        f"__node:={_RECORDER}",
+        *(["-r", f"__ns:=/{one}"] if (one := arguments.namespace) else []),
+    ]
     with Launcher(bag.parent / "log", domain) as launcher:
         words = ["--ros-args", "-p", f"output:={bag}", *names]
         launcher.start("recorder", "fsw_recorder.recorder_node", words)
         why, outcome = _welded(arguments, text, guard, launcher)
         code = launcher.stop("recorder")["recorder"]
     if outcome is None:
-        raise CommandError(f"{why}; the scenario player does not report the end of the weld: fsw.py weld abort ends it")
+        raise CommandError(
+            f"{why}; the scenario player does not report the end of the weld: fsw.py weld abort ends it"
+        )
     if why:
         raise CommandError(f"{why}; {outcome.verdict}: {outcome.message}")
     if outcome.verdict != State.DONE:
         raise CommandError(f"{outcome.verdict}: {outcome.message}")
     if code != 0:
-        raise CommandError(f"the recorder ended with exit code {code}: {launcher.children['recorder'].last_lines()}")
+        raise CommandError(
+            f"the recorder ended with exit code {code}: {launcher.children['recorder'].last_lines()}"
+        )
 
 
-def _welded(arguments: argparse.Namespace, text: str, guard: Guard, launcher: Launcher) -> tuple[str, Any]:
+def _welded(
+    arguments: argparse.Namespace, text: str, guard: Guard, launcher: Launcher
+) -> tuple[str, Any]:
     """Why the weld was aborted, and its result, if it has ended."""
     stopped: list[str] = []
 
@@ -104,13 +126,17 @@ def _welded(arguments: argparse.Namespace, text: str, guard: Guard, launcher: La
     try:
         with operator(arguments) as node:
             _must_control(node)
-            launcher.wait_until(lambda: _is_recorded(node), arguments.timeout + 60.0, "the recorder")
+            launcher.wait_until(
+                lambda: _is_recorded(node), arguments.timeout + 60.0, "the recorder"
+            )
             subscribe_sensors(node.node, lambda name, _, value: take(SENSORS[name].stem, value))
             outcome = follow(node, RunWeld.Goal(scenario=text), lambda: stopped)
             return stopped[0] if stopped else "", outcome
     except KeyboardInterrupt:
         ends = (signal.SIGINT, signal.SIGTERM)
-        before = [signal.signal(one, signal.SIG_IGN) for one in ends]  # a second one does not keep the weld going
+        before = [
+            signal.signal(one, signal.SIG_IGN) for one in ends
+        ]  # a second one does not keep the weld going
         try:
             with operator(arguments) as node:
                 text = _aborted(node)
@@ -127,17 +153,24 @@ def _must_control(node: Operator) -> None:
         raise CommandError(f"no supervisor is heard on {domain_text()}; does the graph run there?")
     if (mode := states[-1].actual_mode) != "auto":
         back = "fsw.py acknowledge, then " if mode == SAFE_STOP else ""
-        raise CommandError(f"the supervisor is in mode {mode}, so nothing was moved; {back}fsw.py mode auto first")
+        raise CommandError(
+            f"the supervisor is in mode {mode}, so nothing was moved; {back}fsw.py mode auto first"
+        )
 
 
 def _aborted(node: Operator) -> str:
     """Abort whatever weld there is; returns what has come of it, in words."""
     try:
-        # Twice: a player that was held up takes a goal and what cancels it in any order, so the first may be too early.
+        # Twice: a player that was held up takes a goal and what cancels it in any order, so the
+        # first may be too early.
         aborted = abort(node) or abort(node)
     except CommandError as error:
         return f"{error}; a weld may go on, or begin yet: fsw.py weld abort ends it"
-    return "the weld was aborted, and the safe stop is requested" if aborted else "no weld was under way"
+    return (
+        "the weld was aborted, and the safe stop is requested"
+        if aborted
+        else "no weld was under way"
+    )
 
 
 def _is_recorded(node: Operator) -> bool:
@@ -154,7 +187,9 @@ def set_parameters(arguments: argparse.Namespace, name: str, values: Mapping[str
     """Set parameters of a node, all or none; CommandError when it refuses."""
     with operator(arguments) as node:
         client = client_of(node, name)
-        future = client.set_parameters_atomically([Parameter(key, value=value) for key, value in values.items()])
+        future = client.set_parameters_atomically(
+            [Parameter(key, value=value) for key, value in values.items()]
+        )
         result = node.answer(future, name).result
     if not result.successful:
         raise CommandError(f"{name} refuses its tuning: {result.reason or 'without a reason'}")

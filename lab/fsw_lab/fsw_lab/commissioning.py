@@ -35,7 +35,9 @@ STEPS = {
     "identify": Step("estimate the model from the experiment"),
     "tune": Step("search for tunings of the model, under bounds of robustness"),
     "apply": Step("give the tuning to the running controller, without a bump", moves=True),
-    "accept": Step("step the set-points once more, and compare with what the model predicts", moves=True),
+    "accept": Step(
+        "step the set-points once more, and compare with what the model predicts", moves=True
+    ),
 }
 Verdict = Literal["open", "done", "failed", "refused"]
 
@@ -81,15 +83,20 @@ class Course(Model):
 
 def outcome_of(rows: Sequence[Row], at: str, note: str = "") -> Outcome:
     """Done when all rows are good."""
-    return Outcome(verdict="done" if all(row.good for row in rows) else "failed", at=at, note=note, rows=tuple(rows))
+    return Outcome(
+        verdict="done" if all(row.good for row in rows) else "failed",
+        at=at,
+        note=note,
+        rows=tuple(rows),
+    )
 
 
 @dataclass(slots=True)
 class Session:
     """Leads through the steps.
 
-    ``ask`` gets a question and returns the answer; ``carry_out`` has a function for each step, which returns its
-    outcome or raises an error of a command; ``save`` gets every new course.
+    ``ask`` gets a question and returns the answer; ``carry_out`` has a function for each step,
+    which returns its outcome or raises an error of a command; ``save`` gets every new course.
     """
 
     course: Course
@@ -170,7 +177,8 @@ class Heard:
     held: Sequence[str]
 
 
-#: noise that a sensor may have, about ten times the emulator's (chosen): depth, torque, temperature
+#: noise that a sensor may have, about ten times the emulator's (chosen): depth, torque,
+#: temperature
 _NOISE = {"depth_mm": (0.02, "mm"), "torque_nm": (20.0, "N m"), "temperature_c": (1.0, "degC")}
 #: how far an output may be from its set-point before the experiment
 _REST_MM, _REST_C = 0.02, 2.0
@@ -189,16 +197,35 @@ def check_rows(heard: Heard, needed: Sequence[str]) -> list[Row]:
     trouble = ", ".join(heard.interlocks) or "none"
     rows = [
         _row("mode", f"{heard.mode}, {heard.controller}", "auto", heard.mode == "auto"),
-        _row("controllers", ", ".join(heard.ready) or "none", f"ready: {', '.join(needed)}", not missing),
+        _row(
+            "controllers",
+            ", ".join(heard.ready) or "none",
+            f"ready: {', '.join(needed)}",
+            not missing,
+        ),
         _row("interlocks", trouble, "none", not heard.interlocks),
-        _row("tick", f"{period_s:.3f} s", f"{weld.TICK_S:g} s", abs(period_s - weld.TICK_S) < 0.05 * weld.TICK_S),
-        _row("samples lost", f"{100.0 * lost:.1f} %", f"at most {100.0 * _LOST:g} %", lost <= _LOST),
+        _row(
+            "tick",
+            f"{period_s:.3f} s",
+            f"{weld.TICK_S:g} s",
+            abs(period_s - weld.TICK_S) < 0.05 * weld.TICK_S,
+        ),
+        _row(
+            "samples lost", f"{100.0 * lost:.1f} %", f"at most {100.0 * _LOST:g} %", lost <= _LOST
+        ),
         _commanded("a controller", len(heard.time_s), heard.held),
     ]
     for name, (most, unit) in _NOISE.items():
         noise = _noise(getattr(heard, name))
         good = 0.0 < noise <= most
-        rows.append(_row(f"noise, {name.split('_')[0]}", f"{noise:.3g} {unit}", f"above 0, at most {most:g}", good))
+        rows.append(
+            _row(
+                f"noise, {name.split('_')[0]}",
+                f"{noise:.3g} {unit}",
+                f"above 0, at most {most:g}",
+                good,
+            )
+        )
     wanted = (weld.DEPTH_MM, weld.TEMPERATURE_C)
     there = "none" if heard.reference is None else "{:g} mm, {:g} degC".format(*heard.reference)
     at_rest = heard.reference is not None and np.allclose(heard.reference, wanted, atol=1e-6)
@@ -208,10 +235,22 @@ def check_rows(heard: Heard, needed: Sequence[str]) -> list[Row]:
         ("temperature", wanted[1], _REST_C, "degC"),
     ):
         off = _mean(getattr(heard, f"{name}_{unit.lower().replace('deg', '')}")) - middle
-        rows.append(_row(f"{name}, off", f"{off:+.3g} {unit}", f"at most {most:g}", abs(off) <= most))
-    for name, most, unit in (("force", limits.force_step_kn, "kN"), ("speed", limits.speed_step_rpm, "rpm")):
+        rows.append(
+            _row(f"{name}, off", f"{off:+.3g} {unit}", f"at most {most:g}", abs(off) <= most)
+        )
+    for name, most, unit in (
+        ("force", limits.force_step_kn, "kN"),
+        ("speed", limits.speed_step_rpm, "rpm"),
+    ):
         off = _mean(getattr(heard, f"{name}_{unit.lower()}"))
-        rows.append(_row(f"{name}, off its command", f"{off:+.3g} {unit}", f"at most {most:g}", abs(off) <= most))
+        rows.append(
+            _row(
+                f"{name}, off its command",
+                f"{off:+.3g} {unit}",
+                f"at most {most:g}",
+                abs(off) <= most,
+            )
+        )
     return rows
 
 
@@ -220,7 +259,9 @@ def _commanded(by: str, ticks: int, held: Sequence[str]) -> Row:
     share = 1.0 - min(len(held) / ticks, 1.0) if ticks else 0.0
     why = f", {Counter(held).most_common(1)[0][0]}" if held else ""
     found = f"{100.0 * share:.1f} %{why}"
-    return _row(f"commanded by {by}", found, f"at least {100.0 * _COMMANDED:g} %", share >= _COMMANDED)
+    return _row(
+        f"commanded by {by}", found, f"at least {100.0 * _COMMANDED:g} %", share >= _COMMANDED
+    )
 
 
 def _row(what: str, found: str, limit: str, good: Any) -> Row:
@@ -242,13 +283,23 @@ def _noise(values: Sequence[float]) -> float:
 def check_experiment(scenario: Scenario) -> None:
     """InputError unless a scenario only steps set-points, within the bounds about the operating point."""
     if scenario.open_loop or scenario.phases:
-        raise InputError(f"{scenario.name}: commissioning takes steps of set-points, no commands and no phases")
+        raise InputError(
+            f"{scenario.name}: commissioning takes steps of set-points, no commands and no phases"
+        )
     for event in scenario.events:
         wanted = event.reference
         if wanted is None or wanted.sine is not None:
-            raise InputError(f"{scenario.name}: the event at {event.at_s:g} s is no step of a set-point")
-        depth_mm, temperature_c = wanted.depth_mm or weld.DEPTH_MM, wanted.temperature_c or weld.TEMPERATURE_C
-        if abs(depth_mm - weld.DEPTH_MM) > SAFE_MM or abs(temperature_c - weld.TEMPERATURE_C) > SAFE_C:
+            raise InputError(
+                f"{scenario.name}: the event at {event.at_s:g} s is no step of a set-point"
+            )
+        depth_mm, temperature_c = (
+            wanted.depth_mm or weld.DEPTH_MM,
+            wanted.temperature_c or weld.TEMPERATURE_C,
+        )
+        if (
+            abs(depth_mm - weld.DEPTH_MM) > SAFE_MM
+            or abs(temperature_c - weld.TEMPERATURE_C) > SAFE_C
+        ):
             raise InputError(
                 f"{scenario.name}: at {event.at_s:g} s {depth_mm:g} mm, {temperature_c:g} degC is further than "
                 f"{SAFE_MM:g} mm, {SAFE_C:g} degC from the operating point"
@@ -276,7 +327,9 @@ class Guard:
         self._outside[sensor] = self._outside.get(sensor, 0) + 1 if outside else 0
         if self._outside[sensor] < 3:
             return ""
-        return f"{sensor} {value:.4g} {unit} is further than {most:g} {unit} from {middle:g} {unit}"
+        return (
+            f"{sensor} {value:.4g} {unit} is further than {most:g} {unit} from {middle:g} {unit}"
+        )
 
 
 # ---------------------------------------------------------------- identify, tune, accept
@@ -288,20 +341,30 @@ _KNOWN = 5.0
 def identify_rows(parameters: ModelParameters, deviations: Mapping[str, float]) -> list[Row]:
     """Standard deviations of what tuning depends on, and parameters beyond what the emulator takes."""
     rows = []
-    for name in ("thermal_gain_c_per_kw", "copper_lag_s", "dead_time_s", "depth_gain_mm_per_kn_s", "softening_per_c"):
+    for name in (
+        "thermal_gain_c_per_kw",
+        "copper_lag_s",
+        "dead_time_s",
+        "depth_gain_mm_per_kn_s",
+        "softening_per_c",
+    ):
         value, most = getattr(parameters, name), _KNOWN * AIMS[name]
         share = deviations.get(name, np.inf) / abs(value)
         text = f"{value:.4g} ± {100.0 * share:.2g} %"
         rows.append(_row(name, text, f"known to {100.0 * most:.2g} %", share <= most))
     for key, factor in plant_factors(parameters).items():
         low, high = specs()[key].range or (-np.inf, np.inf)
-        if not low <= factor <= high:  # tuning could not try such a process, and no machine is known to be one
+        if (
+            not low <= factor <= high
+        ):  # tuning could not try such a process, and no machine is known to be one
             limit = f"{low:g} to {high:g}; repeat the experiment, with longer steps"
             rows.append(_row(key.removeprefix("model."), f"{factor:.2g} of nominal", limit, False))
     return rows
 
 
-def tune_rows(robust: Mapping[str, Mapping[str, float]], bounds: Mapping[str, Mapping[str, float]]) -> list[Row]:
+def tune_rows(
+    robust: Mapping[str, Mapping[str, float]], bounds: Mapping[str, Mapping[str, float]]
+) -> list[Row]:
     """Margins and noise of each tuning against the bounds of the search."""
     return [
         _row(f"{name}: {key}", f"{found[key]:.3g}", f"at most {bound:g}", found[key] <= bound)
@@ -310,7 +373,9 @@ def tune_rows(robust: Mapping[str, Mapping[str, float]], bounds: Mapping[str, Ma
     ]
 
 
-def margin_rows(found: Mapping[str, float], least: Mapping[str, float], model: ModelParameters) -> list[Row]:
+def margin_rows(
+    found: Mapping[str, float], least: Mapping[str, float], model: ModelParameters
+) -> list[Row]:
     """Margins of the NMPC's loops against those of the tight PI."""
     words, limits = texts(found, model), texts(least, model)
     return [
@@ -324,7 +389,8 @@ def margin_rows(found: Mapping[str, float], least: Mapping[str, float], model: M
     ]
 
 
-#: figures of the acceptance test: meaning, unit, factor on what the model predicts, what is permitted beyond (chosen)
+#: figures of the acceptance test: meaning, unit, factor on what the model predicts, what is
+#: permitted beyond (chosen)
 _ACCEPTED = {
     "iae_depth_mm_s": ("IAE depth", "mm s", 1.3, 0.05),
     "iae_temperature_c_s": ("IAE temperature", "degC s", 1.3, 5.0),
@@ -370,6 +436,9 @@ def write_report(course: Course, path: Any, origin: str) -> None:
         if outcome.note:
             lines.append(f"\n{outcome.note}\n")
         if outcome.rows:
-            rows = [(row.what, row.found, row.limit, "" if row.good else "not met") for row in outcome.rows]
+            rows = [
+                (row.what, row.found, row.limit, "" if row.good else "not met")
+                for row in outcome.rows
+            ]
             lines.append(f"\n{table([('', 'found', 'limit', ''), *rows], words=None)}\n")
     write_text(path, "".join(lines))

@@ -53,7 +53,9 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
 def export_c(arguments: argparse.Namespace) -> int:
     try:
         with ProgressBar("weld of the test vectors") as bar:
-            check = fsw.export_c(arguments.unit, arguments.out, progress=bar, **_options(arguments))
+            check = fsw.export_c(
+                arguments.unit, arguments.out, progress=bar, **_options(arguments)
+            )
     except RuntimeError as error:
         raise CommandError(f"export c: {error}") from None
     print(check)
@@ -68,7 +70,12 @@ def export_c(arguments: argparse.Namespace) -> int:
     *_choice("parameter of the plant or of the controller's node, e.g. start.depth_mm=2.8"),
     file("--out", "file to write", "FILE.fmu", required=True),
     switch("--force", "replace the file if it exists"),
-    repeated("--platform", "NAME", "also a binary for linux64 or win64, by zig", choices=("linux64", "win64")),
+    repeated(
+        "--platform",
+        "NAME",
+        "also a binary for linux64 or win64, by zig",
+        choices=("linux64", "win64"),
+    ),
     description="Write a Functional Mock-up Unit: FMI 2.0 for co-simulation with a fixed step of 0.1 s, with "
     "sources and a binary for this machine. Prints its variables.",
 )
@@ -80,6 +87,10 @@ def export_fmu(arguments: argparse.Namespace) -> int:
     except (ValueError, RuntimeError) as error:
         raise CommandError(f"export fmu: {error}") from None
     variables = content.variables
-    print_table([(v.name, v.causality, v.unit or v.type, v.start_text, v.description) for v in variables])
-    print(f"{arguments.out}: {len(variables)} variables, {arguments.out.stat().st_size / 1000:.0f} kB")
+    print_table(
+        [(v.name, v.causality, v.unit or v.type, v.start_text, v.description) for v in variables]
+    )
+    print(
+        f"{arguments.out}: {len(variables)} variables, {arguments.out.stat().st_size / 1000:.0f} kB"
+    )
     return 0

@@ -38,7 +38,11 @@ class Identified(Summary):
 
     def __str__(self) -> str:
         tables = (summary.parameter_rows(self), summary.output_rows(self))
-        lines = ["  ".join(f"{cell:<22}" for cell in row).rstrip() for rows in tables for row in (*rows, [])]
+        lines = [
+            "  ".join(f"{cell:<22}" for cell in row).rstrip()
+            for rows in tables
+            for row in (*rows, [])
+        ]
         return "\n".join([*lines, *summary.remarks(self)])
 
 

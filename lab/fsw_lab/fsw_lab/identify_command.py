@@ -43,9 +43,17 @@ _LAG = specs()["actuators.lag_s"]
         "time constant of the drives (default %(default)s s, the emulator's)",
         _LAG.default,
     ),
-    switch("--steady", "take disturbances as constant: without drifts and shifts all that is slow is the process's"),
+    switch(
+        "--steady",
+        "take disturbances as constant: without drifts and shifts all that is slow is the process's",
+    ),
     switch("--design", "propose an experiment and print the accuracy to expect"),
-    number("--duration", "S", _EXPERIMENT_S, f"of the proposed experiment, {_EXPERIMENT_S} (default {_DURATION_S:g})"),
+    number(
+        "--duration",
+        "S",
+        _EXPERIMENT_S,
+        f"of the proposed experiment, {_EXPERIMENT_S} (default {_DURATION_S:g})",
+    ),
     switch("--open-loop", "propose steps of force and speed, without controller"),
     FORCE,
     description="Estimate the parameters of the process model from one or more recorded welds of one process, in "
@@ -62,11 +70,15 @@ def identify(arguments: argparse.Namespace) -> int:
     if arguments.out is None:
         raise CommandError("identify: give --out FILE for the model")
     check_new([arguments.out, arguments.covariance], arguments.force)
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)  # now, because the fit may take minutes
+    arguments.out.parent.mkdir(
+        parents=True, exist_ok=True
+    )  # now, because the fit may take minutes
     if arguments.report is not None:
         new_folder(arguments.report, "", "--report")
     welds = [_weld(bag) for bag in arguments.bag]
-    validate, air = (None if bag is None else _weld(bag) for bag in (arguments.validate, arguments.air))
+    validate, air = (
+        None if bag is None else _weld(bag) for bag in (arguments.validate, arguments.air)
+    )
     start, lag_s = _model(arguments.model), arguments.drive_lag
     with ProgressBar("identifying") as bar:
         result = fsw.identify(
@@ -97,15 +109,26 @@ def identify(arguments: argparse.Namespace) -> int:
 
 def _design(arguments: argparse.Namespace) -> int:
     duration_s = _DURATION_S if arguments.duration is None else arguments.duration
-    if arguments.bag or arguments.report or arguments.validate or arguments.air or arguments.steady:
-        raise CommandError("identify: --design takes no bags, estimates nothing and writes no report")
+    if (
+        arguments.bag
+        or arguments.report
+        or arguments.validate
+        or arguments.air
+        or arguments.steady
+    ):
+        raise CommandError(
+            "identify: --design takes no bags, estimates nothing and writes no report"
+        )
     if arguments.covariance:
         raise CommandError("identify: --design estimates nothing, so there is no covariance")
     check_new([arguments.out], arguments.force)
     model = _model(arguments.model)
     with ProgressBar("trying experiments") as bar:
         found = propose(duration_s, not arguments.open_loop, model, progress=bar)
-    rows = [(name, f"{d * getattr(model, name):.2g}", f"{100.0 * d:.2f}") for name, d in found.deviations.items()]
+    rows = [
+        (name, f"{d * getattr(model, name):.2g}", f"{100.0 * d:.2f}")
+        for name, d in found.deviations.items()
+    ]
     print_table(rows, ("parameter", "expected std", "[%]"), words=1)
     print(
         f"moves the modelled process by {found.depth_mm:.3f} mm (bound {SAFE_MM:g}) and "

@@ -34,8 +34,8 @@ def tune(
     Parameters
     ----------
     controller : str
-        ``decentral:conservative``, ``decentral:tight`` or ``decentral:smith``, which are searched for, or ``nmpc``,
-        whose tuning follows from the dead time.
+        ``decentral:conservative``, ``decentral:tight`` or ``decentral:smith``, which are searched
+        for, or ``nmpc``, whose tuning follows from the dead time.
     model : Model, str or Path, optional
         Of the process, as :func:`fsw.model` makes one, or its file; the paper's by default.
     evaluations : int
@@ -62,7 +62,9 @@ def tune(
 
     known = {f"decentral:{name}": name for name in NAMES}
     if controller not in known and controller != "nmpc":
-        raise InputError(f"tune: {controller!r} cannot be tuned; there are {', '.join(known)}, nmpc")
+        raise InputError(
+            f"tune: {controller!r} cannot be tuned; there are {', '.join(known)}, nmpc"
+        )
     if evaluations < 1:
         raise InputError(f"tune: evaluations is at least 1, not {evaluations}")
     if isinstance(model, Model):
@@ -130,7 +132,12 @@ def campaign(
     return dataset.load(Path(folder))[1]
 
 
-def _choice(unit: str, model: str | Path | None, tuning: str | Path | None, values: Mapping[str, Any] | None) -> Choice:
+def _choice(
+    unit: str,
+    model: str | Path | None,
+    tuning: str | Path | None,
+    values: Mapping[str, Any] | None,
+) -> Choice:
     model_file, tuning_file = (None if file is None else Path(file) for file in (model, tuning))
     return Choice(unit, model_file, tuning_file, dict(values or {}))
 
@@ -177,7 +184,9 @@ def export_c(
     """
     from fsw_export.c_folder import write_folder
 
-    return write_folder(_choice(controller, model, tuning, parameters), Path(folder), replace, progress)
+    return write_folder(
+        _choice(controller, model, tuning, parameters), Path(folder), replace, progress
+    )
 
 
 @checked
@@ -194,9 +203,9 @@ def export_fmu(
 ) -> Content:
     """Write ``plant``, ``nmpc`` or ``decentral`` as an FMU (FMI 2.0, co-simulation). Needs extra ``fmu``.
 
-    Returns its content, with the variables; ``platforms`` are further ones than this machine's (``linux64``,
-    ``win64``). The other arguments, and what is raised, are those of :func:`export_c`; ``parameters`` are also those of
-    the plant.
+    Returns its content, with the variables; ``platforms`` are further ones than this machine's
+    (``linux64``, ``win64``). The other arguments, and what is raised, are those of
+    :func:`export_c`; ``parameters`` are also those of the plant.
 
     Examples
     --------
@@ -210,7 +219,10 @@ def export_fmu(
     fmu.check_file(Path(file), replace)
     choice = _choice(unit, model, tuning, parameters)
     if choice.values.get("process") == "canister":
-        prepare(PlantConfig.from_values(choice.values), (lambda share, _: progress(share)) if progress else None)
+        prepare(
+            PlantConfig.from_values(choice.values),
+            (lambda share, _: progress(share)) if progress else None,
+        )
     content = fmu.make(choice)
     fmu.write(content, Path(file), replace, platforms)
     return content

@@ -48,7 +48,10 @@ EVALUATIONS = 3000
         EVALUATIONS,
         int,
     ),
-    switch("--matched", "slow the NMPC's temperature until its margins are at least those of decentral:tight"),
+    switch(
+        "--matched",
+        "slow the NMPC's temperature until its margins are at least those of decentral:tight",
+    ),
     switch("--no-sweep", "without the figure of processes that differ from the model"),
     description="Search for the tunings of the decentralized controller for a model, derive that of the NMPC by "
     "rule, measure the margins of all, plot their performance on processes that differ from the model, and write "
@@ -57,7 +60,9 @@ EVALUATIONS = 3000
 def tune(arguments: argparse.Namespace) -> int:
     model = ModelParameters.from_file(arguments.model)
     folder = new_folder(arguments.out, "tuning").resolve()
-    tunings = write_tunings(arguments.model, folder, arguments.evaluations, matched=arguments.matched)
+    tunings = write_tunings(
+        arguments.model, folder, arguments.evaluations, matched=arguments.matched
+    )
     rows = [[label, *_ordered(of, model)] for label, of in tunings.margins.items()]
     print_table(rows, ["margins", *margins.TITLES.values()], words=1)
     if not arguments.no_sweep:
@@ -75,10 +80,13 @@ class Tunings(NamedTuple):
     margins: dict[str, dict[str, float]]
 
 
-def write_tunings(model_file: Path, folder: Path, evaluations: int, origin: str = "", matched: bool = False) -> Tunings:
+def write_tunings(
+    model_file: Path, folder: Path, evaluations: int, origin: str = "", matched: bool = False
+) -> Tunings:
     """Search, measure the margins, and write the parameter files of all controllers.
 
-    ``origin``: comment for the head of the files. ``matched``: the NMPC gets the margins of ``decentral:tight``.
+    ``origin``: comment for the head of the files. ``matched``: the NMPC gets the margins of
+    ``decentral:tight``.
     """
     model = ModelParameters.from_file(model_file)
     found = Tunings({}, {})
@@ -111,7 +119,8 @@ def write_tunings(model_file: Path, folder: Path, evaluations: int, origin: str 
 def _words(found: Mapping[str, float], model: ModelParameters) -> str:
     """Margins as a comment of a file."""
     words = ", ".join(
-        f"{title} {text}" for title, text in zip(margins.TITLES.values(), _ordered(found, model), strict=True)
+        f"{title} {text}"
+        for title, text in zip(margins.TITLES.values(), _ordered(found, model), strict=True)
     )
     return f"# Margins with this model, by simulation of small steps: {words}.\n"
 

@@ -1,6 +1,7 @@
 """A weld as an environment of Gymnasium, ``fsw/Weld-v0``, alone and many at once; and a policy as a controller.
 
-``gymnasium.make("fsw_lab.weld_env:fsw/Weld-v0")`` needs no import before it; Gymnasium 1.0 has given up entry points.
+``gymnasium.make("fsw_lab.weld_env:fsw/Weld-v0")`` needs no import before it; Gymnasium 1.0 has
+given up entry points.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ from fsw_scenario.timeline import references
 from fsw_schema.models import InputError
 
 Array = NDArray[np.float64]
-#: What an observation holds, in this order, and by which origin and unit each number is scaled (chosen).
+#: What an observation holds, in this order, and by which origin and unit each number is scaled
+#: (chosen).
 OBSERVED = {
     "depth_mm": (weld.DEPTH_MM, 0.1),
     "torque_nm": (1050.0, 50.0),
@@ -45,7 +47,10 @@ COST_MM, COST_C, LOST = 0.1, 5.0, 100.0
 _STEP = np.array([[weld.FORCE_STEP_KN], [weld.SPEED_STEP_RPM]])
 _LOW, _HIGH = (
     np.array([[force], [speed]])
-    for force, speed in ((weld.FORCE_MIN_KN, weld.SPEED_MIN_RPM), (weld.FORCE_MAX_KN, weld.SPEED_MAX_RPM))
+    for force, speed in (
+        (weld.FORCE_MIN_KN, weld.SPEED_MIN_RPM),
+        (weld.FORCE_MAX_KN, weld.SPEED_MAX_RPM),
+    )
 )
 #: observations are kept within this, far from any weld (chosen)
 _MOST = 50.0
@@ -55,31 +60,41 @@ ACTION = spaces.Box(-1.0, 1.0, (2,), np.float32)
 
 def observation(values: Array) -> NDArray[np.float32]:
     """Scale values in the order of ``OBSERVED``, (7, n), to observations, (n, 7)."""
-    scaled: NDArray[np.float32] = np.clip((values - _ORIGIN) / _UNIT, -_MOST, _MOST).T.astype(np.float32)
+    scaled: NDArray[np.float32] = np.clip((values - _ORIGIN) / _UNIT, -_MOST, _MOST).T.astype(
+        np.float32
+    )
     return scaled
 
 
 def command(action: Array, before: Array) -> Array:
     """Commands (2, n) by actions (n, 2), changes in shares of the largest step per tick, and the commands before."""
-    wanted = before + np.clip(np.nan_to_num(np.asarray(action, dtype=np.float64).T), -1.0, 1.0) * _STEP
+    wanted = (
+        before + np.clip(np.nan_to_num(np.asarray(action, dtype=np.float64).T), -1.0, 1.0) * _STEP
+    )
     limited: Array = np.minimum(np.maximum(wanted, _LOW), _HIGH)
     return limited
 
 
 if "fsw/Weld-v0" not in gymnasium.registry:
     gymnasium.register(
-        id="fsw/Weld-v0", entry_point=f"{__name__}:WeldEnv", vector_entry_point=f"{__name__}:WeldVectorEnv"
+        id="fsw/Weld-v0",
+        entry_point=f"{__name__}:WeldEnv",
+        vector_entry_point=f"{__name__}:WeldVectorEnv",
     )
 
 
 class _Welds:
     """``n`` welds of a scenario, without any interface."""
 
-    def __init__(self, scenario: str | Path, plant: Mapping[str, Any] | None, noise: bool, n: int) -> None:
+    def __init__(
+        self, scenario: str | Path, plant: Mapping[str, Any] | None, noise: bool, n: int
+    ) -> None:
         made = load(scenario, overrides_of(plant, None, noise))
         config = PlantConfig.from_values(made.plant)
         if config.canister is not None or any(event.fault is not None for event in made.events):
-            raise InputError(f"{made.name}: fsw/Weld-v0 has the paper's process and no sensor faults")
+            raise InputError(
+                f"{made.name}: fsw/Weld-v0 has the paper's process and no sensor faults"
+            )
         self.n_ticks = made.n_ticks
         self.reference, disturbances = _course(made)
         self.plants = PlantBatch(config, n, disturbances)
@@ -137,12 +152,13 @@ def _course(scenario: Scenario) -> tuple[Array, Array]:
 class WeldEnv(Env[NDArray[np.float32], NDArray[np.float32]]):
     """One weld of a scenario, a step per tick of 0.1 s.
 
-    An action is the change of force and speed, each a share (-1 to 1) of the largest step that the drives can make
-    in a tick. An observation has the sensors, the drives' feedback and the set-points (``OBSERVED``). Power acts on
-    the temperature after 2.8 s, so an observation is not the whole state: stack several, or use a policy with
-    memory. The reward is the negative sum of both absolute errors, weighed, integrated over time. A weld ends with
-    the scenario (truncated), or when the tool leaves the copper (terminated). ``info["kpi"]`` at the end has
-    figures of merit as the comparison of the controllers has them.
+    An action is the change of force and speed, each a share (-1 to 1) of the largest step that the
+    drives can make in a tick. An observation has the sensors, the drives' feedback and the
+    set-points (``OBSERVED``). Power acts on the temperature after 2.8 s, so an observation is not
+    the whole state: stack several, or use a policy with memory. The reward is the negative sum of
+    both absolute errors, weighed, integrated over time. A weld ends with the scenario (truncated),
+    or when the tool leaves the copper (terminated). ``info["kpi"]`` at the end has figures of
+    merit as the comparison of the controllers has them.
 
     Parameters
     ----------
@@ -190,7 +206,9 @@ class WeldEnv(Env[NDArray[np.float32], NDArray[np.float32]]):
         self._welds.reset(np.zeros(1, dtype=np.int64), self.np_random.integers(2**31, size=1))
         return self._welds.observe()[0], {}
 
-    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """One tick."""
         reward, lost, over = self._welds.step(np.asarray(action, dtype=np.float64)[None])
         seen = self._welds.observe()[0]
@@ -226,7 +244,9 @@ class WeldVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[
         self.num_envs, self.render_mode = num_envs, render_mode
         self._welds = _Welds(scenario, plant, noise, num_envs)
         self.single_observation_space, self.single_action_space = OBSERVATION, ACTION
-        self.observation_space, self.action_space = (batch_space(one, num_envs) for one in (OBSERVATION, ACTION))
+        self.observation_space, self.action_space = (
+            batch_space(one, num_envs) for one in (OBSERVATION, ACTION)
+        )
         self._ended = np.zeros(num_envs, dtype=bool)
 
     def reset(
@@ -282,7 +302,12 @@ class PolicyController(Controller):
         """The command by the policy's action."""
         values = [
             *(measurement.depth_mm, measurement.torque_nm, measurement.temperature_c),
-            *(measurement.force_kn, measurement.speed_rpm, reference.depth_mm, reference.temperature_c),
+            *(
+                measurement.force_kn,
+                measurement.speed_rpm,
+                reference.depth_mm,
+                reference.temperature_c,
+            ),
         ]
         action = np.asarray(self._policy(observation(np.array(values)[:, None])[0]))
         return Command(*command(action[None], np.array(applied)[:, None])[:, 0].tolist())

@@ -24,7 +24,9 @@ def test_the_examples_in_the_docstrings(example):
 def test_every_public_name_has_an_example():
     shown = {example.name for example in EXAMPLES}
     named = {
-        point.value.replace(":", ".") for point in extensions("fsw.api").values() if point.value.startswith("fsw_lab")
+        point.value.replace(":", ".")
+        for point in extensions("fsw.api").values()
+        if point.value.startswith("fsw_lab")
     }
     assert named - shown == {"fsw_lab.identify.Identified"}  # which identify makes
     assert named >= shown
@@ -35,13 +37,25 @@ def test_every_public_name_has_an_example():
     [
         (lambda: fsw.identify(), "identify: needs at least one weld"),
         (lambda: fsw.identify("bag", {}), "identify: welds is Weld or text or a path, not {}"),
-        (lambda: fsw.identify("bag", start="file"), "identify: start is ModelParameters, not 'file'"),
-        (lambda: fsw.identify("bag", drive_lag_s=float("nan")), "drive_lag_s is a number of seconds from 0, not nan"),
+        (
+            lambda: fsw.identify("bag", start="file"),
+            "identify: start is ModelParameters, not 'file'",
+        ),
+        (
+            lambda: fsw.identify("bag", drive_lag_s=float("nan")),
+            "drive_lag_s is a number of seconds from 0, not nan",
+        ),
         (lambda: fsw.tune(["nmpc"]), "tune: controller is text, not ['nmpc']"),
         (lambda: fsw.tune("decentral:tight", evaluations=0), "evaluations is at least 1, not 0"),
-        (lambda: fsw.campaign("model_uncertainty", "folder", workers=0), "workers is at least 1, not 0"),
+        (
+            lambda: fsw.campaign("model_uncertainty", "folder", workers=0),
+            "workers is at least 1, not 0",
+        ),
         (lambda: fsw.export_c("decentral", {}), "export_c: folder is text or a path, not {}"),
-        (lambda: fsw.export_fmu("plant", "x.fmu", platforms="win64"), "platforms is a list, not 'win64'"),
+        (
+            lambda: fsw.export_fmu("plant", "x.fmu", platforms="win64"),
+            "platforms is a list, not 'win64'",
+        ),
     ],
 )
 def test_an_argument_of_a_wrong_type_is_named_in_one_line(call, words):

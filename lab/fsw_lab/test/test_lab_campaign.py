@@ -21,7 +21,10 @@ def one(path, **entry):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"colour": "red"}, "campaign.yaml: colour is an unknown key; known: name, description, scenario, controllers"),
+        (
+            {"colour": "red"},
+            "campaign.yaml: colour is an unknown key; known: name, description, scenario, controllers",
+        ),
         ({"welds": 0}, "welds = 0 is outside"),
         ({"welds": -3}, "campaign.yaml: welds = -3 is outside"),
         ({"welds": 1.5}, "not a whole number"),
@@ -30,7 +33,10 @@ def one(path, **entry):
         ({"controllers": []}, "controllers needs at least 1"),
         ({"controllers": ["nobody"]}, "nobody is not available"),
         ({"controllers": ["decentral", "decentral"]}, "different label for each"),
-        ({"controllers": [{"controller": "decentral", "parameters": {"depth_gian": 1.0}}]}, "depth_gain"),
+        (
+            {"controllers": [{"controller": "decentral", "parameters": {"depth_gian": 1.0}}]},
+            "depth_gain",
+        ),
         ({"sampler": "dice"}, "one of latin_hypercube or sobol"),
         (one("plant.model.copper_lag", uniform=[0.5, 2.0]), "copper_lag_s"),
         (one("plant.model.copper_lag_s", uniform=[0.01, 2.0]), "outside 0.1 to 10"),
@@ -81,7 +87,9 @@ def test_the_command_of_a_weld_reproduces_it_to_the_last_digit(folder, tmp_path,
     for number, row in enumerate(table.to_pylist()[2:4]):
         entrant = next(one for one in made.entrants if one.label == row["controller"])
         out = tmp_path / str(number)
-        assert main([*arguments(folder, entrant, made, row), "--no-figures", "--out", str(out)]) == 0
+        assert (
+            main([*arguments(folder, entrant, made, row), "--no-figures", "--out", str(out)]) == 0
+        )
         (again,) = json.loads((out / "kpi.json").read_text())
         for key in set(again) & set(row) - {*TIMES, "controller", "events"}:
             assert again[key] == row[key], key
@@ -93,7 +101,9 @@ def test_reports(folder, tmp_path, capsys):
     html = (folder / "report.html").read_text()
     assert html.count("data:image/png;base64,") == 3 and "Wilson" in html and "simulate" in html
     assert "<code>temperature_c</code>" in html and "`" not in html
-    assert "every change settles" in html and "during depth steps" not in html  # quick has no such figures
+    assert (
+        "every change settles" in html and "during depth steps" not in html
+    )  # quick has no such figures
     page = tmp_path / "page.md"
     assert main(["campaign", "report", str(folder), "--out", str(page)]) == 0
     assert "The median IAE depth is smallest with `" in page.read_text()
@@ -109,7 +119,9 @@ def test_limits_of_a_report_are_data(folder, tmp_path, capsys):
     limits = tmp_path / "limits.yaml"
     limits.write_text("- words: hardly any error\n  limits: {iae_depth_mm_s: {max: 1.0e-9}}\n")
     page = tmp_path / "page.md"
-    assert main(["campaign", "report", str(folder), "--out", str(page), "--limits", str(limits)]) == 0
+    assert (
+        main(["campaign", "report", str(folder), "--out", str(page), "--limits", str(limits)]) == 0
+    )
     (row,) = [line for line in page.read_text().splitlines() if "hardly any error" in line]
     assert row.count("| 0.0 [0.0, ") == 2
     capsys.readouterr()
@@ -120,7 +132,21 @@ def test_limits_of_a_report_are_data(folder, tmp_path, capsys):
         ("[", "not valid YAML"),
     ):
         limits.write_text(text)
-        assert main(["campaign", "report", str(folder), "--out", str(page), "--limits", str(limits), "--force"]) == 1
+        assert (
+            main(
+                [
+                    "campaign",
+                    "report",
+                    str(folder),
+                    "--out",
+                    str(page),
+                    "--limits",
+                    str(limits),
+                    "--force",
+                ]
+            )
+            == 1
+        )
         error = capsys.readouterr().err
         assert error.count("\n") == 1 and words in error
 

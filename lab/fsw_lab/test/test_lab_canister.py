@@ -7,7 +7,9 @@ from math import pi
 import numpy as np
 import pytest
 
-pytest.importorskip("skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock")
+pytest.importorskip(
+    "skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock"
+)
 
 import fsw_heat.heat_figures as heat_figures
 import fsw_lab.canister_weld as canister_weld
@@ -70,7 +72,19 @@ def table(path):
 
 def test_a_table_over_time_and_one_of_the_phases(scenario, tmp_path, capsys):
     assert (
-        main(["canister", "--scenario", str(scenario), "--power", "30", "--probe", "200,5,0", "--probe", "160,365,0"])
+        main(
+            [
+                "canister",
+                "--scenario",
+                str(scenario),
+                "--power",
+                "30",
+                "--probe",
+                "200,5,0",
+                "--probe",
+                "160,365,0",
+            ]
+        )
         == 0
     )
     (file,) = tmp_path.glob("out/*_canister/heat.csv")
@@ -91,7 +105,20 @@ def test_a_table_over_time_and_one_of_the_phases(scenario, tmp_path, capsys):
 def test_figure_and_film_show_the_heat(scenario, tmp_path, monkeypatch):
     Image = pytest.importorskip("PIL.Image")
     monkeypatch.setattr(heat_figures, "FILM_FRAMES", 3)
-    files = ["--csv", "a.csv", "--figure", "a.png", "--film", "a.gif", "--at", "1", "--at", "40", "--probe", "200,0,0"]
+    files = [
+        "--csv",
+        "a.csv",
+        "--figure",
+        "a.png",
+        "--film",
+        "a.gif",
+        "--at",
+        "1",
+        "--at",
+        "40",
+        "--probe",
+        "200,0,0",
+    ]
     assert main(["canister", "--scenario", str(scenario), *files]) == 0
     bright = {
         name: (np.asarray(Image.open(tmp_path / name).convert("HSV"))[..., 1] > 200).sum()
@@ -110,7 +137,21 @@ def test_figure_and_film_show_the_heat(scenario, tmp_path, monkeypatch):
 
 def test_vtk_files_have_the_whole_geometry_and_its_heat(scenario, tmp_path):
     assert (
-        main(["canister", "--scenario", str(scenario), "--csv", "a.csv", "--vtk", "vtk", "--at", "10", "--at", "40"])
+        main(
+            [
+                "canister",
+                "--scenario",
+                str(scenario),
+                "--csv",
+                "a.csv",
+                "--vtk",
+                "vtk",
+                "--at",
+                "10",
+                "--at",
+                "40",
+            ]
+        )
         == 0
     )
     series = json.loads((tmp_path / "vtk" / "canister.vtu.series").read_text())
@@ -118,7 +159,12 @@ def test_vtk_files_have_the_whole_geometry_and_its_heat(scenario, tmp_path):
     mesh = pytest.importorskip("meshio").read(tmp_path / "vtk" / series["files"][1]["name"])
     (cells,) = (block.data for block in mesh.cells if block.type == "hexahedron")
     corners = mesh.points[cells].astype(float)
-    edges = corners[:, [1, 3, 4]] + corners[:, [2, 2, 7]] - corners[:, [0, 0, 0]] - corners[:, [3, 1, 3]]
+    edges = (
+        corners[:, [1, 3, 4]]
+        + corners[:, [2, 2, 7]]
+        - corners[:, [0, 0, 0]]
+        - corners[:, [3, 1, 3]]
+    )
     volume_mm3 = abs(np.linalg.det(0.5 * edges)).sum()
     expected = pi * ((200.0**2 - 150.0**2) * 440.0 + 150.0**2 * 50.0)
     assert volume_mm3 == pytest.approx(expected, rel=0.01)
@@ -130,7 +176,10 @@ def test_vtk_files_have_the_whole_geometry_and_its_heat(scenario, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["--probe", "210,0,0"], "--probe 210,0,0: no copper at radius 210 mm, 0 mm above the joint line"),
+        (
+            ["--probe", "210,0,0"],
+            "--probe 210,0,0: no copper at radius 210 mm, 0 mm above the joint line",
+        ),
         (["--probe", "100,0,0"], "no copper"),
         (["--probe", "200,0"], "give radius, angle and height as R,ANGLE,Z"),
         (["--probe", "200,nan,0"], "not finite"),
@@ -180,7 +229,10 @@ def test_the_heat_of_a_bag_is_that_of_its_weld(weld, tmp_path, capsys):
 def test_where_the_programme_was_held_the_tool_stood(weld, tmp_path):
     """The angle is reported each second; here the weld stands from 20 s to 25 s."""
     angle_deg = (
-        43.0 / 30.0 / MM_PER_DEG * np.clip(weld.time_s - 10.0 - np.clip(weld.time_s - 20.0, 0.0, 5.0), 0.0, None)
+        43.0
+        / 30.0
+        / MM_PER_DEG
+        * np.clip(weld.time_s - 10.0 - np.clip(weld.time_s - 20.0, 0.0, 5.0), 0.0, None)
     )
     weld.angle_deg = angle_deg[(np.arange(angle_deg.size) // 10) * 10]
     course = canister_weld.recorded(tmp_path).course
@@ -205,7 +257,12 @@ def test_a_bag_without_heat_is_refused(weld, capsys):
 def test_the_shipped_weld(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(heat_figures, "FILM_FRAMES", 3)
-    assert main(["canister", "--csv", "a.csv", "--figure", "a.png", "--film", "a.gif", "--vtk", "vtk"]) == 0
+    assert (
+        main(
+            ["canister", "--csv", "a.csv", "--figure", "a.png", "--film", "a.gif", "--vtk", "vtk"]
+        )
+        == 0
+    )
     columns = table(tmp_path / "a.csv")
     assert columns["stir_zone_c"][columns["time_s"] > 120.0].min() > 700.0
     assert columns["stir_zone_c"].max() < 1083.0

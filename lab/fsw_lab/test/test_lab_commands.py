@@ -51,7 +51,9 @@ def test_no_file_is_replaced_without_force(capsys, tmp_path, arguments):
 
 @pytest.mark.parametrize("command", ["export c", "export fmu decentral"])
 def test_an_export_is_refused_before_any_work(capsys, tmp_path, monkeypatch, command):
-    monkeypatch.setattr("fsw_export.vectors.make", lambda *_: pytest.fail("the controller was made"))
+    monkeypatch.setattr(
+        "fsw_export.vectors.make", lambda *_: pytest.fail("the controller was made")
+    )
     monkeypatch.setattr("fsw_export.fmu.make", lambda *_: pytest.fail("the unit was made"))
     for name in ("taken", "taken.fmu"):
         (tmp_path / name).mkdir()

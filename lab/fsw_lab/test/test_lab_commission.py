@@ -65,7 +65,11 @@ class Script:
 def test_all_steps_with_yes():
     script = Script(*["yes"] * 6)
     assert script.session.run()
-    assert script.carried == list(STEPS) and script.verdicts() == ["done"] * 6 and script.saved[-1].next is None
+    assert (
+        script.carried == list(STEPS)
+        and script.verdicts() == ["done"] * 6
+        and script.saved[-1].next is None
+    )
 
 
 def test_nothing_is_carried_out_without_a_yes():
@@ -107,7 +111,10 @@ def test_a_bad_row_fails_its_step():
     assert outcome_of([BAD], "now").verdict == "failed"
     course = Course().after("check", outcome_of([BAD], "now"))
     assert course.next == "check"
-    assert Course.model_validate(yaml.safe_load(yaml.safe_dump(course.model_dump(mode="json")))) == course
+    assert (
+        Course.model_validate(yaml.safe_load(yaml.safe_dump(course.model_dump(mode="json"))))
+        == course
+    )
 
 
 def heard(**changes):
@@ -143,7 +150,10 @@ def test_a_graph_at_rest_passes_the_check():
         ("tick", {"time_s": np.arange(100) * 0.2}),
         ("samples lost", {"time_s": np.r_[np.arange(50) * 0.1, 10.0 + np.arange(50) * 0.1]}),
         ("noise, depth", {"depth_mm": np.full(100, 2.66)}),
-        ("noise, temperature", {"temperature_c": 816.4 + 5.0 * np.random.default_rng(2).normal(size=100)}),
+        (
+            "noise, temperature",
+            {"temperature_c": 816.4 + 5.0 * np.random.default_rng(2).normal(size=100)},
+        ),
         ("noise, torque", {"torque_nm": np.full(100, nan)}),
         ("commanded by a controller", {"held": ["the arbiter was stalled"] * 2}),
         ("set-points", {"reference": None}),
@@ -155,7 +165,9 @@ def test_a_graph_at_rest_passes_the_check():
     ],
 )
 def test_what_is_wrong_is_found(what, changes):
-    assert what in [row.what for row in check_rows(heard(**changes), ["decentral"]) if not row.good]
+    assert what in [
+        row.what for row in check_rows(heard(**changes), ["decentral"]) if not row.good
+    ]
 
 
 def test_the_guard_ends_by_three_samples_outside_not_by_a_spike():
@@ -183,18 +195,34 @@ def test_a_model_must_be_known_well():
     known = {name: 0.02 * abs(value) for name, value in dict(parameters).items()}
     assert all(row.good for row in identify_rows(parameters, known))
     del known["dead_time_s"]
-    assert [row.what for row in identify_rows(parameters, known) if not row.good] == ["dead_time_s"]
+    assert [row.what for row in identify_rows(parameters, known) if not row.good] == [
+        "dead_time_s"
+    ]
 
 
 def test_a_model_that_tuning_cannot_try_fails_its_identification():
     strange = ModelParameters().changed(depth_zero_s=1.65)
     [row] = [row for row in identify_rows(strange, {}) if row.what == "depth_zero_s"]
-    assert not row.good and row.found == "0.056 of nominal" and row.limit.startswith("0.1 to 10; repeat the experiment")
+    assert (
+        not row.good
+        and row.found == "0.056 of nominal"
+        and row.limit.startswith("0.1 to 10; repeat the experiment")
+    )
 
 
 def test_the_nmpc_has_the_margins_of_the_tight_tuning():
-    least = {"depth_gain": inf, "temperature_gain": 2.70, "depth_delay_s": 1.1, "temperature_delay_s": 6.2}
-    found = {"depth_gain": inf, "temperature_gain": 2.65, "depth_delay_s": 1.8, "temperature_delay_s": 5.7}
+    least = {
+        "depth_gain": inf,
+        "temperature_gain": 2.70,
+        "depth_delay_s": 1.1,
+        "temperature_delay_s": 6.2,
+    }
+    found = {
+        "depth_gain": inf,
+        "temperature_gain": 2.65,
+        "depth_delay_s": 1.8,
+        "temperature_delay_s": 5.7,
+    }
     rows = margin_rows(found, least, ModelParameters())
     assert [row.good for row in rows] == [True, True, True, False]
     assert (rows[3].what, rows[3].found) == ("nmpc: margin, temperature, delay", "5.7 s")
@@ -204,22 +232,34 @@ def test_the_nmpc_has_the_margins_of_the_tight_tuning():
 def test_acceptance_is_measured_against_what_the_model_predicts():
     predicted = {"iae_depth_mm_s": 1.0, "iae_temperature_c_s": 100.0}
     commands = [("nmpc", "")] * 99 + [("hold", "stalled")]
-    good = accept_rows({"iae_depth_mm_s": 1.3, "iae_temperature_c_s": 90.0}, predicted, commands, "nmpc")
+    good = accept_rows(
+        {"iae_depth_mm_s": 1.3, "iae_temperature_c_s": 90.0}, predicted, commands, "nmpc"
+    )
     assert good[0].found == "99.0 %, stalled"
     assert len(good) == 3 and all(row.good for row in good)
-    bad = accept_rows({"iae_depth_mm_s": 1.4, "iae_temperature_c_s": None}, predicted, commands, "decentral")
+    bad = accept_rows(
+        {"iae_depth_mm_s": 1.4, "iae_temperature_c_s": None}, predicted, commands, "decentral"
+    )
     assert not any(row.good for row in bad)
 
 
 def test_the_test_is_cut_out_of_its_bag():
-    scenario = scenario_file.load("acceptance", ["duration_s=4", "events=[{at_s: 1.0, reference: {depth_mm: 2.7}}]"])
-    weld = ClosedLoop(scenario_file.parse("{name: rest, duration_s: 8.0, controller: none}", "rest")).run()
+    scenario = scenario_file.load(
+        "acceptance", ["duration_s=4", "events=[{at_s: 1.0, reference: {depth_mm: 2.7}}]"]
+    )
+    weld = ClosedLoop(
+        scenario_file.parse("{name: rest, duration_s: 8.0, controller: none}", "rest")
+    ).run()
     depth = np.where(np.arange(80) < 30, 2.66, 2.7)
     still = np.full(80, 816.4)
-    cut = commission._cut(replace(weld, reference_depth_mm=depth, reference_temperature_c=still), scenario)
+    cut = commission._cut(
+        replace(weld, reference_depth_mm=depth, reference_temperature_c=still), scenario
+    )
     assert (cut.n_ticks, cut.reference_depth_mm[9], cut.reference_depth_mm[10]) == (40, 2.66, 2.7)
     with pytest.raises(InputError, match="do not change"):
-        commission._cut(replace(weld, reference_depth_mm=still, reference_temperature_c=still), scenario)
+        commission._cut(
+            replace(weld, reference_depth_mm=still, reference_temperature_c=still), scenario
+        )
 
 
 def test_the_experiment_returns_to_the_operating_point(tmp_path):
@@ -228,7 +268,10 @@ def test_the_experiment_returns_to_the_operating_point(tmp_path):
 
     made = commission.Work(Arguments)._scenario("experiment")
     assert (made.duration_s, made.events[-1].at_s) == (330.0, 300.0)
-    assert (made.events[-1].reference.depth_mm, made.events[-1].reference.temperature_c) == (2.66, 816.4)
+    assert (made.events[-1].reference.depth_mm, made.events[-1].reference.temperature_c) == (
+        2.66,
+        816.4,
+    )
 
 
 def test_left_without_an_answer_and_reported(tmp_path, capsys, monkeypatch):
@@ -252,7 +295,11 @@ def test_the_report_has_every_step_with_what_failed(tmp_path):
 
     commission.Work(Arguments).save(Course().after("check", outcome_of([BAD], "now", "a note")))
     text = (tmp_path / "report.md").read_text()
-    assert "## 1. check: failed" in text and "| noise | 1 | 0 | not met |" in text and "## 6. accept: open" in text
+    assert (
+        "## 1. check: failed" in text
+        and "| noise | 1 | 0 | not met |" in text
+        and "## 6. accept: open" in text
+    )
     assert Outcome().verdict == "open"
 
 

@@ -14,7 +14,11 @@ pytestmark = pytest.mark.usefixtures("forgotten")
 def test_a_campaign_runs_it_and_depends_on_its_source(tmp_path):
     label = own(tmp_path)
     file = tmp_path / "campaign.yaml"
-    file.write_text(yaml.safe_dump({"name": "c", "scenario": "quick", "controllers": [label, "decentral"], "welds": 1}))
+    file.write_text(
+        yaml.safe_dump(
+            {"name": "c", "scenario": "quick", "controllers": [label, "decentral"], "welds": 1}
+        )
+    )
     campaign = definition.load(file)
     assert [one.label for one in campaign.entrants] == ["own", "decentral"]
     assert run_weld(campaign, 0, campaign.parameters(0), campaign.entrants[0])["status"] == "ok"

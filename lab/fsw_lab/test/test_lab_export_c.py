@@ -10,7 +10,13 @@ import pytest
 from fsw.main import main
 from fsw_control.c_library import compiler
 from fsw_test_support.c_code import STRICT, compile_c
-from fsw_test_support.c_targets import TARGETS, build, check_vectors, largest_difference, stack_bytes
+from fsw_test_support.c_targets import (
+    TARGETS,
+    build,
+    check_vectors,
+    largest_difference,
+    stack_bytes,
+)
 from fsw_test_support.exports import c_folder, c_objects
 
 CONTROLLERS = ("nmpc", "decentral")
@@ -36,7 +42,10 @@ def test_strict_c99_without_a_warning(exported, compiler, controller):
         pytest.skip(f"{compiler} is not installed")
     folder = exported[controller]
     files = [str(path) for path in (folder / "main.c", *sorted((folder / "src").glob("*.c")))]
-    built = compile_c([*STRICT, "-I", str(folder), "-I", str(folder / "src"), "-fsyntax-only", *files], [compiler])
+    built = compile_c(
+        [*STRICT, "-I", str(folder), "-I", str(folder / "src"), "-fsyntax-only", *files],
+        [compiler],
+    )
     assert built.returncode == 0, built.stderr
 
 
@@ -78,7 +87,8 @@ def test_a_wrong_answer_is_noticed(exported, objects, controller, tmp_path):
     program = str(tmp_path / "example")
     flags = ["-std=c99", "-I", str(folder), "-I", str(folder / "src")]
     subprocess.run(
-        [*compiler(), *flags, str(folder / "main.c"), *objects[controller], "-o", program, "-lm"], check=True
+        [*compiler(), *flags, str(folder / "main.c"), *objects[controller], "-o", program, "-lm"],
+        check=True,
     )
     ran = subprocess.run([program], cwd=folder, capture_output=True, text=True, check=False)
     assert ran.returncode == 1
@@ -103,13 +113,18 @@ def test_stack_has_a_bound(exported, controller, tmp_path):
 @pytest.mark.full
 def test_nothing_but_the_listed_library_functions(objects, controller):
     """No heap, no files, and of libm only what the header lists."""
-    listed = subprocess.run(["nm", *objects[controller]], capture_output=True, text=True, check=True).stdout
+    listed = subprocess.run(
+        ["nm", *objects[controller]], capture_output=True, text=True, check=True
+    ).stdout
     outside = set(re.findall(r"^ +U (\w+)$", listed, re.MULTILINE)) - set(
         re.findall(r" T (\w+)$", listed, re.MULTILINE)
     )
     outside -= set(re.findall(r" [RrDd] (\w+)$", listed, re.MULTILINE))
     allowed = {"nmpc": {"sqrt"}, "decentral": {"exp"}}[controller]
-    assert outside - {"memcpy", "memset", "memmove", "__stack_chk_fail", "_GLOBAL_OFFSET_TABLE_"} <= allowed
+    assert (
+        outside - {"memcpy", "memset", "memmove", "__stack_chk_fail", "_GLOBAL_OFFSET_TABLE_"}
+        <= allowed
+    )
     assert not re.search(r" [bBcC] \w+$", listed, re.MULTILINE), "writable globals"
 
 
@@ -126,7 +141,10 @@ def test_nothing_but_the_listed_library_functions(objects, controller):
         (["--out", "full"], "full: holds something else"),
         (["--out", "full", "--force"], "full: holds something else"),
         (["--out", "nowhere/made"], "cannot write"),
-        (["--model", "strong.yaml"], "this model"),  # nothing is usable, or with other versions a few proposals
+        (
+            ["--model", "strong.yaml"],
+            "this model",
+        ),  # nothing is usable, or with other versions a few proposals
         (["--model", "far.yaml"], "cannot weld with this model"),
     ],
 )
@@ -155,9 +173,20 @@ def test_another_model_and_tuning(tmp_path):
     (tmp_path / "model.yaml").write_text("dead_time_s: 1.83\ncopper_lag_s: 20.0\n")
     out = tmp_path / "made"
     command = [sys.executable, "-c", "import sys; from fsw.main import main; sys.exit(main())"]
-    command += ["export", "c", "--model", "model.yaml", "--parameter", "depth_aggressiveness=0.5", "--out", out.name]
+    command += [
+        "export",
+        "c",
+        "--model",
+        "model.yaml",
+        "--parameter",
+        "depth_aggressiveness=0.5",
+        "--out",
+        out.name,
+    ]
     for force, code in (([], 0), ([], 1), (["--force"], 0)):
-        ran = subprocess.run([*command, *force], cwd=tmp_path, capture_output=True, text=True, check=False)
+        ran = subprocess.run(
+            [*command, *force], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
         assert ran.returncode == code, ran.stderr
         assert code == 0 or "holds an earlier export" in ran.stderr
     assert "2400 ticks, largest difference 0: passed" in ran.stdout
@@ -183,7 +212,9 @@ def test_both_in_one_program_in_cpp(exported, objects, tmp_path):
     compiled = [path for name in CONTROLLERS for path in objects[name]]
     include = [option for folder in folders for option in ("-I", str(folder))]
     program = str(tmp_path / "both")
-    subprocess.run(["g++", *include, str(tmp_path / "both.cpp"), *compiled, "-o", program], check=True)
+    subprocess.run(
+        ["g++", *include, str(tmp_path / "both.cpp"), *compiled, "-o", program], check=True
+    )
     assert subprocess.run([program], check=False).returncode == 0
 
 

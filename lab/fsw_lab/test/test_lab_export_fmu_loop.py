@@ -27,7 +27,8 @@ events:
   - {{at_s: 160.0, disturbance: {{channel: temperature, shape: step, amplitude_c: -5.0}}}}
   - {{at_s: 200.0, disturbance: {{channel: axial_force, shape: step, amplitude_kn: 1.0}}}}
 """
-#: the same events, by the number of the step before which they are set: what a sensor shows is at the end of a step
+#: the same events, by the number of the step before which they are set: what a sensor shows is at
+#: the end of a step
 STEPS: dict[int, tuple[str, dict[str, float]]] = {
     99: ("controller", {"reference_depth_mm": 2.86}),
     599: ("controller", {"reference_temperature_c": 826.4}),
@@ -44,12 +45,22 @@ CASES: list[tuple[str, dict[str, Any], dict[str, Any], str]] = [
     (
         "nmpc",
         {},
-        {"depth_aggressiveness": 0.5, "temperature_aggressiveness": 2.0, "force_step": 0.5, "calmness": 2.0},
+        {
+            "depth_aggressiveness": 0.5,
+            "temperature_aggressiveness": 2.0,
+            "force_step": 0.5,
+            "calmness": 2.0,
+        },
         "",
     ),
     ("decentral", {}, {}, ""),
     ("decentral", {"tuning": "tight"}, {"depth_gain": 80.0, "speed_max": 480.0}, ""),
-    ("decentral", {"tuning": "smith"}, {"predictor_dead_time": 2.5, "decoupling_torque": 10.0}, ""),
+    (
+        "decentral",
+        {"tuning": "smith"},
+        {"predictor_dead_time": 2.5, "decoupling_torque": 10.0},
+        "",
+    ),
 ]
 
 
@@ -64,7 +75,12 @@ def running(tmp_path: Path) -> Iterator[Units]:
 @pytest.mark.parametrize(("name", "exported", "tuned", "model"), CASES)
 @pytest.mark.full
 def test_two_fmus_are_the_offline_loop(
-    tmp_path: Path, running: Units, name: str, exported: dict[str, Any], tuned: dict[str, Any], model: str
+    tmp_path: Path,
+    running: Units,
+    name: str,
+    exported: dict[str, Any],
+    tuned: dict[str, Any],
+    model: str,
 ) -> None:
     options = [f"--parameter={key}={value}" for key, value in exported.items()]
     files = []
@@ -73,15 +89,25 @@ def test_two_fmus_are_the_offline_loop(
         files = ["--model", str(tmp_path / "model.yaml")]
     used = files if name == "nmpc" else []
     assert main(["export", "fmu", "plant", "--out", str(tmp_path / "plant.fmu"), *files]) == 0
-    assert main(["export", "fmu", name, "--out", str(tmp_path / "controller.fmu"), *used, *options]) == 0
+    assert (
+        main(["export", "fmu", name, "--out", str(tmp_path / "controller.fmu"), *used, *options])
+        == 0
+    )
 
     text = SCENARIO.format(name=name, model=files[1] if files else "", depth=2.7)
     own = {"model_file": files[1]} if used else {}
-    offline = ClosedLoop(parse(text, "test"), {name: make(name, {**exported, **tuned, **own})}).run()
+    offline = ClosedLoop(
+        parse(text, "test"), {name: make(name, {**exported, **tuned, **own})}
+    ).run()
 
     plant = running.start(tmp_path / "plant.fmu", **{"start.depth_mm": 2.7})
-    start = {"start_force_kn": plant.get("acting_force_kn"), "start_speed_rpm": plant.get("acting_speed_rpm")}
-    controller = running.start(tmp_path / "controller.fmu", **start, **tuned, reference_depth_mm=2.7)
+    start = {
+        "start_force_kn": plant.get("acting_force_kn"),
+        "start_speed_rpm": plant.get("acting_speed_rpm"),
+    }
+    controller = running.start(
+        tmp_path / "controller.fmu", **start, **tuned, reference_depth_mm=2.7
+    )
     if "drives_valid" in controller.variables:
         controller.set(drives_valid=True)
     columns: dict[str, list[float]] = {name: [] for name in (*SENSORS, "force_kn", "speed_rpm")}
@@ -95,19 +121,26 @@ def test_two_fmus_are_the_offline_loop(
         columns["force_kn"].append(controller.get("force_kn"))
         columns["speed_rpm"].append(controller.get("speed_rpm"))
     for column, values in columns.items():
-        np.testing.assert_allclose(values, getattr(offline, column), rtol=1e-9, atol=1e-9, err_msg=column)
+        np.testing.assert_allclose(
+            values, getattr(offline, column), rtol=1e-9, atol=1e-9, err_msg=column
+        )
     assert np.ptp(offline.depth_mm) > 0.1 and np.ptp(offline.speed_rpm) > 10.0
 
 
 @pytest.mark.slow
 @pytest.mark.full
-def test_a_known_set_point_is_prepared_as_offline(tmp_path_factory: pytest.TempPathFactory, running: Units) -> None:
+def test_a_known_set_point_is_prepared_as_offline(
+    tmp_path_factory: pytest.TempPathFactory, running: Units
+) -> None:
     text = "{name: ahead, duration_s: 30, controller: nmpc, announced: true, plant: {noise: false}, events: [%s]}"
     event = "{at_s: 15.0, reference: {depth_mm: 2.8, temperature_c: 820.0}}"
     offline = ClosedLoop(parse(text % event, "test"), {"nmpc": make("nmpc")}).run()
     plant = running.start(fmu_file(tmp_path_factory, "plant"))
     nmpc = running.start(
-        fmu_file(tmp_path_factory, "nmpc"), drives_valid=True, change_depth_mm=2.8, change_temperature_c=820.0
+        fmu_file(tmp_path_factory, "nmpc"),
+        drives_valid=True,
+        change_depth_mm=2.8,
+        change_temperature_c=820.0,
     )
     speeds = []
     for number in range(300):
@@ -123,13 +156,25 @@ def test_a_known_set_point_is_prepared_as_offline(tmp_path_factory: pytest.TempP
 
 ERRORS = [
     ("pump", [], "cannot export 'pump'; known: plant, nmpc, decentral"),
-    ("plant", ["--parameter", "start.dept_mm=3"], "unknown parameters start.dept_mm; did you mean start.depth_mm"),
+    (
+        "plant",
+        ["--parameter", "start.dept_mm=3"],
+        "unknown parameters start.dept_mm; did you mean start.depth_mm",
+    ),
     ("plant", ["--parameter", "start.depth_mm=9"], "start.depth_mm: 9 is outside 1 to 5 mm"),
-    ("plant", ["--parameter", "start.temperature_c=.nan"], "start.temperature_c: nan is not finite"),
+    (
+        "plant",
+        ["--parameter", "start.temperature_c=.nan"],
+        "start.temperature_c: nan is not finite",
+    ),
     ("plant", ["--parameter", "start.temperature_c=1080"], "beyond the drives' limits"),
     ("plant", ["--parameter", "seed=2"], "unknown parameters seed"),
     ("plant", ["--parameter", "canister.wall_mm=52"], "unknown parameters canister.wall_mm"),
-    ("plant", ["--parameter", "process=canister", "--parameter", "canister.wall_mm=-1"], "wall_mm: -1 is outside"),
+    (
+        "plant",
+        ["--parameter", "process=canister", "--parameter", "canister.wall_mm=-1"],
+        "wall_mm: -1 is outside",
+    ),
     ("plant", ["--parameter", "start.depth_mm"], "--parameter start.depth_mm: write NAME=VALUE"),
     ("plant", ["--tuning", "x.yaml"], "the plant has no tuning"),
     ("plant", ["--model", "missing.yaml"], "cannot read model missing.yaml"),

@@ -24,7 +24,11 @@ GOLDEN = Path(__file__).resolve().parents[3] / "test" / "golden"
 @pytest.fixture(scope="module")
 def experiment() -> WeldSignals:
     """The closed-loop experiment on a process that differs from the model."""
-    overrides = ["duration_s=150", "plant.model.thermal_gain_c_per_kw=1.3", "plant.model.depth_gain_mm_per_kn_s=0.8"]
+    overrides = [
+        "duration_s=150",
+        "plant.model.thermal_gain_c_per_kw=1.3",
+        "plant.model.depth_gain_mm_per_kn_s=0.8",
+    ]
     text = yaml.safe_load(scenario_file.load("identify_closed_loop").text)
     text["events"] = [event for event in text["events"] if event["at_s"] < 150.0]
     scenario = scenario_file.parse(yaml.safe_dump(text), "experiment", overrides)
@@ -41,23 +45,36 @@ def error_of(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 @pytest.mark.slow
 def test_identify(
-    experiment: WeldSignals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    experiment: WeldSignals,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr("fsw.bags.load_weld", lambda bag, progress=None: experiment)
     out, folder = tmp_path / "model.yaml", tmp_path / "report"
-    assert main(["identify", "weld", "--out", str(out), "--validate", "weld", "--report", str(folder)]) == 0
+    assert (
+        main(
+            ["identify", "weld", "--out", str(out), "--validate", "weld", "--report", str(folder)]
+        )
+        == 0
+    )
     found = ModelParameters.from_file(out)
     assert found.thermal_gain_c_per_kw == pytest.approx(1.3 * 18.1, rel=0.03)
     assert found.depth_gain_mm_per_kn_s == pytest.approx(0.8 * 0.0016, rel=0.05)
     assert {path.name for path in folder.iterdir()} == {"report.html", "report.png"}
-    assert "geometry_factor, contact_radius_m, geometry_offset_m3: not identifiable" in capsys.readouterr().out
+    assert (
+        "geometry_factor, contact_radius_m, geometry_offset_m3: not identifiable"
+        in capsys.readouterr().out
+    )
     before = out.read_text()
     assert "exists" in error_of(capsys, "identify", "weld", "--out", str(out))
     assert out.read_text() == before
 
 
 @pytest.mark.slow
-def test_a_weld_at_rest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_weld_at_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     text = yaml.safe_dump({"name": "rest", "duration_s": 40.0, "controller": "none"})
     rest = ClosedLoop(scenario_file.parse(text, "rest")).run()
     monkeypatch.setattr("fsw.bags.load_weld", lambda bag, progress=None: rest)
@@ -70,7 +87,9 @@ def test_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = str(tmp_path / "model.yaml")
     short = tmp_path / "short"
     write_sample_weld(short, 20)
-    assert "nothing there" in error_of(capsys, "identify", str(tmp_path / "nothing there"), "--out", out)
+    assert "nothing there" in error_of(
+        capsys, "identify", str(tmp_path / "nothing there"), "--out", out
+    )
     assert "no stretch of 30 s" in error_of(capsys, "identify", str(short), "--out", out)
     assert "give the bag" in error_of(capsys, "identify", "--out", out)
     assert "--out" in error_of(capsys, "identify", str(short))
@@ -78,21 +97,33 @@ def test_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "nothing there" in error_of(
         capsys, "identify", golden, "--out", out, "--validate", str(tmp_path / "nothing there")
     )
-    assert "nowhere" in error_of(capsys, "identify", str(short), "--out", out, "--model", str(tmp_path / "nowhere"))
+    assert "nowhere" in error_of(
+        capsys, "identify", str(short), "--out", out, "--model", str(tmp_path / "nowhere")
+    )
     unwritable = str(Path(golden) / "metadata.yaml" / "folder")
-    assert f"{unwritable}: Not a directory" in error_of(capsys, "identify", golden, "--out", f"{unwritable}/model.yaml")
-    assert "cannot make folder" in error_of(capsys, "identify", golden, "--out", out, "--report", unwritable)
+    assert f"{unwritable}: Not a directory" in error_of(
+        capsys, "identify", golden, "--out", f"{unwritable}/model.yaml"
+    )
+    assert "cannot make folder" in error_of(
+        capsys, "identify", golden, "--out", out, "--report", unwritable
+    )
     assert not Path(out).exists()
 
 
-def test_a_bag_without_the_needed_topics(genuine: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    line = error_of(capsys, "identify", str(genuine / "mcap_default"), "--out", str(tmp_path / "model.yaml"))
+def test_a_bag_without_the_needed_topics(
+    genuine: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = error_of(
+        capsys, "identify", str(genuine / "mcap_default"), "--out", str(tmp_path / "model.yaml")
+    )
     assert "no samples of depth, torque" in line and "/fsw/spindle_torque" in line
 
 
 def test_an_empty_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_sample_weld(tmp_path / "empty", 0)
-    line = error_of(capsys, "identify", str(tmp_path / "empty"), "--out", str(tmp_path / "model.yaml"))
+    line = error_of(
+        capsys, "identify", str(tmp_path / "empty"), "--out", str(tmp_path / "model.yaml")
+    )
     assert "empty" in line
 
 
@@ -102,17 +133,23 @@ def test_a_design_takes_no_bags(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.slow
 @pytest.mark.full
-def test_design(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_design(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     propose = identification_design.propose
     monkeypatch.setattr(
-        identification_design, "propose", lambda s, closed, model, progress: propose(s, closed, model, 2, progress)
+        identification_design,
+        "propose",
+        lambda s, closed, model, progress: propose(s, closed, model, 2, progress),
     )
     out = tmp_path / "experiment.yaml"
     assert main(["identify", "--design", "--duration", "90", "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "thermal_gain_c_per_kw" in printed and "open loop" not in printed
     assert main(["identify", "--design", "--duration", "60", "--open-loop"]) == 0
-    assert "on a process that differs from the model they drift far beyond" in capsys.readouterr().out
+    assert (
+        "on a process that differs from the model they drift far beyond" in capsys.readouterr().out
+    )
     scenario = scenario_file.load(str(out))
     assert scenario.duration_s == 90.0 and scenario.events
 
@@ -121,7 +158,10 @@ def test_design(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.
 @pytest.mark.parametrize("name", ["identify_closed_loop", "identify_open_loop"])
 def test_shipped_experiments_are_safe_and_tell_all(name: str) -> None:
     found = identification_design.assess(scenario_file.load(name).text)
-    assert found.depth_mm < identification_design.SAFE_MM and found.temperature_c < identification_design.SAFE_C
+    assert (
+        found.depth_mm < identification_design.SAFE_MM
+        and found.temperature_c < identification_design.SAFE_C
+    )
     assert all(found.deviations[of] < aim for of, aim in identification_design.AIMS.items())
 
 
@@ -141,11 +181,18 @@ def test_tune_refuses_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[st
 class Loops:
     """Margins that are known at once; the NMPC's are large enough from three quarters of its aggressiveness on."""
 
-    def __init__(self, label: str, parameters: Mapping[str, Any], process: ModelParameters) -> None:
+    def __init__(
+        self, label: str, parameters: Mapping[str, Any], process: ModelParameters
+    ) -> None:
         self.aggressiveness = parameters.get("temperature_aggressiveness", 1.0)
 
     def margins(self) -> dict[str, float]:
-        return {"depth_gain": inf, "temperature_gain": 2.7, "depth_delay_s": 1.1, "temperature_delay_s": 6.5}
+        return {
+            "depth_gain": inf,
+            "temperature_gain": 2.7,
+            "depth_delay_s": 1.1,
+            "temperature_delay_s": 6.5,
+        }
 
     def has(self, gain: float, delay_s: float) -> bool:
         assert (gain, delay_s) == (2.7, 6.5)
@@ -167,7 +214,15 @@ def test_tuned_files_are_taken_by_the_controllers(
         assert "# Margins with this model" in text and "temperature: delay ≥ 6.5 s" in text
         ((_, section),) = yaml.safe_load(text).items()
         make(label.partition("_")[0], section["ros__parameters"])
-    arguments = ["simulate", "quick", "--controller", "decentral", "--no-figures", "--out", str(tmp_path / "welds")]
+    arguments = [
+        "simulate",
+        "quick",
+        "--controller",
+        "decentral",
+        "--no-figures",
+        "--out",
+        str(tmp_path / "welds"),
+    ]
     assert main([*arguments, "--params-file", str(out / "decentral_tight.yaml")]) == 0
 
 
@@ -188,4 +243,6 @@ def test_the_nmpc_is_slowed_until_its_margins_are_those_of_the_tight_tuning(
 def test_a_wrong_parameter_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "file.yaml"
     file.write_text("- 1\n")
-    assert "not a parameter file" in error_of(capsys, "simulate", "quick", "--params-file", str(file))
+    assert "not a parameter file" in error_of(
+        capsys, "simulate", "quick", "--params-file", str(file)
+    )

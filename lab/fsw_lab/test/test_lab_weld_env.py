@@ -36,13 +36,20 @@ def test_an_episode_has_the_figures_of_the_closed_loop(scenario):
         total += reward
     assert not lost
     for name, value in info["kpi"].items():
-        assert value == pytest.approx(weld.kpi[name], rel=1e-5)  # observations are single precision
-    start = weld.kpi["iae_depth_mm_s"] / weld_env.COST_MM + weld.kpi["iae_temperature_c_s"] / weld_env.COST_C
+        assert value == pytest.approx(
+            weld.kpi[name], rel=1e-5
+        )  # observations are single precision
+    start = (
+        weld.kpi["iae_depth_mm_s"] / weld_env.COST_MM
+        + weld.kpi["iae_temperature_c_s"] / weld_env.COST_C
+    )
     assert -total == pytest.approx(start, rel=1e-3)
 
 
 def test_welds_at_once_are_single_ones_and_begin_again():
-    envs = gymnasium.make_vec("fsw/Weld-v0", num_envs=3, vectorization_mode="vector_entry_point", scenario="quick")
+    envs = gymnasium.make_vec(
+        "fsw/Weld-v0", num_envs=3, vectorization_mode="vector_entry_point", scenario="quick"
+    )
     seen, _ = envs.reset(seed=5)
     single = gymnasium.make("fsw/Weld-v0", scenario="quick", noise=False)
     single.reset(seed=0)
@@ -52,14 +59,19 @@ def test_welds_at_once_are_single_ones_and_begin_again():
         _, _, _, ended, told = single.step(np.zeros(2))
         assert bool(over[0]) == ended
     assert over.all() and not lost.any()
-    assert info["kpi"]["iae_depth_mm_s"] == pytest.approx(np.full(3, told["kpi"]["iae_depth_mm_s"]))
+    assert info["kpi"]["iae_depth_mm_s"] == pytest.approx(
+        np.full(3, told["kpi"]["iae_depth_mm_s"])
+    )
     _, reward, _, over, _ = envs.step(np.zeros((3, 2)))
     assert not over.any() and reward.tolist() == [0.0, 0.0, 0.0]
 
 
 def test_losing_the_copper_ends_one_weld_alone():
     envs = gymnasium.make_vec(
-        "fsw/Weld-v0", num_envs=2, vectorization_mode="vector_entry_point", plant={"start.depth_mm": 1.0}
+        "fsw/Weld-v0",
+        num_envs=2,
+        vectorization_mode="vector_entry_point",
+        plant={"start.depth_mm": 1.0},
     )
     envs.reset(seed=0)
     for _ in range(2000):
@@ -75,7 +87,9 @@ def test_what_it_cannot_weld_is_named():
         gymnasium.make("fsw/Weld-v0", scenario="canister_weld_heat")
 
 
-@pytest.mark.parametrize("example", doctest.DocTestFinder().find(weld_env), ids=lambda example: example.name)
+@pytest.mark.parametrize(
+    "example", doctest.DocTestFinder().find(weld_env), ids=lambda example: example.name
+)
 def test_the_examples_in_the_docstrings(example):
     said = []
     runner = doctest.DocTestRunner()

@@ -1,8 +1,8 @@
 """The decentralized controller in closed loop with a process model: robustness, noise and errors of a set of gains.
 
-Sensitivity and noise come from the frequency response of the sampled, coupled loop, linearised about the operating
-point; the errors from simulation of the nonlinear loop. Emulated sensors and drives are left out: the search simulates
-thousands of welds.
+Sensitivity and noise come from the frequency response of the sampled, coupled loop, linearised
+about the operating point; the errors from simulation of the nonlinear loop. Emulated sensors and
+drives are left out: the search simulates thousands of welds.
 """
 
 from __future__ import annotations
@@ -55,7 +55,8 @@ def simulate(
     Returns
     -------
     (n, 4) array
-        Depth (mm) and temperature (degC) with the disturbance, force (kN) and speed (rpm) before the tick's command.
+        Depth (mm) and temperature (degC) with the disturbance, force (kN) and speed (rpm) before
+        the tick's command.
 
     Raises
     ------
@@ -78,7 +79,9 @@ def simulate(
         shown = model.outputs(state, acting.force_kn, acting.speed_rpm)
         depth, temperature = shown.depth_mm + depth_more, shown.temperature_c + temperature_more
         rows.append((depth, temperature, now.force_kn, now.speed_rpm))
-        torque = shown.motor_torque_nm + inertia * (acting.speed_rpm - before.speed_rpm) + torque_more
+        torque = (
+            shown.motor_torque_nm + inertia * (acting.speed_rpm - before.speed_rpm) + torque_more
+        )
         measurement = Measurement(k * STEP_S, depth, torque, temperature)
         queue = [*queue[1:], controller.step(measurement, reference, now, STEP_S).command]
         model.step(state, queue[1].force_kn, queue[1].speed_rpm)
@@ -96,10 +99,15 @@ def loop_response(
 ) -> tuple[Response, Response]:
     """Sensitivity of the outputs (n, 3, 3) and response of force and speed to sensor noise (n, 2, 3).
 
-    At the frequencies ``omega`` (n,), rad/s; ``latency_ticks`` of delay are added between command and process.
+    At the frequencies ``omega`` (n,), rad/s; ``latency_ticks`` of delay are added between command
+    and process.
     """
     model = process_model(parameters)
-    at, line, p = model.equilibrium(REST.depth_mm, REST.temperature_c), model.linearise(), parameters
+    at, line, p = (
+        model.equilibrium(REST.depth_mm, REST.temperature_c),
+        model.linearise(),
+        parameters,
+    )
     torque, speed = at.outputs.process_torque_nm, at.speed_rpm
     s, back = 1j * omega, np.exp(-1j * omega * STEP_S)
     hold = (1.0 - back) / (s * STEP_S) * back**latency_ticks
@@ -119,20 +127,24 @@ def loop_response(
     inertia = p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM / STEP_S
     friction = p.friction_linear_nm_per_rpm + 2.0 * p.friction_quadratic_nm_per_rpm2 * speed
     by_power = 1.0 / (torque * KW_PER_NM_RPM) + power
-    temperature = pid(gains.temperature_gain, gains.temperature_integral_time, gains.temperature_derivative_time)
+    temperature = pid(
+        gains.temperature_gain, gains.temperature_integral_time, gains.temperature_derivative_time
+    )
     temperature = temperature * lag(gains.temperature_filter) ** 2
     # what the predictor makes of the measured power: of its torque, and of its speed below
     predicted = by_power * temperature * _prediction(gains, back, lag) * KW_PER_NM_RPM
     by_torque = by_torque - predicted * speed
-    # effect of the speed by the inertia and friction that the controller subtracts from the torque; the measurement
-    # has the inertia peak, too, but later
+    # effect of the speed by the inertia and friction that the controller subtracts from the
+    # torque; the measurement has the inertia peak, too, but later
     own = inertia * (1.0 - back) * (back ** (1 + latency_ticks) - back) - friction * back
     solved = 1.0 - by_torque * own + (power * KW_PER_NM_RPM + predicted) * torque * back
     controller = np.zeros((len(omega), 2, 3), dtype=np.complex128)
     depth = pid(gains.depth_gain, gains.depth_integral_time, gains.depth_derivative_time)
     controller[:, 0, 0] = depth * lag(gains.depth_filter) ** 2
     ahead = lag(gains.decoupling_lag) * (1.0 - lag(gains.feedforward_filter) * back)
-    controller[:, 1, 0] = -speed / torque * gains.decoupling_torque * ahead * controller[:, 0, 0] / solved
+    controller[:, 1, 0] = (
+        -speed / torque * gains.decoupling_torque * ahead * controller[:, 0, 0] / solved
+    )
     controller[:, 1, 1] = by_power * temperature / solved
     controller[:, 1, 2] = -by_torque / solved
     sensitivity = np.linalg.inv(np.eye(3) + process @ controller)
@@ -145,19 +157,24 @@ def _prediction(gains: Gains, back: Response, lag: Callable[[float], Response]) 
         return np.zeros_like(back)
     whole, part = divmod(gains.predictor_dead_time / STEP_S, 1.0)
     model = lag(gains.predictor_copper_lag) * 0.5 * (1.0 + back) * lag(gains.predictor_tool_lag)
-    return np.asarray(gains.predictor_gain * model * (1.0 - back**whole * (1.0 - part * (1.0 - back))))
+    return np.asarray(
+        gains.predictor_gain * model * (1.0 - back**whole * (1.0 - part * (1.0 - back)))
+    )
 
 
 def sensitivity(gains: Gains, parameters: ModelParameters | None = None) -> tuple[float, float]:
     """Peak of the sensitivity of the depth loop and of the temperature loop, the other one closed.
 
-    One whole tick of delay is added for transport and drives. Only of a stable loop; see ``simulated_sensitivity``.
+    One whole tick of delay is added for transport and drives. Only of a stable loop; see
+    ``simulated_sensitivity``.
     """
     found, _ = loop_response(gains, parameters or nominal(), _OMEGA)
     return float(np.abs(found[:, 0, 0]).max()), float(np.abs(found[:, 1, 1]).max())
 
 
-def simulated_sensitivity(gains: Gains, parameters: ModelParameters | None = None) -> tuple[float, float]:
+def simulated_sensitivity(
+    gains: Gains, parameters: ModelParameters | None = None
+) -> tuple[float, float]:
     """The same by simulation: from the response to a tiny impulse on one sensor; inf if it does not die out."""
     peaks = []
     for channel, size in enumerate((1e-5, 1e-4)):
@@ -184,23 +201,27 @@ def noise_moves(gains: Gains, parameters: ModelParameters | None = None) -> tupl
 def _windows(case: str) -> dict[str, slice]:
     """Ticks of each event of a case, until the next one begins."""
     events = CASES[case]
-    ticks = [tick_of(at_s) for at_s in (*(step.at_s for step in events.values()), DURATION_S[case])]
+    ticks = [
+        tick_of(at_s) for at_s in (*(step.at_s for step in events.values()), DURATION_S[case])
+    ]
     return dict(zip(events, map(slice, ticks, ticks[1:]), strict=True))
 
 
 def errors(gains: Gains, parameters: ModelParameters | None = None) -> dict[str, float]:
     """Errors of a set of gains in the standard events, noise-free; units in the names.
 
-    Integrals of the absolute error (iae) of a whole run and of the output that an event is about; peaks of the other
-    output; total variation of the inputs; ``unsettled_c``, the largest temperature error in the last 10 s of a run,
-    which reveals an oscillating loop.
+    Integrals of the absolute error (iae) of a whole run and of the output that an event is about;
+    peaks of the other output; total variation of the inputs; ``unsettled_c``, the largest
+    temperature error in the last 10 s of a run, which reveals an oscillating loop.
 
     Raises
     ------
     OperatingPointError
         If the shoulder leaves the copper.
     """
-    references = dict(zip([0, *(tick_of(step.at_s) for step in SET_POINTS.values())], set_points(), strict=True))
+    references = dict(
+        zip([0, *(tick_of(step.at_s) for step in SET_POINTS.values())], set_points(), strict=True)
+    )
     target = np.empty((tick_of(DURATION_S["tracking"]), 2))
     for tick, reference in references.items():
         target[tick:] = reference.depth_mm, reference.temperature_c
@@ -230,7 +251,9 @@ def errors(gains: Gains, parameters: ModelParameters | None = None) -> dict[str,
         "depth_up_peak_c": float(temperature[steps["z up"]].max()),
         "depth_down_peak_c": float(temperature[steps["z down"]].max()),
         "depth_disturbance_peak_c": float(temperature_off[offs["dz"]].max()),
-        "temperature_steps_peak_mm": float(max(depth[steps["T up"]].max(), depth[steps["T down"]].max())),
+        "temperature_steps_peak_mm": float(
+            max(depth[steps["T up"]].max(), depth[steps["T down"]].max())
+        ),
         "variation_force_kn": float(np.abs(np.diff(tracked[:, 2])).sum()),
         "variation_speed_rpm": float(np.abs(np.diff(tracked[:, 3])).sum()),
         "unsettled_c": float(max(temperature[-100:].max(), temperature_off[-100:].max())),

@@ -23,8 +23,9 @@ from fsw_tuning.decentral_loop import NOISE
 
 #: bounds of an experiment about the operating point
 SAFE_MM, SAFE_C = 0.15, 8.0
-#: shares of the bounds that the modelled process may use, in closed loop and in open loop: in closed loop room is left
-#: for processes that differ from the model; in open loop none can be, because only the model tells what is steady
+#: shares of the bounds that the modelled process may use, in closed loop and in open loop: in
+#: closed loop room is left for processes that differ from the model; in open loop none can be,
+#: because only the model tells what is steady
 _SHARES = {True: (0.6, 0.45), False: (0.75, 0.75)}
 #: relative standard deviations to aim for, by which experiments are compared
 AIMS = {
@@ -64,7 +65,9 @@ class Proposal:
 
     def use(self, closed: bool) -> tuple[float, float]:
         """Used share of the permitted part of the bounds, of depth and of temperature."""
-        return self.depth_mm / SAFE_MM / _SHARES[closed][0], self.temperature_c / SAFE_C / _SHARES[closed][1]
+        return self.depth_mm / SAFE_MM / _SHARES[closed][0], self.temperature_c / SAFE_C / _SHARES[
+            closed
+        ][1]
 
 
 def propose(
@@ -76,12 +79,15 @@ def propose(
 ) -> Proposal:
     """The best of some random binary sequences, by the largest ratio of a standard deviation to its aim.
 
-    ``closed``: set-points are stepped under the decentralized controller; otherwise force and speed, without
-    controller. ``model`` is the process as far as it is known. ``progress`` is called with the share done.
+    ``closed``: set-points are stepped under the decentralized controller; otherwise force and
+    speed, without controller. ``model`` is the process as far as it is known. ``progress`` is
+    called with the share done.
     """
 
     def worst(found: Proposal) -> float:
-        beyond = max(0.0, max(found.use(closed)) - 1.0)  # only if nothing stays within the share of the bounds
+        beyond = max(
+            0.0, max(found.use(closed)) - 1.0
+        )  # only if nothing stays within the share of the bounds
         return max(found.deviations[name] / aim for name, aim in AIMS.items()) + 100.0 * beyond
 
     proposals = []
@@ -105,12 +111,17 @@ def _bounded(seed: int, duration_s: float, closed: bool, model: ModelParameters)
         if min(use) > 0.85 and max(use) <= 1.0:
             break
         # the first input is mostly for the depth, the second for the temperature
-        sizes = {name: size * min(0.95 / share, 1.5) for (name, size), share in zip(sizes.items(), use, strict=True)}
+        sizes = {
+            name: size * min(0.95 / share, 1.5)
+            for (name, size), share in zip(sizes.items(), use, strict=True)
+        }
         sizes = {name: float(f"{size:.2g}") for name, size in sizes.items()}
     return found
 
 
-def _scenario(seed: int, duration_s: float, sizes: dict[str, float], centre: dict[str, float], closed: bool) -> str:
+def _scenario(
+    seed: int, duration_s: float, sizes: dict[str, float], centre: dict[str, float], closed: bool
+) -> str:
     generator = random.Random(seed)
     events: dict[float, dict[str, float]] = {}
     for name, size in sizes.items():
@@ -139,12 +150,17 @@ def _scenario(seed: int, duration_s: float, sizes: dict[str, float], centre: dic
 def plant_factors(model: ModelParameters) -> dict[str, float]:
     """Parameters of the plant emulator that make it the process of a model."""
     usual = dict(nominal())
-    return {f"model.{name}": v / usual[name] for name, v in dict(model).items() if v != usual[name]}
+    return {
+        f"model.{name}": v / usual[name] for name, v in dict(model).items() if v != usual[name]
+    }
 
 
 def assess(text: str, plant: dict[str, float] | None = None) -> Proposal:
     """Accuracy to expect of an experiment on a process, and how far it moves the process; without noise."""
-    overrides = ["plant.noise=false", *(f"plant.{name}={value!r}" for name, value in (plant or {}).items())]
+    overrides = [
+        "plant.noise=false",
+        *(f"plant.{name}={value!r}" for name, value in (plant or {}).items()),
+    ]
     scenario = parse(text, "design", overrides)
     controllers = {} if scenario.open_loop else {scenario.controller: make(_CONTROLLER)}
     signals = ClosedLoop(scenario, controllers).run()
@@ -153,4 +169,6 @@ def assess(text: str, plant: dict[str, float] | None = None) -> Proposal:
     segments = prepare(signals, config["actuators.lag_s"]).segments
     depth_mm = float(np.abs(signals.truth.depth_mm - DEPTH_MM).max())
     temperature_c = float(np.abs(signals.truth.temperature_c - TEMPERATURE_C).max())
-    return Proposal(text, expected_deviations(segments, config.model, np.array(NOISE)), depth_mm, temperature_c)
+    return Proposal(
+        text, expected_deviations(segments, config.model, np.array(NOISE)), depth_mm, temperature_c
+    )

@@ -31,7 +31,8 @@ events:
 _PART = 600
 #: dead time that the model takes at most
 _LONGEST_S = 10.0
-#: factor on a gain up to which its margin is sought, and on the paper's value: the emulator takes up to 10
+#: factor on a gain up to which its margin is sought, and on the paper's value: the emulator takes
+#: up to 10
 LARGEST_GAIN, _LARGEST_FACTOR = 8.0, 9.9
 _DEPTH, _TEMPERATURE = "depth_gain_mm_per_kn_s", "thermal_gain_c_per_kw"
 TITLES = {
@@ -65,7 +66,8 @@ class _LateForce:
 class Loops:
     """A controller, by label with its node's parameters, and the process whose margins are sought.
 
-    ``plant`` has parameters of drives and sensors that differ from their defaults, by their names in ``plant.yaml``.
+    ``plant`` has parameters of drives and sensors that differ from their defaults, by their names
+    in ``plant.yaml``.
     """
 
     label: str
@@ -80,7 +82,8 @@ class Loops:
     def is_stable(self, force_ticks: int = 0, /, **factors: float) -> bool:
         """Whether small steps of both set-points die out, without noise.
 
-        What swings by ten times the step and more does not die out, even if the bounds of the drives make it smaller.
+        What swings by ten times the step and more does not die out, even if the bounds of the
+        drives make it smaller.
 
         Parameters
         ----------
@@ -92,7 +95,9 @@ class Loops:
         plant = {**self.plant, **plant_factors(self.process.scaled(**factors))}
         overrides = [f"controller={name_of(self.label)}", "plant.noise=false"]
         overrides += [f"plant.{name}={json.dumps(of)}" for name, of in plant.items()]
-        loop = ClosedLoop(parse(_SMALL_STEPS, "small_steps", overrides), {name_of(self.label): self._controller})
+        loop = ClosedLoop(
+            parse(_SMALL_STEPS, "small_steps", overrides), {name_of(self.label): self._controller}
+        )
         loop.plant = _LateForce(loop.plant, force_ticks)  # type: ignore[assignment]
         truth = loop.run().truth
         assert truth is not None  # a simulation has it
@@ -106,7 +111,9 @@ class Loops:
 
     def with_delay(self, more_s: float) -> bool:
         """Whether the loops are stable when the dead time of the temperature is longer."""
-        return self.is_stable(dead_time_s=(self.process.dead_time_s + more_s) / self.process.dead_time_s)
+        return self.is_stable(
+            dead_time_s=(self.process.dead_time_s + more_s) / self.process.dead_time_s
+        )
 
     def has(self, gain: float, delay_s: float) -> bool:
         """Whether the loop of the temperature has at least these margins."""
@@ -122,11 +129,17 @@ class Loops:
     def margins(self) -> dict[str, float]:
         """Margins of both loops."""
         delay = largest_delay(self.is_stable, _longest_ticks(self.process))
-        return {"depth_gain": self.gain(_DEPTH), "depth_delay_s": STEP_S * delay, **self.temperature()}
+        return {
+            "depth_gain": self.gain(_DEPTH),
+            "depth_delay_s": STEP_S * delay,
+            **self.temperature(),
+        }
 
     def gain(self, name: str) -> float:
         """Margin of a gain of the process, by the name of the parameter: a factor, inf beyond what is tried."""
-        return largest_gain(lambda gain: self.is_stable(**{name: gain}), _most_gain(self.process, name))
+        return largest_gain(
+            lambda gain: self.is_stable(**{name: gain}), _most_gain(self.process, name)
+        )
 
 
 def texts(margins: Mapping[str, float], process: ModelParameters | None = None) -> dict[str, str]:
@@ -155,7 +168,9 @@ def _most_gain(process: ModelParameters, name: str) -> float:
 
 
 def slower_for(
-    least: Mapping[str, float], parameters: Mapping[str, Any] | None = None, process: ModelParameters | None = None
+    least: Mapping[str, float],
+    parameters: Mapping[str, Any] | None = None,
+    process: ModelParameters | None = None,
 ) -> float:
     """Factor on the time constant of the NMPC's temperature at which its margins are at least these.
 
@@ -163,7 +178,9 @@ def slower_for(
     """
     for slower in _SLOWER:
         own = {**(parameters or {}), "temperature_aggressiveness": 1.0 / slower}
-        if Loops(DEFAULT, own, process or nominal()).has(least["temperature_gain"], least["temperature_delay_s"]):
+        if Loops(DEFAULT, own, process or nominal()).has(
+            least["temperature_gain"], least["temperature_delay_s"]
+        ):
             break
     return slower
 

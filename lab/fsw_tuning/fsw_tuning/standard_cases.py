@@ -49,7 +49,9 @@ class Step(NamedTuple):
 
     def after(self, reference: Reference) -> Reference:
         """The set-points that follow these ones."""
-        return Reference(reference.depth_mm + self.depth_mm, reference.temperature_c + self.temperature_c)
+        return Reference(
+            reference.depth_mm + self.depth_mm, reference.temperature_c + self.temperature_c
+        )
 
 
 SET_POINTS = {
@@ -68,19 +70,31 @@ EVENTS = SET_POINTS | DISTURBANCES
 
 def set_points() -> list[Reference]:
     """The set-points before the first step, and after each one."""
-    return list(accumulate(SET_POINTS.values(), lambda reference, step: step.after(reference), initial=REST))
+    return list(
+        accumulate(
+            SET_POINTS.values(), lambda reference, step: step.after(reference), initial=REST
+        )
+    )
 
 
 def scenario(case: str, plant: Mapping[str, float | bool | str], controller: str) -> Scenario:
     """One of ``CASES``, or a scenario by file or name, with parameters of the plant, e.g. ``model.<name>``."""
-    overrides = [f"controller={controller}", *(f"plant.{name}={json.dumps(of)}" for name, of in plant.items())]
+    overrides = [
+        f"controller={controller}",
+        *(f"plant.{name}={json.dumps(of)}" for name, of in plant.items()),
+    ]
     if case not in CASES:
         return scenario_file.load(case, overrides)
     events: list[dict[str, Any]] = [
-        {"at_s": step.at_s, "reference": {"depth_mm": after.depth_mm, "temperature_c": after.temperature_c}}
+        {
+            "at_s": step.at_s,
+            "reference": {"depth_mm": after.depth_mm, "temperature_c": after.temperature_c},
+        }
         for step, after in zip(SET_POINTS.values(), set_points()[1:], strict=True)
     ]
     if case == "disturbances":
-        events = [{"at_s": step.at_s, "disturbance": step.disturbance} for step in DISTURBANCES.values()]
+        events = [
+            {"at_s": step.at_s, "disturbance": step.disturbance} for step in DISTURBANCES.values()
+        ]
     text = yaml.safe_dump({"name": case, "duration_s": DURATION_S[case], "events": events})
     return scenario_file.parse(text, case, overrides)

@@ -21,7 +21,8 @@ from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make, name_of
 from fsw_tuning.standard_cases import CASES, CONSERVATIVE, scenario
 
-#: An output moves if it does by more than this over the last `_LAST` ticks; after `_SETTLE_S` more, it oscillates.
+#: An output moves if it does by more than this over the last `_LAST` ticks; after `_SETTLE_S`
+#: more, it oscillates.
 _SWINGS_MM, _SWINGS_C, _LAST = 0.01, 1.0, 150
 _SETTLE_S = 60.0
 #: The four figures of merit by which processes are compared: case and figure, and what it means.
@@ -48,7 +49,9 @@ class Job:
     parameters: Mapping[str, Any] = field(default_factory=dict)
 
     def __hash__(self) -> int:
-        return hash((self.controller, self.case, self.noise, *self.plant.items(), *self.parameters.items()))
+        return hash(
+            (self.controller, self.case, self.noise, *self.plant.items(), *self.parameters.items())
+        )
 
 
 @cache
@@ -71,14 +74,16 @@ def weld(job: Job) -> WeldSignals:
 def figures(job: Job) -> Figures:
     """Run a job and return its figures of merit, and whether an output oscillates for good.
 
-    What still moves at the end may only be settling or following the noise: then the same weld is run without noise and
-    continued by a minute without events.
+    What still moves at the end may only be settling or following the noise: then the same weld is
+    run without noise and continued by a minute without events.
     """
     signals = weld(job)
     swings = _moves(signals)
     if swings:
         loop = loop_of(replace(job, noise=False))
-        loop.scenario = loop.scenario.model_copy(update={"duration_s": loop.scenario.duration_s + _SETTLE_S})
+        loop.scenario = loop.scenario.model_copy(
+            update={"duration_s": loop.scenario.duration_s + _SETTLE_S}
+        )
         swings = _moves(loop.run())
     return compute(signals, job.controller) | {"swings": swings}
 
@@ -102,11 +107,13 @@ def _figures_or_error(job: Job) -> Figures:
 def on_all_cores(function: Callable[[T], R], jobs: Sequence[T], chunksize: int = 1) -> Iterator[R]:
     """Results of a function for all jobs, in their order, by as many processes as there are processors.
 
-    They are spawned, because forked ones would share DDS and locks. Ctrl-C reaches the caller alone; when it takes no
-    more results, the processes are ended.
+    They are spawned, because forked ones would share DDS and locks. Ctrl-C reaches the caller
+    alone; when it takes no more results, the processes are ended.
     """
     pool = ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn"))
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)  # inherited by the processes, which ``map`` starts
+    handler = signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # inherited by the processes, which ``map`` starts
     try:
         others = active_children()
         results = pool.map(function, jobs, chunksize=chunksize)
@@ -123,11 +130,17 @@ def on_all_cores(function: Callable[[T], R], jobs: Sequence[T], chunksize: int =
         pool.shutdown(cancel_futures=True)
 
 
-def run_all(jobs: Sequence[Job], progress: Callable[[float], None] | None = None) -> dict[Job, Figures]:
+def run_all(
+    jobs: Sequence[Job], progress: Callable[[float], None] | None = None
+) -> dict[Job, Figures]:
     """Run jobs on all cores; a plant that cannot be run gives ``{"error": text}``. ``progress`` gets the share done."""
     results = {}
     worth_it = len(jobs) >= 8
-    work = on_all_cores(_figures_or_error, jobs, chunksize=4) if worth_it else map(_figures_or_error, jobs)
+    work = (
+        on_all_cores(_figures_or_error, jobs, chunksize=4)
+        if worth_it
+        else map(_figures_or_error, jobs)
+    )
     for job, found in zip(jobs, work, strict=True):
         results[job] = found
         if progress is not None:
@@ -163,7 +176,10 @@ def sweep(
     }
     found = run_all(list(jobs.values()), progress)
     return {
-        process: {label: judged({case: found[jobs[process, label, case]] for case in CASES}) for label in controllers}
+        process: {
+            label: judged({case: found[jobs[process, label, case]] for case in CASES})
+            for label in controllers
+        }
         for process in processes
     }
 
@@ -177,13 +193,22 @@ def draw_sweep(data: Mapping[str, Any], path: Path) -> None:
     with sheet(11.0, 0.32 * len(plants) + 2.2, path) as canvas:
         axes = canvas.subplots(1, len(others), sharey=True)
         for axis, label in zip(axes, others, strict=True):
-            table = np.array([[data[p][label][key] / data[p][CONSERVATIVE][key] for key in JUDGED] for p in plants])
+            table = np.array(
+                [
+                    [data[p][label][key] / data[p][CONSERVATIVE][key] for key in JUDGED]
+                    for p in plants
+                ]
+            )
             axis.grid(visible=False)
-            image = axis.imshow(np.log2(table), cmap="RdYlGn_r", vmin=-1.5, vmax=1.5, aspect="auto")
+            image = axis.imshow(
+                np.log2(table), cmap="RdYlGn_r", vmin=-1.5, vmax=1.5, aspect="auto"
+            )
             for (row, column), value in np.ndenumerate(table):
                 axis.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=8.0)
             axis.set_title(f"{label}: IAE\nover {CONSERVATIVE}", fontsize=9.0)
-            axis.set_xticks(range(len(JUDGED)), JUDGED.values(), rotation=30.0, ha="right", fontsize=8.0)
+            axis.set_xticks(
+                range(len(JUDGED)), JUDGED.values(), rotation=30.0, ha="right", fontsize=8.0
+            )
             axis.set_yticks(range(len(plants)), plants)
         bar = canvas.colorbar(image, ax=axes, ticks=[-1, 0, 1], shrink=0.6)
         bar.ax.set_yticklabels(["half", "equal", "double"])

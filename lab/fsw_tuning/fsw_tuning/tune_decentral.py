@@ -1,8 +1,9 @@
 """Tunes the decentralized controller for a process model.
 
-Minimises the errors in set-point steps and output disturbances under bounds: on the peak Ms of the sensitivity of each
-loop with the other one closed and one whole tick of delay added, and on the moves that sensor noise causes. A figure
-above its target costs much more than the same figure below it.
+Minimises the errors in set-point steps and output disturbances under bounds: on the peak Ms of the
+sensitivity of each loop with the other one closed and one whole tick of delay added, and on the
+moves that sensor noise causes. A figure above its target costs much more than the same figure
+below it.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ NAMES = tuple(tunings())
 
 def _by_name(table: dict[str, tuple[float, float]]) -> dict[str, dict[str, float]]:
     """By the names of the tunings: the first column of a table for the conservative one, the second for all others."""
-    return {name: {key: row[name != "conservative"] for key, row in table.items()} for name in NAMES}
+    return {
+        name: {key: row[name != "conservative"] for key, row in table.items()} for name in NAMES
+    }
 
 
 #: Upper bounds: Ms of each loop, standard deviation of the moves per tick under sensor noise.
@@ -46,7 +49,8 @@ BOUNDS = _by_name(
         "noise_move_rpm": (0.5, 0.8),
     }
 )
-#: Targets of the search: figures of another, independent tuning of such loops on the paper's process.
+#: Targets of the search: figures of another, independent tuning of such loops on the paper's
+#: process.
 TARGETS = _by_name(
     {
         "tracking_iae_depth_mm_s": (4.08, 1.48),
@@ -65,9 +69,9 @@ TARGETS = _by_name(
     }
 )
 
-#: Searched for, with the range: all gains but the model's (decoupling, predictor). The unit is that of the gain. The
-#: events hardly reach the bounds of the speed, so the range is what keeps the tracking times short enough for a speed
-#: that rests at a bound.
+#: Searched for, with the range: all gains but the model's (decoupling, predictor). The unit is
+#: that of the gain. The events hardly reach the bounds of the speed, so the range is what keeps
+#: the tracking times short enough for a speed that rests at a bound.
 SEARCHED = {
     "depth_gain": (1.0, 500.0),
     "depth_integral_time": (0.3, 100.0),
@@ -140,13 +144,20 @@ def _model_of(parameters: ModelParameters) -> dict[str, float]:
 def robustness(gains: Gains, parameters: ModelParameters) -> dict[str, float]:
     """The figures of a set of gains that have ``BOUNDS``."""
     peaks, moves = sensitivity(gains, parameters), noise_moves(gains, parameters)
-    return {"ms_depth": peaks[0], "ms_temperature": peaks[1], "noise_move_kn": moves[0], "noise_move_rpm": moves[1]}
+    return {
+        "ms_depth": peaks[0],
+        "ms_temperature": peaks[1],
+        "noise_move_kn": moves[0],
+        "noise_move_rpm": moves[1],
+    }
 
 
 def cost(gains: Gains, name: str, parameters: ModelParameters) -> float:
     """Mean of the figures as shares of their targets, with penalties for missed targets and broken bounds."""
     robust = robustness(gains, parameters)
-    excess = sum(max(robust[key] / bound - _BOUND_MARGIN, 0.0) for key, bound in BOUNDS[name].items())
+    excess = sum(
+        max(robust[key] / bound - _BOUND_MARGIN, 0.0) for key, bound in BOUNDS[name].items()
+    )
     unusable = 1e3 + min(excess, 1e3)
     if excess > _UNUSABLE:
         return unusable
@@ -185,7 +196,9 @@ def tune(
     done = 0
 
     def gains_of(x: Vector) -> Gains:
-        return start.changed(**{key: float(f"{v:.3g}") for key, v in zip(SEARCHED, np.exp(x), strict=True)})
+        return start.changed(
+            **{key: float(f"{v:.3g}") for key, v in zip(SEARCHED, np.exp(x), strict=True)}
+        )
 
     def cost_of(x: Vector) -> float:
         nonlocal done
@@ -198,4 +211,6 @@ def tune(
     reach = np.where(x + _REACH <= ranges[:, 1], _REACH, -_REACH)
     simplex = np.vstack([x, x + np.diag(reach)])
     options = {"adaptive": True, "initial_simplex": simplex, "maxfev": evaluations}
-    return gains_of(scipy.optimize.minimize(cost_of, x, method="Nelder-Mead", bounds=ranges, options=options).x)
+    return gains_of(
+        scipy.optimize.minimize(cost_of, x, method="Nelder-Mead", bounds=ranges, options=options).x
+    )

@@ -18,7 +18,9 @@ EACH = pytest.mark.parametrize("name", tunings())
 @EACH
 def test_shipped_gains_are_within_the_bounds(name):
     gains = tunings()[name]
-    found = zip(BOUNDS[name].values(), (*simulated_sensitivity(gains), *noise_moves(gains)), strict=True)
+    found = zip(
+        BOUNDS[name].values(), (*simulated_sensitivity(gains), *noise_moves(gains)), strict=True
+    )
     assert all(figure <= bound for bound, figure in found)
 
 
@@ -46,7 +48,12 @@ def test_sensitivity_of_the_formulas_is_the_simulated_one(name):
 
 def test_noise_moves_of_the_formulas_are_the_simulated_ones():
     gains, source = tunings()["tight"], random.Random(3)
-    rows = simulate(gains, np.array([[source.gauss(0.0, size) for size in decentral_loop.NOISE] for _ in range(8000)]))
+    rows = simulate(
+        gains,
+        np.array(
+            [[source.gauss(0.0, size) for size in decentral_loop.NOISE] for _ in range(8000)]
+        ),
+    )
     moves = np.diff(rows[200:, 2:], axis=0).std(axis=0)
     assert tuple(moves) == pytest.approx(noise_moves(gains), rel=0.05)
 
@@ -59,11 +66,21 @@ def test_an_unstable_loop_has_no_finite_sensitivity():
 def test_the_search_finds_the_bottom_of_a_narrow_valley(monkeypatch):
     """As many variables as there are gains, whose scales differ by 30, turned against the axes."""
     shipped = tunings()["tight"]
-    turn, _ = np.linalg.qr(np.random.default_rng(0).standard_normal((len(SEARCHED), len(SEARCHED))))
-    scales, bottom = np.geomspace(1.0, 30.0, len(SEARCHED)), np.log([getattr(shipped, key) for key in SEARCHED])
+    turn, _ = np.linalg.qr(
+        np.random.default_rng(0).standard_normal((len(SEARCHED), len(SEARCHED)))
+    )
+    scales, bottom = (
+        np.geomspace(1.0, 30.0, len(SEARCHED)),
+        np.log([getattr(shipped, key) for key in SEARCHED]),
+    )
 
     def valley(gains, name, parameters):
-        return float(((scales * (turn @ (np.log([getattr(gains, key) for key in SEARCHED]) - bottom))) ** 2).sum())
+        return float(
+            (
+                (scales * (turn @ (np.log([getattr(gains, key) for key in SEARCHED]) - bottom)))
+                ** 2
+            ).sum()
+        )
 
     monkeypatch.setattr(tune_decentral, "cost", valley)
     shares = []
@@ -71,7 +88,9 @@ def test_the_search_finds_the_bottom_of_a_narrow_valley(monkeypatch):
     start = tune_decentral.start_of("tight", nominal())
     assert valley(found, "", None) < 1e-2 * valley(start, "", None)
     assert shares == sorted(shares) and shares[0] > 0.0 and shares[-1] <= 1.0
-    assert tune_decentral.tune("tight", evaluations=100) == tune_decentral.tune("tight", evaluations=100)
+    assert tune_decentral.tune("tight", evaluations=100) == tune_decentral.tune(
+        "tight", evaluations=100
+    )
 
 
 @pytest.mark.slow
@@ -80,7 +99,11 @@ def test_tuning_another_process_improves_on_its_start_and_stays_in_range():
     other = nominal().scaled(thermal_gain_c_per_kw=0.7, dead_time_s=1.2)
     found = tune_decentral.tune("conservative", other, evaluations=60)
     start = tune_decentral.start_of("conservative", other)
-    assert tune_decentral.cost(found, "conservative", other) < tune_decentral.cost(start, "conservative", other)
-    assert set(SEARCHED) == {name for name, field in Gains.model_fields.items() if field.is_required()}
+    assert tune_decentral.cost(found, "conservative", other) < tune_decentral.cost(
+        start, "conservative", other
+    )
+    assert set(SEARCHED) == {
+        name for name, field in Gains.model_fields.items() if field.is_required()
+    }
     for key, (low, high) in SEARCHED.items():
         assert low <= getattr(found, key) <= high

@@ -10,7 +10,16 @@ import numpy as np
 
 from adaptive_nmpc.search import JUDGED_BY, STEADY_C, is_steady
 from adaptive_nmpc.search import ratio as harm
-from adaptive_nmpc.study import ADAPTIVE, COLUMNS, FIXED, NOISE_SEEDS, NOISY_PLANTS, RIVALS, SEED, ran
+from adaptive_nmpc.study import (
+    ADAPTIVE,
+    COLUMNS,
+    FIXED,
+    NOISE_SEEDS,
+    NOISY_PLANTS,
+    RIVALS,
+    SEED,
+    ran,
+)
 from controller_comparison.report import margin_rows
 from controller_comparison.study import KPIS, TOLERANCE, VARIATIONS
 from fsw_analysis.figure_style import colours_of, sheet
@@ -45,23 +54,39 @@ def figures(plants: Plants) -> dict[str, str]:
     """All figures of merit of both cases, by key, with their titles."""
     keys = (f"{case} {key}" for case in CASES for key in KPIS)
     known = plants[0][ADAPTIVE]
-    return {key: f"{_TITLES[key.split()[0]]}, {KPIS[key.split()[1]]}" for key in keys if key in known}
+    return {
+        key: f"{_TITLES[key.split()[0]]}, {KPIS[key.split()[1]]}" for key in keys if key in known
+    }
 
 
-def ratio(plants: Plants, own: str, rivals: Sequence[str], key: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+def ratio(
+    plants: Plants, own: str, rivals: Sequence[str], key: str
+) -> np.ndarray[Any, np.dtype[np.float64]]:
     """A figure of one column over the best rival's, on every plant."""
-    return np.array([runs[own][key] / min(runs[rival][key] for rival in rivals) for runs in plants])
+    return np.array(
+        [runs[own][key] / min(runs[rival][key] for rival in rivals) for runs in plants]
+    )
 
 
 def shares(plants: Plants, rivals: Sequence[str]) -> Rows:
     """On how many plants a column is at or below the best rival."""
     rows = [["", *JUDGED.values()]]
     for own in (column for column in COLUMNS if column.startswith("nmpc")):
-        rows.append([own, *(f"{100.0 * (ratio(plants, own, rivals, key) <= 1.0).mean():.0f} %" for key in JUDGED)])
+        rows.append(
+            [
+                own,
+                *(
+                    f"{100.0 * (ratio(plants, own, rivals, key) <= 1.0).mean():.0f} %"
+                    for key in JUDGED
+                ),
+            ]
+        )
     return rows
 
 
-def won(plants: Plants, own: str, rivals: Sequence[str], key: str) -> np.ndarray[Any, np.dtype[np.bool_]]:
+def won(
+    plants: Plants, own: str, rivals: Sequence[str], key: str
+) -> np.ndarray[Any, np.dtype[np.bool_]]:
     """On which plants a figure is at or below the best rival's; of both PIs, the tight one's where it is movement."""
     if rivals == RIVALS and key.split()[1] in VARIATIONS:
         rivals = (TIGHT,)
@@ -76,7 +101,10 @@ def all_figures(plants: Plants) -> Rows:
         shares = [100.0 * won(plants, ADAPTIVE, some, key).mean() for some in rivals.values()]
         rows.append([title, *(f"{share:.0f} %" for share in shares)])
     for own in (column for column in COLUMNS if column.startswith("nmpc")):
-        shares = [100.0 * np.mean([won(plants, own, r, k) for k in figures(plants)]) for r in rivals.values()]
+        shares = [
+            100.0 * np.mean([won(plants, own, r, k) for k in figures(plants)])
+            for r in rivals.values()
+        ]
         rows.append([f"**all figures, {own}**", *(f"**{share:.1f} %**" for share in shares)])
     return rows
 
@@ -92,13 +120,16 @@ def by_chance(noise: Sequence[Sequence[Figures]], keys: Collection[str]) -> floa
     values = np.array([[[run[key] for key in keys] for run in runs] for runs in noise])
     over = values[:, :, None] / values[:, None]
     n = values.shape[1]
-    return float((over > TOLERATED).sum() / (over.size * (n - 1) / n))  # a seed against itself is none
+    return float(
+        (over > TOLERATED).sum() / (over.size * (n - 1) / n)
+    )  # a seed against itself is none
 
 
 def lost(plants: Plants, rival: str, key: str, sigma: float = 0.0) -> int:
     """On how many plants a figure is worse than tolerated, and by more than its noise.
 
-    ``sigma`` is the figure's standard deviation over seeds of the sensor noise, as a share of it: both runs have it.
+    ``sigma`` is the figure's standard deviation over seeds of the sensor noise, as a share of it:
+    both runs have it.
     """
     r = ratio(plants, ADAPTIVE, [rival], key)
     return int((r > max(TOLERATED, 1.0 + BEYOND_NOISE * 2.0**0.5 * sigma)).sum())
@@ -124,10 +155,13 @@ def against(plants: Plants, rival: str, noise: Mapping[str, float] | None = None
 def drift_rows(data: Mapping[str, Mapping[str, Sequence[float]]]) -> Rows:
     """Ramp, sine and jumps of the tool, each without and with noise, and what the force moves at rest."""
     header = ["without / with noise", "ramp, IAE [mm s]", "sine, IAE [mm s]"]
-    rows = [[*header, "tool deeper, peak [°C]", "tool shallower, peak [°C]", "force at rest [kN/s]"]]
+    rows = [
+        [*header, "tool deeper, peak [°C]", "tool shallower, peak [°C]", "force at rest [kN/s]"]
+    ]
     for label, found in data.items():
         pairs = (
-            " / ".join(f"{value:.3f}" for value in found[name]) for name in ("ramp", "sine", "deeper", "shallower")
+            " / ".join(f"{value:.3f}" for value in found[name])
+            for name in ("ramp", "sine", "deeper", "shallower")
         )
         rows.append([label, *pairs, f"{found['rest'][0]:.3f}"])
     return rows
@@ -139,7 +173,10 @@ def events(nominal: Mapping[str, Mapping[str, Any]]) -> Rows:
     for name, step in EVENTS.items():
         key = "iae_depth_mm_s" if step.of_depth else "iae_temperature_c_s"
         errors = [f"{found['events'][name][key]:.3g}" for found in nominal.values()]
-        peaks = [f"{found['events'][name]['peak_temperature_error_c']:.2f}" for found in nominal.values()]
+        peaks = [
+            f"{found['events'][name]['peak_temperature_error_c']:.2f}"
+            for found in nominal.values()
+        ]
         rows.append([f"{step.size}{' (disturbance)' if name[0] == 'd' else ''}", *errors, *peaks])
     return rows
 
@@ -147,27 +184,49 @@ def events(nominal: Mapping[str, Mapping[str, Any]]) -> Rows:
 def at_rest(nominal: Mapping[str, Mapping[str, Any]]) -> Rows:
     """What noise moves per second."""
     rows = [["at rest, with noise", "force [kN/s]", "speed [rpm/s]"]]
-    return rows + [[label, *(f"{found['rest'][key]:.3g}" for key in VARIATIONS)] for label, found in nominal.items()]
+    return rows + [
+        [label, *(f"{found['rest'][key]:.3g}" for key in VARIATIONS)]
+        for label, found in nominal.items()
+    ]
 
 
 def saturation(data: Mapping[str, Mapping[str, float]]) -> Rows:
     """Errors where the speed is at its bound."""
-    rows = [["", "IAE depth [mm s]", "IAE temperature [°C s]", "peak of the temperature's error [°C]"]]
-    return rows + [[name, *(f"{value:.3g}" for value in found.values())] for name, found in data.items()]
+    rows = [
+        ["", "IAE depth [mm s]", "IAE temperature [°C s]", "peak of the temperature's error [°C]"]
+    ]
+    return rows + [
+        [name, *(f"{value:.3g}" for value in found.values())] for name, found in data.items()
+    ]
 
 
 def late_rows(data: Sequence[Mapping[str, Any]]) -> Rows:
     """Worst over gain and lag, by dead time, where the tuning itself does not swing."""
     rows = [
-        ["dead time beyond the model's [s]", "processes", *(f"{what}, {c}" for what in LATE for c in (FIXED, ADAPTIVE))]
+        [
+            "dead time beyond the model's [s]",
+            "processes",
+            *(f"{what}, {c}" for what in LATE for c in (FIXED, ADAPTIVE)),
+        ]
     ]
     rows[0].append(f"IAE worse than × {TOLERATED:g}")
     for later_s in dict.fromkeys(one["later_s"] for one in data):
-        kept = [one for one in data if one["later_s"] == later_s and one[FIXED]["peak_c"] < STEADY_C]
-        worst = (max(one[c][key] for one in kept) for key in LATE.values() for c in (FIXED, ADAPTIVE))
+        kept = [
+            one for one in data if one["later_s"] == later_s and one[FIXED]["peak_c"] < STEADY_C
+        ]
+        worst = (
+            max(one[c][key] for one in kept) for key in LATE.values() for c in (FIXED, ADAPTIVE)
+        )
         worse = sum(one[ADAPTIVE]["iae_c_s"] > TOLERATED * one[FIXED]["iae_c_s"] for one in kept)
         of = sum(one["later_s"] == later_s for one in data)
-        rows.append([f"{later_s:g}", f"{len(kept)} of {of}", *(f"{value:.1f}" for value in worst), f"{worse}"])
+        rows.append(
+            [
+                f"{later_s:g}",
+                f"{len(kept)} of {of}",
+                *(f"{value:.1f}" for value in worst),
+                f"{worse}",
+            ]
+        )
     return rows
 
 
@@ -179,7 +238,9 @@ def found_rows(rounds: Sequence[Sequence[Mapping[str, Any]]]) -> Rows:
         rows.append(["near the worst" if number else "random", f"{len(kept)} of {len(found)}"])
         for key, cases in SEARCHED.values():
             ratios = np.array([harm(row, key, cases) for row in kept] or [np.nan])
-            rows[-1].append(f"{np.median(ratios):.2f}/{ratios.max():.2f}/{(ratios > TOLERATED).sum()}")
+            rows[-1].append(
+                f"{np.median(ratios):.2f}/{ratios.max():.2f}/{(ratios > TOLERATED).sum()}"
+            )
     return rows
 
 
@@ -202,7 +263,9 @@ def page(data: Mapping[str, Any]) -> str:
     """The page of the study."""
     plants = ran(data["random"])
     noise = {key: scatter(data["noise"], key) for key in figures(plants)}
-    swings = {column: sum(bool(runs[column].get("swings")) for runs in plants) for column in COLUMNS}
+    swings = {
+        column: sum(bool(runs[column].get("swings")) for runs in plants) for column in COLUMNS
+    }
     tables = {
         "tight": shares(plants, [TIGHT]),
         "adapting": against(plants, FIXED, noise),
@@ -230,11 +293,18 @@ def page(data: Mapping[str, Any]) -> str:
             lost=sum(lost(plants, FIXED, key) for key in figures(plants)),
             beyond=sum(lost(plants, FIXED, key, noise[key]) for key in figures(plants)),
             beyond_noise=BEYOND_NOISE,
-            noise=dict(plants=NOISY_PLANTS, seeds=len(NOISE_SEEDS), by_chance=100.0 * by_chance(data["noise"], noise)),
+            noise=dict(
+                plants=NOISY_PLANTS,
+                seeds=len(NOISE_SEEDS),
+                by_chance=100.0 * by_chance(data["noise"], noise),
+            ),
             lost_share=100.0 * np.mean([lost(plants, FIXED, key) for key in noise]) / len(plants),
             compared=len(plants) * len(figures(plants)),
             of_dead_times=len(data["late"]),
-            worse_late=sum(one[ADAPTIVE]["iae_c_s"] > TOLERATED * one[FIXED]["iae_c_s"] for one in data["late"]),
+            worse_late=sum(
+                one[ADAPTIVE]["iae_c_s"] > TOLERATED * one[FIXED]["iae_c_s"]
+                for one in data["late"]
+            ),
             steady=STEADY_C,
             worst=worst_plant(data["search"]),
         )
@@ -249,10 +319,16 @@ def draw(welds: Mapping[str, WeldSignals], path: Path) -> None:
             truth = signals.truth
             assert truth is not None  # a simulation has it
             time_s = 0.1 * np.arange(len(truth.depth_mm))
-            for axis, values in zip(axes, (truth.depth_mm, truth.temperature_c, truth.speed_rpm), strict=True):
+            for axis, values in zip(
+                axes, (truth.depth_mm, truth.temperature_c, truth.speed_rpm), strict=True
+            ):
                 axis.plot(time_s, values, color=colour, label=name)
-        for axis, title in zip(axes, ("depth [mm]", "temperature [°C]", "speed [rpm]"), strict=True):
+        for axis, title in zip(
+            axes, ("depth [mm]", "temperature [°C]", "speed [rpm]"), strict=True
+        ):
             axis.set_ylabel(title)
         axes[0].legend(fontsize=8.0)
         axes[2].set_xlabel("time [s]")
-        canvas.suptitle("Torque × 0.85, depth 0.2 mm down at 10 s: the speed is at its bound", fontsize=11.0)
+        canvas.suptitle(
+            "Torque × 0.85, depth 0.2 mm down at 10 s: the speed is at its bound", fontsize=11.0
+        )

@@ -31,9 +31,11 @@ FACTORS = {
 }
 #: Share of the plants on which the probe has no lag, and of those on which the noise is white.
 _AS_IN_MODEL = 0.5
-#: Random plants; then rounds, each with so many variations of so many of the worst plants, by so much of the ranges.
+#: Random plants; then rounds, each with so many variations of so many of the worst plants, by so
+#: much of the ranges.
 FIRST, ROUNDS, WORST, VARIATIONS, VARIED = 60, 2, 6, 2, 0.15
-#: A step is 10 degC: with a larger error than this a process is one on which the tuning itself swings.
+#: A step is 10 degC: with a larger error than this a process is one on which the tuning itself
+#: swings.
 STEADY_C = 12.0
 #: By this a plant is the worst.
 JUDGED_BY = "iae_temperature_c_s"
@@ -44,7 +46,9 @@ Plant = dict[str, float]
 def drawn(generator: random.Random) -> Plant:
     """A random plant."""
     plant = {name: generator.uniform(*span) for name, span in UNIFORM.items()}
-    plant |= {name: exp(generator.uniform(log(low), log(high))) for name, (low, high) in FACTORS.items()}
+    plant |= {
+        name: exp(generator.uniform(log(low), log(high))) for name, (low, high) in FACTORS.items()
+    }
     for group in ("temperature_lag_s", "correlation_s"):
         if generator.random() < _AS_IN_MODEL:
             plant |= {name: 0.0 for name in plant if name.endswith(group)}
@@ -56,7 +60,9 @@ def varied(plant: Plant, generator: random.Random) -> Plant:
     near = dict(plant)
     for name, (low, high) in UNIFORM.items():
         if plant[name]:  # what is as in the model stays so
-            near[name] = min(max(plant[name] + generator.gauss(0.0, VARIED) * (high - low), low), high)
+            near[name] = min(
+                max(plant[name] + generator.gauss(0.0, VARIED) * (high - low), low), high
+            )
     for name, (low, high) in FACTORS.items():
         factor = exp(generator.gauss(0.0, VARIED) * log(high / low))
         near[name] = min(max(plant[name] * factor, low), high)
@@ -72,9 +78,19 @@ def measured(plants: Sequence[Plant], title: str) -> list[dict[str, Any]]:
     """Errors with and without adaptation in both cases, with noise, plant by plant."""
     columns = (FIXED, ADAPTIVE)
     with controllers() as made, ProgressBar(title) as bar:
-        keys = [(plant, case, column) for plant in range(len(plants)) for case in CASES for column in columns]
-        jobs = [Job(made[column][0], case, True, plants[i], made[column][1]) for i, case, column in keys]
-        rows: list[dict[str, Any]] = [{"plant": plant, **{case: {} for case in CASES}} for plant in plants]
+        keys = [
+            (plant, case, column)
+            for plant in range(len(plants))
+            for case in CASES
+            for column in columns
+        ]
+        jobs = [
+            Job(made[column][0], case, True, plants[i], made[column][1])
+            for i, case, column in keys
+        ]
+        rows: list[dict[str, Any]] = [
+            {"plant": plant, **{case: {} for case in CASES}} for plant in plants
+        ]
         for done, ((i, case, column), one) in enumerate(
             zip(keys, on_all_cores(errors_of, jobs, chunksize=4), strict=True)
         ):

@@ -40,7 +40,8 @@ WEAK = {"model.sliding_friction": 0.85, "model.sticking_stress_pa": 0.85}
 NOISY_PLANTS, NOISE_SEEDS = 20, (1, 2, 3, 4)
 #: Dead times beyond the model's, factors on the gain and on the copper's lag: every combination.
 LATER_S, GAINS, LAGS = (-1.0, 0.0, 1.0, 2.0, 3.0, 4.0), (0.5, 1.0, 2.0), (0.5, 1.0, 2.0)
-#: Last ticks of the set-points' case, after the last step of the temperature, in which what still swings is seen.
+#: Last ticks of the set-points' case, after the last step of the temperature, in which what still
+#: swings is seen.
 _LATE_TICKS = 250
 _HERE = Path(__file__).parent
 #: Set-points go down by 0.2 mm here.
@@ -53,7 +54,10 @@ FELT_MM, FELT_S = 0.1, 10.0
 PRIORITIES = {
     TIGHT: (TIGHT, {}),
     DEFAULT: (DEFAULT, {}),
-    **{f"{ADAPTIVE}, priority {name}": (ADAPTIVE, {"priority": name}) for name in ("depth", "balance", "temperature")},
+    **{
+        f"{ADAPTIVE}, priority {name}": (ADAPTIVE, {"priority": name})
+        for name in ("depth", "balance", "temperature")
+    },
 }
 
 
@@ -62,8 +66,13 @@ def controllers() -> Iterator[dict[str, tuple[str, dict[str, Any]]]]:
     """Label and parameters of every column; a tuning file of one of them exists as long as the context."""
     with TemporaryDirectory() as scratch:
         file = Path(scratch) / "not_adapting.yaml"
-        file.write_text("estimator: {thermal_gain_walk: 0.0, delay_walk_s: 0.0, heat_sigmas: 0.0}\n", encoding="utf-8")
-        yield {name: (name, {}) for name in COLUMNS} | {FIXED: (ADAPTIVE, {"tuning_file": str(file)})}
+        file.write_text(
+            "estimator: {thermal_gain_walk: 0.0, delay_walk_s: 0.0, heat_sigmas: 0.0}\n",
+            encoding="utf-8",
+        )
+        yield {name: (name, {}) for name in COLUMNS} | {
+            FIXED: (ADAPTIVE, {"tuning_file": str(file)})
+        }
 
 
 def random_plants(first: int, count: int) -> dict[str, dict[str, Figures]]:
@@ -78,7 +87,10 @@ def random_plants(first: int, count: int) -> dict[str, dict[str, Figures]]:
         }
         found = run_all(list(jobs.values()), bar)
     return {
-        f"{i}": {column: figures({case: found[jobs[i, column, case]] for case in CASES}) for column in COLUMNS}
+        f"{i}": {
+            column: figures({case: found[jobs[i, column, case]] for case in CASES})
+            for column in COLUMNS
+        }
         for i in plants
     }
 
@@ -88,7 +100,12 @@ def figures(runs: Mapping[str, Figures]) -> Figures:
     for run in runs.values():
         if "error" in run:
             return {"error": run["error"]}
-    found = {f"{case} {key}": run[key] for case, run in runs.items() for key in KPIS if run.get(key) is not None}
+    found = {
+        f"{case} {key}": run[key]
+        for case, run in runs.items()
+        for key in KPIS
+        if run.get(key) is not None
+    }
     return found | {"swings": any(run["swings"] for run in runs.values())}
 
 
@@ -121,7 +138,10 @@ def inside_limits(folder: Path) -> list[int]:
         file.write_text(json.dumps(content), encoding="utf-8")
         with ProgressBar(CAMPAIGN) as bar:
             welds = fsw.campaign(
-                file, folder, resume=folder.exists(), progress=lambda done: bar(done / content["welds"])
+                file,
+                folder,
+                resume=folder.exists(),
+                progress=lambda done: bar(done / content["welds"]),
             )
     return [sum(welds.column("inside").to_pylist()), welds.num_rows]
 
@@ -147,14 +167,18 @@ def late() -> list[dict[str, Any]]:
         for later_s, gain, lag in grid:
             plant = {"model.dead_time_s": 1.0 + later_s / dead_s}
             plant |= {"model.thermal_gain_c_per_kw": gain, "model.copper_lag_s": lag}
-            jobs += [Job(made[c][0], "tracking", True, plant, made[c][1]) for c in (FIXED, ADAPTIVE)]
+            jobs += [
+                Job(made[c][0], "tracking", True, plant, made[c][1]) for c in (FIXED, ADAPTIVE)
+            ]
         found = []
         for figures_of_one in on_all_cores(_late, jobs, chunksize=4):
             found.append(figures_of_one)
             bar(len(found) / len(jobs))
     return [
         {"later_s": later_s, "gain": gain, "lag": lag, FIXED: fixed, ADAPTIVE: adaptive}
-        for (later_s, gain, lag), fixed, adaptive in zip(grid, found[::2], found[1::2], strict=True)
+        for (later_s, gain, lag), fixed, adaptive in zip(
+            grid, found[::2], found[1::2], strict=True
+        )
     ]
 
 
@@ -170,14 +194,18 @@ def nominal() -> dict[str, dict[str, Any]]:
         for case, names in CASES.items():
             events |= dict(zip(names, found[jobs[label, case]]["events"], strict=True))
         rest = found[jobs[label, REST]]
-        data[label] = {"events": events, "rest": {key: rest[key] / rest["duration_s"] for key in VARIATIONS}}
+        data[label] = {
+            "events": events,
+            "rest": {key: rest[key] / rest["duration_s"] for key in VARIATIONS},
+        }
     return data
 
 
 def saturated_welds() -> dict[str, WeldSignals]:
     """The step of the depth where the speed is at its bound, without noise, by controller and priority."""
     return {
-        name: weld(Job(label, SATURATED, plant=WEAK, parameters=values)) for name, (label, values) in PRIORITIES.items()
+        name: weld(Job(label, SATURATED, plant=WEAK, parameters=values))
+        for name, (label, values) in PRIORITIES.items()
     }
 
 
@@ -211,7 +239,10 @@ class _Struck:
     def apply(self, command: Command, stamp_ns: int, source: str) -> None:
         if stamp_ns == self._tick * TICK_NS:
             state = self._plant._state
-            state.x = (state.x[0] + self._by_mm, *state.x[1:])  # the creep of the depth is its first state
+            state.x = (
+                state.x[0] + self._by_mm,
+                *state.x[1:],
+            )  # the creep of the depth is its first state
         self._plant.apply(command, stamp_ns, source)
 
 
@@ -224,7 +255,10 @@ def drifts() -> dict[str, dict[str, list[float]]]:
             label, values = made[column]
             found = data[column] = {}
             for name, case in (("ramp", RAMP), ("sine", SINE)):
-                runs = [errors(loop_of(Job(label, case, noise, parameters=values)).run()) for noise in (False, True)]
+                runs = [
+                    errors(loop_of(Job(label, case, noise, parameters=values)).run())
+                    for noise in (False, True)
+                ]
                 found[name] = [run["iae_depth_mm_s"] for run in runs]
             for name, by_mm in (("deeper", FELT_MM), ("shallower", -FELT_MM)):
                 found[name] = []

@@ -22,15 +22,32 @@ _RESULTS = Path(__file__).resolve().parents[3] / "docs" / "results"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    parser = argparse.ArgumentParser(description="Weld random canisters, and write the page of results.")
-    parser.add_argument("part", choices=["weld", "validate", "properties", "page"], help="what to do")
-    parser.add_argument(
-        "--out", type=Path, default=Path("out/canister"), help="folder of the results (default %(default)s)"
+    parser = argparse.ArgumentParser(
+        description="Weld random canisters, and write the page of results."
     )
-    parser.add_argument("--welds", type=int, default=1000, help="canisters to weld (default %(default)s)")
-    parser.add_argument("--share", default="0/1", metavar="I/N", help="every Nth from the Ith on, to share them out")
     parser.add_argument(
-        "--controller", action="append", default=[], help="with these only (default: all of the campaign)"
+        "part", choices=["weld", "validate", "properties", "page"], help="what to do"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/canister"),
+        help="folder of the results (default %(default)s)",
+    )
+    parser.add_argument(
+        "--welds", type=int, default=1000, help="canisters to weld (default %(default)s)"
+    )
+    parser.add_argument(
+        "--share",
+        default="0/1",
+        metavar="I/N",
+        help="every Nth from the Ith on, to share them out",
+    )
+    parser.add_argument(
+        "--controller",
+        action="append",
+        default=[],
+        help="with these only (default: all of the campaign)",
     )
     parser.add_argument(
         "--minutes",
@@ -50,7 +67,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         verdict.run(parsed.out / f"welds_{first}.jsonl", welds, parsed.minutes, parsed.controller)
     elif parsed.part == "validate":
         with ProgressBar("validation") as bar:
-            numbers.write_text(json.dumps(validation(bar, parsed.coarse), indent=1) + "\n", encoding="utf-8")
+            numbers.write_text(
+                json.dumps(validation(bar, parsed.coarse), indent=1) + "\n", encoding="utf-8"
+            )
     elif parsed.part == "properties":
         with ProgressBar("k(T), c(T)") as bar:
             found = properties(min(parsed.minutes, _WHOLE_MINUTES), bar)
@@ -59,7 +78,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         rows = verdict.read(sorted(parsed.out.glob("*.jsonl")))
         plant = numbers.exists() or not rows  # the verdict may be written without it
         data = {"verdict": report.summary(rows)}
-        data |= {"validation": _made(numbers), "properties": _made(copper)} if plant else {"validation": {}}
+        data |= (
+            {"validation": _made(numbers), "properties": _made(copper)}
+            if plant
+            else {"validation": {}}
+        )
         for path in report.write(data, _RESULTS if parsed.publish else parsed.out):
             print(path)
     return 0
@@ -70,4 +93,6 @@ def _made(file: Path) -> Any:
     try:
         return json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        raise InputError(f"{file}: not there or damaged; run the part {_PARTS[file.name]} first") from None
+        raise InputError(
+            f"{file}: not there or damaged; run the part {_PARTS[file.name]} first"
+        ) from None

@@ -1,7 +1,8 @@
 """The canister's heat without reduction, the reference for the reduced model: all finite elements.
 
-:class:`FullCanister` takes implicit steps, also with k(T), c(T) and radiation; nonlinear terms are evaluated at the
-nodes around the circumference, by FFT. :func:`exact_stir_zone_c` has no error of time: each mode is diagonalised.
+:class:`FullCanister` takes implicit steps, also with k(T), c(T) and radiation; nonlinear terms are
+evaluated at the nodes around the circumference, by FFT. :func:`exact_stir_zone_c` has no error of
+time: each mode is diagonalised.
 """
 
 from __future__ import annotations
@@ -42,11 +43,13 @@ class FullState:
 class FullCanister:
     """All finite elements of the canister's end, with a fixed step.
 
-    ``nonlinear``: take c(T) and radiation as they are, and k(T) unless the properties are constant: what the reduced
-    model makes linear.
+    ``nonlinear``: take c(T) and radiation as they are, and k(T) unless the properties are
+    constant: what the reduced model makes linear.
     """
 
-    def __init__(self, parameters: CanisterParameters, step_s: float, nonlinear: bool = False) -> None:
+    def __init__(
+        self, parameters: CanisterParameters, step_s: float, nonlinear: bool = False
+    ) -> None:
         from scipy.sparse.linalg import splu
 
         p = self.parameters = parameters
@@ -58,26 +61,36 @@ class FullCanister:
         self._factors: list[Any] = []
         for mode in self._modes:
             implicit = (self._capacity * e.mass + _GAMMA * step_s * _matrix(e, int(mode))).tocsc()
-            self._factors.append(splu(implicit, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}))
+            self._factors.append(
+                splu(implicit, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+            )
         self._loads: dict[float, tuple[Array, Array]] = {}
 
-    def initial(self, temperature_c: float | None = None, angle_rad: float = 0.0, axial_mm: float = 0.0) -> FullState:
+    def initial(
+        self, temperature_c: float | None = None, angle_rad: float = 0.0, axial_mm: float = 0.0
+    ) -> FullState:
         """A canister of one temperature everywhere, the ambient one by default."""
         theta = np.zeros((self._modes.size, self.elements.size), complex)
         if temperature_c is not None:
             theta[0] = self.copper.theta(temperature_c)
         return FullState(theta, self._stored(theta), angle_rad, axial_mm)
 
-    def step(self, state: FullState, power_kw: float, traverse_mm_per_s: float, axial_mm: float) -> FullState:
+    def step(
+        self, state: FullState, power_kw: float, traverse_mm_per_s: float, axial_mm: float
+    ) -> FullState:
         """State after a step, with the inputs held."""
         h, turning = self.step_s, traverse_mm_per_s / self.parameters.outer_radius_mm
         load = power_kw * self._at(axial_mm)[0]
 
         def arriving(after_s: float) -> Complex:
-            return np.asarray(load * np.exp(-1j * self._modes * (state.angle_rad + turning * after_s))[:, None])
+            return np.asarray(
+                load * np.exp(-1j * self._modes * (state.angle_rad + turning * after_s))[:, None]
+            )
 
         with one_thread():
-            first, stored = self._solve(state.heat + _GAMMA * h * arriving(_GAMMA * h), state.theta)
+            first, stored = self._solve(
+                state.heat + _GAMMA * h * arriving(_GAMMA * h), state.theta
+            )
             flow = (stored - state.heat) / (_GAMMA * h)
             heat = state.heat + (1.0 - _GAMMA) * h * flow + _GAMMA * h * arriving(h)
             theta, stored = self._solve(heat, first)
@@ -88,7 +101,10 @@ class FullCanister:
         theta = guess
         for _ in range(_MOST_ITERATIONS if self.nonlinear else 1):
             rest = heat - self._beyond_linear(theta)[0] if self.nonlinear else heat
-            pairs = [one.solve(np.stack([r.real, r.imag], axis=1)) for one, r in zip(self._factors, rest, strict=True)]
+            pairs = [
+                one.solve(np.stack([r.real, r.imag], axis=1))
+                for one, r in zip(self._factors, rest, strict=True)
+            ]
             last, theta = theta, np.array([pair[:, 0] + 1j * pair[:, 1] for pair in pairs])
             if np.abs(theta - last).sum(axis=0).max() < _CLOSE_K:
                 break
@@ -105,7 +121,9 @@ class FullCanister:
         temperature_c = self.copper.temperature_c(values)
         heat = self.copper.heat(temperature_c) - self._capacity * values
         air, hot = p.ambient_c + ZERO_C, temperature_c + ZERO_C
-        flux = p.convection_w_per_m2_k * (hot - air) + p.emissivity * STEFAN_BOLTZMANN * (hot**4 - air**4)
+        flux = p.convection_w_per_m2_k * (hot - air) + p.emissivity * STEFAN_BOLTZMANN * (
+            hot**4 - air**4
+        )
         flux -= p.surface_w_per_m2_k * values
         clamped = p.clamp_w_per_m2_k * (hot - air - values)
 
@@ -125,13 +143,27 @@ class FullCanister:
     def stir_zone_temperature_c(self, state: FullState) -> float:
         """Mean temperature at the probe's rim, of theta's mean."""
         phase = np.exp(1j * self._modes * state.angle_rad)
-        return float(self.copper.temperature_c((phase @ (self._at(state.axial_mm)[1] * state.theta).sum(axis=1)).real))
+        return float(
+            self.copper.temperature_c(
+                (phase @ (self._at(state.axial_mm)[1] * state.theta).sum(axis=1)).real
+            )
+        )
 
-    def temperature_c(self, state: FullState, radius_mm: ArrayLike, angle_rad: ArrayLike, axial_mm: ArrayLike) -> Array:
+    def temperature_c(
+        self, state: FullState, radius_mm: ArrayLike, angle_rad: ArrayLike, axial_mm: ArrayLike
+    ) -> Array:
         """Temperatures at n points of the copper."""
-        r, angle, z = (np.ravel(one) for one in np.broadcast_arrays(radius_mm, angle_rad, axial_mm))
-        at = self.elements.at(1e-3 * r, 1e-3 * z) @ (state.theta.T * np.where(self._modes == 0, 1.0, 2.0))
-        return np.asarray(self.copper.temperature_c((at * np.exp(1j * np.outer(angle, self._modes))).sum(axis=1).real))
+        r, angle, z = (
+            np.ravel(one) for one in np.broadcast_arrays(radius_mm, angle_rad, axial_mm)
+        )
+        at = self.elements.at(1e-3 * r, 1e-3 * z) @ (
+            state.theta.T * np.where(self._modes == 0, 1.0, 2.0)
+        )
+        return np.asarray(
+            self.copper.temperature_c(
+                (at * np.exp(1j * np.outer(angle, self._modes))).sum(axis=1).real
+            )
+        )
 
     def stored_j(self, state: FullState) -> float:
         """Heat in the copper since ambient."""
@@ -164,15 +196,20 @@ def exact_stir_zone_c(
 ) -> Array:
     """Temperature of the stir zone at the ends of the steps of ``dt_s``, from a cold canister, all finite elements.
 
-    The linear equations are solved exactly for inputs that are held for a step, as in the reduced model, but with all
-    eigenvectors of a mode and with the loads of each position instead of a table.
+    The linear equations are solved exactly for inputs that are held for a step, as in the reduced
+    model, but with all eigenvectors of a mode and with the loads of each position instead of a
+    table.
     """
     from scipy.linalg import eigh
 
     elements, size = Elements(parameters), course.power_kw.size
     heights_mm, height = np.unique(course.axial_mm, return_inverse=True)
-    loads, rims = map(np.array, zip(*(_load_and_rim(elements, float(z)) for z in heights_mm), strict=True))
-    speeds, speed = np.unique(course.traverse_mm_per_s / parameters.outer_radius_mm, return_inverse=True)
+    loads, rims = map(
+        np.array, zip(*(_load_and_rim(elements, float(z)) for z in heights_mm), strict=True)
+    )
+    speeds, speed = np.unique(
+        course.traverse_mm_per_s / parameters.outer_radius_mm, return_inverse=True
+    )
     angle = np.concatenate([[0.0], np.cumsum(speeds[speed] * dt_s)])
     mass, theta = parameters.heat_capacity_j_per_m3_k * elements.mass.toarray(), np.zeros(size)
     for mode in range(parameters.modes + 1):
@@ -186,7 +223,9 @@ def exact_stir_zone_c(
         response = np.where(still, dt_s, arrived / np.where(still, 1.0, rates))
         phase, state = np.exp(1j * mode * angle), np.zeros(decay.size, complex)
         for k in range(size):
-            state = kept * state + (course.power_kw[k] / phase[k]) * (response[speed[k]] * load[height[k]])
+            state = kept * state + (course.power_kw[k] / phase[k]) * (
+                response[speed[k]] * load[height[k]]
+            )
             theta[k] += (phase[k + 1] * (rim[height[k]] @ state)).real
         if progress is not None:
             progress((mode + 1) / (parameters.modes + 1))

@@ -17,7 +17,11 @@ POWER_KW, _STEP_S = 47.0, 4.0
 #: a mesh and modes that are coarser than the scenario's: all three models have the same
 _COARSE = {"element_mm": 12.0, "modes": 64}
 #: models of the copper, by the name in the results
-MODELS = {"real": ("kirchhoff", True), "kirchhoff": ("kirchhoff", False), "constant": ("constant", False)}
+MODELS = {
+    "real": ("kirchhoff", True),
+    "kirchhoff": ("kirchhoff", False),
+    "constant": ("constant", False),
+}
 _SCENARIO = "canister_weld_heat"
 
 
@@ -26,8 +30,8 @@ def properties(
 ) -> dict[str, Any]:
     """Temperatures of the stir zone along the path of the whole weld, heated by a constant power from cold.
 
-    Of each step ``at_s``, ``phase`` and, by model, ``stir_zone_c``. ``changes`` are parameters of the canister in the
-    place of the scenario's.
+    Of each step ``at_s``, ``phase`` and, by model, ``stir_zone_c``. ``changes`` are parameters of
+    the canister in the place of the scenario's.
     """
     scenario = scenario_file.load(_SCENARIO)
     config = PlantConfig.from_values(scenario.plant)
@@ -35,10 +39,16 @@ def properties(
     parameters = config.canister.changed(**{**_COARSE, **(changes or {})})
     path = ToolPath.of(scenario.path, config)
     starts_s = [k * _STEP_S for k in range(round(60.0 * minutes / _STEP_S))]
-    found: dict[str, Any] = {"power_kw": POWER_KW, "reference_c": parameters.reference_c, "stir_zone_c": {}}
+    found: dict[str, Any] = {
+        "power_kw": POWER_KW,
+        "reference_c": parameters.reference_c,
+        "stir_zone_c": {},
+    }
     phases = spans(scenario.phases)
     found["at_s"] = [at_s + _STEP_S for at_s in starts_s]
-    found["phase"] = [next((n for n, a, b in phases if a < t <= b + 1e-6), phases[-1][0]) for t in found["at_s"]]
+    found["phase"] = [
+        next((n for n, a, b in phases if a < t <= b + 1e-6), phases[-1][0]) for t in found["at_s"]
+    ]
     for number, (name, (kind, nonlinear)) in enumerate(MODELS.items()):
 
         def report(share: float, done: int = number) -> None:

@@ -29,9 +29,11 @@ _FIGURES = {
 }
 #: of the joint line at a drive's limit: a canister that asks for more than the drive gives
 _LONG_S = 60.0
-#: error of the depth over the joint line, RMS, of a loop that oscillates for good; the others have a few µm (chosen)
+#: error of the depth over the joint line, RMS, of a loop that oscillates for good; the others have
+#: a few µm (chosen)
 _OSCILLATES_MM = 0.02
-#: error of the depth on the way down, RMS, up to which depth and temperature count as decoupled (chosen)
+#: error of the depth on the way down, RMS, up to which depth and temperature count as decoupled
+#: (chosen)
 _DECOUPLED_MM = 0.005
 #: the milder limit on the time outside, that of the campaign for the temperature
 _LONGER_S = 30.0
@@ -58,7 +60,12 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
     Controllers that have welded nothing are left out.
     """
     controllers = [one for one in CONTROLLERS if any(row["controller"] == one for row in rows)]
-    found: dict[str, Any] = {"welds": {}, "stopped": {}, "phases": {}, "saturated": _saturated(rows)}
+    found: dict[str, Any] = {
+        "welds": {},
+        "stopped": {},
+        "phases": {},
+        "saturated": _saturated(rows),
+    }
     line = [row for row in rows if row["phase"] == "joint_line"]
     found["oscillating"] = {
         controller: [1e3 * row["depth_sigma_mm"] for row in line if _oscillates(row, controller)]
@@ -66,7 +73,10 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
     }
     found["software"] = sorted({row["software"] for row in rows if "software" in row})
     bad = [row["phase"] for row in rows if row["phase"] and not row["good"]]
-    found["bad"] = {"all": len(bad), "long": sum(phase in ("joint_line", "overlap") for phase in bad)}
+    found["bad"] = {
+        "all": len(bad),
+        "long": sum(phase in ("joint_line", "overlap") for phase in bad),
+    }
     found["astray"] = {
         controller: [
             row["temperature_peak_c"]
@@ -81,7 +91,9 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
         stopped = [row for row in own if "stopped" in row]
         indices = {row["index"] for row in own}
         good = {
-            name: len(indices - {row["index"] for row in own if row.get("outside_s", np.inf) > at_most_s})
+            name: len(
+                indices - {row["index"] for row in own if row.get("outside_s", np.inf) > at_most_s}
+            )
             for name, at_most_s in (("good", AT_MOST_S), ("nearly", _LONGER_S))
         }
         found["welds"][controller] = {"welds": len(indices), **good}
@@ -91,11 +103,15 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
             if not of_phase:
                 continue
             seconds = np.array([row["seconds"] for row in of_phase])
-            figures = {name: np.array([row[name] for row in of_phase]) for name in (*_FIGURES, "power_kw")}
+            figures = {
+                name: np.array([row[name] for row in of_phase]) for name in (*_FIGURES, "power_kw")
+            }
             found["phases"].setdefault(phase, {})[controller] = {
                 "share_good": float(np.mean([row["good"] for row in of_phase])),
                 **{
-                    name: float(np.mean(values / seconds) if name in _PER_TIME else np.median(values))
+                    name: float(
+                        np.mean(values / seconds) if name in _PER_TIME else np.median(values)
+                    )
                     for name, values in figures.items()
                 },
             }
@@ -105,7 +121,9 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
 def _oscillates(row: Row, controller: str) -> bool:
     """Whether the loop oscillates; where the drives are at their limit, the depth is off for another reason."""
     free = row["fastest_s"] <= _LONG_S
-    return bool(row["controller"] == controller and free and row["depth_sigma_mm"] > _OSCILLATES_MM)
+    return bool(
+        row["controller"] == controller and free and row["depth_sigma_mm"] > _OSCILLATES_MM
+    )
 
 
 def _best(rows: Sequence[Row]) -> dict[str, float]:
@@ -131,7 +149,11 @@ def _saturated(rows: Sequence[Row]) -> dict[int, dict[str, Any]]:
     for row in rows:
         if row["phase"] == "joint_line":
             found.setdefault(row["index"], {})[row["controller"]] = row
-    return {index: of for index, of in sorted(found.items()) if all(one["fastest_s"] > _LONG_S for one in of.values())}
+    return {
+        index: of
+        for index, of in sorted(found.items())
+        if all(one["fastest_s"] > _LONG_S for one in of.values())
+    }
 
 
 def shares(verdict: Mapping[str, Any]) -> list[list[str]]:
@@ -139,12 +161,21 @@ def shares(verdict: Mapping[str, Any]) -> list[list[str]]:
     names = list(verdict["welds"])
     rows = [["phase", *(f"`{one}`" for one in names)]]
     for phase, of in verdict["phases"].items():
-        rows.append([phase, *(f"{100 * of[c]['share_good']:.0f} %" if c in of else "-" for c in names)])
+        rows.append(
+            [phase, *(f"{100 * of[c]['share_good']:.0f} %" if c in of else "-" for c in names)]
+        )
     welds = verdict["welds"].values()
     rows.append(["**all phases**", *(_counted(one["good"], one["welds"]) for one in welds)])
-    rows.append([f"all, with {_LONGER_S:g} s", *(_counted(one["nearly"], one["welds"]) for one in welds)])
+    rows.append(
+        [f"all, with {_LONGER_S:g} s", *(_counted(one["nearly"], one["welds"]) for one in welds)]
+    )
     best = verdict["best"]
-    rows.append(["smallest error of the weld", *(f"{100 * best[c]:.0f} %" if c in best else "-" for c in names)])
+    rows.append(
+        [
+            "smallest error of the weld",
+            *(f"{100 * best[c]:.0f} %" if c in best else "-" for c in names),
+        ]
+    )
     return rows
 
 
@@ -162,7 +193,9 @@ def figures(verdict: Mapping[str, Any], phase: str) -> list[list[str]]:
     rows = [[phase.replace("_", " "), *(f"`{one}`" for one in names)]]
     of = verdict["phases"][phase]
     for name, (words, factor, style) in _FIGURES.items():
-        rows.append([words, *(format(factor * of[c][name], style) if c in of else "-" for c in names)])
+        rows.append(
+            [words, *(format(factor * of[c][name], style) if c in of else "-" for c in names)]
+        )
     return rows
 
 
@@ -184,33 +217,59 @@ def decoupled(verdict: Mapping[str, Any]) -> dict[str, str]:
     return {kept: ", ".join(one) for kept, one in words.items()}
 
 
-def against(verdict: Mapping[str, Any], phase: str, name: str, controller: str = CONTROLLERS[0]) -> str:
+def against(
+    verdict: Mapping[str, Any], phase: str, name: str, controller: str = CONTROLLERS[0]
+) -> str:
     """A figure of a controller as shares of those of the PI tunings, in words."""
     of = verdict["phases"][phase]
-    shares = sorted(of[controller][name] / of[one][name] for one in PI if one in of and of[one][name])
-    return " to ".join(f"{100.0 * share:.0f} %" for share in (shares[0], shares[-1])) if shares else "-"
+    shares = sorted(
+        of[controller][name] / of[one][name] for one in PI if one in of and of[one][name]
+    )
+    return (
+        " to ".join(f"{100.0 * share:.0f} %" for share in (shares[0], shares[-1]))
+        if shares
+        else "-"
+    )
 
 
 def beyond(saturated: Mapping[int, Mapping[str, Row]]) -> list[list[str]]:
     """What the controllers do on the joint line of canisters that ask for more than the drives give."""
-    rows = [["canister, controller", "at the highest speed [min]", "RMS error [°C]", "largest error of the depth [mm]"]]
+    rows = [
+        [
+            "canister, controller",
+            "at the highest speed [min]",
+            "RMS error [°C]",
+            "largest error of the depth [mm]",
+        ]
+    ]
     for index, of in list(saturated.items())[:_SHOWN]:
         for name in (one for one in CONTROLLERS if one in of):
             row = of[name]
             numbers = (row["fastest_s"] / 60.0, row["temperature_sigma_c"], row["depth_peak_mm"])
-            rows.append([f"{index}, `{name}`", *(f"{n:.{d}f}" for n, d in zip(numbers, (0, 1, 2), strict=True))])
+            rows.append(
+                [
+                    f"{index}, `{name}`",
+                    *(f"{n:.{d}f}" for n, d in zip(numbers, (0, 1, 2), strict=True)),
+                ]
+            )
     return rows
 
 
 def identified(found: Mapping[str, Any]) -> list[list[str]]:
     """The thermal coefficients with intervals of 95 %, beside the paper's."""
     names = ("gain [°C/kW]", "copper's lag [s]", "tool's lag [s]", "dead time [s]")
-    rows = [["`identify` on", *names], ["paper (16)", *(f"{getattr(nominal(), name):g}" for name in THERMAL)]]
+    rows = [
+        ["`identify` on", *names],
+        ["paper (16)", *(f"{getattr(nominal(), name):g}" for name in THERMAL)],
+    ]
     for words, of in found.items():
         rows.append(
             [
                 words,
-                *(f"{of[name][0]:.2f}" + (f" ± {1.96 * of[name][1]:.2f}" if of[name][1] else "") for name in THERMAL),
+                *(
+                    f"{of[name][0]:.2f}" + (f" ± {1.96 * of[name][1]:.2f}" if of[name][1] else "")
+                    for name in THERMAL
+                ),
             ]
         )
     return rows
@@ -219,7 +278,10 @@ def identified(found: Mapping[str, Any]) -> list[list[str]]:
 def responses(found: Mapping[str, Any]) -> list[list[str]]:
     """Step responses at some times."""
     rows = [["rise after 1 kW more [°C]", *(f"{t:g} s" for t in STEP_TIMES_S)]]
-    return rows + [[name, *(f"{of['rise_c'][f'{t:g}']:.2f}" for t in STEP_TIMES_S)] for name, of in found.items()]
+    return rows + [
+        [name, *(f"{of['rise_c'][f'{t:g}']:.2f}" for t in STEP_TIMES_S)]
+        for name, of in found.items()
+    ]
 
 
 def compacts(found: Sequence[Mapping[str, Any]]) -> list[list[str]]:
@@ -235,13 +297,22 @@ def coppers(found: Mapping[str, Any]) -> list[list[str]]:
     """The stir zone with copper as it is, and what the two linear models are off by, at some moments."""
     time_s, phase = np.array(found["at_s"]), np.array(found["phase"])
     moments = [
-        (f"end of the {name.replace('_', ' ')}", np.flatnonzero(phase == name)[-1]) for name in ("dwell", "downward")
+        (f"end of the {name.replace('_', ' ')}", np.flatnonzero(phase == name)[-1])
+        for name in ("dwell", "downward")
     ]
-    moments += [(f"{m:g} min", np.searchsorted(time_s, 60.0 * m)) for m in _COPPER_MIN if 60.0 * m <= time_s[-1]]
-    real, *linear = (np.array(found["stir_zone_c"][name]) for name in ("real", "kirchhoff", "constant"))
+    moments += [
+        (f"{m:g} min", np.searchsorted(time_s, 60.0 * m))
+        for m in _COPPER_MIN
+        if 60.0 * m <= time_s[-1]
+    ]
+    real, *linear = (
+        np.array(found["stir_zone_c"][name]) for name in ("real", "kirchhoff", "constant")
+    )
     rows = [["stir zone [°C]", *(words for words, _ in moments)]]
     rows.append(["k(T), c(T), radiation as it is", *(f"{real[at]:.0f}" for _, at in moments)])
-    for words, values in zip(("k(T) by the transform, one k/c", "constant k and c"), linear, strict=True):
+    for words, values in zip(
+        ("k(T) by the transform, one k/c", "constant k and c"), linear, strict=True
+    ):
         rows.append([f"{words}: less that", *(f"{(values - real)[at]:+.1f}" for _, at in moments)])
     return rows
 
@@ -276,18 +347,29 @@ def draw(data: Mapping[str, Any], path: Path) -> None:
         weld, reduced = validation["weld"], validation["reduced"]
         power.plot(np.arange(len(weld["minutes_kw"])) + 0.5, weld["minutes_kw"], "k.-")
         power.axhline(nominal().operating_power_kw, color="grey", linestyle=":")
-        power.annotate("paper's operating point", (10.0, nominal().operating_power_kw), **_SMALL, va="bottom")
+        power.annotate(
+            "paper's operating point", (10.0, nominal().operating_power_kw), **_SMALL, va="bottom"
+        )
         power.set(title="needed power, mean of each minute", ylabel="kW")
         wrong.plot(reduced["minutes"], reduced["wrong_c"], color="black", linewidth=0.8)
-        wrong.set(title="reduced model less all finite elements, stir zone", xlabel="time of the weld [min]")
+        wrong.set(
+            title="reduced model less all finite elements, stir zone",
+            xlabel="time of the weld [min]",
+        )
         wrong.set(ylabel="°C", ylim=(-0.55, 0.55))
         for axis in (power, wrong):
             axis.set_xlim(min(reduced["minutes"]) - 0.5, max(reduced["minutes"]) + 0.5)
-        shade_phases((power, wrong), [(begin / 60.0, end / 60.0) for begin, end in weld["phases_s"].values()])
+        shade_phases(
+            (power, wrong),
+            [(begin / 60.0, end / 60.0) for begin, end in weld["phases_s"].values()],
+        )
         for name, (begin, end) in weld["phases_s"].items():
             if end - begin > _NAMED_S:
                 power.annotate(
-                    name.replace("_", " "), (begin / 60.0 + 0.1, min(weld["minutes_kw"])), **_SMALL, rotation=90
+                    name.replace("_", " "),
+                    (begin / 60.0 + 0.1, min(weld["minutes_kw"])),
+                    **_SMALL,
+                    rotation=90,
                 )
 
 
@@ -299,10 +381,20 @@ def draw_shares(data: Mapping[str, Any], path: Path) -> None:
 
 def _draw_steps(axis: Any, steps: Mapping[str, Any]) -> None:
     names = [name for name in steps if name not in _LINES]
-    styles = {name: {"color": colour, "marker": "o"} for name, colour in zip(names, COLOURS, strict=False)} | _LINES
+    styles = {
+        name: {"color": colour, "marker": "o"}
+        for name, colour in zip(names, COLOURS, strict=False)
+    } | _LINES
     for name, of in steps.items():
-        axis.plot(STEP_TIMES_S, list(of["rise_c"].values()), markersize=4.0, label=name, **styles[name])
-    axis.set(xscale="log", xlabel="time after the step [s]", ylabel="°C", title="rise of the stir zone by 1 kW more")
+        axis.plot(
+            STEP_TIMES_S, list(of["rise_c"].values()), markersize=4.0, label=name, **styles[name]
+        )
+    axis.set(
+        xscale="log",
+        xlabel="time after the step [s]",
+        ylabel="°C",
+        title="rise of the stir zone by 1 kW more",
+    )
     axis.set_xticks(STEP_TIMES_S, [f"{t:g}" for t in STEP_TIMES_S])
     axis.set_xticks([], minor=True)
     axis.legend(fontsize=8)
@@ -312,14 +404,19 @@ def _draw_shares(axis: Any, verdict: Mapping[str, Any]) -> None:
     phases, names = verdict["phases"], tuple(verdict["welds"])
     width = 0.8 / len(names)
     for i, (controller, colour) in enumerate(zip(names, colours_of(names), strict=True)):
-        shares = [100.0 * of[controller]["share_good"] if controller in of else np.nan for of in phases.values()]
+        shares = [
+            100.0 * of[controller]["share_good"] if controller in of else np.nan
+            for of in phases.values()
+        ]
         places = np.arange(len(phases)) + (i - 0.5 * (len(names) - 1)) * width
         axis.bar(places, shares, 0.9 * width, label=controller, color=colour)
         for place, share in zip(places, shares, strict=True):
             if np.isfinite(share):
                 axis.annotate(f"{share:.0f}", (place, share), ha="center", va="bottom", **_SMALL)
     axis.set_xticks(range(len(phases)), [phase.replace("_", " ") for phase in phases])
-    axis.set(ylabel="%", ylim=(0.0, 112.0), yticks=range(0, 101, 20), title="welds inside the limits")
+    axis.set(
+        ylabel="%", ylim=(0.0, 112.0), yticks=range(0, 101, 20), title="welds inside the limits"
+    )
     axis.grid(axis="x", visible=False)
     axis.legend(fontsize=8, ncols=len(names), loc="upper center", bbox_to_anchor=(0.5, -0.12))
 
@@ -331,14 +428,21 @@ def write(data: Mapping[str, Any], folder: Path) -> list[Path]:
     """
     pages = templates(Path(__file__).parent)
     pages.globals |= globals()  # the functions above make the rows of tables
-    limits = {"window": WINDOW_C, "depth_mm": DEPTH_MM, "temperature_c": TEMPERATURE_C, "at_most_s": AT_MOST_S}
+    limits = {
+        "window": WINDOW_C,
+        "depth_mm": DEPTH_MM,
+        "temperature_c": TEMPERATURE_C,
+        "at_most_s": AT_MOST_S,
+    }
     pictures = {
         **({"canister": draw} if data["validation"] else {}),
         **({"canister-verdict": draw_shares} if data["verdict"]["phases"] else {}),
     }
     written = []
     for name, picture in pictures.items():
-        text = pages.get_template(f"{name}.md.j2").render(**data, limits=limits, tolerance_k=TOLERANCE_K)
+        text = pages.get_template(f"{name}.md.j2").render(
+            **data, limits=limits, tolerance_k=TOLERANCE_K
+        )
         page, figure = folder / f"{name}.md", folder / f"{name}.png"
         page.write_text(text.rstrip("\n") + "\n", encoding="utf-8")
         picture(data, figure)

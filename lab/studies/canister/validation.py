@@ -42,12 +42,18 @@ STEP_TIMES_S = (5.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0)
 _SPEED_MM_PER_S = 86.0 / 60.0
 _CONTROLLER = "decentral:tight"
 _TRAVERSED, _EXPERIMENT = "canister_weld_heat", "identify_heat"
-#: ticks for which power, speed and height are held in the comparison with all finite elements, and every which is kept
+#: ticks for which power, speed and height are held in the comparison with all finite elements, and
+#: every which is kept
 _HELD_TICKS, _SHOWN = 5, 10
 #: elements and modes of the campaign
 COARSE = ("plant.canister.element_mm=12.0", "plant.canister.modes=64")
-#: of the plant's model: tolerances, traverse speeds and time for which it is put beside the decoupled one
-_TOLERANCES_K, _TRAVERSES_MM_PER_MIN, _COMPARED_S = (0.2, 0.1, TOLERANCE_K, 0.01), (0.0, 43.0, 86.0, 172.0), 1200
+#: of the plant's model: tolerances, traverse speeds and time for which it is put beside the
+#: decoupled one
+_TOLERANCES_K, _TRAVERSES_MM_PER_MIN, _COMPARED_S = (
+    (0.2, 0.1, TOLERANCE_K, 0.01),
+    (0.0, 43.0, 86.0, 172.0),
+    1200,
+)
 
 
 def run(scenario: Scenario, controller: str) -> WeldSignals:
@@ -60,11 +66,14 @@ def experiment(axial_mm: float, begin_s: float) -> Scenario:
     content = scenario_file.content_of(scenario_file.text_of(_EXPERIMENT))
     duration_s = begin_s + content["duration_s"]
     path = [
-        {"at_s": at_s, "arc_mm": at_s * _SPEED_MM_PER_S, "axial_mm": axial_mm} for at_s in (0.0, round(duration_s, 1))
+        {"at_s": at_s, "arc_mm": at_s * _SPEED_MM_PER_S, "axial_mm": axial_mm}
+        for at_s in (0.0, round(duration_s, 1))
     ]
     events = [event | {"at_s": event["at_s"] + begin_s} for event in content["events"]]
     events.insert(0, {"at_s": 0.0, "reference": {"temperature_c": 816.4, "over_s": 25.0}})
-    return scenario_file.read(content | {"path": path, "events": events, "duration_s": duration_s}, "experiment")
+    return scenario_file.read(
+        content | {"path": path, "events": events, "duration_s": duration_s}, "experiment"
+    )
 
 
 def identified(axial_mm: float, begin_s: float) -> dict[str, dict[str, tuple[float, float]]]:
@@ -75,7 +84,9 @@ def identified(axial_mm: float, begin_s: float) -> dict[str, dict[str, tuple[flo
     for words, steady in (("steady", True), ("drifts", False)):
         fit = identify(segments, nominal(), steady=steady)
         std = fit.std
-        found[words] = {name: (float(getattr(fit.parameters, name)), std.get(name, 0.0)) for name in THERMAL}
+        found[words] = {
+            name: (float(getattr(fit.parameters, name)), std.get(name, 0.0)) for name in THERMAL
+        }
     return found
 
 
@@ -89,7 +100,9 @@ def step_response(canister: HeatModel, axial_mm: float) -> FloatArray:
     for _ in range(round(_LONGEST_S / TICK_S)):
         base = canister.step(base, power_kw, _SPEED_MM_PER_S, axial_mm, TICK_S)
         raised = canister.step(raised, power_kw + 1.0, _SPEED_MM_PER_S, axial_mm, TICK_S)
-        rises.append(canister.stir_zone_temperature_c(raised) - canister.stir_zone_temperature_c(base))
+        rises.append(
+            canister.stir_zone_temperature_c(raised) - canister.stir_zone_temperature_c(base)
+        )
     return np.array(rises)
 
 
@@ -99,7 +112,9 @@ def one_lag(rises: FloatArray, within_s: float) -> tuple[float, float]:
 
     seen = rises[: round(within_s / TICK_S)]
     time_s = TICK_S * np.arange(1, seen.size + 1)
-    found, _ = curve_fit(lambda t, gain, lag: gain * (1.0 - np.exp(-t / lag)), time_s, seen, p0=(16.0, 25.0))
+    found, _ = curve_fit(
+        lambda t, gain, lag: gain * (1.0 - np.exp(-t / lag)), time_s, seen, p0=(16.0, 25.0)
+    )
     return float(found[0]), float(found[1])
 
 
@@ -112,7 +127,9 @@ def steps() -> dict[str, dict[str, Any]]:
     assert own is not None
     shapes = {"": own, ", default canister": CanisterParameters()}
     for words, parameters in shapes.items():
-        courses |= {f"{place}{words}": step_response(reduced(parameters), z) for place, z in PLACES.items()}
+        courses |= {
+            f"{place}{words}": step_response(reduced(parameters), z) for place, z in PLACES.items()
+        }
     found: dict[str, dict[str, Any]] = {
         name: {
             "rise_c": {f"{t:g}": float(course[round(t / TICK_S) - 1]) for t in STEP_TIMES_S},
@@ -121,7 +138,9 @@ def steps() -> dict[str, dict[str, Any]]:
         for name, course in courses.items()
     }
     for words, edge_mm in (("no edge", 1e6), ("edge at 60 mm", 60.0)):
-        values = dict(zip((f"{t:g}" for t in STEP_TIMES_S), line_source(edge_mm).tolist(), strict=True))
+        values = dict(
+            zip((f"{t:g}" for t in STEP_TIMES_S), line_source(edge_mm).tolist(), strict=True)
+        )
         found[f"line source in a plate, {words}"] = {"rise_c": values}
     return found
 
@@ -141,25 +160,37 @@ def line_source(edge_mm: float) -> FloatArray:
     def arriving(age_s: float) -> float:
         along = (ahead + speed * age_s) ** 2
         squares = (along + aside**2, along + (2e-3 * edge_mm - aside) ** 2)
-        return float(sum(np.exp(-square / (4.0 * alpha * age_s)).mean() for square in squares) / age_s)
+        return float(
+            sum(np.exp(-square / (4.0 * alpha * age_s)).mean() for square in squares) / age_s
+        )
 
     ends = (0.0, *STEP_TIMES_S)
     parts = [quad(arriving, a, b, limit=200)[0] for a, b in pairwise(ends)]
     return np.asarray(1e3 / 0.05 / (4.0 * np.pi * k) * np.cumsum(parts))
 
 
-def weld_course(scenario: Scenario, signals: WeldSignals, canister: HeatModel) -> tuple[ToolCourse, int]:
+def weld_course(
+    scenario: Scenario, signals: WeldSignals, canister: HeatModel
+) -> tuple[ToolCourse, int]:
     """Power, speed and height of a weld from a cold canister on, and how many steps it was heated before its start."""
     assert signals.truth is not None
     start = PlantConfig.from_values(scenario.plant)
     path = ToolPath.of(scenario.path, start)
     whole_s = signals.n_ticks * TICK_S
-    skipped_s = spans(scenario.phases)[-1][2] - whole_s  # of the dwell, which ends at a temperature
+    skipped_s = (
+        spans(scenario.phases)[-1][2] - whole_s
+    )  # of the dwell, which ends at a temperature
     dwell_s = spans(scenario.phases, whole_s)[0][2]
     power_kw = signals.truth.process_power_kw
-    power_kw = power_kw[: power_kw.size // _HELD_TICKS * _HELD_TICKS].reshape(-1, _HELD_TICKS).mean(axis=1)
+    power_kw = (
+        power_kw[: power_kw.size // _HELD_TICKS * _HELD_TICKS]
+        .reshape(-1, _HELD_TICKS)
+        .mean(axis=1)
+    )
     steps = _HELD_TICKS * TICK_S * np.arange(power_kw.size)
-    motions = [path.motion(at_s + skipped_s if at_s >= dwell_s else at_s) for at_s in steps.tolist()]
+    motions = [
+        path.motion(at_s + skipped_s if at_s >= dwell_s else at_s) for at_s in steps.tolist()
+    ]
     first_c, before = float(signals.truth.copper_temperature_c[0]), [0]
 
     def missing_c(state: CanisterState) -> float:
@@ -169,7 +200,9 @@ def weld_course(scenario: Scenario, signals: WeldSignals, canister: HeatModel) -
     heated(canister, start["start.power_kw"], motions[0], _HELD_TICKS * TICK_S, missing_c)
     count = before[0] - 1
     speed, axial = np.array([motions[0]] * count + motions).T
-    return ToolCourse(np.append(np.full(count, start["start.power_kw"]), power_kw), speed, axial), count
+    return ToolCourse(
+        np.append(np.full(count, start["start.power_kw"]), power_kw), speed, axial
+    ), count
 
 
 def stir_zone_c(canister: HeatModel, course: ToolCourse, dt_s: float) -> FloatArray:
@@ -194,8 +227,13 @@ def reduced_against_full(
     seen = stir_zone_c(canister, course, dt_s)
     wrong_c = seen - exact_stir_zone_c(parameters, course, dt_s, progress)
     minutes = dt_s * (np.arange(wrong_c.size) + 1 - before) / 60.0
-    phases = [("heating-up", -before * dt_s, 0.0), *spans(scenario.phases, signals.n_ticks * TICK_S)]
-    inside = {name: (60.0 * minutes > a + 1e-6) & (60.0 * minutes <= b + 1e-6) for name, a, b in phases}
+    phases = [
+        ("heating-up", -before * dt_s, 0.0),
+        *spans(scenario.phases, signals.n_ticks * TICK_S),
+    ]
+    inside = {
+        name: (60.0 * minutes > a + 1e-6) & (60.0 * minutes <= b + 1e-6) for name, a, b in phases
+    }
     return {
         "element_mm": parameters.element_mm,
         "modes": parameters.modes,
@@ -213,11 +251,14 @@ def reduced_against_full(
 def compact_errors(parameters: CanisterParameters) -> list[dict[str, Any]]:
     """States of the plant's model by tolerance, and largest difference from the decoupled one by speed [mm/min].
 
-    Twenty minutes of 45 kW +- 5 kW from cold: standing, down from the lid to the joint line, and up again.
+    Twenty minutes of 45 kW +- 5 kW from cold: standing, down from the lid to the joint line, and
+    up again.
     """
     fine, projection = load_or_reduce(parameters), projection_of(parameters)
     time_s = np.arange(_COMPARED_S)
-    height = np.interp(time_s, [300.0, 384.0, 1000.0, 1084.0], [PLACES["lid"], 0.0, 0.0, PLACES["lid"]])
+    height = np.interp(
+        time_s, [300.0, 384.0, 1000.0, 1084.0], [PLACES["lid"], 0.0, 0.0, PLACES["lid"]]
+    )
     power = 45.0 + 5.0 * np.sign(np.sin(time_s / 20.0))
     found = []
     for tolerance_k in _TOLERANCES_K:
@@ -238,17 +279,27 @@ def whole_weld(scenario: Scenario, signals: WeldSignals) -> dict[str, Any]:
     power = signals.truth.process_power_kw
     phases = spans(scenario.phases, signals.n_ticks * TICK_S)
     return {
-        "minutes_kw": [float(one.mean()) for one in np.array_split(power, range(600, power.size, 600))],
-        "phases_kw": {n: float(power[round(b / TICK_S) : round(e / TICK_S)].mean()) for n, b, e in phases},
+        "minutes_kw": [
+            float(one.mean()) for one in np.array_split(power, range(600, power.size, 600))
+        ],
+        "phases_kw": {
+            n: float(power[round(b / TICK_S) : round(e / TICK_S)].mean()) for n, b, e in phases
+        },
         "phases_s": {name: [begin, end] for name, begin, end in phases},
     }
 
 
-def validation(progress: Callable[[float], None] | None = None, coarse: bool = False) -> dict[str, Any]:
+def validation(
+    progress: Callable[[float], None] | None = None, coarse: bool = False
+) -> dict[str, Any]:
     """All numbers of the first page; ``coarse``: all finite elements on a mesh that takes a tenth of the time."""
     scenario = scenario_file.load(_TRAVERSED, [f"controller={name_of(_CONTROLLER)}"])
     signals = run(scenario, _CONTROLLER)
-    found: dict[str, Any] = {"identified": {}, "steps": steps(), "weld": whole_weld(scenario, signals)}
+    found: dict[str, Any] = {
+        "identified": {},
+        "steps": steps(),
+        "weld": whole_weld(scenario, signals),
+    }
     own = PlantConfig.from_values(scenario.plant).canister
     assert own is not None
     found["compact"] = compact_errors(own)

@@ -38,7 +38,11 @@ def phase_rows(scenario: Scenario, signals: WeldSignals) -> Iterator[Row]:
     wrong_c = truth.temperature_c - signals.reference_temperature_c
     low_c, high_c = WINDOW_C
     outside = np.abs(truth.depth_mm - signals.reference_depth_mm) > DEPTH_MM
-    outside |= (np.abs(wrong_c) > TEMPERATURE_C) | (truth.temperature_c < low_c) | (truth.temperature_c > high_c)
+    outside |= (
+        (np.abs(wrong_c) > TEMPERATURE_C)
+        | (truth.temperature_c < low_c)
+        | (truth.temperature_c > high_c)
+    )
     fast = signals.speed_rpm > weld.SPEED_MAX_RPM - _NEAR_RPM
     parts = [  # a tick earlier: the set-point at a boundary is that of the later phase
         (name, begin_s - TICK_S, end_s - TICK_S)
@@ -86,7 +90,9 @@ def run(file: Path, welds: Sequence[int], minutes: float, controllers: Sequence[
     done = {(row["index"], row["controller"]) for row in read([file])} if file.exists() else set()
     for index in welds:
         for entrant in campaign.entrants:
-            if (index, entrant.label) in done or (controllers and entrant.label not in controllers):
+            if (index, entrant.label) in done or (
+                controllers and entrant.label not in controllers
+            ):
                 continue
             if time.monotonic() > until_s:
                 return
@@ -103,7 +109,13 @@ def read(files: Sequence[Path]) -> list[Row]:
     InputError
         If they are of several versions of the software.
     """
-    rows = [json.loads(line) for file in files for line in file.read_text(encoding="utf-8").splitlines()]
+    rows = [
+        json.loads(line)
+        for file in files
+        for line in file.read_text(encoding="utf-8").splitlines()
+    ]
     if len(found := sorted({row.get("software", "unknown") for row in rows})) > 1:
-        raise InputError(f"{files[0].parent}: rows of several versions: {'; '.join(found)}; give another --out")
+        raise InputError(
+            f"{files[0].parent}: rows of several versions: {'; '.join(found)}; give another --out"
+        )
     return rows

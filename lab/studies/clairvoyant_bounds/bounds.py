@@ -12,7 +12,8 @@ from fsw.progress import ProgressBar
 from fsw_control import Reference
 from fsw_tuning.standard_cases import DISTURBANCES, EVENTS, REST, SET_POINTS, set_points
 
-#: Weights of 1 mm in °C for the front between both outputs, and for their joint optimum, which is one of them.
+#: Weights of 1 mm in °C for the front between both outputs, and for their joint optimum, which is
+#: one of them.
 _FRONT, _JOINT = (1e4, 1e3, 300.0, 100.0, 30.0, 10.0, 1.0), 100.0
 #: further searches for the optimum of one output, from random inputs
 _STARTS = 8
@@ -30,7 +31,8 @@ def courses() -> dict[str, tuple[Reference, Reference]]:
 def bounds() -> dict[str, Any]:
     """The clairvoyant optimum of each event: of one output alone, of both, and the front between them.
 
-    Of one output alone from several starts: the best, from how many it was solved, and how far they differ.
+    Of one output alone from several starts: the best, from how many it was solved, and how far
+    they differ.
     """
     clairvoyant, data = Clairvoyant(), {}
     with ProgressBar("clairvoyant optima", len(EVENTS)) as bar:
@@ -38,7 +40,10 @@ def bounds() -> dict[str, Any]:
             of_depth = EVENTS[name].of_depth
             weights, of = ((1e4, 1e-3), 0) if of_depth else ((1e-3, 1.0), 1)
             generator = np.random.default_rng(1)
-            starts = [clairvoyant.best(rest, goal, *weights, one) for one in (None, *[generator] * _STARTS)]
+            starts = [
+                clairvoyant.best(rest, goal, *weights, one)
+                for one in (None, *[generator] * _STARTS)
+            ]
             found = [optimum.iae[of] for optimum in starts if optimum.solved]
             front = {weight: clairvoyant.best(rest, goal, weight, 1.0) for weight in _FRONT}
             data[name] = {

@@ -17,7 +17,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         description="Compute the smallest errors that a controller could have that knows all events."
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write them, with the fronts, as JSON")
+    parser.add_argument(
+        "--json", type=Path, metavar="FILE", help="also write them, with the fronts, as JSON"
+    )
     parsed = parser.parse_args(arguments)
     found = bounds()
     rows = []

@@ -1,9 +1,10 @@
 """The clairvoyant optimum: what even a controller that knows all can hardly beat.
 
-A nonlinear program on the process model itself (the same step, dead time and limits as the plant), in which every move
-of force and speed is free from the tick of an event on. Minimising the error of one output alone gives the best that is
-found for that figure; minimising weighted sums gives the front of both. The program is not convex and the solver is a
-local one, so none of these is a certified bound; further starts of the search show how far they differ.
+A nonlinear program on the process model itself (the same step, dead time and limits as the plant),
+in which every move of force and speed is free from the tick of an event on. Minimising the error
+of one output alone gives the best that is found for that figure; minimising weighted sums gives
+the front of both. The program is not convex and the solver is a local one, so none of these is a
+certified bound; further starts of the search show how far they differ.
 """
 
 from __future__ import annotations
@@ -43,7 +44,9 @@ class Optimum:
     @property
     def iae(self) -> tuple[float, float]:
         """Integrals of the absolute errors: mm s and degC s."""
-        return float(np.abs(self.depth_error_mm).sum() * STEP_S), float(np.abs(self.temperature_error_c).sum() * STEP_S)
+        return float(np.abs(self.depth_error_mm).sum() * STEP_S), float(
+            np.abs(self.temperature_error_c).sum() * STEP_S
+        )
 
 
 class Clairvoyant:
@@ -64,8 +67,9 @@ class Clairvoyant:
     ) -> Optimum:
         """Minimise ``per_mm`` times the depth's IAE plus ``per_c`` times the temperature's.
 
-        The process rests at ``rest`` and has to go to ``goal``; with a disturbance of an output, less the disturbance.
-        With a ``generator`` the search starts with random force and speed within their limits, else with those at rest.
+        The process rests at ``rest`` and has to go to ``goal``; with a disturbance of an output,
+        less the disturbance. With a ``generator`` the search starts with random force and speed
+        within their limits, else with those at rest.
         """
         n, p = self._ticks, self.model.parameters
         start = self.model.equilibrium(rest.depth_mm, rest.temperature_c)
@@ -101,22 +105,40 @@ class Clairvoyant:
         model, lim, n = self.model, Limits(), self._ticks
         p, delay = model.parameters, model.delay_steps
         given = ca.SX.sym("given", 6 + N_STATES + N_POWER)
-        aim, weights, held, rest, rest_power = ca.vertsplit(given, np.cumsum([0, 2, 2, 2, N_STATES, N_POWER]).tolist())
+        aim, weights, held, rest, rest_power = ca.vertsplit(
+            given, np.cumsum([0, 2, 2, 2, N_STATES, N_POWER]).tolist()
+        )
         v = ca.SX.sym("v", _WIDTH, n)
-        inputs, scaled, power, above, below = ca.vertsplit(v, np.cumsum([0, 2, N_STATES, N_POWER, 2, 2]).tolist())
+        inputs, scaled, power, above, below = ca.vertsplit(
+            v, np.cumsum([0, 2, N_STATES, N_POWER, 2, 2]).tolist()
+        )
         sizes, largest = ca.DM(_SIZES), ca.DM([lim.force_step_kn, lim.speed_step_rpm])
         states = scaled * ca.repmat(sizes, 1, n)
         before = ca.horzcat(rest, states[:, :-1])
         arriving = ca.horzcat(ca.repmat(rest_power, 1, delay), power)
         newer = arriving[:, 1 : n + 1] if delay > 1 else arriving[:, :n]
-        ahead = model.step_function.map(n)(before, arriving[:, :n], newer, inputs[0, :], inputs[1, :])
+        ahead = model.step_function.map(n)(
+            before, arriving[:, :n], newer, inputs[0, :], inputs[1, :]
+        )
         moves = inputs - ca.horzcat(held, inputs[:, :-1])
         # the errors at the ticks after the first, which nothing can change
-        depth = ca.horzcat(*(depth_mm(p, states[0, k], states[1, k], states[2, k], states[4, k]) for k in range(n)))
+        depth = ca.horzcat(
+            *(
+                depth_mm(p, states[0, k], states[1, k], states[2, k], states[4, k])
+                for k in range(n)
+            )
+        )
         error = ca.vertcat(depth - aim[0], states[4, :] - aim[1])
         size = above + below
-        rows = ca.vertcat(scaled - ahead[0] / ca.repmat(sizes, 1, n), power - ahead[1], error - above + below, moves)
-        cost = STEP_S * ca.sum2(weights.T @ size) + _REGULARISATION * ca.sumsqr(moves / ca.repmat(largest, 1, n))
+        rows = ca.vertcat(
+            scaled - ahead[0] / ca.repmat(sizes, 1, n),
+            power - ahead[1],
+            error - above + below,
+            moves,
+        )
+        cost = STEP_S * ca.sum2(weights.T @ size) + _REGULARISATION * ca.sumsqr(
+            moves / ca.repmat(largest, 1, n)
+        )
         high = np.zeros((n, rows.shape[0]))
         high[:, -2:] = lim.force_step_kn, lim.speed_step_rpm
         low_x, high_x = np.full((n, _WIDTH), -np.inf), np.full((n, _WIDTH), np.inf)
@@ -125,8 +147,19 @@ class Clairvoyant:
         low_x[:, -4:] = 0.0
         options: dict[str, Any] = {
             "print_time": False,
-            "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-7, "mu_strategy": "adaptive"},
+            "ipopt": {
+                "print_level": 0,
+                "sb": "yes",
+                "max_iter": 500,
+                "tol": 1e-7,
+                "mu_strategy": "adaptive",
+            },
         }
         program = {"x": ca.vec(v), "p": given, "f": cost, "g": ca.vec(rows)}
-        bounds = {"lbx": low_x.ravel(), "ubx": high_x.ravel(), "lbg": -high.ravel(), "ubg": high.ravel()}
+        bounds = {
+            "lbx": low_x.ravel(),
+            "ubx": high_x.ravel(),
+            "lbg": -high.ravel(),
+            "ubg": high.ravel(),
+        }
         return ca.nlpsol("clairvoyant", "ipopt", program, options), bounds

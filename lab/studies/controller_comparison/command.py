@@ -1,7 +1,7 @@
 """The command of the study.
 
-Writes pages with tables and figures into the folder given by --out, or into docs/results with --publish; all numbers
-(comparison.json) always into the folder given by --out.
+Writes pages with tables and figures into the folder given by --out, or into docs/results with
+--publish; all numbers (comparison.json) always into the folder given by --out.
 """
 
 from __future__ import annotations
@@ -23,8 +23,16 @@ WORKSPACE = Path(__file__).resolve().parents[3]
 def compare(out: Path, plants: int) -> dict[str, Any]:
     """All parts but other models; draws the figures."""
     data = {"nominal": study.nominal(), "sweep": study.sweep(SWEEP), "bounds": bounds()}
-    data |= {"margins": study.margins(), "aggressiveness": study.aggressiveness(), "wins": study.wins()}
-    data |= {"matched": study.matched(), "below_noise": study.below_noise(), "corridors": study.corridors()}
+    data |= {
+        "margins": study.margins(),
+        "aggressiveness": study.aggressiveness(),
+        "wins": study.wins(),
+    }
+    data |= {
+        "matched": study.matched(),
+        "below_noise": study.below_noise(),
+        "corridors": study.corridors(),
+    }
     data["random"] = study.random_plants(plants)
     data["sensing"] = sensing.study(data["matched"]["slower"], max(1, plants // 5))
     figures.fronts(data["bounds"], data["nominal"], out / "fronts.png")
@@ -38,10 +46,16 @@ def main() -> int:
         description="Compare the NMPC with the decentralized controller, the paper's tuning and what is possible."
     )
     parser.add_argument("--quick", action="store_true", help="a small part, in less than a minute")
-    parser.add_argument("--out", type=Path, default=Path("out/comparison"), help="folder for the results")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/comparison"), help="folder for the results"
+    )
     parser.add_argument("--plants", type=int, default=500, help="random plants (default 500)")
-    parser.add_argument("--models", type=int, default=0, metavar="N", help="also N other models, some minutes each")
-    parser.add_argument("--publish", action="store_true", help="into docs/results, and README's figure")
+    parser.add_argument(
+        "--models", type=int, default=0, metavar="N", help="also N other models, some minutes each"
+    )
+    parser.add_argument(
+        "--publish", action="store_true", help="into docs/results, and README's figure"
+    )
     arguments = parser.parse_args()
     if arguments.publish and arguments.quick:
         parser.error("--publish needs the whole comparison, without --quick")
@@ -61,11 +75,15 @@ def main() -> int:
         figures.set_point_steps(WORKSPACE / "docs" / "figures" / "reference_tracking.png")
     models = out / "other_models.json"
     if arguments.models > 0:
-        models.write_text(json.dumps(other_models.study(arguments.models), indent=1) + "\n", encoding="utf-8")
+        models.write_text(
+            json.dumps(other_models.study(arguments.models), indent=1) + "\n", encoding="utf-8"
+        )
     if models.exists() and not arguments.quick:
         data["other_models"] = json.loads(models.read_text(encoding="utf-8"))
     for name, text in report.pages(data).items():
         (out / name).write_text(text, encoding="utf-8")
-    (arguments.out / "comparison.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    (arguments.out / "comparison.json").write_text(
+        json.dumps(data, indent=1) + "\n", encoding="utf-8"
+    )
     print(f"{out / 'README.md'}: {time.monotonic() - began:.0f} s")
     return 0

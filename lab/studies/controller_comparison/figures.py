@@ -16,13 +16,20 @@ from fsw_tuning.standard_runs import JUDGED, Job, weld
 
 def papers(folder: Path) -> None:
     """The paper's Figs. 6 to 9, with all controllers, without noise, and the study that it only mentions."""
-    for case, numbers in (("tracking", (6, 7)), ("disturbances", (8, 9)), ("model_uncertainty", (6, 7))):
+    for case, numbers in (
+        ("tracking", (6, 7)),
+        ("disturbances", (8, 9)),
+        ("model_uncertainty", (6, 7)),
+    ):
         _draw([Run(label, weld(Job(label, case))) for label in CONTROLLERS], numbers, folder, case)
 
 
 def set_point_steps(path: Path) -> None:
     """The set-point steps of the paper's Fig. 6 with both controllers as they are shipped, with noise."""
-    runs = [Run(label, weld(Job(label, "reference_tracking", noise=True))) for label in ("decentral", "nmpc")]
+    runs = [
+        Run(label, weld(Job(label, "reference_tracking", noise=True)))
+        for label in ("decentral", "nmpc")
+    ]
     draw_outputs(runs, "Set-point steps of 0.2 mm and 10 °C, with sensor noise", path)
 
 
@@ -49,7 +56,13 @@ def fronts(bounds: Mapping[str, Any], nominal: Mapping[str, Any], path: Path) ->
             axis.plot(points[:, 0], points[:, 1], "k.-", label="clairvoyant optimum")
             for label in CONTROLLERS:
                 event, colour = nominal[label]["clean"]["events"][name], CONTROLLER_COLOURS[label]
-                axis.plot(event["iae_depth_mm_s"], event["iae_temperature_c_s"], "o", color=colour, label=label)
+                axis.plot(
+                    event["iae_depth_mm_s"],
+                    event["iae_temperature_c_s"],
+                    "o",
+                    color=colour,
+                    label=label,
+                )
             axis.set(title=name, xlabel="IAE depth [mm s]", ylabel="IAE temperature [°C s]")
         handles, labels = canvas.axes[0].get_legend_handles_labels()
         canvas.set_layout_engine("constrained", rect=(0.0, 0.05, 1.0, 0.95))
@@ -61,7 +74,12 @@ def random_plants(data: Mapping[str, Any], path: Path) -> None:
     with sheet(8.0, 4.2, path) as canvas:
         axis = canvas.subplots()
         for colour, (key, values) in zip(COLOURS, data["ratios"].items(), strict=False):
-            axis.plot(np.sort(values), np.linspace(0.0, 100.0, len(values)), color=colour, label=JUDGED[key])
+            axis.plot(
+                np.sort(values),
+                np.linspace(0.0, 100.0, len(values)),
+                color=colour,
+                label=JUDGED[key],
+            )
         axis.axvline(1.0, color="black", linewidth=0.8)
         axis.set(
             xlabel="IAE, default NMPC over the better PI tuning",

@@ -40,7 +40,9 @@ def compare(factors: dict[str, float], evaluations: int) -> dict[str, Any]:
         }
         own[DEFAULT] = {"model_file": str(file)}
         return {
-            label: judged({case: figures(Job(label, case, plant=plant, parameters=values)) for case in CASES})
+            label: judged(
+                {case: figures(Job(label, case, plant=plant, parameters=values)) for case in CASES}
+            )
             for label, values in own.items()
         }
 

@@ -15,7 +15,9 @@ def own_case(name: str) -> str:
     return str(Path(__file__).parent / "cases" / f"{name}.yaml")
 
 
-REST, BELOW_NOISE, INPUT_DISTURBANCES = map(own_case, ("rest", "below_noise", "input_disturbances"))
+REST, BELOW_NOISE, INPUT_DISTURBANCES = map(
+    own_case, ("rest", "below_noise", "input_disturbances")
+)
 #: Cases that no controller was tuned on: own ones, and scenarios shipped with fsw_scenario.
 VALIDATION_CASES = (
     *(own_case("other_sizes"), INPUT_DISTURBANCES),
@@ -38,7 +40,9 @@ SWEEP: dict[str, dict[str, float | str]] = {
     **{f"tool lag × {k:g}": {"model.tool_lag_s": k} for k in (0.5, 2.0)},
     **{f"dead time {s:g} s": {"model.dead_time_s": s / DEAD_TIME_S} for s in (1.8, 3.8)},
     "drive lag 0.3 s": {"actuators.lag_s": 0.3},
-    "torque drop 0.6 N m/rpm": {"sensors.torque_drop_nm_per_rpm": 0.6},  # of the sensor only, as in Fig. 5
+    "torque drop 0.6 N m/rpm": {
+        "sensors.torque_drop_nm_per_rpm": 0.6
+    },  # of the sensor only, as in Fig. 5
     **{f"loop latency {k / 10:g} s": {"actuators.dead_time_ticks": k} for k in (1, 3)},
 }
 #: Those of the count of wins, besides the nominal one.
@@ -49,8 +53,8 @@ FIXED = (
 )
 #: parameters of the sensors' noise
 CORRELATIONS = tuple(f"sensors.{SENSORS[name].stem}_noise_correlation_s" for name in REQUIRED)
-#: Noise of the nominal size that is correlated, and a lag of the thermocouple's probe. No controller knows of them. The
-#: times are chosen.
+#: Noise of the nominal size that is correlated, and a lag of the thermocouple's probe. No
+#: controller knows of them. The times are chosen.
 SENSING: dict[str, dict[str, float]] = {
     "white, no lag": {},
     **{f"correlated {s:g} s": dict.fromkeys(CORRELATIONS, s) for s in (1.0, 5.0)},

@@ -8,10 +8,25 @@ from typing import Any
 
 import numpy as np
 
-from controller_comparison.study import CONTROLLERS, FINALISTS, KPIS, MATCHED, TOLERANCE, VARIATIONS, ratios
+from controller_comparison.study import (
+    CONTROLLERS,
+    FINALISTS,
+    KPIS,
+    MATCHED,
+    TOLERANCE,
+    VARIATIONS,
+    ratios,
+)
 from fsw_analysis.report import templates
 from fsw_tuning.margins import TITLES, texts
-from fsw_tuning.standard_cases import CASES, CONSERVATIVE, DEFAULT, DISTURBANCES, EVENTS, SET_POINTS
+from fsw_tuning.standard_cases import (
+    CASES,
+    CONSERVATIVE,
+    DEFAULT,
+    DISTURBANCES,
+    EVENTS,
+    SET_POINTS,
+)
 from fsw_tuning.standard_runs import JUDGED, failed
 
 Rows = list[list[str]]
@@ -37,11 +52,16 @@ def _iae(found: Mapping[str, Any], event: str) -> str:
 def errors(nominal: Mapping[str, Any], kind: str, bounds: Mapping[str, Any] | None = None) -> Rows:
     """IAE of each event."""
     rows = [["IAE", *(f"{e} [{'mm s' if EVENTS[e].of_depth else '°C s'}]" for e in _EVENTS)]]
-    rows += [[label, *(_iae(nominal[label][kind]["events"], event) for event in _EVENTS)] for label in CONTROLLERS]
+    rows += [
+        [label, *(_iae(nominal[label][kind]["events"], event) for event in _EVENTS)]
+        for label in CONTROLLERS
+    ]
     if bounds:
         joint = {e: bounds[e]["joint"][0 if EVENTS[e].of_depth else 1] for e in _EVENTS}
         rows.append(["clairvoyant, both outputs", *(f"{joint[e]:.3g}" for e in _EVENTS)])
-        rows.append(["clairvoyant, that output alone", *(f"{bounds[e]['alone']:.3g}" for e in _EVENTS)])
+        rows.append(
+            ["clairvoyant, that output alone", *(f"{bounds[e]['alone']:.3g}" for e in _EVENTS)]
+        )
     return rows
 
 
@@ -53,13 +73,22 @@ def other_output(nominal: Mapping[str, Any], kind: str) -> Rows:
         return f"{peak_c:.3g} °C" if of_depth else f"{peak_um:.3g} µm"
 
     found = {label: nominal[label][kind]["events"] for label in CONTROLLERS}
-    rows = [[label, *(peak(events[e], EVENTS[e].of_depth) for e in _EVENTS)] for label, events in found.items()]
+    rows = [
+        [label, *(peak(events[e], EVENTS[e].of_depth) for e in _EVENTS)]
+        for label, events in found.items()
+    ]
     return [["peak of the other output", *_EVENTS], *rows]
 
 
 def totals(nominal: Mapping[str, Any]) -> Rows:
     """Whole cases, without noise, and movement at rest with noise."""
-    header = ["", "tracking z / T", "disturbances z / T", "noisy tracking z / T", "noisy disturbances z / T"]
+    header = [
+        "",
+        "tracking z / T",
+        "disturbances z / T",
+        "noisy tracking z / T",
+        "noisy disturbances z / T",
+    ]
     rows = [[*header, "force at rest [kN/s]", "speed at rest [rpm/s]"]]
     for label in CONTROLLERS:
         runs = [nominal[label][kind][case] for kind in ("clean", "noisy") for case in CASES]
@@ -69,7 +98,10 @@ def totals(nominal: Mapping[str, Any]) -> Rows:
 
 
 def _judged(runs: Mapping[str, Any]) -> list[str]:
-    return [" / ".join(f"{runs[label][key]:.3g}" for label in FINALISTS if label in runs) for key in JUDGED]
+    return [
+        " / ".join(f"{runs[label][key]:.3g}" for label in FINALISTS if label in runs)
+        for key in JUDGED
+    ]
 
 
 def sweep_rows(data: Mapping[str, Any]) -> Rows:
@@ -109,7 +141,9 @@ def margin_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
 def matched_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
     """Margins of the temperature, errors and movements."""
     moved = [KPIS[key] for key in VARIATIONS]
-    rows = [["IAE [mm s, °C s], movement", "gain margin", "delay margin", *JUDGED.values(), *moved]]
+    rows = [
+        ["IAE [mm s, °C s], movement", "gain margin", "delay margin", *JUDGED.values(), *moved]
+    ]
     for name, of in data.items():
         margins = texts({key: of[key] for key in ("temperature_gain", "temperature_delay_s")})
         iae = [f"{of[key]:.3g}" for key in JUDGED]
@@ -121,7 +155,12 @@ def small_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
     """Mean absolute errors with disturbances below the noise, and at rest."""
     heads = {"iae_depth_mm_s": "depth [µm]", "iae_temperature_c_s": "temperature [m°C]"}
     cases = {"disturbed": "disturbed", "rest": "at rest"}
-    rows = [["mean absolute error", *(f"{head}, {case}" for head in heads.values() for case in cases.values())]]
+    rows = [
+        [
+            "mean absolute error",
+            *(f"{head}, {case}" for head in heads.values() for case in cases.values()),
+        ]
+    ]
     for label, of in data.items():
         rows.append([label, *(f"{of[f'{case} {key}']:.3g}" for key in heads for case in cases)])
     return rows
@@ -130,7 +169,10 @@ def small_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
 def sensing_rows(data: Mapping[str, Mapping[str, Any]], keys: tuple[str, str]) -> Rows:
     """Two figures of every controller with every kind of sensors."""
     names = list(next(iter(data.values())))
-    return [["", *data], *([name, *(_pair(of[name], keys) for of in data.values())] for name in names)]
+    return [
+        ["", *data],
+        *([name, *(_pair(of[name], keys) for of in data.values())] for name in names),
+    ]
 
 
 def _pair(of: Mapping[str, float], keys: tuple[str, str]) -> str:
@@ -141,7 +183,11 @@ def swinging(data: Mapping[str, Mapping[str, Any]], welds: int) -> list[str]:
     """With which sensors an output oscillates for good, in how many of the welds of a controller."""
     found = []
     for kind, of in data.items():
-        if names := [f"{name} ({run['swings']} of {welds} welds)" for name, run in of.items() if run["swings"]]:
+        if names := [
+            f"{name} ({run['swings']} of {welds} welds)"
+            for name, run in of.items()
+            if run["swings"]
+        ]:
             found.append(f"{kind}: {', '.join(names)}")
     return found
 
@@ -162,7 +208,12 @@ def matched_share(data: Mapping[str, Mapping[str, float]], rival: str) -> str:
 
 def corridor_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
     """The temperature with each kind of corridor."""
-    heads = ("depth steps disturb it, up and down", "IAE, set-points", "IAE, disturbances", "movement of the speed")
+    heads = (
+        "depth steps disturb it, up and down",
+        "IAE, set-points",
+        "IAE, disturbances",
+        "movement of the speed",
+    )
     rows = [["temperature", *heads, "gain margin", "delay margin"]]
     for name, of in data.items():
         peaks = [of[f"peak_temperature_in_depth_step_{way}_c"] for way in ("up", "down")]
@@ -174,9 +225,17 @@ def corridor_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
 
 def knob_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
     """Gain margin against errors of the temperature."""
-    rows = [["temperature_aggressiveness", "temperature: gain", *(f"{case}, IAE T [°C s]" for case in CASES)]]
+    rows = [
+        [
+            "temperature_aggressiveness",
+            "temperature: gain",
+            *(f"{case}, IAE T [°C s]" for case in CASES),
+        ]
+    ]
     for value, found in data.items():
-        rows.append([value, f"{found['temperature_gain']:.2f}", *(f"{found[case]:.3g}" for case in CASES)])
+        rows.append(
+            [value, f"{found['temperature_gain']:.2f}", *(f"{found[case]:.3g}" for case in CASES)]
+        )
     return rows
 
 
@@ -196,7 +255,12 @@ def random_rows(data: Mapping[str, Sequence[float]], rival: str = "the better PI
     rows = [[f"default NMPC over {rival}", "median", "95 %", "largest", "plants at or below 1"]]
     for key, values in data.items():
         q = quantiles(values)
-        cells = [f"{q['median']:.2f}", f"{q['p95']:.2f}", f"{q['largest']:.2f}", f"{100 * q['share']:.0f} %"]
+        cells = [
+            f"{q['median']:.2f}",
+            f"{q['p95']:.2f}",
+            f"{q['largest']:.2f}",
+            f"{100 * q['share']:.0f} %",
+        ]
         rows.append([JUDGED[key], *cells])
     return rows
 
@@ -210,7 +274,9 @@ def loss_rows(losses: Sequence[Sequence[Any]]) -> Rows:
     for title, found in sorted(by_kpi.items(), key=lambda item: -len(item[1])):
         name, case, noise, _, largest = found[0]
         where = f"{case}{', noise' if noise else ''}, plant {name}"
-        rows.append([title, str(len(found)), f"{found[len(found) // 2][-1]:.2f}", f"{largest:.2f}", where])
+        rows.append(
+            [title, str(len(found)), f"{found[len(found) // 2][-1]:.2f}", f"{largest:.2f}", where]
+        )
     return rows
 
 
@@ -218,11 +284,26 @@ def pages(data: Mapping[str, Any]) -> dict[str, str]:
     """All results as Markdown: the text of each page by file name, without the pages of parts that were not run."""
     environment = templates(Path(__file__).parent)
     environment.globals |= globals()  # the functions above make the rows of tables
-    environment.globals |= {"set_points": SET_POINTS, "disturbances": DISTURBANCES, "judged": JUDGED, "kpis": KPIS}
+    environment.globals |= {
+        "set_points": SET_POINTS,
+        "disturbances": DISTURBANCES,
+        "judged": JUDGED,
+        "kpis": KPIS,
+    }
     environment.globals |= {"default": DEFAULT, "matched_label": MATCHED, "ratios": ratios}
     parts = {
         **dict.fromkeys(
-            ("below_noise", "bounds", "corridors", "margins", "matched", "other_models", "random", "sensing", "wins")
+            (
+                "below_noise",
+                "bounds",
+                "corridors",
+                "margins",
+                "matched",
+                "other_models",
+                "random",
+                "sensing",
+                "wins",
+            )
         ),
         **data,
     }

@@ -14,7 +14,8 @@ from fsw_tuning.margins import Loops
 from fsw_tuning.standard_cases import CASES
 from fsw_tuning.standard_runs import JUDGED, Figures, Job, on_all_cores, run_all
 
-#: Of the noise, over which a mean is taken: coloured noise has fewer independent samples in a weld.
+#: Of the noise, over which a mean is taken: coloured noise has fewer independent samples in a
+#: weld.
 _SEEDS = (1, 2)
 #: Those compared: the fixed controllers, and the one that estimates gain and delay of the process.
 COMPARED = (*CONTROLLERS, "nmpc:adaptive")
@@ -26,17 +27,23 @@ Entrants = Mapping[str, tuple[str, Mapping[str, float]]]
 def study(slower: float, plants: int) -> dict[str, Any]:
     """All parts; the NMPC at matched margin is slowed by this factor."""
     compared = entrants(COMPARED, slower)
-    return {"runs": runs(compared), "margins": margins(compared), "random": random_plants(plants, RANDOM_SENSING)}
+    return {
+        "runs": runs(compared),
+        "margins": margins(compared),
+        "random": random_plants(plants, RANDOM_SENSING),
+    }
 
 
 def runs(compared: Entrants) -> dict[str, dict[str, Figures]]:
     """Means over some seeds, of every controller with every kind of sensors, and a tick of loop latency.
 
-    Judged figures of merit, mean absolute errors [µm, m°C] and movement [kN/s, rpm/s] at rest, and in how many welds an
-    output oscillates for good.
+    Judged figures of merit, mean absolute errors [µm, m°C] and movement [kN/s, rpm/s] at rest, and
+    in how many welds an output oscillates for good.
     """
     jobs = {
-        (kind, name, case, seed): Job(label, case, True, {**LATENCY, **plant, "seed": seed}, parameters)
+        (kind, name, case, seed): Job(
+            label, case, True, {**LATENCY, **plant, "seed": seed}, parameters
+        )
         for kind, plant in SENSING.items()
         for name, (label, parameters) in compared.items()
         for case in (*CASES, REST)
@@ -46,7 +53,12 @@ def runs(compared: Entrants) -> dict[str, dict[str, Figures]]:
         found = run_all(list(jobs.values()), bar)
     return {
         kind: {
-            name: _means({case: [found[jobs[kind, name, case, seed]] for seed in _SEEDS] for case in (*CASES, REST)})
+            name: _means(
+                {
+                    case: [found[jobs[kind, name, case, seed]] for seed in _SEEDS]
+                    for case in (*CASES, REST)
+                }
+            )
             for name in compared
         }
         for kind in SENSING
@@ -69,7 +81,9 @@ def margins(compared: Entrants) -> dict[str, dict[str, dict[str, float]]]:
     Without ``nmpc:paper``, which would take minutes.
     """
     judged = {name: of for name, of in compared.items() if name != "nmpc:paper"}
-    tasks = [(label, parameters, SENSING[lag]) for lag in LAGS for label, parameters in judged.values()]
+    tasks = [
+        (label, parameters, SENSING[lag]) for lag in LAGS for label, parameters in judged.values()
+    ]
     found = iter(list(on_all_cores(_margins, tasks)))
     return {lag: {name: next(found) for name in judged} for lag in LAGS}
 

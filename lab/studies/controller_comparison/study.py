@@ -12,7 +12,15 @@ from typing import Any
 import numpy as np
 import yaml
 
-from controller_comparison.processes import BELOW_NOISE, FIXED, RANDOM, REST, SWEEP, VALIDATION_CASES, random_factors
+from controller_comparison.processes import (
+    BELOW_NOISE,
+    FIXED,
+    RANDOM,
+    REST,
+    SWEEP,
+    VALIDATION_CASES,
+    random_factors,
+)
 from fsw.progress import ProgressBar
 from fsw_analysis.kpi_table import ROWS
 from fsw_tuning import standard_runs
@@ -42,7 +50,10 @@ MATCHED = f"{DEFAULT}, matched"
 LATENCY = {"actuators.dead_time_ticks": 1}
 #: Ways to start the corridors of ``nmpc:paper``: fields of its tuning.
 CORRIDORS: dict[str, dict[str, str | float]] = {
-    **{name: {"trajectory": name} for name in ("constant", "cold_start", "recentred", "recentred_ahead")},
+    **{
+        name: {"trajectory": name}
+        for name in ("constant", "cold_start", "recentred", "recentred_ahead")
+    },
     "recentred_ahead, τ 3 s": {"trajectory": "recentred_ahead", "temperature_time_s": 3.0},
 }
 _AGGRESSIVENESS = (1.0, 0.7, 0.5, 0.35)
@@ -55,7 +66,12 @@ def _run_all(title: str, jobs: Sequence[Job]) -> dict[Job, Figures]:
 
 def nominal() -> dict[str, Any]:
     """All controllers on the events that they were tuned on: without noise, with noise, and at rest."""
-    jobs = [Job(label, case, noise) for label in CONTROLLERS for noise in (False, True) for case in CASES]
+    jobs = [
+        Job(label, case, noise)
+        for label in CONTROLLERS
+        for noise in (False, True)
+        for case in CASES
+    ]
     jobs += [Job(label, REST, True) for label in CONTROLLERS]
     results = _run_all("nominal process", jobs)
     data: dict[str, Any] = {}
@@ -66,12 +82,19 @@ def nominal() -> dict[str, Any]:
             found = {case: results[Job(label, case, noise)] for case in CASES}
             data[label][kind] = {"events": _per_event(found)}
             for case, run in found.items():
-                data[label][kind][case] = {key: run[key] for key in KPIS if run.get(key) is not None}
+                data[label][kind][case] = {
+                    key: run[key] for key in KPIS if run.get(key) is not None
+                }
     return data
 
 
 def _per_event(found: Mapping[str, Figures]) -> dict[str, dict[str, float]]:
-    keys = ("iae_depth_mm_s", "iae_temperature_c_s", "peak_depth_error_mm", "peak_temperature_error_c")
+    keys = (
+        "iae_depth_mm_s",
+        "iae_temperature_c_s",
+        "peak_depth_error_mm",
+        "peak_temperature_error_c",
+    )
     return {
         name: {key: float(event[key]) for key in keys}
         for case, names in CASES.items()
@@ -88,14 +111,27 @@ def sweep(processes: Mapping[str, Mapping[str, float | str]]) -> dict[str, Any]:
 def random_plants(count: int, spans: Mapping[str, tuple[float, float]] = RANDOM) -> dict[str, Any]:
     """The sweep on random processes: ratios to the better PI and to smith, and on how many an output oscillates."""
     data = sweep({f"{i}": plant for i, plant in enumerate(random_factors(count, spans))})
-    swings = {label: sum(bool(runs[label].get("swings")) for runs in data.values()) for label in FINALISTS}
-    return {"plants": count, "ratios": ratios(data), "smith": ratios(data, (SMITH,)), "swings": swings}
+    swings = {
+        label: sum(bool(runs[label].get("swings")) for runs in data.values())
+        for label in FINALISTS
+    }
+    return {
+        "plants": count,
+        "ratios": ratios(data),
+        "smith": ratios(data, (SMITH,)),
+        "swings": swings,
+    }
 
 
-def ratios(data: Mapping[str, Mapping[str, Figures]], rivals: Sequence[str] = DECENTRALIZED) -> dict[str, list[float]]:
+def ratios(
+    data: Mapping[str, Mapping[str, Figures]], rivals: Sequence[str] = DECENTRALIZED
+) -> dict[str, list[float]]:
     """Per judged figure: the default NMPC's over the best rival's, for every process that could be run."""
     ran = [runs for runs in data.values() if not failed(runs)]
-    return {key: [runs[DEFAULT][key] / min(runs[rival][key] for rival in rivals) for runs in ran] for key in JUDGED}
+    return {
+        key: [runs[DEFAULT][key] / min(runs[rival][key] for rival in rivals) for runs in ran]
+        for key in JUDGED
+    }
 
 
 def margins(labels: Sequence[str] = FINALISTS) -> dict[str, dict[str, float]]:
@@ -112,7 +148,10 @@ def matched() -> dict[str, Any]:
     slower = slower_for(Loops(TIGHT).margins())
     data: dict[str, Any] = {"slower": slower, "entrants": {}}
     for name, (label, parameters) in entrants(FINALISTS, slower).items():
-        runs = {case: standard_runs.figures(Job(label, case, True, LATENCY, parameters)) for case in CASES}
+        runs = {
+            case: standard_runs.figures(Job(label, case, True, LATENCY, parameters))
+            for case in CASES
+        }
         moved = {key: runs["tracking"][key] for key in VARIATIONS}
         iae = {key: runs[key.split()[0]][key.split()[1]] for key in JUDGED}
         data["entrants"][name] = Loops(label, parameters).temperature() | iae | moved
@@ -141,21 +180,32 @@ def below_noise() -> dict[str, dict[str, float]]:
         return float(np.mean([run[key] / run["duration_s"] for run in runs]))
 
     return {
-        label: {f"{name} {key}": 1e3 * rate(label, case, key) for key in keys for name, case in _SMALL.items()}
+        label: {
+            f"{name} {key}": 1e3 * rate(label, case, key)
+            for key in keys
+            for name, case in _SMALL.items()
+        }
         for label in FINALISTS
     }
 
 
 def corridors() -> dict[str, dict[str, float]]:
     """Figures of the temperature with each way to start the corridors of ``nmpc:paper``, without noise."""
-    return dict(zip(CORRIDORS, standard_runs.on_all_cores(_corridor, list(CORRIDORS)), strict=True))
+    return dict(
+        zip(CORRIDORS, standard_runs.on_all_cores(_corridor, list(CORRIDORS)), strict=True)
+    )
 
 
 def _corridor(name: str) -> dict[str, float]:
     with paper_with(CORRIDORS[name]) as parameters:
-        runs = {case: standard_runs.figures(Job("nmpc", case, parameters=parameters)) for case in CASES}
+        runs = {
+            case: standard_runs.figures(Job("nmpc", case, parameters=parameters)) for case in CASES
+        }
         found = {case: float(run["iae_temperature_c_s"]) for case, run in runs.items()}
-        for key in ("peak_temperature_in_depth_step_up_c", "peak_temperature_in_depth_step_down_c"):
+        for key in (
+            "peak_temperature_in_depth_step_up_c",
+            "peak_temperature_in_depth_step_down_c",
+        ):
             found[key] = float(runs["tracking"][key])
         found["speed_rpm"] = float(runs["tracking"]["total_variation_speed_rpm"])
         return found | Loops("nmpc", parameters).temperature()
@@ -172,11 +222,17 @@ def paper_with(fields: Mapping[str, str | float]) -> Iterator[dict[str, str]]:
 
 def aggressiveness() -> dict[str, dict[str, float]]:
     """What the NMPC's knob of the temperature trades: gain margin against errors, without noise."""
-    return {f"{value:g}": _with_knob({"temperature_aggressiveness": value}) for value in _AGGRESSIVENESS}
+    return {
+        f"{value:g}": _with_knob({"temperature_aggressiveness": value})
+        for value in _AGGRESSIVENESS
+    }
 
 
 def _with_knob(knob: Mapping[str, float]) -> dict[str, float]:
-    errors = {case: standard_runs.figures(Job(DEFAULT, case, parameters=knob))["iae_temperature_c_s"] for case in CASES}
+    errors = {
+        case: standard_runs.figures(Job(DEFAULT, case, parameters=knob))["iae_temperature_c_s"]
+        for case in CASES
+    }
     return errors | {"temperature_gain": Loops(DEFAULT, knob).gain("thermal_gain_c_per_kw")}
 
 
@@ -184,9 +240,16 @@ def wins() -> dict[str, Any]:
     """Figures of the default NMPC at or below both PI tunings' (total variation: the tight one's), everywhere."""
     processes = {name: SWEEP[name] for name in ("nominal", *FIXED)}
     welds = [
-        (name, case, noise) for name in processes for case in (*CASES, *VALIDATION_CASES) for noise in (False, True)
+        (name, case, noise)
+        for name in processes
+        for case in (*CASES, *VALIDATION_CASES)
+        for noise in (False, True)
     ]
-    jobs = [Job(label, case, noise, processes[name]) for name, case, noise in welds for label in FINALISTS]
+    jobs = [
+        Job(label, case, noise, processes[name])
+        for name, case, noise in welds
+        for label in FINALISTS
+    ]
     results = _run_all(f"events on {len(processes)} processes", jobs)
     data: dict[str, Any] = {"tuning": [0, 0], "validation": [0, 0], "losses": []}
     for name, case, noise in welds:
@@ -201,5 +264,7 @@ def wins() -> dict[str, Any]:
             if own <= (1.0 + TOLERANCE) * best:
                 count[0] += 1
             else:
-                data["losses"].append([name, Path(case).stem, noise, title, own / best if best > 0.0 else math.inf])
+                data["losses"].append(
+                    [name, Path(case).stem, noise, title, own / best if best > 0.0 else math.inf]
+                )
     return data

@@ -16,7 +16,8 @@ from fsw_model import ModelParameters, OperatingPointError, nominal
 from fsw_tuning.decentral_loop import errors, simulated_sensitivity
 from fsw_tuning.tune_decentral import BOUNDS, EVALUATIONS, NAMES, TARGETS, robustness, tune
 
-#: factors on model parameters, for the check of a tuning on other processes than that it was made for
+#: factors on model parameters, for the check of a tuning on other processes than that it was made
+#: for
 MISMATCH = {
     "as tuned for": {},
     "dead time -20 %": {"dead_time_s": 0.8},
@@ -30,7 +31,10 @@ MISMATCH = {
 
 def report(sets: dict[str, Gains]) -> dict[str, dict[str, float]]:
     """Print gains, figures with targets, and the check against mismatch, side by side; return the figures."""
-    rows = [[name, *(f"{getattr(gains, name):g}" for gains in sets.values())] for name in Gains.model_fields]
+    rows = [
+        [name, *(f"{getattr(gains, name):g}" for gains in sets.values())]
+        for name in Gains.model_fields
+    ]
     print_table(rows, ["gain", *sets], words=1)
     figures = {name: robustness(gains, nominal()) | errors(gains) for name, gains in sets.items()}
     most = {name: BOUNDS[name] | TARGETS[name] for name in sets}
@@ -55,13 +59,17 @@ def _on_other_process(gains: Gains, parameters: ModelParameters) -> str:
         found = errors(gains, parameters)
     except OperatingPointError:
         return "leaves the copper"
-    iae = f"{found['disturbance_iae_depth_mm_s']:.2f}/{found['disturbance_iae_temperature_c_s']:.1f}"
+    iae = (
+        f"{found['disturbance_iae_depth_mm_s']:.2f}/{found['disturbance_iae_temperature_c_s']:.1f}"
+    )
     return f"{depth:.2f}/{temperature:.2f}  {iae}"
 
 
 def as_yaml(sets: dict[str, Gains], figures: dict[str, dict[str, float]]) -> str:
     """The sets as text of the package's ``tunings.yaml``."""
-    lines = ["# Computed by scripts/tune_decentral.py; meaning and units of the gains: decentral.yaml."]
+    lines = [
+        "# Computed by scripts/tune_decentral.py; meaning and units of the gains: decentral.yaml."
+    ]
     for name, gains in sets.items():
         found = figures[name]
         lines.append(
@@ -70,7 +78,9 @@ def as_yaml(sets: dict[str, Gains], figures: dict[str, dict[str, float]]) -> str
             f"moves by noise {found['noise_move_kn']:.3f} kN, {found['noise_move_rpm']:.2f} rpm"
         )
         lines.append(f"{name}:")
-        lines += [f"  {key}: {value!r}" for key, value in gains.model_dump(exclude_defaults=True).items()]
+        lines += [
+            f"  {key}: {value!r}" for key, value in gains.model_dump(exclude_defaults=True).items()
+        ]
     return "\n".join(lines) + "\n"
 
 
@@ -81,10 +91,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         description="Search for gains of the decentralized controller on the process model and print gains, "
         "robustness and errors. Without --write the shipped tunings stay as they are.",
     )
-    parser.add_argument("--check", action="store_true", help="assess the shipped gains, do not search")
-    parser.add_argument("--tuning", choices=NAMES, help="search for this one only; the others are as shipped")
-    parser.add_argument("--evaluations", type=int, default=EVALUATIONS, help="per tuning (default %(default)s)")
-    parser.add_argument("--write", action="store_true", help="write the result into the package fsw_decentral")
+    parser.add_argument(
+        "--check", action="store_true", help="assess the shipped gains, do not search"
+    )
+    parser.add_argument(
+        "--tuning", choices=NAMES, help="search for this one only; the others are as shipped"
+    )
+    parser.add_argument(
+        "--evaluations", type=int, default=EVALUATIONS, help="per tuning (default %(default)s)"
+    )
+    parser.add_argument(
+        "--write", action="store_true", help="write the result into the package fsw_decentral"
+    )
     parsed = parser.parse_args(arguments)
     if parsed.write and parsed.check:
         parser.error("--write is for gains that were searched for: leave out --check")

@@ -63,8 +63,9 @@ def write(
 ) -> None:
     """Write the bag of a weld into a new folder; BagError if that exists or cannot be written.
 
-    ``signals`` are of ``ClosedLoop``, with the programme's set-points as they are to be reported; ``custom`` has
-    canister, lid, tool and machine, ``parameters`` those of each controller, ``actions`` what an operator did, by tick.
+    ``signals`` are of ``ClosedLoop``, with the programme's set-points as they are to be reported;
+    ``custom`` has canister, lid, tool and machine, ``parameters`` those of each controller,
+    ``actions`` what an operator did, by tick.
     """
     definitions, count = Definitions(), 0
     began_ns = time.time_ns() - signals.n_ticks * TICK_NS  # it is over when it is written
@@ -74,7 +75,9 @@ def write(
         folder, WriterOptions(compression="zstd", manifest=True), {**custom, "lost_messages": "0"}
     ) as writer:
         for name, kind in TOPICS.items():
-            writer.add_topic(RecordedTopic(name, kind, interface_definition(kind), interface_hash(kind)))
+            writer.add_topic(
+                RecordedTopic(name, kind, interface_definition(kind), interface_hash(kind))
+            )
         writer.attach("scenario.yaml", "application/yaml", scenario.text.encode())
         writer.attach("versions.json", "application/json", _versions())
         for name, values in parameters.items():
@@ -82,7 +85,10 @@ def write(
             writer.attach(f"parameters/fsw_{name}.yaml", "application/yaml", text.encode())
         for tick, stamp_ns in enumerate(signals.stamp_ns.tolist()):
             sec, nanosec = divmod(stamp_ns, NANOSECONDS)
-            header, log_ns = {"stamp": {"sec": sec, "nanosec": nanosec}}, began_ns + (tick + 1) * TICK_NS
+            header, log_ns = (
+                {"stamp": {"sec": sec, "nanosec": nanosec}},
+                began_ns + (tick + 1) * TICK_NS,
+            )
             told = [(topic, rows[tick]) for topic, rows, is_told in tables if is_told[tick]]
             told += [("/fsw/operator_action", actions[tick])] if tick in actions else []
             for topic, values in told:
@@ -96,9 +102,13 @@ def write(
         raise writer.error
 
 
-def _tables(scenario: Scenario, signals: WeldSignals) -> Iterator[tuple[str, Rows, Sequence[bool]]]:
+def _tables(
+    scenario: Scenario, signals: WeldSignals
+) -> Iterator[tuple[str, Rows, Sequence[bool]]]:
     """Topics, the fields of their messages by tick, and at which ticks there is one."""
-    points = _rows(depth=signals.reference_depth_mm / MM, temperature=signals.reference_temperature_c)
+    points = _rows(
+        depth=signals.reference_depth_mm / MM, temperature=signals.reference_temperature_c
+    )
     yield "/fsw/reference", points, _changed(points, every=signals.n_ticks)
     for topic, rows in _sensors(signals).items():  # a sample that did not come is no message
         yield topic, rows, [all(value == value for value in row.values()) for row in rows]
@@ -118,15 +128,25 @@ def _tables(scenario: Scenario, signals: WeldSignals) -> Iterator[tuple[str, Row
         target_mode=signals.actual_mode,
     )
     by = [{"cause": Cause.READY if row == states[0] else Cause.SWAP_REQUESTED} for row in states]
-    yield "/fsw/supervisor/state", [{**row, **who} for row, who in zip(states, by, strict=True)], _changed(states)
-    programme = _rows(depth=signals.programme_depth_mm / MM, temperature=signals.programme_temperature_c)
+    yield (
+        "/fsw/supervisor/state",
+        [{**row, **who} for row, who in zip(states, by, strict=True)],
+        _changed(states),
+    )
+    programme = _rows(
+        depth=signals.programme_depth_mm / MM, temperature=signals.programme_temperature_c
+    )
     told = progress(scenario, signals)
     reports = [
         {"state": str(now.state), "phase": now.phase, **point, "left": point != in_force}
         for now, point, in_force in zip(told, programme, points, strict=True)
     ]
     places = [
-        {"angle": radians(now.angle_deg), "length": m_from_mm(now.length_mm), "time_left": now.time_left_s}
+        {
+            "angle": radians(now.angle_deg),
+            "length": m_from_mm(now.length_mm),
+            "time_left": now.time_left_s,
+        }
         for now in told
     ]
     rows = [{**report, **place} for report, place in zip(reports, places, strict=True)]
@@ -161,7 +181,10 @@ def _sensors(signals: WeldSignals) -> dict[str, Rows]:
             for name in REQUIRED
         },
         "/fsw/drives": _rows(
-            axial_force=n_from_kn(1.0) * drives.force_kn, spindle_speed=RAD_PER_S_PER_RPM * drives.speed_rpm
+            axial_force=n_from_kn(1.0) * drives.force_kn,
+            spindle_speed=RAD_PER_S_PER_RPM * drives.speed_rpm,
         ),
-        "/fsw/plant/truth": [{**row, **of} for row, of in zip(_rows(**numbers), faults, strict=True)],
+        "/fsw/plant/truth": [
+            {**row, **of} for row, of in zip(_rows(**numbers), faults, strict=True)
+        ],
     }

@@ -22,9 +22,17 @@ from fsw_recorder import signature
 from fsw_recorder.errors import BagError
 from fsw_scenario.scenario_file import parse
 from fsw_schema.models import InputError
-from weld_series.series import BEGIN_DEG, SPECIAL, WHOLE_DEG, judged, scenario_text, series_procedure
+from weld_series.series import (
+    BEGIN_DEG,
+    SPECIAL,
+    WHOLE_DEG,
+    judged,
+    scenario_text,
+    series_procedure,
+)
 
-#: which of the history's remarks shows each planted thing: what is special about the weld, kind, and what it is about
+#: which of the history's remarks shows each planted thing: what is special about the weld, kind,
+#: and what it is about
 PLANTED = {
     "the tool wears": (None, Kind.CHART, "torque_nm"),
     "a thermocouple drifts": ("thermocouple", Kind.ALARM, "thermocouple"),
@@ -43,10 +51,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         description="Weld a series of canisters: bags, records, signed chain, history. An interrupted series goes on.",
     )
     parser.add_argument("--welds", type=int, default=60, help="number of canisters (default 60)")
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes (default: one per core)")
+    parser.add_argument(
+        "--workers",
+        type=int,
+        default=os.cpu_count() or 1,
+        help="processes (default: one per core)",
+    )
     parser.add_argument("--out", type=Path, default=Path("out") / "weld_series", help="folder")
-    text = f"length of the joint line in deg (default {WHOLE_DEG - BEGIN_DEG:g}: whole welds, 45 min)"
-    parser.add_argument("--joint-line", type=float, default=WHOLE_DEG - BEGIN_DEG, help=text, metavar="DEG")
+    text = (
+        f"length of the joint line in deg (default {WHOLE_DEG - BEGIN_DEG:g}: whole welds, 45 min)"
+    )
+    parser.add_argument(
+        "--joint-line", type=float, default=WHOLE_DEG - BEGIN_DEG, help=text, metavar="DEG"
+    )
     chosen = parser.parse_args(arguments)
     folder: Path = chosen.out
     try:
@@ -64,26 +81,36 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for one in history_report.tools(table):
         print(f"tool {one.tool}, {one.welds} welds: {one.words}")
     missed = _tell(said, table["weld"].to_pylist(), chosen.welds)
-    chain = attestation.read_chain(folder / "chain", signature.load_trusted([signature.public_path(_key(folder))]))
+    chain = attestation.read_chain(
+        folder / "chain", signature.load_trusted([signature.public_path(_key(folder))])
+    )
     for entry in chain.findings:
         print(f"chain: {entry.line}")
     print(f"chain: {len(chain.entries)} welds, {'damaged' if chain.findings else 'intact'}")
-    print(f"written: {', '.join(str(folder / one) for one in ('report.html', 'history', 'chain', 'welds'))}")
+    print(
+        f"written: {', '.join(str(folder / one) for one in ('report.html', 'history', 'chain', 'welds'))}"
+    )
     return 1 if missed or chain.findings else 0
 
 
 def _end_deg(folder: Path, joint_line_deg: float) -> float:
     """Where the joint line ends; that of a series that was begun is kept."""
     if not 10.0 <= joint_line_deg <= WHOLE_DEG - BEGIN_DEG:
-        raise InputError(f"--joint-line {joint_line_deg:g}: give 10 to {WHOLE_DEG - BEGIN_DEG:g} deg")
+        raise InputError(
+            f"--joint-line {joint_line_deg:g}: give 10 to {WHOLE_DEG - BEGIN_DEG:g} deg"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     note, text = folder / "joint_line", f"{joint_line_deg:g} deg\n"
     if not note.exists():
         if any(folder.iterdir()):
-            raise InputError(f"{folder} is not empty, and no series was begun in it; choose another --out")
+            raise InputError(
+                f"{folder} is not empty, and no series was begun in it; choose another --out"
+            )
         note.write_text(text, encoding="utf-8")
     if (begun := note.read_text(encoding="utf-8")) != text:
-        raise InputError(f"{folder}: was begun with a joint line of {begun.strip()}; choose another --out")
+        raise InputError(
+            f"{folder}: was begun with a joint line of {begun.strip()}; choose another --out"
+        )
     return BEGIN_DEG + joint_line_deg
 
 
@@ -98,7 +125,11 @@ def _weld(folder: Path, welds: int, workers: int, end_deg: float) -> list[histor
         signature.make_key(_key(folder), "weld_series")
     key = signature.load_private(_key(folder))
     procedure = series_procedure(end_deg)
-    there = history.load(folder / "history")["weld"].to_pylist() if (folder / "history").is_dir() else []
+    there = (
+        history.load(folder / "history")["weld"].to_pylist()
+        if (folder / "history").is_dir()
+        else []
+    )
     print("heat conduction in the canister (once; half a minute) ...", file=sys.stderr, flush=True)
     prepare(PlantConfig.from_values(parse(scenario_text(1, end_deg), "series").plant))
     rows = []
@@ -121,8 +152,14 @@ def _sign(folder: Path, row: history.Row, key: Any, procedure: Any) -> None:
     place = folder / "welds" / row["weld"]
     bag, record = place / "bag", place / "record"
     if not (bag / (attestation.ATTESTATION_NAME + signature.SUFFIX)).exists():
-        documents = [record / name for name in (report.JSON, report.PAGE, report.PDF) if (record / name).exists()]
-        attest(Subject(bag, procedure, documents=documents), folder / "chain", key, datetime.now(UTC))
+        documents = [
+            record / name
+            for name in (report.JSON, report.PAGE, report.PDF)
+            if (record / name).exists()
+        ]
+        attest(
+            Subject(bag, procedure, documents=documents), folder / "chain", key, datetime.now(UTC)
+        )
 
 
 def _tell(said: Sequence[Remark], names: Sequence[str], welds: int) -> int:
@@ -138,7 +175,9 @@ def _tell(said: Sequence[Remark], names: Sequence[str], welds: int) -> int:
         shown = [
             f"{names[remark.at]}: {remark.text}"
             for remark in said
-            if remark.kind is kind and subject in remark.subject and name in (None, names[remark.at])
+            if remark.kind is kind
+            and subject in remark.subject
+            and name in (None, names[remark.at])
         ]
         missed += not shown
         print(f"{what}: {shown[0] if shown else 'NOT FOUND'}")

@@ -33,13 +33,15 @@ CONTROLLER = "decentral:tight"
 MACHINE = "emulator"
 #: where the joint line begins, and its end in a whole weld [deg]
 BEGIN_DEG, WHOLE_DEG = 20.0, 380.0
-#: dwell as the procedure wants it, and the tool's temperature at its begin, within the permitted set-points
+#: dwell as the procedure wants it, and the tool's temperature at its begin, within the permitted
+#: set-points
 DWELL_S, START_C = 20.0, 805.0
 #: from weld to weld the tool takes so much more torque (chosen)
 WEAR_NM = 0.8
 #: by number of the weld, where one is not like the others
 SPECIAL = {22: "swap", 37: "thermocouple", 48: "operator"}
-#: what happens there begins at this share of the joint line; the drift and the wrong set-point last so long at most
+#: what happens there begins at this share of the joint line; the drift and the wrong set-point
+#: last so long at most
 SHARE, LASTS_S = 0.4, 300.0
 DRIFT_C_PER_MIN, WRONG_C = 3.0, 842.0
 ROW = "row.json"
@@ -53,7 +55,10 @@ def scenario_text(number: int, end_deg: float = WHOLE_DEG) -> str:
     begin_s, lasts_s = begin_and_length(end_deg)
     phases = {one["name"]: one for one in content["phases"]}
     phases["dwell"].pop("until_c")
-    phases["dwell"] |= {"duration_s": DWELL_S, "set_points": [{"temperature_c": 816.4, "over_s": DWELL_S}]}
+    phases["dwell"] |= {
+        "duration_s": DWELL_S,
+        "set_points": [{"temperature_c": 816.4, "over_s": DWELL_S}],
+    }
     content["plant"]["start"]["temperature_c"] = START_C
     for name in ("joint_line", "overlap", "parking"):
         phases[name]["to_deg"] += end_deg - WHOLE_DEG
@@ -62,10 +67,21 @@ def scenario_text(number: int, end_deg: float = WHOLE_DEG) -> str:
         {"at_s": 0.0, "fault": {"sensor": "depth", "kind": "none"}},
         {
             "at_s": 0.0,
-            "disturbance": {"channel": "torque", "shape": "step", "amplitude_nm": max(WEAR_NM * number, 0.1)},
+            "disturbance": {
+                "channel": "torque",
+                "shape": "step",
+                "amplitude_nm": max(WEAR_NM * number, 0.1),
+            },
         },
-        *(one for one in content["events"] if one.get("disturbance", {}).get("channel") == "axial_force"),
-        {"at_deg": BEGIN_DEG, "disturbance": {"channel": "depth", "shape": "step", "amplitude_mm": 0.05}},
+        *(
+            one
+            for one in content["events"]
+            if one.get("disturbance", {}).get("channel") == "axial_force"
+        ),
+        {
+            "at_deg": BEGIN_DEG,
+            "disturbance": {"channel": "depth", "shape": "step", "amplitude_mm": 0.05},
+        },
     ]
     if special == "swap":
         events.append({"at_deg": at_deg, "switch": "nmpc"})
@@ -144,9 +160,13 @@ def judged(number: int, folder: Path, end_deg: float = WHOLE_DEG) -> history.Row
         page.parent.mkdir(exist_ok=True)
         report.write(made, course, wanted, page.parent)
     watched = watch(Monitor("canister"), signals)
-    row = history.row(name, signals, watched, signals.custom, str(made.verdict), made.data_files, made.procedure)
+    row = history.row(
+        name, signals, watched, signals.custom, str(made.verdict), made.data_files, made.procedure
+    )
     with replacing(row_file) as scratch:
-        text = json.dumps({key: None if value != value else value for key, value in row.items()}, indent=1)
+        text = json.dumps(
+            {key: None if value != value else value for key, value in row.items()}, indent=1
+        )
         scratch.write_text(text, encoding="utf-8")
     return row
 
@@ -155,7 +175,10 @@ def _weld_to_bag(number: int, name: str, folder: Path, end_deg: float) -> None:
     scenario, signals, actions = weld(number, end_deg)
     identity = {"canister": name, "lid": f"L{number:03d}", "tool": "T1", "machine": MACHINE}
     parameters = {
-        one: validate(load_source(described_in(one)), variant_of(CONTROLLER) if CONTROLLER.startswith(one) else {})
+        one: validate(
+            load_source(described_in(one)),
+            variant_of(CONTROLLER) if CONTROLLER.startswith(one) else {},
+        )
         for one in scenario.controllers
     }
     bag.write(folder, scenario, signals, identity, parameters, actions)

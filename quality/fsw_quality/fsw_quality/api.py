@@ -54,7 +54,9 @@ def record(
     judged_by = procedures.load(procedure)
     found, course = records.make(Path(bag), judged_by, progress)
     if compare_with is not None:
-        found = found.changed(comparison=compare(found, accepted_before(Path(compare_with), found)))
+        found = found.changed(
+            comparison=compare(found, accepted_before(Path(compare_with), found))
+        )
     if folder is not None:
         Path(folder).mkdir(parents=True, exist_ok=True)
         report.write(found, course, judged_by, Path(folder))

@@ -1,8 +1,9 @@
 """Signed statements about recorded welds, each with the hash of the one before it: a chain over welds.
 
-``attestation.json`` in the folder of a bag, beside the recorder's ``manifest.json``, says which manifest, files,
-procedure and software belong together; ``attestation.json.sig`` is its signature. The folder of the chain has a copy of
-each by its number, so that a weld that is removed later leaves a hole. ``evidence.py`` makes and verifies them.
+``attestation.json`` in the folder of a bag, beside the recorder's ``manifest.json``, says which
+manifest, files, procedure and software belong together; ``attestation.json.sig`` is its signature.
+The folder of the chain has a copy of each by its number, so that a weld that is removed later
+leaves a hole. ``evidence.py`` makes and verifies them.
 """
 
 from __future__ import annotations
@@ -75,7 +76,11 @@ class Attestation(Model):
     @property
     def welded(self) -> dict[str, str]:
         """Canister and lid, which are welded once; empty where they are unknown."""
-        return {key: self.identity[key] for key in IDENTITY[:2] if key in self.identity and "canister" in self.identity}
+        return {
+            key: self.identity[key]
+            for key in IDENTITY[:2]
+            if key in self.identity and "canister" in self.identity
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +108,12 @@ def read_signed(path: Path, trusted: Sequence[TrustedKey] | None) -> Signed:
     """
     signer = verify_file(path, Purpose.ATTESTATION, trusted, path.name)
     data = read_regular(path)
-    return Signed(path, data, validate(Attestation, json_content_of(data.decode(), path.name), path.name), signer)
+    return Signed(
+        path,
+        data,
+        validate(Attestation, json_content_of(data.decode(), path.name), path.name),
+        signer,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,15 +127,23 @@ class Chain:
     def of(self, files_sha256: Mapping[str, str]) -> Signed | None:
         """The entry that has one of these MCAP or sqlite3 files."""
         data = data_files(files_sha256)
-        return next((entry for entry in self.entries if data & data_files(entry.content.files_sha256)), None)
+        return next(
+            (entry for entry in self.entries if data & data_files(entry.content.files_sha256)),
+            None,
+        )
 
 
 def read_chain(folder: Path, trusted: Sequence[TrustedKey]) -> Chain:
     """All attestations of a chain: their signatures, their order, whether one is missing or was exchanged.
 
-    A chain that was cut off at its end is intact in itself: compare its last number and hash with what was noted.
+    A chain that was cut off at its end is intact in itself: compare its last number and hash with
+    what was noted.
     """
-    names = sorted(path for path in folder.glob("*.json") if path.stem.isdecimal()) if folder.is_dir() else []
+    names = (
+        sorted(path for path in folder.glob("*.json") if path.stem.isdecimal())
+        if folder.is_dir()
+        else []
+    )
     entries: list[Signed] = []
     findings: list[Finding] = []
     before: Signed | None = None
@@ -155,7 +173,10 @@ def _place_findings(entry: Signed, number: int, before: Signed | None) -> Iterat
     if before is not None:
         if content.previous_sha256 != before.sha256:
             yield finding(Code.BROKEN_LINK, entry.path.name, before=before.path.name)
-        times = {f"attestation of weld {before.content.number}": before.content.attested_at, **times}
+        times = {
+            f"attestation of weld {before.content.number}": before.content.attested_at,
+            **times,
+        }
     yield from order_findings(entry.path.name, times)
 
 
@@ -166,11 +187,18 @@ def doubled(entries: Sequence[Signed]) -> list[Finding]:
     canisters: dict[str, Attestation] = {}
     for path, content in ((entry.path, entry.content) for entry in entries):
         hashes, canister = data_files(content.files_sha256), identity_words(content.welded)
-        other, earlier = next((bags[key] for key in hashes if key in bags), None), canisters.get(canister)
+        other, earlier = (
+            next((bags[key] for key in hashes if key in bags), None),
+            canisters.get(canister),
+        )
         if other is not None:
-            findings.append(finding(Code.ATTESTED_TWICE, path.name, number=other.number, bag=other.bag))
+            findings.append(
+                finding(Code.ATTESTED_TWICE, path.name, number=other.number, bag=other.bag)
+            )
         elif canister and earlier is not None and (content.repeats or 0) < earlier.number:
-            findings.append(finding(Code.CANISTER_TWICE, path.name, identity=canister, number=earlier.number))
+            findings.append(
+                finding(Code.CANISTER_TWICE, path.name, identity=canister, number=earlier.number)
+            )
         bags |= dict.fromkeys(hashes, content)
         canisters[canister] = content
     return findings
@@ -180,7 +208,14 @@ def order_findings(file: str, times: Mapping[str, datetime | None]) -> list[Find
     """What of these events, in their order, is earlier than the one before it; the unknown times are left out."""
     known = [(name, time) for name, time in times.items() if time is not None]
     return [
-        finding(Code.TIME_ORDER, file, later=later, later_at=later_at, earlier=earlier, earlier_at=earlier_at)
+        finding(
+            Code.TIME_ORDER,
+            file,
+            later=later,
+            later_at=later_at,
+            earlier=earlier,
+            earlier_at=earlier_at,
+        )
         for (earlier, earlier_at), (later, later_at) in pairwise(known)
         if later_at < earlier_at - CLOCKS
     ]
@@ -213,21 +248,39 @@ def manifest_for(bag: Path) -> tuple[Manifest, str, list[Finding]]:
             notes.append(finding(Code.NO_MANIFEST, MANIFEST_NAME))
             attachments = {entry.name: sha256(entry.data) for entry in reader.attachments()}
             manifest = Manifest(
-                bag=bag.resolve().name, custom_data=custom, attachments_sha256=attachments, clock=UNKNOWN, files=()
+                bag=bag.resolve().name,
+                custom_data=custom,
+                attachments_sha256=attachments,
+                clock=UNKNOWN,
+                files=(),
             )
         if source := custom.get("recovered_from"):
             notes.append(finding(Code.RECOVERED, METADATA_NAME, source=source))
-        notes += [finding(Code.BAG_DAMAGED, bag.name, problem=problem) for problem in reader.problems]
+        notes += [
+            finding(Code.BAG_DAMAGED, bag.name, problem=problem) for problem in reader.problems
+        ]
     whole = complete(bag, manifest)
-    notes += [finding(Code.HASHED_AFTERWARDS, entry.name) for entry in whole.files if entry.hashed == "afterwards"]
+    notes += [
+        finding(Code.HASHED_AFTERWARDS, entry.name)
+        for entry in whole.files
+        if entry.hashed == "afterwards"
+    ]
     recorded = whole.files == manifest.files and manifest.files
-    return whole, (bag / MANIFEST_NAME).read_text(encoding="utf-8") if recorded else whole.text(), notes
+    return (
+        whole,
+        (bag / MANIFEST_NAME).read_text(encoding="utf-8") if recorded else whole.text(),
+        notes,
+    )
 
 
 def recorder_of(bag: Path, trusted: Sequence[TrustedKey] | None) -> Signer | None:
     """Who signed the manifest when the bag was closed; None where nobody did. An EvidenceError as of `verify_file`."""
     path = bag / MANIFEST_NAME
-    return verify_file(path, Purpose.MANIFEST, trusted, path.name) if signature_path(path).exists() else None
+    return (
+        verify_file(path, Purpose.MANIFEST, trusted, path.name)
+        if signature_path(path).exists()
+        else None
+    )
 
 
 def bag_name(path: Path) -> str:
@@ -259,15 +312,26 @@ def statement(bag: Path) -> tuple[list[str], list[str]]:
     if findings := check_files(bag, manifest):
         text = f"not as {MANIFEST_NAME} has it: {summary(findings)}"
         return [text], [text]
-    late = ", hashed after the recording" if any(entry.hashed == "afterwards" for entry in manifest.files) else ""
+    late = (
+        ", hashed after the recording"
+        if any(entry.hashed == "afterwards" for entry in manifest.files)
+        else ""
+    )
     lines = [f"{len(manifest.files)} files as {MANIFEST_NAME} has them{late}"]
     try:
         recorder = recorder_of(bag, None)
-        lines.append(f"{MANIFEST_NAME} signed by {recorder.words}" if recorder else f"{MANIFEST_NAME} is not signed")
+        lines.append(
+            f"{MANIFEST_NAME} signed by {recorder.words}"
+            if recorder
+            else f"{MANIFEST_NAME} is not signed"
+        )
         if not (bag / ATTESTATION_NAME).exists():
             return [*lines, "not attested when this was written"], []
         signed = read_signed(bag / ATTESTATION_NAME, None)
-        if wrong := [*other_identity(bag, signed.content), *manifest_findings(bag, signed.content)]:
+        if wrong := [
+            *other_identity(bag, signed.content),
+            *manifest_findings(bag, signed.content),
+        ]:
             raise EvidenceError(*wrong)
     except MissingExtraError as error:
         return [*lines, f"signatures cannot be checked: {error}"], []
@@ -284,7 +348,13 @@ def other_identity(bag: Path, attested: Attestation) -> list[Finding]:
     except BagError:
         return []
     return [
-        finding(Code.OTHER_IDENTITY, ATTESTATION_NAME, field=name, stated=value, actual=custom.get(name, "none"))
+        finding(
+            Code.OTHER_IDENTITY,
+            ATTESTATION_NAME,
+            field=name,
+            stated=value,
+            actual=custom.get(name, "none"),
+        )
         for name, value in attested.identity.items()
         if custom.get(name) != value
     ]
@@ -310,9 +380,24 @@ def manifest_findings(bag: Path, attested: Attestation) -> list[Finding]:
 
 def weld_times(manifest: Manifest) -> tuple[datetime | None, datetime | None]:
     """When the first and the last message were received, by the computer's clock; None for a simulated clock."""
-    stamps_ns = [piece.begin_ns for file in manifest.files for piece in file.pieces if piece.begin_ns is not None]
-    stamps_ns += [piece.end_ns for file in manifest.files for piece in file.pieces if piece.end_ns is not None]
-    if not stamps_ns or min(stamps_ns) < 10**18:  # the year 2001: stamps of a simulation count from 0
+    stamps_ns = [
+        piece.begin_ns
+        for file in manifest.files
+        for piece in file.pieces
+        if piece.begin_ns is not None
+    ]
+    stamps_ns += [
+        piece.end_ns
+        for file in manifest.files
+        for piece in file.pieces
+        if piece.end_ns is not None
+    ]
+    if (
+        not stamps_ns or min(stamps_ns) < 10**18
+    ):  # the year 2001: stamps of a simulation count from 0
         return None, None
-    first, last = (datetime.fromtimestamp(stamp_ns * 1e-9, UTC) for stamp_ns in (min(stamps_ns), max(stamps_ns)))
+    first, last = (
+        datetime.fromtimestamp(stamp_ns * 1e-9, UTC)
+        for stamp_ns in (min(stamps_ns), max(stamps_ns))
+    )
     return first, last

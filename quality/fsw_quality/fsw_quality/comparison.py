@@ -12,9 +12,11 @@ from fsw_analysis.judgement import Verdict
 from fsw_quality.record_content import Comparison, Figure, PhaseRecord, Record
 from fsw_schema.models import InputError, json_content_of, read_text, validate
 
-#: welds that are compared with at most, the latest, and at least for a standard deviation to be told (chosen)
+#: welds that are compared with at most, the latest, and at least for a standard deviation to be
+#: told (chosen)
 MOST, LEAST = 10, 3
-#: share of welds like the others that would be named by mistake, per figure: that of 3 standard deviations (chosen)
+#: share of welds like the others that would be named by mistake, per figure: that of 3 standard
+#: deviations (chosen)
 _BY_MISTAKE = 0.0027
 #: where records are looked for below a folder
 _PLACES = ("record.json", "*/record.json", "*/record/record.json")
@@ -39,9 +41,18 @@ def accepted_before(folder: Path, record: Record) -> list[Record]:
         if files == record.data_files:
             continue  # this weld
         if files and (first := seen.setdefault(files, path)) != path:
-            raise InputError(f"{path}: is a second record of the weld of {first}; remove one of them")
-        same = (one.procedure.id, one.procedure.revision) == (record.procedure.id, record.procedure.revision)
-        if same and one.verdict is Verdict.ACCEPT and (record.simulated_time or one.start_ns < record.start_ns):
+            raise InputError(
+                f"{path}: is a second record of the weld of {first}; remove one of them"
+            )
+        same = (one.procedure.id, one.procedure.revision) == (
+            record.procedure.id,
+            record.procedure.revision,
+        )
+        if (
+            same
+            and one.verdict is Verdict.ACCEPT
+            and (record.simulated_time or one.start_ns < record.start_ns)
+        ):
             found.append(one)
     return sorted(found, key=lambda one: (one.start_ns, one.bag))[-MOST:]
 
@@ -51,7 +62,12 @@ def compare(record: Record, others: Sequence[Record]) -> Comparison:
     figures = []
     for phase in record.phases:
         ours = dict(_figures(phase))
-        theirs = [dict(_figures(one)) for other in others for one in other.phases if one.phase == phase.phase]
+        theirs = [
+            dict(_figures(one))
+            for other in others
+            for one in other.phases
+            if one.phase == phase.phase
+        ]
         for name, value in ours.items():
             values = np.array([one[name] for one in theirs if name in one])
             if not values.size:
@@ -78,15 +94,24 @@ def _limit(welds: int) -> float:
 
     G. J. Hahn, W. Q. Meeker: Statistical Intervals, 1991, chapter 4.
     """
-    return float(scipy.stats.t.ppf(1.0 - 0.5 * _BY_MISTAKE, welds - 1) * np.sqrt(1.0 + 1.0 / welds))
+    return float(
+        scipy.stats.t.ppf(1.0 - 0.5 * _BY_MISTAKE, welds - 1) * np.sqrt(1.0 + 1.0 / welds)
+    )
 
 
 def _figures(phase: PhaseRecord) -> Iterator[tuple[str, float]]:
-    for name, one in (("depth error [mm]", phase.depth_mm), ("temperature error [°C]", phase.temperature_c)):
+    for name, one in (
+        ("depth error [mm]", phase.depth_mm),
+        ("temperature error [°C]", phase.temperature_c),
+    ):
         if one is not None:
             yield f"{name}, mean", one.mean
             yield f"{name}, σ", one.sigma
-    for name, key in (("torque [N·m]", "torque_nm"), ("force [kN]", "force_kn"), ("speed [rpm]", "speed_rpm")):
+    for name, key in (
+        ("torque [N·m]", "torque_nm"),
+        ("force [kN]", "force_kn"),
+        ("speed [rpm]", "speed_rpm"),
+    ):
         if key in phase.envelopes:
             yield f"{name}, mean", phase.envelopes[key].mean
     if phase.heat_input_kj_per_mm is not None:

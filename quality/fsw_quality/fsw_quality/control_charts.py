@@ -1,10 +1,11 @@
 """Control charts over a series of welds that need no welds set aside to learn from, and a trend with its interval.
 
-Each weld is compared with the accepted welds before it. Its distance from their mean, over their spread, has Student's
-distribution; as a normal score it is independent of the earlier ones (C. P. Quesenberry: SPC Q charts for start-up
-processes, J. Quality Technology 23, 1991). Shewhart and CUSUM charts are of these scores (D. M. Hawkins: Self-starting
-CUSUM charts for location and scale, The Statistician 36, 1987). Their limits follow from a probability of false signals
-by a Markov chain (D. Brook, D. A. Evans: An approach to the probability distribution of CUSUM run length,
+Each weld is compared with the accepted welds before it. Its distance from their mean, over their
+spread, has Student's distribution; as a normal score it is independent of the earlier ones (C. P.
+Quesenberry: SPC Q charts for start-up processes, J. Quality Technology 23, 1991). Shewhart and
+CUSUM charts are of these scores (D. M. Hawkins: Self-starting CUSUM charts for location and scale,
+The Statistician 36, 1987). Their limits follow from a probability of false signals by a Markov
+chain (D. Brook, D. A. Evans: An approach to the probability distribution of CUSUM run length,
 Biometrika 59, 1972).
 """
 
@@ -21,13 +22,15 @@ from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from fsw_analysis.weld_signals import FloatArray
 
-#: chosen: share of histories of so many stable welds with a false signal, in any chart of any quantity
+#: chosen: share of histories of so many stable welds with a false signal, in any chart of any
+#: quantity
 FALSE_SIGNALS, WELDS = 0.05, 200
 #: chosen: what of each score the CUSUM leaves out, half of the shift that it detects soonest
 SLACK = 0.5
 #: values of the CUSUM that the Markov chain distinguishes; twice as many change its limit by 0.001
 _CELLS = 200
-#: chosen: welds before the first that is judged; of fewer, rounded values may all be equal but for one
+#: chosen: welds before the first that is judged; of fewer, rounded values may all be equal but for
+#: one
 LEAST_WELDS = 5
 #: spread below which values are equal but for rounding, as a share of their mean
 _ROUNDING = 1e-9
@@ -50,7 +53,8 @@ class Limits:
     def run_length(self, shift: float = 0.0) -> float:
         """Mean number of welds until a chart of a quantity signals, when its mean shifts by so many sigma; ARL."""
         sides = (
-            np.linalg.solve(np.eye(_CELLS) - self._transitions(side), np.ones(_CELLS))[0] for side in (shift, -shift)
+            np.linalg.solve(np.eye(_CELLS) - self._transitions(side), np.ones(_CELLS))[0]
+            for side in (shift, -shift)
         )
         return float(1.0 / sum(1.0 / side for side in sides))
 
@@ -66,11 +70,14 @@ class Limits:
 def limits(quantities: int) -> Limits:
     """Limits with which any of so many quantities signals falsely in ``FALSE_SIGNALS`` of histories of ``WELDS`` welds.
 
-    Shewhart and CUSUM have half of it each. The quantities count as independent: if they are not, it is less.
+    Shewhart and CUSUM have half of it each. The quantities count as independent: if they are not,
+    it is less.
     """
     quiet = (1.0 - FALSE_SIGNALS) ** (0.5 / quantities)
     shewhart = -float(ndtri(1.0 - quiet ** (0.5 / WELDS)))
-    cusum = scipy.optimize.brentq(lambda limit: Limits(shewhart, limit).quiet(WELDS) - quiet, 1.0, 50.0)
+    cusum = scipy.optimize.brentq(
+        lambda limit: Limits(shewhart, limit).quiet(WELDS) - quiet, 1.0, 50.0
+    )
     return Limits(shewhart, float(cusum))
 
 
@@ -115,7 +122,10 @@ class _Baseline:
 
     def count(self, score: float) -> None:
         """Add a score to the CUSUM."""
-        self.rise, self.fall = max(0.0, self.rise + score - SLACK), max(0.0, self.fall - score - SLACK)
+        self.rise, self.fall = (
+            max(0.0, self.rise + score - SLACK),
+            max(0.0, self.fall - score - SLACK),
+        )
 
 
 def chart(
@@ -137,7 +147,8 @@ def chart(
     least : float
         Smallest standard deviation that counts.
     skewed : bool
-        Compare ``log(1 + value / least)``: of quantities that cannot be negative and have a long tail.
+        Compare ``log(1 + value / least)``: of quantities that cannot be negative and have a long
+        tail.
     accepted : sequence of bool, optional
         Which welds say what is normal, if their chart does not signal; all by default.
     groups : sequence, optional
@@ -166,7 +177,11 @@ def _judge(made: Chart, i: int, value: float, baseline: _Baseline, least: float)
     freedom, off = baseline.welds - 1, (value - baseline.mean) / spread
     made.scores[i] = score = copysign(-float(ndtri(stdtr(freedom, -abs(off)))), off)
     half = -float(stdtrit(freedom, ndtr(-made.limits.shewhart))) * spread
-    made.centre[i], made.low[i], made.high[i] = baseline.mean, baseline.mean - half, baseline.mean + half
+    made.centre[i], made.low[i], made.high[i] = (
+        baseline.mean,
+        baseline.mean - half,
+        baseline.mean + half,
+    )
     if abs(score) > made.limits.shewhart:  # the CUSUM leaves it out: a single weld is no shift
         made.signals["shewhart"].append(i)
     else:
@@ -183,7 +198,8 @@ class Trend:
 
     per_weld: float
     interval: tuple[float, float]  #: of the slope, 95 %
-    #: welds since the tool was new at which the limit is reached: soonest, expected, latest; infinite without a trend
+    #: welds since the tool was new at which the limit is reached: soonest, expected, latest;
+    #: infinite without a trend
     life: tuple[float, float, float]
 
     @property
@@ -195,7 +211,8 @@ class Trend:
 def trend(values: FloatArray, rise: float) -> Trend | None:
     """Least squares line through values by weld, and where it has risen by ``rise``; None with fewer than five.
 
-    The interval of the slope is Student's; that of the life follows from it, from the middle of the welds on.
+    The interval of the slope is Student's; that of the life follows from it, from the middle of
+    the welds on.
     """
     known = np.flatnonzero(np.isfinite(values))
     if known.size < 5:

@@ -61,10 +61,16 @@ def check_documents(
     """
     records, findings = records_of(documents), list[Finding]()
     for name, record in records.items():
-        findings += list(record_findings(name, record, weld)) or _edited(name, record, weld, progress)
+        findings += list(record_findings(name, record, weld)) or _edited(
+            name, record, weld, progress
+        )
     linked = {*records, *_pages(documents, records)}
     notes = [finding(Code.DOCUMENT_FOREIGN, name) for name in documents if name not in linked]
-    notes += [finding(Code.NOT_COMPARED, name) for name, record in records.items() if record.comparison is not None]
+    notes += [
+        finding(Code.NOT_COMPARED, name)
+        for name, record in records.items()
+        if record.comparison is not None
+    ]
     return [*findings, *page_findings(documents, records)], notes
 
 
@@ -77,7 +83,9 @@ def records_of(documents: Mapping[str, bytes]) -> dict[str, Record]:
     }
 
 
-def page_findings(documents: Mapping[str, bytes], records: Mapping[str, Record]) -> Iterator[Finding]:
+def page_findings(
+    documents: Mapping[str, bytes], records: Mapping[str, Record]
+) -> Iterator[Finding]:
     """Whether each page and PDF is made of one of the records, and says of verdict and identity what that one says."""
     by_hash = {sha256(documents[name]): record for name, record in records.items()}
     for name, made_of in _pages(documents, records).items():
@@ -94,7 +102,11 @@ def page_findings(documents: Mapping[str, bytes], records: Mapping[str, Record])
 def _pages(documents: Mapping[str, bytes], records: Mapping[str, Record]) -> dict[str, str | None]:
     """Which documents are pages and PDFs of a record, with the hash of that, where they carry one."""
     made_of = {name: json_sha256(data) for name, data in documents.items() if name not in records}
-    return {name: hash_ for name, hash_ in made_of.items() if hash_ is not None or Path(name).name in (PAGE, PDF)}
+    return {
+        name: hash_
+        for name, hash_ in made_of.items()
+        if hash_ is not None or Path(name).name in (PAGE, PDF)
+    }
 
 
 def record_findings(name: str, record: Record, weld: Weld) -> Iterator[Finding]:
@@ -104,9 +116,14 @@ def record_findings(name: str, record: Record, weld: Weld) -> Iterator[Finding]:
     }:
         yield finding(Code.RECORD_OTHER_WELD, name, bag=record.bag)
     for key in IDENTITY:
-        stated, actual = record.identity.get(key, "none"), weld.manifest.custom_data.get(key, "none")
+        stated, actual = (
+            record.identity.get(key, "none"),
+            weld.manifest.custom_data.get(key, "none"),
+        )
         if stated != actual:
-            yield finding(Code.RECORD_OTHER_IDENTITY, name, field=key, stated=stated, actual=actual)
+            yield finding(
+                Code.RECORD_OTHER_IDENTITY, name, field=key, stated=stated, actual=actual
+            )
     procedure, judged_by = weld.procedure, record.procedure
     if procedure is None:
         yield finding(Code.NO_PROCEDURE, name)
@@ -115,7 +132,9 @@ def record_findings(name: str, record: Record, weld: Weld) -> Iterator[Finding]:
         yield finding(Code.RECORD_OTHER_PROCEDURE, name, stated=stated, actual=_name(procedure))
 
 
-def _edited(name: str, record: Record, weld: Weld, progress: Callable[[float], None] | None) -> list[Finding]:
+def _edited(
+    name: str, record: Record, weld: Weld, progress: Callable[[float], None] | None
+) -> list[Finding]:
     """Whether a record is not the one that the bag gives."""
     if weld.procedure is None:
         return []

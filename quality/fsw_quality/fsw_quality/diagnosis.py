@@ -79,10 +79,16 @@ class Finding:
     def text(self) -> str:
         """The finding in words."""
         text = _TEXTS[self.cause.word]
-        error = f" ± {2.0 * text.factor * self.error:{text.digits.lstrip('+')}}" if isfinite(self.error) else ""
+        error = (
+            f" ± {2.0 * text.factor * self.error:{text.digits.lstrip('+')}}"
+            if isfinite(self.error)
+            else ""
+        )
         said = text.cause.format(size=f"{text.factor * self.size:{text.digits}}{error}")
         if self.others:
-            said += "; or, which cannot be distinguished: " + ", ".join(_TEXTS[one.word].name for one in self.others)
+            said += "; or, which cannot be distinguished: " + ", ".join(
+                _TEXTS[one.word].name for one in self.others
+            )
         return said if self.alarm else f"no alarm: {said}"
 
     @property
@@ -111,5 +117,7 @@ class _Text(Model):
 
 _TEXTS = {
     name: _Text.model_validate(entry)
-    for name, entry in load_yaml(files("fsw_quality").joinpath("monitor_texts.yaml").read_text("utf-8")).items()
+    for name, entry in load_yaml(
+        files("fsw_quality").joinpath("monitor_texts.yaml").read_text("utf-8")
+    ).items()
 }

@@ -13,9 +13,11 @@ from fsw_quality.diagnosis import Finding, WatchCause
 _SECOND = round(1.0 / TICK_S)
 #: windows of tracking and of saturation [s]
 _TRACKING_S, _SATURATION_S = 30, 60
-#: longest lag that is looked for [ticks]; lag [s], share of standstill and share at a limit that are faults (chosen)
+#: longest lag that is looked for [ticks]; lag [s], share of standstill and share at a limit that
+#: are faults (chosen)
 _LARGEST, _LAG_S, _STANDSTILL, _SATURATED = 15, 0.25, 0.1, 0.8
-#: a shorter delay explains nearly as well up to this ratio of variances (chosen); what rounding adds
+#: a shorter delay explains nearly as well up to this ratio of variances (chosen); what rounding
+#: adds
 _NEARLY, _ROUNDING = 1.5, 1e-12
 
 
@@ -23,7 +25,13 @@ class DriveWatch:
     """One drive; ``least`` is the smallest change of a command that must show, ``step`` the largest within a tick."""
 
     def __init__(self, name: str, least: float, low: float, high: float, step: float) -> None:
-        self._name, self._least, self._low, self._high, self._step = name.upper(), least, low, high, step
+        self._name, self._least, self._low, self._high, self._step = (
+            name.upper(),
+            least,
+            low,
+            high,
+            step,
+        )
         self._commands: deque[float] = deque(maxlen=_TRACKING_S * _SECOND)
         self._positions: deque[float] = deque(maxlen=_TRACKING_S * _SECOND)
         self._limited: deque[bool] = deque(maxlen=_SATURATION_S * _SECOND)
@@ -51,7 +59,10 @@ class DriveWatch:
                 lag_s = TICK_S * best_delay(commands, positions, _LARGEST)
                 if lag_s > _LAG_S:
                     found.append(Finding(WatchCause[f"{self._name}_LAGS"], size=lag_s))
-        if len(self._limited) == self._limited.maxlen and (share := float(np.mean(self._limited))) > _SATURATED:
+        if (
+            len(self._limited) == self._limited.maxlen
+            and (share := float(np.mean(self._limited))) > _SATURATED
+        ):
             found.append(Finding(WatchCause[f"{self._name}_SATURATED"], alarm=False, size=share))
         return found
 
@@ -59,8 +70,12 @@ class DriveWatch:
 def best_delay(commands: FloatArray, positions: FloatArray, largest: int) -> int:
     """Samples by which the positions are at least behind the commands, but for an offset between them.
 
-    The shortest delay that explains them nearly as well as the best: on a ramp a delay is an offset, too.
+    The shortest delay that explains them nearly as well as the best: on a ramp a delay is an
+    offset, too.
     """
     n = commands.size
-    variances = [np.var(positions[largest:] - commands[largest - delay : n - delay]) for delay in range(largest + 1)]
+    variances = [
+        np.var(positions[largest:] - commands[largest - delay : n - delay])
+        for delay in range(largest + 1)
+    ]
     return int(np.argmax(np.array(variances) <= _NEARLY * min(variances) + _ROUNDING))

@@ -109,7 +109,12 @@ def attest(
     own = TrustedKey(name="", key=key.public)
     listed = fingerprint(own.key) in {fingerprint(entry.key) for entry in policy.trusted}
     trusted = (*policy.trusted, *(() if listed else (own,)))
-    check_trust(Signer(key=fingerprint(own.key), signed_at=now), Purpose.ATTESTATION, trusted, ATTESTATION_NAME)
+    check_trust(
+        Signer(key=fingerprint(own.key), signed_at=now),
+        Purpose.ATTESTATION,
+        trusted,
+        ATTESTATION_NAME,
+    )
     text, draft = _draft(subject, now, policy, progress)
     with locked(chain_folder):
         chain = read_chain(chain_folder, trusted)
@@ -150,7 +155,11 @@ def _draft(
     if procedure is not None and not weld.attached:
         notes.append(finding(Code.PROCEDURE_NOT_RECORDED, procedure.id))
     if policy.require_signed:
-        findings += [note for note in notes if note.code in (Code.MANIFEST_UNSIGNED, Code.PROCEDURE_UNSIGNED)]
+        findings += [
+            note
+            for note in notes
+            if note.code in (Code.MANIFEST_UNSIGNED, Code.PROCEDURE_UNSIGNED)
+        ]
     findings += weld.findings(METADATA_NAME)
     findings += order_findings(ATTESTATION_NAME, _times(manifest, recorder, now))
     if not findings:  # else no document can be compared
@@ -163,7 +172,11 @@ def _draft(
         Attestation(
             number=0,
             bag=bag_name(bag),
-            identity={name: manifest.custom_data[name] for name in IDENTITY if name in manifest.custom_data},
+            identity={
+                name: manifest.custom_data[name]
+                for name in IDENTITY
+                if name in manifest.custom_data
+            },
             manifest_sha256=sha256(text.encode()),
             recorder=recorder,
             files_sha256={entry.name: entry.sha256 for entry in manifest.files},
@@ -178,25 +191,41 @@ def _draft(
     )
 
 
-def _unsigned(procedure: object, procedure_signer: Signer | None, recorder: Signer | None) -> Iterator[Finding]:
+def _unsigned(
+    procedure: object, procedure_signer: Signer | None, recorder: Signer | None
+) -> Iterator[Finding]:
     """What nobody signed of manifest and procedure; ``procedure`` has an ``id``, or is None."""
     if recorder is None:
         yield finding(Code.MANIFEST_UNSIGNED, MANIFEST_NAME)
     if procedure_signer is None:
-        yield finding(Code.PROCEDURE_UNSIGNED, ATTESTATION_NAME, id=getattr(procedure, "id", "(none)"))
+        yield finding(
+            Code.PROCEDURE_UNSIGNED, ATTESTATION_NAME, id=getattr(procedure, "id", "(none)")
+        )
 
 
-def _times(manifest: Manifest | None, recorder: Signer | None, now: datetime) -> Mapping[str, datetime | None]:
+def _times(
+    manifest: Manifest | None, recorder: Signer | None, now: datetime
+) -> Mapping[str, datetime | None]:
     end = weld_times(manifest)[1] if manifest else None
-    return {"end of the weld": end, "manifest signed": recorder.signed_at if recorder else None, "attested": now}
+    return {
+        "end of the weld": end,
+        "manifest signed": recorder.signed_at if recorder else None,
+        "attested": now,
+    }
 
 
 def _repeated(draft: Attestation, chain: Chain, policy: Policy) -> int | None:
     """Number of the last earlier weld of this canister; an EvidenceError where that may not be."""
-    earlier = [entry.content.number for entry in chain.entries if draft.welded and entry.content.welded == draft.welded]
+    earlier = [
+        entry.content.number
+        for entry in chain.entries
+        if draft.welded and entry.content.welded == draft.welded
+    ]
     if earlier and not policy.repeat:
         words = identity_words(draft.welded)
-        raise EvidenceError(finding(Code.CANISTER_TWICE, draft.bag, identity=words, number=earlier[-1]))
+        raise EvidenceError(
+            finding(Code.CANISTER_TWICE, draft.bag, identity=words, number=earlier[-1])
+        )
     return earlier[-1] if earlier else None
 
 
@@ -213,14 +242,24 @@ def _write(bag: Path, entry: Path, manifest_text: str, text: str, signed: str) -
         write_whole(path, content, durable=True)
 
 
-def _end(bag: Path, manifest_text: str, files_sha256: Mapping[str, str], entry: Signed) -> Attestation:
+def _end(
+    bag: Path, manifest_text: str, files_sha256: Mapping[str, str], entry: Signed
+) -> Attestation:
     """Put into a bag what is in the chain already; an EvidenceError where that has been done, or for other files."""
     content = entry.content
     if (bag / ATTESTATION_NAME).exists() or content.files_sha256 != files_sha256:
-        raise EvidenceError(finding(Code.ATTESTED_TWICE, bag, number=content.number, bag=content.bag))
+        raise EvidenceError(
+            finding(Code.ATTESTED_TWICE, bag, number=content.number, bag=content.bag)
+        )
     if content.manifest_sha256 != sha256(manifest_text.encode()):
         raise EvidenceError(finding(Code.OTHER_MANIFEST, bag))
-    _write(bag, entry.path, manifest_text, entry.data.decode(), read_regular(signature_path(entry.path)).decode())
+    _write(
+        bag,
+        entry.path,
+        manifest_text,
+        entry.data.decode(),
+        read_regular(signature_path(entry.path)).decode(),
+    )
     return content
 
 
@@ -261,7 +300,9 @@ def verify_bag(
     result.attested, result.signers[Purpose.ATTESTATION] = signed.content, signed.signer
     result.findings += _other_weld(bag, signed.content)
     if not result.findings:
-        result.findings += other_identity(bag, signed.content) + manifest_findings(bag, signed.content)
+        result.findings += other_identity(bag, signed.content) + manifest_findings(
+            bag, signed.content
+        )
         _check_signers(result, policy, now)
         _check_documents(result, documents)
         _check_place(result, signed, chain)
@@ -272,7 +313,9 @@ def verify_bag(
 
 def _other_weld(bag: Path, attested: Attestation) -> list[Finding]:
     listed = [name for name in attested.files_sha256 if name != METADATA_NAME]
-    others = any(path.name.endswith(SUFFIXES) and path.name not in listed for path in bag.iterdir())
+    others = any(
+        path.name.endswith(SUFFIXES) and path.name not in listed for path in bag.iterdir()
+    )
     if not others or any((bag / name).exists() for name in listed):
         return []
     words = "".join(f", {key} {value}" for key, value in attested.identity.items())
@@ -297,19 +340,26 @@ def _check_signers(result: Verification, policy: Policy, now: datetime) -> None:
         result.signers[Purpose.MANIFEST] = recorder
     if attested.procedure_signer:
         try:
-            signer = check_trust(attested.procedure_signer, Purpose.PROCEDURE, policy.trusted, "procedure")
+            signer = check_trust(
+                attested.procedure_signer, Purpose.PROCEDURE, policy.trusted, "procedure"
+            )
             result.signers[Purpose.PROCEDURE] = signer
         except EvidenceError as error:
             result.findings += error.findings
     unsigned = list(_unsigned(attested.procedure, attested.procedure_signer, attested.recorder))
     (result.findings if policy.require_signed else result.not_checked).extend(unsigned)
-    result.not_checked += [note for note in attested.notes if note.code is Code.PROCEDURE_NOT_RECORDED]
+    result.not_checked += [
+        note for note in attested.notes if note.code is Code.PROCEDURE_NOT_RECORDED
+    ]
     if manifest is None or not manifest.clock.synchronized:
         result.not_checked.append(finding(Code.CLOCK_UNKNOWN, MANIFEST_NAME))
     times = {**_times(manifest, recorder, attested.attested_at), "this verification": now}
     result.findings += order_findings(ATTESTATION_NAME, times)
     if attested.procedure_signer and manifest:
-        begin = {"procedure signed": attested.procedure_signer.signed_at, "begin of the weld": weld_times(manifest)[0]}
+        begin = {
+            "procedure signed": attested.procedure_signer.signed_at,
+            "begin of the weld": weld_times(manifest)[0],
+        }
         result.findings += order_findings(ATTESTATION_NAME, begin)
 
 
@@ -319,7 +369,10 @@ def _check_documents(result: Verification, documents: Sequence[Path]) -> None:
     assert attested is not None
     given: dict[str, Path] = {}
     for path in documents:
-        keys = {document_key(bag, path), *(key for key in attested.documents_sha256 if key.endswith(f"/{path.name}"))}
+        keys = {
+            document_key(bag, path),
+            *(key for key in attested.documents_sha256 if key.endswith(f"/{path.name}")),
+        }
         if key := next((key for key in sorted(keys) if key in attested.documents_sha256), ""):
             given[key] = path
         else:
@@ -331,7 +384,9 @@ def _check_documents(result: Verification, documents: Sequence[Path]) -> None:
         try:
             contents[key] = bytes(mapped(path))
         except OSError:
-            (result.findings if key in given else result.not_checked).append(finding(Code.DOCUMENT_ABSENT, key))
+            (result.findings if key in given else result.not_checked).append(
+                finding(Code.DOCUMENT_ABSENT, key)
+            )
             continue
         if sha256(contents[key]) != digest:
             del contents[key]
@@ -355,6 +410,10 @@ def _check_place(result: Verification, signed: Signed, chain: Chain | None) -> N
     entries = {entry.content.number: entry for entry in chain.entries}
     entry = entries.get(signed.content.number)
     if entry is None:
-        result.findings.append(finding(Code.NOT_IN_CHAIN, chain.folder, number=signed.content.number))
+        result.findings.append(
+            finding(Code.NOT_IN_CHAIN, chain.folder, number=signed.content.number)
+        )
     elif entry.data != signed.data:
-        result.findings.append(finding(Code.OTHER_IN_CHAIN, entry.path.name, bag=entry.content.bag))
+        result.findings.append(
+            finding(Code.OTHER_IN_CHAIN, entry.path.name, bag=entry.content.bag)
+        )

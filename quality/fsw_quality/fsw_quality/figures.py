@@ -55,8 +55,15 @@ def traces(course: Course, procedure: Procedure) -> bytes:
                 axis.axvline(minutes[ticks][0], color="0.6", linewidth=0.8)
         for name, ticks in course.spans():
             if minutes[ticks][-1] - minutes[ticks][0] > 0.05 * minutes[-1]:
-                axes[0].annotate(name, (minutes[ticks][0], 1.02), xycoords=("data", "axes fraction"), fontsize=8.0)
-        axes[-1].set_xlabel("time [min]; black line: set-point in force; dashed: limit of the procedure")
+                axes[0].annotate(
+                    name,
+                    (minutes[ticks][0], 1.02),
+                    xycoords=("data", "axes fraction"),
+                    fontsize=8.0,
+                )
+        axes[-1].set_xlabel(
+            "time [min]; black line: set-point in force; dashed: limit of the procedure"
+        )
         figure.align_ylabels()
         return png(figure, _DPI)
 
@@ -102,15 +109,24 @@ def unrolled(course: Course, procedure: Procedure, record: Record) -> bytes | No
                 axis.axvline(angles[0], color="0.6", linewidth=0.8)
                 if angles[-1] - angles[0] > 0.01 * end:
                     axis.annotate(
-                        name, (angles[0], 1.01), xycoords=("data", "axes fraction"), fontsize=7.0, rotation=90
+                        name,
+                        (angles[0], 1.01),
+                        xycoords=("data", "axes fraction"),
+                        fontsize=7.0,
+                        rotation=90,
                     )
         axis.set_yticks(range(len(rows)), [check.words for check in rows], fontsize=8.0)
         axis.set_ylim(len(rows) - 0.4, -0.6)
         axis.set_xlim(0.0, end)
         axis.set_xticks(np.arange(0.0, end + 1.0, 30.0))
         arc_mm = 30.0 * procedure.geometry.diameter_mm * np.pi / 360.0
-        axis.set_xlabel(f"angle about the canister [deg]; 30 deg are {arc_mm:.0f} mm of the joint line")
-        handles = [Patch(label=f"{kind.replace('_', '-')} limit left", **style) for kind, style in _MARKS.items()]
+        axis.set_xlabel(
+            f"angle about the canister [deg]; 30 deg are {arc_mm:.0f} mm of the joint line"
+        )
+        handles = [
+            Patch(label=f"{kind.replace('_', '-')} limit left", **style)
+            for kind, style in _MARKS.items()
+        ]
         handles.append(Patch(label="samples missing", **_MISSING))
         below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.55 / (0.3 * len(rows)))}
         axis.legend(handles=handles, ncol=len(handles), frameon=False, fontsize=8.0, **below)

@@ -28,11 +28,21 @@ from fsw_schema.models import InputError
 TORQUE_NM = 1021.5
 #: files that are joined into one when a row is added
 _MOST_FILES = 50
-#: what is set for a weld: name and hash of the procedure, and two maps as JSON, ``{group: {name: value}}``: parameters
-#: by controller, and versions and hashes of code by what they did (``welded``, ``judged``)
+#: what is set for a weld: name and hash of the procedure, and two maps as JSON, ``{group: {name:
+#: value}}``: parameters by controller, and versions and hashes of code by what they did
+#: (``welded``, ``judged``)
 SETTINGS = ("procedure", "procedure_sha256", "tuning", "software")
 _MAPS = SETTINGS[2:]
-TEXTS = ("weld", *IDENTITY, *SETTINGS, "controllers", "operators", "verdict", "alarm_kinds", "alarm_texts")
+TEXTS = (
+    "weld",
+    *IDENTITY,
+    *SETTINGS,
+    "controllers",
+    "operators",
+    "verdict",
+    "alarm_kinds",
+    "alarm_texts",
+)
 #: of these texts it counts whether they differ between two welds
 _COMPARED = (*IDENTITY, *SETTINGS[:2], "controllers", "operators", "verdict", "alarm_kinds")
 COUNTS = ("start_ns", "alarms", "swaps", "operator_actions")
@@ -53,7 +63,8 @@ NUMBERS = {
     "drift_depth_um_per_min": "largest drift of depth within the weld [µm/min]",
     "drift_heat_c": "largest drift of heat within the weld [°C]",
 }
-#: hashes of the files with the messages, joined with a comma: by them a weld is known, whatever it is called
+#: hashes of the files with the messages, joined with a comma: by them a weld is known, whatever it
+#: is called
 FILES = "files_sha256"
 SCHEMA = pa.schema(
     [(name, pa.string()) for name in (*TEXTS, FILES)]
@@ -76,13 +87,18 @@ def row(
 ) -> Row:
     """The row of a weld; ``files_sha256`` are the hashes of the files with its messages.
 
-    The procedure is the one that is attached to the bag, else the one that the weld was ``judged_by``.
+    The procedure is the one that is attached to the bag, else the one that the weld was
+    ``judged_by``.
 
-    The torque at equal conditions is the model's at the operating point times the median ratio of measured and model
-    torque, so that welds at other forces and depths compare.
+    The torque at equal conditions is the model's at the operating point times the median ratio of
+    measured and model torque, so that welds at other forces and depths compare.
     """
     course = course_of(signals)
-    found: Row = {"weld": name, **{key: identity.get(key, "") for key in IDENTITY}, "verdict": verdict}
+    found: Row = {
+        "weld": name,
+        **{key: identity.get(key, "") for key in IDENTITY},
+        "verdict": verdict,
+    }
     found[FILES] = ",".join(files_sha256)
     found["controllers"] = ", ".join(course.controllers)
     found["operators"] = ", ".join(signals.operators)
@@ -90,7 +106,9 @@ def row(
     found["procedure"] = f"{procedure.id} {procedure.revision}" if procedure else ""
     found["procedure_sha256"] = procedure.sha256 if procedure else ""
     found["tuning"] = json.dumps(recorded_tunings(signals, course.controllers))
-    found["software"] = json.dumps({"welded": software_versions(signals.attachments), "judged": judged_with()})
+    found["software"] = json.dumps(
+        {"welded": software_versions(signals.attachments), "judged": judged_with()}
+    )
     sources = course.source[course.source != ""]
     found |= {
         "start_ns": int(signals.stamp_ns[0]),
@@ -114,8 +132,12 @@ def _told_by_monitor(watched: Watched) -> Row:
     torque_nm, force_kn, heat_c = watched.drifts()
     return {
         "alarms": len(watched.alarms),
-        "alarm_kinds": ", ".join(dict.fromkeys(alarm.finding.cause.word for alarm in watched.alarms)),
-        "alarm_texts": "\n".join(f"{alarm.begin_s:.0f} s: {alarm.finding.text}" for alarm in watched.alarms),
+        "alarm_kinds": ", ".join(
+            dict.fromkeys(alarm.finding.cause.word for alarm in watched.alarms)
+        ),
+        "alarm_texts": "\n".join(
+            f"{alarm.begin_s:.0f} s: {alarm.finding.text}" for alarm in watched.alarms
+        ),
         "torque_nm": gains.get("torque", nan) * TORQUE_NM,
         "gain_heat": gains.get("heat", nan),
         "gain_depth": gains.get("depth", nan),
@@ -136,7 +158,8 @@ def add(folder: Path, rows: Sequence[Row]) -> int:
     Raises
     ------
     fsw_schema.models.InputError
-        If a weld is in the history already, under its name or another, or the folder cannot be written.
+        If a weld is in the history already, under its name or another, or the folder cannot be
+        written.
     """
     try:
         with locked(folder):
@@ -147,7 +170,11 @@ def add(folder: Path, rows: Sequence[Row]) -> int:
             joined = len(files) >= _MOST_FILES
             number = int(files[-1].stem) + 1 if files else 0
             with replacing(folder / f"{number:06d}.parquet") as scratch:
-                pq.write_table(pa.concat_tables([there, fresh]) if joined else fresh, scratch, compression="zstd")
+                pq.write_table(
+                    pa.concat_tables([there, fresh]) if joined else fresh,
+                    scratch,
+                    compression="zstd",
+                )
             for old in files if joined else ():
                 old.unlink()
             return int(there.num_rows + fresh.num_rows)
@@ -190,13 +217,17 @@ def load(folder: Path) -> pa.Table:
     """
     files = _files(folder)
     if not files:
-        raise InputError(f"{folder}: there is no history of welds; 'fsw.py history add {folder} BAG' begins one")
+        raise InputError(
+            f"{folder}: there is no history of welds; 'fsw.py history add {folder} BAG' begins one"
+        )
     tables = []
     for file in files:
         try:
             tables.append(pq.read_table(file, schema=SCHEMA))
         except (pa.ArrowException, OSError) as error:
-            raise InputError(f"{file}: cannot be read: {' '.join(str(error).split())[:200]}") from None
+            raise InputError(
+                f"{file}: cannot be read: {' '.join(str(error).split())[:200]}"
+            ) from None
     table = pa.concat_tables(tables).combine_chunks()
     # a crash while files were joined may leave a weld in two of them
     names = table["weld"].to_pylist()
@@ -216,8 +247,8 @@ def column(table: pa.Table, name: str) -> FloatArray:
 def difference(table: pa.Table, first: str, second: str) -> list[tuple[str, str, str, float]]:
     """What changed from one weld to another: what, before, after, and by how many standard deviations (NaN: of text).
 
-    The standard deviation is that from weld to weld in the whole history; numbers that changed by less than three are
-    left out. The largest change comes first, behind the texts.
+    The standard deviation is that from weld to weld in the whole history; numbers that changed by
+    less than three are left out. The largest change comes first, behind the texts.
 
     Raises
     ------
@@ -229,7 +260,9 @@ def difference(table: pa.Table, first: str, second: str) -> list[tuple[str, str,
     for name in (first, second):
         if name not in names:
             others = " and others before" if len(names) > 5 else ""
-            raise InputError(f"weld {name} is not in the history; it has {', '.join(names[-5:])}{others}")
+            raise InputError(
+                f"weld {name} is not in the history; it has {', '.join(names[-5:])}{others}"
+            )
         rows.append(names.index(name))
     before, after = (table.slice(i, 1).to_pylist()[0] for i in rows)
     texts = [(*change, nan) for change in changes(before, after)]
@@ -244,14 +277,19 @@ def difference(table: pa.Table, first: str, second: str) -> list[tuple[str, str,
     return [*texts, *sorted(found, key=lambda entry: -abs(entry[3]))]
 
 
-def changes(before: Row, after: Row, names: Sequence[str] = (*_COMPARED, "swaps", "operator_actions")) -> list[Change]:
+def changes(
+    before: Row, after: Row, names: Sequence[str] = (*_COMPARED, "swaps", "operator_actions")
+) -> list[Change]:
     """Texts and counts that differ between two rows, then tuning and software."""
     texts = [
         (name, _short(before[name]), _short(after[name]))
         for name in names
         if before[name] is not None and after[name] is not None and before[name] != after[name]
     ]
-    return [*texts, *(change for name in _MAPS for change in _map_changes(name, before[name], after[name]))]
+    return [
+        *texts,
+        *(change for name in _MAPS for change in _map_changes(name, before[name], after[name])),
+    ]
 
 
 def _map_changes(name: str, before: str | None, after: str | None) -> Iterator[Change]:

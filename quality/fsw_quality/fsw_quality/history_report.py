@@ -20,7 +20,8 @@ from fsw_quality.control_charts import FALSE_SIGNALS, WELDS, Chart, Trend, chart
 from fsw_quality.history import NUMBERS, Change, Row, changes, column
 from fsw_schema.files import write_whole
 
-#: rise of the torque at equal conditions at which a tool counts as worn (chosen: 5 % of what the model says) [N m]
+#: rise of the torque at equal conditions at which a tool counts as worn (chosen: 5 % of what the
+#: model says) [N m]
 WORN_NM = 50.0
 #: smallest spreads that count (chosen): some of them are harmless, however alike the welds are
 _LEAST = {
@@ -42,8 +43,11 @@ _LEAST = {
 CHARTED = tuple(_LEAST)
 LIMITS = limits(len(CHARTED))
 #: quantities that cannot be negative and have a long tail
-SKEWED = tuple(name for name in CHARTED if "_sigma_" in name or "_max_" in name or name.startswith("drift_"))
-#: welds in the report's tables, welds with the same alarm from which on that is one line, and changes in a line
+SKEWED = tuple(
+    name for name in CHARTED if "_sigma_" in name or "_max_" in name or name.startswith("drift_")
+)
+#: welds in the report's tables, welds with the same alarm from which on that is one line, and
+#: changes in a line
 _MOST, _ALIKE, _MOST_CHANGES = 40, 3, 3
 _CHARTS = {"shewhart": "Shewhart", "cusum": "CUSUM"}
 #: changes of these stand out from weld to weld, as do those of tuning and software
@@ -67,7 +71,8 @@ class Remark:
 
     at: int  #: number of the weld in the history, from 0
     kind: Kind
-    #: the quantity that is charted, kinds of the weld's alarms, what changed, who operated, or the verdict
+    #: the quantity that is charted, kinds of the weld's alarms, what changed, who operated, or the
+    #: verdict
     subject: str = ""
     text: str = ""
 
@@ -95,7 +100,9 @@ class ToolLife:
 def charts(table: pa.Table) -> dict[str, Chart]:
     """The control charts that can be made: of each procedure and tool by itself, among the accepted welds."""
     rows = table.select(["verdict", "alarms"]).to_pylist()
-    accepted = [row["verdict"] == "accept" or not (row["verdict"] or row["alarms"]) for row in rows]
+    accepted = [
+        row["verdict"] == "accept" or not (row["verdict"] or row["alarms"]) for row in rows
+    ]
     return charts_of({name: column(table, name) for name in CHARTED}, accepted, _groups(table))
 
 
@@ -112,7 +119,8 @@ def charts_of(
 ) -> dict[str, Chart]:
     """The control charts of quantities by weld; see :func:`fsw_quality.control_charts.chart`."""
     made = {
-        name: chart(values, LIMITS, _LEAST[name], name in SKEWED, accepted, groups) for name, values in columns.items()
+        name: chart(values, LIMITS, _LEAST[name], name in SKEWED, accepted, groups)
+        for name, values in columns.items()
     }
     return {name: entry for name, entry in made.items() if entry is not None}
 
@@ -128,7 +136,11 @@ def tools(table: pa.Table) -> list[ToolLife]:
     names = np.array([one or "" for one in table["tool"].to_pylist()], object)
     torque = column(table, "torque_nm")
     return [
-        ToolLife(tool or "not recorded", int(np.sum(names == tool)), trend(torque[names == tool], WORN_NM))
+        ToolLife(
+            tool or "not recorded",
+            int(np.sum(names == tool)),
+            trend(torque[names == tool], WORN_NM),
+        )
         for tool in dict.fromkeys(names.tolist())
     ]
 
@@ -143,16 +155,22 @@ def remarks(table: pa.Table, made: dict[str, Chart]) -> list[Remark]:
         if row["swaps"]:
             said.append(Remark(i, Kind.SWAP, text=f"{row['swaps']} swap(s): {row['controllers']}"))
         if row["operators"]:
-            said.append(Remark(i, Kind.OPERATOR, row["operators"], f"operator acted: {row['operators']}"))
+            said.append(
+                Remark(i, Kind.OPERATOR, row["operators"], f"operator acted: {row['operators']}")
+            )
         if row["verdict"] in ("review", "reject"):
             said.append(Remark(i, Kind.VERDICT, row["verdict"], f"verdict {row['verdict']}"))
     return sorted(said, key=lambda entry: entry.at)
 
 
 def _changed(at: int, changed: Sequence[Change]) -> Remark:
-    shown = "; ".join(f"{what} {before} → {after}" for what, before, after in changed[:_MOST_CHANGES])
+    shown = "; ".join(
+        f"{what} {before} → {after}" for what, before, after in changed[:_MOST_CHANGES]
+    )
     more = f"; and {len(changed) - _MOST_CHANGES} more" * (len(changed) > _MOST_CHANGES)
-    return Remark(at, Kind.CHANGE, ", ".join(what for what, *_ in changed), f"changed: {shown}{more}")
+    return Remark(
+        at, Kind.CHANGE, ", ".join(what for what, *_ in changed), f"changed: {shown}{more}"
+    )
 
 
 def _signals(made: dict[str, Chart], groups: Sequence[object]) -> Iterator[Remark]:
@@ -170,7 +188,9 @@ def _signals(made: dict[str, Chart], groups: Sequence[object]) -> Iterator[Remar
             more = f", and at {later} later weld{'s' * (later > 1)}" if later else ""
             value = f"{entry.values[at]:.4g}, the welds before {entry.centre[at]:.4g} ({entry.scores[at]:+.1f} σ)"
             words = ", ".join(_CHARTS[kind] for kind, _ in kinds)
-            yield Remark(at, Kind.CHART, name, f"{words} chart of {NUMBERS[name]} signals: {value}{more}")
+            yield Remark(
+                at, Kind.CHART, name, f"{words} chart of {NUMBERS[name]} signals: {value}{more}"
+            )
 
 
 def _alarms(rows: Sequence[Row]) -> Iterator[Remark]:
@@ -213,7 +233,10 @@ def write(table: pa.Table, target: Path, title: str) -> list[Remark]:
         stable=WELDS,
         quantities=len(CHARTED),
         performance=performance(),
-        table=[{**one, "words": _short(one)} for one in table.slice(max(0, table.num_rows - _MOST)).to_pylist()],
+        table=[
+            {**one, "words": _short(one)}
+            for one in table.slice(max(0, table.num_rows - _MOST)).to_pylist()
+        ],
     )
     write_whole(target, text)
     return said
@@ -236,23 +259,36 @@ def draw(table: pa.Table, made: dict[str, Chart]) -> bytes:
     groups = _groups(table)
     begins = [i + 0.5 for i in range(1, len(groups)) if groups[i] != groups[i - 1]]
     with sheet(11.0, 1.6 * max(len(made), 1) + 0.6) as figure:
-        axes = figure.subplots(max(len(made), 1), 2, sharex=True, squeeze=False, width_ratios=[2.2, 1.0])
+        axes = figure.subplots(
+            max(len(made), 1), 2, sharex=True, squeeze=False, width_ratios=[2.2, 1.0]
+        )
         for (left, right), (name, entry) in zip(axes, made.items(), strict=False):
             welds = np.arange(1, entry.values.size + 1)
-            left.plot(welds, entry.values, ".", color="0.35", markersize=4 if welds.size < 500 else 1)
+            left.plot(
+                welds, entry.values, ".", color="0.35", markersize=4 if welds.size < 500 else 1
+            )
             left.set_ylim(*left.get_ylim())  # the limits of the first welds are far away
             left.plot(welds, entry.centre, color="0.5", linewidth=0.8)
             for bound in (entry.low, entry.high):
                 left.plot(welds, bound, color="0.5", linewidth=0.8, linestyle="--")
             out = sorted({weld for signals in entry.signals.values() for weld in signals})
-            left.plot(welds[out], entry.values[out], "o", color="#d1495b", markersize=5, fillstyle="none")
+            left.plot(
+                welds[out], entry.values[out], "o", color="#d1495b", markersize=5, fillstyle="none"
+            )
             for one_sided in (entry.rise, -entry.fall):
                 right.plot(welds, one_sided, color="#0b62a4", linewidth=1.0)
             for limit in (LIMITS.cusum, -LIMITS.cusum):
                 right.axhline(limit, color="#d1495b", linewidth=0.8, linestyle="--")
             left.set_title(NUMBERS[name], fontsize=8.5, loc="left")
             # one collection: a line for each of hundreds of tools takes seconds
-            left.vlines(begins, 0.0, 1.0, transform=left.get_xaxis_transform(), color="#2e8540", linewidth=0.8)
+            left.vlines(
+                begins,
+                0.0,
+                1.0,
+                transform=left.get_xaxis_transform(),
+                color="#2e8540",
+                linewidth=0.8,
+            )
         axes[0][1].set_title("CUSUM [σ]", fontsize=8.5, loc="left")
         for axis in axes[-1]:
             axis.set_xlabel("weld")

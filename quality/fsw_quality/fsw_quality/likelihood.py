@@ -1,10 +1,11 @@
 """Generalised likelihood ratios of faults, by a Kalman filter of what a healthy weld may do.
 
-A healthy weld differs from the model by coefficients that are known to their covariance only, and by disturbances:
-these are the states of the filter (nuisance parameters), so that what they explain is no fault. Each fault has a
-signature in the residuals from its onset on. Passed through the filter, it leaves a trace in the innovations; the
-likelihood ratio is that of the innovations with and without it, at the most likely size and onset (Willsky and Jones,
-IEEE Trans. Autom. Control 21, 1976, 108-112; Gertler, Fault Detection and Diagnosis in Engineering Systems, 1998).
+A healthy weld differs from the model by coefficients that are known to their covariance only, and
+by disturbances: these are the states of the filter (nuisance parameters), so that what they
+explain is no fault. Each fault has a signature in the residuals from its onset on. Passed through
+the filter, it leaves a trace in the innovations; the likelihood ratio is that of the innovations
+with and without it, at the most likely size and onset (Willsky and Jones, IEEE Trans. Autom.
+Control 21, 1976, 108-112; Gertler, Fault Detection and Diagnosis in Engineering Systems, 1998).
 """
 
 from __future__ import annotations
@@ -21,18 +22,46 @@ from fsw_analysis.weld_signals import FloatArray
 from fsw_model import ModelParameters, ParameterCovariance
 from fsw_quality.residuals import COEFFICIENTS, DEPTH, HEAT, TORQUE
 
-#: states behind the coefficients and the probe's lag: swing of the torque [N m] and its level [N m]; offset of the
-#: depth [mm], force that is missing [kN], coloured noise of the depth [mm]; temperature that the power does not explain
-#: [degC], its level at rest [degC] and the slope of that [degC/s], coloured noise of the temperature [degC]
-_STATES = ("swing", "level", "offset", "force", "depth_noise", "warmth", "rest", "slope", "heat_noise")
+#: states behind the coefficients and the probe's lag: swing of the torque [N m] and its level [N
+#: m]; offset of the depth [mm], force that is missing [kN], coloured noise of the depth [mm];
+#: temperature that the power does not explain [degC], its level at rest [degC] and the slope of
+#: that [degC/s], coloured noise of the temperature [degC]
+_STATES = (
+    "swing",
+    "level",
+    "offset",
+    "force",
+    "depth_noise",
+    "warmth",
+    "rest",
+    "slope",
+    "heat_noise",
+)
 _N = len(COEFFICIENTS) + 1
-SWING, LEVEL, OFFSET, FORCE, DEPTH_NOISE, WARMTH, REST, SLOPE, HEAT_NOISE = range(_N, _N + len(_STATES))
+SWING, LEVEL, OFFSET, FORCE, DEPTH_NOISE, WARMTH, REST, SLOPE, HEAT_NOISE = range(
+    _N, _N + len(_STATES)
+)
 N_STATES = _N + len(_STATES)
-#: standard deviations of the states at the begin of a weld, beside the coefficients' (chosen, wide)
-_BEGIN = {SWING: 5.0, LEVEL: 30.0, OFFSET: 0.02, FORCE: 0.5, DEPTH_NOISE: 0.002, WARMTH: 1.0, REST: 100.0, SLOPE: 0.02}
+#: standard deviations of the states at the begin of a weld, beside the coefficients' (chosen,
+#: wide)
+_BEGIN = {
+    SWING: 5.0,
+    LEVEL: 30.0,
+    OFFSET: 0.02,
+    FORCE: 0.5,
+    DEPTH_NOISE: 0.002,
+    WARMTH: 1.0,
+    REST: 100.0,
+    SLOPE: 0.02,
+}
 #: correlation times of swing and coloured noises that are tried [s] (chosen)
-_CORRELATED_S = {SWING: (3.0, 6.0, 10.0, 15.0), DEPTH_NOISE: (1.0, 2.0, 4.0, 6.0), HEAT_NOISE: (1.0, 2.0, 4.0, 6.0)}
-#: what the states do in a second (standard deviation of a walk; of a coloured noise, its own): least, chosen
+_CORRELATED_S = {
+    SWING: (3.0, 6.0, 10.0, 15.0),
+    DEPTH_NOISE: (1.0, 2.0, 4.0, 6.0),
+    HEAT_NOISE: (1.0, 2.0, 4.0, 6.0),
+}
+#: what the states do in a second (standard deviation of a walk; of a coloured noise, its own):
+#: least, chosen
 _LEAST = {
     SWING: 1.0,
     LEVEL: 0.06,
@@ -43,29 +72,34 @@ _LEAST = {
     SLOPE: 3e-4,
     HEAT_NOISE: 0.01,
 }
-#: an edge of the workpiece shifts the depth by about so much [mm]; from so many standard errors on (chosen)
+#: an edge of the workpiece shifts the depth by about so much [mm]; from so many standard errors on
+#: (chosen)
 _EDGE_MM, _EDGE = 0.05, 4.5
-#: walk of the coefficients of heat, the first four, in a second, in their standard deviations: it covers what the
-#: sensitivities, which are linear, leave over, and copper that is not the same everywhere (chosen)
+#: walk of the coefficients of heat, the first four, in a second, in their standard deviations: it
+#: covers what the sensitivities, which are linear, leave over, and copper that is not the same
+#: everywhere (chosen)
 _WALK = 0.02
-#: level at rest of the temperature on a canister, whose heat is unknown [degC] in a second (chosen)
+#: level at rest of the temperature on a canister, whose heat is unknown [degC] in a second
+#: (chosen)
 _UNKNOWN_HEAT = 3.0
 #: for each residual, the coloured state whose size and time are learnt
 _LEARNT = {TORQUE: SWING, DEPTH: DEPTH_NOISE, HEAT: HEAT_NOISE}
 #: factors on the sizes that are tried (chosen)
 _FACTORS = 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 96.0
 _TRIED = list(product(range(4), _FACTORS))
-#: walk of the warmth [degC] in a second by a swing of the torque [N m]: a swing may be the sensor's noise, correlated
-#: over 5 s, which the power that is computed from it heats the model's tool with (chosen)
+#: walk of the warmth [degC] in a second by a swing of the torque [N m]: a swing may be the
+#: sensor's noise, correlated over 5 s, which the power that is computed from it heats the model's
+#: tool with (chosen)
 _WARMTH_PER_NM = 0.05
 #: a larger size is taken if the loss of log likelihood is not more than this (chosen)
 _NEARLY = 1.0
-#: innovations that are larger than expected count less: time over which they are observed [s], largest that counts
+#: innovations that are larger than expected count less: time over which they are observed [s],
+#: largest that counts
 _OBSERVED_S, _CLIP = 60.0, 9.0
 #: what an identified coefficient differs by from weld to weld, relative (chosen)
 _FROM_WELD_TO_WELD = 0.02
-#: relative standard deviation of a coefficient that nobody identified: of plants within 10 %; of the tool's lag, which
-#: stands for the probe's, too; lag of the probe [s] (chosen)
+#: relative standard deviation of a coefficient that nobody identified: of plants within 10 %; of
+#: the tool's lag, which stands for the probe's, too; lag of the probe [s] (chosen)
 _UNIDENTIFIED, _TOOL_LAG, _PROBE_S = 0.07, 1.2, 1.5
 
 
@@ -74,7 +108,10 @@ _WALKING = np.isin([*COEFFICIENTS, "probe"], COEFFICIENTS[:4])
 
 def default_covariance() -> FloatArray:
     """Covariance of the coefficients, relative, and the probe's lag: wide enough for a model within 10 %."""
-    sigma = np.array([_TOOL_LAG if name == "tool_lag_s" else _UNIDENTIFIED for name in COEFFICIENTS] + [_PROBE_S])
+    sigma = np.array(
+        [_TOOL_LAG if name == "tool_lag_s" else _UNIDENTIFIED for name in COEFFICIENTS]
+        + [_PROBE_S]
+    )
     return np.diag(sigma**2)
 
 
@@ -89,9 +126,15 @@ def covariance_from(file: str | Path) -> FloatArray | None:
     if not str(file):
         return None
     known, found = ParameterCovariance.from_file(file), default_covariance()
-    pairs = [(i, COEFFICIENTS.index(name)) for i, name in enumerate(known.parameters) if name in COEFFICIENTS]
+    pairs = [
+        (i, COEFFICIENTS.index(name))
+        for i, name in enumerate(known.parameters)
+        if name in COEFFICIENTS
+    ]
     rows, places = [i for i, _ in pairs], [place for _, place in pairs]
-    found[np.ix_(places, places)] = known.matrix[np.ix_(rows, rows)] + _FROM_WELD_TO_WELD**2 * np.eye(len(rows))
+    found[np.ix_(places, places)] = known.matrix[
+        np.ix_(rows, rows)
+    ] + _FROM_WELD_TO_WELD**2 * np.eye(len(rows))
     return found
 
 
@@ -118,7 +161,9 @@ def _tried(choices: dict[int, tuple[int, float]]) -> Sizes:
     for residual, (which, factor) in choices.items():
         state = _LEARNT[residual]
         found.factors[state], found.times_s[state] = factor, _CORRELATED_S[state][which]
-    found.factors[WARMTH] = max(1.0, _WARMTH_PER_NM / _LEAST[WARMTH] * found.factors[SWING] * _LEAST[SWING])
+    found.factors[WARMTH] = max(
+        1.0, _WARMTH_PER_NM / _LEAST[WARMTH] * found.factors[SWING] * _LEAST[SWING]
+    )
     return found
 
 
@@ -126,10 +171,17 @@ class Filter:
     """Kalman filters of healthy welds, several at once that differ in the sizes of the disturbances."""
 
     def __init__(
-        self, parameters: ModelParameters, covariance: FloatArray, known_heat: bool, tried: Sequence[Sizes]
+        self,
+        parameters: ModelParameters,
+        covariance: FloatArray,
+        known_heat: bool,
+        tried: Sequence[Sizes],
     ) -> None:
         n = len(tried)
-        self._step, self._fresh = np.repeat(np.eye(N_STATES)[None], n, axis=0), np.zeros((n, N_STATES, N_STATES))
+        self._step, self._fresh = (
+            np.repeat(np.eye(N_STATES)[None], n, axis=0),
+            np.zeros((n, N_STATES, N_STATES)),
+        )
         follow = 1.0 - exp(-1.0 / parameters.copper_lag_s)
         self._step[:, WARMTH, [WARMTH, REST]] = 1.0 - follow, follow
         self._step[:, REST, SLOPE] = 1.0
@@ -202,7 +254,9 @@ class Traces:
         """Faults begin now in a place, whose former ones are forgotten."""
         self.effect[:, onset] = self.product[onset] = self.power[onset] = 0.0
 
-    def take(self, residual: int, row: FloatArray, gain: FloatArray, innovation: float, variance: float) -> None:
+    def take(
+        self, residual: int, row: FloatArray, gain: FloatArray, innovation: float, variance: float
+    ) -> None:
         """Take an innovation."""
         trace = self.signatures[residual] - np.tensordot(row, self.effect, 1)
         self.effect += gain[:, None, None] * trace
@@ -216,7 +270,9 @@ class Traces:
         """Most likely sizes and their standard errors, shape (onsets, faults); without information 0 and infinity."""
         known = self.power > 1e-12
         power = np.where(known, self.power, 1.0)
-        return np.where(known, self.product / power, 0.0), np.where(known, 1.0 / np.sqrt(power), np.inf)
+        return np.where(known, self.product / power, 0.0), np.where(
+            known, 1.0 / np.sqrt(power), np.inf
+        )
 
     def ratios(self, sizes: FloatArray) -> FloatArray:
         """Log likelihood ratios of faults of these sizes to none, shape (onsets, faults)."""
@@ -226,10 +282,14 @@ class Traces:
 class Healthy:
     """The filter of a weld: it learns how large the disturbances are, then takes the weld from its begin."""
 
-    def __init__(self, parameters: ModelParameters, covariance: FloatArray, known_heat: bool) -> None:
+    def __init__(
+        self, parameters: ModelParameters, covariance: FloatArray, known_heat: bool
+    ) -> None:
         self._arguments = parameters, covariance, known_heat
         self._seconds: list[Second] = []
-        self._filter = Filter(*self._arguments, [_tried(dict.fromkeys(_LEARNT, one)) for one in _TRIED])
+        self._filter = Filter(
+            *self._arguments, [_tried(dict.fromkeys(_LEARNT, one)) for one in _TRIED]
+        )
         self._lost = np.zeros((3, len(_TRIED)))
         self._torque = np.zeros(N_STATES)
         self.learnt: Sizes | None = None  #: sizes of the disturbances, once they are known
@@ -258,7 +318,11 @@ class Healthy:
         choices = {}
         for residual in _LEARNT:
             lost = self._lost[residual]
-            likely = [one for one, loss in zip(_TRIED, lost, strict=True) if loss <= lost.min() + 2.0 * _NEARLY]
+            likely = [
+                one
+                for one, loss in zip(_TRIED, lost, strict=True)
+                if loss <= lost.min() + 2.0 * _NEARLY
+            ]
             which = _TRIED[int(np.argmin(lost))][0]
             choices[residual] = which, max(factor for other, factor in likely if other == which)
         self.learnt = _tried(choices)
@@ -270,7 +334,11 @@ class Healthy:
 
     def doubt(self, residual: int) -> None:
         """A residual was withheld: its disturbances are unknown again."""
-        sizes = {TORQUE: {SWING: 20.0}, DEPTH: {OFFSET: 0.5, FORCE: 0.5}, HEAT: {WARMTH: 20.0, REST: 20.0}}[residual]
+        sizes = {
+            TORQUE: {SWING: 20.0},
+            DEPTH: {OFFSET: 0.5, FORCE: 0.5},
+            HEAT: {WARMTH: 20.0, REST: 20.0},
+        }[residual]
         for state, size in sizes.items():
             self._filter.p[:, state, state] += size**2
 
@@ -278,7 +346,10 @@ class Healthy:
         """Gains relative to the model's, each with its standard error; ``process_nm`` is the model's torque."""
         x, p, found = self._filter.x[self._best], self._filter.p[self._best], {}
         rows = {"torque": self._torque / process_nm if process_nm else np.zeros(N_STATES)}
-        for name, coefficient in (("depth", "depth_gain_mm_per_kn_s"), ("heat", "thermal_gain_c_per_kw")):
+        for name, coefficient in (
+            ("depth", "depth_gain_mm_per_kn_s"),
+            ("heat", "thermal_gain_c_per_kw"),
+        ):
             rows[name] = np.eye(N_STATES)[COEFFICIENTS.index(coefficient)]
         for name, row in rows.items():
             found[name] = 1.0 + float(row @ x), sqrt(max(float(row @ p @ row), 0.0))

@@ -1,6 +1,7 @@
 """The watch within a weld: sensors and drives first, then the process, by the likelihood of its residuals.
 
-It commands nothing. Everything that it compares is measured or commanded; the emulator's truth is not among it.
+It commands nothing. Everything that it compares is measured or commanded; the emulator's truth is
+not among it.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ _DRIVES = (
     ("force", 0.1, weld.FORCE_MIN_KN, weld.FORCE_MAX_KN, weld.FORCE_STEP_KN),
     ("speed", 0.5, weld.SPEED_MIN_RPM, weld.SPEED_MAX_RPM, weld.SPEED_STEP_RPM),
 )
-#: what can be no measured value: the model has no meaning beyond (depth mm, torque N m, temperature degC)
+#: what can be no measured value: the model has no meaning beyond (depth mm, torque N m,
+#: temperature degC)
 _RANGES = ((0.3, 6.0), (0.0, 4000.0), (300.0, 1200.0))
 #: sensors that each residual needs
 _NEEDS = {TORQUE: (0, 1), DEPTH: (0, 2), HEAT: (1, 2)}
@@ -40,13 +42,14 @@ _NEEDS = {TORQUE: (0, 1), DEPTH: (0, 2), HEAT: (1, 2)}
 _ONSETS, _EVERY_S = 30, 10
 #: aim: false alarms in a weld, of this length
 _FALSE_ALARMS, _WELD_S = 0.01, 2700.0
-#: log likelihood ratios: of an alarm, by the aim, for every fault and onset alike each second; of a trend, four
-#: standard errors; by which the likeliest cause leads those that are named beside it (chosen: 20 to 1)
+#: log likelihood ratios: of an alarm, by the aim, for every fault and onset alike each second; of
+#: a trend, four standard errors; by which the likeliest cause leads those that are named beside it
+#: (chosen: 20 to 1)
 _TESTS = len(SIZES) * _ONSETS * _WELD_S
 ALARM = 0.5 * NormalDist().inv_cdf(0.5 * _FALSE_ALARMS / _TESTS) ** 2
 TREND, _BESIDE = 8.0, 3.0
-#: model and signatures are inexact by this share: of what moves within a second, and of a likelihood ratio, so that
-#: causes that are nearer cannot be distinguished, either (chosen)
+#: model and signatures are inexact by this share: of what moves within a second, and of a
+#: likelihood ratio, so that causes that are nearer cannot be distinguished, either (chosen)
 _INEXACT = 0.1
 #: seconds for which it must be likely (chosen)
 _LASTING_S = 3
@@ -70,7 +73,9 @@ class Sample(NamedTuple):
 class ProcessWatch:
     """Likelihood of the faults of sensors and process that the model shows."""
 
-    def __init__(self, parameters: ModelParameters, covariance: FloatArray, known_heat: bool) -> None:
+    def __init__(
+        self, parameters: ModelParameters, covariance: FloatArray, known_heat: bool
+    ) -> None:
         self._p = parameters
         self._faults = [one for one in SIZES if known_heat or one not in OF_HEAT]
         self._harmless, self._largest = np.array([SIZES[one] for one in self._faults]).T
@@ -99,18 +104,30 @@ class ProcessWatch:
         present = np.isfinite(of_ticks[:, :, 0]).sum(axis=0)
         means = np.array(
             [
-                of_ticks[np.isfinite(of_ticks[:, i, 0]), i].mean(axis=0) if present[i] else of_ticks[0, i]
+                of_ticks[np.isfinite(of_ticks[:, i, 0]), i].mean(axis=0)
+                if present[i]
+                else of_ticks[0, i]
                 for i in range(3)
             ]
         )
-        # of the tick before this second: within it, a controller answers the noise that is in the means
-        gains, sensitivities = self._before or (self.residuals.gains(), self.residuals.sensitivities(means))
+        # of the tick before this second: within it, a controller answers the noise that is in the
+        # means
+        gains, sensitivities = self._before or (
+            self.residuals.gains(),
+            self.residuals.sensitivities(means),
+        )
         self._before = self.residuals.gains(), self.residuals.sensitivities(self._last)
         spread = np.array(
-            [[noises[1], gains.nm_per_mm * noises[0]], [noises[0], gains.mm_per_c * noises[2]], [noises[2], 0.0]]
+            [
+                [noises[1], gains.nm_per_mm * noises[0]],
+                [noises[0], gains.mm_per_c * noises[2]],
+                [noises[2], 0.0],
+            ]
         )
         variances = (spread**2).sum(axis=1) / np.maximum(present, 1)
-        pressed_mm = self._before[0].creep_mm + self._before[0].slow_mm - gains.creep_mm - gains.slow_mm
+        pressed_mm = (
+            self._before[0].creep_mm + self._before[0].slow_mm - gains.creep_mm - gains.slow_mm
+        )
         moved = np.array([0.0, pressed_mm, self._before[0].heated_c - gains.heated_c])
         variances += (_INEXACT * moved) ** 2
         second = Second(means[:, 0], sensitivities, variances)
@@ -129,7 +146,9 @@ class ProcessWatch:
             self._begin(Onset(time_s - 1.0, gains))
         self._seconds += 1
         onsets = [*self._onsets, *self._onsets[:1] * (_ONSETS - len(self._onsets))]
-        self._traces.signatures = signatures(self._p, self._faults, onsets, time_s, gains, second.sensitivities)
+        self._traces.signatures = signatures(
+            self._p, self._faults, onsets, time_s, gains, second.sensitivities
+        )
         self._traces.signatures[:, len(self._onsets) :] = 0.0
         self.residuals.edges_mm += self.healthy.step(second, self._traces)
 
@@ -160,7 +179,9 @@ class ProcessWatch:
         # over the best that is harmless
         harmless = np.clip(sizes, -self._harmless, self._harmless)
         top = float(ratios[onset, likeliest] - self._traces.ratios(harmless)[onset, likeliest])
-        level = ALARM if self._beyond < _LASTING_S else 0.5 * ALARM  # an alarm that is there stays for longer
+        level = (
+            ALARM if self._beyond < _LASTING_S else 0.5 * ALARM
+        )  # an alarm that is there stays for longer
         self._beyond = self._beyond + 1 if top >= level and not sick else 0
         alarm = self._beyond >= _LASTING_S
         self._pinned = onset if alarm else -1
@@ -174,13 +195,16 @@ class ProcessWatch:
 class Monitor:
     """The watch of one weld.
 
-    ``process`` is one of ``PROCESSES``: on a canister the heat is unknown. The parameters are those of the model that
-    the controllers have, the paper's by default; the covariance is that of :func:`likelihood.default_covariance`
-    unless the model of this machine was identified with one.
+    ``process`` is one of ``PROCESSES``: on a canister the heat is unknown. The parameters are
+    those of the model that the controllers have, the paper's by default; the covariance is that of
+    :func:`likelihood.default_covariance` unless the model of this machine was identified with one.
     """
 
     def __init__(
-        self, process: str = "paper", parameters: ModelParameters | None = None, covariance: FloatArray | None = None
+        self,
+        process: str = "paper",
+        parameters: ModelParameters | None = None,
+        covariance: FloatArray | None = None,
     ) -> None:
         self._known_heat = process == "paper"
         self._parameters = parameters or nominal()
@@ -227,10 +251,16 @@ class Monitor:
             self._second()
 
     def _take(self, now: Sample, values: tuple[float, float, float], inside: list[bool]) -> None:
-        carried = values[0], values[1] - self.process.residuals.expected_nm(now.speed_rpm), values[2]
+        carried = (
+            values[0],
+            values[1] - self.process.residuals.expected_nm(now.speed_rpm),
+            values[2],
+        )
         usable = [
             sensor.push(now.time_s, value if good else nan, carrier)
-            for sensor, value, carrier, good in zip(self._sensors, values, carried, inside, strict=True)
+            for sensor, value, carrier, good in zip(
+                self._sensors, values, carried, inside, strict=True
+            )
         ]
         usable[2] = usable[2] and not self._detached.present
         if isfinite(values[2]):
@@ -239,7 +269,9 @@ class Monitor:
             if usable[i] or not isfinite(self._good[i]):
                 self._good[i] = values[i]
         torque = values[1] if usable[1] else nan
-        self.process.tick(Values(self._good[0], torque, self._good[2], now.force_kn, now.speed_rpm), usable)
+        self.process.tick(
+            Values(self._good[0], torque, self._good[2], now.force_kn, now.speed_rpm), usable
+        )
         if isfinite(now.command_force_kn + now.command_speed_rpm):
             self._drives[0].push(now.command_force_kn, now.force_kn)
             self._drives[1].push(now.command_speed_rpm, now.speed_rpm)

@@ -21,11 +21,17 @@ def draw(watched: Watched, title: str, file: Path) -> None:
     minutes = np.array(watched.time_s) / 60.0
     with sheet(9.0, 7.5 + 0.25 * len(causes), file) as figure:
         figure.suptitle(title)
-        axes = figure.subplots(5, 1, sharex=True, height_ratios=[1.0, 1.0, 1.0, 1.3, max(0.3 * len(causes), 0.5)])
-        for axis, label, values in zip(axes, _LABELS, zip(*watched.disturbances, strict=True), strict=False):
+        axes = figure.subplots(
+            5, 1, sharex=True, height_ratios=[1.0, 1.0, 1.0, 1.3, max(0.3 * len(causes), 0.5)]
+        )
+        for axis, label, values in zip(
+            axes, _LABELS, zip(*watched.disturbances, strict=True), strict=False
+        ):
             axis.plot(minutes, values, color=_BLUE)
             axis.set_ylabel(label)
-        axes[0].set_title("what neither the model nor its coefficients explain", fontsize=9.0, loc="left")
+        axes[0].set_title(
+            "what neither the model nor its coefficients explain", fontsize=9.0, loc="left"
+        )
         axes[3].plot(minutes, watched.likelihoods, color=_BLUE)
         for level in (TREND, ALARM):
             axes[3].axhline(level, color=_RED, linestyle="--", linewidth=1.0)
@@ -33,9 +39,19 @@ def draw(watched: Watched, title: str, file: Path) -> None:
         axes[3].set_ylim(0.0, max(1.5 * ALARM, min(max(watched.likelihoods), 5.0 * ALARM)))
         for one in intervals:
             width, alpha = (one.end_s - one.begin_s) / 60.0, 0.9 if one.finding.alarm else 0.3
-            axes[4].barh(causes.index(one.finding.cause), width, left=one.begin_s / 60.0, color=_RED, alpha=alpha)
-        axes[4].set_yticks(range(len(causes)), [one.word.replace("_", " ") for one in causes], fontsize=8.0)
+            axes[4].barh(
+                causes.index(one.finding.cause),
+                width,
+                left=one.begin_s / 60.0,
+                color=_RED,
+                alpha=alpha,
+            )
+        axes[4].set_yticks(
+            range(len(causes)), [one.word.replace("_", " ") for one in causes], fontsize=8.0
+        )
         axes[4].set_ylim(max(len(causes), 1) - 0.5, -0.5)
-        axes[4].set_title("alarms; pale: trends" if causes else "no alarm", fontsize=9.0, loc="left")
+        axes[4].set_title(
+            "alarms; pale: trends" if causes else "no alarm", fontsize=9.0, loc="left"
+        )
         axes[4].set_xlabel("time [min]")
         figure.align_ylabels()

@@ -30,7 +30,8 @@ from fsw_quality.likelihood import covariance_from
 from fsw_quality.monitor import Monitor, Sample
 
 _LOOK_S, _REPORT_S = 0.1, 1.0
-#: without drives for longer, the plant may be gone; the next one must not take this node for a part of its graph
+#: without drives for longer, the plant may be gone; the next one must not take this node for a
+#: part of its graph
 _SILENT_S = 2.0
 _UNKNOWN = Command(nan, nan)
 
@@ -38,8 +39,8 @@ _UNKNOWN = Command(nan, nan)
 class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere
     """Joins the topics of a weld into ticks for :class:`~fsw_quality.monitor.Monitor`, and reports once a second.
 
-    A plant may wait with its first tick for a number of subscribers of its sensors, meant are the controllers. So this
-    node subscribes to the sensors only while it hears the drives.
+    A plant may wait with its first tick for a number of subscribers of its sensors, meant are the
+    controllers. So this node subscribes to the sensors only while it hears the drives.
     """
 
     def __init__(self, **arguments: Any) -> None:
@@ -47,7 +48,9 @@ class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types 
         self._settings = declare(self, "fsw_quality", "monitor.yaml")
         self._process, model = self._settings["process"], self._settings["model_file"]
         parameters = ModelParameters.from_file(model) if model else None
-        self._monitor = Monitor(self._process, parameters, covariance_from(self._settings["covariance_file"]))
+        self._monitor = Monitor(
+            self._process, parameters, covariance_from(self._settings["covariance_file"])
+        )
         self._ticks = WeldTicks(self, self._consume, _UNKNOWN, await_drives=True)
         self._applied = self._ticks.applied
         self._sensors: list[Subscription] = []
@@ -121,7 +124,9 @@ class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types 
                 temperature=temperature_c,
             )
         )
-        now: dict[WatchCause, Finding | None] = {one.cause: one for one in monitor.findings if one.alarm}
+        now: dict[WatchCause, Finding | None] = {
+            one.cause: one for one in monitor.findings if one.alarm
+        }
         changed = now.keys() != {cause for cause, one in self._shown.items() if one is not None}
         self._shown = dict.fromkeys(self._shown) | now
         if changed:
@@ -133,13 +138,18 @@ class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types 
         if watched and self._monitor.learning:
             text = "learning the disturbances of this weld"
         trends = "; ".join(one.text for one in self._monitor.findings if not one.alarm)
-        values = {"longest step [ms]": f"{1e3 * self._longest_step_s:.3f}", "trends": trends or "none"}
+        values = {
+            "longest step [ms]": f"{1e3 * self._longest_step_s:.3f}",
+            "trends": trends or "none",
+        }
         lines = [Report("watch", OK, text, values)]
         for cause, one in self._shown.items():
             if one is None or not watched:
                 lines.append(Report(cause.word, OK, "no warning", {}))
                 continue
-            likelihood = {"log likelihood ratio": f"{one.log_likelihood:.1f}"} if cause.of_process else {}
+            likelihood = (
+                {"log likelihood ratio": f"{one.log_likelihood:.1f}"} if cause.of_process else {}
+            )
             lines.append(Report(cause.word, WARN, one.text, {"advice": one.advice, **likelihood}))
         self._diagnostics.publish(lines)
 
@@ -159,7 +169,9 @@ def _message(finding: Finding) -> WeldFinding:
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node until it is stopped; returns the exit code."""
     about = "Watches a weld and warns of what is about to go wrong, with cause and advice. It commands nothing."
-    return run(MonitorNode, args, NodeArguments("fsw_monitor", about, load("fsw_quality", "monitor.yaml")))
+    return run(
+        MonitorNode, args, NodeArguments("fsw_monitor", about, load("fsw_quality", "monitor.yaml"))
+    )
 
 
 if __name__ == "__main__":

@@ -34,10 +34,15 @@ class Watched:
     alarms: list[Interval] = field(default_factory=list)
     others: list[Interval] = field(default_factory=list)  #: trends, and what else is no alarm
     time_s: list[float] = field(default_factory=list)  #: of what follows, once a second
-    #: torque [N m], force [kN] and temperature [degC] that neither the model nor its coefficients explain
+    #: torque [N m], force [kN] and temperature [degC] that neither the model nor its coefficients
+    #: explain
     disturbances: list[tuple[float, float, float]] = field(default_factory=list)
-    likelihoods: list[float] = field(default_factory=list)  #: log likelihood ratio of the likeliest fault, 0 if none is
-    gains: dict[str, tuple[float, float]] = field(default_factory=dict)  #: at the end, with standard errors
+    likelihoods: list[float] = field(
+        default_factory=list
+    )  #: log likelihood ratio of the likeliest fault, 0 if none is
+    gains: dict[str, tuple[float, float]] = field(
+        default_factory=dict
+    )  #: at the end, with standard errors
 
     def drifts(self, learnt_s: float = LEARN_S) -> tuple[float, float, float]:
         """Largest changes of the disturbances after those of the begin were learnt; NaN in a shorter weld."""
@@ -62,9 +67,13 @@ def process_of(signals: WeldSignals) -> str:
 
 def samples(signals: WeldSignals) -> Iterator[Sample]:
     """The ticks of a weld as a monitor in the graph sees them; without feedback of the drives, the commands act."""
-    command_force, command_speed = (np.append([np.nan], one[:-1]) for one in (signals.force_kn, signals.speed_rpm))
+    command_force, command_speed = (
+        np.append([np.nan], one[:-1]) for one in (signals.force_kn, signals.speed_rpm)
+    )
     drives = signals.drives
-    acting = (command_force, command_speed) if drives is None else (drives.force_kn, drives.speed_rpm)
+    acting = (
+        (command_force, command_speed) if drives is None else (drives.force_kn, drives.speed_rpm)
+    )
     columns = (
         signals.time_s,
         signals.depth_mm,
@@ -78,7 +87,9 @@ def samples(signals: WeldSignals) -> Iterator[Sample]:
         yield Sample(*row)
 
 
-def watch(monitor: Monitor, signals: WeldSignals, progress: Callable[[float], None] | None = None) -> Watched:
+def watch(
+    monitor: Monitor, signals: WeldSignals, progress: Callable[[float], None] | None = None
+) -> Watched:
     """Let a monitor watch a recorded weld.
 
     Raises
@@ -102,10 +113,17 @@ def watch(monitor: Monitor, signals: WeldSignals, progress: Callable[[float], No
     return found
 
 
-def _note(found: Watched, present: dict[tuple[WatchCause, bool], Interval], monitor: Monitor, time_s: float) -> None:
+def _note(
+    found: Watched,
+    present: dict[tuple[WatchCause, bool], Interval],
+    monitor: Monitor,
+    time_s: float,
+) -> None:
     found.time_s.append(time_s)
     found.disturbances.append(monitor.disturbances)
-    found.likelihoods.append(max((one.log_likelihood for one in monitor.findings if one.cause.of_process), default=0.0))
+    found.likelihoods.append(
+        max((one.log_likelihood for one in monitor.findings if one.cause.of_process), default=0.0)
+    )
     now = {(one.cause, one.alarm): one for one in monitor.findings}
     for key in [key for key in present if key not in now]:
         del present[key]

@@ -23,7 +23,16 @@ from fsw_control.sensors import REQUIRED
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S
 from fsw_quality.attestation import IDENTITY, bag_name, software_versions, statement
-from fsw_quality.record_content import BagFile, Envelope, Event, Gap, PhaseRecord, Record, Statistics, TimeOfControl
+from fsw_quality.record_content import (
+    BagFile,
+    Envelope,
+    Event,
+    Gap,
+    PhaseRecord,
+    Record,
+    Statistics,
+    TimeOfControl,
+)
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.definitions import Definitions
@@ -49,7 +58,9 @@ _KNOWN = (*IDENTITY, "lost_messages")
 _KNOWN_SHARE = 0.95
 
 
-def make(bag: Path, procedure: Procedure, progress: Callable[[float], None] | None = None) -> tuple[Record, Course]:
+def make(
+    bag: Path, procedure: Procedure, progress: Callable[[float], None] | None = None
+) -> tuple[Record, Course]:
     """Judge the weld in a bag by a procedure; returns also its course, for figures.
 
     Raises
@@ -60,7 +71,9 @@ def make(bag: Path, procedure: Procedure, progress: Callable[[float], None] | No
     return judged(bag, procedure, *read(bag, progress))
 
 
-def read(bag: Path, progress: Callable[[float], None] | None = None) -> tuple[WeldSignals, list[str]]:
+def read(
+    bag: Path, progress: Callable[[float], None] | None = None
+) -> tuple[WeldSignals, list[str]]:
     """What :func:`judged` needs of a bag: signals, and what proves it; errors as :func:`make`."""
     signals = load_weld(bag, progress)
     proof, wrong = statement(bag)
@@ -72,15 +85,21 @@ def read(bag: Path, progress: Callable[[float], None] | None = None) -> tuple[We
             known = [one.data for one in told]
             told += [one for one in told_by_watch(reader, signals) if one.data not in known]
     if told:
-        signals = replace(signals, events=sorted([*signals.events, *told], key=lambda one: one.time_s))
+        signals = replace(
+            signals, events=sorted([*signals.events, *told], key=lambda one: one.time_s)
+        )
     return signals, proof
 
 
-def judged(bag: Path, procedure: Procedure, signals: WeldSignals, proof: Sequence[str]) -> tuple[Record, Course]:
+def judged(
+    bag: Path, procedure: Procedure, signals: WeldSignals, proof: Sequence[str]
+) -> tuple[Record, Course]:
     """Judge what was read of a bag; errors as :func:`make`."""
     sensors = np.stack([signals.depth_mm, signals.torque_nm, signals.temperature_c])
     if not np.isfinite(sensors).any():
-        raise BagError(f"{bag}: has no sample of any sensor; a record needs /fsw/depth, /fsw/spindle_torque and others")
+        raise BagError(
+            f"{bag}: has no sample of any sensor; a record needs /fsw/depth, /fsw/spindle_torque and others"
+        )
     wanted, names = [one.name for one in procedure.phases], [name for name, _ in signals.phases]
     if not set(wanted) & set(names):
         actual = f"it has {', '.join(names)}" if names else "no phase is on /fsw/weld_progress"
@@ -101,7 +120,10 @@ def assemble(
     account = judge(signals, procedure)
     course, evidence = account.course, account.evidence
     custom = signals.custom
-    phases = [*((name, ticks) for name, ticks in course.spans() if name), ("whole weld", slice(None))]
+    phases = [
+        *((name, ticks) for name, ticks in course.spans() if name),
+        ("whole weld", slice(None)),
+    ]
     record = Record(
         verdict=account.verdict,
         deciding=account.deciding,
@@ -111,7 +133,8 @@ def assemble(
         files=files,
         proof=tuple(proof),
         identity={key: custom[key] for key in IDENTITY if key in custom},
-        extra=dict(procedure.extra) | {key: value for key, value in custom.items() if key not in _KNOWN},
+        extra=dict(procedure.extra)
+        | {key: value for key, value in custom.items() if key not in _KNOWN},
         judged_with=judged_with(),
         start_ns=int(signals.stamp_ns[0]),
         simulated_time=evidence.stamp_ns is None,
@@ -150,7 +173,8 @@ def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
         return []
     definition = definition_of(topic)
     definitions, found, before, welded_by = Definitions(), [], "", ""
-    name = f"{qualified(signals.namespace, WATCH_NODE)}: deviations"  # other welds of the domain have theirs
+    # other welds of the domain have theirs
+    name = f"{qualified(signals.namespace, WATCH_NODE)}: deviations"
     for record in reader.records([_DIAGNOSTICS]):
         if name.encode() not in record.data:
             continue
@@ -162,7 +186,9 @@ def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
         time_s = float(signals.time_s[0]) + (stamp_ns - int(signals.stamp_ns[0])) / NANOSECONDS
         values = {one.key: one.value for one in line.values}
         if welded_by != (now := values.get("SHA-256", welded_by)):
-            found.append(welded(time_s, values.get("procedure", ""), values.get("revision", ""), now))
+            found.append(
+                welded(time_s, values.get("procedure", ""), values.get("revision", ""), now)
+            )
             welded_by = now
         if line.message != before and (before or line.level):
             found.append(WeldEvent(time_s, "deviation", detail=line.message))
@@ -173,7 +199,9 @@ def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
 def attached_procedures(signals: WeldSignals) -> list[WeldEvent]:
     """By which procedure the weld began: the file that was attached to the bag."""
     identities = (one.identity for one in attached(signals.attachments))
-    return [welded(float(signals.time_s[0]), one.id, one.revision, one.sha256) for one in identities]
+    return [
+        welded(float(signals.time_s[0]), one.id, one.revision, one.sha256) for one in identities
+    ]
 
 
 def welded(time_s: float, procedure: str, revision: str, sha256: str) -> WeldEvent:
@@ -187,7 +215,11 @@ def judged_with() -> dict[str, str]:
         own = version("fsw-control")
     except PackageNotFoundError:  # imported from the source tree
         own = "source"
-    return {"fsw-control": own} | {name: version(name) for name in ("numpy", "scipy")} | {"python": python_version()}
+    return (
+        {"fsw-control": own}
+        | {name: version(name) for name in ("numpy", "scipy")}
+        | {"python": python_version()}
+    )
 
 
 def files_of(bag: Path) -> tuple[BagFile, ...]:
@@ -195,7 +227,9 @@ def files_of(bag: Path) -> tuple[BagFile, ...]:
     with BagReader(bag) as reader:
         paths = sorted(path for path in (*reader.files(), bag / METADATA_NAME) if path.is_file())
     contents = ((path.name, mapped(path)) for path in paths)
-    return tuple(BagFile(name=name, bytes=len(data), sha256=sha256(data)) for name, data in contents)
+    return tuple(
+        BagFile(name=name, bytes=len(data), sha256=sha256(data)) for name, data in contents
+    )
 
 
 def times_of_control(events: Sequence[WeldEvent], end_s: float) -> list[TimeOfControl]:
@@ -214,16 +248,24 @@ def times_of_control(events: Sequence[WeldEvent], end_s: float) -> list[TimeOfCo
 
 
 def _cannot_say(signals: WeldSignals, custom: Mapping[str, str], evidence: Evidence) -> list[str]:
-    lacking = [f"{what} ({topic} is not in the bag)" for topic, what in _SAYS.items() if not signals.counts.get(topic)]
+    lacking = [
+        f"{what} ({topic} is not in the bag)"
+        for topic, what in _SAYS.items()
+        if not signals.counts.get(topic)
+    ]
     lacking += [f"{problem}: what was there is not known" for problem in signals.problems]
     if unknown := [key for key in IDENTITY if key not in custom]:
         lacking.append(f"{', '.join(unknown)}: not given to the recorder (parameter custom_data)")
     if "versions.json" not in signals.attachments:
         lacking.append("software versions (versions.json is not in the bag)")
     if evidence.lost is None:
-        lacking.append("whether messages were lost on their way to the recorder (metadata.yaml has no lost_messages)")
+        lacking.append(
+            "whether messages were lost on their way to the recorder (metadata.yaml has no lost_messages)"
+        )
     if not any(one.kind == "procedure" for one in signals.events):
-        lacking.append(f"by which procedure the weld ran (none is attached to the bag, nor reported by {WATCH_NODE})")
+        lacking.append(
+            f"by which procedure the weld ran (none is attached to the bag, nor reported by {WATCH_NODE})"
+        )
     if evidence.stamp_ns is None:
         lacking.append("the day of the weld (simulated time)")
     return lacking
@@ -236,15 +278,24 @@ def _events(signals: WeldSignals, course: Course) -> list[Event]:
         before = ""
         for row in [0, *(np.flatnonzero(faults[1:] != faults[:-1]) + 1).tolist()]:
             if faults[row] != before:
-                found.append(WeldEvent(float(signals.time_s[row]), "fault", faults[row], is_over=not faults[row]))
+                found.append(
+                    WeldEvent(
+                        float(signals.time_s[row]), "fault", faults[row], is_over=not faults[row]
+                    )
+                )
             before = faults[row]
     angles = []
     for one in found:
         at = min(int(np.searchsorted(course.time_s, one.time_s - 1e-6)), course.time_s.size - 1)
         angle = float(course.angle_deg[at])
         angles.append(angle if np.isfinite(angle) else None)
-    rows = sorted(zip(found, angles, strict=True), key=lambda row: (row[0].time_s, row[0].kind, row[0].text))
-    return [Event(time_s=one.time_s, kind=one.kind, text=one.text, angle_deg=angle) for one, angle in rows]
+    rows = sorted(
+        zip(found, angles, strict=True), key=lambda row: (row[0].time_s, row[0].kind, row[0].text)
+    )
+    return [
+        Event(time_s=one.time_s, kind=one.kind, text=one.text, angle_deg=angle)
+        for one, angle in rows
+    ]
 
 
 def _phase(course: Course, procedure: Procedure, name: str, ticks: slice) -> PhaseRecord:
@@ -261,7 +312,9 @@ def _phase(course: Course, procedure: Procedure, name: str, ticks: slice) -> Pha
         travel_mm=travelled,
         missing=int(np.sum(~np.isfinite(sensors).all(axis=0))),
         depth_mm=_statistics(values["depth_error_mm"], procedure, "depth_error_mm", name),
-        temperature_c=_statistics(values["temperature_error_c"], procedure, "temperature_error_c", name),
+        temperature_c=_statistics(
+            values["temperature_error_c"], procedure, "temperature_error_c", name
+        ),
         envelopes={
             key: envelope
             for key in ("torque_nm", "force_kn", "speed_rpm", "power_kw", "traverse_mm_per_min")
@@ -284,12 +337,18 @@ def _heat_input(time_s: FloatArray, power_kw: FloatArray, travel_mm: FloatArray)
     return float(power_kw[known].mean()) * float(time_s[last] - time_s[first]) / travelled_mm
 
 
-def _statistics(error: FloatArray, procedure: Procedure, variable: str, phase: str) -> Statistics | None:
+def _statistics(
+    error: FloatArray, procedure: Procedure, variable: str, phase: str
+) -> Statistics | None:
     of = ErrorStatistics.of(error)
     if of is None:
         return None
     known = error[np.isfinite(error)]
-    limits = [one for one in procedure.quality if one.variable == variable and (not one.phases or phase in one.phases)]
+    limits = [
+        one
+        for one in procedure.quality
+        if one.variable == variable and (not one.phases or phase in one.phases)
+    ]
     inside = [beyond(known, one.min, one.max) == 0.0 for one in limits]
     return Statistics(
         mean=of.mean,

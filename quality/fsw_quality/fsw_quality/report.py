@@ -48,7 +48,9 @@ def stated_otherwise(document: bytes, record: Record) -> list[str]:
     """
     text = _plain(_text(document))
     missing = [] if _plain("".join(statement(record))) in text else ["verdict"]
-    return missing + [key for key, value in record.identity.items() if _plain(f"{key}{value}") not in text]
+    return missing + [
+        key for key, value in record.identity.items() if _plain(f"{key}{value}") not in text
+    ]
 
 
 def _plain(text: str) -> str:
@@ -117,7 +119,9 @@ def _pdf(body: str, title: str, keywords: str = "") -> bytes:
     pages.set_keywords(keywords)
     pages.add_page()
     heads = {
-        f"h{level}": TextStyle(color="#000000", font_style="B", font_size_pt=size, t_margin=3.0, b_margin=0.3)
+        f"h{level}": TextStyle(
+            color="#000000", font_style="B", font_size_pt=size, t_margin=3.0, b_margin=0.3
+        )
         for level, size in ((1, 20), (2, 11))
     }
     for section in re.split("(?=<h2>)", body):

@@ -1,7 +1,7 @@
 """Measured values minus those of the process model, and how each depends on the model's coefficients.
 
-The drives report the force and the speed that act, so each equation of the model connects measured values alone,
-whatever controller commands:
+The drives report the force and the speed that act, so each equation of the model connects measured
+values alone, whatever controller commands:
 
 ========== ================================================ =======================================================
 residual   equation                                         compares
@@ -12,8 +12,8 @@ depth      (17), (27) from force, depth and temperature     depth, temperature's
 heat       (16), (24) from torque, speed and temperature    measured temperature with what the power has heated
 ========== ================================================ =======================================================
 
-The model is stepped once with its coefficients and once for each coefficient that is uncertain, a little changed; the
-differences are the sensitivities.
+The model is stepped once with its coefficients and once for each coefficient that is uncertain, a
+little changed; the differences are the sensitivities.
 """
 
 from __future__ import annotations
@@ -29,18 +29,27 @@ from fsw_control.units import KW_PER_NM_RPM, RAD_PER_S_PER_RPM
 from fsw_model import STEP_S, ModelParameters, equations
 
 TORQUE, DEPTH, HEAT = range(3)
-#: coefficients of the model that are uncertain; behind them, the lag of the thermocouple's probe [s]
+#: coefficients of the model that are uncertain; behind them, the lag of the thermocouple's probe
+#: [s]
 COEFFICIENTS = (
     *("thermal_gain_c_per_kw", "copper_lag_s", "tool_lag_s", "dead_time_s", "softening_per_c"),
-    *("depth_gain_mm_per_kn_s", "depth_zero_s", "depth_pole_slow_s", "motor_lag_s", "sliding_friction"),
+    *(
+        "depth_gain_mm_per_kn_s",
+        "depth_zero_s",
+        "depth_pole_slow_s",
+        "motor_lag_s",
+        "sliding_friction",
+    ),
     *("sticking_stress_pa", "contact_slope", "friction_constant_nm"),
 )
-#: relative change of a coefficient by which its sensitivity is computed; the dead time changes by whole ticks
+#: relative change of a coefficient by which its sensitivity is computed; the dead time changes by
+#: whole ticks
 _CHANGE, _DEAD_TICKS = 0.03, 3
-#: lag behind the model's temperature with which a probe shows it [s]: where the heat is known, a typical probe's; on a
-#: canister, where the model's temperature is late itself, less (chosen)
+#: lag behind the model's temperature with which a probe shows it [s]: where the heat is known, a
+#: typical probe's; on a canister, where the model's temperature is late itself, less (chosen)
 _PROBE_S, _PROBE_LATE_S = 1.5, 0.3
-#: span over which the slope of the temperature is measured, by which a lag of the probe shows in the depth [ticks]
+#: span over which the slope of the temperature is measured, by which a lag of the probe shows in
+#: the depth [ticks]
 _SLOPE_TICKS = 40
 
 
@@ -78,13 +87,18 @@ class ModelResiduals:
         self._changes = np.array([*changes.values(), 1.0])
         copies = [p, *(p.scaled(**{name: 1.0 + change}) for name, change in changes.items()), p]
         self._c: Any = SimpleNamespace(
-            **{name: np.array([getattr(one, name) for one in copies]) for name in ModelParameters.model_fields}
+            **{
+                name: np.array([getattr(one, name) for one in copies])
+                for name in ModelParameters.model_fields
+            }
         )
         self._probe_s = np.append(np.zeros(len(copies) - 1), 1.0)
         self._follow = 1.0 - np.exp(-STEP_S / self._c.motor_lag_s)
         modes = [equations.depth_modes(one) for one in copies]
         self._slow = np.array([exp(poles[1] * STEP_S) for poles, _ in modes])
-        self._slow_gain = np.array([(exp(poles[1] * STEP_S) - 1.0) / poles[1] * gains[1] for poles, gains in modes])
+        self._slow_gain = np.array(
+            [(exp(poles[1] * STEP_S) - 1.0) / poles[1] * gains[1] for poles, gains in modes]
+        )
         self._creep_gain = np.array([gains[0] * STEP_S for _, gains in modes])
         self._thermal = np.array([_thermal_step(one) for one in copies]).T
         delays = np.array([round(one.dead_time_s / STEP_S) for one in copies])
@@ -92,7 +106,8 @@ class ModelResiduals:
         self._heated = np.zeros((len(copies), int(delays.max()) + 1))
         self._unexplained = np.zeros(_SLOPE_TICKS)  # temperature less the model's
         self._at = -1
-        #: edges of the workpiece that have passed: they move the zero of the depth, and not what the tool stirs
+        #: edges of the workpiece that have passed: they move the zero of the depth, and not what
+        #: the tool stirs
         self.edges_mm = 0.0
 
     def step(self, now: Values) -> FloatArray:
@@ -111,14 +126,25 @@ class ModelResiduals:
             self._creep = self._slow_mm = np.zeros(rise_c.size)
             self._copper = self._tool = rise_c
             self._heated[:] = rise_c[:, None]
-            self._unexplained[:], self._shown = now.temperature_c - float(rise_c[0]), float(rise_c[0])
-        inertia_nm = self._p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * (now.speed_rpm - self._speed) / STEP_S
+            self._unexplained[:], self._shown = (
+                now.temperature_c - float(rise_c[0]),
+                float(rise_c[0]),
+            )
+        inertia_nm = (
+            self._p.spindle_inertia_kgm2
+            * RAD_PER_S_PER_RPM
+            * (now.speed_rpm - self._speed)
+            / STEP_S
+        )
         self._motor = self._motor + self._follow * (static_nm - self._motor)
         pushed = now.force_kn - c.operating_force_kn
         self._creep = self._creep + self._creep_gain * pushed
         self._slow_mm = self._slow * self._slow_mm + self._slow_gain * pushed
         measured_nm = now.torque_nm if np.isfinite(now.torque_nm) else self._motor + inertia_nm
-        self._heat((measured_nm - inertia_nm - friction_nm) * now.speed_rpm * KW_PER_NM_RPM - c.operating_power_kw)
+        self._heat(
+            (measured_nm - inertia_nm - friction_nm) * now.speed_rpm * KW_PER_NM_RPM
+            - c.operating_power_kw
+        )
         delayed = self._heated[self._rows, (self._at - self._delays) % self._heated.shape[1]]
         slope = self._slope(now.temperature_c, float(delayed[0]))
         self._speed, self._force, self._sunk = now.speed_rpm, now.force_kn, depth_mm
@@ -135,7 +161,9 @@ class ModelResiduals:
         """Torque that the model expects before the tick's own values are in it."""
         if self._at < 0:
             return 0.0
-        inertia_nm = self._p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * (speed_rpm - self._speed) / STEP_S
+        inertia_nm = (
+            self._p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * (speed_rpm - self._speed) / STEP_S
+        )
         return float(self._motor[0]) + inertia_nm
 
     def sensitivities(self, residuals: FloatArray) -> FloatArray:
@@ -146,7 +174,9 @@ class ModelResiduals:
         """What the signatures of faults need at this tick."""
         p, force, depth = self._p, self._force, self._sunk
         small = np.array([0.0, 0.1, 0.0]), np.array([0.0, 0.0, 0.01])
-        here, by_force, by_depth = equations.process_torque_nm(p, force + small[0], depth + small[1])  # type: ignore[arg-type]
+        here, by_force, by_depth = equations.process_torque_nm(
+            p, force + small[0], depth + small[1]
+        )  # type: ignore[arg-type]
         return Gains(
             float(here),
             float(by_force - here) / 0.1,

@@ -12,17 +12,21 @@ from fsw_control.weld import TICK_S
 from fsw_quality.diagnosis import Finding, WatchCause
 
 _SECOND = round(1.0 / TICK_S)
-#: probability with which a healthy sensor repeats its value as often as a stuck one; fewest repetitions (chosen)
+#: probability with which a healthy sensor repeats its value as often as a stuck one; fewest
+#: repetitions (chosen)
 _BY_CHANCE, _FEWEST = 1e-9, 10
 #: weight of a new sample in running means (chosen)
 _FOLLOW = 0.01
-#: jump from a sample to the next that is no process, in mean changes; spikes in half a minute that are a fault (chosen)
+#: jump from a sample to the next that is no process, in mean changes; spikes in half a minute that
+#: are a fault (chosen)
 _JUMP, _SPIKES, _SPIKES_S = 12.0, 3, 30.0
-#: time over which noise is estimated, time in which its normal size is learnt [s], and ratios that are faults (chosen)
+#: time over which noise is estimated, time in which its normal size is learnt [s], and ratios that
+#: are faults (chosen)
 _NOISE_S, LEARN_S, _GROWN, _GONE = 20, 90.0, 2.0, 0.5
 #: a sensor that was at fault is trusted again after this time [s] (chosen)
 _TRUSTED_S = 3.0
-#: fall of the temperature in so many seconds that no process makes while the power stays [degC] (chosen)
+#: fall of the temperature in so many seconds that no process makes while the power stays [degC]
+#: (chosen)
 _FALL_S, _FALL_C = 5, 20.0
 
 
@@ -33,14 +37,18 @@ class SensorHealth:
         self.name = name
         row = SENSORS[name]  # its noise and resolution count until its own are known
         self._sigma, self._resolution = row.noise, row.resolution
-        self._repeats = self._resolution / (2.0 * sqrt(pi) * self._sigma)  # share of samples like the one before
+        self._repeats = self._resolution / (
+            2.0 * sqrt(pi) * self._sigma
+        )  # share of samples like the one before
         self._last = self._before = self._carried = self._carried_before = nan
         self._run, self._doubtful = 0, False
         self._change = 2.0 * self._sigma
         self._spikes: deque[float] = deque()
         self._second_changes: deque[float] = deque(maxlen=_NOISE_S * _SECOND)
         self._learnt: list[float] = []
-        self._normal = self.noise = self._sigma  # the second is the present one, which grows at once
+        self._normal = self.noise = (
+            self._sigma
+        )  # the second is the present one, which grows at once
         self._time_s, self._begun_s, self._sick_s = nan, nan, -np.inf
 
     def _cause(self, what: str) -> WatchCause:
@@ -106,7 +114,10 @@ class SensorHealth:
             found.append(Finding(self._cause("SPIKES"), size=float(len(self._spikes))))
         changes = np.array(self._second_changes)
         if changes.size >= 2 * _SECOND:
-            noise, newest = (1.4826 * float(np.median(some)) / sqrt(6.0) for some in (changes, changes[-2 * _SECOND :]))
+            noise, newest = (
+                1.4826 * float(np.median(some)) / sqrt(6.0)
+                for some in (changes, changes[-2 * _SECOND :])
+            )
             self.noise = max(noise, newest)
         if changes.size == self._second_changes.maxlen:
             if self._time_s - self._begun_s <= LEARN_S:

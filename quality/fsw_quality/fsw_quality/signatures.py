@@ -12,8 +12,9 @@ from fsw_model import ModelParameters
 from fsw_quality.diagnosis import WatchCause
 from fsw_quality.residuals import COEFFICIENTS, HEAT, Gains
 
-#: by cause: largest size that does no harm, so that it is no fault, and largest that there can be. In the units of
-#: ``monitor_texts.yaml`` before their factors: degC/s, mm/s, kN, N m/s, N m, relative, s (chosen)
+#: by cause: largest size that does no harm, so that it is no fault, and largest that there can be.
+#: In the units of ``monitor_texts.yaml`` before their factors: degC/s, mm/s, kN, N m/s, N m,
+#: relative, s (chosen)
 SIZES = {
     WatchCause.THERMOCOUPLE_DRIFT: (0.3 / 60.0, 1.0),
     WatchCause.DEPTH_DRIFT: (0.005 / 60.0, 0.05),
@@ -39,7 +40,12 @@ class Onset:
 
 
 def signatures(
-    p: ModelParameters, faults: list[WatchCause], onsets: list[Onset], time_s: float, now: Gains, by_model: FloatArray
+    p: ModelParameters,
+    faults: list[WatchCause],
+    onsets: list[Onset],
+    time_s: float,
+    now: Gains,
+    by_model: FloatArray,
 ) -> FloatArray:
     """What faults of size 1 do to the residuals at a time, shape (3, onsets, faults).
 
@@ -47,14 +53,17 @@ def signatures(
     """
     since = np.array([max(time_s - one.time_s, 0.0) for one in onsets])
     creep, slow, heated = (
-        np.array([getattr(one.gains, name) for one in onsets]) for name in ("creep_mm", "slow_mm", "heated_c")
+        np.array([getattr(one.gains, name) for one in onsets])
+        for name in ("creep_mm", "slow_mm", "heated_c")
     )
     # power reaches the thermocouple behind the dead time, through the lag of the copper
     late = np.maximum(since - p.dead_time_s - p.tool_lag_s, 0.0)
     faded = np.exp(-late / p.copper_lag_s)
     heat_per_nm = -p.thermal_gain_c_per_kw * KW_PER_NM_RPM * now.speed_rpm
     follow = 1.0 - np.exp(-since / p.depth_pole_slow_s)
-    sunk_per_kn = -p.depth_gain_mm_per_kn_s * (since + (p.depth_zero_s - p.depth_pole_slow_s) * follow)
+    sunk_per_kn = -p.depth_gain_mm_per_kn_s * (
+        since + (p.depth_zero_s - p.depth_pole_slow_s) * follow
+    )
     by_gain = now.creep_mm + now.slow_mm - creep - slow * (1.0 - follow)
     found = np.zeros((3, len(onsets), len(faults)))
 
@@ -66,7 +75,11 @@ def signatures(
     put(WatchCause.THERMOCOUPLE_DRIFT, depth=-now.mm_per_c * since, heat=since)
     put(WatchCause.DEPTH_DRIFT, torque=-now.nm_per_mm * since, depth=since)
     put(WatchCause.LOAD_CELL_STEP, torque=np.full(since.size, -now.nm_per_kn), depth=sunk_per_kn)
-    put(WatchCause.TORQUE_DRIFT, torque=since, heat=heat_per_nm * (late - p.copper_lag_s * (1.0 - faded)))
+    put(
+        WatchCause.TORQUE_DRIFT,
+        torque=since,
+        heat=heat_per_nm * (late - p.copper_lag_s * (1.0 - faded)),
+    )
     put(WatchCause.TORQUE_STEP, torque=np.ones(since.size), heat=heat_per_nm * (1.0 - faded))
     put(WatchCause.TOOL_WEAR, torque=since)
     put(WatchCause.TORQUE_GAIN, torque=np.full(since.size, now.process_nm))

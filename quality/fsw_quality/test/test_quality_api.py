@@ -7,7 +7,9 @@ from fsw_schema.models import InputError
 from fsw_test_support.doc_examples import check, examples
 
 
-@pytest.mark.parametrize("example", examples(["fsw_quality.api"]), ids=lambda example: example.name)
+@pytest.mark.parametrize(
+    "example", examples(["fsw_quality.api"]), ids=lambda example: example.name
+)
 def test_the_examples_in_the_docstrings(example):
     check(example)
 

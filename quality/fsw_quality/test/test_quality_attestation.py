@@ -20,11 +20,20 @@ from fsw_recorder.findings import Code, EvidenceError
 from fsw_recorder.manifest import MANIFEST_NAME
 from fsw_recorder.recover import recover
 from fsw_recorder.recover_proven import recover_proven
-from fsw_recorder.signature import Purpose, SigningKey, TrustedKey, load_private, load_trusted, make_key
+from fsw_recorder.signature import (
+    Purpose,
+    SigningKey,
+    TrustedKey,
+    load_private,
+    load_trusted,
+    make_key,
+)
 from fsw_scenario import procedure
 from fsw_test_support.sample_weld import sample_messages, sample_topics
 
-pytest.importorskip("cryptography", reason="not installed: pip install -r requirements/signing.lock")
+pytest.importorskip(
+    "cryptography", reason="not installed: pip install -r requirements/signing.lock"
+)
 
 NOW = datetime(2026, 11, 25, 12, 0, tzinfo=UTC)
 COUNT = 4
@@ -49,10 +58,17 @@ class Shop:
         return self.folder / f"weld_{number}"
 
     def weld(
-        self, number: int, manifest: bool = True, canister: int = 0, key: Path | str = "", ticks: int = 20
+        self,
+        number: int,
+        manifest: bool = True,
+        canister: int = 0,
+        key: Path | str = "",
+        ticks: int = 20,
     ) -> Path:
         options = WriterOptions(manifest=manifest, signing_key=str(key))
-        with BagWriter(self.bag(number), options, {"canister": f"C-{canister or number}"}) as writer:
+        with BagWriter(
+            self.bag(number), options, {"canister": f"C-{canister or number}"}
+        ) as writer:
             for topic in sample_topics():
                 writer.add_topic(topic)
             writer.attach("versions.json", "application/json", b'{"numpy": "2.0"}')
@@ -62,10 +78,14 @@ class Shop:
                     writer.flush()
         return self.bag(number)
 
-    def attest(self, number: int, policy: Policy = NO_POLICY, now: datetime = NOW, **more: Any) -> Attestation:
+    def attest(
+        self, number: int, policy: Policy = NO_POLICY, now: datetime = NOW, **more: Any
+    ) -> Attestation:
         return attest(Subject(self.bag(number), **more), self.chain_folder, self.key, now, policy)
 
-    def refused(self, number: int, policy: Policy = NO_POLICY, now: datetime = NOW, **more: Any) -> list[Code]:
+    def refused(
+        self, number: int, policy: Policy = NO_POLICY, now: datetime = NOW, **more: Any
+    ) -> list[Code]:
         """Codes of why a bag is not attested."""
         with pytest.raises(EvidenceError) as caught:
             self.attest(number, policy, now, **more)
@@ -101,7 +121,11 @@ def shop(original: Path, tmp_path: Path) -> Shop:
 def test_a_record_can_say_whether_the_bag_is_what_was_recorded_and_who_signed(shop: Shop) -> None:
     bag = shop.bag(2)
     lines, wrong = statement(bag)
-    assert len(lines) == 3 and shop.verified(2).signers[Purpose.ATTESTATION].key in lines[-1] and wrong == []
+    assert (
+        len(lines) == 3
+        and shop.verified(2).signers[Purpose.ATTESTATION].key in lines[-1]
+        and wrong == []
+    )
     signature = (bag / "attestation.json.sig").read_text()
     (bag / "attestation.json.sig").write_bytes((shop.bag(3) / "attestation.json.sig").read_bytes())
     assert len(statement(bag)[1]) == 1
@@ -117,10 +141,15 @@ def test_a_record_can_say_whether_the_bag_is_what_was_recorded_and_who_signed(sh
 
 
 def test_what_was_not_touched_is_proven(shop: Shop) -> None:
-    assert shop.chain_codes() == [] and [shop.codes(number) for number in range(1, COUNT + 1)] == [[]] * COUNT
+    assert (
+        shop.chain_codes() == []
+        and [shop.codes(number) for number in range(1, COUNT + 1)] == [[]] * COUNT
+    )
     result = shop.verified(2)
     attested = result.attested
-    assert attested is not None and attested.number == 2 and attested.identity == {"canister": "C-2"}
+    assert (
+        attested is not None and attested.number == 2 and attested.identity == {"canister": "C-2"}
+    )
     assert attested.software == {"numpy": "2.0"} and attested.attested_at == NOW
     assert attested.procedure == procedure.load("copper_lid").identity
     # a folder may be renamed, and what else is in it does not count
@@ -143,7 +172,10 @@ def test_what_was_not_checked_is_said(shop: Shop) -> None:
     codes = {entry.code for entry in result.not_checked}
     assert Code.NO_CHAIN in codes and Code.ALL_KEYS not in codes
     strict = verify_bag(shop.bag(2), Policy(named, require_signed=True), NOW)
-    assert {entry.code for entry in strict.findings} == {Code.MANIFEST_UNSIGNED, Code.PROCEDURE_UNSIGNED}
+    assert {entry.code for entry in strict.findings} == {
+        Code.MANIFEST_UNSIGNED,
+        Code.PROCEDURE_UNSIGNED,
+    }
 
 
 def test_damage_is_located_to_file_and_chunk(shop: Shop) -> None:
@@ -158,7 +190,14 @@ def test_damage_is_located_to_file_and_chunk(shop: Shop) -> None:
     recover_proven(shop.bag(1), shop.bag(8), (ATTESTATION_NAME, f"{ATTESTATION_NAME}.sig"))
     result = shop.verified(8)
     assert result.attested is not None and result.attested.number == 1
-    assert sum(any("chunk" in part for part in one.place.parts) for one in result.findings if one.place) == 1
+    assert (
+        sum(
+            any("chunk" in part for part in one.place.parts)
+            for one in result.findings
+            if one.place
+        )
+        == 1
+    )
 
 
 def test_an_exchanged_bag_or_manifest_is_found(shop: Shop) -> None:
@@ -224,7 +263,9 @@ def test_a_wrong_key_is_found(shop: Shop) -> None:
     attest(Subject(shop.bag(9)), shop.folder / "other_chain", foreign, NOW)
     for suffix in ("", ".sig"):
         name = f"000001.json{suffix}"
-        shutil.copyfile(shop.folder / "other_chain" / name, shop.chain_folder / f"000005.json{suffix}")
+        shutil.copyfile(
+            shop.folder / "other_chain" / name, shop.chain_folder / f"000005.json{suffix}"
+        )
     assert shop.chain_codes() == shop.codes(9) == [Code.KEY_UNKNOWN]
 
 
@@ -236,7 +277,10 @@ def test_the_next_key_continues_the_chain_and_an_expired_one_does_not(shop: Shop
     trusted = (*until, TrustedKey(name="next", key=following.public))
     shop.weld(9)
     assert shop.refused(9, Policy(trusted), later) == [Code.KEY_EXPIRED]
-    assert attest(Subject(shop.bag(9)), shop.chain_folder, following, later, Policy(trusted)).number == COUNT + 1
+    assert (
+        attest(Subject(shop.bag(9)), shop.chain_folder, following, later, Policy(trusted)).number
+        == COUNT + 1
+    )
     assert read_chain(shop.chain_folder, trusted).findings == ()
     revoked = [entry.changed(name="former", revoked=NOW.date()) for entry in shop.trusted]
     chain = read_chain(shop.chain_folder, (*revoked, trusted[-1]))
@@ -245,7 +289,9 @@ def test_the_next_key_continues_the_chain_and_an_expired_one_does_not(shop: Shop
 
 def test_times_are_in_order(shop: Shop) -> None:
     shop.weld(9)
-    assert shop.refused(9, now=datetime(2020, 1, 1, tzinfo=UTC)) == [Code.TIME_ORDER]  # before the weld
+    assert shop.refused(9, now=datetime(2020, 1, 1, tzinfo=UTC)) == [
+        Code.TIME_ORDER
+    ]  # before the weld
     shop.attest(9, now=NOW - timedelta(days=1))  # before the attestation of the weld before
     assert shop.chain_codes() == [Code.TIME_ORDER]
     result = verify_bag(shop.bag(9), Policy(shop.trusted), NOW - timedelta(days=2))
@@ -257,7 +303,9 @@ def test_a_weld_is_attested_once(shop: Shop) -> None:
     shutil.copytree(shop.bag(2), shop.bag(9))
     assert shop.refused(9) == [Code.ATTESTED_TWICE]
     for suffix in ("", ".sig"):  # forced in
-        shutil.copyfile(shop.chain_folder / f"000002.json{suffix}", shop.chain_folder / f"000005.json{suffix}")
+        shutil.copyfile(
+            shop.chain_folder / f"000002.json{suffix}", shop.chain_folder / f"000005.json{suffix}"
+        )
     assert Code.ATTESTED_TWICE in shop.chain_codes()
 
 
@@ -335,7 +383,9 @@ def test_a_manifest_that_the_recorder_did_not_sign_is_refused(shop: Shop) -> Non
     make_key(shop.folder / "stranger")
     shop.weld(10, key=shop.folder / "stranger")
     assert shop.refused(10, Policy(trusted)) == [Code.KEY_UNKNOWN]
-    assert Code.KEY_UNKNOWN in shop.refused(10, Policy(require_signed=True)), "without any key that counts"
+    assert Code.KEY_UNKNOWN in shop.refused(10, Policy(require_signed=True)), (
+        "without any key that counts"
+    )
     shop.weld(11, key=machine)
     soon = datetime.now(UTC) + timedelta(seconds=1)  # the recorder's signature is of now
     attested = shop.attest(11, Policy(trusted), soon)
@@ -345,7 +395,9 @@ def test_a_manifest_that_the_recorder_did_not_sign_is_refused(shop: Shop) -> Non
     only_attester = verify_bag(shop.bag(11), Policy(shop.trusted), soon)
     assert [entry.code for entry in only_attester.findings] == [Code.KEY_UNKNOWN]
     (shop.bag(11) / f"{MANIFEST_NAME}.sig").unlink()
-    assert Code.OTHER_SIGNER in [entry.code for entry in verify_bag(shop.bag(11), Policy(trusted), soon).findings]
+    assert Code.OTHER_SIGNER in [
+        entry.code for entry in verify_bag(shop.bag(11), Policy(trusted), soon).findings
+    ]
 
 
 def test_every_attested_document_is_checked_wherever_it_is(shop: Shop) -> None:
@@ -358,7 +410,9 @@ def test_every_attested_document_is_checked_wherever_it_is(shop: Shop) -> None:
     assert set(attested.documents_sha256) == {"record/note.txt", "report.txt"}
     result = shop.verified(9)
     assert result.findings == []
-    assert {entry.file: entry.code for entry in result.not_checked if entry.file.endswith(".txt")} == {
+    assert {
+        entry.file: entry.code for entry in result.not_checked if entry.file.endswith(".txt")
+    } == {
         "record/note.txt": Code.DOCUMENT_FOREIGN,
         "report.txt": Code.DOCUMENT_ABSENT,
     }
@@ -374,7 +428,9 @@ def test_what_is_no_bag_is_one_line(shop: Shop) -> None:
     for path in (shop.folder / "none", shop.bag(1) / "weld_1_0.mcap"):
         with pytest.raises(BagError, match="is not the folder of a bag"):
             attest(Subject(path), shop.chain_folder, shop.key, NOW)
-        assert [entry.code for entry in verify_bag(path, Policy(shop.trusted), NOW).findings] == [Code.UNREADABLE]
+        assert [entry.code for entry in verify_bag(path, Policy(shop.trusted), NOW).findings] == [
+            Code.UNREADABLE
+        ]
 
 
 def test_the_manifest_says_what_the_schema_allows(shop: Shop) -> None:

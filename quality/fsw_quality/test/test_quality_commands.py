@@ -35,4 +35,8 @@ def test_the_record_of_a_weld_by_a_procedure_is_written_after_its_recording():
     (words,) = [make("{bag}", "some.yaml") for make in all_loaded("fsw.record_hooks").values()]
     assert words[1:3] == ["-m", "fsw.main"]
     parsed = parser("fsw.py", "record").parse_args(words[3:])
-    assert (parsed.bag, parsed.procedure, parsed.out) == ([Path("{bag}")], "some.yaml", Path("{bag}/record"))
+    assert (parsed.bag, parsed.procedure, parsed.out) == (
+        [Path("{bag}")],
+        "some.yaml",
+        Path("{bag}/record"),
+    )

@@ -20,19 +20,25 @@ from fsw_test_support.judged_weld import good_weld, short_procedure
 from fsw_test_support.sample_weld import SampleTypes
 
 
-def record(number: int, offset_mm: float = 0.0, procedure: Procedure | None = None, sha: str = "") -> Record:
+def record(
+    number: int, offset_mm: float = 0.0, procedure: Procedure | None = None, sha: str = ""
+) -> Record:
     """Record of a weld that is off its depth by some 0.001 mm."""
     weld = good_weld()
     weld = replace(weld, path=Path(f"weld_{number}"), depth_mm=weld.depth_mm + offset_mm)
     file = BagFile(name="weld.mcap", bytes=1, sha256=sha or f"{number:064x}")
-    found, _ = assemble(replace(weld, custom={"lost_messages": "0"}), procedure or short_procedure(), (file,))
+    found, _ = assemble(
+        replace(weld, custom={"lost_messages": "0"}), procedure or short_procedure(), (file,)
+    )
     return found
 
 
 def keep(folder: Path, *records: Record) -> None:
     for one in records:
         (folder / one.bag).mkdir(parents=True)
-        (folder / one.bag / "record.json").write_text(one.model_dump_json(exclude_none=True), encoding="utf-8")
+        (folder / one.bag / "record.json").write_text(
+            one.model_dump_json(exclude_none=True), encoding="utf-8"
+        )
 
 
 def test_accepted_welds_of_the_procedure_are_taken_and_the_latest_only(tmp_path: Path) -> None:
@@ -59,7 +65,9 @@ def test_what_is_far_from_the_others_is_named(tmp_path: Path) -> None:
 
 def test_two_records_of_one_weld_are_told(tmp_path: Path) -> None:
     keep(tmp_path, record(1, sha="a" * 64), record(2, sha="a" * 64))
-    with pytest.raises(InputError, match=r"weld_2/record\.json: is a second record of the weld of .*weld_1"):
+    with pytest.raises(
+        InputError, match=r"weld_2/record\.json: is a second record of the weld of .*weld_1"
+    ):
         accepted_before(tmp_path, record(9))
 
 
@@ -81,29 +89,47 @@ def test_what_is_no_record_is_told(tmp_path: Path) -> None:
         ([(1.0, ""), (2.0, "")], []),
     ],
 )
-def test_times_of_control(holders: list[tuple[float, str]], expected: list[tuple[str, float, float]]) -> None:
+def test_times_of_control(
+    holders: list[tuple[float, str]], expected: list[tuple[str, float, float]]
+) -> None:
     """Who has control after each request is told with it, whatever was asked for and with which outcome."""
-    events = [WeldEvent(time_s, "operator", "hold", "refused", data={"holder": holder}) for time_s, holder in holders]
+    events = [
+        WeldEvent(time_s, "operator", "hold", "refused", data={"holder": holder})
+        for time_s, holder in holders
+    ]
     assert [(one.who, one.begin_s, one.end_s) for one in times_of_control(events, 9.0)] == expected
 
 
-@pytest.mark.parametrize(("home", "neighbour"), [("", "/cell2"), ("/cell1", "/cell2"), ("/cell1", "/hall/cell1")])
-def test_what_the_watch_tells_is_on_record_once_each(tmp_path: Path, home: str, neighbour: str) -> None:
+@pytest.mark.parametrize(
+    ("home", "neighbour"), [("", "/cell2"), ("/cell1", "/cell2"), ("/cell1", "/hall/cell1")]
+)
+def test_what_the_watch_tells_is_on_record_once_each(
+    tmp_path: Path, home: str, neighbour: str
+) -> None:
     """Diagnostics come every second; what changes is an event, at the weld's time. Another weld's do not count."""
     identity = {"procedure": "p", "revision": "B", "SHA-256": "ab" * 32}
     types, kind = SampleTypes(), "diagnostic_msgs/msg/DiagnosticArray"
     weld = replace(good_weld(), namespace=home)
     with BagWriter(tmp_path / "bag") as writer:
-        writer.add_topic(RecordedTopic("/diagnostics", kind, interface_definition(kind), interface_hash(kind)))
-        for tick, text in enumerate(["no deviation", "no deviation", "mode manual", "mode manual", "no deviation"]):
+        writer.add_topic(
+            RecordedTopic("/diagnostics", kind, interface_definition(kind), interface_hash(kind))
+        )
+        for tick, text in enumerate(
+            ["no deviation", "no deviation", "mode manual", "mode manual", "no deviation"]
+        ):
             stamp_ns = int(weld.stamp_ns[0]) + tick * 10**9
             stamp = {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}
             for cell, told in ((neighbour, f"of the other weld: {tick}"), (home, text)):
                 name = f"{cell}/fsw_procedure: deviations".removeprefix("/")
                 status = {"name": name, "message": told, "level": 2 * (told != "no deviation")}
                 if cell == home and tick > 1:
-                    status["values"] = [{"key": key, "value": value} for key, value in identity.items()]
-                values = {"header": {"stamp": stamp}, "status": [{"name": "other", "message": "x"}, status]}
+                    status["values"] = [
+                        {"key": key, "value": value} for key, value in identity.items()
+                    ]
+                values = {
+                    "header": {"stamp": stamp},
+                    "status": [{"name": "other", "message": "x"}, status],
+                }
                 writer.write("/diagnostics", types.serialize(kind, values), stamp_ns, stamp_ns)
     with BagReader(tmp_path / "bag") as reader:
         found = told_by_watch(reader, weld)

@@ -18,11 +18,20 @@ from fsw_quality.attestation import read_chain
 from fsw_quality.evidence import Policy, Subject, attest, verify_bag
 from fsw_recorder.bag_writer import WriterOptions
 from fsw_recorder.findings import Code, EvidenceError
-from fsw_recorder.signature import Purpose, load_private, load_trusted, make_key, sign, signature_path
+from fsw_recorder.signature import (
+    Purpose,
+    load_private,
+    load_trusted,
+    make_key,
+    sign,
+    signature_path,
+)
 from fsw_scenario.procedure import Procedure, load, signer_of
 from fsw_test_support.programme_bag import write_programme_weld
 
-pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/signing.lock")
+pytest.importorskip(
+    "securesystemslib", reason="not installed: pip install -r requirements/signing.lock"
+)
 pytest.importorskip("fpdf", reason="not installed: pip install -r requirements/pdf.lock")
 pytest.importorskip("pypdf", reason="not installed: pip install -r requirements/pdf.lock")
 
@@ -47,7 +56,9 @@ def made(tmp_path_factory: pytest.TempPathFactory, welded_by: Procedure) -> Path
     make_key(folder / "key")
     for number in (1, 2):
         bag, attached = folder / f"weld_{number}", {"procedure.yaml": text_of(welded_by)}
-        write_programme_weld(bag, number, WriterOptions(manifest=True), {"canister": f"C-{number}"}, attached)
+        write_programme_weld(
+            bag, number, WriterOptions(manifest=True), {"canister": f"C-{number}"}, attached
+        )
         found, course = record.make(bag, welded_by)
         (bag / "record").mkdir()
         report.write(found, course, welded_by, bag / "record")
@@ -85,7 +96,10 @@ def test_what_fits_together_is_attested_and_verified(shop: Path, welded_by: Proc
     trusted = load_trusted([shop / "key.pub"])
     result = verify_bag(shop / "weld_1", Policy(trusted), NOW, read_chain(shop / "chain", trusted))
     assert result.findings == [] and result.attested is not None
-    assert result.attested.procedure == welded_by.identity and len(result.attested.documents_sha256) == 3
+    assert (
+        result.attested.procedure == welded_by.identity
+        and len(result.attested.documents_sha256) == 3
+    )
     assert result.attested.identity == {"canister": "C-1"}
     assert Code.DOCUMENT_FOREIGN not in {entry.code for entry in result.not_checked}
     (shop / "weld_1" / "record" / "record.pdf").write_bytes(b"%PDF-1.4 other")
@@ -116,7 +130,9 @@ def test_a_crash_while_a_record_is_attested_is_mended_by_the_same_call(
 
 
 def test_the_record_of_another_weld(shop: Path) -> None:
-    shutil.copyfile(shop / "weld_2" / "record" / "record.json", shop / "weld_1" / "record" / "record.json")
+    shutil.copyfile(
+        shop / "weld_2" / "record" / "record.json", shop / "weld_1" / "record" / "record.json"
+    )
     assert codes(shop, signed_for(shop, names=("record.json",))) == [
         Code.RECORD_OTHER_WELD,
         Code.RECORD_OTHER_IDENTITY,
@@ -139,12 +155,20 @@ def accept_all(content: dict[str, Any]) -> None:
         (accept, Code.RECORD_EDITED),
         (accept_all, Code.RECORD_EDITED),
         (lambda content: content["rules"].pop(), Code.RECORD_EDITED),
-        (lambda content: content.update(proof=["attested as weld 7 by the inspector"]), Code.RECORD_EDITED),
+        (
+            lambda content: content.update(proof=["attested as weld 7 by the inspector"]),
+            Code.RECORD_EDITED,
+        ),
         (lambda content: content["identity"].update(canister="C-9"), Code.RECORD_OTHER_IDENTITY),
-        (lambda content: content["procedure"].update(sha256="0" * 64), Code.RECORD_OTHER_PROCEDURE),
+        (
+            lambda content: content["procedure"].update(sha256="0" * 64),
+            Code.RECORD_OTHER_PROCEDURE,
+        ),
     ],
 )
-def test_an_edited_record(shop: Path, change: Callable[[dict[str, Any]], object], code: Code) -> None:
+def test_an_edited_record(
+    shop: Path, change: Callable[[dict[str, Any]], object], code: Code
+) -> None:
     path = shop / "weld_1" / "record" / "record.json"
     assert json.loads(path.read_text())["verdict"] == "reject"
     edit(path, change)
@@ -152,14 +176,19 @@ def test_an_edited_record(shop: Path, change: Callable[[dict[str, Any]], object]
 
 
 def test_a_comparison_with_earlier_welds_is_noted_as_not_checked(shop: Path) -> None:
-    edit(shop / "weld_1" / "record" / "record.json", lambda content: content.update(comparison=OTHERS))
+    edit(
+        shop / "weld_1" / "record" / "record.json",
+        lambda content: content.update(comparison=OTHERS),
+    )
     subject = signed_for(shop, names=("record.json",))
     made = attest(subject, shop / "chain", load_private(shop / "key"), NOW)
     assert Code.NOT_COMPARED in [note.code for note in made.notes]
 
 
 def test_a_procedure_that_the_weld_did_not_run_by(shop: Path, welded_by: Procedure) -> None:
-    assert codes(shop, signed_for(shop, names=(), procedure=load("copper_lid"))) == [Code.OTHER_PROCEDURE]
+    assert codes(shop, signed_for(shop, names=(), procedure=load("copper_lid"))) == [
+        Code.OTHER_PROCEDURE
+    ]
     assert codes(shop, signed_for(shop, names=(), procedure=welded_by)) == []
 
 
@@ -176,7 +205,10 @@ def test_a_record_without_any_procedure_cannot_be_judged(shop: Path) -> None:
 def test_a_page_of_another_record(shop: Path, name: str) -> None:
     path = shop / "weld_1" / "record" / name
     assert report.json_sha256(path.read_bytes()) is not None
-    for other in ((shop / "weld_2" / "record" / name).read_bytes(), b"without the hash of any record"):
+    for other in (
+        (shop / "weld_2" / "record" / name).read_bytes(),
+        b"without the hash of any record",
+    ):
         path.write_bytes(other)
         assert codes(shop, signed_for(shop)) == [Code.OTHER_RECORD]
 
@@ -184,7 +216,10 @@ def test_a_page_of_another_record(shop: Path, name: str) -> None:
 @pytest.mark.parametrize("name", [report.PAGE, report.PDF])
 @pytest.mark.parametrize(
     ("change", "fields"),
-    [({"verdict": Verdict.ACCEPT}, "verdict"), ({"identity": {"canister": "C-9"}}, "verdict, canister")],
+    [
+        ({"verdict": Verdict.ACCEPT}, "verdict"),
+        ({"identity": {"canister": "C-9"}}, "verdict, canister"),
+    ],
 )
 def test_a_page_that_says_something_else_than_its_record(
     shop: Path, welded_by: Procedure, name: str, change: dict[str, Any], fields: str
@@ -215,17 +250,24 @@ def test_a_procedure_s_signature_can_be_demanded(shop: Path, welded_by: Procedur
         signer_of(path, None, required=True)
     assert caught.value.findings[0].code is Code.NOT_SIGNED
     weld_begins = datetime.fromtimestamp(1.7e9, UTC)
-    for signed_at, expected in ((weld_begins - timedelta(days=1), []), (weld_begins + timedelta(days=1), True)):
+    for signed_at, expected in (
+        (weld_begins - timedelta(days=1), []),
+        (weld_begins + timedelta(days=1), True),
+    ):
         text = sign(path.read_bytes(), path.name, Purpose.PROCEDURE, key, signed_at)
         signature_path(path).write_text(text)
         trusted = load_trusted([shop / "key.pub"])
         signer = signer_of(path, trusted, required=True)
         subject = signed_for(shop, names=(), procedure=load(path), procedure_signer=signer)
-        assert Code.PROCEDURE_UNSIGNED not in codes(shop, subject, Policy(require_signed=True, trusted=trusted))
+        assert Code.PROCEDURE_UNSIGNED not in codes(
+            shop, subject, Policy(require_signed=True, trusted=trusted)
+        )
         shutil.rmtree(shop / "chain", ignore_errors=True)
         assert codes(shop, subject) == []
         result = verify_bag(shop / "weld_1", Policy(trusted), NOW)
-        late = [entry.code for entry in result.findings] == [Code.TIME_ORDER]  # signed after the weld
+        late = [entry.code for entry in result.findings] == [
+            Code.TIME_ORDER
+        ]  # signed after the weld
         assert late is bool(expected) and Purpose.PROCEDURE in result.signers
         for name in ("attestation.json", "attestation.json.sig"):
             (shop / "weld_1" / name).unlink()

@@ -12,7 +12,9 @@ from fsw.main import main
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_test_support.sample_weld import sample_messages, sample_topics
 
-pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/signing.lock")
+pytest.importorskip(
+    "securesystemslib", reason="not installed: pip install -r requirements/signing.lock"
+)
 
 
 def weld(folder: Path, shift_ns: int = 0) -> Path:
@@ -36,7 +38,9 @@ def run(*words: object) -> int:
     return main(["bag", *map(str, words)])
 
 
-def test_from_key_to_proof(tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_from_key_to_proof(
+    tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     chain, bags = tmp_path / "chain", [weld(tmp_path / f"C-{number}", number) for number in (1, 2)]
     assert run("attest", bags[0], "--chain", chain) == 1
     assert "make one with 'fsw.py bag keygen'" in capsys.readouterr().err
@@ -46,7 +50,11 @@ def test_from_key_to_proof(tmp_path: Path, config: Path, capsys: pytest.CaptureF
     found = tmp_path / "found.json"
     assert run("verify-evidence", *bags, "--chain", chain, "--json", found) == 0
     out, content = capsys.readouterr().out, json.loads(found.read_text())
-    assert "intact, 2 welds" in out and "C-1: proven: weld 1" in out and out.count("attestation signed by key") == 2
+    assert (
+        "intact, 2 welds" in out
+        and "C-1: proven: weld 1" in out
+        and out.count("attestation signed by key") == 2
+    )
     assert content["chain"] == [] and [one["proven"] for one in content["bags"]] == [True, True]
     assert {"manifest_unsigned", "procedure_unsigned", "all_keys"} <= {
         one["code"] for one in content["bags"][0]["not_checked"]
@@ -63,7 +71,11 @@ def test_from_key_to_proof(tmp_path: Path, config: Path, capsys: pytest.CaptureF
 def test_keys_expire(tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bag, keys = weld(tmp_path / "C-1"), tmp_path / "keys.yaml"
     assert run("keygen") == run("attest", bag, "--chain", tmp_path / "chain") == 0
-    entry = {"name": "quality", "key": (config / "evidence_key.pub").read_text(), "valid_until": "2020-01-01"}
+    entry = {
+        "name": "quality",
+        "key": (config / "evidence_key.pub").read_text(),
+        "valid_until": "2020-01-01",
+    }
     keys.write_text(json.dumps({"format": "fsw_trusted_keys", "version": 1, "keys": [entry]}))
     capsys.readouterr()
     assert run("verify-evidence", bag, "--trusted", keys, "--json", tmp_path / "found.json") == 1
@@ -72,7 +84,9 @@ def test_keys_expire(tmp_path: Path, config: Path, capsys: pytest.CaptureFixture
     assert "signed by quality" in capsys.readouterr().out
 
 
-def test_damage_is_located_and_what_is_proven_recovered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_damage_is_located_and_what_is_proven_recovered(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bag = weld(tmp_path / "C-1")
     assert run("keygen", tmp_path / "key") == 0
     assert run("attest", bag, "--chain", tmp_path / "chain", "--key", tmp_path / "key") == 0
@@ -85,7 +99,11 @@ def test_damage_is_located_and_what_is_proven_recovered(tmp_path: Path, capsys: 
     assert run("verify-evidence", bag, *words) == 1
     assert "C-1_0.mcap: chunk " in capsys.readouterr().out
     [finding] = json.loads((tmp_path / "found.json").read_text())["bags"][0]["findings"]
-    assert finding["file"] == "C-1_0.mcap" and len(finding["pieces"]) == 1 and finding["code"] == "changed"
+    assert (
+        finding["file"] == "C-1_0.mcap"
+        and len(finding["pieces"]) == 1
+        and finding["code"] == "changed"
+    )
     assert run("recover", bag, tmp_path / "proven", "--proven") == 0
     said = capsys.readouterr()
     assert "chunks and attachments proven" in said.out and "chunk " in said.err
@@ -93,10 +111,15 @@ def test_damage_is_located_and_what_is_proven_recovered(tmp_path: Path, capsys: 
     assert run("recover", bag, tmp_path / "more", "--proven", "--zstd") == 1
     assert run("recover", bag, tmp_path / "all") == 0
     assert "stays so with --proven" in capsys.readouterr().err
-    assert run("attest", tmp_path / "all", "--chain", tmp_path / "other", "--key", tmp_path / "key") == 1
+    assert (
+        run("attest", tmp_path / "all", "--chain", tmp_path / "other", "--key", tmp_path / "key")
+        == 1
+    )
 
 
-def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_wrong_is_said_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bag, key, chain = weld(tmp_path / "C-1"), tmp_path / "key", tmp_path / "chain"
     assert run("keygen", key) == 0
     open_key = tmp_path / "open_key"
@@ -107,14 +130,29 @@ def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, capsys: pytest.Captur
         (("keygen", key), "a key is never replaced"),
         (("attest", bag, "--chain", chain, "--key", open_key), "chmod 600"),
         (("attest", bag, "--chain", chain, "--key", tmp_path / "key.pub"), "chmod 600"),
-        (("attest", tmp_path / "none", "--chain", chain, "--key", key), "is not the folder of a bag"),
-        (("attest", bag, "--chain", chain, "--key", key, "--procedure", "no_such"), "cannot read procedure no_such"),
-        (("attest", bag, "--chain", chain, "--key", key, "--with", tmp_path / "none.json"), "No such file"),
+        (
+            ("attest", tmp_path / "none", "--chain", chain, "--key", key),
+            "is not the folder of a bag",
+        ),
+        (
+            ("attest", bag, "--chain", chain, "--key", key, "--procedure", "no_such"),
+            "cannot read procedure no_such",
+        ),
+        (
+            ("attest", bag, "--chain", chain, "--key", key, "--with", tmp_path / "none.json"),
+            "No such file",
+        ),
         (("attest", bag, "--chain", chain, "--key", key, "--require-signed"), "manifest.json: "),
         (("verify-evidence",), "give bags, or --chain, or both"),
         (("verify-evidence", bag), "evidence_key.pub: No such file"),
-        (("verify-evidence", bag, bag, "--with", "x", "--trusted", f"{key}.pub"), "--with needs exactly one bag"),
-        (("recover", bag / "C-1_0.mcap", tmp_path / "new", "--proven"), "nothing can be proven without manifest.json"),
+        (
+            ("verify-evidence", bag, bag, "--with", "x", "--trusted", f"{key}.pub"),
+            "--with needs exactly one bag",
+        ),
+        (
+            ("recover", bag / "C-1_0.mcap", tmp_path / "new", "--proven"),
+            "nothing can be proven without manifest.json",
+        ),
     ):
         assert run(*words) == 1
         error = capsys.readouterr().err.strip()

@@ -51,8 +51,14 @@ def test_a_weld_under_another_name_is_refused_and_nothing_is_added(tmp_path: Pat
     with pytest.raises(InputError, match="two records of one weld: B has the files of A"):
         history.add(tmp_path, [made[5] | {"weld": "A"}, made[5] | {"weld": "B"}])
     assert history.load(tmp_path).num_rows == 5
-    # of a weld whose files are not known, as in a history that was begun before they were noted, the name counts
-    assert history.add(tmp_path, [made[5] | {"files_sha256": ""}, made[5] | {"weld": "C", "files_sha256": ""}]) == 7
+    # of a weld whose files are not known, as in a history that was begun before they were noted,
+    # the name counts
+    assert (
+        history.add(
+            tmp_path, [made[5] | {"files_sha256": ""}, made[5] | {"weld": "C", "files_sha256": ""}]
+        )
+        == 7
+    )
 
 
 def test_a_history_that_was_begun_without_hashes_and_settings_is_continued(tmp_path: Path) -> None:
@@ -65,7 +71,11 @@ def test_a_history_that_was_begun_without_hashes_and_settings_is_continued(tmp_p
     assert all(table[name].to_pylist()[0] is None and table[name].to_pylist()[6] for name in new)
     # what is not known has not changed
     assert history.changes(table.to_pylist()[0], table.to_pylist()[6]) == []
-    assert not [one for one in history_report.write(table, tmp_path / "a.html", "A") if one.kind is Kind.CHANGE]
+    assert not [
+        one
+        for one in history_report.write(table, tmp_path / "a.html", "A")
+        if one.kind is Kind.CHANGE
+    ]
     assert np.isnan(
         history_report.charts(table)["torque_nm"].scores[6:11]
     ).all()  # of the procedure, known from here on
@@ -79,7 +89,9 @@ def test_what_was_set_otherwise_is_told_by_its_name() -> None:
         "procedure": "lid B",
         "procedure_sha256": "b" * 64,
         "tuning": json.dumps(tuning),
-        "software": json.dumps({"welded": {"numpy": "2.1"}, "judged": {"fsw-control": "1.0", "scipy": "1"}}),
+        "software": json.dumps(
+            {"welded": {"numpy": "2.1"}, "judged": {"fsw-control": "1.0", "scipy": "1"}}
+        ),
         "controllers": "decentral, nmpc",
     }
     assert history.changes(before, before) == []
@@ -94,7 +106,9 @@ def test_what_was_set_otherwise_is_told_by_its_name() -> None:
         ("software, judged: scipy", "-", "1"),
     ]
     table = pa.Table.from_pylist([before, after], history.SCHEMA)
-    changed = [remark for remark in history_report.remarks(table, {}) if remark.kind is Kind.CHANGE]
+    changed = [
+        remark for remark in history_report.remarks(table, {}) if remark.kind is Kind.CHANGE
+    ]
     assert [remark.at for remark in changed] == [1]
     for word in ("tool", "procedure", "tuning, decentral: tuning", "software, welded: numpy"):
         assert word in changed[0].subject
@@ -124,7 +138,9 @@ def test_what_changed_between_two_welds_is_told_and_what_did_not_is_not(tmp_path
     assert [one[0] for one in found] == ["tool", "swaps", history.NUMBERS["torque_nm"]]
     assert found[-1][3] > 10.0
     assert history.difference(history.load(tmp_path), "W00010", "W00010") == []
-    with pytest.raises(InputError, match=r"weld W99999 is not in the history; it has .* and others before"):
+    with pytest.raises(
+        InputError, match=r"weld W99999 is not in the history; it has .* and others before"
+    ):
         history.difference(history.load(tmp_path), "W00010", "W99999")
 
 
@@ -159,7 +175,9 @@ def test_scores_do_not_depend_on_unit_and_origin_nor_signals_on_sign(
     other = control_charts.chart(scale * (values + origin), LIMITS, scale * least, skewed)
     assert made is not None and other is not None and other.signals == made.signals
     np.testing.assert_allclose(other.scores, made.scores, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(other.high[5:], scale * (made.high[5:] + origin), rtol=1e-6, atol=scale * 1e-6)
+    np.testing.assert_allclose(
+        other.high[5:], scale * (made.high[5:] + origin), rtol=1e-6, atol=scale * 1e-6
+    )
     if not skewed:
         mirrored = control_charts.chart(-values, LIMITS, least)
         assert mirrored is not None and mirrored.signals == made.signals
@@ -167,7 +185,9 @@ def test_scores_do_not_depend_on_unit_and_origin_nor_signals_on_sign(
 
 
 @given(seed=st.integers(0, 1000), welds=st.integers(6, 40))
-def test_a_score_depends_on_the_welds_before_but_not_on_their_order_nor_on_gaps(seed: int, welds: int) -> None:
+def test_a_score_depends_on_the_welds_before_but_not_on_their_order_nor_on_gaps(
+    seed: int, welds: int
+) -> None:
     random = np.random.default_rng(seed)
     values = random.normal(5.0, 1.0, welds)
     made = control_charts.chart(values, LIMITS)
@@ -187,7 +207,9 @@ def test_a_score_depends_on_the_welds_before_but_not_on_their_order_nor_on_gaps(
 def test_scores_of_normal_welds_are_normal_from_the_first_that_is_judged_on() -> None:
     random = np.random.default_rng(6)
     made = [control_charts.chart(random.normal(5.0, 1.0, 9), LIMITS) for _ in range(500)]
-    scores = np.array([entry.scores[control_charts.LEAST_WELDS :] for entry in made if entry is not None])
+    scores = np.array(
+        [entry.scores[control_charts.LEAST_WELDS :] for entry in made if entry is not None]
+    )
     assert scores.shape == (500, 4)
     for weld in range(4):
         assert scipy.stats.kstest(scores[:, weld], "norm").pvalue > 1e-3
@@ -207,7 +229,9 @@ def test_a_new_tool_begins_a_new_chart_and_an_old_one_continues_its_own() -> Non
     random = np.random.default_rng(7)
     first, second = random.normal(5.0, 0.1, 30), random.normal(9.0, 0.1, 30)
     groups = ["a"] * 20 + ["b"] * 30 + ["a"] * 10
-    made = control_charts.chart(np.concatenate([first[:20], second, first[20:]]), LIMITS, groups=groups)
+    made = control_charts.chart(
+        np.concatenate([first[:20], second, first[20:]]), LIMITS, groups=groups
+    )
     alone = control_charts.chart(first, LIMITS)
     assert made is not None and alone is not None and made.signals == {"shewhart": [], "cusum": []}
     np.testing.assert_array_equal(np.delete(made.scores, np.s_[20:50]), alone.scores)
@@ -228,10 +252,15 @@ def test_welds_that_were_not_accepted_do_not_say_what_is_normal() -> None:
 def test_each_tool_has_its_first_signal() -> None:
     made = rows(60, wear_nm=0.0)
     for i, row in enumerate(made):
-        row |= {"tool": f"T{1 + i // 30}", "torque_nm": row["torque_nm"] + 30.0 * (i in (20, 25, 50))}
+        row |= {
+            "tool": f"T{1 + i // 30}",
+            "torque_nm": row["torque_nm"] + 30.0 * (i in (20, 25, 50)),
+        }
     table = pa.Table.from_pylist(made, history.SCHEMA)
     said = history_report.remarks(table, history_report.charts(table))
-    shown = [remark.at for remark in said if (remark.kind, remark.subject) == (Kind.CHART, "torque_nm")]
+    shown = [
+        remark.at for remark in said if (remark.kind, remark.subject) == (Kind.CHART, "torque_nm")
+    ]
     assert shown == [20, 50]
 
 
@@ -242,18 +271,26 @@ def test_limits_keep_the_share_of_false_signals_that_they_follow_from() -> None:
     assert 1.0 - both == pytest.approx(control_charts.FALSE_SIGNALS, rel=1e-6)
     signalled = 0
     for _ in range(histories):
-        made = [control_charts.chart(random.normal(size=control_charts.WELDS), charts) for _ in range(quantities)]
-        signalled += any(at for entry in made if entry is not None for at in entry.signals.values())
+        made = [
+            control_charts.chart(random.normal(size=control_charts.WELDS), charts)
+            for _ in range(quantities)
+        ]
+        signalled += any(
+            at for entry in made if entry is not None for at in entry.signals.values()
+        )
     assert scipy.stats.binomtest(signalled, histories, control_charts.FALSE_SIGNALS).pvalue > 1e-3
     lengths = [charts.run_length(shift) for shift in (0.0, 1.0, 2.0, 3.0)]
-    assert lengths == sorted(lengths, reverse=True) and charts.run_length(-1.0) == pytest.approx(lengths[1])
+    assert lengths == sorted(lengths, reverse=True) and charts.run_length(-1.0) == pytest.approx(
+        lengths[1]
+    )
     wider = control_charts.limits(4 * quantities)
     assert wider.cusum > charts.cusum and wider.shewhart > charts.shewhart
 
 
 def test_the_run_length_is_that_of_the_charts() -> None:
     charts, random = control_charts.Limits(3.0, 4.0), np.random.default_rng(9)
-    # Montgomery, Introduction to Statistical Quality Control, table 9.4: a CUSUM with these figures, alone
+    # Montgomery, Introduction to Statistical Quality Control, table 9.4: a CUSUM with these
+    # figures, alone
     assert control_charts.Limits(9.0, 4.0).run_length() == pytest.approx(168.0, rel=0.01)
     assert control_charts.Limits(9.0, 5.0).run_length(1.0) == pytest.approx(10.4, rel=0.01)
     lengths = []
@@ -281,23 +318,45 @@ def test_a_tool_that_wears_has_a_life_whose_interval_holds_the_true_one() -> Non
 def test_an_alarm_that_many_welds_have_is_one_line(tmp_path: Path) -> None:
     made = rows(30)
     for at in range(5, 25):
-        made[at] |= {"alarm_kinds": "lag_force", "alarm_texts": f"{2600 + at} s: 1.{at} s late", "alarms": 1}
+        made[at] |= {
+            "alarm_kinds": "lag_force",
+            "alarm_texts": f"{2600 + at} s: 1.{at} s late",
+            "alarms": 1,
+        }
     made[7]["alarm_texts"] += "\n90 s: the torque sensor drifts"
     history.add(tmp_path, made)
     table = history.load(tmp_path)
     said = [remark for remark in history_report.remarks(table, {}) if remark.kind is Kind.ALARM]
     assert [(remark.at, remark.subject) for remark in said] == [(5, "lag_force"), (7, "lag_force")]
-    assert "2605 s: 1.5 s late" in said[0].text and "20 welds" in said[0].text and "W00024" in said[0].text
+    assert (
+        "2605 s: 1.5 s late" in said[0].text
+        and "20 welds" in said[0].text
+        and "W00024" in said[0].text
+    )
 
 
 def test_the_report_has_what_stands_out(tmp_path: Path) -> None:
     made = rows(40)
-    made[25] |= {"swaps": 1, "controllers": "decentral, nmpc", "operators": "Ada", "operator_actions": 1}
-    made[30] |= {"alarm_kinds": "thermocouple", "alarm_texts": "200 s: <it> drifts", "alarms": 1, "verdict": "review"}
+    made[25] |= {
+        "swaps": 1,
+        "controllers": "decentral, nmpc",
+        "operators": "Ada",
+        "operator_actions": 1,
+    }
+    made[30] |= {
+        "alarm_kinds": "thermocouple",
+        "alarm_texts": "200 s: <it> drifts",
+        "alarms": 1,
+        "verdict": "review",
+    }
     history.add(tmp_path, made)
     said = history_report.write(history.load(tmp_path), tmp_path / "report.html", "History")
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     shown = {(remark.at, remark.kind, remark.subject) for remark in said}
     assert {(25, Kind.SWAP, ""), (25, Kind.OPERATOR, "Ada"), (30, Kind.VERDICT, "review")} <= shown
     assert any(remark.kind is Kind.CHART and remark.subject == "torque_nm" for remark in said)
-    assert "&lt;it&gt; drifts" in text and "worn (50 N·m more) after" in text and "data:image/png;base64" in text
+    assert (
+        "&lt;it&gt; drifts" in text
+        and "worn (50 N·m more) after" in text
+        and "data:image/png;base64" in text
+    )

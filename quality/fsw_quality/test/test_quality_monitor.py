@@ -27,7 +27,9 @@ STILL = samples(excited=False)
 FIELDS = dict(zip(REQUIRED, ("depth_mm", "torque_nm", "temperature_c"), strict=True))
 
 
-def alarms(weld: Iterable[Sample], process: str = "paper") -> dict[WatchCause, tuple[float, Finding]]:
+def alarms(
+    weld: Iterable[Sample], process: str = "paper"
+) -> dict[WatchCause, tuple[float, Finding]]:
     """When each cause was first an alarm, and how."""
     monitor, found = Monitor(process), dict[WatchCause, tuple[float, Finding]]()
     for one in weld:
@@ -41,7 +43,9 @@ def alarms(weld: Iterable[Sample], process: str = "paper") -> dict[WatchCause, t
 def later(weld: list[Sample], **changes: Callable[[int, Sample], float]) -> list[Sample]:
     """A weld in which some fields are replaced by a function of tick and sample, from 120 s on."""
     return [
-        one._replace(**{name: change(k, one) for name, change in changes.items()}) if one.time_s > 120.0 else one
+        one._replace(**{name: change(k, one) for name, change in changes.items()})
+        if one.time_s > 120.0
+        else one
         for k, one in enumerate(weld)
     ]
 
@@ -52,11 +56,23 @@ def later(weld: list[Sample], **changes: Callable[[int, Sample], float]) -> list
     "factors",
     [
         {},
-        {"thermal_gain_c_per_kw": 1.1, "dead_time_s": 0.9, "depth_gain_mm_per_kn_s": 0.9, "sliding_friction": 1.1},
-        {"copper_lag_s": 0.9, "depth_zero_s": 1.1, "depth_pole_slow_s": 0.9, "softening_per_c": 1.1},
+        {
+            "thermal_gain_c_per_kw": 1.1,
+            "dead_time_s": 0.9,
+            "depth_gain_mm_per_kn_s": 0.9,
+            "sliding_friction": 1.1,
+        },
+        {
+            "copper_lag_s": 0.9,
+            "depth_zero_s": 1.1,
+            "depth_pole_slow_s": 0.9,
+            "softening_per_c": 1.1,
+        },
     ],
 )
-def test_healthy_weld_has_no_alarm(process: str, correlation_s: float, factors: dict[str, float]) -> None:
+def test_healthy_weld_has_no_alarm(
+    process: str, correlation_s: float, factors: dict[str, float]
+) -> None:
     assert not alarms(samples(correlation_s=correlation_s, **factors), process)
 
 
@@ -68,7 +84,9 @@ def test_healthy_weld_has_no_alarm(process: str, correlation_s: float, factors: 
         ("depth_mm", 0.1 / 60.0, WatchCause.DEPTH_DRIFT, 60.0),
     ],
 )
-def test_drifting_sensor_is_named_with_its_drift(name: str, per_s: float, cause: WatchCause, within_s: float) -> None:
+def test_drifting_sensor_is_named_with_its_drift(
+    name: str, per_s: float, cause: WatchCause, within_s: float
+) -> None:
     found = alarms(drifting(GOOD, name, per_s))
     at_s, finding = found[cause]
     assert 120.0 < at_s < 120.0 + within_s
@@ -89,12 +107,15 @@ def test_on_a_canister_the_thermocouple_is_named_with_what_cannot_be_distinguish
         ("temperature_c", "thermal_gain_c_per_kw", WatchCause.HEAT_GAIN),
     ],
 )
-def test_gain_that_changes_within_the_weld_is_named(name: str, parameter: str, cause: WatchCause) -> None:
+def test_gain_that_changes_within_the_weld_is_named(
+    name: str, parameter: str, cause: WatchCause
+) -> None:
     other = samples(**{parameter: 1.25})
     at = 1500  # before a push of the force
     offset = getattr(GOOD[at], name) - getattr(other[at], name)
     changed = [
-        one._replace(**{name: getattr(other[k], name) + offset}) if k > at else one for k, one in enumerate(GOOD)
+        one._replace(**{name: getattr(other[k], name) + offset}) if k > at else one
+        for k, one in enumerate(GOOD)
     ]
     assert cause in alarms(changed)
 
@@ -128,7 +149,9 @@ def test_edge_of_the_workpiece_is_no_fault(process: str) -> None:
 
 def test_gains_are_those_of_the_process() -> None:
     monitor = Monitor()
-    for one in samples(160.0, thermal_gain_c_per_kw=1.1, depth_gain_mm_per_kn_s=0.9, sliding_friction=1.05):
+    for one in samples(
+        160.0, thermal_gain_c_per_kw=1.1, depth_gain_mm_per_kn_s=0.9, sliding_friction=1.05
+    ):
         monitor.step(one)
     for name, gain in (("heat", 1.1), ("depth", 0.9)):
         estimated, error = monitor.gains[name]
@@ -143,7 +166,10 @@ def test_gains_are_those_of_the_process() -> None:
     sensor=st.sampled_from(REQUIRED),
     stuck_at=st.integers(2, 1300),
     disturbed=st.lists(
-        st.tuples(st.integers(-50, 60), st.sampled_from(["nan", "duplicate", "jump", "lost", "none"])), max_size=12
+        st.tuples(
+            st.integers(-50, 60), st.sampled_from(["nan", "duplicate", "jump", "lost", "none"])
+        ),
+        max_size=12,
     ),
 )
 def test_stuck_sensor_is_named_within_3_s_whatever_a_failover_does(
@@ -159,7 +185,9 @@ def test_stuck_sensor_is_named_within_3_s_whatever_a_failover_does(
         if kind == "nan":
             one = one._replace(**{other: nan})
         elif kind == "jump":  # of another controller's command
-            one = one._replace(force_kn=one.force_kn + 1.0, command_force_kn=one.command_force_kn + 1.0)
+            one = one._replace(
+                force_kn=one.force_kn + 1.0, command_force_kn=one.command_force_kn + 1.0
+            )
         elif kind == "lost":
             continue
         monitor.step(one)
@@ -193,7 +221,9 @@ def test_noise_that_grows_or_goes_and_spikes_are_named() -> None:
     random = np.random.default_rng(4)
     grown = later(GOOD, depth_mm=lambda _, one: one.depth_mm + 0.006 * random.normal())
     assert alarms(grown).keys() == {WatchCause.DEPTH_NOISE_GROWN}
-    assert WatchCause.THERMOCOUPLE_NOISE_GONE in alarms(later(STILL, temperature_c=lambda k, _: 816.4 + 1e-4 * k))
+    assert WatchCause.THERMOCOUPLE_NOISE_GONE in alarms(
+        later(STILL, temperature_c=lambda k, _: 816.4 + 1e-4 * k)
+    )
     spikes = later(GOOD, torque_nm=lambda k, one: one.torque_nm + 100.0 * (k % 50 == 0))
     assert alarms(spikes).keys() == {WatchCause.TORQUE_SPIKES}
 
@@ -269,13 +299,17 @@ def test_no_sample_stops_it(values: list[tuple[float, ...]]) -> None:
 
 
 def test_covariance_of_identified_parameters_takes_the_place_of_the_default(tmp_path) -> None:  # type: ignore[no-untyped-def]
-    known = ParameterCovariance(parameters=["dead_time_s", "motor_lag_s"], covariance=[[4e-4, 1e-5], [1e-5, 1e-4]])
+    known = ParameterCovariance(
+        parameters=["dead_time_s", "motor_lag_s"], covariance=[[4e-4, 1e-5], [1e-5, 1e-4]]
+    )
     (tmp_path / "c.yaml").write_text(known.text)
     assert ParameterCovariance.from_file(tmp_path / "c.yaml") == known
     found = covariance_from(tmp_path / "c.yaml")
     assert found is not None
     dead, lag = (COEFFICIENTS.index(name) for name in known.parameters)
-    assert found[dead, dead] == pytest.approx(4e-4 + 0.02**2) and found[dead, lag] == pytest.approx(1e-5)
+    assert found[dead, dead] == pytest.approx(4e-4 + 0.02**2) and found[
+        dead, lag
+    ] == pytest.approx(1e-5)
     others = [i for i in range(len(found)) if i not in (dead, lag)]
     assert (found[np.ix_(others, others)] == default_covariance()[np.ix_(others, others)]).all()
     assert covariance_from("") is None
@@ -295,13 +329,20 @@ def test_file_that_is_no_covariance_is_refused(tmp_path, text: str) -> None:  # 
         covariance_from(tmp_path / "c.yaml")
 
 
-@pytest.mark.parametrize("cause", [one for one in WatchCause if one not in (WatchCause.NONE, WatchCause.UNKNOWN)])
+@pytest.mark.parametrize(
+    "cause", [one for one in WatchCause if one not in (WatchCause.NONE, WatchCause.UNKNOWN)]
+)
 def test_every_cause_has_words(cause: WatchCause) -> None:
     finding = Finding(cause, size=1.0, error=0.1, others=(WatchCause.TOOL_WEAR,))
     assert "{" not in finding.text and finding.advice and all(map(isfinite, finding.si))
 
 
 def test_codes_are_those_of_the_message() -> None:
-    text = (Path(__file__).resolve().parents[3] / "src" / "fsw_msgs" / "msg" / "WeldFinding.msg").read_text("utf-8")
-    codes = {name: int(number) for name, number in re.findall(r"^uint8 (\w+)=(\d+)$", text, re.MULTILINE)}
+    text = (
+        Path(__file__).resolve().parents[3] / "src" / "fsw_msgs" / "msg" / "WeldFinding.msg"
+    ).read_text("utf-8")
+    codes = {
+        name: int(number)
+        for name, number in re.findall(r"^uint8 (\w+)=(\d+)$", text, re.MULTILINE)
+    }
     assert codes == {one.name: int(one) for one in WatchCause}

@@ -38,7 +38,9 @@ class Graph(Spinner):
         self.sensors = sensor_publishers(node)
         for one in (self.monitor, node):
             self.executor.add_node(one)
-        self.until(lambda: self.drives.get_subscription_count() and self.commands.get_subscription_count())
+        self.until(
+            lambda: self.drives.get_subscription_count() and self.commands.get_subscription_count()
+        )
 
     def spin(self):
         self.executor.spin_once(timeout_sec=0.001)
@@ -53,7 +55,11 @@ class Graph(Spinner):
         self.tick += 1
         stamp_ns, command = self.tick * TICK_NS, Command(one.force_kn, one.speed_rpm)
         self.drives.publish(convert.drives_message(command, stamp_ns))
-        for name, value in (("depth", one.depth_mm), ("torque", one.torque_nm), ("thermocouple", one.temperature_c)):
+        for name, value in (
+            ("depth", one.depth_mm),
+            ("torque", one.torque_nm),
+            ("thermocouple", one.temperature_c),
+        ):
             self.sensors[name].publish(convert.sensor_message(name, value, stamp_ns))
         self.commands.publish(convert.command_message(command, stamp_ns, "decentral"))
         for _ in range(8):  # so that the queues do not run over
@@ -81,16 +87,23 @@ def graph(domain_id):  # noqa: F811
 
 
 def test_it_waits_for_a_weld_then_publishes_code_and_words_until_the_fault_is_over(graph):
-    graph.until(lambda: "nothing to watch" in getattr(graph.parts.get("fsw_monitor: watch"), "message", ""))
+    graph.until(
+        lambda: "nothing to watch" in getattr(graph.parts.get("fsw_monitor: watch"), "message", "")
+    )
     graph.weld_until(
-        lambda: graph.health and WeldFinding.TORQUE_STUCK in [one.cause for one in graph.health[-1].findings],
+        lambda: (
+            graph.health
+            and WeldFinding.TORQUE_STUCK in [one.cause for one in graph.health[-1].findings]
+        ),
         torque_nm=1052.9,
     )
     found = graph.health[-1]
     (finding,) = found.findings
     assert finding.alarm and finding.size >= 1.0 and math.isnan(finding.log_likelihood)
     assert found.process == "paper" and found.learning
-    assert set(found.gain_names) == {"torque", "depth", "heat"} and all(map(math.isfinite, found.gains))
+    assert set(found.gain_names) == {"torque", "depth", "heat"} and all(
+        map(math.isfinite, found.gains)
+    )
     graph.until(lambda: graph.level(STUCK) == DiagnosticStatus.WARN)
     assert {pair.key: pair.value for pair in graph.parts[STUCK].values}["advice"]
     graph.weld_until(lambda: graph.level(STUCK) == DiagnosticStatus.OK)
@@ -98,5 +111,7 @@ def test_it_waits_for_a_weld_then_publishes_code_and_words_until_the_fault_is_ov
 
 def test_samples_that_are_no_numbers_are_no_weld(graph):
     graph.weld_until(lambda: graph.tick > 40, depth_mm=math.nan)
-    graph.until(lambda: "nothing to watch" in getattr(graph.parts.get("fsw_monitor: watch"), "message", ""))
+    graph.until(
+        lambda: "nothing to watch" in getattr(graph.parts.get("fsw_monitor: watch"), "message", "")
+    )
     assert not graph.health

@@ -40,7 +40,9 @@ SCENARIO = {
         {"name": "dwell", "duration_s": 3.0},
         {"name": "joint_line", "to_deg": 4.0, "speed_mm_per_min": 300.0},
     ],
-    "events": [{"at_s": 6.0, "disturbance": {"channel": "depth", "shape": "step", "amplitude_mm": 0.2}}],
+    "events": [
+        {"at_s": 6.0, "disturbance": {"channel": "depth", "shape": "step", "amplitude_mm": 0.2}}
+    ],
 }
 PHASES = [
     {"name": "dwell", "duration_s": 3.0, "source": "test"},
@@ -72,13 +74,23 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("recorded")
     scenario = folder / "short_weld.yaml"
     scenario.write_text(yaml.safe_dump(SCENARIO, sort_keys=False), encoding="utf-8")
-    words = ["simulate", str(scenario), "--bag", "--procedure", str(with_changes(folder)), "--no-figures"]
+    words = [
+        "simulate",
+        str(scenario),
+        "--bag",
+        "--procedure",
+        str(with_changes(folder)),
+        "--no-figures",
+    ]
     words += ["--controller", "decentral:tight"]
     words += ["--identity", "canister=C-1", "--identity", "tool=T-4"]
     assert main([*words, "--out", str(folder / "out")]) == 0
     bag = folder / "out" / "graph_decentral_tight" / "bag"
     log = bag / "on_finished.log"
-    wait_until(lambda: log.exists() and "exit code" in log.read_text("utf-8"), "the record that is written by itself")
+    wait_until(
+        lambda: log.exists() and "exit code" in log.read_text("utf-8"),
+        "the record that is written by itself",
+    )
     return bag
 
 
@@ -87,7 +99,9 @@ def test_the_record_is_written_by_itself(recorded: Path) -> None:
     """By the procedure of the weld, whose limits the nodes had; what they told is on record."""
     log = (recorded / "on_finished.log").read_text(encoding="utf-8")
     assert log.endswith("exit code 0\n"), log
-    found = Record.model_validate_json((recorded / "record" / "record.json").read_text(encoding="utf-8"))
+    found = Record.model_validate_json(
+        (recorded / "record" / "record.json").read_text(encoding="utf-8")
+    )
     assert found.verdict == "review" and (recorded / "record" / "record.pdf").exists()
     assert {"procedure.yaml", "parameters/fsw_procedure.yaml"} <= set(found.attachments_sha256)
     assert "code of fsw_supervisor" in found.software
@@ -104,11 +118,15 @@ def test_the_bag_is_of_the_weld_that_was_simulated(recorded: Path) -> None:
     assert sum(offline[key] is not None for key in ROWS) > 5
     for key in ROWS:
         expected = offline[key]
-        assert bag[key] == (expected if expected is None else pytest.approx(expected, rel=1e-6, abs=1e-9)), key
+        assert bag[key] == (
+            expected if expected is None else pytest.approx(expected, rel=1e-6, abs=1e-9)
+        ), key
 
 
 @pytest.mark.slow
-def test_record_of_a_recorded_weld(recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_record_of_a_recorded_weld(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     asked = with_changes(tmp_path)
     assert run(recorded, "--procedure", asked, "--out", tmp_path / "out") == 0
     assert "REVIEW (quality: depth_error_mm -0.1 to 0.1: " in capsys.readouterr().out
@@ -119,16 +137,31 @@ def test_record_of_a_recorded_weld(recorded: Path, tmp_path: Path, capsys: pytes
     assert found.identity == {"canister": "C-1", "tool": "T-4"}
     assert len(found.proof) == 3 and found.proof[0] == "2 files as manifest.json has them"
     edge = next(one for one in found.exceedances if one.duration_s > 0.3)
-    assert 6.0 <= edge.begin_s <= 6.3 and edge.phases == ("joint_line",) and edge.commanded_by == "decentral"
+    assert (
+        6.0 <= edge.begin_s <= 6.3
+        and edge.phases == ("joint_line",)
+        and edge.commanded_by == "decentral"
+    )
     assert edge.beyond == pytest.approx(0.1, abs=0.03)
     # 300 mm/min from 3 s on
-    assert edge.travel_mm is not None and edge.travel_mm[0] == pytest.approx(5.0 * (edge.begin_s - 3.0), abs=0.6)
-    assert edge.angle_deg is not None and edge.angle_deg[0] == pytest.approx(edge.travel_mm[0] / 9.163, abs=0.6)
+    assert edge.travel_mm is not None and edge.travel_mm[0] == pytest.approx(
+        5.0 * (edge.begin_s - 3.0), abs=0.6
+    )
+    assert edge.angle_deg is not None and edge.angle_deg[0] == pytest.approx(
+        edge.travel_mm[0] / 9.163, abs=0.6
+    )
     joint_line = next(one for one in found.phases if one.phase == "joint_line")
     assert joint_line.envelopes["traverse_mm_per_min"].mean == pytest.approx(300.0, rel=0.03)
-    assert {one.name for one in found.files} == {"bag_0.mcap", "metadata.yaml"} and "numpy" in found.software
+    assert {one.name for one in found.files} == {
+        "bag_0.mcap",
+        "metadata.yaml",
+    } and "numpy" in found.software
     page = (tmp_path / "out" / "record.html").read_text(encoding="utf-8")
-    assert "REVIEW" in page and page.count("data:image/png;base64,") == 2 and "http" not in page.partition("<body")[2]
+    assert (
+        "REVIEW" in page
+        and page.count("data:image/png;base64,") == 2
+        and "http" not in page.partition("<body")[2]
+    )
     assert (tmp_path / "out" / "record.pdf").read_bytes().startswith(b"%PDF")
 
 
@@ -137,7 +170,9 @@ def test_a_recorded_weld_is_attested_with_the_record_that_was_written_by_itself(
     recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Judged again it gives the same record, by the procedure that is in the bag."""
-    pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/signing.lock")
+    pytest.importorskip(
+        "securesystemslib", reason="not installed: pip install -r requirements/signing.lock"
+    )
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     bag = Path(shutil.copytree(recorded, tmp_path / "bag"))
     written = [bag / "record" / name for name in report.files()]
@@ -145,9 +180,25 @@ def test_a_recorded_weld_is_attested_with_the_record_that_was_written_by_itself(
     assert main(["bag", "keygen"]) == 0
     assert main(["bag", "attest", str(bag), "--chain", str(tmp_path / "chain"), *words]) == 0
     found = tmp_path / "found.json"
-    assert main(["bag", "verify-evidence", str(bag), "--chain", str(tmp_path / "chain"), "--json", str(found)]) == 0
+    assert (
+        main(
+            [
+                "bag",
+                "verify-evidence",
+                str(bag),
+                "--chain",
+                str(tmp_path / "chain"),
+                "--json",
+                str(found),
+            ]
+        )
+        == 0
+    )
     [result] = json.loads(found.read_text(encoding="utf-8"))["bags"]
-    assert result["attestation"]["procedure"]["sha256"] == procedure.load(with_changes(tmp_path)).sha256
+    assert (
+        result["attestation"]["procedure"]["sha256"]
+        == procedure.load(with_changes(tmp_path)).sha256
+    )
     codes = {(one["code"], one["file"]) for one in result["not_checked"]}
     assert {("not_judged_again", f"record/{name}") for name in report.files()} <= codes
 
@@ -177,7 +228,9 @@ def test_a_flipped_bit_is_told_or_changes_nothing(recorded: Path, tmp_path: Path
     random = Random(26)
     for _ in range(12):
         at = random.randrange(len(data))
-        (bag / "bag_0.mcap").write_bytes(data[:at] + bytes([data[at] ^ (1 << random.randrange(8))]) + data[at + 1 :])
+        (bag / "bag_0.mcap").write_bytes(
+            data[:at] + bytes([data[at] ^ (1 << random.randrange(8))]) + data[at + 1 :]
+        )
         try:
             found = make(bag, asked)[0]
         except BagError:
@@ -197,7 +250,11 @@ def test_what_has_no_record_is_said_in_one_line(
         (tmp_path / "none", "copper_lid", "there is no such bag"),
         (tmp_path / "empty", "copper_lid", "the bag holds no messages"),
         (weld_bag, "copper_lid", "has no phase of procedure copper_lid (dwell, start, downward"),
-        (tmp_path / "programme", foreign, "it has dwell, start; give the bag of a weld with a programme"),
+        (
+            tmp_path / "programme",
+            foreign,
+            "it has dwell, start; give the bag of a weld with a programme",
+        ),
         (weld_bag, "no_such", "cannot read procedure no_such"),
     ):
         assert run(bag, "--procedure", asked, "--out", tmp_path / "out") == 1
@@ -226,8 +283,14 @@ def test_what_is_not_as_the_manifest_has_it_is_on_record(tmp_path: Path) -> None
     ("words", "said"),
     [
         (["--identity", "canister=C-1"], "--identity needs --bag"),
-        (["--bag", "--identity", "canister"], "write KEY=VALUE with one of canister, lid, tool, machine"),
-        (["--bag", "--identity", "colour=red"], "write KEY=VALUE with one of canister, lid, tool, machine"),
+        (
+            ["--bag", "--identity", "canister"],
+            "write KEY=VALUE with one of canister, lid, tool, machine",
+        ),
+        (
+            ["--bag", "--identity", "colour=red"],
+            "write KEY=VALUE with one of canister, lid, tool, machine",
+        ),
         (["--bag", "--identity", "tool=1", "--identity", "tool=2"], "tool is given twice"),
     ],
 )
@@ -238,7 +301,9 @@ def test_a_wrong_identity_is_refused_before_the_weld(
     assert said in capsys.readouterr().err
 
 
-def test_a_record_is_not_replaced_unasked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_record_is_not_replaced_unasked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     write_programme_weld(tmp_path / "weld")
     arguments = (tmp_path / "weld", "--procedure", "copper_lid", "--out", tmp_path / "out")
     (tmp_path / "out").mkdir()
@@ -249,7 +314,9 @@ def test_a_record_is_not_replaced_unasked(tmp_path: Path, capsys: pytest.Capture
     assert "one of the bags is given twice" in capsys.readouterr().err
     assert run(*arguments, "--force") == 0
     assert "REJECT" in capsys.readouterr().out
-    operators = json.loads((tmp_path / "out" / "record.json").read_text(encoding="utf-8"))["operators"]
+    operators = json.loads((tmp_path / "out" / "record.json").read_text(encoding="utf-8"))[
+        "operators"
+    ]
     assert operators == ["anna (3f2a)"]
 
 

@@ -31,7 +31,9 @@ TICK = st.integers(0, TICKS - 1)
 ARRAYS = ("depth_mm", "torque_nm", "temperature_c", "force_kn", "speed_rpm")
 
 
-def judged(weld: WeldSignals, procedure: Procedure = PROCEDURE, custom: dict[str, str] = COMPLETE) -> Record:
+def judged(
+    weld: WeldSignals, procedure: Procedure = PROCEDURE, custom: dict[str, str] = COMPLETE
+) -> Record:
     return assemble(replace(weld, custom=custom), procedure)[0]
 
 
@@ -56,7 +58,11 @@ def without(weld: WeldSignals, ticks: list[int]) -> WeldSignals:
 def test_a_good_weld_is_accepted() -> None:
     record = judged(good_weld())
     assert record.verdict is Verdict.ACCEPT and record.deciding.name == "all"
-    assert not record.exceedances and not record.gaps and not any(record.missing[name] for name in ARRAYS)
+    assert (
+        not record.exceedances
+        and not record.gaps
+        and not any(record.missing[name] for name in ARRAYS)
+    )
     assert [one.phase for one in record.phases] == ["dwell", "joint_line", "whole weld"]
 
 
@@ -87,10 +93,14 @@ def spoilt(draw: st.DrawFn) -> WeldSignals:
     weld = good_weld()
     for _ in range(draw(st.integers(0, 4))):
         values, begin = array(weld, draw(st.sampled_from(ARRAYS))), draw(TICK)
-        values[begin : begin + draw(st.integers(1, 12))] *= draw(st.sampled_from((0.5, 0.985, 1.015, 1.5)))
+        values[begin : begin + draw(st.integers(1, 12))] *= draw(
+            st.sampled_from((0.5, 0.985, 1.015, 1.5))
+        )
     if draw(st.booleans()):
         begin = draw(TICK)
-        weld.actual_mode[begin : begin + 5] = draw(st.sampled_from(("hold", "manual", "safe_stop")))
+        weld.actual_mode[begin : begin + 5] = draw(
+            st.sampled_from(("hold", "manual", "safe_stop"))
+        )
     if draw(st.booleans()):
         weld.command_source[draw(TICK) :] = draw(st.sampled_from(("nmpc", "manual", "stranger")))
     return weld
@@ -148,14 +158,23 @@ def test_a_weld_with_a_gap_is_never_accepted(ticks: list[int]) -> None:
 def test_a_gap_spans_its_ticks_wherever_they_are() -> None:
     """Between its neighbours, also at both ends: when the programme began and was done is on record."""
     record = judged(without(good_weld(), [0, 20, 21, 22, TICKS - 1]))
-    assert [(one.begin_s, one.duration_s) for one in record.gaps] == [(0.1, 0.1), (2.1, 0.3), (6.0, 0.1)]
+    assert [(one.begin_s, one.duration_s) for one in record.gaps] == [
+        (0.1, 0.1),
+        (2.1, 0.3),
+        (6.0, 0.1),
+    ]
 
 
 def test_what_was_before_the_programme_is_no_part_of_the_weld() -> None:
     weld = good_weld()
     weld.phases[0] = ("dwell", 0.3)
     weld.temperature_c[:2] = 20.0
-    record = judged(weld, short_procedure(phases=[{"name": "dwell", "duration_s": 0.8, "source": "test"}, JOINT_LINE]))
+    record = judged(
+        weld,
+        short_procedure(
+            phases=[{"name": "dwell", "duration_s": 0.8, "source": "test"}, JOINT_LINE]
+        ),
+    )
     assert record.verdict is Verdict.ACCEPT and record.phases[0].begin_s == 0.3
 
 
@@ -186,12 +205,17 @@ def broken(name: str) -> tuple[WeldSignals, dict[str, Any], dict[str, str]]:
     elif name == "controller":
         weld.command_source[30:] = "manual"
     elif name == "tuning":
-        changes = {"controllers": [{"name": "decentral", "parameters_sha256": digest({"gain": 1.0})}]}
+        changes = {
+            "controllers": [{"name": "decentral", "parameters_sha256": digest({"gain": 1.0})}]
+        }
         parameters = {"/fsw_decentral": {"ros__parameters": {"gain": 1.1}}}
         weld.attachments["parameters/fsw_decentral.yaml"] = yaml.safe_dump(parameters).encode()
     elif name == "swaps":
         weld.events.insert(
-            0, WeldEvent(0.5, "swap", "nmpc", cause=Cause.SWAP_FAILED, detail="(start infeasible) (operator")
+            0,
+            WeldEvent(
+                0.5, "swap", "nmpc", cause=Cause.SWAP_FAILED, detail="(start infeasible) (operator"
+            ),
         )
     elif name == "mode":
         weld.actual_mode[10:12] = "hold"
@@ -209,7 +233,17 @@ def broken(name: str) -> tuple[WeldSignals, dict[str, Any], dict[str, str]]:
 @pytest.mark.parametrize(
     "rule",
     [
-        *("set-point", "quality", "recording", "sensor", "controller", "tuning", "swaps", "mode", "interlocks"),
+        *(
+            "set-point",
+            "quality",
+            "recording",
+            "sensor",
+            "controller",
+            "tuning",
+            "swaps",
+            "mode",
+            "interlocks",
+        ),
         *("complete", "procedure"),
     ],
 )
@@ -221,14 +255,22 @@ def test_each_rule_alone_decides(rule: str) -> None:
     assert record.verdict is (Verdict.REJECT if rule == "complete" else Verdict.REVIEW)
 
 
-def test_a_weld_by_the_procedure_that_judges_it_is_accepted_and_one_by_an_unknown_procedure_is_told() -> None:
+def test_a_weld_by_the_procedure_that_judges_it_is_accepted_and_one_by_an_unknown_procedure_is_told() -> (
+    None
+):
     weld, wanted = good_weld(), PROCEDURE.identity
     assert any("by which procedure the weld ran" in one for one in judged(weld).cannot_say)
     weld.events.insert(0, welded(0.1, wanted.id, wanted.revision, wanted.sha256))
     record = judged(weld)
     rule = next(one for one in record.rules if one.name == "procedure")
-    assert record.verdict is Verdict.ACCEPT and not any("by which procedure" in one for one in record.cannot_say)
-    assert f"{wanted.id} revision {wanted.revision}, SHA-256 {wanted.sha256[:12]}…" == rule.figure in rule.words
+    assert record.verdict is Verdict.ACCEPT and not any(
+        "by which procedure" in one for one in record.cannot_say
+    )
+    assert (
+        f"{wanted.id} revision {wanted.revision}, SHA-256 {wanted.sha256[:12]}…"
+        == rule.figure
+        in rule.words
+    )
 
 
 def test_the_procedure_that_is_attached_to_the_bag_is_the_one_of_the_weld() -> None:
@@ -240,7 +282,11 @@ def test_the_procedure_that_is_attached_to_the_bag_is_the_one_of_the_weld() -> N
         "broken.yaml": b"[fsw_weld_procedure",
     }
     (event,) = attached_procedures(weld)
-    assert event.kind == "procedure" and event.text.endswith(PROCEDURE.sha256) and event.time_s == weld.time_s[0]
+    assert (
+        event.kind == "procedure"
+        and event.text.endswith(PROCEDURE.sha256)
+        and event.time_s == weld.time_s[0]
+    )
 
 
 def test_lost_messages_and_a_bag_without_states_are_for_review() -> None:
@@ -251,7 +297,11 @@ def test_lost_messages_and_a_bag_without_states_are_for_review() -> None:
     assert any("no lost_messages" in one for one in record.cannot_say)
     weld.counts = {}
     record = judged(weld)
-    assert {one.name for one in record.rules if one.verdict is Verdict.REVIEW} == {"swaps", "mode", "interlocks"}
+    assert {one.name for one in record.rules if one.verdict is Verdict.REVIEW} == {
+        "swaps",
+        "mode",
+        "interlocks",
+    }
     assert any("/fsw/supervisor/state is not in the bag" in one for one in record.cannot_say)
 
 
@@ -261,7 +311,9 @@ def test_the_same_tuning_is_recognised() -> None:
         b"/fsw_decentral: {ros__parameters: {gain: 1.0, use_sim_time: true}}"
     )
     record = judged(weld, short_procedure(**changes))
-    assert record.verdict is Verdict.ACCEPT and record.parameters_sha256["decentral"] == digest({"gain": 1.0})
+    assert record.verdict is Verdict.ACCEPT and record.parameters_sha256["decentral"] == digest(
+        {"gain": 1.0}
+    )
 
 
 def test_a_frozen_sensor_is_for_review() -> None:
@@ -296,7 +348,11 @@ def test_short_exceedances_of_quality_add_up(changes: dict[str, float], verdict:
     weld.depth_mm[DWELL + np.flatnonzero(np.arange(TICKS - DWELL) % 4 != 3)] += 0.108
     procedure = short_procedure(acceptance=PROCEDURE.acceptance.model_dump() | changes)
     record = judged(weld, procedure)
-    rule = next(one for one in record.rules if one.name == "quality" and one.words.startswith("depth_error"))
+    rule = next(
+        one
+        for one in record.rules
+        if one.name == "quality" and one.words.startswith("depth_error")
+    )
     assert record.verdict is rule.verdict is verdict
     assert "longest 0.3 s" in rule.figure and " mm" in rule.figure
 
@@ -321,7 +377,9 @@ def cut(weld: WeldSignals, begin: int, end: int) -> WeldSignals:
     }
     drives = weld.drives
     assert drives is not None
-    return replace(weld, **changed, drives=DriveSignals(drives.force_kn[kept], drives.speed_rpm[kept]))
+    return replace(
+        weld, **changed, drives=DriveSignals(drives.force_kn[kept], drives.speed_rpm[kept])
+    )
 
 
 @pytest.mark.parametrize(("ticks", "verdict"), [(3, Verdict.REVIEW), (8, Verdict.REJECT)])
@@ -345,11 +403,17 @@ def test_what_ends_a_weld_decides_before_what_its_gaps_hide() -> None:
 def test_where_an_exceedance_was() -> None:
     weld = good_weld()
     weld.temperature_c[30:35] = [911.0, 915.0, np.nan, 912.0, 911.0]
-    [found] = [one for one in judged(weld).exceedances if one.kind == "essential" and one.variable == "temperature_c"]
+    [found] = [
+        one
+        for one in judged(weld).exceedances
+        if one.kind == "essential" and one.variable == "temperature_c"
+    ]
     assert (found.begin_s, found.duration_s, found.samples, found.missing) == (3.1, 0.5, 5, 1)
     assert (found.extreme, found.beyond) == (915.0, 5.0)
     assert found.phases == ("joint_line",) and found.commanded_by == "decentral"
-    assert found.angle_deg == pytest.approx((0.42, 0.50)) and found.travel_mm == pytest.approx((4.2, 5.0), abs=0.05)
+    assert found.angle_deg == pytest.approx((0.42, 0.50)) and found.travel_mm == pytest.approx(
+        (4.2, 5.0), abs=0.05
+    )
 
 
 def test_the_traverse_speed_does_not_jump_where_a_phase_begins_in_motion() -> None:
@@ -378,7 +442,9 @@ def test_figures_of_a_phase() -> None:
     weld = good_weld()
     weld.depth_mm += np.where(np.arange(TICKS) % 2, 0.02, -0.01)
     dwell, joint_line, whole = judged(weld).phases
-    assert dwell.heat_input_kj_per_mm is None and joint_line.travel_mm == pytest.approx(10.0, abs=0.2)
+    assert dwell.heat_input_kj_per_mm is None and joint_line.travel_mm == pytest.approx(
+        10.0, abs=0.2
+    )
     # 1050 N m at 407.576 rpm are 44.815 kW, at 2 mm/s
     assert joint_line.heat_input_kj_per_mm == pytest.approx(44.815 / 2.0, rel=1e-4)
     assert whole.depth_mm is not None and whole.depth_mm.inside_share == 1.0
@@ -418,9 +484,14 @@ def test_tool_and_machine_are_compared_with_the_weld(
 
 def test_what_else_is_known_of_a_weld_is_in_its_record() -> None:
     procedure = short_procedure(extra={"wpqr": "17-3", "tilt_deg": 0.0})
-    record = judged(good_weld(), procedure, COMPLETE | {"material_heat": "H42", "canister": "C001"})
+    record = judged(
+        good_weld(), procedure, COMPLETE | {"material_heat": "H42", "canister": "C001"}
+    )
     assert record.extra == {"wpqr": "17-3", "tilt_deg": 0.0, "material_heat": "H42"}
-    assert record.identity == {"canister": "C001"} and record.judged_with.keys() >= {"fsw-control", "numpy"}
+    assert record.identity == {"canister": "C001"} and record.judged_with.keys() >= {
+        "fsw-control",
+        "numpy",
+    }
 
 
 def test_a_programme_that_is_held_for_long_is_for_review() -> None:

@@ -31,18 +31,27 @@ def test_history_of_a_bag_its_report_and_what_changed(tmp_path, capsys, monkeypa
     pytest.importorskip("pyarrow")
     folder = tmp_path / "history"
     assert main(["history", "add", str(folder), str(BAG)]) == 0
-    monkeypatch.setattr("fsw_quality.commands.history.watch", None)  # what is refused is not watched first
+    monkeypatch.setattr(
+        "fsw_quality.commands.history.watch", None
+    )  # what is refused is not watched first
     assert main(["history", "add", str(folder), str(BAG)]) == 1
     assert "twice" in capsys.readouterr().err
     copied = shutil.copytree(BAG, tmp_path / "copy")
     assert main(["history", "add", str(folder), str(copied)]) == 1
     err = capsys.readouterr().err
-    assert "two records of one weld: copy has the files of reference_tracking" in err and len(err.splitlines()) == 1
+    assert (
+        "two records of one weld: copy has the files of reference_tracking" in err
+        and len(err.splitlines()) == 1
+    )
     assert main(["history", "add", str(tmp_path / "other"), str(BAG), str(copied)]) == 1
     assert "copy has the files of reference_tracking" in capsys.readouterr().err
     record = tmp_path / "record.json"
-    record.write_text('{"verdict": "accept", "files": [{"name": "bag_0.mcap", "sha256": "0"}]}', encoding="utf-8")
-    assert main(["history", "add", str(tmp_path / "other"), str(BAG), "--record", str(record)]) == 1
+    record.write_text(
+        '{"verdict": "accept", "files": [{"name": "bag_0.mcap", "sha256": "0"}]}', encoding="utf-8"
+    )
+    assert (
+        main(["history", "add", str(tmp_path / "other"), str(BAG), "--record", str(record)]) == 1
+    )
     assert "is the record of another weld" in capsys.readouterr().err
     assert main(["history", "report", str(folder)]) == 0
     assert (folder / "report.html").exists()
@@ -58,7 +67,10 @@ def test_a_bag_without_a_weld_is_refused(tmp_path, capsys):
         for topic in reader.topics().values():
             writer.add_topic(topic)
         copy(islice(reader.records(), 12), writer)
-    for command in (["monitor", str(short)], ["history", "add", str(tmp_path / "history"), str(short)]):
+    for command in (
+        ["monitor", str(short)],
+        ["history", "add", str(tmp_path / "history"), str(short)],
+    ):
         assert main(command) == 1
         assert "no weld in it" in capsys.readouterr().err.splitlines()[-1]
     assert not (tmp_path / "history").exists()
@@ -69,4 +81,7 @@ def test_history_without_its_library_says_what_to_install_in_a_line(tmp_path, ca
     monkeypatch.delattr(fsw_quality, "history", raising=False)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     assert main(["history", "report", str(tmp_path)]) == 1
-    assert capsys.readouterr().err == "error: history: pyarrow is missing: pip install 'fsw-quality[history]'\n"
+    assert (
+        capsys.readouterr().err
+        == "error: history: pyarrow is missing: pip install 'fsw-quality[history]'\n"
+    )

@@ -1,7 +1,8 @@
 """Friction stir welding, simulated, controlled and analysed.
 
-``import fsw`` loads next to nothing; what is used is imported at its first use. Other distributions add public names by
-entry points (``fsw.api``). The command line is beside it, a module per command.
+``import fsw`` loads next to nothing; what is used is imported at its first use. Other
+distributions add public names by entry points (``fsw.api``). The command line is beside it, a
+module per command.
 """
 
 from __future__ import annotations
@@ -42,7 +43,11 @@ def __getattr__(name: str) -> Any:
     if name in _PLACE:
         value = getattr(import_module(_PLACE[name]), name)
     else:
-        value = None if name.startswith("_") else import_module("fsw_schema.extensions").loaded("fsw.api", name)
+        value = (
+            None
+            if name.startswith("_")
+            else import_module("fsw_schema.extensions").loaded("fsw.api", name)
+        )
     if value is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()[name] = value

@@ -29,7 +29,9 @@ def export(arguments: argparse.Namespace) -> int:
         whole, signals = signals.n_ticks, cut_to_scenario(signals)
         if signals.n_ticks < whole:
             print_notes(
-                [f"{whole - signals.n_ticks} ticks after the end of the scenario are omitted; --all includes them"]
+                [
+                    f"{whole - signals.n_ticks} ticks after the end of the scenario are omitted; --all includes them"
+                ]
             )
     print(f"{export_weld(signals, target)} rows written to {target}")
     return 0

@@ -87,7 +87,12 @@ def _print(info: BagInfo, ticks: TickCounter) -> None:
             first = f"first of stamp {gap.first_ns * 1e-9:.3f} s"
             rows.append(("Ticks", f"{name}: {gap.missing} missing (not sent or lost), {first}"))
         if gap.before or gap.after:
-            rows.append(("Ticks", f"{name}: begins {gap.before} ticks after the bag, ends {gap.after} before it"))
+            rows.append(
+                (
+                    "Ticks",
+                    f"{name}: begins {gap.before} ticks after the bag, ends {gap.after} before it",
+                )
+            )
     if gaps and not any(gap.missing or gap.before or gap.after for gap in gaps.values()):
         rows.append(("Ticks", f"none missing on {len(gaps)} topics, according to their stamps"))
     print_table(rows)

@@ -29,18 +29,26 @@ def figures_of_merit(arguments: argparse.Namespace) -> int:
     results = [kpi.compute(signals, label) for label, signals in welds.items()]
     print(kpi_table.markdown(results), end="")
     phases = [
-        phase_kpi.compute(signals, label, phase_kpi.recorded_spans(signals)) if signals.phases else []
+        phase_kpi.compute(signals, label, phase_kpi.recorded_spans(signals))
+        if signals.phases
+        else []
         for label, signals in welds.items()
     ]
     if any(phases):
         print("\n" + phase_kpi.markdown([run for run in phases if run]), end="")
     rows = zip(results, phases, strict=True)
-    write_json(arguments.json, [result | {"phases": [asdict(one) for one in run]} for result, run in rows])
+    write_json(
+        arguments.json, [result | {"phases": [asdict(one) for one in run]} for result, run in rows]
+    )
     return 0
 
 
 def _missing_ends(welds: Mapping[str, WeldSignals]) -> Iterator[str]:
     for label, signals in welds.items():
         if (missing_s := missing_at_end_s(signals)) != 0.0:
-            lacks = f"its last {missing_s:.1f} s are" if isfinite(missing_s) else "the end of its programme is"
+            lacks = (
+                f"its last {missing_s:.1f} s are"
+                if isfinite(missing_s)
+                else "the end of its programme is"
+            )
             yield f"{label}: {lacks} not on record; the last tick is at {signals.time_s[-1]:.1f} s"

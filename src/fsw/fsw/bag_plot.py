@@ -18,7 +18,13 @@ from fsw_schema.models import InputError
     "the paper's figures of a weld; several bags are overlaid",
     bag_argument(nargs="+"),
     file("--out", "folder for the PNG files (default: here)", "DIR", default=Path(".")),
-    option("--figures", type=int, nargs="*", choices=range(4, 10), help="figures 4 to 9 (default: the scenario's)"),
+    option(
+        "--figures",
+        type=int,
+        nargs="*",
+        choices=range(4, 10),
+        help="figures 4 to 9 (default: the scenario's)",
+    ),
     FORCE,
 )
 def plot(arguments: argparse.Namespace) -> int:

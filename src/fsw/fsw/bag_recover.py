@@ -22,10 +22,17 @@ from fsw_recorder.topic import TopicSelection
     "bag recover",
     "copy everything readable from a damaged bag into a new, intact MCAP bag",
     bag_argument(DAMAGED_TOO),
-    option("output", type=Path, nargs="?", help="folder of the new bag (default: <bag>_recovered)"),
-    switch("--proven", "copy only chunks whose hashes are in the manifest, unchanged, so that they stay proven"),
+    option(
+        "output", type=Path, nargs="?", help="folder of the new bag (default: <bag>_recovered)"
+    ),
+    switch(
+        "--proven",
+        "copy only chunks whose hashes are in the manifest, unchanged, so that they stay proven",
+    ),
     switch("--zstd", "compress the new bag"),
-    option("--regex", default="", help="copy only topics whose whole name matches this expression"),
+    option(
+        "--regex", default="", help="copy only topics whose whole name matches this expression"
+    ),
 )
 def recover(arguments: argparse.Namespace) -> int:
     source: Path = arguments.bag
@@ -46,7 +53,9 @@ def recover(arguments: argparse.Namespace) -> int:
 
 def _proven(source: Path, target: Path, changes: bool) -> int:
     if changes:
-        raise CommandError("recover: --proven copies chunks as they are; leave out --zstd and --regex")
+        raise CommandError(
+            "recover: --proven copies chunks as they are; leave out --zstd and --regex"
+        )
     evidence = (ATTESTATION_NAME, ATTESTATION_NAME + SUFFIX)
     with ProgressBar(f"copying {source}") as bar:
         result = recover_proven(source, target, evidence, bar)

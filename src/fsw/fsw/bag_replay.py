@@ -18,12 +18,13 @@ from fsw_schema.ranges import Range
 
 #: how a controller is named
 _NAME_OR_CLASS = "NAME, or MODULE:CLASS or FILE.py:CLASS of your own controller"
-#: what only the conversion to the units of the wire, or another processor changes (about 1e-12) counts as equal; an
-#: operator could notice 1e-4
+#: what only the conversion to the units of the wire, or another processor changes (about 1e-12)
+#: counts as equal; an operator could notice 1e-4
 _TOLERANCE = 1e-9
 #: exit code when all replayed controllers agree, but one of the bag could not be replayed
 _LEFT_OUT = 3
-#: exit code when proposals differ, but only those of controllers whose inputs are not known for certain
+#: exit code when proposals differ, but only those of controllers whose inputs are not known for
+#: certain
 _NOT_COMPARABLE = 4
 
 
@@ -55,7 +56,9 @@ def verify(arguments: argparse.Namespace) -> int:
     recorded = list(messages.controllers("proposal"))
     names = [name_of(label) for label in arguments.controller or ()]
     if not recorded or not set(names) <= set(recorded):
-        raise CommandError(f"{arguments.bag}: no proposals of {', '.join(names) or 'any controller'} in this bag")
+        raise CommandError(
+            f"{arguments.bag}: no proposals of {', '.join(names) or 'any controller'} in this bag"
+        )
     code, any_replayed = 0, False
     for name in dict.fromkeys(names or recorded):
         try:
@@ -68,7 +71,9 @@ def verify(arguments: argparse.Namespace) -> int:
         result = replayed.against_own(name, arguments.tolerance)
         print_notes(replayed.notes)
         decided = replayed.comparable or not result.beyond
-        print("\n".join(result.lines() if decided else [f"{name}: cannot be compared"]), flush=True)
+        print(
+            "\n".join(result.lines() if decided else [f"{name}: cannot be compared"]), flush=True
+        )
         if result.beyond and code != 1:
             code = 1 if replayed.comparable else _NOT_COMPARABLE
         any_replayed = True
@@ -99,7 +104,10 @@ def shadow(arguments: argparse.Namespace) -> int:
     check_new([arguments.json], arguments.force)
     source, label = arguments.bag, arguments.controller
     name, make = name_of(label), maker(label)
-    changed = {**variant_of(label), **dict(assignment("--set", text) for text in arguments.parameters)}
+    changed = {
+        **variant_of(label),
+        **dict(assignment("--set", text) for text in arguments.parameters),
+    }
     folder = arguments.out or source.absolute().parent / f"{source.absolute().name}_shadow_{name}"
     if folder.exists():
         raise CommandError(f"{folder}: exists already; give another folder with --out")
@@ -110,7 +118,9 @@ def shadow(arguments: argparse.Namespace) -> int:
     print(f"{name} in shadow: {len(result.stamps)} ticks replayed, {unhealthy} not healthy")
     comparisons = [result.against_applied("compared with the applied commands", _TOLERANCE)]
     if name in messages.controllers("proposal"):
-        comparisons.append(result.against_own("compared with its own recorded proposals", _TOLERANCE))
+        comparisons.append(
+            result.against_own("compared with its own recorded proposals", _TOLERANCE)
+        )
     for one in comparisons:
         print("\n".join(one.lines()))
     write_shadow(result, source, messages.namespace, folder)

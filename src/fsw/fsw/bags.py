@@ -50,4 +50,7 @@ def read_messages(bag: Path) -> WeldMessages:
 
 def welds_of(bags: list[Path]) -> dict[str, WeldSignals]:
     """Welds by the labels that distinguish them, each cut to the length of its scenario."""
-    return {label: cut_to_scenario(read_weld(bag)) for label, bag in zip(labels(bags), bags, strict=True)}
+    return {
+        label: cut_to_scenario(read_weld(bag))
+        for label, bag in zip(labels(bags), bags, strict=True)
+    }

@@ -42,7 +42,9 @@ def _kinds_of(annotation: Any) -> list[Any]:
 
 def _is_one(value: Any, kind: Any) -> bool:
     # True is a whole number to Python, and text a sequence
-    refused: Any = {int: bool, float: bool, Sequence: (str, bytes), tuple: (str, bytes)}.get(kind, ())
+    refused: Any = {int: bool, float: bool, Sequence: (str, bytes), tuple: (str, bytes)}.get(
+        kind, ()
+    )
     return isinstance(value, _KINDS.get(kind, (kind,))[0]) and not isinstance(value, refused)
 
 
@@ -56,14 +58,21 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     """
     signature = inspect.signature(function)
     # of a constructor that of its class
-    called = (function.__qualname__.removesuffix(".__init__") or function.__name__).rpartition(".")[2]
+    called = (function.__qualname__.removesuffix(".__init__") or function.__name__).rpartition(
+        "."
+    )[2]
 
     @cache
     def kinds() -> dict[str, list[Any]]:
         """By parameter; at the first call, as classes that are defined further down can be annotated, too."""
-        arguments = {name: text for name, text in function.__annotations__.items() if name != "return"}
+        arguments = {
+            name: text for name, text in function.__annotations__.items() if name != "return"
+        }
         place = types.SimpleNamespace(__annotations__=arguments)
-        return {name: _kinds_of(one) for name, one in get_type_hints(place, function.__globals__).items()}
+        return {
+            name: _kinds_of(one)
+            for name, one in get_type_hints(place, function.__globals__).items()
+        }
 
     def each(given: Mapping[str, Any]) -> Iterator[tuple[str, Any, list[Any]]]:
         for name, value in given.items():
@@ -78,11 +87,17 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     def call(*args: P.args, **keywords: P.kwargs) -> R:
         try:
             given = signature.bind(*args, **keywords).arguments
-        except TypeError:  # an argument too many or too few: Python says so, with the function's name
+        except (
+            TypeError
+        ):  # an argument too many or too few: Python says so, with the function's name
             return function(*args, **keywords)
         for name, value, allowed in each(given):
             if allowed and not any(_is_one(value, kind) for kind in allowed):
-                words = [_KINDS.get(one, (one, one.__name__))[1] for one in allowed if one is not types.NoneType]
+                words = [
+                    _KINDS.get(one, (one, one.__name__))[1]
+                    for one in allowed
+                    if one is not types.NoneType
+                ]
                 said = " ".join(repr(value).split())[:80]  # of a table, several lines
                 raise InputError(f"{called}: {name} is {' or '.join(words)}, not {said}")
         return function(*args, **keywords)

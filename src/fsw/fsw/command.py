@@ -49,7 +49,9 @@ def command(
     needs: Extra | None = None,
 ) -> Callable[[Run], Command]:
     """Make a function that returns the exit code a command; texts call the command line ``fsw.py``."""
-    return lambda run: Command(name, text, description or _sentence(name, text), options, run, usage, needs)
+    return lambda run: Command(
+        name, text, description or _sentence(name, text), options, run, usage, needs
+    )
 
 
 def group(name: str, text: str, description: str = "") -> Command:
@@ -87,11 +89,18 @@ def file(flag: str, text: str, metavar: str = "FILE", **more: Any) -> Option:
 
 def repeated(flag: str, metavar: str, text: str, **more: Any) -> Option:
     """An option that may be given several times; a list, empty by default."""
-    return option(flag, action="append", default=[], metavar=metavar, help=f"{text}; may be repeated", **more)
+    return option(
+        flag, action="append", default=[], metavar=metavar, help=f"{text}; may be repeated", **more
+    )
 
 
 def number(
-    flag: str, metavar: str, allowed: Range, text: str, default: float | None = None, kind: type[float] = float
+    flag: str,
+    metavar: str,
+    allowed: Range,
+    text: str,
+    default: float | None = None,
+    kind: type[float] = float,
 ) -> Option:
     """An option that takes a number in a range, which the error names; ``kind`` is int for a whole number."""
 
@@ -122,7 +131,13 @@ FORCE = switch("--force", "replace files that exist")
 #: of all commands that talk to the graph
 GRAPH = (
     number(
-        "--timeout", "S", Range(0.1, 600.0, "s"), "maximum time to wait for an answer, 0.1 to 600 s (default 5)", 5.0
+        "--timeout",
+        "S",
+        Range(0.1, 600.0, "s"),
+        "maximum time to wait for an answer, 0.1 to 600 s (default 5)",
+        5.0,
     ),
-    option("--namespace", metavar="NS", default="", help="of the weld, e.g. cell1 (default: none)"),
+    option(
+        "--namespace", metavar="NS", default="", help="of the weld, e.g. cell1 (default: none)"
+    ),
 )

@@ -14,14 +14,21 @@ from rich.text import Text
 _ANY_WIDTH = 10_000
 
 
-def print_table(rows: Sequence[Sequence[str]], header: Sequence[str] = (), words: int | None = None) -> None:
+def print_table(
+    rows: Sequence[Sequence[str]], header: Sequence[str] = (), words: int | None = None
+) -> None:
     """Print columns; plain text of any width where stdout is no terminal.
 
-    The first ``words`` columns are words; the numbers after them are aligned right. By default all are words.
+    The first ``words`` columns are words; the numbers after them are aligned right. By default all
+    are words.
     """
     table = Table(box=None, pad_edge=False, show_header=bool(header), padding=(0, 2, 0, 0))
     for i, title in enumerate(header or [""] * len(rows[0])):
-        table.add_column(Text(title), justify="right" if words is not None and i >= words else "left", overflow="fold")
+        table.add_column(
+            Text(title),
+            justify="right" if words is not None and i >= words else "left",
+            overflow="fold",
+        )
     for row in rows:
         table.add_row(*map(Text, row))
     console = Console(highlight=False)

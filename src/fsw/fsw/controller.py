@@ -9,8 +9,8 @@ from fsw_control.reason import Reason, ReasonCode
 class Controller:
     """Derive your controller from this: give it a ``name`` and a :meth:`command`.
 
-    The command is limited to bounds and rates, and a tick at which a needed sensor is invalid is answered with an
-    unhealthy proposal. A class with ``step`` and ``reset`` of its own
+    The command is limited to bounds and rates, and a tick at which a needed sensor is invalid is
+    answered with an unhealthy proposal. A class with ``step`` and ``reset`` of its own
     (:class:`fsw_control.contract.Controller`) needs no base.
 
     Attributes
@@ -43,11 +43,17 @@ class Controller:
         """Force and speed wanted at this tick; ``applied`` is the command in force during the last one."""
         raise NotImplementedError(f"{type(self).__name__} needs a method 'command'")
 
-    def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
+    def step(
+        self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float
+    ) -> Proposal:
         """The proposal of this tick, see :class:`fsw_control.contract.Controller`."""
-        invalid = [one for one in measurement.invalid_sensors() if one not in self.tolerated_sensors]
+        invalid = [
+            one for one in measurement.invalid_sensors() if one not in self.tolerated_sensors
+        ]
         if invalid:
-            return Proposal(applied, healthy=False, reason=Reason(ReasonCode.INVALID_SENSOR, tuple(invalid)))
+            return Proposal(
+                applied, healthy=False, reason=Reason(ReasonCode.INVALID_SENSOR, tuple(invalid))
+            )
         return Proposal(self.limits.clip(self.command(measurement, reference, applied), applied))
 
     def reset(self, applied: Command) -> None:

@@ -57,7 +57,12 @@ LIVE_SCENARIO = "canister_weld"
         "one weld in real time, to monitor and control on the operator's page "
         f"(default: {LIVE_SCENARIO}, 45 min, with all controllers, recorder and standby supervisor)",
     ),
-    option("--port", type=int, default=8080, help="of the page of --live; 0: any free one (default 8080)"),
+    option(
+        "--port",
+        type=int,
+        default=8080,
+        help="of the page of --live; 0: any free one (default 8080)",
+    ),
     option("--out", type=Path, help="folder for the results (default: out/<date>)"),
     description="Run welds in closed loop over DDS; plant, controllers, supervisor, recorder and player are "
     "processes. Leaves bags, figures of merit and figures.",
@@ -95,7 +100,9 @@ def _live(parsed: argparse.Namespace) -> int:
     prepare(PlantConfig.from_values(scenario.plant))
     folder = new_folder(parsed.out, "live")
     others = () if scenario.open_loop else tuple(controllers)
-    graph = WeldGraph(scenario, folder, others, realtime=True, standby=True, parameters=controllers)
+    graph = WeldGraph(
+        scenario, folder, others, realtime=True, standby=True, parameters=controllers
+    )
     with free_domain() as domain, Launcher(folder / "log", domain) as launcher:
         return live.weld(graph, launcher, parsed.port)
 
@@ -105,7 +112,9 @@ def _controllers(parsed: argparse.Namespace) -> dict[str, dict[str, str]]:
     labels = set(parsed.controller or OURS)
     controllers = {name_of(label): variant_of(label) for label in parsed.controller or OURS}
     if len(controllers) < len(labels):
-        raise CommandError(f"one variant of each controller can run, not {', '.join(sorted(labels))}")
+        raise CommandError(
+            f"one variant of each controller can run, not {', '.join(sorted(labels))}"
+        )
     return controllers
 
 
@@ -122,12 +131,24 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
     began = time.monotonic()
     folder = new_folder(parsed.out, "demo")
     if not middleware_is_here():
-        print(f"no ROS 2 here: welds in one process, without bags; results go to {folder}", file=sys.stderr)
-        written = [path for name in names for path in _without_middleware(name, controllers, folder)]
+        print(
+            f"no ROS 2 here: welds in one process, without bags; results go to {folder}",
+            file=sys.stderr,
+        )
+        written = [
+            path for name in names for path in _without_middleware(name, controllers, folder)
+        ]
         return _print_end(began, written)
-    pace = "10 Hz on the wall clock" if parsed.realtime else "lockstep, as fast as the slowest process"
+    pace = (
+        "10 Hz on the wall clock"
+        if parsed.realtime
+        else "lockstep, as fast as the slowest process"
+    )
     print(f"weld in closed loop over DDS, {pace}; results go to {folder}", file=sys.stderr)
-    welds = {scenario.name: _graphs(scenario, controllers, folder, parsed.realtime) for scenario in scenarios}
+    welds = {
+        scenario.name: _graphs(scenario, controllers, folder, parsed.realtime)
+        for scenario in scenarios
+    }
     at_a_time = 1 if parsed.realtime else os.cpu_count() or 1
     run_side_by_side([graph for graphs in welds.values() for graph in graphs.values()], at_a_time)
     written = []
@@ -136,7 +157,9 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
     return _print_end(began, written)
 
 
-def _without_middleware(name: str, controllers: dict[str, dict[str, str]], folder: Path) -> list[Path]:
+def _without_middleware(
+    name: str, controllers: dict[str, dict[str, str]], folder: Path
+) -> list[Path]:
     """Run a scenario once with each controller in this process; returns the files."""
     scenario = load(name)
     runs: list[Run] = []
@@ -182,7 +205,9 @@ def _variants(scenario: Scenario, controllers: Iterable[str]) -> dict[str, Scena
         return {"open loop": scenario}
     if len(scenario.controllers) > 1:
         return {"swap": scenario}
-    return {name: parse(scenario.text, scenario.name, [f"controller={name}"]) for name in controllers}
+    return {
+        name: parse(scenario.text, scenario.name, [f"controller={name}"]) for name in controllers
+    }
 
 
 if __name__ == "__main__":

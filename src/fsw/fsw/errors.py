@@ -24,7 +24,15 @@ class CommandError(Exception):
     """A command cannot be carried out; the text says what, where and what to do."""
 
 
-SHOWN = (CommandError, InputError, OperatingPointError, BagError, KpiError, LaunchError, NoFreeDomainError)
+SHOWN = (
+    CommandError,
+    InputError,
+    OperatingPointError,
+    BagError,
+    KpiError,
+    LaunchError,
+    NoFreeDomainError,
+)
 
 
 def _said(error: BaseException) -> str:
@@ -70,7 +78,11 @@ def exit_code(action: Callable[[], int]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:  # a file that cannot be read or written, wherever it occurs
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # standard output, if no file is named
+        full = error.errno in (
+            errno.ENOSPC,
+            errno.EDQUOT,
+            errno.EFBIG,
+        )  # standard output, if no file is named
         where = "writing failed: " if full else ""
         where = f"cannot read or write {error.filename}: " if error.filename else where
         print(f"error: {where}{error.strerror or error}", file=sys.stderr)

@@ -20,7 +20,9 @@ from fsw_schema.ranges import Range
 
 #: what ends a disturbance or a fault; ``none`` in scenarios and services
 CLEAR = "clear"
-_AMPLITUDES = ", ".join(f"{name} {allowed}" for name, (_, allowed) in DISTURBANCE_AMPLITUDE.items())
+_AMPLITUDES = ", ".join(
+    f"{name} {allowed}" for name, (_, allowed) in DISTURBANCE_AMPLITUDE.items()
+)
 _MAGNITUDES = ", ".join(f"{name} {allowed}" for name, (_, allowed) in FAULT_MAGNITUDE.items())
 _MAGNITUDES += f" (drift: per s), delay {FAULT_DELAY_S}"
 
@@ -35,21 +37,29 @@ def _command(name: str, text: str, place: str, *options: Option) -> Command:
     return command(name, text, *GRAPH, *options)(run)
 
 
-STATUS = _command("status", "running nodes, applied controller, measurements and commands", "graph_ros:status")
+STATUS = _command(
+    "status", "running nodes, applied controller, measurements and commands", "graph_ros:status"
+)
 REFERENCE = _command(
     "reference",
     "new set-points; an omitted one keeps its value",
     "graph_ros:reference",
     number("--depth", "MM", ranges.REFERENCE_DEPTH_MM, str(ranges.REFERENCE_DEPTH_MM)),
     switch("--ramp", "ramp from the set-points in force at the permitted rates; default: a step"),
-    number("--temperature", "C", ranges.REFERENCE_TEMPERATURE_C, str(ranges.REFERENCE_TEMPERATURE_C)),
+    number(
+        "--temperature", "C", ranges.REFERENCE_TEMPERATURE_C, str(ranges.REFERENCE_TEMPERATURE_C)
+    ),
 )
 DISTURB = _command(
     "disturb",
     f"disturb the emulated plant; amplitudes: {_AMPLITUDES}",
     "graph_ros:disturb",
     option("channel", choices=tuple(DISTURBANCE_AMPLITUDE)),
-    option("shape", choices=(*DISTURBANCE_SHAPES, CLEAR), help="clear (or none) ends the channel's disturbance"),
+    option(
+        "shape",
+        choices=(*DISTURBANCE_SHAPES, CLEAR),
+        help="clear (or none) ends the channel's disturbance",
+    ),
     option("amplitude", type=float, nargs="?", help="in mm, degC, kN, rpm or N m; not for clear"),
     number("--duration", "S", DURATION_S, "rise time of a ramp, length of a pulse or a sine [s]"),
     number("--period", "S", DURATION_S, "of a sine [s]"),
@@ -69,9 +79,17 @@ SWITCH = _command(
     "graph_ros:switch",
     option("controller", help="its name, e.g. decentral; see 'controllers'"),
     switch("--strict", "refuse unless it is ready"),
-    number("--wait", "S", Range(0.0, 600.0, "s"), "maximum time to wait until it is ready, 0 to 600 s", 5.0),
+    number(
+        "--wait",
+        "S",
+        Range(0.0, 600.0, "s"),
+        "maximum time to wait until it is ready, 0 to 600 s",
+        5.0,
+    ),
 )
-CONTROLLERS = _command("controllers", "the controllers in the graph and their health", "graph_ros:controllers")
+CONTROLLERS = _command(
+    "controllers", "the controllers in the graph and their health", "graph_ros:controllers"
+)
 MODE = _command(
     "mode",
     "source of commands: a controller (auto), your values (manual), the last command (hold), safe stop",
@@ -81,7 +99,9 @@ MODE = _command(
     number("--speed", "RPM", ranges.COMMAND_SPEED_RPM, f"manual: {ranges.COMMAND_SPEED_RPM}"),
 )
 ACKNOWLEDGE = _command(
-    "acknowledge", "acknowledge a safe stop whose causes are gone, to permit another mode", "graph_ros:acknowledge"
+    "acknowledge",
+    "acknowledge a safe stop whose causes are gone, to permit another mode",
+    "graph_ros:acknowledge",
 )
 
 WELD = group("weld", "run a weld; hold, resume or abort it")
@@ -93,17 +113,25 @@ WELD_RUN = _command(
     repeated("--set", "KEY=VALUE", "replace a value of the scenario, e.g. controller=nmpc"),
 )
 WELD_HOLD = _command(
-    "weld hold", "stop the travel of the programme and keep the set-points in force", "weld_ros:hold_or_resume"
+    "weld hold",
+    "stop the travel of the programme and keep the set-points in force",
+    "weld_ros:hold_or_resume",
 )
-WELD_RESUME = _command("weld resume", "go back to the programme by a ramp", "weld_ros:hold_or_resume")
+WELD_RESUME = _command(
+    "weld resume", "go back to the programme by a ramp", "weld_ros:hold_or_resume"
+)
 WELD_ABORT = _command(
-    "weld abort", "abort the weld; a safe stop is requested until the supervisor answers", "weld_ros:abort_weld"
+    "weld abort",
+    "abort the weld; a safe stop is requested until the supervisor answers",
+    "weld_ros:abort_weld",
 )
 
 _NODE = option("node", metavar="NODE", help="name, e.g. fsw_nmpc; 'status' lists the nodes")
 _NAME = option("name", metavar="NAME", help="of the parameter")
 PARAM = group("param", "parameters of a running node: list, get, set")
-PARAM_LIST = _command("param list", "all parameters of a node with their values and meaning", "params_ros:run", _NODE)
+PARAM_LIST = _command(
+    "param list", "all parameters of a node with their values and meaning", "params_ros:run", _NODE
+)
 PARAM_GET = _command("param get", "value of a parameter", "params_ros:run", _NODE, _NAME)
 PARAM_SET = _command(
     "param set",
@@ -121,7 +149,9 @@ LIFECYCLE_LIST = _command(
     "lifecycle_ros:run",
     option("node", nargs="?", default="", **_MANAGED),
 )
-LIFECYCLE_GET = _command("lifecycle get", "state of a node", "lifecycle_ros:run", option("node", **_MANAGED))
+LIFECYCLE_GET = _command(
+    "lifecycle get", "state of a node", "lifecycle_ros:run", option("node", **_MANAGED)
+)
 LIFECYCLE_SET = _command(
     "lifecycle set",
     "a transition of a node: configure, activate, deactivate, cleanup or shutdown",

@@ -50,10 +50,16 @@ def disturb(arguments: argparse.Namespace) -> int:
     if shape == "none" and arguments.amplitude is not None:
         raise CommandError(f"disturb: {arguments.shape} takes no amplitude")
     if shape != "none" and arguments.amplitude is None:
-        raise CommandError(f"disturb: {shape} needs an amplitude, {allowed}; clear ends a disturbance")
+        raise CommandError(
+            f"disturb: {shape} needs an amplitude, {allowed}; clear ends a disturbance"
+        )
     entry = {"channel": arguments.channel, "shape": shape, key: arguments.amplitude}
     entry |= {"duration_s": arguments.duration, "period_s": arguments.period}
-    return ask(arguments, *SERVICES[True], event_request(validate(DisturbanceEntry, entry, "disturb").event(0.0)))
+    return ask(
+        arguments,
+        *SERVICES[True],
+        event_request(validate(DisturbanceEntry, entry, "disturb").event(0.0)),
+    )
 
 
 def fault(arguments: argparse.Namespace) -> int:
@@ -69,7 +75,9 @@ def fault(arguments: argparse.Namespace) -> int:
 def switch(arguments: argparse.Namespace) -> int:
     """Another controller."""
     request = convert.switch_request(arguments.controller, arguments.wait, arguments.strict)
-    return ask(arguments, SwitchController, "fsw/switch_controller", request, extra_s=arguments.wait)
+    return ask(
+        arguments, SwitchController, "fsw/switch_controller", request, extra_s=arguments.wait
+    )
 
 
 def mode(arguments: argparse.Namespace) -> int:
@@ -92,10 +100,23 @@ def controllers(arguments: argparse.Namespace) -> int:
     with operator(arguments) as node:
         response = node.call(ListControllers, "fsw/list_controllers", ListControllers.Request())
     print(f"mode {response.mode}, active {response.active or 'none'}")
-    header = ("controller", "state", "latency, mean [ms]", "largest [ms]", "missed", "late", "rejected")
+    header = (
+        "controller",
+        "state",
+        "latency, mean [ms]",
+        "largest [ms]",
+        "missed",
+        "late",
+        "rejected",
+    )
     rows = [
         (
-            *(one.name, health(one), f"{one.latency_mean * 1e3:.2f}", f"{one.latency_max * 1e3:.2f}"),
+            *(
+                one.name,
+                health(one),
+                f"{one.latency_mean * 1e3:.2f}",
+                f"{one.latency_max * 1e3:.2f}",
+            ),
             *(str(one.missed), str(one.late), str(one.rejected)),
         )
         for one in response.controllers
@@ -123,14 +144,24 @@ def status(arguments: argparse.Namespace) -> int:
         reports = node.watch(DiagnosticArray, "/diagnostics")
         received = (states, set_points, stated, commands, *(sensors[name] for name in REQUIRED))
         if not node.wait_until(lambda: any(received)):
-            raise CommandError(f"no weld graph on {graph_text(node)}: start it, or set ROS_DOMAIN_ID or --namespace")
-        node.wait_until(lambda: all(received) and _publishers(node.node) <= node.node_names(), _SETTLE_S)
+            raise CommandError(
+                f"no weld graph on {graph_text(node)}: start it, or set ROS_DOMAIN_ID or --namespace"
+            )
+        node.wait_until(
+            lambda: all(received) and _publishers(node.node) <= node.node_names(), _SETTLE_S
+        )
         space = node.node.get_namespace()
         if not depths:
-            node.wait_until(lambda: depths or _latest(reports, space, _measuring(node.node)), _REPORT_S)
+            node.wait_until(
+                lambda: depths or _latest(reports, space, _measuring(node.node)), _REPORT_S
+            )
         sources = _measuring(node.node)
         # hidden ones, e.g. that of the ros2 command, begin with an underscore
-        shown = (name for name in node.node_names() if name != "fsw_operator" and not name.startswith("_"))
+        shown = (
+            name
+            for name in node.node_names()
+            if name != "fsw_operator" and not name.startswith("_")
+        )
         nodes = sorted(shown)
         reference = node.set_points_in_force(set_points, depths)
     rows = [("nodes", ", ".join(nodes)), *_supervisor_rows(states[-1] if states else None)]
@@ -140,13 +171,25 @@ def status(arguments: argparse.Namespace) -> int:
             continue
         row = SENSORS[name]
         unit, target = row.quantity.unit, getattr(reference, row.signal, None)
-        measured = f"{convert.sensor_value(name, messages[-1]):.5g} {unit}" if messages else "not measured"
-        rows.append((row.label.lower(), measured if target is None else f"{measured}   set-point {target:.4g} {unit}"))
+        measured = (
+            f"{convert.sensor_value(name, messages[-1]):.5g} {unit}"
+            if messages
+            else "not measured"
+        )
+        rows.append(
+            (
+                row.label.lower(),
+                measured if target is None else f"{measured}   set-point {target:.4g} {unit}",
+            )
+        )
     if reference is None:
         rows.append(("set-points", "none yet"))
     command = "none"
     if commands:
-        force, speed = units.kn_from_n(commands[-1].axial_force), units.rpm_from_rad_s(commands[-1].spindle_speed)
+        force, speed = (
+            units.kn_from_n(commands[-1].axial_force),
+            units.rpm_from_rad_s(commands[-1].spindle_speed),
+        )
         command = f"{force:.3f} kN, {speed:.2f} rpm from {commands[-1].source}"
     print_table([*rows, ("command", command)])
     return 0
@@ -155,7 +198,9 @@ def status(arguments: argparse.Namespace) -> int:
 def _publishers(node: Any) -> set[str]:
     """Names of the nodes whose topics this command shows."""
     topics = ("fsw/supervisor/state", "fsw/command")
-    return _measuring(node) | {one.node_name for topic in topics for one in node.get_publishers_info_by_topic(topic)}
+    return _measuring(node) | {
+        one.node_name for topic in topics for one in node.get_publishers_info_by_topic(topic)
+    }
 
 
 def _measuring(node: Any) -> set[str]:
@@ -165,11 +210,17 @@ def _measuring(node: Any) -> set[str]:
 
 def _latest(reports: Iterable[Any], namespace: str, nodes: set[str]) -> dict[str, Any]:
     """The newest diagnostics of these nodes by name (``NODE: PART``), without those of other welds."""
-    named = ((local_name(one.name, one.hardware_id, namespace), one) for array in reports for one in array.status)
+    named = (
+        (local_name(one.name, one.hardware_id, namespace), one)
+        for array in reports
+        for one in array.status
+    )
     return {name: one for name, one in named if name and name.partition(": ")[0] in nodes}
 
 
-def source_rows(measured: bool, sources: Collection[str], latest: Mapping[str, Any]) -> list[tuple[str, str]]:
+def source_rows(
+    measured: bool, sources: Collection[str], latest: Mapping[str, Any]
+) -> list[tuple[str, str]]:
     """What the plant or the gateway reports that is not as it should be, and why nothing is measured.
 
     Parameters
@@ -183,10 +234,15 @@ def source_rows(measured: bool, sources: Collection[str], latest: Mapping[str, A
     """
     rows = [(name, one.message) for name, one in sorted(latest.items()) if one.level != OK]
     if not measured and not sources:
-        rows.append(("measurements", f"no plant or gateway offers any; see {program()} lifecycle list"))
+        rows.append(
+            ("measurements", f"no plant or gateway offers any; see {program()} lifecycle list")
+        )
     elif not measured:
         heard = {name.partition(": ")[0] for name in latest}
-        rows += [(name, f"{_SILENT} {program()} lifecycle get {name}") for name in sorted({*sources} - heard)]
+        rows += [
+            (name, f"{_SILENT} {program()} lifecycle get {name}")
+            for name in sorted({*sources} - heard)
+        ]
     return rows
 
 
@@ -194,8 +250,13 @@ def _supervisor_rows(state: Any) -> list[tuple[str, str]]:
     if state is None:
         return [("supervisor", "none")]
     why = Reason.of_messages(state.why).words
-    rows = [("supervisor", f"{state.actual_mode}, {state.actual_controller or 'no controller'}: {why}")]
-    if (state.target_mode, state.target_controller) != (state.actual_mode, state.actual_controller):
+    rows = [
+        ("supervisor", f"{state.actual_mode}, {state.actual_controller or 'no controller'}: {why}")
+    ]
+    if (state.target_mode, state.target_controller) != (
+        state.actual_mode,
+        state.actual_controller,
+    ):
         rows.append(("  requested", f"{state.target_mode}, {state.target_controller}"))
     if state.actual_mode == "safe_stop":
         needed = "acknowledged" if not state.stop.stopped else "acknowledge it before another mode"

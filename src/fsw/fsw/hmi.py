@@ -9,13 +9,27 @@ import sys
 from fsw.command import command, file, group, option
 from fsw.console import print_table
 from fsw.errors import CommandError
-from fsw_hmi.users import LONGEST, NAME_RULE, ROLES, SHORTEST, User, checked_name, new_user, read, write
+from fsw_hmi.users import (
+    LONGEST,
+    NAME_RULE,
+    ROLES,
+    SHORTEST,
+    User,
+    checked_name,
+    new_user,
+    read,
+    write,
+)
 
 _NAME = option("name", metavar="NAME", help=NAME_RULE)
 _FILE = file("--file", "the users, for its owner alone", required=True)
-_ROLES = "view: look and safe stop; operate: command the weld, too; engineer: disturb the emulator, too"
+_ROLES = (
+    "view: look and safe stop; operate: command the weld, too; engineer: disturb the emulator, too"
+)
 HMI = group("hmi", "the operator's page: who may command by it")
-USER = group("hmi user", "named users in a file of salted hashes, for users_file of the page's server")
+USER = group(
+    "hmi user", "named users in a file of salted hashes, for users_file of the page's server"
+)
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -28,7 +42,9 @@ def _run(arguments: argparse.Namespace) -> int:
         write(path, _changed(users, arguments))
     except ValueError as error:
         raise CommandError(str(error)) from None
-    print(f"{arguments.name} {'removed from' if verb == 'remove' else 'written to'} {path}: restart the page's server")
+    print(
+        f"{arguments.name} {'removed from' if verb == 'remove' else 'written to'} {path}: restart the page's server"
+    )
     return 0
 
 
@@ -55,7 +71,9 @@ def _changed(users: list[User], arguments: argparse.Namespace) -> list[User]:
     name, verb = arguments.name, arguments.verb
     before = next((user for user in users if user.name.casefold() == name.casefold()), None)
     if verb == "add" and before is not None:
-        raise CommandError(f"{arguments.file} has {before.name} already; 'passwd' changes the password")
+        raise CommandError(
+            f"{arguments.file} has {before.name} already; 'passwd' changes the password"
+        )
     if verb != "add" and before is None:
         known = ", ".join(user.name for user in users) or "nobody"
         raise CommandError(f"{arguments.file} has no {name!r}; it has {known}")

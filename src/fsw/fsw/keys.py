@@ -25,6 +25,8 @@ def private_key(arguments: argparse.Namespace) -> SigningKey:
     return load_private(arguments.key or default_key())
 
 
-def trusted_keys(arguments: argparse.Namespace, default: Sequence[Path] = ()) -> tuple[TrustedKey, ...]:
+def trusted_keys(
+    arguments: argparse.Namespace, default: Sequence[Path] = ()
+) -> tuple[TrustedKey, ...]:
     """The keys whose signatures count."""
     return load_trusted(arguments.trusted or default)

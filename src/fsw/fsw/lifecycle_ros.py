@@ -28,7 +28,9 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.verb == "set":
             _change(node, arguments.node, arguments.transition)
         if arguments.verb == "list":
-            print_table([(label, goal) for label, (_, goal) in _transitions(node, arguments.node).items()])
+            print_table(
+                [(label, goal) for label, (_, goal) in _transitions(node, arguments.node).items()]
+            )
         else:
             print(f"{arguments.node}: {_state(node, arguments.node)}")
     return 0
@@ -56,7 +58,10 @@ def _transitions(node: Operator, name: str) -> dict[str, tuple[int, str]]:
     """Identifier of each transition that the node has now, and the state it leads to, by label."""
     request = GetAvailableTransitions.Request()
     answer = node.call(GetAvailableTransitions, f"{name}/get_available_transitions", request)
-    return {one.transition.label: (one.transition.id, one.goal_state.label) for one in answer.available_transitions}
+    return {
+        one.transition.label: (one.transition.id, one.goal_state.label)
+        for one in answer.available_transitions
+    }
 
 
 def _change(node: Operator, name: str, label: str) -> None:
@@ -64,7 +69,9 @@ def _change(node: Operator, name: str, label: str) -> None:
     known = _transitions(node, name)
     if label not in known:
         has = ", ".join(known) or "none"
-        raise CommandError(f"{name} is {_state(node, name)} and has no transition {label} now; has {has}")
+        raise CommandError(
+            f"{name} is {_state(node, name)} and has no transition {label} now; has {has}"
+        )
     logs = ErrorLines(node, name)
     request: Any = ChangeState.Request()
     request.transition.id, request.transition.label = known[label][0], label

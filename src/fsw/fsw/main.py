@@ -14,7 +14,8 @@ from fsw.errors import exit_code
 from fsw_schema.extensions import extensions, loaded
 from fsw_schema.models import InputError
 
-#: entry points: modules that declare commands, by their first word; what follows a dot only tells them apart
+#: entry points: modules that declare commands, by their first word; what follows a dot only tells
+#: them apart
 GROUP = "fsw.commands"
 
 
@@ -53,7 +54,8 @@ def parser(name: str = "fsw.py", word: str = "") -> argparse.ArgumentParser:
 def _modules(word: str) -> Iterable[ModuleType]:
     """Modules whose commands begin with a word, e.g. ``bag`` and ``bag.info``; all if there are none.
 
-    A module of another distribution that cannot be imported is skipped with a note, unless it is the one wanted.
+    A module of another distribution that cannot be imported is skipped with a note, unless it is
+    the one wanted.
     """
     names = list(extensions(GROUP))
     wanted = [name for name in names if name.partition(".")[0] == word]
@@ -70,7 +72,9 @@ def _modules(word: str) -> Iterable[ModuleType]:
     return found.values()
 
 
-def _places(parser: argparse.ArgumentParser) -> argparse._SubParsersAction[argparse.ArgumentParser]:
+def _places(
+    parser: argparse.ArgumentParser,
+) -> argparse._SubParsersAction[argparse.ArgumentParser]:
     return parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
 

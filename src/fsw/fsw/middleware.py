@@ -10,4 +10,7 @@ HOW = "see docs/how-to/install.md"
 
 def middleware_is_here() -> bool:
     """Whether rclpy and this project's messages are installed."""
-    return all(find_spec(name) is not None for name in ("rclpy", "fsw_msgs")) and find_spec("fsw_msgs.msg") is not None
+    return (
+        all(find_spec(name) is not None for name in ("rclpy", "fsw_msgs"))
+        and find_spec("fsw_msgs.msg") is not None
+    )

@@ -40,7 +40,9 @@ def model(arguments: argparse.Namespace) -> int:
         raise CommandError(f"model: --csv and --figure are both {arguments.csv}; give two files")
     check_new(files, arguments.force)
     steps = input_steps.read(arguments.events)
-    parameters = ModelParameters.from_file(arguments.model) if arguments.model is not None else None
+    parameters = (
+        ModelParameters.from_file(arguments.model) if arguments.model is not None else None
+    )
     course = input_steps.simulate(steps, ProcessModel(parameters))
     with replacing(arguments.csv) as table:
         write_table(course, table)
@@ -48,7 +50,11 @@ def model(arguments: argparse.Namespace) -> int:
             from fsw_analysis.figures import draw_open_loop  # matplotlib takes a second to import
 
             title = f"Process in open loop: {Path(arguments.events).name}"
-            draw_open_loop(course | {"process_power_kw": course["power_kw"]}, title, arguments.figure)
+            draw_open_loop(
+                course | {"process_power_kw": course["power_kw"]}, title, arguments.figure
+            )
     last_s = course["time_s"][-1]
-    print(f"{len(course['time_s'])} rows, 0 to {last_s:g} s, written to {', '.join(map(str, files))}")
+    print(
+        f"{len(course['time_s'])} rows, 0 to {last_s:g} s, written to {', '.join(map(str, files))}"
+    )
     return 0

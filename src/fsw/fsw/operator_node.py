@@ -83,7 +83,11 @@ class Operator:
     def node_names(self) -> set[str]:
         """Nodes in the namespace."""
         own = self.node.get_namespace()
-        return {name for name, namespace in self.node.get_node_names_and_namespaces() if namespace == own}
+        return {
+            name
+            for name, namespace in self.node.get_node_names_and_namespaces()
+            if namespace == own
+        }
 
     def watch(self, kind: Any, topic: str, profile: QoSProfile = STREAM) -> list[Any]:
         """A list that gets every message of a topic while this object spins."""
@@ -93,7 +97,9 @@ class Operator:
 
     def watch_sensors(self, names: Iterable[str] = REQUIRED) -> dict[str, list[Any]]:
         """The same of sensors, by name."""
-        return {name: self.watch(convert.message_type(name), SENSORS[name].topic) for name in names}
+        return {
+            name: self.watch(convert.message_type(name), SENSORS[name].topic) for name in names
+        }
 
     def watch_set_points(self) -> ReferenceQueue:
         """Set-points as they were sent and as the supervisor keeps them, while this object spins."""
@@ -101,7 +107,9 @@ class Operator:
         subscribe_references(self.node, queue)
         return queue
 
-    def set_points_in_force(self, set_points: ReferenceQueue, depths: list[ShoulderDepth]) -> Reference | None:
+    def set_points_in_force(
+        self, set_points: ReferenceQueue, depths: list[ShoulderDepth]
+    ) -> Reference | None:
         """The set-points that hold at the last measurement, or else now; None if there are none."""
         if depths:
             return set_points.at(convert.stamp_ns(depths[-1].header.stamp))
@@ -111,8 +119,8 @@ class Operator:
 class ErrorLines:
     """Errors that a node of the namespace logs from now on.
 
-    By the clocks of two computers, where it runs on another one. What was logged before the subscription was matched is
-    sent once more, so none is missed.
+    By the clocks of two computers, where it runs on another one. What was logged before the
+    subscription was matched is sent once more, so none is missed.
     """
 
     def __init__(self, node: Operator, name: str) -> None:
@@ -122,8 +130,14 @@ class ErrorLines:
         self._since_s = time.time() - _CLOCKS_S
 
     def _lines(self) -> list[str]:
-        new = (one for one in self._logs if one.stamp.sec + 1e-9 * one.stamp.nanosec >= self._since_s)
-        return [one.msg for one in new if one.name == self._logger and one.level >= LoggingSeverity.ERROR]
+        new = (
+            one for one in self._logs if one.stamp.sec + 1e-9 * one.stamp.nanosec >= self._since_s
+        )
+        return [
+            one.msg
+            for one in new
+            if one.name == self._logger and one.level >= LoggingSeverity.ERROR
+        ]
 
     def last(self) -> str:
         """The newest line, which may come after an answer; empty if none comes in time."""
@@ -162,7 +176,13 @@ def operator(arguments: argparse.Namespace) -> Iterator[Operator]:
         rclpy.try_shutdown()
 
 
-def ask(arguments: argparse.Namespace, service: Any, name: str, request: Any = None, extra_s: float = 0.0) -> int:
+def ask(
+    arguments: argparse.Namespace,
+    service: Any,
+    name: str,
+    request: Any = None,
+    extra_s: float = 0.0,
+) -> int:
     """Call a service that answers with success and a message."""
     with operator(arguments) as node:
         response = node.call(service, name, request or service.Request(), extra_s)

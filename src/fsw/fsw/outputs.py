@@ -18,7 +18,9 @@ def check_new(wanted: Iterable[Path | None], force: bool) -> None:
         if file is not None and file.is_dir():
             raise CommandError(f"cannot write {file}: it is a folder")
         if file is not None and file.exists() and not force:
-            raise CommandError(f"{file} exists; choose another name, or give --force to replace it")
+            raise CommandError(
+                f"{file} exists; choose another name, or give --force to replace it"
+            )
 
 
 def write_text(file: Path, text: str) -> None:

@@ -37,7 +37,10 @@ def run(arguments: argparse.Namespace) -> int:
             return node.answer(future, arguments.node)
 
         def values(names: list[str]) -> list[str]:
-            return [_text(parameter_value_to_python(one)) for one in answer(client.get_parameters(names)).values]
+            return [
+                _text(parameter_value_to_python(one))
+                for one in answer(client.get_parameters(names)).values
+            ]
 
         names = sorted(answer(client.list_parameters([], 0)).result.names)
         if arguments.verb == "list":
@@ -65,13 +68,19 @@ def client_of(node: Operator, name: str) -> AsyncParameterClient:
         raise CommandError(f"{name!r} is not the name of a node") from None
     if not node.wait_until(client.services_are_ready):
         others = sorted(node.node_names() - {node.node.get_name()})
-        raise CommandError(f"no node {name} on {domain_text()}; there are: {', '.join(others) or 'none'}")
+        raise CommandError(
+            f"no node {name} on {domain_text()}; there are: {', '.join(others) or 'none'}"
+        )
     return client
 
 
 def _text(value: Any) -> str:
     shown = value if value is None or isinstance(value, str | bool | int | float) else list(value)
-    return str(yaml.safe_dump(shown, default_flow_style=True, allow_unicode=True)).removesuffix("...\n").strip()
+    return (
+        str(yaml.safe_dump(shown, default_flow_style=True, allow_unicode=True))
+        .removesuffix("...\n")
+        .strip()
+    )
 
 
 def _parameter(name: str, kind: Parameter.Type, text: str) -> Parameter:

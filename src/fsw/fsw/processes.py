@@ -34,7 +34,8 @@ class Model:
     ----------
     parameters : ModelParameters
     process : ProcessModel
-        Steps it by numbers; its ``step_function`` and ``output_function`` are the CasADi functions of one tick.
+        Steps it by numbers; its ``step_function`` and ``output_function`` are the CasADi functions
+        of one tick.
 
     Examples
     --------
@@ -53,7 +54,8 @@ class Model:
     def equation(self, number: int) -> ca.Function:
         """An equation of the paper as a CasADi function; names of arguments and results hold the units.
 
-        (16), (17), (18) are derivatives with respect to time, (16) without its dead time; (19) holds (20)-(22).
+        (16), (17), (18) are derivatives with respect to time, (16) without its dead time; (19)
+        holds (20)-(22).
 
         Raises
         ------
@@ -69,16 +71,23 @@ class Model:
         """
         found = self._equations.get(number)
         if found is None:
-            raise InputError(f"equation {number}: there are {', '.join(map(str, self._equations))}")
+            raise InputError(
+                f"equation {number}: there are {', '.join(map(str, self._equations))}"
+            )
         return found
 
     @cached_property
     def _equations(self) -> dict[int, ca.Function]:
         p = self.parameters
-        (force, speed, depth, torque, motor), modes = map(ca.SX.sym, ("F", "w", "z", "M", "tau")), ca.SX.sym("l", 3)
+        (force, speed, depth, torque, motor), modes = (
+            map(ca.SX.sym, ("F", "w", "z", "M", "tau")),
+            ca.SX.sym("l", 3),
+        )
         lags, arriving = ca.SX.sym("T", 2), ca.SX.sym("P")
         (a, b), (poles, gains) = equations.thermal_block(p), equations.depth_modes(p)
-        friction = _function("friction", {"speed_rpm": speed}, "torque_nm", equations.friction_torque_nm(p, speed))
+        friction = _function(
+            "friction", {"speed_rpm": speed}, "torque_nm", equations.friction_torque_nm(p, speed)
+        )
         thermal = ca.DM(a) @ lags + ca.DM(b) * arriving
         moved = ca.DM(poles) * modes + ca.DM(gains) * (force - p.operating_force_kn)
         depth_of = equations.depth_mm(p, modes[0], modes[1], modes[2], lags[1])
@@ -87,23 +96,39 @@ class Model:
         power = equations.power_kw(torque, speed)
         return {
             8: friction,
-            16: _function("thermal", {"copper_tool_c": lags, "power_kw": arriving}, "c_per_s", thermal),
-            17: _function("depth_modes", {"modes_mm": modes, "force_kn": force}, "mm_per_s", moved),
-            18: _function("motor", {"torque_nm": torque, "motor_torque_nm": motor}, "nm_per_s", lag),
-            19: _function("process_torque", {"force_kn": force, "depth_mm": depth}, "torque_nm", of_tool),
+            16: _function(
+                "thermal", {"copper_tool_c": lags, "power_kw": arriving}, "c_per_s", thermal
+            ),
+            17: _function(
+                "depth_modes", {"modes_mm": modes, "force_kn": force}, "mm_per_s", moved
+            ),
+            18: _function(
+                "motor", {"torque_nm": torque, "motor_torque_nm": motor}, "nm_per_s", lag
+            ),
+            19: _function(
+                "process_torque", {"force_kn": force, "depth_mm": depth}, "torque_nm", of_tool
+            ),
             23: friction,
             24: _function("power", {"torque_nm": torque, "speed_rpm": speed}, "power_kw", power),
-            26: _function("temperature", {"copper_tool_c": lags}, "temperature_c", p.operating_temperature_c + lags[1]),
-            27: _function("depth", {"modes_mm": modes, "copper_tool_c": lags}, "depth_mm", depth_of),
+            26: _function(
+                "temperature",
+                {"copper_tool_c": lags},
+                "temperature_c",
+                p.operating_temperature_c + lags[1],
+            ),
+            27: _function(
+                "depth", {"modes_mm": modes, "copper_tool_c": lags}, "depth_mm", depth_of
+            ),
         }
 
     @cached_property
     def discrete(self) -> ca.Function:
         """One tick of 0.1 s, the dead time in the state: (x, u) -> (x next, y), exact between ticks.
 
-        ``x`` holds the six states of :mod:`fsw_model.equations` and the power of each tick of the dead time, four
-        numbers each; ``u`` is (force kN, speed rpm), ``y`` (depth mm, temperature degC, motor torque N m) at the
-        beginning of the tick. Explicit, as acados takes it for ``disc_dyn_expr``.
+        ``x`` holds the six states of :mod:`fsw_model.equations` and the power of each tick of the
+        dead time, four numbers each; ``u`` is (force kN, speed rpm), ``y`` (depth mm, temperature
+        degC, motor torque N m) at the beginning of the tick. Explicit, as acados takes it for
+        ``disc_dyn_expr``.
 
         Examples
         --------
@@ -145,8 +170,8 @@ class Model:
         depth_mm, temperature_c : float, optional
             Those of the operating point by default.
         delay : {"pade", "exact"}
-            Continuous, with the Padé approximation of the dead time; or per tick of 0.1 s, where the dead time is
-            exact.
+            Continuous, with the Padé approximation of the dead time; or per tick of 0.1 s, where
+            the dead time is exact.
         order : int
             Of the Padé approximation.
 
@@ -175,14 +200,18 @@ class Model:
             a, b, c, d = self._slopes(self.state(at), [at.force_kn, at.speed_rpm])
             return control.ss(a, b, c, d, STEP_S, **names)
         if delay != "pade" or order < 1:
-            raise InputError(f"linearise: delay is pade or exact, and order at least 1, not {delay}, {order}")
+            raise InputError(
+                f"linearise: delay is pade or exact, and order at least 1, not {delay}, {order}"
+            )
         a, b, c = self._with_pade(at, order)
         return control.ss(a, b, c, np.zeros((3, 2)), **names)
 
     def _slopes(self, x: Vector, u: Sequence[float]) -> list[Vector]:
         """A, B, C, D of :attr:`discrete` at a point."""
         states, inputs = ca.SX.sym("x", x.size), ca.SX.sym("u", 2)
-        parts = [ca.jacobian(of, by) for of in self.discrete(states, inputs) for by in (states, inputs)]
+        parts = [
+            ca.jacobian(of, by) for of in self.discrete(states, inputs) for by in (states, inputs)
+        ]
         return [part.full() for part in ca.Function("slopes", [states, inputs], parts)(x, u)]
 
     def _with_pade(self, at: Equilibrium, order: int) -> tuple[Vector, Vector, Vector]:
@@ -192,18 +221,22 @@ class Model:
 
         lin = self.process.linearise(at)
         az, bz, cz, dz = tf2ss(*control.pade(lin.dead_time_s, order))
-        arriving = np.concatenate([dz[0, 0] * lin.c_power, cz.ravel()])  # power that arrives, over both states
+        arriving = np.concatenate(
+            [dz[0, 0] * lin.c_power, cz.ravel()]
+        )  # power that arrives, over both states
         a = np.zeros((len(lin.a) + order,) * 2)
         a[:6, :6], a[6:, 6:], a[6:, :6] = lin.a, az, bz @ lin.c_power[None, :]
         a[:6] += np.outer(lin.b_power, arriving)
-        b = np.vstack([lin.b + np.outer(lin.b_power, dz[0, 0] * lin.d_power), bz @ lin.d_power[None, :]])
+        b = np.vstack(
+            [lin.b + np.outer(lin.b_power, dz[0, 0] * lin.d_power), bz @ lin.d_power[None, :]]
+        )
         return a, b, np.hstack([lin.c, np.zeros((3, order))])
 
     def to_do_mpc(self) -> Any:
         """Make a discrete ``do_mpc.model.Model`` of 0.1 s per step, set up; ImportError without do-mpc.
 
-        Its state ``x`` is that of :attr:`discrete`, its inputs are ``force_kn`` and ``speed_rpm``, and its expressions
-        ``depth_mm``, ``temperature_c`` and ``motor_torque_nm``.
+        Its state ``x`` is that of :attr:`discrete`, its inputs are ``force_kn`` and ``speed_rpm``,
+        and its expressions ``depth_mm``, ``temperature_c`` and ``motor_torque_nm``.
 
         Examples
         --------
@@ -213,7 +246,9 @@ class Model:
         """
         made = needed("do_mpc.model").Model("discrete", "SX")
         x = made.set_variable("_x", "x", (self.state().size, 1))
-        after, y = self.discrete(x, ca.vertcat(*(made.set_variable("_u", name) for name in INPUTS)))
+        after, y = self.discrete(
+            x, ca.vertcat(*(made.set_variable("_u", name) for name in INPUTS))
+        )
         for i, name in enumerate(OUTPUTS):
             made.set_expression(name, y[i])
         made.set_rhs("x", after)
@@ -250,4 +285,8 @@ def model(source: str | Path | ModelParameters | None = None, **factors: float) 
     found = ModelParameters() if source is None else source
     if not isinstance(found, ModelParameters):
         found = ModelParameters.from_file(Path(found))
-    return Model(found.scaled(**{name: float(factor) for name, factor in factors.items()}) if factors else found)
+    return Model(
+        found.scaled(**{name: float(factor) for name, factor in factors.items()})
+        if factors
+        else found
+    )

@@ -5,7 +5,14 @@ from __future__ import annotations
 import time
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
 
 #: Elsewhere than on a terminal a line is written this often.
 _LINE_S = 30.0
@@ -33,4 +40,6 @@ class ProgressBar(Progress):
         self.update(self._task, completed=done)
         if self.disable and time.monotonic() > self._written_s + _LINE_S:
             self._written_s = time.monotonic()
-            self.console.print(f"{self._title}: {done / self._total:.0%}", markup=False, soft_wrap=True)
+            self.console.print(
+                f"{self._title}: {done / self._total:.0%}", markup=False, soft_wrap=True
+            )

@@ -19,7 +19,8 @@ class _StoppedError(Exception):
 def run_side_by_side(graphs: Sequence[WeldGraph], at_a_time: int) -> None:
     """Run all welds to their ends; after a failure or Ctrl-C all are ended, and the first exception is raised.
 
-    A lockstep weld waits for messages half of the time, so that one weld for each core is about the fastest.
+    A lockstep weld waits for messages half of the time, so that one weld for each core is about
+    the fastest.
     """
     stop = threading.Event()
     shares = [0.0] * len(graphs)

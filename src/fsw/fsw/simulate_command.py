@@ -52,7 +52,9 @@ from fsw_schema.models import content_of, read_text
         "own: MODULE:CLASS or FILE.py:CLASS",
     ),
     repeated(
-        "--parameter", "CONTROLLER.NAME=VALUE", "parameter of a controller's node, e.g. nmpc.tuning_file=tuning.yaml"
+        "--parameter",
+        "CONTROLLER.NAME=VALUE",
+        "parameter of a controller's node, e.g. nmpc.tuning_file=tuning.yaml",
     ),
     repeated(
         "--params-file",
@@ -61,7 +63,11 @@ from fsw_schema.models import content_of, read_text
         type=Path,
     ),
     switch("--no-noise", "no sensor noise, no quantisation"),
-    repeated("--set", "KEY=VALUE", "replace a value of the scenario, e.g. plant.seed=3 or events[0].at_s=10"),
+    repeated(
+        "--set",
+        "KEY=VALUE",
+        "replace a value of the scenario, e.g. plant.seed=3 or events[0].at_s=10",
+    ),
     file("--out", "folder for the results (default out/<date>_<scenario>)", "DIR"),
     switch("--bag", "also run the weld in the graph, in lockstep, and record it"),
     option(
@@ -87,13 +93,17 @@ def simulate(arguments: argparse.Namespace) -> int:
         print_table([(name, " ".join(load(name).description.split())) for name in shipped()])
         return 0
     if arguments.scenario is None:
-        raise CommandError(f"simulate: give a scenario, one of {', '.join(shipped())}, or a YAML file")
+        raise CommandError(
+            f"simulate: give a scenario, one of {', '.join(shipped())}, or a YAML file"
+        )
     by_procedure: dict[str, dict[str, Any]] = {}
     if arguments.require_signed and not arguments.procedure:
         raise CommandError("simulate: --require-signed needs --procedure")
     if arguments.procedure:
         if not arguments.bag:
-            raise CommandError("simulate: --procedure needs --bag: offline there is no supervisor, no record")
+            raise CommandError(
+                "simulate: --procedure needs --bag: offline there is no supervisor, no record"
+            )
         check_signed(arguments.procedure, arguments.trusted, arguments.require_signed)
         by_procedure = graph_parameters(
             arguments.procedure, defaults(load_parameters("fsw_supervisor", "supervisor.yaml"))
@@ -102,7 +112,9 @@ def simulate(arguments: argparse.Namespace) -> int:
     overrides = [*arguments.set, *(["plant.noise=false"] if arguments.no_noise else [])]
     scenario = load(arguments.scenario, overrides)
     if scenario.open_loop and arguments.controller:
-        raise CommandError(f"simulate: {scenario.name} is an open-loop scenario; it takes no --controller")
+        raise CommandError(
+            f"simulate: {scenario.name} is an open-loop scenario; it takes no --controller"
+        )
     if arguments.bag and not middleware_is_here():
         raise CommandError(f"simulate: --bag needs ROS 2: {HOW}")
     parameters = _parameters(arguments)
@@ -116,14 +128,19 @@ def simulate(arguments: argparse.Namespace) -> int:
         file = title.replace(":", "_").replace(" ", "_")
         export_weld(runs[-1].signals, folder / f"signals_{file}.csv")
         if arguments.bag:
-            _record(loop.scenario, label, parameters, folder / f"graph_{file}", by_procedure, identity)
+            _record(
+                loop.scenario, label, parameters, folder / f"graph_{file}", by_procedure, identity
+            )
     write_results(scenario, runs, folder, with_figures=not arguments.no_figures)
     print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
     return 0
 
 
 def _loops(
-    arguments: argparse.Namespace, scenario: Scenario, overrides: list[str], parameters: Mapping[str, dict[str, Any]]
+    arguments: argparse.Namespace,
+    scenario: Scenario,
+    overrides: list[str],
+    parameters: Mapping[str, dict[str, Any]],
 ) -> dict[str, tuple[str, ClosedLoop]]:
     """Label of the controller and closed loop of each run, by title."""
     labels = list(dict.fromkeys(arguments.controller or [scenario.controller]))
@@ -132,18 +149,24 @@ def _loops(
     with ProgressBar("heat conduction in the canister") as bar:
         prepare(PlantConfig.from_values(scenario.plant), lambda share, _: bar(share))
     for label in labels:
-        title, loop = closed_loop(arguments.scenario, None if scenario.open_loop else label, overrides, parameters)
+        title, loop = closed_loop(
+            arguments.scenario, None if scenario.open_loop else label, overrides, parameters
+        )
         used |= set(loop.scenario.controllers)
         if len(labels) == 1 and len(loop.scenario.controllers) > 1:
             title = " and ".join(loop.scenario.controllers)
         loops[title] = (label, loop)
     unused = [name for name in parameters if name not in used]
     if unused:
-        raise CommandError(f"simulate: --parameter is for {', '.join(unused)}, but {', '.join(used) or 'none'} run")
+        raise CommandError(
+            f"simulate: --parameter is for {', '.join(unused)}, but {', '.join(used) or 'none'} run"
+        )
     return loops
 
 
-def write_results(scenario: Scenario, runs: Sequence[Run], folder: Path, with_figures: bool = True) -> list[Path]:
+def write_results(
+    scenario: Scenario, runs: Sequence[Run], folder: Path, with_figures: bool = True
+) -> list[Path]:
     """Print figures of merit, and write them and figures, for a whole weld also by phase; returns the files."""
     results = [kpi.compute(run.signals, run.label) for run in runs]
     print(kpi_table.markdown(results), end="")
@@ -152,10 +175,14 @@ def write_results(scenario: Scenario, runs: Sequence[Run], folder: Path, with_fi
         paths += draw(runs, scenario.figures, folder)
     if scenario.phases:
         phases = [
-            phase_kpi.recorded_spans(run.signals) or spans(scenario.phases, run.signals.n_ticks * TICK_S)
+            phase_kpi.recorded_spans(run.signals)
+            or spans(scenario.phases, run.signals.n_ticks * TICK_S)
             for run in runs
         ]
-        by_phase = [phase_kpi.compute(run.signals, run.label, inside) for run, inside in zip(runs, phases, strict=True)]
+        by_phase = [
+            phase_kpi.compute(run.signals, run.label, inside)
+            for run, inside in zip(runs, phases, strict=True)
+        ]
         paths += phase_kpi.write(by_phase, folder)
         if with_figures:
             paths.append(folder / "weld.png")
@@ -170,7 +197,9 @@ def _print_health(run: Run) -> None:
         ticks = np.flatnonzero(proposal.healthy == 0.0)
         if ticks.size:
             text = f"{name} is unhealthy in {ticks.size} of {run.signals.n_ticks} ticks"
-            notes.append(f"{text}, first at {run.signals.time_s[ticks[0]]:.1f} s: {proposal.reason[ticks[0]]}")
+            notes.append(
+                f"{text}, first at {run.signals.time_s[ticks[0]]:.1f} s: {proposal.reason[ticks[0]]}"
+            )
     print_notes(f"{run.label}: {note}" for note in notes)
 
 
@@ -189,7 +218,10 @@ def _record(
     companions = {"procedure": "fsw_scenario.procedure_node"} if by_procedure else {}
     derived = dict(by_procedure)
     if identity:
-        derived["fsw_recorder"] = {**derived.get("fsw_recorder", {}), "custom_data": list(identity)}
+        derived["fsw_recorder"] = {
+            **derived.get("fsw_recorder", {}),
+            "custom_data": list(identity),
+        }
     graph = WeldGraph(scenario, folder, parameters=nodes, companions=companions, derived=derived)
     run_graph(graph, f"{scenario.name}, bag {graph.bag}")
     if "on_finished" in by_procedure.get("fsw_recorder", {}):
@@ -204,7 +236,9 @@ def _identity(arguments: argparse.Namespace) -> list[str]:
     for text in arguments.identity:
         key, _, value = (part.strip() for part in text.partition("="))
         if key not in IDENTITY or not value:
-            raise CommandError(f"simulate: --identity {text}: write KEY=VALUE with one of {', '.join(IDENTITY)}")
+            raise CommandError(
+                f"simulate: --identity {text}: write KEY=VALUE with one of {', '.join(IDENTITY)}"
+            )
         if found.setdefault(key, value) != value:
             raise CommandError(f"simulate: --identity: {key} is given twice")
     return [f"{key}={value}" for key, value in found.items()]
@@ -212,7 +246,11 @@ def _identity(arguments: argparse.Namespace) -> list[str]:
 
 def run_graph(graph: WeldGraph, title: str) -> None:
     """Run a weld in processes, to its end."""
-    with ProgressBar(title) as bar, free_domain() as domain, Launcher(graph.folder / "log", domain) as launcher:
+    with (
+        ProgressBar(title) as bar,
+        free_domain() as domain,
+        Launcher(graph.folder / "log", domain) as launcher,
+    ):
         graph.run(launcher, bar)
 
 
@@ -234,6 +272,11 @@ def _parameters_in(file: Path) -> dict[str, dict[str, Any]]:
     """Parameters by controller from a parameter file of ROS."""
     content = content_of(read_text(file, "parameter file"), str(file))
     try:
-        return {str(node).strip("/").removeprefix("fsw_"): dict(of["ros__parameters"]) for node, of in content.items()}
+        return {
+            str(node).strip("/").removeprefix("fsw_"): dict(of["ros__parameters"])
+            for node, of in content.items()
+        }
     except (AttributeError, KeyError, TypeError, ValueError):
-        raise CommandError(f"{file}: not a parameter file: give NODE: {{ros__parameters: {{NAME: VALUE}}}}") from None
+        raise CommandError(
+            f"{file}: not a parameter file: give NODE: {{ros__parameters: {{NAME: VALUE}}}}"
+        ) from None

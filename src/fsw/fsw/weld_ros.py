@@ -28,7 +28,9 @@ _LOGGED_EVERY_S = 10.0
 
 def run(arguments: argparse.Namespace) -> int:
     """Run a scenario and follow it; exit code 1 for a weld that was not done."""
-    scenario = load(arguments.scenario, arguments.set)  # what is wrong in it is said before anything is sent
+    scenario = load(
+        arguments.scenario, arguments.set
+    )  # what is wrong in it is said before anything is sent
     with operator(arguments) as node:
         try:
             outcome = follow(node, RunWeld.Goal(scenario=scenario.text))
@@ -37,7 +39,9 @@ def run(arguments: argparse.Namespace) -> int:
     kpi = outcome.kpi
     print(f"{outcome.verdict}: {outcome.message}")
     print(f"IAE: {units.mm_from_m(kpi.depth_iae):.4g} mm s, {kpi.temperature_iae:.4g} degC s")
-    print(f"largest error: {units.mm_from_m(kpi.depth_max_error):.4g} mm, {kpi.temperature_max_error:.4g} degC")
+    print(
+        f"largest error: {units.mm_from_m(kpi.depth_max_error):.4g} mm, {kpi.temperature_max_error:.4g} degC"
+    )
     print(f"bag: {outcome.bag or 'none is recorded'}")
     return 0 if outcome.verdict == State.DONE else 1
 
@@ -59,19 +63,26 @@ def abort_weld(arguments: argparse.Namespace) -> int:
 
 def abort(node: Operator) -> bool:
     """Cancel whatever goal there is; returns whether there was one."""
-    return bool(node.call(CancelGoal, f"{_ACTION}/_action/cancel_goal", CancelGoal.Request()).goals_canceling)
+    return bool(
+        node.call(
+            CancelGoal, f"{_ACTION}/_action/cancel_goal", CancelGoal.Request()
+        ).goals_canceling
+    )
 
 
 def follow(node: Operator, goal: Any, over: Callable[[], object] = lambda: False) -> Any:
     """Send a goal and print its feedback; returns the result, or None if an aborted weld does not end in time.
 
-    Once it is sent its answer is waited for as long as the player is there: a weld that begins late is followed, too.
-    When ``over`` comes true the weld is aborted, one that begins late as soon as it begins.
+    Once it is sent its answer is waited for as long as the player is there: a weld that begins
+    late is followed, too. When ``over`` comes true the weld is aborted, one that begins late as
+    soon as it begins.
     """
     client = ActionClient(node.node, RunWeld, _ACTION)
     if not node.wait_until(client.server_is_ready):
         full = node.node.resolve_topic_name(_ACTION)
-        raise CommandError(f"no node offers {full} on {domain_text()}: is the scenario player running there?")
+        raise CommandError(
+            f"no node offers {full} on {domain_text()}: is the scenario player running there?"
+        )
     answer = client.send_goal_async(goal, feedback_callback=FeedbackLines(sys.stdout.isatty()))
     if not node.wait_until(answer.done):
         print("waiting for the scenario player's answer", file=sys.stderr, flush=True)
@@ -81,7 +92,9 @@ def follow(node: Operator, goal: Any, over: Callable[[], object] = lambda: False
     result = answer.result().get_result_async()
     node.wait_until(lambda: result.done() or over(), float("inf"))
     if not result.done():
-        with contextlib.suppress(CommandError):  # without an answer the result does not come either
+        with contextlib.suppress(
+            CommandError
+        ):  # without an answer the result does not come either
             abort(node)
         node.wait_until(result.done)
     outcome = result.result().result if result.done() else None
@@ -95,15 +108,24 @@ class FeedbackLines:
 
     def __init__(self, all_of_it: bool) -> None:
         self._all = all_of_it
-        self._at, self._left_s = ("", ""), inf  #: state and phase of the last line, and the time left then
+        self._at, self._left_s = (
+            ("", ""),
+            inf,
+        )  #: state and phase of the last line, and the time left then
 
     def __call__(self, message: Any) -> None:
         """Print a line if one is due."""
         now, kpi = message.feedback.progress, message.feedback.kpi
         at = (now.state, now.phase)
-        if not self._all and at == self._at and abs(self._left_s - now.time_left) < _LOGGED_EVERY_S:
+        if (
+            not self._all
+            and at == self._at
+            and abs(self._left_s - now.time_left) < _LOGGED_EVERY_S
+        ):
             return
         self._at, self._left_s = at, now.time_left
-        where = f"{now.phase} {degrees(now.angle):.1f} deg, {now.length:.3f} m, " if now.phase else ""
+        where = (
+            f"{now.phase} {degrees(now.angle):.1f} deg, {now.length:.3f} m, " if now.phase else ""
+        )
         errors = f"IAE {units.mm_from_m(kpi.depth_iae):.4g} mm s, {kpi.temperature_iae:.4g} degC s"
         print(f"{now.state}: {where}{now.time_left:.1f} s left, {errors}", flush=True)

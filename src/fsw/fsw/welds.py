@@ -53,8 +53,8 @@ class Weld:
     Attributes
     ----------
     table : dict of str to (n,) array
-        All signals by name, a row per tick of 0.1 s, in the paper's units: mm, degC, kN, rpm, N m, kW, s. Names that
-        begin with ``truth_`` are the noise-free process (simulations only).
+        All signals by name, a row per tick of 0.1 s, in the paper's units: mm, degC, kN, rpm, N m,
+        kW, s. Names that begin with ``truth_`` are the noise-free process (simulations only).
     kpi : dict
         Figures of merit, see :func:`fsw_analysis.kpi.compute`.
 
@@ -74,7 +74,9 @@ class Weld:
         self.signals = signals
 
     def __repr__(self) -> str:
-        return f"<Weld {self.label}: {self.signals.n_ticks} ticks, {self.signals.duration_s:.1f} s>"
+        return (
+            f"<Weld {self.label}: {self.signals.n_ticks} ticks, {self.signals.duration_s:.1f} s>"
+        )
 
     def __getitem__(self, name: str) -> Column:
         """A signal by name; KeyError where there is none."""
@@ -122,7 +124,8 @@ class Weld:
 
         columns = {name: values for name, values in self.table.items() if name != "time_s"}
         found = xarray.Dataset(
-            {name: ("time_s", values) for name, values in columns.items()}, {"time_s": self.table["time_s"]}
+            {name: ("time_s", values) for name, values in columns.items()},
+            {"time_s": self.table["time_s"]},
         )
         for name in found.data_vars:
             if unit := _UNITS.get(str(name).rpartition("_")[2]):
@@ -175,7 +178,10 @@ class Comparison(dict[str, Weld]):
         """Figures of merit, a row per weld; ImportError without pandas."""
         pandas = needed("pandas")
 
-        flat = [{key: value for key, value in one.items() if not isinstance(value, list)} for one in self.kpi]
+        flat = [
+            {key: value for key, value in one.items() if not isinstance(value, list)}
+            for one in self.kpi
+        ]
         return pandas.DataFrame(flat).set_index("label")
 
     @checked
@@ -199,10 +205,16 @@ _UNITS = {
 
 
 def _figure(welds: Sequence[Weld], number: int | None) -> Figure:
-    from fsw_analysis.figures import PAPER_FIGURES, Run, page  # matplotlib takes a second to import
+    from fsw_analysis.figures import (
+        PAPER_FIGURES,
+        Run,
+        page,
+    )  # matplotlib takes a second to import
 
     if number is not None and number not in PAPER_FIGURES:
-        raise InputError(f"plot: there is no figure {number!r}; there are {', '.join(map(str, PAPER_FIGURES))}")
+        raise InputError(
+            f"plot: there is no figure {number!r}; there are {', '.join(map(str, PAPER_FIGURES))}"
+        )
     return page([Run(weld.label, weld.signals) for weld in welds], number)
 
 
@@ -225,8 +237,8 @@ def simulate(
     scenario : str or Path
         Name of a shipped scenario, e.g. ``reference_tracking``, or a YAML file.
     controller : str or Controller, optional
-        Name, also with a variant, e.g. ``nmpc:paper``; ``MODULE:CLASS``, ``FILE.py:CLASS``, or an object of your own
-        class. The scenario's by default.
+        Name, also with a variant, e.g. ``nmpc:paper``; ``MODULE:CLASS``, ``FILE.py:CLASS``, or an
+        object of your own class. The scenario's by default.
     plant : mapping of str to value, optional
         Parameters of the plant, e.g. ``{"seed": 3, "model.thermal_gain_c_per_kw": 1.2}``.
     parameters : mapping of str to value, optional
@@ -243,7 +255,8 @@ def simulate(
     Raises
     ------
     fsw_schema.models.InputError
-        When something of this is not there or out of range, or the controller proposed nothing that could be applied.
+        When something of this is not there or out of range, or the controller proposed nothing
+        that could be applied.
     fsw_model.OperatingPointError
         When the plant has no equilibrium to start from.
 
@@ -256,16 +269,25 @@ def simulate(
     >>> round(float(weld["truth_depth_mm"][-1]), 2)
     2.76
     """
-    own = {} if parameters is None or not isinstance(controller, str) else {name_of(controller): parameters}
+    own = (
+        {}
+        if parameters is None or not isinstance(controller, str)
+        else {name_of(controller): parameters}
+    )
     if parameters and not own:
         raise InputError("simulate: parameters are for a controller that is given by its name")
     name, loop = closed_loop(scenario, controller, overrides_of(plant, changes, noise), own)
     return Weld(label or name, loop.run(progress))
 
 
-def overrides_of(plant: Mapping[str, Any] | None, changes: Mapping[str, Any] | None, noise: bool | None) -> list[str]:
+def overrides_of(
+    plant: Mapping[str, Any] | None, changes: Mapping[str, Any] | None, noise: bool | None
+) -> list[str]:
     """Other values of a scenario, see :func:`simulate`, as :func:`fsw_scenario.scenario_file.load` takes them."""
-    values = {**(changes or {}), **{f"plant.{name}": value for name, value in (plant or {}).items()}}
+    values = {
+        **(changes or {}),
+        **{f"plant.{name}": value for name, value in (plant or {}).items()},
+    }
     if noise is not None:
         values["plant.noise"] = noise
     return [f"{name}={_as_text(str(name), value)}" for name, value in values.items()]
@@ -291,15 +313,28 @@ def closed_loop(
 ) -> tuple[str, ClosedLoop]:
     """Label of a weld, and what runs it; see :func:`simulate`.
 
-    ``overrides`` are as :func:`fsw_scenario.scenario_file.load` takes them, ``parameters`` by name of the controller.
+    ``overrides`` are as :func:`fsw_scenario.scenario_file.load` takes them, ``parameters`` by name
+    of the controller.
     """
-    if not isinstance(controller, str | None) and (isinstance(controller, type) or not hasattr(controller, "step")):
-        raise InputError(f"simulate: controller is a name or an object of a controller's class, not {controller!r}")
+    if not isinstance(controller, str | None) and (
+        isinstance(controller, type) or not hasattr(controller, "step")
+    ):
+        raise InputError(
+            f"simulate: controller is a name or an object of a controller's class, not {controller!r}"
+        )
     scenario = load(source, overrides)
     if scenario.open_loop and controller is not None:
-        raise InputError(f"simulate: {scenario.name} is an open-loop scenario; it takes no controller")
+        raise InputError(
+            f"simulate: {scenario.name} is an open-loop scenario; it takes no controller"
+        )
     own = None if controller is None or isinstance(controller, str) else controller
-    name = scenario.controller if controller is None else own.name if own else name_of(str(controller))
+    name = (
+        scenario.controller
+        if controller is None
+        else own.name
+        if own
+        else name_of(str(controller))
+    )
     if controller is not None:
         scenario = load(source, [*overrides, f"controller={name}"])
     if own is not None:
@@ -312,7 +347,9 @@ def closed_loop(
 
 
 @checked
-def compare(scenario: str | Path, controllers: Sequence[str | Controller] = tuple(OURS), **options: Any) -> Comparison:
+def compare(
+    scenario: str | Path, controllers: Sequence[str | Controller] = tuple(OURS), **options: Any
+) -> Comparison:
     """Weld a scenario with each of several controllers; ``options`` are those of :func:`simulate`.
 
     Of controllers with the same label all but the first get a number.

@@ -38,14 +38,19 @@ def test_simulate_writes_results(capsys, tmp_path):
         "signals_decentral.csv",
         "signals_decentral_tight.csv",
     }
-    assert [entry["label"] for entry in json.loads((out / "kpi.json").read_text())] == ["decentral:tight", "decentral"]
+    assert [entry["label"] for entry in json.loads((out / "kpi.json").read_text())] == [
+        "decentral:tight",
+        "decentral",
+    ]
     assert len((out / "signals_decentral.csv").read_text().splitlines()) == 601
 
 
 def test_parameters_of_a_controller(capsys, tmp_path):
     def signals(*arguments):
         out = tmp_path / str(len(arguments))
-        assert run(capsys, "simulate", "quick", "--no-figures", "--out", str(out), *arguments)[0] == 0
+        assert (
+            run(capsys, "simulate", "quick", "--no-figures", "--out", str(out), *arguments)[0] == 0
+        )
         return (out / "signals_decentral.csv").read_bytes()
 
     assert signals("--parameter", "decentral.tuning=tight") != signals()
@@ -72,7 +77,14 @@ def test_nothing_is_overwritten(capsys, tmp_path):
         ["simulate", "open_loop_force_steps", "--controller", "decentral"],
         ["simulate", "quick", "--set", "plant.model_file=/usr/bin/env"],
         ["simulate", "quick", "--set", "plant.model_file=/dev/null"],
-        ["simulate", "quick", "--controller", "nmpc", "--parameter", "nmpc.model_file=/usr/bin/env"],
+        [
+            "simulate",
+            "quick",
+            "--controller",
+            "nmpc",
+            "--parameter",
+            "nmpc.model_file=/usr/bin/env",
+        ],
         ["simulate", "quick", "--params-file", "/usr/bin/env"],
         ["simulate", "quick", "--parameter", ".tuning=tight"],
         ["simulate", "quick", "--parameter", "decentral=tight"],
@@ -104,7 +116,10 @@ def test_bad_input_is_one_line_and_a_bad_exit_code(capsys, arguments):
     ("text", "problem"),
     [
         (None, "a pipe and not a file; save its content in a file and give that"),
-        ("\n".join(f"a{n}: &a{n} [{f'*a{n - 1}, ' * 9 * (n > 0)}x]" for n in range(9)), "more than 100000 values with"),
+        (
+            "\n".join(f"a{n}: &a{n} [{f'*a{n - 1}, ' * 9 * (n > 0)}x]" for n in range(9)),
+            "more than 100000 values with",
+        ),
         ("events: " + "[" * 3000 + "]" * 3000, "nested deeper than 50 levels; write it flatter"),
     ],
 )
@@ -163,7 +178,9 @@ def test_notes_on_a_damaged_bag_leave_the_output_to_the_result(capsys, tmp_path)
     whole = (tmp_path / "bag" / "bag_0.mcap").read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole[: len(whole) * 2 // 3])
-    code, printed, error = run(capsys, "bag", "kpi", str(cut), "--json", str(tmp_path / "kpi.json"))
+    code, printed, error = run(
+        capsys, "bag", "kpi", str(cut), "--json", str(tmp_path / "kpi.json")
+    )
     assert code == 0
     assert "note: " in error and "note: " not in printed
     assert json.loads((tmp_path / "kpi.json").read_text())
@@ -186,14 +203,21 @@ def test_no_file_is_replaced_without_force(capsys, tmp_path, arguments):
 
 
 def test_a_name_that_the_system_refuses(capsys, tmp_path):
-    code, _, error = run(capsys, "bag", "kpi", str(tmp_path), "--json", str(tmp_path / ("x" * 300)))
+    code, _, error = run(
+        capsys, "bag", "kpi", str(tmp_path), "--json", str(tmp_path / ("x" * 300))
+    )
     assert code == 1 and error.startswith("error: ") and error.count("\n") == 1
 
 
 def test_a_wrong_environment_is_one_line(capsys, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", "abc")
     code, _, error = run(capsys, "status", "--timeout", "0.1")
-    assert code == 1 and error.startswith("error: ") and error.count("\n") == 1 and "ROS_DOMAIN_ID" in error
+    assert (
+        code == 1
+        and error.startswith("error: ")
+        and error.count("\n") == 1
+        and "ROS_DOMAIN_ID" in error
+    )
 
 
 def test_list_of_scenarios(capsys):
@@ -203,7 +227,8 @@ def test_list_of_scenarios(capsys):
 
 
 @pytest.mark.parametrize(
-    ("file", "said"), [("/x/weld.csv", "cannot read or write /x/weld.csv"), (None, "writing failed")]
+    ("file", "said"),
+    [("/x/weld.csv", "cannot read or write /x/weld.csv"), (None, "writing failed")],
 )
 def test_a_full_disk_is_one_line_that_says_where(capsys, file, said):
     def fail():
@@ -220,13 +245,27 @@ def test_standard_output_may_be_closed(monkeypatch):
 
 def test_every_command_says_what_it_does():
     text = parser().format_help()
-    for command in ("status", "reference", "disturb", "fault", "switch", "controllers", "mode", "simulate", "bag"):
+    for command in (
+        "status",
+        "reference",
+        "disturb",
+        "fault",
+        "switch",
+        "controllers",
+        "mode",
+        "simulate",
+        "bag",
+    ):
         assert command in text
 
 
 @pytest.mark.parametrize("name", ["fsw.py", "fsw"])
-@pytest.mark.parametrize(("error", "begin"), [(CommandError, "error: "), (KeyboardInterrupt, "interrupted: ")])
-def test_an_advised_command_has_the_name_that_the_user_types(capsys, monkeypatch, name, error, begin):
+@pytest.mark.parametrize(
+    ("error", "begin"), [(CommandError, "error: "), (KeyboardInterrupt, "interrupted: ")]
+)
+def test_an_advised_command_has_the_name_that_the_user_types(
+    capsys, monkeypatch, name, error, begin
+):
     monkeypatch.setattr(sys, "argv", [f"/somewhere/{name}"])
 
     def fail():
@@ -280,7 +319,9 @@ def test_nothing_is_left_of_a_file_that_was_being_written(sign, tmp_path):
     file = tmp_path / "weld.png"
     file.write_text("old")
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    with subprocess.Popen([sys.executable, "-c", program, str(file)], **pipes, start_new_session=True) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", program, str(file)], **pipes, start_new_session=True
+    ) as process:
         assert process.stdout.readline() == "half\n"
         process.send_signal(sign)
         _, said = process.communicate(timeout=600)
@@ -289,7 +330,8 @@ def test_nothing_is_left_of_a_file_that_was_being_written(sign, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("before", "within"), [(signal.SIG_DFL, signal.default_int_handler), (signal.SIG_IGN, signal.SIG_IGN)]
+    ("before", "within"),
+    [(signal.SIG_DFL, signal.default_int_handler), (signal.SIG_IGN, signal.SIG_IGN)],
 )
 def test_sigterm_is_as_it_was_after_a_command(before, within):
     seen = []

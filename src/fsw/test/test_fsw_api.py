@@ -43,12 +43,28 @@ def test_every_public_name_has_an_example():
 
 def test_import_loads_next_to_nothing():
     code = "import sys, fsw; print(sorted({'numpy', 'casadi', 'matplotlib', 'rclpy'} & set(sys.modules)))"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "[]\n"
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout
+        == "[]\n"
+    )
 
 
 def test_a_simulation_is_that_of_the_command_line(tmp_path):
     out = tmp_path / "out"
-    assert main(["simulate", "quick", "--controller", "decentral:tight", "--out", str(out), "--no-figures"]) == 0
+    assert (
+        main(
+            [
+                "simulate",
+                "quick",
+                "--controller",
+                "decentral:tight",
+                "--out",
+                str(out),
+                "--no-figures",
+            ]
+        )
+        == 0
+    )
     with (out / "signals_decentral_tight.csv").open() as file:
         rows = list(csv.DictReader(file))
     weld = fsw.simulate("quick", "decentral:tight")
@@ -56,7 +72,9 @@ def test_a_simulation_is_that_of_the_command_line(tmp_path):
 
 
 def test_plant_parameters_and_changes_arrive():
-    weld = fsw.simulate("quick", plant={"start.depth_mm": 2.7}, changes={"events[0].at_s": 1.0}, noise=False)
+    weld = fsw.simulate(
+        "quick", plant={"start.depth_mm": 2.7}, changes={"events[0].at_s": 1.0}, noise=False
+    )
     assert weld["depth_mm"][0] == pytest.approx(2.7)
     assert weld["reference_depth_mm"][10] == 2.76
     tight = fsw.simulate("quick", "decentral", parameters={"tuning": "tight"})
@@ -80,7 +98,11 @@ def test_plant_parameters_and_changes_arrive():
         ("quick", {"noise": "no"}, "noise is True or False, not 'no'"),
         ("quick", {"progress": 3}, "progress is a function"),
         ("quick", {"changes": {"events": {(1, 2): 3}}}, "^events is a number, text, list"),
-        ("quick", {"plant": {"seed": b"3"}}, "plant.seed is a number, text, list or mapping, not b'3'"),
+        (
+            "quick",
+            {"plant": {"seed": b"3"}},
+            "plant.seed is a number, text, list or mapping, not b'3'",
+        ),
     ],
 )
 def test_wrong_arguments_are_named(scenario, options, words):
@@ -114,7 +136,9 @@ def test_an_argument_of_a_wrong_type_is_named_in_one_line(call, words):
 
 def test_numbers_of_numpy_are_numbers():
     assert overrides_of({"seed": np.int64(3)}, None, None) == overrides_of({"seed": 3}, None, None)
-    assert fsw.model(dead_time_s=np.float32(1.5)).parameters == fsw.model(dead_time_s=1.5).parameters
+    assert (
+        fsw.model(dead_time_s=np.float32(1.5)).parameters == fsw.model(dead_time_s=1.5).parameters
+    )
 
 
 def test_what_python_itself_refuses_has_the_name_of_the_function():
@@ -166,16 +190,21 @@ class Late(Nothing):
 
 
 @pytest.mark.parametrize(
-    ("controller", "why"), [(Nothing, "needs a method 'command'"), (Silent, "NoneType"), (Blank, "command is")]
+    ("controller", "why"),
+    [(Nothing, "needs a method 'command'"), (Silent, "NoneType"), (Blank, "command is")],
 )
 def test_a_controller_that_never_proposes_a_command_has_no_figures(controller, why):
-    with pytest.raises(InputError, match=f"quick: nothing proposed nothing usable at any of 600 ticks: .*{why}"):
+    with pytest.raises(
+        InputError, match=f"quick: nothing proposed nothing usable at any of 600 ticks: .*{why}"
+    ):
         fsw.simulate("quick", controller())
 
 
 def test_the_last_command_is_held_while_a_controller_proposes_none():
     weld = fsw.simulate("quick", Late())
-    assert set(weld["command_source"][:90]) == {"hold"} and set(weld["command_source"][110:]) == {"nothing"}
+    assert set(weld["command_source"][:90]) == {"hold"} and set(weld["command_source"][110:]) == {
+        "nothing"
+    }
 
 
 def test_welds_of_equal_labels_are_kept_apart():
@@ -187,7 +216,10 @@ def test_welds_of_equal_labels_are_kept_apart():
 
 def test_discrete_form_follows_the_process():
     model = fsw.model(thermal_gain_c_per_kw=1.1, dead_time_s=0.3)
-    force, speed = 78.4 + np.r_[np.ones(20), np.zeros(40)], 407.0 + np.r_[np.zeros(30), 5.0 * np.ones(30)]
+    force, speed = (
+        78.4 + np.r_[np.ones(20), np.zeros(40)],
+        407.0 + np.r_[np.zeros(30), 5.0 * np.ones(30)],
+    )
     course, x = model.process.simulate(force, speed), model.state()
     for i in range(60):
         x, y = model.discrete(x, [force[i], speed[i]])
@@ -201,9 +233,13 @@ def test_linearisations_have_the_frequency_response_of_the_process():
     omega = np.array([0.003, 0.03, 0.3])
     exact = model.process.linearise().frequency_response(omega)
     pade = model.linearise(order=6)
-    assert np.moveaxis(control.frequency_response(pade, omega).frdata, 2, 0) == pytest.approx(exact, rel=1e-4)
+    assert np.moveaxis(control.frequency_response(pade, omega).frdata, 2, 0) == pytest.approx(
+        exact, rel=1e-4
+    )
     tick = model.linearise(delay="exact")
-    held = np.sinc(omega * 0.05 / np.pi) * np.exp(-0.05j * omega)  # an input that is held for a tick
+    held = np.sinc(omega * 0.05 / np.pi) * np.exp(
+        -0.05j * omega
+    )  # an input that is held for a tick
     sampled = np.moveaxis(control.frequency_response(tick, omega).frdata, 2, 0)
     assert sampled == pytest.approx(exact * held[:, None, None], rel=2e-3)
 

@@ -36,7 +36,9 @@ def test_info_as_json(weld_bag: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert values["last_stamp_ns"] - values["first_stamp_ns"] == 299 * TICK_NS
 
 
-def test_recovering_a_cut_bag(weld_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_recovering_a_cut_bag(
+    weld_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes((weld_bag / "weld_0.mcap").read_bytes()[:100_000])
     assert run("recover", str(cut)) == 0
@@ -48,16 +50,27 @@ def test_recovering_a_cut_bag(weld_bag: Path, tmp_path: Path, capsys: pytest.Cap
 
 def rows(printed: str) -> list[tuple[str, str]]:
     """The first two cells of each row of the tables."""
-    cells = [[cell.strip() for cell in line.split("|")] for line in printed.splitlines() if line.startswith("|")]
+    cells = [
+        [cell.strip() for cell in line.split("|")]
+        for line in printed.splitlines()
+        if line.startswith("|")
+    ]
     return [(one[1], one[2]) for one in cells]
 
 
-def test_figures_of_each_phase_as_the_weld_went(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_figures_of_each_phase_as_the_weld_went(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bag, file = tmp_path / "weld", tmp_path / "kpi.json"
     write_programme_weld(bag)
     assert run("kpi", str(bag), "--json", str(file)) == 0
     shown = rows(capsys.readouterr().out)
-    for row in (("dwell", "weld"), ("start", "weld"), ("whole weld", "weld"), ("published, 8 real welds", "cascade")):
+    for row in (
+        ("dwell", "weld"),
+        ("start", "weld"),
+        ("whole weld", "weld"),
+        ("published, 8 real welds", "cascade"),
+    ):
         assert row in shown
     [result] = json.loads(file.read_text())
     assert [one["phase"] for one in result["phases"]] == ["dwell", "start", "whole weld"]
@@ -76,7 +89,9 @@ def test_welds_with_and_without_phases_are_compared(
     assert ("dwell", "one") in shown and ("dwell", "weld") not in shown
 
 
-def test_welds_in_different_phases_come_one_after_the_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_welds_in_different_phases_come_one_after_the_other(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     write_programme_weld(tmp_path / "whole")
     write_programme_weld(tmp_path / "short", phases=1)
     assert run("kpi", str(tmp_path / "whole"), str(tmp_path / "short")) == 0
@@ -100,13 +115,18 @@ def test_export_ends_with_the_scenario(tmp_path: Path, capsys: pytest.CaptureFix
     write_sample_weld(bag, 50, scenario=b"duration_s: 3.0\n")
     assert run("export", str(bag), str(tmp_path / "cut.csv")) == 0
     captured = capsys.readouterr()
-    assert "30 rows" in captured.out and "20 ticks after the end of the scenario are omitted" in captured.err
+    assert (
+        "30 rows" in captured.out
+        and "20 ticks after the end of the scenario are omitted" in captured.err
+    )
     assert run("export", "--all", str(bag), str(tmp_path / "all.csv")) == 0
     captured = capsys.readouterr()
     assert "50 rows" in captured.out and captured.err == ""
 
 
-def test_info_tells_missing_ticks(weld_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_tells_missing_ticks(
+    weld_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with BagReader(weld_bag) as reader, BagWriter(tmp_path / "gaps") as writer:
         for topic in reader.topics().values():
             writer.add_topic(topic)
@@ -123,7 +143,9 @@ def test_info_tells_missing_ticks(weld_bag: Path, tmp_path: Path, capsys: pytest
 
 
 @pytest.mark.parametrize("command", ["info", "recover", "export"])
-def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str) -> None:
+def test_bad_input_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
     assert run(command, str(tmp_path / "missing")) == 1
     captured = capsys.readouterr()
     assert captured.out == "" and captured.err.count("\n") == 1 and "no such bag" in captured.err
@@ -131,7 +153,9 @@ def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str
 
 @pytest.mark.parametrize("name", ["bag.mcap", "bag.db3"])
 @pytest.mark.parametrize("data", [b"", b"random bytes that are no bag" * 100])
-def test_file_that_is_no_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, data: bytes) -> None:
+def test_file_that_is_no_bag(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, data: bytes
+) -> None:
     (tmp_path / name).write_bytes(data)
     assert run("info", str(tmp_path / name)) == 1
     captured = capsys.readouterr()
@@ -148,12 +172,17 @@ class Holder:
     def reset(self, applied: Command) -> None:
         """Nothing to forget."""
 
-    def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
+    def step(
+        self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float
+    ) -> Proposal:
         return Proposal(applied)
 
 
 def test_verify(
-    weld_bag: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], genuine: Path
+    weld_bag: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    genuine: Path,
 ) -> None:
     module = ModuleType("own_controller")
     module.Holder = Holder  # type: ignore[attr-defined]

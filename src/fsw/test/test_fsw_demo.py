@@ -16,12 +16,19 @@ def without_middleware(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-def test_without_middleware_the_weld_runs_in_one_process(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_middleware_the_weld_runs_in_one_process(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     words = ["--scenario", "quick", "--controller", "decentral", "--out", str(tmp_path / "out")]
     assert demo.main(words) == 0
     printed = capsys.readouterr()
-    assert "no ROS 2 here: welds in one process, without bags" in printed.err and "IAE depth" in printed.out
-    assert len(json.loads((tmp_path / "out" / "quick" / "kpi.json").read_text(encoding="utf-8"))) == 1
+    assert (
+        "no ROS 2 here: welds in one process, without bags" in printed.err
+        and "IAE depth" in printed.out
+    )
+    assert (
+        len(json.loads((tmp_path / "out" / "quick" / "kpi.json").read_text(encoding="utf-8"))) == 1
+    )
     assert not list(tmp_path.rglob("*.mcap"))
 
 

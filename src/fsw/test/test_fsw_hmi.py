@@ -53,7 +53,10 @@ def test_users_are_added_changed_listed_and_removed(run, file):
     assert run("passwd", "bert.2", "--role", "engineer", stdin=f"{PASSWORD} 4\n")[0] == 0
     known = users.Users(users.read(file))
     assert known.check("anna", PASSWORD) is None
-    assert (known.check("anna", f"{PASSWORD} 3").role, known.check("Bert.2", f"{PASSWORD} 4").role) == (
+    assert (
+        known.check("anna", f"{PASSWORD} 3").role,
+        known.check("Bert.2", f"{PASSWORD} 4").role,
+    ) == (
         "operate",
         "engineer",
     )
@@ -74,7 +77,9 @@ def test_users_are_added_changed_listed_and_removed(run, file):
         (["remove", "carl"], "", "has no 'carl'; it has anna"),
     ],
 )
-def test_what_cannot_be_done_is_told_in_a_line_and_the_file_stays(run, file, arguments, stdin, text):
+def test_what_cannot_be_done_is_told_in_a_line_and_the_file_stays(
+    run, file, arguments, stdin, text
+):
     run("add", "anna", "--role", "operate", stdin=f"{PASSWORD}\n")
     before = file.read_bytes()
     code, out, err = run(*arguments, stdin=stdin)
@@ -100,6 +105,9 @@ def test_password_is_asked_for_twice_at_a_terminal(run, file, monkeypatch):
     monkeypatch.setattr("getpass.getpass", lambda _: next(answers))
     monkeypatch.setattr("io.StringIO", Terminal)
     assert run("add", "anna", "--role", "operate")[0] == 0
-    assert run("add", "bert", "--role", "operate")[2] == "error: the two passwords differ; nothing is changed\n"
+    assert (
+        run("add", "bert", "--role", "operate")[2]
+        == "error: the two passwords differ; nothing is changed\n"
+    )
     assert users.Users(users.read(file)).check("anna", PASSWORD) is not None
     assert len(users.read(file)) == 1

@@ -26,7 +26,10 @@ class Welder(ManagedNode):
 def welder(domain_id):
     context = Context()
     rclpy.init(args=[], context=context, domain_id=domain_id)
-    node, executor = Welder("welder", namespace="cell", context=context), SingleThreadedExecutor(context=context)
+    node, executor = (
+        Welder("welder", namespace="cell", context=context),
+        SingleThreadedExecutor(context=context),
+    )
     executor.add_node(node)
     thread = threading.Thread(target=executor.spin)
     thread.start()
@@ -41,7 +44,11 @@ def test_states_are_listed_and_changed_and_a_refusal_says_why(welder, capsys):
     def fsw(*words):
         code = main(["lifecycle", *words, "--namespace", "cell", "--timeout", "60"])
         printed, error = capsys.readouterr()
-        return code, printed, "".join(error.splitlines(keepends=True)[-1:])  # without the node's log
+        return (
+            code,
+            printed,
+            "".join(error.splitlines(keepends=True)[-1:]),
+        )  # without the node's log
 
     assert fsw("list")[1].split() == ["node", "state", "welder", "unconfigured"]
     assert fsw("get", "welder") == (0, "welder: unconfigured\n", "")
@@ -52,7 +59,11 @@ def test_states_are_listed_and_changed_and_a_refusal_says_why(welder, capsys):
         1,
         "error: welder is inactive and has no transition configure now; has cleanup, activate, shutdown\n",
     )
-    assert [line.split()[0] for line in fsw("list", "welder")[1].splitlines()] == ["cleanup", "activate", "shutdown"]
+    assert [line.split()[0] for line in fsw("list", "welder")[1].splitlines()] == [
+        "cleanup",
+        "activate",
+        "shutdown",
+    ]
     assert fsw("set", "welder", "shutdown") == (0, "welder: finalized\n", "")
     error = "error: welder is finalized and has no transition configure now; has none\n"
     assert fsw("set", "welder", "configure") == (1, "", error)
@@ -61,7 +72,10 @@ def test_states_are_listed_and_changed_and_a_refusal_says_why(welder, capsys):
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
 def test_a_node_that_is_ended_is_no_failure(monkeypatch, domain_id, sent):
     """Neither for a command, which takes both for an interruption."""
-    monkeypatch.setattr("fsw_plant.plant_node.main", lambda: run_node(lambda: os.kill(os.getpid(), sent), ["plant"]))
+    monkeypatch.setattr(
+        "fsw_plant.plant_node.main",
+        lambda: run_node(lambda: os.kill(os.getpid(), sent), ["plant"]),
+    )
     monkeypatch.setattr(sys, "argv", ["fsw.py"])
     defaults = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
     before = {one: signal.signal(one, default) for one, default in defaults.items()}

@@ -28,10 +28,18 @@ sys.exit(main(sys.argv[1:]))
 
 @pytest.mark.slow
 @pytest.mark.parametrize("missing", [("rclpy", "fsw_msgs"), ("fsw_msgs",)])
-@pytest.mark.parametrize("words", ["status", "node recorder --help", "simulate quick --bag", "demo --live"])
-def test_what_needs_ros_says_so_in_a_line(missing: tuple[str, ...], words: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "words", ["status", "node recorder --help", "simulate quick --bag", "demo --live"]
+)
+def test_what_needs_ros_says_so_in_a_line(
+    missing: tuple[str, ...], words: str, tmp_path: Path
+) -> None:
     command = [sys.executable, "-c", WITHOUT.format(missing=missing), *words.split()]
     ran = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert ran.returncode == 1
-    assert ran.stderr.count("\n") == 1 and "needs ROS 2" in ran.stderr and "docs/how-to/install.md" in ran.stderr
+    assert (
+        ran.stderr.count("\n") == 1
+        and "needs ROS 2" in ran.stderr
+        and "docs/how-to/install.md" in ran.stderr
+    )
     assert not list(tmp_path.iterdir())

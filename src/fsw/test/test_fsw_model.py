@@ -12,7 +12,16 @@ from fsw_scenario.input_steps import COLUMNS
 
 def run(tmp_path, events, *arguments):
     (tmp_path / "events.yaml").write_text(events)
-    return main(["model", "--events", str(tmp_path / "events.yaml"), "--csv", str(tmp_path / "out.csv"), *arguments])
+    return main(
+        [
+            "model",
+            "--events",
+            str(tmp_path / "events.yaml"),
+            "--csv",
+            str(tmp_path / "out.csv"),
+            *arguments,
+        ]
+    )
 
 
 def rows_of(path):
@@ -43,7 +52,9 @@ def test_figures_of_the_paper(tmp_path, name, last_s, steps):
     assert tuple(rows[0]) == COLUMNS
     assert [float(row["time_s"]) for row in rows] == [tick / 10 for tick in range(10 * last_s + 1)]
     changes = {
-        float(new["time_s"]): tuple(new[key] if new[key] != old[key] else None for key in ("force_kn", "speed_rpm"))
+        float(new["time_s"]): tuple(
+            new[key] if new[key] != old[key] else None for key in ("force_kn", "speed_rpm")
+        )
         for old, new in pairwise(rows)
         if (new["force_kn"], new["speed_rpm"]) != (old["force_kn"], old["speed_rpm"])
     }
@@ -69,7 +80,13 @@ def test_another_model_and_a_figure(tmp_path):
     papers = (tmp_path / "out.csv").read_text()
     assert run(tmp_path, events) == 1
     assert (tmp_path / "out.csv").read_text() == papers
-    arguments = ["--force", "--model", str(tmp_path / "model.yaml"), "--figure", str(tmp_path / "out.png")]
+    arguments = [
+        "--force",
+        "--model",
+        str(tmp_path / "model.yaml"),
+        "--figure",
+        str(tmp_path / "out.png"),
+    ]
     assert run(tmp_path, events, *arguments) == 0
     assert (tmp_path / "out.csv").read_text() != papers
     assert (tmp_path / "out.png").read_bytes().startswith(b"\x89PNG")
@@ -100,7 +117,11 @@ BAD = [
 def test_bad_input_is_one_line_and_leaves_no_file(tmp_path, capsys, events, words):
     assert run(tmp_path, events) == 1
     captured = capsys.readouterr()
-    assert captured.err.startswith("error: ") and captured.err.count("\n") == 1 and words in captured.err
+    assert (
+        captured.err.startswith("error: ")
+        and captured.err.count("\n") == 1
+        and words in captured.err
+    )
     assert [path.name for path in tmp_path.iterdir()] == ["events.yaml"]
 
 

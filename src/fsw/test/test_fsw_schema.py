@@ -14,7 +14,9 @@ def test_schema_has_the_keys_of_the_model(name, capsys):
     fields = loaded(GROUP, name).model_fields
     assert main(["schema", name]) == 0
     content = json.loads(capsys.readouterr().out)
-    assert content["$schema"].startswith("https://json-schema.org/") and content["type"] == "object"
+    assert (
+        content["$schema"].startswith("https://json-schema.org/") and content["type"] == "object"
+    )
     assert set(content["properties"]) == {field.alias or key for key, field in fields.items()}
 
 

@@ -45,8 +45,13 @@ def together(*welds: Weld, at_a_time: int) -> None:
 
 
 def test_welds_run_at_the_same_time_in_domains_of_their_own(tmp_path: Path) -> None:
-    met = threading.Barrier(2, timeout=PATIENCE_S)  # broken, and a failure, if one runs after the other
-    welds = [Weld(tmp_path / str(number), lambda progress: (met.wait(), progress(1.0))[1]) for number in range(4)]
+    met = threading.Barrier(
+        2, timeout=PATIENCE_S
+    )  # broken, and a failure, if one runs after the other
+    welds = [
+        Weld(tmp_path / str(number), lambda progress: (met.wait(), progress(1.0))[1])
+        for number in range(4)
+    ]
     together(*welds, at_a_time=2)
     assert Weld.most == 2
     assert len({weld.domain for weld in welds}) == 4
@@ -72,7 +77,10 @@ def test_a_failure_ends_the_others_and_is_raised(tmp_path: Path) -> None:
     def never(_: Callable[[float], None]) -> None:
         raise AssertionError("began after the failure")
 
-    welds = [Weld(tmp_path / name, body) for name, body in (("a", weld_on), ("b", fail), ("c", weld_on), ("d", never))]
+    welds = [
+        Weld(tmp_path / name, body)
+        for name, body in (("a", weld_on), ("b", fail), ("c", weld_on), ("d", never))
+    ]
     with pytest.raises(LaunchError, match="the plant has ended"):
         together(*welds, at_a_time=2)
     assert ended and Weld.running == []

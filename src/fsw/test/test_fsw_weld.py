@@ -14,7 +14,11 @@ from fsw_test_support.player_graph import PlayerGraph
 from fsw_test_support.waiting import PATIENCE_S
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
-SHORT = {"name": "short", "duration_s": 2.0, "events": [{"at_s": 1.0, "reference": {"depth_mm": 2.86}}]}
+SHORT = {
+    "name": "short",
+    "duration_s": 2.0,
+    "events": [{"at_s": 1.0, "reference": {"depth_mm": 2.86}}],
+}
 
 
 class Cell(PlayerGraph):
@@ -25,9 +29,22 @@ class Cell(PlayerGraph):
         self.commands = []
 
     def weld(self, *words):
-        command = [sys.executable, "-m", "fsw.main", "weld", *map(str, words), "--timeout", f"{PATIENCE_S:g}"]
+        command = [
+            sys.executable,
+            "-m",
+            "fsw.main",
+            "weld",
+            *map(str, words),
+            "--timeout",
+            f"{PATIENCE_S:g}",
+        ]
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": environment}
+        pipes = {
+            "stdout": subprocess.PIPE,
+            "stderr": subprocess.PIPE,
+            "text": True,
+            "env": environment,
+        }
         self.commands.append(subprocess.Popen(command, **pipes))
         return self.commands[-1]
 
@@ -55,7 +72,10 @@ def file(tmp_path):
 
 def test_a_weld_is_followed_to_its_result(cell, file):
     command = cell.weld("run", file, "--set", "events[0].reference.depth_mm=2.76")
-    cell.until(lambda: cell.player.weld is not None and cell.player.weld._listening and cell.listens(), "the weld")
+    cell.until(
+        lambda: cell.player.weld is not None and cell.player.weld._listening and cell.listens(),
+        "the weld",
+    )
     for number in range(1, 21):
         cell.number = number
         cell.depth(number)

@@ -40,8 +40,13 @@ def player(monkeypatch):
         return SimpleNamespace(done=lambda: clock.polls >= wanted.answers, result=lambda: value)
 
     result = SimpleNamespace(result=SimpleNamespace(verdict="done", message=""))
-    wanted.ends, wanted.aborted = True, 0  #: whether a weld ends by itself; how often one under way was aborted
-    end = SimpleNamespace(done=lambda: wanted.ends or (wanted.aborted and not wanted.hangs), result=lambda: result)
+    wanted.ends, wanted.aborted = (
+        True,
+        0,
+    )  #: whether a weld ends by itself; how often one under way was aborted
+    end = SimpleNamespace(
+        done=lambda: wanted.ends or (wanted.aborted and not wanted.hangs), result=lambda: result
+    )
     wanted.hangs = False
     handle = SimpleNamespace(get_result_async=lambda: end)
     client = SimpleNamespace(
@@ -65,12 +70,16 @@ def test_a_weld_whose_goal_is_answered_late_is_followed(player, capsys, answers,
 
 
 @pytest.mark.parametrize(("terminal", "shown"), [(True, 36), (False, 5)])
-def test_feedback_is_printed_as_it_comes_on_a_terminal_else_every_ten_seconds_and_at_changes(terminal, shown, capsys):
+def test_feedback_is_printed_as_it_comes_on_a_terminal_else_every_ten_seconds_and_at_changes(
+    terminal, shown, capsys
+):
     lines = weld_ros.FeedbackLines(terminal)
     kpi = SimpleNamespace(depth_iae=0.0, temperature_iae=0.0)
 
     def feed(state, phase, left_s):
-        progress = SimpleNamespace(state=state, phase=phase, angle=0.0, length=0.0, time_left=left_s)
+        progress = SimpleNamespace(
+            state=state, phase=phase, angle=0.0, length=0.0, time_left=left_s
+        )
         lines(SimpleNamespace(feedback=SimpleNamespace(progress=progress, kpi=kpi)))
 
     for left_s in range(60, 35, -1):  # at 60, 50 and 40 s
@@ -101,8 +110,12 @@ def test_an_aborted_weld_that_does_not_end_in_time_has_no_result(player):
     assert player.aborted == 1
 
 
-@pytest.mark.parametrize(("running", "expected"), [(False, KeyboardInterrupt), (True, RuntimeError)])
-def test_whatever_ros_raises_once_it_is_shut_down_by_sigterm_is_an_interruption(monkeypatch, running, expected):
+@pytest.mark.parametrize(
+    ("running", "expected"), [(False, KeyboardInterrupt), (True, RuntimeError)]
+)
+def test_whatever_ros_raises_once_it_is_shut_down_by_sigterm_is_an_interruption(
+    monkeypatch, running, expected
+):
     def spin_once(*_, **__):
         raise RuntimeError("the context is invalid")
 
@@ -116,9 +129,17 @@ def test_status_tells_why_nothing_is_measured():
     def status(level, message):
         return SimpleNamespace(level=level, message=message)
 
-    latest = {"fsw_machine: connection": status(ERROR, "refused"), "fsw_machine: clock": status(OK, "not known yet")}
-    assert graph_ros.source_rows(False, {"fsw_machine"}, latest) == [("fsw_machine: connection", "refused")]
-    assert graph_ros.source_rows(True, {"fsw_machine"}, {"fsw_machine: clock": status(OK, "in step")}) == []
+    latest = {
+        "fsw_machine: connection": status(ERROR, "refused"),
+        "fsw_machine: clock": status(OK, "not known yet"),
+    }
+    assert graph_ros.source_rows(False, {"fsw_machine"}, latest) == [
+        ("fsw_machine: connection", "refused")
+    ]
+    assert (
+        graph_ros.source_rows(True, {"fsw_machine"}, {"fsw_machine: clock": status(OK, "in step")})
+        == []
+    )
     [(name, text)] = graph_ros.source_rows(False, {"fsw_machine"}, {})
     assert name == "fsw_machine" and text.endswith("lifecycle get fsw_machine")
     assert "offers any" in graph_ros.source_rows(False, set(), {})[0][1]
@@ -126,10 +147,14 @@ def test_status_tells_why_nothing_is_measured():
 
 def test_status_shows_the_newest_reports_of_its_own_weld():
     def report(node, message):
-        status = SimpleNamespace(name=f"{node}: connection", hardware_id="cell1/fsw", message=message)
+        status = SimpleNamespace(
+            name=f"{node}: connection", hardware_id="cell1/fsw", message=message
+        )
         return SimpleNamespace(status=[status])
 
     reports = [report("cell1/fsw_machine", "connecting"), report("cell2/fsw_machine", "lost")]
     reports += [report("cell1/fsw_machine", "refused"), report("cell1/fsw_supervisor", "ok")]
     latest = graph_ros._latest(reports, "/cell1", {"fsw_machine"})
-    assert {name: one.message for name, one in latest.items()} == {"fsw_machine: connection": "refused"}
+    assert {name: one.message for name, one in latest.items()} == {
+        "fsw_machine: connection": "refused"
+    }

@@ -8,7 +8,9 @@ from pathlib import Path
 
 def labels(bags: Sequence[Path]) -> list[str]:
     """Shortest path ends that distinguish the bags; a folder ``bag`` gets the name of its parent folder."""
-    named = [path.resolve().parent if path.resolve().name == "bag" else path.resolve() for path in bags]
+    named = [
+        path.resolve().parent if path.resolve().name == "bag" else path.resolve() for path in bags
+    ]
     parts = [path.parts for path in named]
     for length in range(1, max(map(len, parts)) + 1):
         found = ["/".join(part[-length:]) for part in parts]

@@ -14,7 +14,8 @@ from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.weld import TICK_S
 from fsw_schema.yaml_text import load_yaml
 
-#: Changes closer together than this belong to one event (a ramp or a sine is one message per tick).
+#: Changes closer together than this belong to one event (a ramp or a sine is one message per
+#: tick).
 _GROUP_TICKS = 10
 #: smaller steps are rounding
 _SMALLEST_STEP = 1e-9
@@ -28,12 +29,14 @@ _SHORT_S = 2.5 * TICK_S
 class Change:
     """One quantity starts to change."""
 
-    #: ``depth_reference``, ``temperature_reference``, ``depth_disturbance`` or ``temperature_disturbance``
+    #: ``depth_reference``, ``temperature_reference``, ``depth_disturbance`` or
+    #: ``temperature_disturbance``
     quantity: str
     #: first and last tick of the change; equal for a step
     begin: int
     end: int
-    size: float  #: new minus old value; of a lasting change (ramp, sine) the largest excursion, with its sign
+    #: new minus old value; of a lasting change (ramp, sine) the largest excursion, with its sign
+    size: float
 
     @property
     def is_step(self) -> bool:
@@ -45,7 +48,9 @@ def marks(signals: WeldSignals) -> dict[str, list[float]]:
     """Times [s] at which set-points, disturbances of any kind, and faults change, as far as the bag shows them."""
     found: dict[str, list[int]] = {"set-point": [], "disturbance": [], "fault on, off": []}
     for change in changes(signals):
-        found["set-point" if change.quantity.endswith("reference") else "disturbance"].append(change.begin)
+        found["set-point" if change.quantity.endswith("reference") else "disturbance"].append(
+            change.begin
+        )
     if signals.truth is not None:
         for values in (signals.truth.force_disturbance_kn, signals.truth.speed_disturbance_rpm):
             found["disturbance"] += [change.begin for change in _changes("", values)]
@@ -63,7 +68,9 @@ def changes(signals: WeldSignals) -> list[Change]:
     if signals.truth is not None:
         series["depth_disturbance"] = signals.truth.depth_disturbance_mm
         series["temperature_disturbance"] = signals.truth.temperature_disturbance_c
-    found = [change for quantity, values in series.items() for change in _changes(quantity, values)]
+    found = [
+        change for quantity, values in series.items() for change in _changes(quantity, values)
+    ]
     return sorted(found, key=lambda change: change.begin)
 
 
@@ -71,7 +78,9 @@ def _changes(quantity: str, values: npt.NDArray[np.float64]) -> list[Change]:
     if values.size < 2:
         return []
     steps = np.diff(values)
-    ticks = np.flatnonzero(np.abs(steps) > _SMALLEST_STEP) + 1  # NaN compares false: what appears is no change
+    ticks = (
+        np.flatnonzero(np.abs(steps) > _SMALLEST_STEP) + 1
+    )  # NaN compares false: what appears is no change
     found: list[Change] = []
     for group in np.split(ticks, np.flatnonzero(np.diff(ticks) > _GROUP_TICKS) + 1):
         if not group.size:
@@ -101,13 +110,16 @@ def _scenario_s(signals: WeldSignals) -> float:
 def missing_at_end_s(signals: WeldSignals) -> float:
     """Seconds of a weld that are not on record at its end; NaN where they are missing, and how many is not known.
 
-    How long it should be is known from its scenario; of a programme without a duration, that its end was reported.
+    How long it should be is known from its scenario; of a programme without a duration, that its
+    end was reported.
     """
     lasts_s = _scenario_s(signals)
     if lasts_s < inf:
         missing_s = lasts_s - float(signals.time_s[-1])
         return missing_s if missing_s > _SHORT_S else 0.0
-    over = any(event.kind == "weld" and event.subject in ("done", "aborted") for event in signals.events)
+    over = any(
+        event.kind == "weld" and event.subject in ("done", "aborted") for event in signals.events
+    )
     return nan if signals.phases and not over else 0.0
 
 
@@ -118,5 +130,7 @@ def part(value: Any, ticks: slice) -> Any:
     if isinstance(value, dict):
         return {name: part(inner, ticks) for name, inner in value.items()}
     if is_dataclass(value) and not isinstance(value, type):
-        return replace(value, **{one.name: part(getattr(value, one.name), ticks) for one in fields(value)})
+        return replace(
+            value, **{one.name: part(getattr(value, one.name), ticks) for one in fields(value)}
+        )
     return value

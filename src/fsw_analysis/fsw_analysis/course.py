@@ -19,7 +19,8 @@ from fsw_control.weld import TICK_S
 
 #: ticks that are put into one gap, so that a damaged stamp does not fill the memory
 _MOST_IN_A_GAP = 600
-#: ticks after a change at which its report may come into force, and most ticks between two reports of a tool that moves
+#: ticks after a change at which its report may come into force, and most ticks between two reports
+#: of a tool that moves
 _LATE, _BETWEEN_REPORTS = 2, 11
 #: time over which the traverse speed is taken
 _APART_S = 5.0
@@ -33,8 +34,9 @@ SENSOR_SIGNALS = {name: row.signal for name, row in SENSORS.items()}
 class Course:
     """The weld from the first report of its programme to its end; every array has shape (n,), unknown numbers are NaN.
 
-    ``values`` has the variables of a procedure and the set-points in force, `set_point_depth_mm` and
-    `set_point_temperature_c`; ``source`` is who commanded, ``phase`` is empty where no programme says it.
+    ``values`` has the variables of a procedure and the set-points in force, `set_point_depth_mm`
+    and `set_point_temperature_c`; ``source`` is who commanded, ``phase`` is empty where no
+    programme says it.
     """
 
     time_s: FloatArray
@@ -54,12 +56,21 @@ class Course:
         """Samples that are not known, by variable."""
         return {name: int(np.sum(~np.isfinite(values))) for name, values in self.values.items()}
 
-    def place(self, begin_s: float, lasts_s: float, of: FloatArray | None = None) -> tuple[float, float] | None:
+    def place(
+        self, begin_s: float, lasts_s: float, of: FloatArray | None = None
+    ) -> tuple[float, float] | None:
         """Angle, or another position, before and after a stretch of time; None where either is not known."""
         values = self.angle_deg if of is None else of
         known = np.isfinite(values)
-        before, after = known & (self.time_s < begin_s - 1e-6), known & (self.time_s > begin_s + lasts_s - 1e-6)
-        return (float(values[before][-1]), float(values[after][0])) if before.any() and after.any() else None
+        before, after = (
+            known & (self.time_s < begin_s - 1e-6),
+            known & (self.time_s > begin_s + lasts_s - 1e-6),
+        )
+        return (
+            (float(values[before][-1]), float(values[after][0]))
+            if before.any() and after.any()
+            else None
+        )
 
     @property
     def controllers(self) -> tuple[str, ...]:
@@ -70,7 +81,10 @@ class Course:
         """Ticks of each phase, in order of time."""
         begins = [0, *(np.flatnonzero(self.phase[1:] != self.phase[:-1]) + 1).tolist()]
         ends = [*begins[1:], len(self.phase)]
-        return [(str(self.phase[begin]), slice(begin, end)) for begin, end in zip(begins, ends, strict=True)]
+        return [
+            (str(self.phase[begin]), slice(begin, end))
+            for begin, end in zip(begins, ends, strict=True)
+        ]
 
 
 def course_of(signals: WeldSignals) -> Course:
@@ -79,13 +93,19 @@ def course_of(signals: WeldSignals) -> Course:
     end_s = over[-1].time_s if over else float(signals.time_s[-1])
     begin_s = signals.phases[0][1] if signals.phases else _start_s(signals)
     inside = (signals.time_s >= begin_s - 1e-6) & (signals.time_s <= end_s + 1e-6)
-    stops = [begin_s - TICK_S, *signals.time_s[inside].tolist(), *([end_s + TICK_S] if over else [])]
+    stops = [
+        begin_s - TICK_S,
+        *signals.time_s[inside].tolist(),
+        *([end_s + TICK_S] if over else []),
+    ]
     known_s, fillers, gaps = signals.time_s[inside], [np.empty(0)], []
     for before, after in pairwise(stops):
         lacking = round((after - before) / TICK_S) - 1
         if lacking > 0:
             gaps.append((before + TICK_S, lacking * TICK_S))
-            fillers.append(np.linspace(before + TICK_S, after - TICK_S, min(lacking, _MOST_IN_A_GAP)))
+            fillers.append(
+                np.linspace(before + TICK_S, after - TICK_S, min(lacking, _MOST_IN_A_GAP))
+            )
     put_in = np.concatenate(fillers)
     order = np.argsort(np.concatenate([known_s, put_in]), kind="stable")
 
@@ -153,7 +173,9 @@ class UnusableSamples:
     def add(self, time_s: float, values: Mapping[str, float]) -> None:
         """Take a tick: values by signal, NaN where there is none."""
         samples = {name: values.get(signal, nan) for name, signal in SENSOR_SIGNALS.items()}
-        self._guard.measure(time_s, {name: value for name, value in samples.items() if isfinite(value)})
+        self._guard.measure(
+            time_s, {name: value for name, value in samples.items() if isfinite(value)}
+        )
         for name, reason in self._guard.reasons.items():
             if reason:
                 self.counts[name][reason] += 1
@@ -162,7 +184,11 @@ class UnusableSamples:
 def unusable_samples(course: Course) -> dict[str, Counter[str]]:
     """Samples of a weld that would be held or left out, by sensor and reason."""
     found = UnusableSamples()
-    columns = {name: course.values[name].tolist() for name in SENSOR_SIGNALS.values() if name in course.values}
+    columns = {
+        name: course.values[name].tolist()
+        for name in SENSOR_SIGNALS.values()
+        if name in course.values
+    }
     for time_s, *values in zip(course.time_s.tolist(), *columns.values(), strict=True):
         found.add(time_s, dict(zip(columns, values, strict=True)))
     return found.counts
@@ -171,21 +197,29 @@ def unusable_samples(course: Course) -> dict[str, Counter[str]]:
 def _travel(signals: WeldSignals, end_s: float) -> tuple[FloatArray, FloatArray]:
     """Position along the weld [mm] and traverse speed [mm/min] at the ticks, from the programme's reports.
 
-    They come each second and when something begins or ends. The stamp of a report is up to a tick off the position that
-    it tells, 10 % of a second's travel, so the speed is taken over some seconds between two of them.
+    They come each second and when something begins or ends. The stamp of a report is up to a tick
+    off the position that it tells, 10 % of a second's travel, so the speed is taken over some
+    seconds between two of them.
     """
-    known = np.flatnonzero(np.isfinite(signals.travel_mm) & (signals.time_s <= end_s + _LATE * TICK_S + 1e-6))
+    known = np.flatnonzero(
+        np.isfinite(signals.travel_mm) & (signals.time_s <= end_s + _LATE * TICK_S + 1e-6)
+    )
     if not known.size:
         return signals.travel_mm, signals.travel_mm
     changed_s = [begin_s for _, begin_s in signals.phases] + [
         one.time_s for one in signals.events if one.kind == "weld"
     ]
     changed_s.append(end_s)
-    turns = np.clip(np.searchsorted(signals.time_s, np.array(changed_s) - 1e-6), known[0], known[-1])
+    turns = np.clip(
+        np.searchsorted(signals.time_s, np.array(changed_s) - 1e-6), known[0], known[-1]
+    )
     moved = known[np.diff(signals.travel_mm[known], prepend=np.nan) != 0.0]
-    # the report of a change may come into force after it; of a tool that moves, what is in force then is out of date
+    # the report of a change may come into force after it; of a tool that moves, what is in force
+    # then is out of date
     latest = moved[np.searchsorted(moved, turns + _LATE, side="right") - 1]
-    before = np.searchsorted(moved, turns, side="right") - 1  # 0: the first report, of a tool that has not moved yet
+    before = (
+        np.searchsorted(moved, turns, side="right") - 1
+    )  # 0: the first report, of a tool that has not moved yet
     moving = (before > 0) & (turns - moved[before] <= _BETWEEN_REPORTS)
     turns = np.where(moving, np.maximum(turns, latest), turns)
     reports = np.unique([*moved[moved <= turns[-1]], *turns])
@@ -204,7 +238,11 @@ def _apart(reports_s: FloatArray, fixed: npt.NDArray[np.bool_]) -> list[int]:
     rows, last = [0], reports_s.size - 1
     for row in range(1, last + 1):
         if fixed[row] or row == last:
-            if len(rows) > 1 and not fixed[rows[-1]] and reports_s[row] - reports_s[rows[-1]] < 0.5 * _APART_S:
+            if (
+                len(rows) > 1
+                and not fixed[rows[-1]]
+                and reports_s[row] - reports_s[rows[-1]] < 0.5 * _APART_S
+            ):
                 rows.pop()
             rows.append(row)
         elif reports_s[row] - reports_s[rows[-1]] >= _APART_S:

@@ -20,9 +20,15 @@ STATE: dict[str, Kind] = {
     "actual_mode": "text",
     "interlocks": "texts",
 }
-#: which older bags lack: their causes are not on record, nor who asked, nor that another supervisor took over; and
-#: words, which they have instead
-STATE_ADDED: dict[str, Kind] = {"cause": "number", "who": "text", "leader": "text", "why": "texts", "reason": "text"}
+#: which older bags lack: their causes are not on record, nor who asked, nor that another
+#: supervisor took over; and words, which they have instead
+STATE_ADDED: dict[str, Kind] = {
+    "cause": "number",
+    "who": "text",
+    "leader": "text",
+    "why": "texts",
+    "reason": "text",
+}
 PROGRESS: dict[str, Kind] = {
     "state": "text",
     "phase": "text",
@@ -82,18 +88,29 @@ def of_programme_states(states: Iterable[tuple[float, str]]) -> Iterator[WeldEve
 
 def of_state(times_s: FloatArray, state: Table) -> Iterator[WeldEvent]:
     """As :func:`of_states`, from a table of the supervisor's reports."""
-    names = ("actual_controller", "actual_mode", "leader", "interlocks", "why", "reason", "cause", "who")
+    names = (
+        "actual_controller",
+        "actual_mode",
+        "leader",
+        "interlocks",
+        "why",
+        "reason",
+        "cause",
+        "who",
+    )
     yield from of_states(
         (time_s, (*names_and_levels, Reason.of_messages(why).words or reason, cause, who))
-        for time_s, (*names_and_levels, why, reason, cause, who) in _in_order(times_s, state, *names)
+        for time_s, (*names_and_levels, why, reason, cause, who) in _in_order(
+            times_s, state, *names
+        )
     )
 
 
 def of_states(states: Iterable[tuple[float, Any]]) -> Iterator[WeldEvent]:
     """Controllers, modes and leaders that take over, interlocks that trip and clear.
 
-    ``states`` are times and, of each of the supervisor's reports, controller, mode, leader, interlocks, reason, cause
-    and who asked for it.
+    ``states`` are times and, of each of the supervisor's reports, controller, mode, leader,
+    interlocks, reason, cause and who asked for it.
     """
     before: tuple[str, str, str] | None = None
     present: frozenset[str] = frozenset()
@@ -116,7 +133,9 @@ def _interlock(name: str) -> tuple[str, str]:
 
 def of_actions(times_s: FloatArray, actions: Table) -> Iterator[WeldEvent]:
     """Requests made on the operator's page, and their outcome."""
-    for time_s, (who, action, outcome, message, holder, kind) in _in_order(times_s, actions, *ACTION, *ACTION_ADDED):
+    for time_s, (who, action, outcome, message, holder, kind) in _in_order(
+        times_s, actions, *ACTION, *ACTION_ADDED
+    ):
         request = RequestKind(0 if np.isnan(kind) else int(kind))
         data = {"holder": holder, "request": request.word}
         yield WeldEvent(time_s, "operator", action, outcome, who=who, detail=message, data=data)
@@ -125,11 +144,23 @@ def of_actions(times_s: FloatArray, actions: Table) -> Iterator[WeldEvent]:
 def of_alarms(times_s: FloatArray, journal: Table) -> Iterator[WeldEvent]:
     """Alarms that were raised, raised again, became worse or were shelved, from the alarm journal."""
     fields = (*ALARM, *ALARM_CHANGE)
-    for time_s, (priority, text, who, reason, kind, name, shelved_for_s) in _in_order(times_s, journal, *fields):
-        change = _CHANGES.get(name, AlarmChange.UNKNOWN) if np.isnan(kind) else AlarmChange(int(kind))
+    for time_s, (priority, text, who, reason, kind, name, shelved_for_s) in _in_order(
+        times_s, journal, *fields
+    ):
+        change = (
+            _CHANGES.get(name, AlarmChange.UNKNOWN) if np.isnan(kind) else AlarmChange(int(kind))
+        )
         if change in _SHOWN:
             why = f"{shelved_for_s / 60.0:.3g} min: {reason}" if shelved_for_s > 0.0 else reason
-            yield WeldEvent(time_s, "alarm", text, change.word, who=who, detail=why, data={"priority": priority})
+            yield WeldEvent(
+                time_s,
+                "alarm",
+                text,
+                change.word,
+                who=who,
+                detail=why,
+                data={"priority": priority},
+            )
 
 
 def of_health(times_s: FloatArray, health: Table) -> Iterator[WeldEvent]:

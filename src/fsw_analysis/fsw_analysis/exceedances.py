@@ -83,7 +83,9 @@ def holds(course: Course, check: Check) -> npt.NDArray[np.bool_]:
 
 def longest_s(course: Course, check: Check) -> float:
     """The longest time outside a limit; a gap beside it counts, for nothing shows that it was inside there."""
-    outside = ~(beyond(course.values[check.variable], check.min, check.max) == 0.0) & holds(course, check)
+    outside = ~(beyond(course.values[check.variable], check.min, check.max) == 0.0) & holds(
+        course, check
+    )
     found = [_duration_s(course, run) for run in runs(outside) if not course.put_in[run].all()]
     return max(found, default=0.0)
 
@@ -111,7 +113,9 @@ def _exceedances(course: Course, check: Check) -> list[Exceedance]:
                 phases=tuple(dict.fromkeys(str(one) for one in course.phase[run] if one)),
                 angle_deg=_ends(course.angle_deg[run]),
                 travel_mm=_ends(course.travel_mm[run]),
-                commanded_by=", ".join(dict.fromkeys(str(one) for one in course.source[run] if one)),
+                commanded_by=", ".join(
+                    dict.fromkeys(str(one) for one in course.source[run] if one)
+                ),
             )
         )
     return found

@@ -21,18 +21,32 @@ Column = npt.NDArray[Any]
 def weld_table(signals: WeldSignals) -> dict[str, Column]:
     """All signals as columns of one table; every array has shape (n_ticks,).
 
-    Names are those of `WeldSignals`; what belongs to the drives' feedback begins with ``drives_``, to the plant's truth
-    with ``truth_``, to a controller with ``<controller>_proposal_`` or ``<controller>_status_``.
+    Names are those of `WeldSignals`; what belongs to the drives' feedback begins with ``drives_``,
+    to the plant's truth with ``truth_``, to a controller with ``<controller>_proposal_`` or
+    ``<controller>_status_``.
     """
-    groups: list[tuple[str, Any]] = [("", signals), ("drives_", signals.drives), ("truth_", signals.truth)]
+    groups: list[tuple[str, Any]] = [
+        ("", signals),
+        ("drives_", signals.drives),
+        ("truth_", signals.truth),
+    ]
     groups += [(f"{name}_proposal_", proposal) for name, proposal in signals.proposals.items()]
     groups += [(f"{name}_status_", status) for name, status in signals.statuses.items()]
     table: dict[str, Column] = {}
     for prefix, group in groups:
-        values = {one.name: getattr(group, one.name) for one in fields(group)} if group is not None else {}
-        table |= {prefix + name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+        values = (
+            {one.name: getattr(group, one.name) for one in fields(group)}
+            if group is not None
+            else {}
+        )
+        table |= {
+            prefix + name: value for name, value in values.items() if isinstance(value, np.ndarray)
+        }
         table |= values.get("optional", {})
-        table |= {f"{prefix}disturbance {name}": value for name, value in values.get("disturbances", {}).items()}
+        table |= {
+            f"{prefix}disturbance {name}": value
+            for name, value in values.get("disturbances", {}).items()
+        }
     return table
 
 
@@ -57,7 +71,9 @@ def export_weld(signals: WeldSignals, target: Path) -> int:
 
 def write_table(table: Mapping[str, Column], target: Path) -> None:
     """Write columns as CSV; a missing number is an empty cell, and numbers have all their digits."""
-    columns = [["" if value != value else value for value in values.tolist()] for values in table.values()]
+    columns = [
+        ["" if value != value else value for value in values.tolist()] for values in table.values()
+    ]
     with target.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         writer.writerow(table)

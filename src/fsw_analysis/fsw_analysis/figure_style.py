@@ -39,7 +39,9 @@ COLOURS = ("#2e8540", "#8d5fd3", "#8c564b", "#444444", "#c2569f", "#7a8b00")
 
 
 @contextmanager
-def sheet(width: float, height: float, path: Path | None = None, **options: Any) -> Iterator[Figure]:
+def sheet(
+    width: float, height: float, path: Path | None = None, **options: Any
+) -> Iterator[Figure]:
     """A figure of this size [inch], drawn in the block in this style; written there at its end, if anywhere, as PNG."""
     with rc_context(STYLE):
         figure = Figure(figsize=(width, height), layout="constrained", **options)
@@ -61,5 +63,10 @@ def colours_of(names: Sequence[str]) -> list[str]:
     found: list[str] = []
     for name in names:
         own = CONTROLLER_COLOURS.get(name, COLOURS[crc32(name.encode()) % len(COLOURS)])
-        found.append(next((one for one in (own, *COLOURS, *CONTROLLER_COLOURS.values()) if one not in found), own))
+        found.append(
+            next(
+                (one for one in (own, *COLOURS, *CONTROLLER_COLOURS.values()) if one not in found),
+                own,
+            )
+        )
     return found

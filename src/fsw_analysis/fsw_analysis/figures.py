@@ -27,13 +27,19 @@ _SWAP: dict[str, Any] = {"color": "dimgray", "linewidth": 0.9, "linestyle": "-."
 _MARKS: dict[str, dict[str, Any]] = {
     "set-point": {"marker": "v", "color": "black", "markersize": 7.0},
     "disturbance": {"marker": "d", "color": "darkorange", "markersize": 5.5},
-    "fault on, off": {"marker": "x", "color": "firebrick", "markersize": 6.0, "markeredgewidth": 1.6},
+    "fault on, off": {
+        "marker": "x",
+        "color": "firebrick",
+        "markersize": 6.0,
+        "markeredgewidth": 1.6,
+    },
 }
 #: height of the strip that shows who commands, as a share of the axis
 _STRIP = 0.035
 #: more marks of one kind would hide the axis
 _MOST_MARKS = 20
-#: widths of the lowest and the uppermost of several lines, so that each is seen where they coincide
+#: widths of the lowest and the uppermost of several lines, so that each is seen where they
+#: coincide
 _LINE_WIDTHS = (2.4, 1.1)
 #: page: width of one column, height of one panel, of the title and of a row of the legend [inch]
 _WIDTH, _PANEL, _TITLE, _LEGEND_ROW = 9.0, 2.25, 0.6, 0.3
@@ -56,8 +62,8 @@ class Run:
 class _Panel:
     """One axis: a quantity and its properties.
 
-    ``error`` has the dead-band, the half-height and the factor of an axis that shows the error of an output instead,
-    at a scale at which the dead-band is visible.
+    ``error`` has the dead-band, the half-height and the factor of an axis that shows the error of
+    an output instead, at a scale at which the dead-band is visible.
     """
 
     title: str
@@ -78,18 +84,40 @@ class _Panel:
 _LIMITS = Limits()
 _DEAD_BANDS = f"dead-band (±{1e3 * DEAD_BAND_DEPTH_MM:g} µm, ±{DEAD_BAND_TEMPERATURE_C:g} °C)"
 _FREE_DEPTH = _Panel("Shoulder depth", "depth [mm]", "depth_mm", 0.02, sensor="depth_mm")
-_FREE_TEMPERATURE = _Panel("Stir-zone temperature", "temperature [°C]", "temperature_c", 1.0, sensor="temperature_c")
+_FREE_TEMPERATURE = _Panel(
+    "Stir-zone temperature", "temperature [°C]", "temperature_c", 1.0, sensor="temperature_c"
+)
 _DEPTH = replace(_FREE_DEPTH, reference="reference_depth_mm")
 _TEMPERATURE = replace(_FREE_TEMPERATURE, reference="reference_temperature_c")
 _DEPTH_ERROR = replace(
-    _DEPTH, title="Depth error, close up", ylabel="error [µm]", error=(DEAD_BAND_DEPTH_MM, 20.0, 1e3)
+    _DEPTH,
+    title="Depth error, close up",
+    ylabel="error [µm]",
+    error=(DEAD_BAND_DEPTH_MM, 20.0, 1e3),
 )
 _TEMPERATURE_ERROR = replace(
-    _TEMPERATURE, title="Temperature error, close up", ylabel="error [°C]", error=(DEAD_BAND_TEMPERATURE_C, 1.0, 1.0)
+    _TEMPERATURE,
+    title="Temperature error, close up",
+    ylabel="error [°C]",
+    error=(DEAD_BAND_TEMPERATURE_C, 1.0, 1.0),
 )
-_FORCE = _Panel("Axial force", "force [kN]", "force_kn", 0.5, limits=(_LIMITS.force_min_kn, _LIMITS.force_max_kn))
-_SPEED = _Panel("Spindle speed", "speed [rpm]", "speed_rpm", 2.0, limits=(_LIMITS.speed_min_rpm, _LIMITS.speed_max_rpm))
-_TORQUE = _Panel("Spindle motor torque", "torque [N·m]", "motor_torque_nm", 10.0, sensor="torque_nm")
+_FORCE = _Panel(
+    "Axial force",
+    "force [kN]",
+    "force_kn",
+    0.5,
+    limits=(_LIMITS.force_min_kn, _LIMITS.force_max_kn),
+)
+_SPEED = _Panel(
+    "Spindle speed",
+    "speed [rpm]",
+    "speed_rpm",
+    2.0,
+    limits=(_LIMITS.speed_min_rpm, _LIMITS.speed_max_rpm),
+)
+_TORQUE = _Panel(
+    "Spindle motor torque", "torque [N·m]", "motor_torque_nm", 10.0, sensor="torque_nm"
+)
 _POWER = _Panel("Power into the copper", "power [kW]", "process_power_kw", 0.5)
 _OUTPUTS = (_DEPTH, _DEPTH_ERROR, _TEMPERATURE, _TEMPERATURE_ERROR)
 _INPUTS = (_FORCE, _SPEED, _POWER)
@@ -119,8 +147,8 @@ _WHOLE_WELD = (
 def draw(runs: Sequence[Run], numbers: Sequence[int], folder: Path, name: str = "") -> list[Path]:
     """Draw figures of the paper (``numbers``, 4 to 9) and an overview of everything into a folder; returns the files.
 
-    At least one run is needed; they are overlaid, with the references of the first. ``name``, of the scenario, goes
-    into the titles and before the files' names.
+    At least one run is needed; they are overlaid, with the references of the first. ``name``, of
+    the scenario, goes into the titles and before the files' names.
     """
     prefix, suffix = (f"{name}_", f" ({name})") if name else ("", "")
     pages = [(f"{prefix}fig{number}.png", *_FIGURES[number], 1) for number in numbers]
@@ -170,17 +198,26 @@ def _draw_page(
 def draw_open_loop(columns: Mapping[str, FloatArray], title: str, path: Path) -> None:
     """Plot the process alone in open loop like the paper's Figs. 4 and 5, as a PNG file.
 
-    ``columns`` are ``time_s`` and, by the names of a weld's signals, what the panels show, each (n,).
+    ``columns`` are ``time_s`` and, by the names of a weld's signals, what the panels show, each
+    (n,).
     """
     with _page(title, _OPEN_LOOP, 1, path) as (_, axes):
         for axis, panel in zip(axes, _OPEN_LOOP, strict=True):
             values = columns[panel.quantity]
-            _line(axis, panel, columns["time_s"], values, color=_OPEN_LOOP_COLOURS[int(panel.is_input)])
+            _line(
+                axis,
+                panel,
+                columns["time_s"],
+                values,
+                color=_OPEN_LOOP_COLOURS[int(panel.is_input)],
+            )
             _scale(axis, replace(panel, limits=None), [values])
 
 
 @contextmanager
-def _page(title: str, panels: Sequence[_Panel], columns: int, path: Path | None) -> Iterator[tuple[Figure, list[Axes]]]:
+def _page(
+    title: str, panels: Sequence[_Panel], columns: int, path: Path | None
+) -> Iterator[tuple[Figure, list[Axes]]]:
     rows = -(-len(panels) // columns)
     width = _WIDTH * (1.35 if columns > 1 else 1.0)
     with sheet(width, _TITLE + _LEGEND_ROW + _PANEL * rows, path) as figure:
@@ -199,14 +236,18 @@ def _add_legend(figure: Figure, axes: Sequence[Axes]) -> None:
     """Add one legend for all axes, below them."""
     named: dict[str, Any] = {}
     for axis in axes:
-        named |= {label: line for line, label in zip(*axis.get_legend_handles_labels(), strict=True)}
+        named |= {
+            label: line for line, label in zip(*axis.get_legend_handles_labels(), strict=True)
+        }
     if named:
         # matplotlib before 3.7 cannot place a legend outside by itself
         rows = -(-len(named) // _LEGEND_COLUMNS)
         below = _LEGEND_ROW * rows / figure.get_figheight()
         figure.set_layout_engine("constrained", rect=(0.0, below, 1.0, 1.0 - below))
         columns = -(-len(named) // rows)
-        figure.legend(named.values(), named.keys(), loc="lower center", ncols=columns, frameon=False)
+        figure.legend(
+            named.values(), named.keys(), loc="lower center", ncols=columns, frameon=False
+        )
 
 
 def _draw_panel(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
@@ -221,12 +262,19 @@ def _draw_panel(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
         axis.plot(runs[0].signals.time_s, values, alpha=0.7, linewidth=0.7, label=label)
         shown.append(values)
     for run, colour in zip(runs, _colours(runs), strict=True):
-        true, sensed = _values(run.signals, panel), getattr(run.signals, panel.sensor) if panel.sensor else None
+        true, sensed = (
+            _values(run.signals, panel),
+            getattr(run.signals, panel.sensor) if panel.sensor else None,
+        )
         if sensed is not None and true is not None and len(runs) == 1:
-            axis.plot(run.signals.time_s, sensed, color=colour, alpha=0.35, linewidth=0.7, label="sensor")
+            axis.plot(
+                run.signals.time_s, sensed, color=colour, alpha=0.35, linewidth=0.7, label="sensor"
+            )
             shown.append(sensed)
         curves.append(
-            np.full(run.signals.n_ticks, np.nan) if (known := sensed if true is None else true) is None else known
+            np.full(run.signals.n_ticks, np.nan)
+            if (known := sensed if true is None else true) is None
+            else known
         )
     _draw_curves(axis, panel, runs, curves)
     shown += curves
@@ -236,7 +284,9 @@ def _draw_panel(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
 def _others(signals: WeldSignals, panel: _Panel) -> dict[str, FloatArray]:
     """Optional sensors of the panel's quantity that the weld has, by title."""
     rows = (row for row in SENSORS.values() if row.quantity.signal == panel.sensor)
-    return {row.title: signals.optional[row.signal] for row in rows if row.signal in signals.optional}
+    return {
+        row.title: signals.optional[row.signal] for row in rows if row.signal in signals.optional
+    }
 
 
 def _colours(runs: Sequence[Run]) -> list[str]:
@@ -244,16 +294,27 @@ def _colours(runs: Sequence[Run]) -> list[str]:
     names = []
     for run in runs:
         sources = set(run.signals.command_source) - {""}
-        names.append(run.label if run.label in CONTROLLER_COLOURS or len(sources) != 1 else sources.pop())
+        names.append(
+            run.label if run.label in CONTROLLER_COLOURS or len(sources) != 1 else sources.pop()
+        )
     return colours_of(names)
 
 
-def _draw_curves(axis: Axes, panel: _Panel, runs: Sequence[Run], curves: Sequence[FloatArray]) -> None:
+def _draw_curves(
+    axis: Axes, panel: _Panel, runs: Sequence[Run], curves: Sequence[FloatArray]
+) -> None:
     """Draw one curve of each run, the most active commands lowest and widest, so that none hides another."""
     widths = np.linspace(*_LINE_WIDTHS, len(runs)) if len(runs) > 1 else [STYLE["lines.linewidth"]]
     ranks = np.argsort(np.argsort([-_restlessness(run.signals) for run in runs], kind="stable"))
-    for run, values, colour, rank in zip(runs, curves, _colours(runs), ranks.tolist(), strict=True):
-        style = {"color": colour, "label": run.label, "linewidth": widths[rank], "zorder": 2.0 + 0.1 * rank}
+    for run, values, colour, rank in zip(
+        runs, curves, _colours(runs), ranks.tolist(), strict=True
+    ):
+        style = {
+            "color": colour,
+            "label": run.label,
+            "linewidth": widths[rank],
+            "zorder": 2.0 + 0.1 * rank,
+        }
         _line(axis, panel, run.signals.time_s, values, **style)
 
 
@@ -271,8 +332,14 @@ def _mark_events(axes: Sequence[Axes], runs: Sequence[Run]) -> None:
         if not 0 < len(times_s) <= _MOST_MARKS:
             continue
         for axis in axes:
-            across: dict[str, Any] = {"transform": axis.get_xaxis_transform(), "clip_on": False, "zorder": 4.0}
-            axis.plot(times_s, [1.0] * len(times_s), linestyle="none", label=kind, **style, **across)
+            across: dict[str, Any] = {
+                "transform": axis.get_xaxis_transform(),
+                "clip_on": False,
+                "zorder": 4.0,
+            }
+            axis.plot(
+                times_s, [1.0] * len(times_s), linestyle="none", label=kind, **style, **across
+            )
             for time_s in times_s:
                 axis.axvline(time_s, color=style["color"], alpha=0.4, linewidth=0.8, zorder=1.0)
 
@@ -289,7 +356,9 @@ def _draw_error(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
         values = getattr(run.signals, panel.sensor) if values is None else values
         curves.append(factor * (values - getattr(run.signals, panel.reference)))
     _draw_curves(axis, panel, runs, curves)
-    axis.axhspan(-factor * band, factor * band, color="black", alpha=0.15, linewidth=0.0, label=_DEAD_BANDS)
+    axis.axhspan(
+        -factor * band, factor * band, color="black", alpha=0.15, linewidth=0.0, label=_DEAD_BANDS
+    )
     axis.set_ylim(-span, span)
     axis.margins(x=0.01)
 
@@ -299,7 +368,16 @@ def _mark_phases(axes: Sequence[Axes], phases: Sequence[Span]) -> None:
     shade_phases(axes, [(begin_s, end_s) for _, begin_s, end_s in phases])
     for name, begin_s, end_s in phases:
         middle, across = 0.5 * (begin_s + end_s), axes[0].get_xaxis_transform()
-        axes[0].text(middle, 0.03, name, transform=across, rotation=90, fontsize=7.0, ha="center", color="dimgray")
+        axes[0].text(
+            middle,
+            0.03,
+            name,
+            transform=across,
+            rotation=90,
+            fontsize=7.0,
+            ha="center",
+            color="dimgray",
+        )
 
 
 def _mark_swaps(axes: Sequence[Axes], signals: WeldSignals) -> None:
@@ -313,7 +391,14 @@ def _mark_swaps(axes: Sequence[Axes], signals: WeldSignals) -> None:
         for name, colour in zip(names, colours_of(names), strict=True):
             across: dict[str, Any] = {"transform": axis.get_xaxis_transform(), "linewidth": 0.0}
             axis.fill_between(
-                time_s, 0.0, _STRIP, where=source == name, step="post", color=colour, label=f"{name} commands", **across
+                time_s,
+                0.0,
+                _STRIP,
+                where=source == name,
+                step="post",
+                color=colour,
+                label=f"{name} commands",
+                **across,
             )
         for tick in swaps if swaps.size <= _MOST_MARKS else ():
             axis.axvline(time_s[tick], label="swap", **_SWAP)
@@ -330,9 +415,19 @@ def _values(signals: WeldSignals, panel: _Panel) -> FloatArray | None:
 
 def _scale(axis: Axes, panel: _Panel, shown: list[FloatArray]) -> None:
     """Scale to the data, but not so far that noise fills the axis; limits are drawn if they are near."""
-    known = np.concatenate([values[np.isfinite(values)] for values in shown]) if shown else np.empty(0)
+    known = (
+        np.concatenate([values[np.isfinite(values)] for values in shown]) if shown else np.empty(0)
+    )
     if not known.size:
-        axis.text(0.5, 0.5, "not in this bag", transform=axis.transAxes, ha="center", va="center", color="gray")
+        axis.text(
+            0.5,
+            0.5,
+            "not in this bag",
+            transform=axis.transAxes,
+            ha="center",
+            va="center",
+            color="gray",
+        )
         return
     span = max(float(np.ptp(known)), panel.smallest_span)
     middle = 0.5 * float(known.min() + known.max())

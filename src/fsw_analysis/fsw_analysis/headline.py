@@ -9,7 +9,11 @@ from fsw_analysis.judgement import Account, Rule, Verdict
 from fsw_control.sensors import SENSORS
 
 Level = Literal["good", "medium", "high"]
-_LEVELS: dict[Verdict, Level] = {Verdict.ACCEPT: "good", Verdict.REVIEW: "medium", Verdict.REJECT: "high"}
+_LEVELS: dict[Verdict, Level] = {
+    Verdict.ACCEPT: "good",
+    Verdict.REVIEW: "medium",
+    Verdict.REJECT: "high",
+}
 VARIABLES = {
     **{row.signal: row.label.lower() for row in SENSORS.values()},
     "force_kn": "force",
@@ -54,7 +58,13 @@ def page_account(account: Account, offset_s: float = 0.0) -> dict[str, Any]:
     rule = account.deciding
     good = rule.verdict is Verdict.ACCEPT
     gaps = [
-        _mark("high", "not on record", (begin_s, length_s), offset_s, account.course.place(begin_s, length_s))
+        _mark(
+            "high",
+            "not on record",
+            (begin_s, length_s),
+            offset_s,
+            account.course.place(begin_s, length_s),
+        )
         for begin_s, length_s in account.course.gaps
     ]
     return {
@@ -74,7 +84,11 @@ def _of_exceedance(one: Exceedance, offset_s: float) -> dict[str, Any]:
 
 
 def _mark(
-    level: Level, text: str, time_s: tuple[float, float], offset_s: float, place: tuple[float, float] | None
+    level: Level,
+    text: str,
+    time_s: tuple[float, float],
+    offset_s: float,
+    place: tuple[float, float] | None,
 ) -> dict[str, Any]:
     begin_s, lasts_s = time_s
     return {

@@ -1,7 +1,8 @@
 """The one judgement of a weld: its rules, the figure of each, and the verdict.
 
-The operator's page, the page of a recorded weld, campaigns and the record of a weld all judge here, by a rule book: a
-procedure, or the defaults. What only a procedure says is judged where there is one.
+The operator's page, the page of a recorded weld, campaigns and the record of a weld all judge
+here, by a rule book: a procedure, or the defaults. What only a procedure says is judged where
+there is one.
 """
 
 from __future__ import annotations
@@ -34,8 +35,9 @@ from fsw_schema.models import Model
 _SIGNALS = {**SENSOR_SIGNALS, "drives": "force_kn"}
 #: travel that the last report of a phase may lack: twice the time between two reports
 _REPORTS_S = 2.0
-#: travel by which the first report of a phase, which comes when it begins, may be late: some ticks. Later, it was lost,
-#: and samples of this phase were judged by the limits of the one before.
+#: travel by which the first report of a phase, which comes when it begins, may be late: some
+#: ticks. Later, it was lost, and samples of this phase were judged by the limits of the one
+#: before.
 _BEGIN_S = 0.3
 
 
@@ -104,7 +106,12 @@ def decide(rules: Sequence[Rule]) -> Rule:
     """The first of the rules with the worst verdict; of an accepted weld, that all rules are kept."""
     deciding = max(rules, key=lambda rule: _ORDER.index(rule.verdict))
     if deciding.verdict is Verdict.ACCEPT:
-        return Rule(name="all", words="every rule is kept", figure=f"{len(rules)} rules", verdict=Verdict.ACCEPT)
+        return Rule(
+            name="all",
+            words="every rule is kept",
+            figure=f"{len(rules)} rules",
+            verdict=Verdict.ACCEPT,
+        )
     return deciding
 
 
@@ -127,12 +134,15 @@ def judge(
     running : bool
         The weld is not over: that it lacks its end is no fault.
     recorded : bool
-        It comes from a bag, which must show that nothing was lost; else it was simulated or watched in this process.
+        It comes from a bag, which must show that nothing was lost; else it was simulated or
+        watched in this process.
     unusable : mapping, optional
         Samples that are not used, by sensor and reason; by default they are counted here.
     """
     course = course_of(signals)
-    evidence = _evidence(signals, book, recorded, unusable_samples(course) if unusable is None else unusable)
+    evidence = _evidence(
+        signals, book, recorded, unusable_samples(course) if unusable is None else unusable
+    )
     found = exceedances(course, book)
     procedure = book if isinstance(book, Procedure) else None
     rules = [
@@ -173,7 +183,9 @@ def _parameters(signals: WeldSignals, book: RuleBook) -> dict[str, str]:
     return {name: tuning_sha256(values) for name, values in found.items()}
 
 
-def recorded_tunings(signals: WeldSignals, controllers: Iterable[str]) -> dict[str, dict[str, Any]]:
+def recorded_tunings(
+    signals: WeldSignals, controllers: Iterable[str]
+) -> dict[str, dict[str, Any]]:
     """Parameters of the controllers that the bag has them of."""
     found = {}
     for name in dict.fromkeys(controllers):
@@ -183,7 +195,12 @@ def recorded_tunings(signals: WeldSignals, controllers: Iterable[str]) -> dict[s
 
 
 def _rule(
-    name: str, words: str, figure: str, broken: bool, otherwise: Verdict = Verdict.REVIEW, subject: str = ""
+    name: str,
+    words: str,
+    figure: str,
+    broken: bool,
+    otherwise: Verdict = Verdict.REVIEW,
+    subject: str = "",
 ) -> Rule:
     verdict = otherwise if broken else Verdict.ACCEPT
     return Rule(name=name, subject=subject, words=words, figure=figure, verdict=verdict)
@@ -196,16 +213,24 @@ def _limits(course: Course, book: RuleBook, found: Sequence[Exceedance]) -> Iter
         longest = longest_s(course, check)
         too_long = longest > tolerated.tolerated_s + 1e-6
         share = sum(one.samples for one in own) / max(1, int(np.sum(holds(course, check))))
-        length_mm = sum(abs(one.travel_mm[1] - one.travel_mm[0]) for one in own if one.travel_mm is not None)
-        too_much = share > tolerated.tolerated_share or length_mm > (tolerated.tolerated_mm or np.inf)
+        length_mm = sum(
+            abs(one.travel_mm[1] - one.travel_mm[0]) for one in own if one.travel_mm is not None
+        )
+        too_much = share > tolerated.tolerated_share or length_mm > (
+            tolerated.tolerated_mm or np.inf
+        )
         verdict = Verdict.ACCEPT
         if check.kind == "essential" and own:
             verdict = Verdict.REJECT if too_long else Verdict.REVIEW
-        elif (check.kind == "quality" and (too_long or too_much)) or (check.kind == "set_point" and own):
+        elif (check.kind == "quality" and (too_long or too_much)) or (
+            check.kind == "set_point" and own
+        ):
             verdict = Verdict.REVIEW
         name = check.kind.replace("_", "-")
         figure = _extent(own, longest, share, length_mm)
-        yield Rule(name=name, subject=check.variable, words=check.words, figure=figure, verdict=verdict)
+        yield Rule(
+            name=name, subject=check.variable, words=check.words, figure=figure, verdict=verdict
+        )
 
 
 def _extent(own: Sequence[Exceedance], longest: float, share: float, length_mm: float) -> str:
@@ -214,7 +239,9 @@ def _extent(own: Sequence[Exceedance], longest: float, share: float, length_mm: 
     missing = sum(one.missing for one in own)
     furthest = max((one.beyond for one in own if one.beyond is not None), default=None)
     how_often = "once" if len(own) == 1 else f"{len(own)} times"
-    parts = [f"{how_often}, {sum(one.duration_s for one in own):.1f} s, {share:.2%}, longest {longest:.1f} s"]
+    parts = [
+        f"{how_often}, {sum(one.duration_s for one in own):.1f} s, {share:.2%}, longest {longest:.1f} s"
+    ]
     parts += [f"over {length_mm:.1f} mm"] if length_mm else []
     parts += [] if furthest is None else [f"by up to {furthest:.4g}"]
     parts += [f"{missing} samples missing"] if missing else []
@@ -228,18 +255,31 @@ def _welded_by(procedure: Procedure | None, signals: WeldSignals) -> Iterator[Ru
         wanted = procedure.identity
         words = f"welded by {wanted.id} revision {wanted.revision}, SHA-256 {wanted.sha256[:12]}…"
         broken = any(one.data["sha256"] != wanted.sha256 for one in told)
-        figures = [f"{one.subject} revision {one.data['revision']}, SHA-256 {one.data['sha256'][:12]}…" for one in told]
+        figures = [
+            f"{one.subject} revision {one.data['revision']}, SHA-256 {one.data['sha256'][:12]}…"
+            for one in told
+        ]
         yield _rule("procedure", words, "; ".join(figures), broken)
 
 
 def _complete(course: Course, procedure: Procedure | None, running: bool) -> Rule:
     """Every phase in its order, to its end: of what is not on record nothing can be said."""
     faults = [] if procedure is None or running else [*_phases(course, procedure)]
-    if course.end != "done" and (course.end or (course.phase != "").any() or procedure) and not running:
-        faults.append(f"the weld was {course.end}" if course.end else "the end of the weld is not on record")
+    if (
+        course.end != "done"
+        and (course.end or (course.phase != "").any() or procedure)
+        and not running
+    ):
+        faults.append(
+            f"the weld was {course.end}" if course.end else "the end of the weld is not on record"
+        )
     if running and course.end and course.end != "done":
         faults.append(f"the weld was {course.end}")
-    wanted = "the programme" if procedure is None else f"phases {', '.join(one.name for one in procedure.phases)}"
+    wanted = (
+        "the programme"
+        if procedure is None
+        else f"phases {', '.join(one.name for one in procedure.phases)}"
+    )
     return _rule("complete", wanted, "; ".join(faults) or "all", bool(faults), Verdict.REJECT)
 
 
@@ -249,7 +289,9 @@ def _phases(course: Course, procedure: Procedure) -> Iterator[str]:
     if names != [phase.name for phase in procedure.phases]:
         yield f"phases on record: {', '.join(names) or 'none'}"
     spans = dict(course.spans())
-    deg_per_s = np.degrees(procedure.machine.traverse_mm_per_min / 60.0 / (0.5 * procedure.geometry.diameter_mm))
+    deg_per_s = np.degrees(
+        procedure.machine.traverse_mm_per_min / 60.0 / (0.5 * procedure.geometry.diameter_mm)
+    )
     from_deg = 0.0
     for phase in procedure.phases:
         if phase.name not in spans:
@@ -264,7 +306,8 @@ def _phases(course: Course, procedure: Procedure) -> Iterator[str]:
             if not reached >= phase.to_deg - _REPORTS_S * deg_per_s:
                 yield f"{phase.name} reaches {reached:.1f} of {phase.to_deg:g} deg"
         elif phase.duration_s is not None:
-            # the phase begins a tick before its first sample and ends with the sample of the next one
+            # the phase begins a tick before its first sample and ends with the sample of the next
+            # one
             lasts_s = course.time_s[ticks.stop - 1] - course.time_s[ticks.start] + 2.0 * TICK
             if lasts_s < phase.duration_s - 0.5 * TICK:  # the ticks of a real clock jitter
                 yield f"{phase.name} lasts {lasts_s:.1f} of {phase.duration_s:g} s"
@@ -281,7 +324,9 @@ def _recording(course: Course, book: RuleBook, evidence: Evidence) -> Rule:
     if course.gaps:
         faults.append(f"{len(course.gaps)} gaps, longest {longest:.1f} s")
     worst = Verdict.REJECT if longest > book.acceptance.tolerated_s + 1e-6 else Verdict.REVIEW
-    return _rule("recording", "bag intact, without gaps", "; ".join(faults) or "intact", bool(faults), worst)
+    return _rule(
+        "recording", "bag intact, without gaps", "; ".join(faults) or "intact", bool(faults), worst
+    )
 
 
 def _sensors(course: Course, procedure: Procedure | None, evidence: Evidence) -> Iterator[Rule]:
@@ -309,19 +354,31 @@ def _sensors(course: Course, procedure: Procedure | None, evidence: Evidence) ->
         )
 
 
-def _controllers(course: Course, procedure: Procedure | None, evidence: Evidence) -> Iterator[Rule]:
+def _controllers(
+    course: Course, procedure: Procedure | None, evidence: Evidence
+) -> Iterator[Rule]:
     if procedure is None:
         return
     permitted = {one.name: one.parameters_sha256 for one in procedure.controllers}
     sources, counts = np.unique(course.source.astype(str), return_counts=True)
-    times = {name: count * TICK for name, count in zip(sources.tolist(), counts.tolist(), strict=True)}
+    times = {
+        name: count * TICK for name, count in zip(sources.tolist(), counts.tolist(), strict=True)
+    }
     foreign = {name: time_s for name, time_s in times.items() if name not in permitted}
-    figure = ", ".join(f"{name or 'not on record'} {time_s:.1f} s" for name, time_s in times.items())
+    figure = ", ".join(
+        f"{name or 'not on record'} {time_s:.1f} s" for name, time_s in times.items()
+    )
     yield _rule("controller", f"commands of {', '.join(permitted)} only", figure, bool(foreign))
     for name, wanted in permitted.items():
         if wanted is not None and name in times:
             actual = evidence.parameters.get(name, "not on record")
-            yield _rule("tuning", f"{name}: parameters {wanted[:12]}…", actual[:13], actual != wanted, subject=name)
+            yield _rule(
+                "tuning",
+                f"{name}: parameters {wanted[:12]}…",
+                actual[:13],
+                actual != wanted,
+                subject=name,
+            )
 
 
 def _equipment(course: Course, procedure: Procedure | None, evidence: Evidence) -> Iterator[Rule]:
@@ -339,8 +396,17 @@ def _equipment(course: Course, procedure: Procedure | None, evidence: Evidence) 
         welded_mm = float(known[-1] - known[0]) if known.size else np.inf
         before = custom.get("tool_used_mm", "")
         used_mm = float(before) + welded_mm if _is_number(before) else np.nan
-        figure = f"{used_mm:.0f} mm with this weld" if np.isfinite(used_mm) else "use before this weld is not on record"
-        yield _rule("tool_life", f"tool used for at most {tool.life_mm:g} mm", figure, not used_mm <= tool.life_mm)
+        figure = (
+            f"{used_mm:.0f} mm with this weld"
+            if np.isfinite(used_mm)
+            else "use before this weld is not on record"
+        )
+        yield _rule(
+            "tool_life",
+            f"tool used for at most {tool.life_mm:g} mm",
+            figure,
+            not used_mm <= tool.life_mm,
+        )
 
 
 def _is_number(text: str) -> bool:
@@ -352,7 +418,9 @@ def _held(course: Course, book: RuleBook) -> Rule:
     most_s, held_s = book.acceptance.tolerated_hold_s, TICK * float(np.sum(course.held))
     times = int(np.sum(np.diff(course.held.astype(np.int8), prepend=0) > 0))
     figure = f"{times} times, {held_s:.1f} s" if times else "never"
-    return _rule("hold", f"programme held for at most {most_s:g} s", figure, held_s > most_s + 1e-6)
+    return _rule(
+        "hold", f"programme held for at most {most_s:g} s", figure, held_s > most_s + 1e-6
+    )
 
 
 def _swaps(book: RuleBook, events: Sequence[WeldEvent], evidence: Evidence) -> Rule:
@@ -369,15 +437,25 @@ def _swaps(book: RuleBook, events: Sequence[WeldEvent], evidence: Evidence) -> R
 
 def _modes(course: Course, evidence: Evidence) -> Rule:
     others = {
-        mode: float(TICK * np.sum(course.mode == mode)) for mode in sorted({*course.mode.tolist()} - {"auto", ""})
+        mode: float(TICK * np.sum(course.mode == mode))
+        for mode in sorted({*course.mode.tolist()} - {"auto", ""})
     }
     unknown = int(np.sum(course.mode == ""))
     faults = [f"{mode} {time_s:.1f} s" for mode, time_s in others.items()]
     faults += [f"not on record at {unknown} ticks"] if unknown else []
-    return _rule("mode", "auto throughout", ", ".join(faults) or "yes", bool(faults) or not evidence.has_states)
+    return _rule(
+        "mode",
+        "auto throughout",
+        ", ".join(faults) or "yes",
+        bool(faults) or not evidence.has_states,
+    )
 
 
 def _interlocks(events: Sequence[WeldEvent], evidence: Evidence) -> Rule:
-    trips = [one.text for one in events if one.kind == "interlock" and one.state == "trip" and not one.is_over]
+    trips = [
+        one.text
+        for one in events
+        if one.kind == "interlock" and one.state == "trip" and not one.is_over
+    ]
     figure = ("; ".join(trips) or "none") if evidence.has_states else "not on record"
     return _rule("interlocks", "no trip", figure, bool(trips) or not evidence.has_states)

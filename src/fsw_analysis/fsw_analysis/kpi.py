@@ -13,16 +13,27 @@ from fsw_analysis.weld_signals import FloatArray, TruthSignals, WeldSignals
 #: Dead-bands of the paper's controller, section IV.
 DEAD_BAND_DEPTH_MM = 0.002
 DEAD_BAND_TEMPERATURE_C = 0.1
-#: An output has settled when its error stays within this share of the step (at least within the dead-band).
+#: An output has settled when its error stays within this share of the step (at least within the
+#: dead-band).
 SETTLED_SHARE = 0.05
-#: Largest error of one output while the other is changed alone: key, figure of the change's event, quantity that is
-#: changed, sign of its change (0: either).
+#: Largest error of one output while the other is changed alone: key, figure of the change's event,
+#: quantity that is changed, sign of its change (0: either).
 _COUPLING = (
     ("peak_temperature_in_depth_step_up_c", "peak_temperature_error_c", "depth_reference", 1.0),
     ("peak_temperature_in_depth_step_down_c", "peak_temperature_error_c", "depth_reference", -1.0),
     ("peak_depth_in_temperature_step_mm", "peak_depth_error_mm", "temperature_reference", 0.0),
-    ("peak_temperature_after_depth_disturbance_c", "peak_temperature_error_c", "depth_disturbance", 0.0),
-    ("peak_depth_after_temperature_disturbance_mm", "peak_depth_error_mm", "temperature_disturbance", 0.0),
+    (
+        "peak_temperature_after_depth_disturbance_c",
+        "peak_temperature_error_c",
+        "depth_disturbance",
+        0.0,
+    ),
+    (
+        "peak_depth_after_temperature_disturbance_mm",
+        "peak_depth_error_mm",
+        "temperature_disturbance",
+        0.0,
+    ),
 )
 
 
@@ -33,8 +44,8 @@ class KpiError(ValueError):
 def compute(signals: WeldSignals, label: str = "") -> dict[str, Any]:
     """Figures of merit of one run.
 
-    Errors are those of the true outputs (disturbances included, sensor noise not) where the bag has the emulator's
-    truth, else of the measured ones; ``outputs`` says which.
+    Errors are those of the true outputs (disturbances included, sensor noise not) where the bag
+    has the emulator's truth, else of the measured ones; ``outputs`` says which.
 
     Parameters
     ----------
@@ -45,8 +56,9 @@ def compute(signals: WeldSignals, label: str = "") -> dict[str, Any]:
     Returns
     -------
     dict
-        Ready for JSON: numbers under flat keys with their unit in the name, None where a figure does not exist in
-        this run, and ``events``, a list with the figures of each change of a set-point or a disturbance.
+        Ready for JSON: numbers under flat keys with their unit in the name, None where a figure
+        does not exist in this run, and ``events``, a list with the figures of each change of a
+        set-point or a disturbance.
 
     Raises
     ------
@@ -54,8 +66,12 @@ def compute(signals: WeldSignals, label: str = "") -> dict[str, Any]:
         With fewer than two ticks.
     """
     if signals.n_ticks < 2:
-        raise KpiError(f"{signals.path}: has {signals.n_ticks} ticks; figures of merit need at least 2")
-    dt = np.diff(signals.time_s, prepend=signals.time_s[0] - float(np.median(np.diff(signals.time_s))))
+        raise KpiError(
+            f"{signals.path}: has {signals.n_ticks} ticks; figures of merit need at least 2"
+        )
+    dt = np.diff(
+        signals.time_s, prepend=signals.time_s[0] - float(np.median(np.diff(signals.time_s)))
+    )
     outputs = true_or_measured(signals)
     depth_error = outputs.depth_mm - signals.reference_depth_mm
     temperature_error = outputs.temperature_c - signals.reference_temperature_c
@@ -66,19 +82,26 @@ def compute(signals: WeldSignals, label: str = "") -> dict[str, Any]:
         "outputs": "measured" if outputs is signals else "truth",
         "duration_s": round(signals.duration_s, 9),
         "ticks": signals.n_ticks,
-        "ticks_without_output": int(np.sum(~np.isfinite(outputs.depth_mm) | ~np.isfinite(outputs.temperature_c))),
+        "ticks_without_output": int(
+            np.sum(~np.isfinite(outputs.depth_mm) | ~np.isfinite(outputs.temperature_c))
+        ),
         "ticks_without_command": int(np.sum(~np.isfinite(signals.force_kn))),
         **_integrals_of_absolute_errors(depth_error, temperature_error, dt),
         "ise_depth_mm2_s": _integral(depth_error**2, dt),
         "ise_temperature_c2_s": _integral(temperature_error**2, dt),
         "in_dead_band_depth_share": _share(np.abs(depth_error), DEAD_BAND_DEPTH_MM),
-        "in_dead_band_temperature_share": _share(np.abs(temperature_error), DEAD_BAND_TEMPERATURE_C),
+        "in_dead_band_temperature_share": _share(
+            np.abs(temperature_error), DEAD_BAND_TEMPERATURE_C
+        ),
         "total_variation_force_kn": _variation(signals.force_kn),
         "total_variation_speed_rpm": _variation(signals.speed_rpm),
         **_summary(events),
     }
     for name, status in signals.statuses.items():
-        times = status.solve_time_s[np.isfinite(status.solve_time_s) & (status.solve_time_s > 0.0)] * 1e3
+        times = (
+            status.solve_time_s[np.isfinite(status.solve_time_s) & (status.solve_time_s > 0.0)]
+            * 1e3
+        )
         if times.size:
             result[f"solve_time_{name}_p50_ms"] = float(np.percentile(times, 50))
             result[f"solve_time_{name}_p99_ms"] = float(np.percentile(times, 99))
@@ -125,7 +148,11 @@ def _of_known(values: FloatArray, figure: Callable[[FloatArray], Any]) -> float 
 
 
 def _events(
-    found: list[Change], depth_error: FloatArray, temperature_error: FloatArray, time_s: FloatArray, dt: FloatArray
+    found: list[Change],
+    depth_error: FloatArray,
+    temperature_error: FloatArray,
+    time_s: FloatArray,
+    dt: FloatArray,
 ) -> list[dict[str, Any]]:
     """Figures of each change, in the window until the next change begins."""
     begins = [*sorted({change.begin for change in found}), len(time_s)]
@@ -142,14 +169,20 @@ def _events(
             f"size_{unit}": change.size,
             "until_s": round(float(time_s[window.stop - 1] + dt[-1]), 9),
             "alone": sum(other.begin == change.begin for other in found) == 1,
-            **_integrals_of_absolute_errors(depth_error[window], temperature_error[window], dt[window]),
+            **_integrals_of_absolute_errors(
+                depth_error[window], temperature_error[window], dt[window]
+            ),
             "peak_depth_error_mm": _peak(depth_error[window]),
             "peak_temperature_error_c": _peak(temperature_error[window]),
         }
         if change.is_step and np.isfinite(error).any():
-            entry["settling_s"] = _settling(error, max(SETTLED_SHARE * abs(change.size), band), time_s[window])
+            entry["settling_s"] = _settling(
+                error, max(SETTLED_SHARE * abs(change.size), band), time_s[window]
+            )
             # a set-point's overshoot is an error along the step, a disturbance's is one against it
-            direction = np.sign(change.size) * (1.0 if change.quantity.endswith("reference") else -1.0)
+            direction = np.sign(change.size) * (
+                1.0 if change.quantity.endswith("reference") else -1.0
+            )
             beyond = max(0.0, float(np.nanmax(error * direction)))
             entry[f"overshoot_{unit}"] = beyond
             entry["overshoot_percent"] = 100.0 * beyond / abs(change.size)
@@ -173,7 +206,8 @@ def _summary(events: list[dict[str, Any]]) -> dict[str, float | None]:
         chosen = [
             event.get(key)
             for event in events
-            if not quantity or (event["quantity"] == quantity and event["alone"] and sign * _size(event) >= 0.0)
+            if not quantity
+            or (event["quantity"] == quantity and event["alone"] and sign * _size(event) >= 0.0)
         ]
         return max((value for value in chosen if value is not None), default=None)
 
@@ -181,7 +215,9 @@ def _summary(events: list[dict[str, Any]]) -> dict[str, float | None]:
         "overshoot_depth_mm": largest("overshoot_mm"),
         "overshoot_temperature_c": largest("overshoot_c"),
         "longest_settling_s": largest("settling_s"),
-        "steps_not_settled": float(sum("settling_s" in event and event["settling_s"] is None for event in events)),
+        "steps_not_settled": float(
+            sum("settling_s" in event and event["settling_s"] is None for event in events)
+        ),
         **{key: largest(figure, quantity, sign) for key, figure, quantity, sign in _COUPLING},
     }
 

@@ -21,10 +21,22 @@ ROWS: dict[str, tuple[str, str, float]] = {
     "longest_settling_s": ("longest settling (5 % band)", "s", 1.0),
     "steps_not_settled": ("steps not settled in their window", "", 1.0),
     "peak_temperature_in_depth_step_up_c": ("peak temperature error, depth step up", "degC", 1.0),
-    "peak_temperature_in_depth_step_down_c": ("peak temperature error, depth step down", "degC", 1.0),
+    "peak_temperature_in_depth_step_down_c": (
+        "peak temperature error, depth step down",
+        "degC",
+        1.0,
+    ),
     "peak_depth_in_temperature_step_mm": ("peak depth error, temperature step", "um", 1e3),
-    "peak_temperature_after_depth_disturbance_c": ("peak temperature error, depth disturbance", "degC", 1.0),
-    "peak_depth_after_temperature_disturbance_mm": ("peak depth error, temperature disturbance", "um", 1e3),
+    "peak_temperature_after_depth_disturbance_c": (
+        "peak temperature error, depth disturbance",
+        "degC",
+        1.0,
+    ),
+    "peak_depth_after_temperature_disturbance_mm": (
+        "peak depth error, temperature disturbance",
+        "um",
+        1e3,
+    ),
     "in_dead_band_depth_share": ("time within +-2 um", "%", 100.0),
     "in_dead_band_temperature_share": ("time within +-0.1 degC", "%", 100.0),
     "total_variation_force_kn": ("total variation force", "kN", 1.0),
@@ -33,14 +45,29 @@ ROWS: dict[str, tuple[str, str, float]] = {
 
 
 def _cells(runs: Sequence[dict[str, Any]]) -> list[list[str]]:
-    cells = [["", "unit", *(str(run["label"]) for run in runs), *(["difference"] if len(runs) == 2 else [])]]
-    solve_times = dict.fromkeys(key for run in runs for key in run if key.startswith("solve_time_"))
-    rows = ROWS | {key: (key.removesuffix("_ms").replace("_", " "), "ms", 1.0) for key in solve_times}
+    cells = [
+        [
+            "",
+            "unit",
+            *(str(run["label"]) for run in runs),
+            *(["difference"] if len(runs) == 2 else []),
+        ]
+    ]
+    solve_times = dict.fromkeys(
+        key for run in runs for key in run if key.startswith("solve_time_")
+    )
+    rows = ROWS | {
+        key: (key.removesuffix("_ms").replace("_", " "), "ms", 1.0) for key in solve_times
+    }
     for key, (meaning, unit, factor) in rows.items():
         values = [run.get(key) for run in runs]
         if all(value is None for value in values):
             continue
-        row = [meaning, unit, *("-" if value is None else f"{value * factor:.4g}" for value in values)]
+        row = [
+            meaning,
+            unit,
+            *("-" if value is None else f"{value * factor:.4g}" for value in values),
+        ]
         if len(runs) == 2:
             row.append(_difference(values[0], values[1], factor))
         cells.append(row)

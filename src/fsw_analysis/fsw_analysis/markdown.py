@@ -13,7 +13,8 @@ def table(rows: Sequence[Sequence[object]], words: int | None = 1, padded: bool 
     rows : Sequence[Sequence[object]]
         Cells of the header, then those of the rows.
     words : int, optional
-        Number of columns, from the left, that hold text; the others hold numbers, flush right. None: all hold text.
+        Number of columns, from the left, that hold text; the others hold numbers, flush right.
+        None: all hold text.
     padded : bool
         Fill the cells with spaces, so that the columns line up on a terminal.
     """
@@ -21,7 +22,10 @@ def table(rows: Sequence[Sequence[object]], words: int | None = 1, padded: bool 
     numeric = [words is not None and column >= words for column in range(len(cells[0]))]
     widths = [3 + number for number in numeric]
     if padded:
-        widths = [max(width, *map(len, column)) for width, column in zip(widths, zip(*cells, strict=True), strict=True)]
+        widths = [
+            max(width, *map(len, column))
+            for width, column in zip(widths, zip(*cells, strict=True), strict=True)
+        ]
         cells = [
             [
                 cell.rjust(width) if number else cell.ljust(width)
@@ -29,5 +33,8 @@ def table(rows: Sequence[Sequence[object]], words: int | None = 1, padded: bool 
             ]
             for row in cells
         ]
-    rule = ["-" * (width - number) + ":" * number for width, number in zip(widths, numeric, strict=True)]
+    rule = [
+        "-" * (width - number) + ":" * number
+        for width, number in zip(widths, numeric, strict=True)
+    ]
     return "\n".join(f"| {' | '.join(row)} |" for row in (cells[0], rule, *cells[1:]))

@@ -37,7 +37,9 @@ _KINDS: dict[Kind, tuple[type, Any]] = {
 #: by sensor
 SENSOR_TOPICS = {name: f"/{row.topic}" for name, row in SENSORS.items()}
 #: topics of which a weld has at least one, after its namespace
-_OF_A_WELD = re.compile(rf"(.*)(?:{'|'.join(SENSOR_TOPICS.values())}|/fsw/plant/truth|/fsw/command)")
+_OF_A_WELD = re.compile(
+    rf"(.*)(?:{'|'.join(SENSOR_TOPICS.values())}|/fsw/plant/truth|/fsw/command)"
+)
 
 
 class Table:
@@ -46,7 +48,9 @@ class Table:
     def __init__(self, times: Sequence[tuple[int, int, int]], columns: dict[str, Column]) -> None:
         log_ns, publish_ns, stamp_ns = zip(*times, strict=True) if times else ((), (), ())
         #: times of each message [ns]; the stamp is 0 where the type has none
-        self.log_ns, self.publish_ns = (np.array(one, np.uint64).astype(np.int64) for one in (log_ns, publish_ns))
+        self.log_ns, self.publish_ns = (
+            np.array(one, np.uint64).astype(np.int64) for one in (log_ns, publish_ns)
+        )
         self.stamp_ns: IntArray = np.array(stamp_ns, np.int64)
         self._columns = columns
 
@@ -62,7 +66,9 @@ class Table:
         """Of messages with one stamp, one after the other, the first."""
         rows = np.flatnonzero(np.diff(self.stamp_ns, prepend=-1))
         times = np.column_stack((self.log_ns, self.publish_ns, self.stamp_ns))[rows]
-        return Table(times.tolist(), {path: column[rows] for path, column in self._columns.items()})
+        return Table(
+            times.tolist(), {path: column[rows] for path, column in self._columns.items()}
+        )
 
 
 class WeldMessages:
@@ -110,18 +116,24 @@ class WeldMessages:
             self.custom = dict(reader.metadata.custom_data)
             self.problems = list(reader.problems)
         for name, count in others.items():
-            self.problems.append(f"{name}: {count} messages of another type than {topics[name].type_name} are left out")
+            self.problems.append(
+                f"{name}: {count} messages of another type than {topics[name].type_name} are left out"
+            )
         if repeated:
             self.problems.append(f"{path}: {repeated} messages are in the bag again and left out")
         if untimed:
-            self.problems.append(f"{path}: {untimed} messages have no receive time; their publish time stands for it")
+            self.problems.append(
+                f"{path}: {untimed} messages have no receive time; their publish time stands for it"
+            )
         self._definitions = Definitions()
         if not raw:
             raise BagError("; ".join([f"{path}: the bag holds no messages", *self.problems]))
         spaces = {match[1] for name in raw if (match := _OF_A_WELD.fullmatch(name))}
         if len(spaces) > 1 and "" not in spaces:
             several = ", ".join(sorted(spaces))
-            raise BagError(f"{path}: holds several welds, in {several}: convert or record one of them")
+            raise BagError(
+                f"{path}: holds several welds, in {several}: convert or record one of them"
+            )
         #: in which the weld ran, e.g. ``/hall/cell1``; the names of topics are without it
         self.namespace = spaces.pop() if len(spaces) == 1 else ""
         self.topics = {name.removeprefix(self.namespace): topic for name, topic in topics.items()}
@@ -135,10 +147,16 @@ class WeldMessages:
             messages.sort(key=itemgetter(0))
         sensors = [self.raw.get(topic, []) for topic in SENSOR_TOPICS.values()]
         wrong = any(map(_simultaneous, sensors))
-        if not wrong and any(map(_goes_back, sensors)):  # else the plant was started again, if these go back, too
-            wrong = not any(_goes_back(sorted(messages, key=itemgetter(1))) for messages in sensors)
+        if not wrong and any(
+            map(_goes_back, sensors)
+        ):  # else the plant was started again, if these go back, too
+            wrong = not any(
+                _goes_back(sorted(messages, key=itemgetter(1))) for messages in sensors
+            )
         if wrong:
-            self.problems.append(f"{self.path}: the receive times are wrong; the publish times stand for them")
+            self.problems.append(
+                f"{self.path}: the receive times are wrong; the publish times stand for them"
+            )
             for messages in self.raw.values():
                 messages[:] = [(publish_ns, publish_ns, data) for _, publish_ns, data in messages]
                 messages.sort(key=itemgetter(0))
@@ -168,19 +186,29 @@ class WeldMessages:
             else:
                 yield log_ns, publish_ns, message
         if damaged:
-            self.problems.append(f"{topic.name}: {damaged} of {len(raw)} messages are damaged and left out")
+            self.problems.append(
+                f"{topic.name}: {damaged} of {len(raw)} messages are damaged and left out"
+            )
 
     def sensors(self) -> dict[str, tuple[Table, Column]]:
         """Messages of each sensor, with its values in the unit inside."""
         fields = {name: row.quantity.name for name, row in SENSORS.items()}
-        tables = {name: self.table(SENSOR_TOPICS[name], {field: "number"}) for name, field in fields.items()}
-        return {name: (table, SENSORS[name].inside(table.column(fields[name]))) for name, table in tables.items()}
+        tables = {
+            name: self.table(SENSOR_TOPICS[name], {field: "number"})
+            for name, field in fields.items()
+        }
+        return {
+            name: (table, SENSORS[name].inside(table.column(fields[name])))
+            for name, table in tables.items()
+        }
 
-    def table(self, name: str, wanted: Mapping[str, Kind], optional: Mapping[str, Kind] | None = None) -> Table:
+    def table(
+        self, name: str, wanted: Mapping[str, Kind], optional: Mapping[str, Kind] | None = None
+    ) -> Table:
         """Columns of a topic by the paths of fields; empty when the bag has none of its messages, or none to be read.
 
-        NaN or empty values stand for a field that its type does not have, which is told as a problem unless the field
-        is ``optional``: of other versions of the messages.
+        NaN or empty values stand for a field that its type does not have, which is told as a
+        problem unless the field is ``optional``: of other versions of the messages.
         """
         kinds = {**wanted, **(optional or {})}
         times: list[tuple[int, int, int]] = []
@@ -195,7 +223,9 @@ class WeldMessages:
                 column.append(get(message))
         if missing := [path for path in wanted if times and path not in values]:
             topic = self.topics[name]
-            self.problems.append(f"{topic.name}: its type {topic.type_name} has no field {', '.join(missing)}")
+            self.problems.append(
+                f"{topic.name}: its type {topic.type_name} has no field {', '.join(missing)}"
+            )
         columns = {}
         for path, kind in kinds.items():
             found = values.get(path, [_KINDS[kind][1]] * len(times))

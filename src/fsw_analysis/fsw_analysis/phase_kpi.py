@@ -31,10 +31,15 @@ class ErrorStatistics:
     def of(cls, error: FloatArray) -> ErrorStatistics | None:
         """Of the values that are known; None without any."""
         known = error[np.isfinite(error)]
-        return cls(*map(float, (known.mean(), known.std(), known.min(), known.max()))) if known.size else None
+        return (
+            cls(*map(float, (known.mean(), known.std(), known.min(), known.max())))
+            if known.size
+            else None
+        )
 
 
-#: Temperature of real welds by generation of control: cycles and error [degC] (SKB, site-visit slides, 2011).
+#: Temperature of real welds by generation of control: cycles and error [degC] (SKB, site-visit
+#: slides, 2011).
 PUBLISHED = {
     "manual axial force": (2, ErrorStatistics(9.0, 11.0, -25.0, 47.0)),
     "demonstration series": (20, ErrorStatistics(4.0, 6.0, -52.0, 49.0)),
@@ -47,8 +52,8 @@ PUBLISHED = {
 class PhaseFigures:
     """Errors and mean power of a run in a phase; None where they are not known.
 
-    Errors are those relative to the programme, and also those relative to the set-points in force: a weld that was held
-    and controlled by hand may follow other set-points well.
+    Errors are those relative to the programme, and also those relative to the set-points in force:
+    a weld that was held and controlled by hand may follow other set-points well.
     """
 
     run: str
@@ -63,11 +68,15 @@ class PhaseFigures:
 def compute(signals: WeldSignals, label: str, spans: Sequence[Span]) -> list[PhaseFigures]:
     """Figures of each phase and of the whole weld; errors as in :func:`fsw_analysis.kpi.compute`.
 
-    ``spans`` are on the scenario's clock; those of the programme are right as long as the weld was not held, those of
-    :func:`recorded_spans` always.
+    ``spans`` are on the scenario's clock; those of the programme are right as long as the weld was
+    not held, those of :func:`recorded_spans` always.
     """
     outputs, time_s = true_or_measured(signals), signals.time_s
-    power = signals.truth.process_power_kw if signals.truth is not None else np.full(len(time_s), np.nan)
+    power = (
+        signals.truth.process_power_kw
+        if signals.truth is not None
+        else np.full(len(time_s), np.nan)
+    )
     figures = []
     for phase, begin_s, end_s in [*spans, ("whole weld", 0.0, np.inf)]:
         inside = (time_s > begin_s + 1e-6) & (time_s <= end_s + 1e-6)
@@ -76,10 +85,14 @@ def compute(signals: WeldSignals, label: str, spans: Sequence[Span]) -> list[Pha
             PhaseFigures(
                 label,
                 phase,
-                ErrorStatistics.of((outputs.temperature_c - signals.programme_temperature_c)[inside]),
+                ErrorStatistics.of(
+                    (outputs.temperature_c - signals.programme_temperature_c)[inside]
+                ),
                 ErrorStatistics.of((outputs.depth_mm - signals.programme_depth_mm)[inside]),
                 None if of_power is None else of_power.mean,
-                ErrorStatistics.of((outputs.temperature_c - signals.reference_temperature_c)[inside]),
+                ErrorStatistics.of(
+                    (outputs.temperature_c - signals.reference_temperature_c)[inside]
+                ),
                 ErrorStatistics.of((outputs.depth_mm - signals.reference_depth_mm)[inside]),
             )
         )
@@ -92,7 +105,10 @@ def recorded_spans(signals: WeldSignals) -> list[Span]:
         return []
     begins = [0.0, *(begin_s for _, begin_s in signals.phases[1:])]
     ends = [*begins[1:], float(signals.time_s[-1])]
-    return [(name, begin, end) for (name, _), begin, end in zip(signals.phases, begins, ends, strict=True)]
+    return [
+        (name, begin, end)
+        for (name, _), begin, end in zip(signals.phases, begins, ends, strict=True)
+    ]
 
 
 def markdown(runs: Sequence[Sequence[PhaseFigures]]) -> str:
@@ -101,13 +117,29 @@ def markdown(runs: Sequence[Sequence[PhaseFigures]]) -> str:
     alike = len({tuple(one.phase for one in run) for run in runs}) == 1
     for one in chain(*(zip(*runs, strict=True) if alike else runs)):
         power = "-" if one.power_kw is None else f"{one.power_kw:.1f}"
-        cells.append((one.phase, one.run, _words(one.temperature_c, 1.0, 2), _words(one.depth_mm, 1e3, 1), power))
+        cells.append(
+            (
+                one.phase,
+                one.run,
+                _words(one.temperature_c, 1.0, 2),
+                _words(one.depth_mm, 1e3, 1),
+                power,
+            )
+        )
         in_force = (one.in_force_temperature_c, one.in_force_depth_mm)
         if in_force != (one.temperature_c, one.depth_mm):
             errors = _words(in_force[0], 1.0, 2), _words(in_force[1], 1e3, 1)
             cells.append(("", "against the set-points in force", *errors, ""))
     for name, (cycles, error) in PUBLISHED.items():
-        cells.append((f"published, {cycles} real weld{'s'[: cycles > 1]}", name, _words(error, 1.0, 1), "-", "-"))
+        cells.append(
+            (
+                f"published, {cycles} real weld{'s'[: cycles > 1]}",
+                name,
+                _words(error, 1.0, 1),
+                "-",
+                "-",
+            )
+        )
     return f"Errors against the programme: mean, σ, min, max.\n\n{table(cells, words=4, padded=True)}\n"
 
 
@@ -120,4 +152,6 @@ def _words(error: ErrorStatistics | None, factor: float, digits: int) -> str:
 
 def write(runs: Sequence[Sequence[PhaseFigures]], folder: Path) -> list[Path]:
     """Write ``phases.json`` and ``phases.md`` into ``folder``; returns their paths."""
-    return write_both([asdict(one) for rows in runs for one in rows], markdown(runs), folder / "phases")
+    return write_both(
+        [asdict(one) for rows in runs for one in rows], markdown(runs), folder / "phases"
+    )

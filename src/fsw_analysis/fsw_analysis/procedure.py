@@ -150,7 +150,11 @@ class Procedure(RuleBook):
         for key in ("essential", "quality"):
             for row, limit in enumerate(getattr(self, key)):
                 if unknown := [one for one in limit.phases if one not in names]:
-                    raise problem(f"names phase {unknown[0]}, which is not one of {', '.join(names)}", key, row)
+                    raise problem(
+                        f"names phase {unknown[0]}, which is not one of {', '.join(names)}",
+                        key,
+                        row,
+                    )
         angles = [phase.to_deg for phase in self.phases if phase.to_deg is not None]
         if angles != sorted(set(angles)):
             raise problem("do not ascend in to_deg", "phases")
@@ -164,7 +168,9 @@ class Procedure(RuleBook):
     @property
     def identity(self) -> Identity:
         """Name, revision and hash."""
-        return Identity(id=self.id, revision=self.revision, date=self.date.isoformat(), sha256=self.sha256)
+        return Identity(
+            id=self.id, revision=self.revision, date=self.date.isoformat(), sha256=self.sha256
+        )
 
 
 def digest(content: Any) -> str:
@@ -189,11 +195,15 @@ def attached(attachments: Mapping[str, bytes]) -> list[Procedure]:
     for name, data in attachments.items():
         if name.endswith(".yaml") and _FORMAT.encode() in data:
             with suppress(InputError):  # a scenario that names the format is none
-                found.append(validate(Procedure, content_of(data.decode("utf-8", "replace"), name), name))
+                found.append(
+                    validate(Procedure, content_of(data.decode("utf-8", "replace"), name), name)
+                )
     return found
 
 
-def signer_of(path: Path, trusted: Sequence[TrustedKey] | None, required: bool = False) -> Signer | None:
+def signer_of(
+    path: Path, trusted: Sequence[TrustedKey] | None, required: bool = False
+) -> Signer | None:
     """Who signed the file of a procedure; None where nobody did.
 
     Without ``trusted`` keys any will do, and none where a signature is ``required``.
@@ -201,7 +211,8 @@ def signer_of(path: Path, trusted: Sequence[TrustedKey] | None, required: bool =
     Raises
     ------
     EvidenceError
-        It was changed after it was signed, by a key that does not count, or it is not signed although ``required``.
+        It was changed after it was signed, by a key that does not count, or it is not signed
+        although ``required``.
     """
     if signature_path(path).exists():
         return verify_file(path, Purpose.PROCEDURE, (trusted or ()) if required else trusted)

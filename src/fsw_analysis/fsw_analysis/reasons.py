@@ -6,7 +6,8 @@ from fsw_analysis.messages import Kind, Table
 from fsw_control.host import NO_SET_POINT
 from fsw_control.reason import Reason, ReasonCode
 
-#: fields of a message that has a reason; those of bags before it was an enum have ``reason``, in words
+#: fields of a message that has a reason; those of bags before it was an enum have ``reason``, in
+#: words
 FIELDS: dict[str, Kind] = {
     "why.code": "number",
     "why.sensors": "texts",
@@ -24,8 +25,12 @@ def reasons(table: Table) -> list[Reason]:
     return [
         _old(words)
         if code != code
-        else Reason(ReasonCode(int(code)), tuple(sensors), limit_s, detail, subject, tuple(interlocks))
-        for code, sensors, limit_s, detail, subject, interlocks, words in zip(*columns, strict=True)
+        else Reason(
+            ReasonCode(int(code)), tuple(sensors), limit_s, detail, subject, tuple(interlocks)
+        )
+        for code, sensors, limit_s, detail, subject, interlocks, words in zip(
+            *columns, strict=True
+        )
     ]
 
 

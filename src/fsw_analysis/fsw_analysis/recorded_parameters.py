@@ -11,7 +11,9 @@ from fsw_recorder.errors import BagError
 from fsw_schema.yaml_text import load_yaml
 
 
-def recorded_parameters(attachments: Mapping[str, bytes], namespace: str, controller: str) -> dict[str, Any]:
+def recorded_parameters(
+    attachments: Mapping[str, bytes], namespace: str, controller: str
+) -> dict[str, Any]:
     """Parameters that a controller's node was recorded with, among the attachments of a bag.
 
     Raises

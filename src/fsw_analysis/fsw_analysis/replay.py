@@ -1,10 +1,10 @@
 """Deterministic replay: drives a controller by a bag and compares its proposals with the recorded ones.
 
-Time comes from the bag alone. At every tick the controller gets what its node had then: the samples of that stamp,
-judged by the same sensor validity, the set-points in force and the command applied before; in real time without what
-was sent only after the controller had answered the tick. So the build that was recorded reproduces its proposals bit
-by bit on the same kind of processor, and another build, tuning or controller shows where it first differs and by how
-much.
+Time comes from the bag alone. At every tick the controller gets what its node had then: the
+samples of that stamp, judged by the same sensor validity, the set-points in force and the command
+applied before; in real time without what was sent only after the controller had answered the tick.
+So the build that was recorded reproduces its proposals bit by bit on the same kind of processor,
+and another build, tuning or controller shows where it first differs and by how much.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ class TickDifference:
     #: replayed minus recorded; NaN where one of both is not finite
     force_kn: float
     speed_rpm: float
-    #: the larger difference, relative to 1 kN or 1 rpm plus the recorded value; infinite where one is not finite or
-    #: something else differs
+    #: the larger difference, relative to 1 kN or 1 rpm plus the recorded value; infinite where one
+    #: is not finite or something else differs
     size: float
     text: str = ""  #: what else differs (health and its reason); empty when only the numbers do
 
@@ -102,7 +102,9 @@ class Comparison:
         if self.identical:
             return [f"{self.title}: all {self.ticks} proposals reproduced bit by bit"]
         first = (self.beyond or self.differences)[0]
-        what = f"{1e3 * first.force_kn:+.6g} N, {first.speed_rpm:+.6g} rpm" + (f", {first.text}" if first.text else "")
+        what = f"{1e3 * first.force_kn:+.6g} N, {first.speed_rpm:+.6g} rpm" + (
+            f", {first.text}" if first.text else ""
+        )
         verdict = f"all {self.ticks} proposals reproduced within the tolerance of {self.tolerance:g} (1 + value)"
         if self.beyond:
             verdict = f"{len(self.beyond)} of {self.ticks} proposals differ"
@@ -130,9 +132,11 @@ class Replay:
     #: at each tick what the controller proposed when the bag was recorded, and what was applied
     own: list[Recorded | None]
     applied: list[Recorded | None]
-    #: what may keep a replay from being exact (no parameters in the bag, parameters changed on the way, …)
+    #: what may keep a replay from being exact (no parameters in the bag, parameters changed on the
+    #: way, …)
     notes: list[str]
-    comparable: bool  #: false when the bag begins in mid-weld, or does not show in which order messages came
+    #: false when the bag begins in mid-weld, or does not show in which order messages came
+    comparable: bool
 
     def against_own(self, title: str, tolerance: float = 0.0) -> Comparison:
         """Compare with the controller's recorded proposals, if it took part in the weld."""
@@ -142,9 +146,13 @@ class Replay:
         """Compare with the commands that were applied."""
         return self._against(self.applied, title, tolerance)
 
-    def _against(self, recorded: Sequence[Recorded | None], title: str, tolerance: float) -> Comparison:
+    def _against(
+        self, recorded: Sequence[Recorded | None], title: str, tolerance: float
+    ) -> Comparison:
         differences = []
-        for tick, (time_s, proposal, was) in enumerate(zip(self.time_s, self.proposals, recorded, strict=True)):
+        for tick, (time_s, proposal, was) in enumerate(
+            zip(self.time_s, self.proposals, recorded, strict=True)
+        ):
             found = was and _difference(proposal, *was)
             if found:
                 differences.append(TickDifference(tick, time_s, *found))
@@ -166,7 +174,8 @@ def replay(
     messages : WeldMessages
         Of a bag with the sensor topics, commands and set-points.
     name : str
-        The controller's name. Where the bag has its proposals, their ticks are replayed, else those of the sensors.
+        The controller's name. Where the bag has its proposals, their ticks are replayed, else
+        those of the sensors.
     make : callable
         Makes the controller from its parameters.
     described : (str, str) or path, optional
@@ -193,10 +202,14 @@ def replay(
         settings = validate(specs, {key: value for key, value in values.items() if key in specs})
         controller = make({key: settings[key] for key in own})
     except Exception as error:  # a user's controller may fail in any way
-        raise BagError(f"{messages.path}: controller {name} refuses its recorded parameters: {error}") from None
+        raise BagError(
+            f"{messages.path}: controller {name} refuses its recorded parameters: {error}"
+        ) from None
     references = recorded.set_points(notes)
     n = recorded.ticks_in(duration_s)
-    stamps, came, time_s = (one[:n].tolist() for one in (recorded.stamps, recorded.came, recorded.time_s))
+    stamps, came, time_s = (
+        one[:n].tolist() for one in (recorded.stamps, recorded.came, recorded.time_s)
+    )
     return Replay(
         controller=name,
         parameters=settings,
@@ -216,16 +229,32 @@ def _difference(
     proposal: Proposal, force_n: float, speed_rad_s: float, was: tuple[bool, Reason] | None
 ) -> tuple[float, float, float, str] | None:
     """Force [kN], speed [rpm], size and words by which a proposal differs from the recorded one; None if in nothing."""
-    new_force_n, new_speed_rad_s = n_from_kn(proposal.command.force_kn), rad_s_from_rpm(proposal.command.speed_rpm)
+    new_force_n, new_speed_rad_s = (
+        n_from_kn(proposal.command.force_kn),
+        rad_s_from_rpm(proposal.command.speed_rpm),
+    )
     now = (proposal.healthy, Reason.of(proposal.reason))
-    if was is not None and was[1].code is ReasonCode.OTHER:  # words, as of older bags, may be other ones today
+    if (
+        was is not None and was[1].code is ReasonCode.OTHER
+    ):  # words, as of older bags, may be other ones today
         was = (was[0], now[1])
     text = "" if was in (None, now) else f"was {_health(*was or now)}, is {_health(*now)}"
     if _same(new_force_n, force_n) and _same(new_speed_rad_s, speed_rad_s) and not text:
         return None
-    force_kn, speed_rpm = kn_from_n(new_force_n - force_n), rpm_from_rad_s(new_speed_rad_s - speed_rad_s)
-    sizes = (abs(force_kn) / (1.0 + abs(kn_from_n(force_n))), abs(speed_rpm) / (1.0 + abs(rpm_from_rad_s(speed_rad_s))))
-    return force_kn, speed_rpm, math.inf if text or not all(map(math.isfinite, sizes)) else max(sizes), text
+    force_kn, speed_rpm = (
+        kn_from_n(new_force_n - force_n),
+        rpm_from_rad_s(new_speed_rad_s - speed_rad_s),
+    )
+    sizes = (
+        abs(force_kn) / (1.0 + abs(kn_from_n(force_n))),
+        abs(speed_rpm) / (1.0 + abs(rpm_from_rad_s(speed_rad_s))),
+    )
+    return (
+        force_kn,
+        speed_rpm,
+        math.inf if text or not all(map(math.isfinite, sizes)) else max(sizes),
+        text,
+    )
 
 
 def _same(first: float, second: float) -> bool:
@@ -247,9 +276,14 @@ class _Sent(Generic[Entry]):
     def after(self, answer: _Sent[None] | None) -> bool:
         """Whether it was sent after an answer.
 
-        Both times must agree: clocks of two computers differ, and a recorder that was stalled receives in any order.
+        Both times must agree: clocks of two computers differ, and a recorder that was stalled
+        receives in any order.
         """
-        return answer is not None and self.publish_ns > answer.publish_ns and self.log_ns > answer.log_ns
+        return (
+            answer is not None
+            and self.publish_ns > answer.publish_ns
+            and self.log_ns > answer.log_ns
+        )
 
 
 class _Inputs:
@@ -263,13 +297,18 @@ class _Inputs:
         missing += [] if self._sent or self._held else [SENT]
         if missing:
             raise BagError(f"{messages.path}: cannot be replayed, it has no {', '.join(missing)}")
-        self._own = messages.table(f"/fsw/{name}/proposal", _PROPOSAL, FIELDS).without_repetitions()
+        self._own = messages.table(
+            f"/fsw/{name}/proposal", _PROPOSAL, FIELDS
+        ).without_repetitions()
         self._stated = read_set_points(messages, f"/fsw/{name}/reference")
         self._plans = read_plans(messages)
         #: stamp and command, in order of receipt
         self._commands = _commands(messages.table("/fsw/command", _INPUTS))
         #: what the drives reported, by stamp
-        self._drives = {stamp_ns: sent.value for stamp_ns, sent in _commands(messages.table("/fsw/drives", _INPUTS))}
+        self._drives = {
+            stamp_ns: sent.value
+            for stamp_ns, sent in _commands(messages.table("/fsw/drives", _INPUTS))
+        }
         #: value by stamp, by sensor; of several with one stamp the first
         self._samples: dict[str, dict[int, _Sent[float]]] = {}
         received: dict[int, int] = {}
@@ -281,12 +320,16 @@ class _Inputs:
         self.stamps = self._own.stamp_ns if self._own else np.array(sorted(received), np.int64)
         self.time_s = experiment_time_s(self.stamps)
         answered = self._own.log_ns.tolist() if self._own else [0] * len(self.stamps)
-        #: the proposal of each tick, after which nothing could be known any more; in lockstep nothing comes so late
+        #: the proposal of each tick, after which nothing could be known any more; in lockstep
+        #: nothing comes so late
         self._answers: list[_Sent[None] | None] = [None] * len(self.stamps)
         if self._own and self.stamps[0] > SIMULATED_NS:
             self._answers = [sent for _, sent in _sent(self._own, [None] * len(self.stamps))]
         #: when the last sample of each tick had been received; of one without samples the proposal
-        self.came = np.array([received.get(*one) for one in zip(self.stamps.tolist(), answered, strict=True)], np.int64)
+        self.came = np.array(
+            [received.get(*one) for one in zip(self.stamps.tolist(), answered, strict=True)],
+            np.int64,
+        )
 
     def ticks_in(self, duration_s: float) -> int:
         """Number of ticks in the first seconds of the weld."""
@@ -299,34 +342,49 @@ class _Inputs:
         """Recorded parameters of the controller's node, with notes; without them it begins at the first command."""
         notes = []
         try:
-            values = recorded_parameters(self._messages.attachments, self._messages.namespace, name)
+            values = recorded_parameters(
+                self._messages.attachments, self._messages.namespace, name
+            )
         except BagError as error:
             notes.append(f"{error}; its defaults are used")
             first = next((sent.value for _, sent in self._commands), None)
-            values = {"initial_force": first.force_kn, "initial_speed": first.speed_rpm} if first else {}
+            values = (
+                {"initial_force": first.force_kn, "initial_speed": first.speed_rpm}
+                if first
+                else {}
+            )
         changes = self._messages.table("/parameter_events", {"node": "text"})
         own = changes.column("node") == f"{self._messages.namespace}/fsw_{name}"
         if self._own and bool((own & (changes.log_ns > self._own.log_ns[0])).any()):
-            notes.append(f"parameters of {name} were changed at runtime; the replay uses the initial ones")
+            notes.append(
+                f"parameters of {name} were changed at runtime; the replay uses the initial ones"
+            )
         return values, notes
 
     def comparable(self, name: str, notes: list[str]) -> bool:
         """Whether the bag shows all that the controller knew: from its start on, and in which order."""
         before = any(0 < one.stamp_ns < self.stamps[0] for one in self._stated[:1])
         if before:  # the first set-points that it reports are older
-            notes.append(f"the bag begins in mid-weld: the state of {name} then is unknown, its proposals may differ")
+            notes.append(
+                f"the bag begins in mid-weld: the state of {name} then is unknown, its proposals may differ"
+            )
         back = bool((np.diff(self.stamps) < 0).any())
         if back:
-            notes.append("the stamps go back: the plant was started again, or the receive times are wrong")
+            notes.append(
+                "the stamps go back: the plant was started again, or the receive times are wrong"
+            )
         return not (before or back)
 
     def set_points(self, notes: list[str]) -> list[tuple[int, Reference]]:
         """Set-points with the stamp of the tick from which the controller followed each, as it reported them.
 
-        Where the bag lacks these reports, those count that were received before the samples of a tick; the proposal is
-        no measure, because it is later by the solve time.
+        Where the bag lacks these reports, those count that were received before the samples of a
+        tick; the proposal is no measure, because it is later by the solve time.
         """
-        known = {(round(one.depth_mm, 9), one.temperature_c): one.reference for one in (*self._sent, *self._held)}
+        known = {
+            (round(one.depth_mm, 9), one.temperature_c): one.reference
+            for one in (*self._sent, *self._held)
+        }
         # a conversion on the wire may change the last bit
         points = [
             (one.stamp_ns, known.get((round(one.depth_mm, 9), one.temperature_c), one.reference))
@@ -346,9 +404,15 @@ class _Inputs:
 
     def _by_hand(self) -> bool:
         """Whether set-points arrived in real time with immediate effect, not ahead as a programme sends them."""
-        coming = [one for one in self._sent if self.came[0] > SIMULATED_NS and one.log_ns > self.came[0]]
-        newest = self.stamps[np.searchsorted(self.came, [one.log_ns for one in coming]) - 1].tolist()
-        return any(one.stamp_ns <= stamp + TICK_NS for one, stamp in zip(coming, newest, strict=True))
+        coming = [
+            one for one in self._sent if self.came[0] > SIMULATED_NS and one.log_ns > self.came[0]
+        ]
+        newest = self.stamps[
+            np.searchsorted(self.came, [one.log_ns for one in coming]) - 1
+        ].tolist()
+        return any(
+            one.stamp_ns <= stamp + TICK_NS for one, stamp in zip(coming, newest, strict=True)
+        )
 
     def show(
         self,
@@ -366,7 +430,9 @@ class _Inputs:
         reference: Reference | None = None
         plan, last_ns = ReferencePlan(), None
         proposals: list[Proposal] = []
-        for stamp_ns, came_ns, answer_sent in zip(stamps, self.came.tolist(), self._answers, strict=False):
+        for stamp_ns, came_ns, answer_sent in zip(
+            stamps, self.came.tolist(), self._answers, strict=False
+        ):
             reference = _latest(waiting, stamp_ns, reference)
             plan = _latest(plans, came_ns, plan)
             while commands and commands[0][0] < stamp_ns and not commands[0][1].after(answer_sent):
@@ -378,7 +444,11 @@ class _Inputs:
             dt_s = settings["period"] if last_ns is None else (stamp_ns - last_ns) / NANOSECONDS
             last_ns = stamp_ns
             sent = {sensor: samples.get(stamp_ns) for sensor, samples in self._samples.items()}
-            values = {sensor: one.value for sensor, one in sent.items() if one and not one.after(answer_sent)}
+            values = {
+                sensor: one.value
+                for sensor, one in sent.items()
+                if one and not one.after(answer_sent)
+            }
             measurement = guard.measure(stamp_ns * 1e-9, values, self._drives.get(stamp_ns))
             followed = reference and replace(reference, coming=plan.after(stamp_ns, reference))
             proposals.append(answer(controller, measurement, followed, applied, dt_s))
@@ -396,7 +466,9 @@ class _Inputs:
         """The command applied in each tick; of several commands with one stamp the first, as in the plant."""
         commands = {stamp_ns: sent.value for stamp_ns, sent in reversed(self._commands)}
         found = (commands.get(stamp_ns) for stamp_ns in stamps)
-        return [one and (n_from_kn(one.force_kn), rad_s_from_rpm(one.speed_rpm), None) for one in found]
+        return [
+            one and (n_from_kn(one.force_kn), rad_s_from_rpm(one.speed_rpm), None) for one in found
+        ]
 
 
 def _latest(waiting: deque[tuple[int, Entry]], until_ns: int, present: Entry) -> Entry:
@@ -414,7 +486,10 @@ def _sent(table: Table, values: Sequence[Entry]) -> Iterator[tuple[int, _Sent[En
 
 def _commands(table: Table) -> list[tuple[int, _Sent[Command]]]:
     columns = (table.column(name).tolist() for name in ("axial_force", "spindle_speed"))
-    commands = [Command(kn_from_n(force), rpm_from_rad_s(speed)) for force, speed in zip(*columns, strict=True)]
+    commands = [
+        Command(kn_from_n(force), rpm_from_rad_s(speed))
+        for force, speed in zip(*columns, strict=True)
+    ]
     return [
         one
         for one in _sent(table, commands)

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 def templates(place: str | Path) -> Environment:
     """Templates of a package's folder ``templates``, or of a folder.
 
-    A missing value is an error, values in HTML and XML are escaped, and ``table`` makes a table in Markdown.
+    A missing value is an error, values in HTML and XML are escaped, and ``table`` makes a table in
+    Markdown.
     """
     environment = Environment(
         loader=FileSystemLoader(place) if isinstance(place, Path) else PackageLoader(place),

@@ -18,8 +18,8 @@ from fsw_schema.models import Many, Model, Name, content_of, problem, read_text,
 from fsw_schema.ranges import Range
 
 _DEFAULT = Path(__file__).with_name("rule_book.yaml")
-#: what a limit may be on; an error is the measured value minus the programme's set-point, power is torque times speed
-#: at the spindle
+#: what a limit may be on; an error is the measured value minus the programme's set-point, power is
+#: torque times speed at the spindle
 Variable = Literal[
     "depth_mm",
     "temperature_c",
@@ -51,7 +51,9 @@ class SetPoint(Sourced):
     @model_validator(mode="after")
     def _check_order(self) -> Self:
         if not self.min <= self.value <= self.max:
-            raise ValueError(f"is impossible: min {self.min:g}, value {self.value:g}, max {self.max:g} must ascend")
+            raise ValueError(
+                f"is impossible: min {self.min:g}, value {self.value:g}, max {self.max:g} must ascend"
+            )
         return self
 
 
@@ -63,7 +65,10 @@ class SetPoints(Model):
 
     @model_validator(mode="after")
     def _check_ranges(self) -> Self:
-        for name, allowed in (("depth_mm", REFERENCE_DEPTH_MM), ("temperature_c", REFERENCE_TEMPERATURE_C)):
+        for name, allowed in (
+            ("depth_mm", REFERENCE_DEPTH_MM),
+            ("temperature_c", REFERENCE_TEMPERATURE_C),
+        ):
             for key in ("min", "max"):
                 if complaint := allowed.complaint(getattr(getattr(self, name), key)):
                     raise problem(f"= {complaint}, which the controllers accept", name, key)
@@ -82,9 +87,23 @@ class Bounds(Model):
     @property
     def words(self) -> str:
         """E.g. ``temperature_c 790 to 910 in joint_line``."""
-        low = "" if self.min is None else f" {self.min:g}" if self.max is not None else f" at least {self.min:g}"
-        high = "" if self.max is None else f" to {self.max:g}" if self.min is not None else f" at most {self.max:g}"
-        return f"{self.variable}{low}{high}" + (f" in {', '.join(self.phases)}" if self.phases else "")
+        low = (
+            ""
+            if self.min is None
+            else f" {self.min:g}"
+            if self.max is not None
+            else f" at least {self.min:g}"
+        )
+        high = (
+            ""
+            if self.max is None
+            else f" to {self.max:g}"
+            if self.min is not None
+            else f" at most {self.max:g}"
+        )
+        return f"{self.variable}{low}{high}" + (
+            f" in {', '.join(self.phases)}" if self.phases else ""
+        )
 
 
 class Limit(Sourced, Bounds):
@@ -155,7 +174,9 @@ class RuleBook(Model):
         for key in ("essential", "quality"):
             for row, limit in enumerate(getattr(self, key)):
                 if "_error_" in limit.variable and not limit.holds(0.0):
-                    raise problem("is impossible: a weld at its set-points, error 0, is outside", key, row)
+                    raise problem(
+                        "is impossible: a weld at its set-points, error 0, is outside", key, row
+                    )
         for row, limit in enumerate(self.essential):
             one = points.get(limit.variable)
             if one is not None and not (limit.holds(one.min) and limit.holds(one.max)):
@@ -168,7 +189,9 @@ class RuleBook(Model):
         for kind, limit in self.limits():
             yield Check(kind=kind, **limit.model_dump(exclude={"source"}))
         for name, point in self.set_points:
-            yield Check(kind="set_point", variable=f"set_point_{name}", min=point.min, max=point.max)
+            yield Check(
+                kind="set_point", variable=f"set_point_{name}", min=point.min, max=point.max
+            )
 
     def limits(self) -> Iterator[tuple[Literal["essential", "quality"], Limit]]:
         """All limits with their kind, the essential ones first."""
@@ -181,4 +204,6 @@ class RuleBook(Model):
 @cache
 def default() -> RuleBook:
     """By what a weld without a procedure is judged."""
-    return validate(RuleBook, content_of(read_text(_DEFAULT, "rule book"), str(_DEFAULT)), str(_DEFAULT))
+    return validate(
+        RuleBook, content_of(read_text(_DEFAULT, "rule book"), str(_DEFAULT)), str(_DEFAULT)
+    )

@@ -1,8 +1,9 @@
 """Which set-points were in force at which tick of a recorded weld.
 
-The rule is that of the nodes, `fsw_control.references.ReferenceQueue`, which gets here what the recorder received: the
-set-points as sent and as the supervisor reports them. What was published before the recording began counts from its
-first tick on. Each controller reports which ones it followed.
+The rule is that of the nodes, `fsw_control.references.ReferenceQueue`, which gets here what the
+recorder received: the set-points as sent and as the supervisor reports them. What was published
+before the recording began counts from its first tick on. Each controller reports which ones it
+followed.
 """
 
 from __future__ import annotations
@@ -54,12 +55,26 @@ def read_set_points(messages: WeldMessages, topic: str) -> list[SetPoint]:
     table = messages.table(topic, fields)
     issued = table.publish_ns.tolist()
     if topic != SENT:
-        parts = zip(*(np.nan_to_num(table.column(f"issued.{part}")) for part in ("sec", "nanosec")), strict=True)
+        parts = zip(
+            *(np.nan_to_num(table.column(f"issued.{part}")) for part in ("sec", "nanosec")),
+            strict=True,
+        )
         issued = [int(sec) * NANOSECONDS + int(nanosec) for sec, nanosec in parts]
     depths_mm = map(mm_from_m, table.column("depth").tolist())
     temperatures = table.column("temperature").tolist()
-    rows = zip(table.log_ns.tolist(), issued, table.stamp_ns.tolist(), depths_mm, temperatures, strict=True)
-    return [one for one in map(SetPoint._make, rows) if not set_point_problem(one.depth_mm, one.temperature_c)]
+    rows = zip(
+        table.log_ns.tolist(),
+        issued,
+        table.stamp_ns.tolist(),
+        depths_mm,
+        temperatures,
+        strict=True,
+    )
+    return [
+        one
+        for one in map(SetPoint._make, rows)
+        if not set_point_problem(one.depth_mm, one.temperature_c)
+    ]
 
 
 def read_plans(messages: WeldMessages) -> list[tuple[int, ReferencePlan]]:
@@ -76,7 +91,11 @@ def read_plans(messages: WeldMessages) -> list[tuple[int, ReferencePlan]]:
 
 
 def timeline(
-    sent: Sequence[SetPoint], held: Sequence[SetPoint], stamps: IntArray, logs: IntArray, problems: list[str]
+    sent: Sequence[SetPoint],
+    held: Sequence[SetPoint],
+    stamps: IntArray,
+    logs: IntArray,
+    problems: list[str],
 ) -> list[tuple[int, Reference]]:
     """Set-points with the stamp of the tick from which each holds, in order.
 
@@ -91,7 +110,8 @@ def timeline(
     """
     begin_ns = int(logs[0])
     if sent and all(one.issued_ns == one.log_ns for one in sent):
-        # sqlite3 holds no publish times; what came together at first may then be older than the recording
+        # sqlite3 holds no publish times; what came together at first may then be older than the
+        # recording
         until_ns = max(begin_ns, sent[0].log_ns + _JOINING_NS)
         early = [one for one in sent if one.log_ns < until_ns and one.stamp_ns <= stamps[0]]
         if len(early) > 1 and not held and not all(one.stamp_ns for one in early):

@@ -39,24 +39,37 @@ def write_shadow(replay: Replay, source: Path, namespace: str, target: Path) -> 
     topic = f"{namespace}/fsw/{replay.controller}/proposal"
     node = f"{namespace}/fsw_{replay.controller}"
     parameters = f"parameters/{node.strip('/').replace('/', '.')}.yaml"
-    with BagReader(source) as reader, BagWriter(target, custom_data={"shadow_of": source.name}) as writer:
+    with (
+        BagReader(source) as reader,
+        BagWriter(target, custom_data={"shadow_of": source.name}) as writer,
+    ):
         copied = {name: one for name, one in reader.topics().items() if shown.fullmatch(name)}
         for one in copied.values():
             writer.add_topic(one)
-        writer.add_topic(RecordedTopic(topic, _TYPE, interface_definition(_TYPE), interface_hash(_TYPE)))
+        writer.add_topic(
+            RecordedTopic(topic, _TYPE, interface_definition(_TYPE), interface_hash(_TYPE))
+        )
         for file in reader.attachments():
             if file.name != parameters:
                 writer.attach(file.name, file.media_type, file.data)
-        contents = yaml.safe_dump({node: {"ros__parameters": replay.parameters}}, allow_unicode=True)
+        contents = yaml.safe_dump(
+            {node: {"ros__parameters": replay.parameters}}, allow_unicode=True
+        )
         writer.attach(parameters, "application/yaml", contents.encode())
         stop_ns = replay.came[-1] + 1 if replay.is_part else FOREVER_NS
-        records = merge(reader.records(copied, stop_ns=stop_ns), _records(replay, topic), key=attrgetter("log_time_ns"))
+        records = merge(
+            reader.records(copied, stop_ns=stop_ns),
+            _records(replay, topic),
+            key=attrgetter("log_time_ns"),
+        )
         copy(records, writer)
 
 
 def _records(replay: Replay, topic: str) -> Iterator[BagRecord]:
     definitions, definition = Definitions(), interface_definition(_TYPE)
-    for stamp_ns, came_ns, proposal in zip(replay.stamps, replay.came, replay.proposals, strict=True):
+    for stamp_ns, came_ns, proposal in zip(
+        replay.stamps, replay.came, replay.proposals, strict=True
+    ):
         sec, nanosec = divmod(stamp_ns, NANOSECONDS)
         values = {
             "header": {"stamp": {"sec": sec, "nanosec": nanosec}},
@@ -66,4 +79,6 @@ def _records(replay: Replay, topic: str) -> Iterator[BagRecord]:
             "healthy": proposal.healthy,
             "why": Reason.of(proposal.reason).fields,
         }
-        yield BagRecord(topic, _TYPE, came_ns, came_ns, definitions.encode(_TYPE, definition, values), 0)
+        yield BagRecord(
+            topic, _TYPE, came_ns, came_ns, definitions.encode(_TYPE, definition, values), 0
+        )

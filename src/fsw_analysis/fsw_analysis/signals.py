@@ -51,7 +51,9 @@ class _Ticks:
         """Values at the ticks, of several with one stamp the first, as `JoinRules` says; NaN or empty without any."""
         rows = self._rows(table)
         index = np.flatnonzero(self.stamp_ns[rows] == table.stamp_ns)[::-1]
-        result = np.full(self.stamp_ns.size, "" if values.dtype == object else np.nan, dtype=values.dtype)
+        result = np.full(
+            self.stamp_ns.size, "" if values.dtype == object else np.nan, dtype=values.dtype
+        )
         result[rows[index]] = values[index]
         return result
 
@@ -64,18 +66,25 @@ class _Ticks:
         if kind == "reason":
             return self.align(table, np.array([one.words for one in reasons(table)], object))
         values = table.column(path)
-        return self.align(table, values if kind == "text" else np.array([",".join(one) for one in values], object))
+        return self.align(
+            table,
+            values if kind == "text" else np.array([",".join(one) for one in values], object),
+        )
 
     def group(self, kind: type[Group], table: Table) -> Group:
         """A group of signals from the fields of messages that its columns name."""
-        values: dict[str, Any] = {one.name: self.signal(table, **one.metadata) for one in fields(kind) if one.metadata}
+        values: dict[str, Any] = {
+            one.name: self.signal(table, **one.metadata) for one in fields(kind) if one.metadata
+        }
         return kind(**values)
 
     def times_s(self, table: Table) -> FloatArray:
         """When messages hold: from their stamp on, and from their receipt where it is 0 or of another clock."""
         by_stamp = self.time_s[0] + (table.stamp_ns - self.stamp_ns[0]) * 1e-9
         order = np.argsort(self.log_ns, kind="stable")
-        at = np.clip(np.searchsorted(self.log_ns[order], table.log_ns, side="right") - 1, 0, order.size - 1)
+        at = np.clip(
+            np.searchsorted(self.log_ns[order], table.log_ns, side="right") - 1, 0, order.size - 1
+        )
         by_receipt = self.time_s[order[at]]
         foreign = (table.stamp_ns == 0) | (np.abs(by_stamp - by_receipt) > OTHER_CLOCK_NS * 1e-9)
         times: FloatArray = np.where(foreign, by_receipt, by_stamp)
@@ -86,7 +95,9 @@ class _Ticks:
         times = self.times_s(table)
         order = np.argsort(times, kind="stable")
         at = np.searchsorted(times[order], self.time_s, side="right") - 1
-        return np.append(table.column(path)[order], [before])[at]  # -1, before the first, is the last entry
+        return np.append(table.column(path)[order], [before])[
+            at
+        ]  # -1, before the first, is the last entry
 
 
 def load_weld(path: Path | str, progress: Callable[[float], None] | None = None) -> WeldSignals:
@@ -95,8 +106,8 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
     Parameters
     ----------
     path : Path or str
-        Bag folder or file, of any storage; an unfinished or damaged one is read as far as possible. The weld may have
-        run in a namespace.
+        Bag folder or file, of any storage; an unfinished or damaged one is read as far as
+        possible. The weld may have run in a namespace.
     progress : callable, optional
         Called now and then with the fraction read, 0 to 1.
 
@@ -108,12 +119,16 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
     messages = WeldMessages(path, progress)
     sensors = messages.sensors()
     truth = messages.table("/fsw/plant/truth", _wanted(TruthSignals))
-    command = messages.table("/fsw/command", {**_wanted(ProposalSignals), "source": "text"}, FIELDS)
+    command = messages.table(
+        "/fsw/command", {**_wanted(ProposalSignals), "source": "text"}, FIELDS
+    )
     drives = messages.table("/fsw/drives", _wanted(DriveSignals))
     state = messages.table("/fsw/supervisor/state", events.STATE, events.STATE_ADDED)
     ticks = _Ticks(_sources(messages, [sensors[name][0] for name in REQUIRED], [truth, command]))
     known: dict[str, Any] = {
-        name: ticks.align(*sensor) for name, sensor in sensors.items() if name in REQUIRED or sensor[0]
+        name: ticks.align(*sensor)
+        for name, sensor in sensors.items()
+        if name in REQUIRED or sensor[0]
     }
     applied = ticks.group(ProposalSignals, command)
     depths_in_force, temperatures_in_force = _references(messages, ticks)
@@ -170,9 +185,14 @@ def _add_course(weld: WeldSignals, messages: WeldMessages, ticks: _Ticks) -> Non
     weld.events += events.of_health(ticks.times_s(health), health)
     times_s = ticks.times_s(progress)
     weld.phases = events.phases(times_s, progress)
-    weld.events += [*events.of_progress(times_s, progress), *events.of_actions(ticks.times_s(actions), actions)]
+    weld.events += [
+        *events.of_progress(times_s, progress),
+        *events.of_actions(ticks.times_s(actions), actions),
+    ]
     weld.events.sort(key=lambda one: one.time_s)
-    depth, temperature, angle = (ticks.held(progress, path, np.nan) for path in ("depth", "temperature", "angle"))
+    depth, temperature, angle = (
+        ticks.held(progress, path, np.nan) for path in ("depth", "temperature", "angle")
+    )
     weld.angle_deg = np.degrees(angle)
     weld.travel_mm = ticks.held(progress, "length", np.nan) * MM
     # where no programme is played, the set-points in force stand for its own
@@ -181,7 +201,11 @@ def _add_course(weld: WeldSignals, messages: WeldMessages, ticks: _Ticks) -> Non
 
 
 def _wanted(kind: type[Any]) -> dict[str, Kind]:
-    return {one.metadata["path"]: one.metadata["kind"] for one in fields(kind) if one.metadata.get("path")}
+    return {
+        one.metadata["path"]: one.metadata["kind"]
+        for one in fields(kind)
+        if one.metadata.get("path")
+    }
 
 
 def _references(messages: WeldMessages, ticks: _Ticks) -> tuple[FloatArray, FloatArray]:
@@ -190,7 +214,12 @@ def _references(messages: WeldMessages, ticks: _Ticks) -> tuple[FloatArray, Floa
     points = timeline(sent, held, ticks.stamp_ns, ticks.log_ns, messages.problems)
     if not points and (SENT in messages.raw or HELD in messages.raw):
         messages.problems.append(f"{SENT}: no set-point could be read")
-    at = np.searchsorted(np.array([begins for begins, _ in points], np.int64), ticks.stamp_ns, side="right") - 1
+    at = (
+        np.searchsorted(
+            np.array([begins for begins, _ in points], np.int64), ticks.stamp_ns, side="right"
+        )
+        - 1
+    )
     depth_mm = np.array([*(point.depth_mm for _, point in points), np.nan])
     temperature_c = np.array([*(point.temperature_c for _, point in points), np.nan])
     return depth_mm[at], temperature_c[at]  # -1, before the first, is the last entry
@@ -198,12 +227,19 @@ def _references(messages: WeldMessages, ticks: _Ticks) -> tuple[FloatArray, Floa
 
 def _proposals(messages: WeldMessages, ticks: _Ticks) -> dict[str, ProposalSignals]:
     wanted = _wanted(ProposalSignals)
-    tables = {name: messages.table(topic, wanted, FIELDS) for name, topic in messages.controllers("proposal").items()}
+    tables = {
+        name: messages.table(topic, wanted, FIELDS)
+        for name, topic in messages.controllers("proposal").items()
+    }
     return {name: ticks.group(ProposalSignals, table) for name, table in tables.items() if table}
 
 
 def _statuses(messages: WeldMessages, ticks: _Ticks) -> dict[str, StatusSignals]:
-    wanted: dict[str, Kind] = {**_wanted(StatusSignals), "disturbance_names": "texts", "disturbances": "numbers"}
+    wanted: dict[str, Kind] = {
+        **_wanted(StatusSignals),
+        "disturbance_names": "texts",
+        "disturbances": "numbers",
+    }
     statuses: dict[str, StatusSignals] = {}
     for name, topic in messages.controllers("status").items():
         if table := messages.table(topic, wanted, FIELDS):

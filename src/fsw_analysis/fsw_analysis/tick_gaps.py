@@ -1,7 +1,7 @@
 """Counts the ticks that are missing in a bag, from the stamps of its messages alone.
 
-The middleware reports at best what was lost on its way to the recorder. The topics of a weld carry one stamp per tick,
-the same on all of them, so the bag itself shows what is missing.
+The middleware reports at best what was lost on its way to the recorder. The topics of a weld carry
+one stamp per tick, the same on all of them, so the bag itself shows what is missing.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ _LONGEST_GAP_NS = 60 * NANOSECONDS
 class TickGaps(NamedTuple):
     """What one topic lacks: ticks between its first and last message, and the stamp of the first of them [ns].
 
-    ``before`` and ``after`` are the ticks of the bag outside: it began later or ended earlier than another topic.
+    ``before`` and ``after`` are the ticks of the bag outside: it began later or ended earlier than
+    another topic.
     """
 
     missing: int
@@ -56,16 +57,23 @@ class TickCounter:
     def gaps(self) -> dict[str, TickGaps]:
         """Missing ticks per topic.
 
-        A tick is a stamp that any of the topics has; where none has one for several periods, the missing ones are put
-        in at the usual period.
+        A tick is a stamp that any of the topics has; where none has one for several periods, the
+        missing ones are put in at the usual period.
         """
-        stamps = {topic: np.unique(np.array(one, dtype=np.int64)) for topic, one in self._stamps.items() if one}
+        stamps = {
+            topic: np.unique(np.array(one, dtype=np.int64))
+            for topic, one in self._stamps.items()
+            if one
+        }
         if not stamps:
             return {}
         ticks = _filled(np.unique(np.concatenate(list(stamps.values()))))
         result: dict[str, TickGaps] = {}
         for topic, own in stamps.items():
-            begin, end = int(np.searchsorted(ticks, own[0])), int(np.searchsorted(ticks, own[-1], side="right"))
+            begin, end = (
+                int(np.searchsorted(ticks, own[0])),
+                int(np.searchsorted(ticks, own[-1], side="right")),
+            )
             lacking = np.setdiff1d(ticks[begin:end], own, assume_unique=True)
             first_ns = int(lacking[0]) if lacking.size else 0
             result[topic] = TickGaps(lacking.size, first_ns, begin, ticks.size - end)

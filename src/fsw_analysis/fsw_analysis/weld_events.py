@@ -33,13 +33,14 @@ class WeldEvent:
     """Something on the time line of a weld."""
 
     time_s: float  #: on the clock of `WeldSignals.time_s`
-    #: ``phase``, ``weld``, ``swap``, ``mode``, ``takeover``, ``interlock``, ``operator``, ``alarm``, ``procedure``,
-    #: ``deviation``, ``finding`` or ``fault``
+    #: ``phase``, ``weld``, ``swap``, ``mode``, ``takeover``, ``interlock``, ``operator``,
+    #: ``alarm``, ``procedure``, ``deviation``, ``finding`` or ``fault``
     kind: str
-    #: the phase, what the weld became, the controller, the mode, the interlock, what was asked for, what the alarm
-    #: says, the procedure, what the monitor found, or the faults
+    #: the phase, what the weld became, the controller, the mode, the interlock, what was asked
+    #: for, what the alarm says, the procedure, what the monitor found, or the faults
     subject: str = ""
-    #: of an interlock ``warn`` or ``trip``, of a request its outcome, of an alarm what became of it
+    #: of an interlock ``warn`` or ``trip``, of a request its outcome, of an alarm what became of
+    #: it
     state: str = ""
     is_over: bool = False  #: an interlock or fault ends
     cause: Cause = Cause.UNKNOWN  #: of a swap or a mode

@@ -32,7 +32,8 @@ def experiment_time_s(stamp_ns: IntArray) -> FloatArray:
 def of(path: str, factor: float = 1.0, kind: str = "number") -> dict[str, Any]:
     """Where a signal comes from: the field of the message, the factor to the paper's unit, and the kind of the field.
 
-    Kinds are ``number``, ``text``, ``texts`` (joined with ``,``), and of no single field ``latency`` and ``reason``.
+    Kinds are ``number``, ``text``, ``texts`` (joined with ``,``), and of no single field
+    ``latency`` and ``reason``.
     """
     return {"path": path, "factor": factor, "kind": kind}
 
@@ -41,8 +42,8 @@ def of(path: str, factor: float = 1.0, kind: str = "number") -> dict[str, Any]:
 class ProposalSignals:
     """Candidate command of one controller, and its health; NaN or empty where none answers the tick.
 
-    ``healthy`` is 1 or 0, ``reason`` says why not, and ``latency_s`` is from the tick's first recorded measurement to
-    the recorded proposal, by receive time.
+    ``healthy`` is 1 or 0, ``reason`` says why not, and ``latency_s`` is from the tick's first
+    recorded measurement to the recorded proposal, by receive time.
     """
 
     force_kn: FloatArray = field(metadata=of("axial_force", KN))
@@ -56,8 +57,9 @@ class ProposalSignals:
 class StatusSignals:
     """Estimates and solver of one controller; NaN or empty where there was no status.
 
-    ``healthy`` and ``selected`` are 1 or 0, ``bad_cycles`` counts ticks without an accepted result since the start, and
-    ``disturbances`` has the disturbance estimates by the name the controller gave them (with unit), as on the wire.
+    ``healthy`` and ``selected`` are 1 or 0, ``bad_cycles`` counts ticks without an accepted result
+    since the start, and ``disturbances`` has the disturbance estimates by the name the controller
+    gave them (with unit), as on the wire.
     """
 
     depth_estimate_mm: FloatArray = field(metadata=of("depth_estimate", MM))
@@ -86,9 +88,10 @@ class DriveSignals:
 class TruthSignals:
     """Noise-free truth of the plant emulator; NaN or empty where missing.
 
-    Outputs include output disturbances; force and speed are those after limits, rate limits, lag and input disturbance.
-    ``copper_temperature_c`` is the first lag of the temperature, ``watchdog`` is 0 ok, 1 hold, 2 safe state, and
-    ``refused_commands`` counts since the last reset.
+    Outputs include output disturbances; force and speed are those after limits, rate limits, lag
+    and input disturbance. ``copper_temperature_c`` is the first lag of the temperature,
+    ``watchdog`` is 0 ok, 1 hold, 2 safe state, and ``refused_commands`` counts since the last
+    reset.
     """
 
     depth_mm: FloatArray = field(metadata=of("depth", MM))
@@ -113,8 +116,8 @@ class TruthSignals:
 class WeldSignals:
     """All of a recorded weld, aligned on the plant's ticks.
 
-    A tick is one stamp of the sensor topics; every array has shape (n_ticks,). Values missing at a tick are NaN
-    (numbers) or empty (text). Units are the paper's: mm, degC, N m, kN, rpm, kW, s.
+    A tick is one stamp of the sensor topics; every array has shape (n_ticks,). Values missing at a
+    tick are NaN (numbers) or empty (text). Units are the paper's: mm, degC, N m, kN, rpm, kW, s.
     """
 
     path: Path  #: the bag
@@ -138,27 +141,33 @@ class WeldSignals:
     #: what the supervisor had selected at the tick (held from the last message)
     actual_controller: TextArray
     actual_mode: TextArray
-    #: optional sensors that the bag has, by signal of the row in ``fsw_control.sensors``, e.g. ``depth_lvdt_mm``
+    #: optional sensors that the bag has, by signal of the row in ``fsw_control.sensors``, e.g.
+    #: ``depth_lvdt_mm``
     optional: dict[str, FloatArray] = field(default_factory=dict)
     #: by controller name (``nmpc``, ``decentral``, …)
     proposals: dict[str, ProposalSignals] = field(default_factory=dict)
     statuses: dict[str, StatusSignals] = field(default_factory=dict)
     drives: DriveSignals | None = None  #: feedback of the drives; None when the bag has none
-    truth: TruthSignals | None = None  #: the plant emulator's truth; None when the bag has none (a real weld)
-    #: the bag's attachments, e.g. ``scenario.yaml``, ``parameters/fsw_nmpc.yaml``, ``versions.json``
+    truth: TruthSignals | None = (
+        None  #: the plant emulator's truth; None when the bag has none (a real weld)
+    )
+    #: the bag's attachments, e.g. ``scenario.yaml``, ``parameters/fsw_nmpc.yaml``,
+    #: ``versions.json``
     attachments: dict[str, bytes] = field(default_factory=dict)
-    #: what the recorder was given with the bag, e.g. ``canister.id``, and its count of lost messages
+    #: what the recorder was given with the bag, e.g. ``canister.id``, and its count of lost
+    #: messages
     custom: dict[str, str] = field(default_factory=dict)
     #: messages per topic; names are those without the weld's namespace
     counts: dict[str, int] = field(default_factory=dict)
     namespace: str = ""  #: in which the weld ran; empty or e.g. ``/hall/cell1``
-    #: what was wrong with the bag and could be worked around (cut end, damaged chunk, unknown order, …)
+    #: what was wrong with the bag and could be worked around (cut end, damaged chunk, unknown
+    #: order, …)
     problems: list[str] = field(default_factory=list)
     #: name and begin [s], like ``time_s``, of each phase that a programme ran through
     phases: list[tuple[str, float]] = field(default_factory=list)
     events: list[WeldEvent] = field(default_factory=list)  #: in order of time
-    #: set-points of the programme at the tick, not those in force while it is held or operated by hand; those in force
-    #: where the bag has no programme
+    #: set-points of the programme at the tick, not those in force while it is held or operated by
+    #: hand; those in force where the bag has no programme
     programme_depth_mm: FloatArray = field(default_factory=lambda: np.empty(0))
     programme_temperature_c: FloatArray = field(default_factory=lambda: np.empty(0))
     #: where the tool was about the canister's axis, by the programme; NaN where the bag has none
@@ -189,7 +198,9 @@ class WeldSignals:
         """The phase at each tick, or at other times; the first before it began, empty without a programme."""
         names = np.array([name for name, _ in self.phases] or [""], object)
         begins = [begin_s - 1e-6 for _, begin_s in self.phases[1:]]
-        found: TextArray = names[np.searchsorted(begins, self.time_s if time_s is None else time_s, side="right")]
+        found: TextArray = names[
+            np.searchsorted(begins, self.time_s if time_s is None else time_s, side="right")
+        ]
         return found
 
     @property

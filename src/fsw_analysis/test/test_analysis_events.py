@@ -17,7 +17,9 @@ from fsw_control.journal import AlarmChange, RequestKind
 from fsw_control.reason import Reason, ReasonCode
 
 ANNA = "anna (3f2a)"
-REQUESTED = SimpleNamespace(**Reason(ReasonCode.REQUESTED, subject="decentral").fields)  # as a message
+REQUESTED = SimpleNamespace(
+    **Reason(ReasonCode.REQUESTED, subject="decentral").fields
+)  # as a message
 
 
 def table(names: Sequence[str], *rows: tuple[Any, ...]) -> tuple[FloatArray, Table]:
@@ -54,15 +56,56 @@ def test_phases_and_states_of_a_programme_whatever_the_order_of_its_reports() ->
     ]
 
 
-def test_swaps_modes_leaders_and_interlocks_of_the_supervisor_but_not_what_it_begins_with() -> None:
+def test_swaps_modes_leaders_and_interlocks_of_the_supervisor_but_not_what_it_begins_with() -> (
+    None
+):
     warned, start = ("depth_high:warn",), int(Cause.READY)
     times, state = table(
-        ["actual_controller", "actual_mode", "leader", "interlocks", "why", "reason", "cause", "who"],
+        [
+            "actual_controller",
+            "actual_mode",
+            "leader",
+            "interlocks",
+            "why",
+            "reason",
+            "cause",
+            "who",
+        ],
         (0.0, "nmpc", "auto", "a", (), (), "", start, ""),
         (1.0, "nmpc", "auto", "a", warned, (), "", start, ""),
-        (2.0, "decentral", "auto", "a", warned, (REQUESTED,), "", int(Cause.SWAP_REQUESTED), "anna (3f2a)"),
-        (2.5, "decentral", "auto", "b", warned, (REQUESTED,), "", int(Cause.SWAP_REQUESTED), "anna (3f2a)"),
-        (3.0, "", "safe_stop", "b", ("depth_high:trip",), (), "depth_high", int(Cause.INTERLOCK_TRIP), ""),
+        (
+            2.0,
+            "decentral",
+            "auto",
+            "a",
+            warned,
+            (REQUESTED,),
+            "",
+            int(Cause.SWAP_REQUESTED),
+            "anna (3f2a)",
+        ),
+        (
+            2.5,
+            "decentral",
+            "auto",
+            "b",
+            warned,
+            (REQUESTED,),
+            "",
+            int(Cause.SWAP_REQUESTED),
+            "anna (3f2a)",
+        ),
+        (
+            3.0,
+            "",
+            "safe_stop",
+            "b",
+            ("depth_high:trip",),
+            (),
+            "depth_high",
+            int(Cause.INTERLOCK_TRIP),
+            "",
+        ),
         (4.0, "nmpc", "auto", "b", (), (), "", np.nan, ""),
     )
     found = list(events.of_state(times, state))
@@ -84,9 +127,28 @@ def test_swaps_modes_leaders_and_interlocks_of_the_supervisor_but_not_what_it_be
 def test_a_cause_is_a_fact_whatever_its_words_say() -> None:
     """A failed controller's own words are no request: they turned a review into an acceptance."""
     times, state = table(
-        ["actual_controller", "actual_mode", "leader", "interlocks", "why", "reason", "cause", "who"],
+        [
+            "actual_controller",
+            "actual_mode",
+            "leader",
+            "interlocks",
+            "why",
+            "reason",
+            "cause",
+            "who",
+        ],
         (0.0, "nmpc", "auto", "a", (), (), "", int(Cause.READY), ""),
-        (1.0, "decentral", "auto", "a", (), (), "no feasible point (start infeasible)", int(Cause.SWAP_FAILED), ""),
+        (
+            1.0,
+            "decentral",
+            "auto",
+            "a",
+            (),
+            (),
+            "no feasible point (start infeasible)",
+            int(Cause.SWAP_FAILED),
+            "",
+        ),
     )
     [swap] = events.of_state(times, state)
     assert not swap.cause.on_request and not swap.cause.at_start
@@ -95,11 +157,21 @@ def test_a_cause_is_a_fact_whatever_its_words_say() -> None:
 def test_what_operators_did() -> None:
     times, actions = table(
         [*events.ACTION, *events.ACTION_ADDED],
-        (1.0, ANNA, "switch decentral", "refused", "decentral is not ready", ANNA, int(RequestKind.SWITCH)),
+        (
+            1.0,
+            ANNA,
+            "switch decentral",
+            "refused",
+            "decentral is not ready",
+            ANNA,
+            int(RequestKind.SWITCH),
+        ),
         (2.0, ANNA, "safe_stop", "done", "", "", np.nan),
     )
     found = list(events.of_actions(times, actions))
-    assert [one.data["request"] for one in found] == ["switch", "unknown"], "the last is of an older bag"
+    assert [one.data["request"] for one in found] == ["switch", "unknown"], (
+        "the last is of an older bag"
+    )
     assert told(found) == [
         (1.0, "operator", "anna (3f2a): switch decentral: refused: decentral is not ready"),
         (2.0, "operator", "anna (3f2a): safe_stop: done"),
@@ -108,7 +180,9 @@ def test_what_operators_did() -> None:
 
 @pytest.mark.parametrize("is_old", [False, True])
 def test_alarms_that_came_and_were_shelved(is_old: bool) -> None:
-    def of(change: AlarmChange, who: str = "", reason: str = "", shelved_for_s: float = 0.0) -> tuple[Any, ...]:
+    def of(
+        change: AlarmChange, who: str = "", reason: str = "", shelved_for_s: float = 0.0
+    ) -> tuple[Any, ...]:
         kind = (np.nan, change.word) if is_old else (int(change), "")
         return ("medium", "Depth off its set-point", who, reason, *kind, shelved_for_s)
 
@@ -122,7 +196,11 @@ def test_alarms_that_came_and_were_shelved(is_old: bool) -> None:
     )
     assert told(events.of_alarms(times, journal)) == [
         (1.0, "alarm", "medium alarm raised: Depth off its set-point"),
-        (2.0, "alarm", "medium alarm shelved by anna (3f2a), 5 min: known: Depth off its set-point"),
+        (
+            2.0,
+            "alarm",
+            "medium alarm shelved by anna (3f2a), 5 min: known: Depth off its set-point",
+        ),
         (4.0, "alarm", "medium alarm re-raised: Depth off its set-point"),
     ]
 

@@ -47,13 +47,29 @@ def test_several_runs_and_missing_signals(weld, tmp_path):
 
 @pytest.mark.slow
 def test_a_weld_in_phases_is_one_page(weld, tmp_path):
-    draw_whole_weld([Run("one", weld)], [("dwell", 0.0, 5.0), ("start", 5.0, 20.0)], "title", tmp_path / "weld.png")
+    draw_whole_weld(
+        [Run("one", weld)],
+        [("dwell", 0.0, 5.0), ("start", 5.0, 20.0)],
+        "title",
+        tmp_path / "weld.png",
+    )
     assert is_png(tmp_path / "weld.png")
 
 
 def test_open_loop(tmp_path):
-    names = ("depth_mm", "motor_torque_nm", "process_power_kw", "temperature_c", "force_kn", "speed_rpm")
-    draw_open_loop({"time_s": np.arange(3.0), **{name: np.arange(3.0) for name in names}}, "title", tmp_path / "a.png")
+    names = (
+        "depth_mm",
+        "motor_torque_nm",
+        "process_power_kw",
+        "temperature_c",
+        "force_kn",
+        "speed_rpm",
+    )
+    draw_open_loop(
+        {"time_s": np.arange(3.0), **{name: np.arange(3.0) for name in names}},
+        "title",
+        tmp_path / "a.png",
+    )
     assert is_png(tmp_path / "a.png")
 
 
@@ -63,9 +79,15 @@ def test_a_controller_has_one_colour_wherever_it_stands(weld):
         return next(line.get_color() for line in axes[2].get_lines() if line.get_label() == label)
 
     for label in ("nmpc", "decentral:tight", "mine"):
-        assert colour(label, "decentral", label) == colour(label, label, "decentral") == colours_of([label])[0]
+        assert (
+            colour(label, "decentral", label)
+            == colour(label, label, "decentral")
+            == colours_of([label])[0]
+        )
     assert colours_of(["nmpc", "nmpc:default"])[0] != colours_of(["nmpc", "nmpc:default"])[1]
-    by_source = dataclasses.replace(weld, command_source=np.full(weld.n_ticks, "nmpc", dtype=object))
+    by_source = dataclasses.replace(
+        weld, command_source=np.full(weld.n_ticks, "nmpc", dtype=object)
+    )
     axes = page([Run("bag_1", by_source)]).axes
     assert axes[2].get_lines()[0].get_color() == CONTROLLER_COLOURS["nmpc"]
 
@@ -83,7 +105,9 @@ def test_what_happens_is_marked_at_its_time_on_every_axis(weld):
         return np.asarray(values) + np.isin(np.arange(weld.n_ticks), ticks).cumsum()
 
     nothing = np.zeros(weld.n_ticks)
-    faults = np.where((weld.time_s >= 20.0) & (weld.time_s < 25.0), "depth: stuck", "").astype(object)
+    faults = np.where((weld.time_s >= 20.0) & (weld.time_s < 25.0), "depth: stuck", "").astype(
+        object
+    )
     truth = dataclasses.replace(
         weld.truth, depth_disturbance_mm=nothing, temperature_disturbance_c=nothing, speed_disturbance_rpm=nothing,
         force_disturbance_kn=stepped(nothing, 99), active_faults=faults,
@@ -97,7 +121,11 @@ def test_what_happens_is_marked_at_its_time_on_every_axis(weld):
         reference_temperature_c=np.full(weld.n_ticks, 850.0),
     )
     for axis in page([Run("one", eventful)]).axes:
-        named = {line.get_label(): np.round(line.get_xdata(), 6).tolist() for line in axis.get_lines()}
+        named = {
+            line.get_label(): np.round(line.get_xdata(), 6).tolist() for line in axis.get_lines()
+        }
         assert named["set-point"] == [5.0] and named["disturbance"] == [10.0]
         assert named["fault on, off"] == [20.0, 25.0] and named["swap"] == [15.0, 15.0]
-        assert {"nmpc commands", "decentral commands"} <= {one.get_label() for one in axis.collections}
+        assert {"nmpc commands", "decentral commands"} <= {
+            one.get_label() for one in axis.collections
+        }

@@ -16,7 +16,9 @@ N = 1000
 
 
 def truth(n=N, **columns):
-    values = {name: np.zeros(n) for name in TruthSignals.__dataclass_fields__ if name != "active_faults"}
+    values = {
+        name: np.zeros(n) for name in TruthSignals.__dataclass_fields__ if name != "active_faults"
+    }
     return TruthSignals(**(values | columns), active_faults=np.full(n, "", dtype=object))
 
 
@@ -34,7 +36,10 @@ def signals(n=N, **columns):
     }
     values = {name: np.full(n, value) for name, value in numbers.items()}
     texts = ("command_source", "command_reason", "actual_controller", "actual_mode")
-    values |= {name: np.full(n, "decentral" if name == "command_source" else "", dtype=object) for name in texts}
+    values |= {
+        name: np.full(n, "decentral" if name == "command_source" else "", dtype=object)
+        for name in texts
+    }
     stamps = (np.arange(n, dtype=np.int64) + 1) * 100_000_000
     values |= {"stamp_ns": stamps, "time_s": experiment_time_s(stamps), "path": Path("weld")}
     return WeldSignals(**(values | columns))
@@ -44,11 +49,15 @@ def test_figures_of_a_phase_are_against_the_programme_and_beside_it_against_what
     weld = signals()
     same = phase_kpi.compute(weld, "one", [])[0]
     assert same.temperature_c == same.in_force_temperature_c
-    weld.programme_temperature_c = weld.reference_temperature_c + 31.4  # held, and 31.4 degC lower by hand
+    weld.programme_temperature_c = (
+        weld.reference_temperature_c + 31.4
+    )  # held, and 31.4 degC lower by hand
     off = phase_kpi.compute(weld, "one", [])[0]
     assert off.in_force_temperature_c == same.temperature_c
     assert off.temperature_c.mean == pytest.approx(same.temperature_c.mean - 31.4)
-    assert "in force" in phase_kpi.markdown([[off]]) and "in force" not in phase_kpi.markdown([[same]])
+    assert "in force" in phase_kpi.markdown([[off]]) and "in force" not in phase_kpi.markdown(
+        [[same]]
+    )
 
 
 def test_figures_of_phases_are_those_of_their_ticks(tmp_path):
@@ -57,12 +66,21 @@ def test_figures_of_phases_are_those_of_their_ticks(tmp_path):
     spans = [("dwell", 0.0, 30.0), ("start", 30.0, 90.0), ("parking", 90.0, 100.0)]
     dwell, start, parking, whole = figures = phase_kpi.compute(weld, "one", spans)
     assert dwell.temperature_c == phase_kpi.ErrorStatistics(1.0, 0.0, 1.0, 1.0)
-    assert astuple(start.temperature_c) == (-2.0, 0.0, -2.0, -2.0) and not any(astuple(start.depth_mm))
+    assert astuple(start.temperature_c) == (-2.0, 0.0, -2.0, -2.0) and not any(
+        astuple(start.depth_mm)
+    )
     assert parking.temperature_c is None and parking.power_kw is None
     assert astuple(whole.temperature_c) == pytest.approx((-1.0, np.sqrt(2.0), -2.0, 1.0))
     data, table = phase_kpi.write([figures], tmp_path)
-    assert [one["phase"] for one in json.loads(data.read_text())] == ["dwell", "start", "parking", "whole weld"]
-    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.read_text().splitlines()]
+    assert [one["phase"] for one in json.loads(data.read_text())] == [
+        "dwell",
+        "start",
+        "parking",
+        "whole weld",
+    ]
+    rows = [
+        [cell.strip() for cell in line.split("|")[1:-1]] for line in table.read_text().splitlines()
+    ]
     assert ["whole weld", "one", "-1.00, 1.41, -2.00, +1.00", "+0.0, 0.0, +0.0, +0.0", "-"] in rows
     assert ["published, 8 real welds", "cascade", "+0.6, 1.0, -7.0, +8.0", "-", "-"] in rows
 
@@ -98,7 +116,9 @@ def test_step_response_of_first_order_with_overshoot():
     depth[500] = 2.868  # 8 um beyond, within the 5 % band
     temperature = np.full(N, 850.0)
     temperature[230] = 849.6
-    result = kpi.compute(signals(depth_mm=depth, reference_depth_mm=reference, temperature_c=temperature))
+    result = kpi.compute(
+        signals(depth_mm=depth, reference_depth_mm=reference, temperature_c=temperature)
+    )
     (event,) = result["events"]
     assert event["time_s"] == pytest.approx(20.1)
     assert event["kind"] == "step"
@@ -119,7 +139,9 @@ def test_disturbance_overshoot_is_on_the_other_side_and_truth_counts():
     depth[400:500] = 2.65
     noisy = depth + 0.5
     weld = signals(depth_mm=noisy)
-    weld.truth = truth(depth_mm=depth, temperature_c=np.full(N, 850.0), depth_disturbance_mm=disturbance)
+    weld.truth = truth(
+        depth_mm=depth, temperature_c=np.full(N, 850.0), depth_disturbance_mm=disturbance
+    )
     result = kpi.compute(weld)
     (event,) = result["events"]
     assert result["outputs"] == "truth"
@@ -181,9 +203,15 @@ def test_solve_times():
 
 def test_tables_and_files(tmp_path):
     depth = np.full(N, 2.67)
-    runs = [kpi.compute(signals(depth_mm=depth), "one"), kpi.compute(signals(depth_mm=depth + 0.01), "two")]
+    runs = [
+        kpi.compute(signals(depth_mm=depth), "one"),
+        kpi.compute(signals(depth_mm=depth + 0.01), "two"),
+    ]
     head, rule, *lines = kpi_table.markdown(runs).splitlines()
-    assert head.replace(" ", "") == "||unit|one|two|difference|" and rule.replace("-", "") == "|  |  | : | : | : |"
+    assert (
+        head.replace(" ", "") == "||unit|one|two|difference|"
+        and rule.replace("-", "") == "|  |  | : | : | : |"
+    )
     assert "+100.0 %" in next(line for line in lines if line.startswith("| IAE depth"))
     assert {len(line) for line in lines} == {len(head)}
     json_path, table_path = kpi_table.write(runs, tmp_path)
@@ -221,7 +249,8 @@ def test_the_end_that_a_scenario_has_and_the_bag_lacks(scenario, missing_s):
 
 
 @pytest.mark.parametrize(
-    ("states", "on_record"), [((), False), (("held", "resumed"), False), (("done",), True), (("aborted",), True)]
+    ("states", "on_record"),
+    [((), False), (("held", "resumed"), False), (("done",), True), (("aborted",), True)],
 )
 def test_a_programme_without_a_duration_has_its_end_on_record(states, on_record):
     weld = signals()

@@ -15,4 +15,6 @@ def test_all_columns_of_words():
 
 def test_padded_columns_line_up():
     lines = table(ROWS, padded=True).splitlines()
-    assert len(set(map(len, lines))) == 1 and lines[2].endswith(" 1 |") and lines[1].endswith("-: |")
+    assert (
+        len(set(map(len, lines))) == 1 and lines[2].endswith(" 1 |") and lines[1].endswith("-: |")
+    )

@@ -7,18 +7,27 @@ from mcap.writer import Writer
 from fsw_analysis.messages import WeldMessages
 
 
-def test_of_two_types_on_one_topic_each_message_is_decoded_by_its_own_or_left_out(tmp_path: Path) -> None:
+def test_of_two_types_on_one_topic_each_message_is_decoded_by_its_own_or_left_out(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "two.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream)
         writer.start(profile="ros2")
         channels = []
-        for name, definition in (("std_msgs/msg/Int32", b"int32 data\n"), ("std_msgs/msg/Float32", b"float32 data\n")):
+        for name, definition in (
+            ("std_msgs/msg/Int32", b"int32 data\n"),
+            ("std_msgs/msg/Float32", b"float32 data\n"),
+        ):
             schema = writer.register_schema(name, "ros2msg", definition)
             channels.append(writer.register_channel("/a", "cdr", schema))
         for time_ns, channel in enumerate((*channels, channels[0]), 1):
-            writer.add_message(channel, time_ns, b"\0\1\0\0" + time_ns.to_bytes(4, "little"), time_ns)
+            writer.add_message(
+                channel, time_ns, b"\0\1\0\0" + time_ns.to_bytes(4, "little"), time_ns
+            )
         writer.finish()
     messages = WeldMessages(path)
     assert [message.data for *_, message in messages.decoded("/a")] == [1, 3]
-    assert messages.problems == ["/a: 1 messages of another type than std_msgs/msg/Int32 are left out"]
+    assert messages.problems == [
+        "/a: 1 messages of another type than std_msgs/msg/Int32 are left out"
+    ]

@@ -24,7 +24,10 @@ FAILED = Reason(ReasonCode.FAILED, subject="nmpc")
         ((99.0, [], 0.0, "", "", [], ""), Reason(ReasonCode.UNKNOWN)),
         ((np.nan, [], np.nan, "", "", [], ""), Reason()),
         ((np.nan, [], np.nan, "", "", [], "no set-point yet"), Reason(ReasonCode.NO_SET_POINT)),
-        ((np.nan, [], np.nan, "", "", [], "solver: late"), Reason(ReasonCode.OTHER, detail="solver: late")),
+        (
+            (np.nan, [], np.nan, "", "", [], "solver: late"),
+            Reason(ReasonCode.OTHER, detail="solver: late"),
+        ),
     ],
 )
 def test_reason_of_a_message(row: tuple[Any, ...], reason: Reason) -> None:

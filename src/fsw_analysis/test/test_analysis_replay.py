@@ -40,7 +40,9 @@ class Integrator:
     def reset(self, applied: Command) -> None:
         self.total, self.ticks = 0.0, 0
 
-    def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
+    def step(
+        self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float
+    ) -> Proposal:
         ahead = [one.depth_mm for one in reference.coming][:1]
         error = sum([reference.depth_mm, *ahead]) / (1 + len(ahead)) - measurement.depth_mm
         self.total += error * dt_s
@@ -48,7 +50,10 @@ class Integrator:
         extra = 1e-9 if self.ticks - 1 == self.odd_tick else 0.0
         force = applied.force_kn + self.gain * error + 0.01 * self.total + extra
         return Proposal(
-            Command(force, applied.speed_rpm + 0.001 * (reference.temperature_c - measurement.temperature_c))
+            Command(
+                force,
+                applied.speed_rpm + 0.001 * (reference.temperature_c - measurement.temperature_c),
+            )
         )
 
 
@@ -77,7 +82,9 @@ class Tape:
         self._writer, self._space, self._types, self._now = writer, space, SampleTypes(), begin_ns
         self.stamp = 1_000_000_000 + begin_ns // TICK_NS * TICK_NS
         for name, kind in KINDS.items():
-            writer.add_topic(RecordedTopic(space + name, kind, interface_definition(kind), interface_hash(kind)))
+            writer.add_topic(
+                RecordedTopic(space + name, kind, interface_definition(kind), interface_hash(kind))
+            )
         values = {"initial_force": 80.0, "initial_speed": 400.0, "period": 0.1}
         text = yaml.safe_dump({f"{space}/fsw_simple": {"ros__parameters": values}})
         file = f"{space}/fsw_simple".strip("/").replace("/", ".")
@@ -86,10 +93,22 @@ class Tape:
     def put(self, topic: str, at_once: bool = False, **fields: Any) -> None:
         self._now += 1000
         values = {"header": header(0 if at_once else self.stamp), **fields}
-        self._writer.write(self._space + topic, self._types.serialize(KINDS[topic], values), self._now, self._now - 1)
+        self._writer.write(
+            self._space + topic,
+            self._types.serialize(KINDS[topic], values),
+            self._now,
+            self._now - 1,
+        )
 
-    def put_reference(self, reference: Reference, topic: str = "/fsw/reference", at_once: bool = False) -> None:
-        self.put(topic, at_once, depth=m_from_mm(reference.depth_mm), temperature=reference.temperature_c)
+    def put_reference(
+        self, reference: Reference, topic: str = "/fsw/reference", at_once: bool = False
+    ) -> None:
+        self.put(
+            topic,
+            at_once,
+            depth=m_from_mm(reference.depth_mm),
+            temperature=reference.temperature_c,
+        )
 
     def announce(self, coming: Reference, at_ns: int) -> Coming:
         depth_m, temperature_c = m_from_mm(coming.depth_mm), coming.temperature_c
@@ -103,10 +122,15 @@ def temperature_at(tick: int) -> float:
 
 
 def on_wire(command: Command) -> dict[str, Any]:
-    return {"axial_force": n_from_kn(command.force_kn), "spindle_speed": rad_s_from_rpm(command.speed_rpm)}
+    return {
+        "axial_force": n_from_kn(command.force_kn),
+        "spindle_speed": rad_s_from_rpm(command.speed_rpm),
+    }
 
 
-def followed(tape: Tape, tick: int, reference: Reference, late: str, stated: bool, announced: bool) -> Reference:
+def followed(
+    tape: Tape, tick: int, reference: Reference, late: str, stated: bool, announced: bool
+) -> Reference:
     """The set-points that the controller follows in a tick, after those of the last one; see `record`."""
     if tick == 30 and late == "before the samples":
         tape.put_reference(OTHER, at_once=True)
@@ -138,10 +162,11 @@ def record(
 ) -> Path:
     """Bag of a run in which `Integrator` answers a made-up depth, as its node would.
 
-    ``late``: at tick 30 other set-points come "before the samples" of the tick or "before its proposal", and the
-    controller follows them from the next tick on; ``stated``: it says which ones it follows. ``announced``: before
-    tick 20 a change at tick 40 is announced. ``late_command_at``, ``late_sample_at``: the command applied before, or
-    the thermocouple's sample, comes after the controller has answered this tick.
+    ``late``: at tick 30 other set-points come "before the samples" of the tick or "before its
+    proposal", and the controller follows them from the next tick on; ``stated``: it says which
+    ones it follows. ``announced``: before tick 20 a change at tick 40 is announced.
+    ``late_command_at``, ``late_sample_at``: the command applied before, or the thermocouple's
+    sample, comes after the controller has answered this tick.
     """
     controller, applied, reference, last = Integrator(), INITIAL, FIRST, None
     held: dict[str, Any] | None = None
@@ -179,7 +204,9 @@ def record(
                 held = {**wire, "header": header(tape.stamp)}
                 continue
             tape.put("/fsw/command", source="simple", healthy=True, **wire)
-            applied = Command(wire["axial_force"] * 1e-3, wire["spindle_speed"] / (3.141592653589793 / 30.0))
+            applied = Command(
+                wire["axial_force"] * 1e-3, wire["spindle_speed"] / (3.141592653589793 / 30.0)
+            )
     return bag
 
 
@@ -214,12 +241,23 @@ def test_first_difference_is_found_however_small(tmp_path: Path) -> None:
     result = check(record(tmp_path / "bag"), odd_tick=33).against_own("simple")
     assert [one.tick for one in result.differences] == [33]
     assert result.differences[0].time_s == pytest.approx(4.4)  # the first stamp is 1.1 s
-    assert result.differences[0].force_kn == pytest.approx(1e-9, abs=2e-11) and result.differences[0].speed_rpm == 0.0
-    assert "1 of 60 proposals differ" in "\n".join(result.lines()) and "tick 33" in "\n".join(result.lines())
+    assert (
+        result.differences[0].force_kn == pytest.approx(1e-9, abs=2e-11)
+        and result.differences[0].speed_rpm == 0.0
+    )
+    assert "1 of 60 proposals differ" in "\n".join(result.lines()) and "tick 33" in "\n".join(
+        result.lines()
+    )
     values = json.loads(json.dumps(result.values(), allow_nan=False))
-    assert (values["differing"], values["first_tick"], values["speed_rpm"]["largest"]) == (1, 33, 0.0)
+    assert (values["differing"], values["first_tick"], values["speed_rpm"]["largest"]) == (
+        1,
+        33,
+        0.0,
+    )
     force = values["force_kn"]
-    assert force["largest_s"] == pytest.approx(4.4) and force["mean"] == pytest.approx(force["largest"] / 60)
+    assert force["largest_s"] == pytest.approx(4.4) and force["mean"] == pytest.approx(
+        force["largest"] / 60
+    )
 
 
 def test_differences_within_the_tolerance_count_as_equal(tmp_path: Path) -> None:
@@ -232,16 +270,22 @@ def test_differences_within_the_tolerance_count_as_equal(tmp_path: Path) -> None
 
 def test_no_tolerance_covers_health_or_what_is_not_finite(tmp_path: Path) -> None:
     class Broken(Integrator):
-        def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
+        def step(
+            self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float
+        ) -> Proposal:
             return Proposal(applied, healthy=False)
 
     again = check(record(tmp_path / "bag"), Broken)
     assert len(again.against_own("simple", 1e9).beyond) == 60
-    assert again.against_applied("applied", 1e9).beyond == []  # of a command only the values are compared
+    assert (
+        again.against_applied("applied", 1e9).beyond == []
+    )  # of a command only the values are compared
 
 
 @pytest.mark.parametrize("stated", [False, True])
-@pytest.mark.parametrize(("begin", "by_hand", "noted"), [(1, True, False), (2**60, True, True), (2**60, False, False)])
+@pytest.mark.parametrize(
+    ("begin", "by_hand", "noted"), [(1, True, False), (2**60, True, True), (2**60, False, False)]
+)
 def test_set_points_by_hand_in_real_time_are_told(
     tmp_path: Path, begin: int, by_hand: bool, noted: bool, stated: bool
 ) -> None:
@@ -251,7 +295,10 @@ def test_set_points_by_hand_in_real_time_are_told(
 
 def test_bag_that_begins_in_mid_weld_is_told(tmp_path: Path) -> None:
     """A recorder that was started again gets the set-points that the controller stated before, as they are latched."""
-    with BagReader(record(tmp_path / "whole", stated=True)) as reader, BagWriter(tmp_path / "rest") as writer:
+    with (
+        BagReader(record(tmp_path / "whole", stated=True)) as reader,
+        BagWriter(tmp_path / "rest") as writer,
+    ):
         for topic in reader.topics().values():
             writer.add_topic(topic)
         for file in reader.attachments():
@@ -260,7 +307,9 @@ def test_bag_that_begins_in_mid_weld_is_told(tmp_path: Path) -> None:
         for record_ in reader.records():
             depths += record_.topic == "/fsw/depth"
             if depths > 20 or record_.topic.endswith("/reference"):
-                writer.write(record_.topic, record_.data, record_.log_time_ns, record_.publish_time_ns)
+                writer.write(
+                    record_.topic, record_.data, record_.log_time_ns, record_.publish_time_ns
+                )
     again = check(tmp_path / "rest")
     result = again.against_own("simple")
     assert (result.ticks, result.identical, again.comparable) == (40, False, False)
@@ -272,15 +321,25 @@ def test_bag_that_begins_in_mid_weld_is_told(tmp_path: Path) -> None:
 RECEIVED: dict[str, Callable[[BagRecord], list[int]]] = {
     "all twice": lambda one: [one.log_time_ns] * 2,
     "all twice, later": lambda one: [one.log_time_ns, one.log_time_ns + 1500],
-    "clock set back": lambda one: [one.log_time_ns - (3600 * 10**9 if one.log_time_ns > 2**60 + 200_000 else 0)],
-    "clock set back a little": lambda one: [one.log_time_ns - (150_000 if one.log_time_ns > 2**60 + 200_000 else 0)],
+    "clock set back": lambda one: [
+        one.log_time_ns - (3600 * 10**9 if one.log_time_ns > 2**60 + 200_000 else 0)
+    ],
+    "clock set back a little": lambda one: [
+        one.log_time_ns - (150_000 if one.log_time_ns > 2**60 + 200_000 else 0)
+    ],
     "all the same": lambda one: [2**60],
-    "no time now and then": lambda one: [(0 if one.log_time_ns // 1000 % 7 == 0 else one.log_time_ns)],
-    "no time at last": lambda one: [(2**64 - 1 if one.log_time_ns // 1000 % 7 == 0 else one.log_time_ns)],
+    "no time now and then": lambda one: [
+        (0 if one.log_time_ns // 1000 % 7 == 0 else one.log_time_ns)
+    ],
+    "no time at last": lambda one: [
+        (2**64 - 1 if one.log_time_ns // 1000 % 7 == 0 else one.log_time_ns)
+    ],
 }
 
 
-def received(source: Path, bag: Path, change: Callable[[BagRecord], list[int]], published: bool = True) -> Path:
+def received(
+    source: Path, bag: Path, change: Callable[[BagRecord], list[int]], published: bool = True
+) -> Path:
     """A copy of a bag with other receive times; without publish times these are the same."""
     with BagReader(source) as reader, BagWriter(bag) as writer:
         for topic in reader.topics().values():
@@ -289,17 +348,23 @@ def received(source: Path, bag: Path, change: Callable[[BagRecord], list[int]], 
             writer.attach(file.name, file.media_type, file.data)
         for one in reader.records():
             for log_ns in change(one):
-                writer.write(one.topic, one.data, log_ns, one.publish_time_ns if published else log_ns)
+                writer.write(
+                    one.topic, one.data, log_ns, one.publish_time_ns if published else log_ns
+                )
     return bag
 
 
 @pytest.mark.parametrize("change", RECEIVED.values(), ids=RECEIVED)
-def test_wrong_receive_times_change_nothing(tmp_path: Path, change: Callable[[BagRecord], list[int]]) -> None:
+def test_wrong_receive_times_change_nothing(
+    tmp_path: Path, change: Callable[[BagRecord], list[int]]
+) -> None:
     source = record(tmp_path / "source", begin_ns=2**60, announced=True, late_command_at=25)
     messages = WeldMessages(received(source, tmp_path / "bag", change))
     again = replay(messages, "simple", lambda _: Integrator())
     result = again.against_own("simple")
-    assert (result.ticks, result.identical, len(messages.problems)) == (60, True, 1), result.lines()
+    assert (result.ticks, result.identical, len(messages.problems)) == (60, True, 1), (
+        result.lines()
+    )
 
 
 def test_without_publish_times_wrong_receive_times_cannot_be_compared(tmp_path: Path) -> None:
@@ -315,9 +380,15 @@ def test_tick_that_the_plant_has_repeated_is_replayed_once(tmp_path: Path) -> No
 
     def change(one: BagRecord) -> list[int]:
         own = one.topic == "/fsw/simple/proposal"
-        return [one.log_time_ns, one.log_time_ns + 100] if own and next(proposals) == 30 else [one.log_time_ns]
+        return (
+            [one.log_time_ns, one.log_time_ns + 100]
+            if own and next(proposals) == 30
+            else [one.log_time_ns]
+        )
 
-    result = check(received(source, tmp_path / "bag", change, published=False)).against_own("simple")
+    result = check(received(source, tmp_path / "bag", change, published=False)).against_own(
+        "simple"
+    )
     assert (result.ticks, result.identical) == (60, True)
 
 
@@ -328,7 +399,9 @@ def test_another_build_differs_from_the_start(tmp_path: Path) -> None:
 
 def test_health_is_compared_too(tmp_path: Path) -> None:
     class Broken(Integrator):
-        def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
+        def step(
+            self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float
+        ) -> Proposal:
             raise RuntimeError("broken")
 
     result = check(record(tmp_path / "bag"), Broken).against_own("simple")
@@ -339,28 +412,52 @@ def test_bag_that_cannot_be_replayed(weld_bag: Path, genuine: Path) -> None:
     with pytest.raises(BagError, match="has no"):
         check(genuine / "mcap_default")
     again = replay(WeldMessages(weld_bag), "nmpc", lambda _: Integrator())
-    assert not again.against_own("nmpc").identical and any("no parameters" in note for note in again.notes)
+    assert not again.against_own("nmpc").identical and any(
+        "no parameters" in note for note in again.notes
+    )
 
 
 @pytest.mark.parametrize("space", ["", "/hall/cell1"])
 @pytest.mark.parametrize("duration_s", [math.inf, 2.0])
-def test_bag_of_a_shadow_holds_what_the_controller_was_shown(tmp_path: Path, space: str, duration_s: float) -> None:
+def test_bag_of_a_shadow_holds_what_the_controller_was_shown(
+    tmp_path: Path, space: str, duration_s: float
+) -> None:
     bag = record(tmp_path / "bag", space=space)
     messages = WeldMessages(bag)
-    shown = replay(messages, "simple", lambda _: Integrator(gain=0.5), changed={"period": 0.2}, duration_s=duration_s)
+    shown = replay(
+        messages,
+        "simple",
+        lambda _: Integrator(gain=0.5),
+        changed={"period": 0.2},
+        duration_s=duration_s,
+    )
     ticks = 60 if duration_s == math.inf else 20
     assert len(shown.proposals) == ticks and shown.against_applied("applied").ticks == ticks
     write_shadow(shown, bag, space, tmp_path / "shadow")
     with BagReader(tmp_path / "shadow") as reader:
         info = reader.info()
     assert info.problems == [] and info.custom_data["shadow_of"] == "bag"
-    assert info.counts[f"{space}/fsw/depth"] == info.counts[f"{space}/fsw/simple/proposal"] == ticks
+    assert (
+        info.counts[f"{space}/fsw/depth"] == info.counts[f"{space}/fsw/simple/proposal"] == ticks
+    )
     again = check(tmp_path / "shadow", gain=0.5)
-    assert again.against_own("simple").identical and again.notes == [] and again.parameters["period"] == 0.2
+    assert (
+        again.against_own("simple").identical
+        and again.notes == []
+        and again.parameters["period"] == 0.2
+    )
     assert load_weld(tmp_path / "shadow").n_ticks == ticks
 
 
-def test_a_controller_that_was_not_in_the_weld_gets_the_ticks_of_the_sensors(tmp_path: Path) -> None:
-    result = replay(WeldMessages(record(tmp_path / "bag", jump_at=20)), "other", lambda _: Integrator())
-    assert len(result.stamps) == 60 and result.parameters["initial_force"] == pytest.approx(80.0, abs=0.1)
-    assert result.against_own("nothing").ticks == 0 and result.against_applied("applied").ticks == 60
+def test_a_controller_that_was_not_in_the_weld_gets_the_ticks_of_the_sensors(
+    tmp_path: Path,
+) -> None:
+    result = replay(
+        WeldMessages(record(tmp_path / "bag", jump_at=20)), "other", lambda _: Integrator()
+    )
+    assert len(result.stamps) == 60 and result.parameters["initial_force"] == pytest.approx(
+        80.0, abs=0.1
+    )
+    assert (
+        result.against_own("nothing").ticks == 0 and result.against_applied("applied").ticks == 60
+    )

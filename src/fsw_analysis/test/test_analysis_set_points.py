@@ -23,13 +23,19 @@ STAMPS = np.arange(600, 700, dtype=np.int64) * S // 10
 LOGS = WALL + np.arange(100, dtype=np.int64) * S // 10
 
 
-def point(depth_mm: float, issued_s: float, stamp_s: float = 0.0, log_s: float = 0.0, base: int = 0) -> SetPoint:
+def point(
+    depth_mm: float, issued_s: float, stamp_s: float = 0.0, log_s: float = 0.0, base: int = 0
+) -> SetPoint:
     """Times relative to the weld's beginning, 60 s before the recording; 0 is no stamp."""
     stamp = base + round(stamp_s * S) if stamp_s else 0
-    return SetPoint(WALL + round(log_s * S), WALL + round((issued_s - 60.0) * S), stamp, depth_mm, 816.4)
+    return SetPoint(
+        WALL + round(log_s * S), WALL + round((issued_s - 60.0) * S), stamp, depth_mm, 816.4
+    )
 
 
-def depths(sent: list[SetPoint], held: list[SetPoint], base: int = 0) -> tuple[list[float], list[str]]:
+def depths(
+    sent: list[SetPoint], held: list[SetPoint], base: int = 0
+) -> tuple[list[float], list[str]]:
     """Depths in force at the first tick, and from 65 s on."""
     problems: list[str] = []
     points = timeline(sent, held, STAMPS + base, LOGS, problems)
@@ -50,7 +56,10 @@ def test_late_recorder_sees_what_the_controllers_see_in_any_order_of_receipt(bas
 
 @pytest.mark.parametrize("base", [0, WALL - 60 * S])
 def test_what_was_sent_by_hand_later_voids_what_was_sent_ahead(base: int) -> None:
-    ahead, by_hand = [point(2.7, 0.0, 40.0, base=base), point(2.8, 0.0, 64.0, base=base)], point(2.9, 50.0, base=base)
+    ahead, by_hand = (
+        [point(2.7, 0.0, 40.0, base=base), point(2.8, 0.0, 64.0, base=base)],
+        point(2.9, 50.0, base=base),
+    )
     assert depths([*ahead, by_hand], [], base) == ([2.9, 2.9], [])
     assert depths([by_hand, *ahead], [], base) == ([2.9, 2.9], [])
 
@@ -72,18 +81,27 @@ def test_supervisor_is_believed_for_the_beginning() -> None:
 
 
 def test_unknown_order_is_told() -> None:
-    untimed = [one._replace(issued_ns=one.log_ns) for one in (point(2.7, 0.0, 40.0), point(2.6, 0.0, log_s=0.01))]
+    untimed = [
+        one._replace(issued_ns=one.log_ns)
+        for one in (point(2.7, 0.0, 40.0), point(2.6, 0.0, log_s=0.01))
+    ]
     assert depths(untimed, []) == ([2.6, 2.6], [UNKNOWN_ORDER])
     assert depths(untimed, [point(2.7, 40.0, 40.0)]) == ([2.7, 2.7], [])
     alone = [one._replace(issued_ns=one.log_ns) for one in (point(2.6, 0.0),)]
     assert depths(alone, []) == ([2.6, 2.6], [])
 
 
-def bag_from_mid_weld(bag: Path, order: tuple[int, ...], topics: tuple[str, ...] = (SENT,)) -> Path:
+def bag_from_mid_weld(
+    bag: Path, order: tuple[int, ...], topics: tuple[str, ...] = (SENT,)
+) -> Path:
     """The last 2 s of a weld whose set-points were all sent before the recording began."""
     definition = interface_definition(REFERENCE)
     types = SampleTypes({REFERENCE: definition})
-    latched = [(0, 2.6e-3, 0.0), (1, 2.66e-3, 10.0), (2, 2.67e-3, 20.0)]  # sent then, depth, stamp after the start
+    latched = [
+        (0, 2.6e-3, 0.0),
+        (1, 2.66e-3, 10.0),
+        (2, 2.67e-3, 20.0),
+    ]  # sent then, depth, stamp after the start
     with BagWriter(bag) as writer:
         for topic in sample_topics():
             if topic.name == SENT:
@@ -99,10 +117,20 @@ def bag_from_mid_weld(bag: Path, order: tuple[int, ...], topics: tuple[str, ...]
                 rows = [latched[i] for i in order]
                 latched.clear()
                 for topic_name in topics:
-                    for sent_s, depth, stamp_s in rows if topic_name == SENT else [rows[order.index(2)]]:
-                        stamp = {"sec": begin_ns // S + round(stamp_s), "nanosec": 0} if stamp_s else {}
+                    for sent_s, depth, stamp_s in (
+                        rows if topic_name == SENT else [rows[order.index(2)]]
+                    ):
+                        stamp = (
+                            {"sec": begin_ns // S + round(stamp_s), "nanosec": 0}
+                            if stamp_s
+                            else {}
+                        )
                         header: dict[str, Any] = {"stamp": stamp}
-                        values: dict[str, Any] = {"header": header, "depth": depth, "temperature": 816.0}
+                        values: dict[str, Any] = {
+                            "header": header,
+                            "depth": depth,
+                            "temperature": 816.0,
+                        }
                         if topic_name == HELD:
                             values["issued"] = {"sec": begin_ns // S + sent_s, "nanosec": 0}
                         payload = types.serialize(REFERENCE, values)

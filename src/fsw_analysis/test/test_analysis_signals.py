@@ -29,10 +29,16 @@ def test_units_and_alignment(signals: WeldSignals) -> None:
     assert signals.torque_nm == pytest.approx(1052.86 + np.sin(phase), rel=1e-12)
     assert signals.temperature_c == pytest.approx(816.0 + np.cos(phase), rel=1e-12)
     assert signals.force_kn == pytest.approx(78.4 + 0.5 * np.sin(phase), rel=1e-12)
-    assert signals.speed_rpm == pytest.approx((42.68 + 0.1 * np.cos(phase)) * 30.0 / np.pi, rel=1e-12)
-    assert signals.reference_depth_mm == pytest.approx(2.66) and signals.reference_temperature_c == pytest.approx(816.0)
+    assert signals.speed_rpm == pytest.approx(
+        (42.68 + 0.1 * np.cos(phase)) * 30.0 / np.pi, rel=1e-12
+    )
+    assert signals.reference_depth_mm == pytest.approx(
+        2.66
+    ) and signals.reference_temperature_c == pytest.approx(816.0)
     assert signals.command_latency_s == pytest.approx(0.0091)
-    assert set(signals.command_source[:150]) == {"decentral"} and set(signals.command_source[150:]) == {"nmpc"}
+    assert set(signals.command_source[:150]) == {"decentral"} and set(
+        signals.command_source[150:]
+    ) == {"nmpc"}
     assert signals.actual_controller[0] == "decentral" and signals.actual_controller[-1] == "nmpc"
     assert signals.attachments == {"scenario.yaml": b"name: made-up weld\n"}
     assert signals.counts["/fsw/depth"] == 300
@@ -69,7 +75,9 @@ def rewrite(bag: Path, keep: object) -> Path:
 
 
 def test_missing_sensor_samples_are_nan(tmp_path: Path) -> None:
-    bag = rewrite(tmp_path / "bag", lambda i, name, data: [] if name == "/fsw/depth" and i % 2 else [data])
+    bag = rewrite(
+        tmp_path / "bag", lambda i, name, data: [] if name == "/fsw/depth" and i % 2 else [data]
+    )
     loaded = load_weld(bag)
     assert loaded.n_ticks == 50
     assert np.isnan(loaded.depth_mm).tolist() == [bool(tick % 2) for tick in range(50)]
@@ -92,7 +100,9 @@ def test_of_several_messages_with_one_stamp_the_first_counts(tmp_path: Path) -> 
     no_tick = ("/fsw/reference", "/fsw/supervisor/state", "/diagnostics")
 
     def with_another(_: int, name: str, data: bytes) -> list[bytes]:
-        return [data] if name in no_tick else [data, data[:12] + latest[name][12:]]  # the first 12 bytes: the stamp
+        return (
+            [data] if name in no_tick else [data, data[:12] + latest[name][12:]]
+        )  # the first 12 bytes: the stamp
 
     once = weld_table(load_weld(rewrite(tmp_path / "once", lambda _, name, data: [data])))
     twice = weld_table(load_weld(rewrite(tmp_path / "twice", with_another)))
@@ -103,14 +113,18 @@ def test_of_several_messages_with_one_stamp_the_first_counts(tmp_path: Path) -> 
 
 def test_weld_without_truth_and_controllers(tmp_path: Path) -> None:
     sensors = ("/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple")
-    loaded = load_weld(rewrite(tmp_path / "bag", lambda _, name, data: [data] if name in sensors else []))
+    loaded = load_weld(
+        rewrite(tmp_path / "bag", lambda _, name, data: [data] if name in sensors else [])
+    )
     assert loaded.truth is None and loaded.proposals == {}
     assert np.isnan(loaded.force_kn).all() and set(loaded.command_source) == {""}
 
 
 def test_foreign_and_empty_bags(genuine: Path, tmp_path: Path) -> None:
     assert load_weld(genuine / "sqlite3").n_ticks == 44  # it has /fsw/thermocouple
-    bag = rewrite(tmp_path / "foreign", lambda _, name, data: [data] if name == "/diagnostics" else [])
+    bag = rewrite(
+        tmp_path / "foreign", lambda _, name, data: [data] if name == "/diagnostics" else []
+    )
     with pytest.raises(BagError, match=r"not the bag of a weld.*it has /diagnostics"):
         load_weld(bag)
     BagWriter(tmp_path / "empty").close()
@@ -138,7 +152,9 @@ def test_export_refusals(signals: WeldSignals, tmp_path: Path) -> None:
         export_weld(signals, tmp_path / "file" / "weld.csv")
 
 
-def test_set_points_whose_sender_had_left_are_those_that_the_supervisor_keeps(tmp_path: Path) -> None:
+def test_set_points_whose_sender_had_left_are_those_that_the_supervisor_keeps(
+    tmp_path: Path,
+) -> None:
     kept = "/fsw/supervisor/reference"
     with BagWriter(tmp_path / "bag") as writer:
         for topic in sample_topics():
@@ -149,7 +165,9 @@ def test_set_points_whose_sender_had_left_are_those_that_the_supervisor_keeps(tm
             elif time_ns < START_NS + TICK_NS:
                 writer.write(kept, data, time_ns, time_ns)
     signals = load_weld(tmp_path / "bag")
-    assert signals.reference_depth_mm == pytest.approx(2.66) and signals.reference_temperature_c == pytest.approx(816.0)
+    assert signals.reference_depth_mm == pytest.approx(
+        2.66
+    ) and signals.reference_temperature_c == pytest.approx(816.0)
     assert signals.problems == []
 
 

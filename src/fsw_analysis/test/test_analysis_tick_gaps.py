@@ -30,10 +30,14 @@ def counted(**ticks: set[int]) -> dict[str, int]:
 
 def test_which_topics_tick() -> None:
     assert all(
-        is_ticking(f"/fsw/{one}") for one in ("depth", "command", "nmpc/proposal", "plant/truth", "a/status", "drives")
+        is_ticking(f"/fsw/{one}")
+        for one in ("depth", "command", "nmpc/proposal", "plant/truth", "a/status", "drives")
     )
     assert is_ticking("/hall/cell1/fsw/depth")
-    assert not any(is_ticking(one) for one in ("/fsw/reference", "/fsw/supervisor/state", "/clock", "/demo/depth"))
+    assert not any(
+        is_ticking(one)
+        for one in ("/fsw/reference", "/fsw/supervisor/state", "/clock", "/demo/depth")
+    )
 
 
 def test_stamp_is_little_endian() -> None:

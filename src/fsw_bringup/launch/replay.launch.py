@@ -1,7 +1,8 @@
 """Plays a bag into the graph; controllers named as shadows compute along, and their proposals are not applied.
 
-A shadow sees the recorded measurements, references and commands. What it publishes goes to shadow/<name>/proposal,
-status and prediction, beside what was recorded under fsw/<name>. The launch ends when the bag is over.
+A shadow sees the recorded measurements, references and commands. What it publishes goes to
+shadow/<name>/proposal, status and prediction, beside what was recorded under fsw/<name>. The
+launch ends when the bag is over.
 """
 
 from __future__ import annotations
@@ -22,7 +23,10 @@ TOPICS = [f"/{SENSORS[name].topic}" for name in REQUIRED]
 OWN_TOPICS = ("proposal", "status", "prediction")
 ARGUMENTS = {
     "bag": (None, "Bag to play: folder or file"),
-    "rate": ("1.0", "Playback rate relative to the time of the weld, real or simulated; 2 plays twice as fast"),
+    "rate": (
+        "1.0",
+        "Playback rate relative to the time of the weld, real or simulated; 2 plays twice as fast",
+    ),
     "start_paused": ("false", "Wait for the services /fsw_replay/resume or /fsw_replay/play_next"),
     "controllers": ("", "Controllers to run as shadows, separated by commas, e.g. nmpc"),
     "params_file": ("", "Parameter file that overrides config/weld.yaml"),
@@ -35,7 +39,9 @@ CHOICES = {"start_paused": [*TRUE, *FALSE]}
 def generate_launch_description() -> LaunchDescription:
     """Declare the arguments; the nodes follow from them."""
     declared = [
-        DeclareLaunchArgument(name, default_value=default, description=description, choices=CHOICES.get(name))
+        DeclareLaunchArgument(
+            name, default_value=default, description=description, choices=CHOICES.get(name)
+        )
         for name, (default, description) in ARGUMENTS.items()
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=replay)])
@@ -58,7 +64,9 @@ def replay(context: LaunchContext) -> list[Any]:
         files.append(str(Path(arguments["params_file"]).expanduser()))
         if not Path(files[-1]).is_file():
             raise RuntimeError(f"params_file: there is no file {files[-1]}")
-    shadows = list(dict.fromkeys(name.strip() for name in arguments["controllers"].split(",") if name.strip()))
+    shadows = list(
+        dict.fromkeys(name.strip() for name in arguments["controllers"].split(",") if name.strip())
+    )
     common = {"output": "screen", "ros_arguments": ["--log-level", arguments["log_level"]]}
     shadow_nodes = [
         Node(
@@ -77,7 +85,13 @@ def replay(context: LaunchContext) -> list[Any]:
         **({"wait_for": TOPICS} if shadows else {}),
     }
     over = [Shutdown(reason="the player has ended")]
-    replay_node = Node(package="fsw_recorder", executable="replay", parameters=[*files, player], on_exit=over, **common)
+    replay_node = Node(
+        package="fsw_recorder",
+        executable="replay",
+        parameters=[*files, player],
+        on_exit=over,
+        **common,
+    )
     return [*shadow_nodes, replay_node]
 
 

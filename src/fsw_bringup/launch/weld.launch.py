@@ -1,13 +1,14 @@
 """Starts a weld: plant or gateway to a machine, controllers, supervisors and, if wanted, recorder, player, page.
 
-With a scenario the launch ends when the player has played it; without one it runs until Ctrl-C and is steered by hand.
-So it does in real time after the programme of a weld was aborted: the safe stop is carried out and can be acknowledged.
-Without a scenario a player waits for welds as goals of the action fsw/run_weld.
-Plant, gateway and recorder are managed nodes that configure and activate themselves, unless autostart is false.
-Controllers, supervisors, recorder and page are started again when they die; one that refuses its parameters ends the
-launch. So is the gateway, while the machine's watchdog holds. The plant is not: a weld cannot be
-restarted half-way, so its end is the end of the launch. To start a supervisor again
-costs a second, in which the drives hold; so in real time a second one stands by and takes over within two ticks.
+With a scenario the launch ends when the player has played it; without one it runs until Ctrl-C and
+is steered by hand. So it does in real time after the programme of a weld was aborted: the safe
+stop is carried out and can be acknowledged. Without a scenario a player waits for welds as goals
+of the action fsw/run_weld. Plant, gateway and recorder are managed nodes that configure and
+activate themselves, unless autostart is false. Controllers, supervisors, recorder and page are
+started again when they die; one that refuses its parameters ends the launch. So is the gateway,
+while the machine's watchdog holds. The plant is not: a weld cannot be restarted half-way, so its
+end is the end of the launch. To start a supervisor again costs a second, in which the drives hold;
+so in real time a second one stands by and takes over within two ticks.
 """
 
 from __future__ import annotations
@@ -44,7 +45,10 @@ ARGUMENTS = {
         "Controllers that run, separated by commas; the first is applied at the start unless the scenario swaps "
         "them; your own: MODULE:CLASS or FILE.py:CLASS",
     ),
-    "machine": ("", "Machine file: the gateway to this machine runs in place of the emulated plant; empty: the plant"),
+    "machine": (
+        "",
+        "Machine file: the gateway to this machine runs in place of the emulated plant; empty: the plant",
+    ),
     "scenario": (
         "",
         f"Scenario to play: path of a YAML file, or one of {', '.join(shipped())}; empty: control by hand",
@@ -62,7 +66,10 @@ ARGUMENTS = {
         "into the bag's folder; empty: none",
     ),
     "require_signed": ("false", "Whether a procedure that nobody signed is refused"),
-    "trusted": ("", "Keys whose signatures of a procedure count: public key or list of them (YAML); empty: any"),
+    "trusted": (
+        "",
+        "Keys whose signatures of a procedure count: public key or list of them (YAML); empty: any",
+    ),
     "standby": (
         "",
         "Whether a second supervisor runs on standby and takes over when the first dies; empty: in real time",
@@ -76,7 +83,10 @@ ARGUMENTS = {
     "hmi": ("false", "Whether the operator's page is served; its address and a token are printed"),
     "hmi_port": ("8080", "Port of the operator's page; 0: any free one"),
     "realtime": ("true", "true: 10 Hz on the wall clock; false: simulated time"),
-    "speed": ("", "Pace of simulated time against the wall clock, 0: lockstep; empty: lockstep unless realtime"),
+    "speed": (
+        "",
+        "Pace of simulated time against the wall clock, 0: lockstep; empty: lockstep unless realtime",
+    ),
     "namespace": ("", "Namespace of all nodes and topics but /clock and /diagnostics"),
     "params_file": ("", "Parameter file that overrides config/weld.yaml and the scenario"),
     "autostart": (
@@ -101,7 +111,9 @@ MANAGED = ("fsw_plant", "fsw_machine", "fsw_recorder")
 def generate_launch_description() -> LaunchDescription:
     """Declare the arguments; the nodes follow from them."""
     declared = [
-        DeclareLaunchArgument(name, default_value=default, description=description, choices=CHOICES.get(name))
+        DeclareLaunchArgument(
+            name, default_value=default, description=description, choices=CHOICES.get(name)
+        )
         for name, (default, description) in ARGUMENTS.items()
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=weld)])
@@ -133,7 +145,14 @@ def weld(context: LaunchContext) -> list[Any]:
     if scenario is None:
         parameters = _parameters_by_hand(variants, record, standby, speed)
     else:
-        graph = WeldGraph(scenario, folder, controllers, realtime=speed is None, record=record, parameters=variants)
+        graph = WeldGraph(
+            scenario,
+            folder,
+            controllers,
+            realtime=speed is None,
+            record=record,
+            parameters=variants,
+        )
         controllers = graph.all_controllers
         parameters = _parameters_of_scenario(graph, scenario, folder, speed)
     if arguments["bag_dir"]:
@@ -143,11 +162,15 @@ def weld(context: LaunchContext) -> list[Any]:
     clock = {} if speed is None else {"use_sim_time": True}
     page = {"port": _port(arguments["hmi_port"]), "state_folder": str(folder / "hmi"), **clock}
     process = "canister" if machine or (scenario is not None and scenario.on_canister) else "paper"
-    parameters["fsw_monitor"] = {"ros__parameters": {"process": process, **_model(arguments), **clock}}
+    parameters["fsw_monitor"] = {
+        "ros__parameters": {"process": process, **_model(arguments), **clock}
+    }
     parameters["fsw_hmi"] = {"ros__parameters": page}
     if arguments["autostart"] in FALSE:
         for name in MANAGED:
-            parameters.setdefault(name, {"ros__parameters": {}})["ros__parameters"]["autostart"] = False
+            parameters.setdefault(name, {"ros__parameters": {}})["ros__parameters"][
+                "autostart"
+            ] = False
     _by_procedure(arguments, parameters, clock)
     node = _Nodes(arguments, _write(folder / "weld_parameters.yaml", parameters))
 
@@ -155,29 +178,42 @@ def weld(context: LaunchContext) -> list[Any]:
     if machine:
         actions.append(node("fsw_machine", "machine", **_respawn()))
     else:
-        actions.append(node("fsw_plant", "plant", on_exit=[Shutdown(reason="the plant has ended")]))
+        actions.append(
+            node("fsw_plant", "plant", on_exit=[Shutdown(reason="the plant has ended")])
+        )
     for package, executable, words in map(program, controllers):
         actions.append(node(package, executable, arguments=words, **_respawn()))
     actions.append(node("fsw_supervisor", "supervisor", **_respawn()))
     if standby:
         actions.append(node.standby(**_respawn()))
     if scenario is not None:
-        actions.append(node("fsw_scenario", "scenario", on_exit=_after_player(realtime=speed is None)))
+        actions.append(
+            node("fsw_scenario", "scenario", on_exit=_after_player(realtime=speed is None))
+        )
     else:
         actions.append(node("fsw_scenario", "scenario", **_respawn()))
-    return [LogInfo(msg=f"weld with {', '.join(controllers)}; parameters and scenario are in {folder}"), *actions]
+    return [
+        LogInfo(
+            msg=f"weld with {', '.join(controllers)}; parameters and scenario are in {folder}"
+        ),
+        *actions,
+    ]
 
 
 def _model(arguments: dict[str, str]) -> dict[str, str]:
     """The files of this machine's model that were given, as parameters of the monitor."""
-    given = {name: arguments[name] for name in ("model_file", "covariance_file") if arguments[name]}
+    given = {
+        name: arguments[name] for name in ("model_file", "covariance_file") if arguments[name]
+    }
     return {name: str(Path(file).expanduser().absolute()) for name, file in given.items()}
 
 
 def _record_into(bag: Path, record: bool, parameters: dict[str, Any]) -> None:
     """Choose the bag's folder; RuntimeError when it is there already."""
     if record and bag.exists():
-        raise RuntimeError(f"bag_dir: {bag} exists already; choose another folder or remove this one")
+        raise RuntimeError(
+            f"bag_dir: {bag} exists already; choose another folder or remove this one"
+        )
     parameters["fsw_recorder"]["ros__parameters"] |= {"output": str(bag), "number_if_taken": True}
 
 
@@ -223,7 +259,9 @@ def _after_player(realtime: bool) -> Callable[[ProcessExited, LaunchContext], li
 
     def on_exit(event: ProcessExited, _: LaunchContext) -> list[Any]:
         if realtime and event.returncode == ABORTED:
-            return [LogInfo(msg="the programme was aborted; the other nodes go on, Ctrl-C ends them")]
+            return [
+                LogInfo(msg="the programme was aborted; the other nodes go on, Ctrl-C ends them")
+            ]
         return [Shutdown(reason="the scenario player has ended")]
 
     return on_exit
@@ -252,9 +290,13 @@ class _Nodes:
             copy.write_text(for_standby(Path(file).read_text(encoding="utf-8")), encoding="utf-8")
             files.append(str(copy))
         program = ("fsw_supervisor", "supervisor")
-        return self(*program, [*files, {"standby": True}], name=STANDBY, exec_name="standby", **options)
+        return self(
+            *program, [*files, {"standby": True}], name=STANDBY, exec_name="standby", **options
+        )
 
-    def __call__(self, package: str, program: str, parameters: list[Any] | None = None, **options: Any) -> Node:
+    def __call__(
+        self, package: str, program: str, parameters: list[Any] | None = None, **options: Any
+    ) -> Node:
         return Node(
             package=package,
             executable=program,
@@ -290,11 +332,17 @@ def _parameters_by_hand(
     } | {f"fsw_{name}": {**values} for name, values in controllers.items()}
     if speed is not None:
         for name, values in nodes.items():
-            values |= {"clock": "simulated", "speed": speed} if name == "fsw_plant" else {"use_sim_time": True}
+            values |= (
+                {"clock": "simulated", "speed": speed}
+                if name == "fsw_plant"
+                else {"use_sim_time": True}
+            )
     return {name: {"ros__parameters": values} for name, values in nodes.items()}
 
 
-def _parameters_of_scenario(graph: WeldGraph, scenario: Scenario, folder: Path, speed: float | None) -> dict[str, Any]:
+def _parameters_of_scenario(
+    graph: WeldGraph, scenario: Scenario, folder: Path, speed: float | None
+) -> dict[str, Any]:
     """Parameters of a scenario, whose text is written into ``folder``."""
     (folder / "scenario.yaml").write_text(scenario.text, encoding="utf-8")
     parameters: dict[str, Any] = graph.parameter_file(folder / "scenario.yaml")
@@ -304,7 +352,9 @@ def _parameters_of_scenario(graph: WeldGraph, scenario: Scenario, folder: Path, 
     return parameters
 
 
-def _by_procedure(arguments: dict[str, str], parameters: dict[str, Any], clock: dict[str, Any]) -> None:
+def _by_procedure(
+    arguments: dict[str, str], parameters: dict[str, Any], clock: dict[str, Any]
+) -> None:
     """Add what follows from a procedure to the parameters of the nodes; ``clock`` is for the node that watches it."""
     source, required = arguments["procedure"], arguments["require_signed"] in TRUE
     if not source:
@@ -312,8 +362,12 @@ def _by_procedure(arguments: dict[str, str], parameters: dict[str, Any], clock: 
             raise RuntimeError("require_signed: needs a procedure")
         return
     try:
-        check_signed(source, [Path(arguments["trusted"])] if arguments["trusted"] else [], required)
-        derived = graph_parameters(source, defaults(load_parameters("fsw_supervisor", "supervisor.yaml")))
+        check_signed(
+            source, [Path(arguments["trusted"])] if arguments["trusted"] else [], required
+        )
+        derived = graph_parameters(
+            source, defaults(load_parameters("fsw_supervisor", "supervisor.yaml"))
+        )
     except InputError as error:
         raise RuntimeError(f"procedure: {error}") from None
     derived["fsw_procedure"] |= clock
@@ -323,7 +377,11 @@ def _by_procedure(arguments: dict[str, str], parameters: dict[str, Any], clock: 
 
 def _write(path: Path, parameters: dict[str, Any]) -> Path:
     """Write a parameter file that fits its nodes in any namespace."""
-    content = {f"/**/{name}": section for name, section in parameters.items() if section["ros__parameters"]}
+    content = {
+        f"/**/{name}": section
+        for name, section in parameters.items()
+        if section["ros__parameters"]
+    }
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     return path
 
@@ -333,9 +391,13 @@ def _machine_file(text: str, speed: float | None, scenario: Scenario | None) -> 
     if not text:
         return ""
     if speed is not None:
-        raise RuntimeError("machine: a machine runs in real time; leave realtime and speed as they are")
+        raise RuntimeError(
+            "machine: a machine runs in real time; leave realtime and speed as they are"
+        )
     if scenario is not None:
-        raise RuntimeError("machine: a scenario needs the emulated plant; control by hand, or omit machine")
+        raise RuntimeError(
+            "machine: a scenario needs the emulated plant; control by hand, or omit machine"
+        )
     file = Path(text).expanduser()
     if not file.is_file():
         raise RuntimeError(f"machine: there is no file {file}")

@@ -63,12 +63,20 @@ def message_fields(topic):
     """Names of the fields of a topic's message, with those of nested messages."""
     import importlib
 
-    kinds = {"/fsw/depth": "ShoulderDepth", "/fsw/spindle_torque": "SpindleTorque", "/fsw/reference": "WeldReference"}
+    kinds = {
+        "/fsw/depth": "ShoulderDepth",
+        "/fsw/spindle_torque": "SpindleTorque",
+        "/fsw/reference": "WeldReference",
+    }
     kinds |= {"/fsw/command": "WeldCommand", "/fsw/supervisor/state": "SupervisorState"}
     kinds |= {"/fsw/plant/truth": "PlantState"}
     last = topic.rpartition("/")[2]
     kind = kinds.get(topic) or {"status": "ControllerStatus", "proposal": "WeldCommand"}.get(last)
-    module, kind = ("sensor_msgs.msg", "Temperature") if topic == "/fsw/thermocouple" else ("fsw_msgs.msg", kind)
+    module, kind = (
+        ("sensor_msgs.msg", "Temperature")
+        if topic == "/fsw/thermocouple"
+        else ("fsw_msgs.msg", kind)
+    )
     return set(getattr(importlib.import_module(module), kind).get_fields_and_field_types())
 
 
@@ -88,9 +96,13 @@ def test_plotjuggler_layout_shows_fields_that_exist():
     curves = [curve.get("name") for curve in root.iter("curve")]
     assert all(curves)
     paths = [
-        re.sub(r"^(/fsw/(?:depth|thermocouple|spindle_torque|reference|command|\w+/\w+))/", r"\1|", c) for c in curves
+        re.sub(
+            r"^(/fsw/(?:depth|thermocouple|spindle_torque|reference|command|\w+/\w+))/", r"\1|", c
+        )
+        for c in curves
     ]
-    # PlotJuggler draws numbers; who is in command is a text there, shown by each controller's flag instead
+    # PlotJuggler draws numbers; who is in command is a text there, shown by each controller's flag
+    # instead
     assert_shows([*paths, "/fsw/supervisor/state|actual_controller"])
     assert {"/fsw/decentral/status|selected", "/fsw/nmpc/status|selected"} <= set(paths)
     docked = {area.get("name") for area in root.iter("DockArea")}
@@ -104,7 +116,9 @@ def test_foxglove_layout_shows_fields_that_exist():
     assert_shows([re.sub(r"^((?:/\w+)+)\.", r"\1|", path) for path in paths])
 
     def leaves(node):
-        return [node] if isinstance(node, str) else [*leaves(node["first"]), *leaves(node["second"])]
+        return (
+            [node] if isinstance(node, str) else [*leaves(node["first"]), *leaves(node["second"])]
+        )
 
     assert sorted(leaves(layout["layout"])) == sorted(panels)
 

@@ -12,12 +12,26 @@ import pytest
 from fsw_recorder.signature import Purpose, load_private, make_key, sign, signature_path
 from fsw_scenario.procedure import path_of
 
-pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/signing.lock")
+pytest.importorskip(
+    "securesystemslib", reason="not installed: pip install -r requirements/signing.lock"
+)
 LAUNCH_FILE = Path(__file__).resolve().parents[1] / "launch" / "weld.launch.py"
 #: what the launch file imports of ROS 2
 ROS = (
-    *("ament_index_python", "ament_index_python.packages", "launch", "launch.actions", "launch.events"),
-    *("launch.events.process", "launch.logging", "launch.substitutions", "launch_ros", "launch_ros.actions"),
+    *(
+        "ament_index_python",
+        "ament_index_python.packages",
+        "launch",
+        "launch.actions",
+        "launch.events",
+    ),
+    *(
+        "launch.events.process",
+        "launch.logging",
+        "launch.substitutions",
+        "launch_ros",
+        "launch_ros.actions",
+    ),
 )
 NOW = datetime(2026, 11, 25, tzinfo=UTC)
 
@@ -38,13 +52,19 @@ def lid(tmp_path):
 
 
 def signed_with(lid, name):
-    text = sign(lid.read_bytes(), lid.name, Purpose.PROCEDURE, load_private(lid.with_name(name)), NOW)
+    text = sign(
+        lid.read_bytes(), lid.name, Purpose.PROCEDURE, load_private(lid.with_name(name)), NOW
+    )
     signature_path(lid).write_text(text)
 
 
 def launched(by_procedure, lid, **more):
     """Parameters of the nodes; None where the launch is refused."""
-    arguments = {"procedure": str(lid), "require_signed": "true", "trusted": str(lid.with_name("own.pub"))} | more
+    arguments = {
+        "procedure": str(lid),
+        "require_signed": "true",
+        "trusted": str(lid.with_name("own.pub")),
+    } | more
     parameters = {}
     try:
         by_procedure(arguments, parameters, {"use_sim_time": True})
@@ -55,7 +75,9 @@ def launched(by_procedure, lid, **more):
 
 def test_a_procedure_that_nobody_signed_is_refused_where_that_is_demanded(by_procedure, lid):
     assert launched(by_procedure, lid) is None
-    assert launched(by_procedure, lid, require_signed="false")["fsw_procedure"]["ros__parameters"]["use_sim_time"]
+    assert launched(by_procedure, lid, require_signed="false")["fsw_procedure"]["ros__parameters"][
+        "use_sim_time"
+    ]
     signed_with(lid, "own")
     assert "fsw_supervisor" in launched(by_procedure, lid)
 
@@ -63,8 +85,12 @@ def test_a_procedure_that_nobody_signed_is_refused_where_that_is_demanded(by_pro
 def test_a_signature_counts_by_a_trusted_key_only(by_procedure, lid):
     signed_with(lid, "foreign")
     assert launched(by_procedure, lid) is None
-    assert launched(by_procedure, lid, require_signed="false") is None, "it is signed by somebody who may not"
-    assert launched(by_procedure, lid, trusted="") is None, "anybody can sign with a key that nobody knows"
+    assert launched(by_procedure, lid, require_signed="false") is None, (
+        "it is signed by somebody who may not"
+    )
+    assert launched(by_procedure, lid, trusted="") is None, (
+        "anybody can sign with a key that nobody knows"
+    )
     assert launched(by_procedure, lid, trusted="", require_signed="false") is not None
 
 

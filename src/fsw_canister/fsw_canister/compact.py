@@ -1,12 +1,14 @@
 """The stir zone's heat in some ninety states in the tool's frame; traverse speed and position are parameters.
 
-In the frame of the tool an amplitude ``y = x exp(i m angle)`` of the reduced model (``reduced.py``), even part u and
-odd part w about the tool, obeys with the angular speed s of the tool
+In the frame of the tool an amplitude ``y = x exp(i m angle)`` of the reduced model
+(``reduced.py``), even part u and odd part w about the tool, obeys with the angular speed s of the
+tool
 
     u' = -decay u - s m w + b(z) P,    w' = -decay w + s m u,    theta = c(z) u.
 
-Even and odd parts are projected on few vectors each, by Galerkin's method: decay stays symmetric and the transport
-skew, so that the model is stable at every speed. Copper, losses and clamp enter the small matrices afterwards.
+Even and odd parts are projected on few vectors each, by Galerkin's method: decay stays symmetric
+and the transport skew, so that the model is stable at every speed. Copper, losses and clamp enter
+the small matrices afterwards.
 """
 
 from __future__ import annotations
@@ -64,7 +66,12 @@ class CompactCanister(HeatModel):
         return CanisterState(np.zeros(self.states), 0.0, self._checked(axial_mm))
 
     def step(
-        self, state: CanisterState, power_kw: float, traverse_mm_per_s: float, axial_mm: float, dt_s: float = 0.1
+        self,
+        state: CanisterState,
+        power_kw: float,
+        traverse_mm_per_s: float,
+        axial_mm: float,
+        dt_s: float = 0.1,
     ) -> CanisterState:
         """See :meth:`HeatModel.step`."""
         self._check(power_kw, traverse_mm_per_s, axial_mm, dt_s)
@@ -90,13 +97,18 @@ class CompactCanister(HeatModel):
             with_source = expm(dt_s * both)[: self.states]
             if len(self._known) >= _MOST_KNOWN:
                 self._known.clear()
-            self._known[key] = with_source[:, : self.states], with_source[:, self.states :][:, : self._even]
+            self._known[key] = (
+                with_source[:, : self.states],
+                with_source[:, self.states :][:, : self._even],
+            )
         return self._known[key]
 
     def stir_zone_temperature_c(self, state: CanisterState) -> float:
         """See :meth:`HeatModel.stir_zone_temperature_c`."""
         _, rim, rest = self._at(state.axial_mm)
-        return float(self.copper.temperature_c(rim @ state.modes[: self._even] + rest * state.power_kw))
+        return float(
+            self.copper.temperature_c(rim @ state.modes[: self._even] + rest * state.power_kw)
+        )
 
     def tables(self) -> dict[str, Array]:
         """The model as numbers, for another language: of which :meth:`over` is made, and what is tabulated."""

@@ -1,6 +1,7 @@
 """Conductivity and specific heat of pure copper over temperature, and the Kirchhoff transform.
 
-Source: Incropera, DeWitt, Bergman, Lavine, Fundamentals of Heat and Mass Transfer, 6th ed., Table A.1, "Copper, pure".
+Source: Incropera, DeWitt, Bergman, Lavine, Fundamentals of Heat and Mass Transfer, 6th ed., Table
+A.1, "Copper, pure".
 """
 
 from __future__ import annotations
@@ -48,7 +49,9 @@ class Kirchhoff:
         if self.linear:
             relative_k = np.ones_like(relative_k)
         self.theta_k = self._integral(relative_k)
-        self.heat_j_per_m3 = p.heat_capacity_j_per_m3_k * self._integral(heat_capacity(self.grid_c) / reference_c)
+        self.heat_j_per_m3 = p.heat_capacity_j_per_m3_k * self._integral(
+            heat_capacity(self.grid_c) / reference_c
+        )
 
     def _integral(self, values: Array) -> Array:
         steps = 0.5 * (values[1:] + values[:-1]) * np.diff(self.grid_c)

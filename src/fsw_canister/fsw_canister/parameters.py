@@ -10,10 +10,18 @@ from pydantic import model_validator
 from fsw_schema.models import Parameters, Whole
 from fsw_schema.ranges import Range
 
-#: of :class:`CanisterParameters`: all that the finite elements and the projection depend on; the rest is free after it
+#: of :class:`CanisterParameters`: all that the finite elements and the projection depend on; the
+#: rest is free after it
 SHAPE = (
     *("shape", "outer_radius_mm", "wall_mm", "rim_mm", "lid_mm", "lid_from_mm", "tube_mm"),
-    *("probe_radius_mm", "probe_length_mm", "shoulder_radius_mm", "clamp_from_mm", "clamp_to_mm", "lowest_mm"),
+    *(
+        "probe_radius_mm",
+        "probe_length_mm",
+        "shoulder_radius_mm",
+        "clamp_from_mm",
+        "clamp_to_mm",
+        "lowest_mm",
+    ),
     *("element_mm", "tolerance_k", "modes"),
 )
 ZERO_C = 273.15
@@ -90,19 +98,28 @@ class CanisterParameters(Parameters):
         if self.shape == "cylinder" and self.wall_mm >= self.outer_radius_mm:
             raise ValueError("wall_mm must be less than outer_radius_mm")
         if self.probe_length_mm > self.wall_mm:
-            raise ValueError("probe_length_mm must be at most wall_mm: the probe ends in the copper")
+            raise ValueError(
+                "probe_length_mm must be at most wall_mm: the probe ends in the copper"
+            )
         if self.shoulder_radius_mm <= self.probe_radius_mm:
             raise ValueError("shoulder_radius_mm must be more than probe_radius_mm")
-        if not -self.tube_mm < self.lid_from_mm <= self.rim_mm - self.lid_mm and self.shape == "cylinder":
+        if (
+            not -self.tube_mm < self.lid_from_mm <= self.rim_mm - self.lid_mm
+            and self.shape == "cylinder"
+        ):
             raise ValueError("lid_from_mm puts the lid's plate outside the rim and the tube")
         if self.highest_mm <= self.lowest_mm:
-            raise ValueError(f"rim_mm leaves the tool no place: its highest position is {self.highest_mm:g} mm")
+            raise ValueError(
+                f"rim_mm leaves the tool no place: its highest position is {self.highest_mm:g} mm"
+            )
         if self.tube_mm + self.lowest_mm < self.shoulder_radius_mm + 2 * self.element_mm:
             raise ValueError("tube_mm must reach below the tool's lowest position")
         if not self.clamp_from_mm < self.clamp_to_mm <= self.tube_mm:
             raise ValueError("clamp_to_mm must be more than clamp_from_mm and at most tube_mm")
         if self.element_mm > 0.5 * self.probe_radius_mm:
-            raise ValueError(f"element_mm is too coarse for the probe: at most {0.5 * self.probe_radius_mm:g} mm")
+            raise ValueError(
+                f"element_mm is too coarse for the probe: at most {0.5 * self.probe_radius_mm:g} mm"
+            )
         if self.modes < (least := 2.5 * self.outer_radius_mm / self.probe_radius_mm):
             raise ValueError(f"modes are too few for the probe: at least {least:.0f}")
         return self

@@ -23,7 +23,8 @@ LONGEST_HEATING_S = 1800.0
 class CanisterState:
     """Heat in the canister and where the tool is."""
 
-    #: amplitudes of theta (``copper.py``) in the vectors of the model: complex ones, or real ones in the tool's frame
+    #: amplitudes of theta (``copper.py``) in the vectors of the model: complex ones, or real ones
+    #: in the tool's frame
     modes: Complex | Array
     angle_rad: float = 0.0  #: place of the tool around the canister from its start
     axial_mm: float = 0.0  #: and above the joint line
@@ -49,7 +50,12 @@ class HeatModel(ABC):
     """
 
     def __init__(
-        self, parameters: CanisterParameters, axial_mm: Array, source: Array, rim: Array, rest_k_per_kw: Array
+        self,
+        parameters: CanisterParameters,
+        axial_mm: Array,
+        source: Array,
+        rim: Array,
+        rest_k_per_kw: Array,
     ) -> None:
         self.parameters, self.copper = parameters, Kirchhoff(parameters)
         self._axial_mm, self._source, self._rim, self._rest = axial_mm, source, rim, rest_k_per_kw
@@ -61,12 +67,17 @@ class HeatModel(ABC):
 
     @abstractmethod
     def step(
-        self, state: CanisterState, power_kw: float, traverse_mm_per_s: float, axial_mm: float, dt_s: float = 0.1
+        self,
+        state: CanisterState,
+        power_kw: float,
+        traverse_mm_per_s: float,
+        axial_mm: float,
+        dt_s: float = 0.1,
     ) -> CanisterState:
         """State after a step, with the inputs held.
 
-        The power (24) includes the tool's share; the traverse speed is that at the outer surface, backwards if
-        negative; the tool's axial position is that above the joint line.
+        The power (24) includes the tool's share; the traverse speed is that at the outer surface,
+        backwards if negative; the tool's axial position is that above the joint line.
 
         Raises
         ------
@@ -86,7 +97,9 @@ class HeatModel(ABC):
             )
         return axial_mm
 
-    def _check(self, power_kw: float, traverse_mm_per_s: float, axial_mm: float, dt_s: float) -> None:
+    def _check(
+        self, power_kw: float, traverse_mm_per_s: float, axial_mm: float, dt_s: float
+    ) -> None:
         """Refuse inputs of a step that make no sense."""
         if not isfinite(power_kw + traverse_mm_per_s + axial_mm):
             raise InputError(
@@ -113,7 +126,10 @@ class HeatModel(ABC):
             )
             near = slice(first, first + 4)
             rest = float(weights @ self._rest[near])
-            self._table = (axial_mm, (weights @ self._source[near], weights @ self._rim[near], rest))
+            self._table = (
+                axial_mm,
+                (weights @ self._source[near], weights @ self._rim[near], rest),
+            )
         return self._table[1]
 
 
@@ -126,8 +142,8 @@ def heated(
 ) -> CanisterState:
     """A canister heated from ambient by a constant power, in steps of ``dt_s``.
 
-    ``motion`` of the tool is traverse [mm/s] and position above the joint line [mm]. ``missing_c`` is called with each
-    state, also that at ambient: what is missing, at most 0 where heating ends.
+    ``motion`` of the tool is traverse [mm/s] and position above the joint line [mm]. ``missing_c``
+    is called with each state, also that at ambient: what is missing, at most 0 where heating ends.
 
     Raises
     ------
@@ -140,4 +156,6 @@ def heated(
         if (rest_c := missing_c(state)) <= 0.0:
             return state
         state = canister.step(state, power_kw, traverse, axial_mm, dt_s)
-    raise InputError(f"{power_kw:g} kW leave {rest_c:.1f} degC missing after {LONGEST_HEATING_S:g} s of heating")
+    raise InputError(
+        f"{power_kw:g} kW leave {rest_c:.1f} degC missing after {LONGEST_HEATING_S:g} s of heating"
+    )

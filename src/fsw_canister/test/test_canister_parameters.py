@@ -13,7 +13,9 @@ from fsw_schema.models import InputError
 def test_defaults_are_those_of_the_table() -> None:
     p = CanisterParameters()
     assert p.conductivity_w_per_m_k == pytest.approx(float(conductivity(p.reference_c)), rel=2e-3)
-    assert p.heat_capacity_j_per_kg_k == pytest.approx(float(heat_capacity(p.reference_c)), rel=2e-3)
+    assert p.heat_capacity_j_per_kg_k == pytest.approx(
+        float(heat_capacity(p.reference_c)), rel=2e-3
+    )
     assert p.density_kg_per_m3 == DENSITY_KG_PER_M3
     assert conductivity([26.85, 726.85]) == pytest.approx([401.0, 352.0])
     assert heat_capacity([26.85, 926.85]) == pytest.approx([385.0, 480.0])
@@ -29,10 +31,14 @@ def test_the_shoulders_share_is_that_of_the_papers_torque() -> None:
 def test_kirchhoffs_transform_is_the_integral_of_k_and_inverts() -> None:
     kirchhoff = Kirchhoff(CanisterParameters())
     temperatures = np.array([20.0, 300.0, 816.4])
-    assert kirchhoff.temperature_c(kirchhoff.theta(temperatures)) == pytest.approx(temperatures, abs=1e-6)
+    assert kirchhoff.temperature_c(kirchhoff.theta(temperatures)) == pytest.approx(
+        temperatures, abs=1e-6
+    )
     grid = np.linspace(20.0, 816.4, 20001)
     values = conductivity(grid) / conductivity(275.0)
-    assert float(kirchhoff.theta(816.4)) == pytest.approx(0.5 * (values[1:] + values[:-1]) @ np.diff(grid), rel=1e-5)
+    assert float(kirchhoff.theta(816.4)) == pytest.approx(
+        0.5 * (values[1:] + values[:-1]) @ np.diff(grid), rel=1e-5
+    )
     constant = Kirchhoff(CanisterParameters(properties="constant"))
     assert float(constant.theta(816.4)) == pytest.approx(796.4)
 
@@ -48,7 +54,10 @@ def test_kirchhoffs_transform_is_the_integral_of_k_and_inverts() -> None:
         ("probe_length_mm: 60.0", "probe_length_mm must be at most wall_mm"),
         ("shoulder_radius_mm: 10.0", "shoulder_radius_mm must be more than probe_radius_mm"),
         ("rim_mm: 80.0", "lid_from_mm puts the lid's plate outside"),
-        ("{rim_mm: 34.0, lid_mm: 0.0, lid_from_mm: 0.0, lowest_mm: 0.0}", "rim_mm leaves the tool no place"),
+        (
+            "{rim_mm: 34.0, lid_mm: 0.0, lid_from_mm: 0.0, lowest_mm: 0.0}",
+            "rim_mm leaves the tool no place",
+        ),
         ("clamp_to_mm: 100.0", "clamp_to_mm must be more than clamp_from_mm"),
         ("wal_mm: 49.0", "wal_mm is an unknown key; did you mean wall_mm"),
         ("", "holds no parameters"),

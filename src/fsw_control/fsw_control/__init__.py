@@ -4,14 +4,33 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from fsw_control.contract import Command, Controller, Diagnosis, Limits, Measurement, Plan, Proposal, Reference
+from fsw_control.contract import (
+    Command,
+    Controller,
+    Diagnosis,
+    Limits,
+    Measurement,
+    Plan,
+    Proposal,
+    Reference,
+)
 from fsw_control.sensors import SENSORS
 
 if TYPE_CHECKING:
     from fsw_control.controller_node import ControllerNode as ControllerNode
     from fsw_control.controller_node import run_controller as run_controller
 
-__all__ = ["SENSORS", "Command", "Controller", "Diagnosis", "Limits", "Measurement", "Plan", "Proposal", "Reference"]
+__all__ = [
+    "SENSORS",
+    "Command",
+    "Controller",
+    "Diagnosis",
+    "Limits",
+    "Measurement",
+    "Plan",
+    "Proposal",
+    "Reference",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -21,8 +21,9 @@ _REACH_NS = 1_000_000_000
 class AppliedCommand:
     """A message seen on the command topic.
 
-    ``stamp_ns`` is that of the measurement that it answers, ``source`` who computed it, ``writer`` which supervisor
-    sent it (empty where that is not given), and ``term`` the number of that supervisor's lead.
+    ``stamp_ns`` is that of the measurement that it answers, ``source`` who computed it, ``writer``
+    which supervisor sent it (empty where that is not given), and ``term`` the number of that
+    supervisor's lead.
     """
 
     stamp_ns: int
@@ -36,18 +37,21 @@ class AppliedCommand:
 class AppliedCommands:
     """Commands by the stamp of the measurement that each answers; as in the plant, the first of each stamp counts.
 
-    While another controller is in command, the command that answers a tick may arrive before this controller has
-    seen all of the tick's samples. The one to follow is the command before that.
+    While another controller is in command, the command that answers a tick may arrive before this
+    controller has seen all of the tick's samples. The one to follow is the command before that.
 
-    Any node can write to the topic. So one writer is followed. One of a greater term (a standby that takes over) is
-    followed at once, one of a smaller term never, another one only after the first has fallen silent.
+    Any node can write to the topic. So one writer is followed. One of a greater term (a standby
+    that takes over) is followed at once, one of a smaller term never, another one only after the
+    first has fallen silent.
 
     Until the first command ``initial`` is taken as applied.
     """
 
     def __init__(self, initial: Command, period_s: float = 0.1) -> None:
         self._silence_s = SILENT_PERIODS * period_s
-        self._kept: deque[AppliedCommand] = deque([AppliedCommand(_BEFORE_ALL_NS, initial)], maxlen=_KEPT)
+        self._kept: deque[AppliedCommand] = deque(
+            [AppliedCommand(_BEFORE_ALL_NS, initial)], maxlen=_KEPT
+        )
         self._heard_s = 0.0
         self.ignored = 0  #: commands rejected since start, not counting repetitions
         self.complaint = ""  #: why the last one was rejected; empty if it was accepted or repeated
@@ -73,7 +77,9 @@ class AppliedCommands:
         self._kept.append(seen)
         return True
 
-    def _complaint(self, seen: AppliedCommand, last: AppliedCommand, newest_ns: int | None, now_s: float) -> str:
+    def _complaint(
+        self, seen: AppliedCommand, last: AppliedCommand, newest_ns: int | None, now_s: float
+    ) -> str:
         refused = refusal(seen.command)
         if refused is not None:
             return f"it is {refused.words}"
@@ -83,7 +89,11 @@ class AppliedCommands:
             return f"it answers {seen.stamp_ns * 1e-9:.1f} s, far from the newest measurement"
         if seen.term < last.term:
             return "its supervisor no longer leads"
-        if last.stamp_ns != _BEFORE_ALL_NS and seen.writer != last.writer and seen.term == last.term:
+        if (
+            last.stamp_ns != _BEFORE_ALL_NS
+            and seen.writer != last.writer
+            and seen.term == last.term
+        ):
             skipped = seen.stamp_ns - last.stamp_ns > self._silence_s * 1e9
             if not skipped and now_s - self._heard_s <= self._silence_s:
                 return "the supervisor being followed sends commands, too"

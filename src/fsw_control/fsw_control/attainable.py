@@ -26,10 +26,15 @@ def out_of_reach(asked: Reference, attainable: Reference, share: float = 1.0) ->
     share : float, optional
         Of the difference that is told; below 1 for one that has been told already.
     """
-    depth_mm, temperature_c = attainable.depth_mm - asked.depth_mm, attainable.temperature_c - asked.temperature_c
+    depth_mm, temperature_c = (
+        attainable.depth_mm - asked.depth_mm,
+        attainable.temperature_c - asked.temperature_c,
+    )
     texts = []
     if abs(temperature_c) > share * _NEAR_C:
-        texts.append(f"{asked.temperature_c:.0f} degC asked, {attainable.temperature_c:.0f} degC attainable")
+        texts.append(
+            f"{asked.temperature_c:.0f} degC asked, {attainable.temperature_c:.0f} degC attainable"
+        )
     if abs(depth_mm) > share * _NEAR_MM:
         texts.append(f"{asked.depth_mm:.2f} mm asked, {attainable.depth_mm:.2f} mm attainable")
     if not texts:

@@ -1,9 +1,9 @@
 """The C library of a package: built when a C compiler is there, and read from its header by cffi.
 
-The library goes into the user's cache, under a name made from sources, flags and processor; so it is built once, is
-never stale and is never taken by another kind of machine that shares the home folder. A package may also bring a
-library (``setup.py``, ``scripts/wheel_kernels.py``); it is used if it was made from the same sources. Where there is no
-compiler, the ziglang wheel brings one.
+The library goes into the user's cache, under a name made from sources, flags and processor; so it
+is built once, is never stale and is never taken by another kind of machine that shares the home
+folder. A package may also bring a library (``setup.py``, ``scripts/wheel_kernels.py``); it is used
+if it was made from the same sources. Where there is no compiler, the ziglang wheel brings one.
 """
 
 from __future__ import annotations
@@ -57,7 +57,12 @@ def run_compiler(command: Sequence[str]) -> None:
     """Compile; RuntimeError with the compiler's output if that fails."""
     try:
         run = subprocess.run(
-            command, env=tool_environment(), capture_output=True, text=True, timeout=_LONGEST_BUILD_S, check=False
+            command,
+            env=tool_environment(),
+            capture_output=True,
+            text=True,
+            timeout=_LONGEST_BUILD_S,
+            check=False,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise RuntimeError(f"the compiler failed: {error}") from None
@@ -71,13 +76,19 @@ def _processor() -> str:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
     except OSError:
         return ""
-    lines = [line for line in text.splitlines() if line.startswith(("flags", "Features", "model name"))]
+    lines = [
+        line for line in text.splitlines() if line.startswith(("flags", "Features", "model name"))
+    ]
     return platform.machine() + "".join(dict.fromkeys(lines))
 
 
 def _declarations(header: Path) -> str:
     """A header as cffi takes it: included headers in place, of the preprocessor's lines only integer constants."""
-    text = re.sub(r'#include "(.+)"', lambda found: _declarations(header.parent / found[1]), header.read_text("utf-8"))
+    text = re.sub(
+        r'#include "(.+)"',
+        lambda found: _declarations(header.parent / found[1]),
+        header.read_text("utf-8"),
+    )
     text = re.sub(r"#ifdef __cplusplus.*?#endif", "", text, flags=re.DOTALL)
     return re.sub(r"^#(?!define \w+ +\d+ *(/\*.*)?$)(.*\\\n)*.*", "", text, flags=re.MULTILINE)
 
@@ -86,8 +97,9 @@ def _declarations(header: Path) -> str:
 class CLibrary:
     """The C library of a package."""
 
-    #: name of the package, of its folder in the user's cache, and of the header; all functions' names start with it.
-    #: ``<package>_id`` returns the digest of the sources; in capitals, the macro by which the build hands it in
+    #: name of the package, of its folder in the user's cache, and of the header; all functions'
+    #: names start with it. ``<package>_id`` returns the digest of the sources; in capitals, the
+    #: macro by which the build hands it in
     package: str
     folder: Path  #: where the sources and headers are, in the package's folder
 
@@ -132,8 +144,13 @@ class CLibrary:
 
     def cache_path(self) -> Path:
         """Where the library for these sources and this machine is kept."""
-        text = "\0".join([self.source_id(), *FLAGS, platform.system(), platform.machine(), _processor()])
-        return user_cache(self.package) / f"kernel-{hashlib.sha256(text.encode()).hexdigest()[:16]}.so"
+        text = "\0".join(
+            [self.source_id(), *FLAGS, platform.system(), platform.machine(), _processor()]
+        )
+        return (
+            user_cache(self.package)
+            / f"kernel-{hashlib.sha256(text.encode()).hexdigest()[:16]}.so"
+        )
 
     def is_usable(self, library: Path) -> bool:
         """Whether a library can be loaded and was made from these sources."""
@@ -166,11 +183,11 @@ class CLibrary:
         Parameters
         ----------
         library : Path, optional
-            Where the shared library goes, the user's cache by default; replaced at once, so that running controllers
-            keep theirs.
+            Where the shared library goes, the user's cache by default; replaced at once, so that
+            running controllers keep theirs.
         portable : sequence of str, optional
-            Command of the compiler for a library that goes to other machines; by default, :func:`needed_compiler`
-            compiles for the processor of this one.
+            Command of the compiler for a library that goes to other machines; by default,
+            :func:`needed_compiler` compiles for the processor of this one.
 
         Raises
         ------
@@ -194,13 +211,16 @@ class CLibrary:
                     run_compiler([*command, *arguments])
                 target.chmod(0o755)
         except OSError as error:
-            raise RuntimeError(f"cannot write the kernel's library: {error} (set XDG_CACHE_HOME)") from None
+            raise RuntimeError(
+                f"cannot write the kernel's library: {error} (set XDG_CACHE_HOME)"
+            ) from None
         return library
 
     def extension(self) -> dict[str, Any]:
         """Arguments of setuptools' ``Extension``, for a package that brings the library with it.
 
-        The library is loaded with cffi. Its build may fail there: then it is built at the first start.
+        The library is loaded with cffi. Its build may fail there: then it is built at the first
+        start.
         """
         return {
             "name": f"{self.package}._kernel",
@@ -214,9 +234,9 @@ class CLibrary:
 class CController:
     """One controller of a loaded library ``fsw_NAME``: its memory, and the functions that every controller has.
 
-    ``lib`` is by default ``library.lib``, ``refusal`` the error text if the library refuses a tuning, and ``data`` are
-    the arguments of ``fsw_NAME_init``. ``state`` is the memory, a ``fsw_NAME *``; ``input`` and ``output`` are the
-    arguments of :meth:`step`.
+    ``lib`` is by default ``library.lib``, ``refusal`` the error text if the library refuses a
+    tuning, and ``data`` are the arguments of ``fsw_NAME_init``. ``state`` is the memory, a
+    ``fsw_NAME *``; ``input`` and ``output`` are the arguments of :meth:`step`.
 
     Raises
     ------
@@ -229,7 +249,9 @@ class CController:
     def __init__(self, library: CLibrary, lib: Any, refusal: str, *data: Any) -> None:
         name, self._refusal = library.package, refusal
         self.lib = lib = lib or library.lib
-        self.state, self.input, self.output = (library.new(f"{name}{part}") for part in ("", "_input", "_output"))
+        self.state, self.input, self.output = (
+            library.new(f"{name}{part}") for part in ("", "_input", "_output")
+        )
         init, self._configure, self._reset, self._step = (
             getattr(lib, f"{name}_{verb}") for verb in ("init", "configure", "reset", "step")
         )

@@ -26,7 +26,8 @@ class Cause(Coded):
     STOP_HEARD = 15
     INTERLOCK_TRIP = 16
     CLOCK_STOPPED = 17
-    #: another controller in auto: as an operator asked, because the one before failed, because it is ready again
+    #: another controller in auto: as an operator asked, because the one before failed, because it
+    #: is ready again
     SWAP_REQUESTED = 18
     SWAP_FAILED = 19
     SWAP_BACK = 20

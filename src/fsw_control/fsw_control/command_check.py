@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 from fsw_control.contract import Command, Limits
 
-#: largest excess over a limit that is rounding of the unit conversion and not a violation [kN, rpm]
+#: largest excess over a limit that is rounding of the unit conversion and not a violation [kN,
+#: rpm]
 ROUNDING = 1e-6
 
 
@@ -27,11 +28,13 @@ class Refusal(NamedTuple):
     words: str
 
 
-def refusal(command: Command, limits: Limits | None = None, previous: Command | None = None) -> Refusal | None:
+def refusal(
+    command: Command, limits: Limits | None = None, previous: Command | None = None
+) -> Refusal | None:
     """Why ``command`` may not be applied, None if it may.
 
-    Without ``limits`` it only has to be finite; without ``previous``, the command of the tick before, the change is not
-    checked.
+    Without ``limits`` it only has to be finite; without ``previous``, the command of the tick
+    before, the change is not checked.
     """
     force, speed = command.force_kn, command.speed_rpm
     if not (isfinite(force) and isfinite(speed)):
@@ -43,7 +46,10 @@ def refusal(command: Command, limits: Limits | None = None, previous: Command | 
         ("speed", "rpm", speed, limits.speed_min_rpm, limits.speed_max_rpm),
     ):
         if not low - ROUNDING <= value <= high + ROUNDING:
-            return Refusal(Flaw.OUT_OF_RANGE, f"{name} {value:.3f} {unit} is outside {low:g} to {high:g} {unit}")
+            return Refusal(
+                Flaw.OUT_OF_RANGE,
+                f"{name} {value:.3f} {unit} is outside {low:g} to {high:g} {unit}",
+            )
     if previous is not None:
         for name, unit, change, largest in (
             ("force", "kN", force - previous.force_kn, limits.force_step_kn),

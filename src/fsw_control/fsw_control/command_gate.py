@@ -9,18 +9,33 @@ from fsw_control.contract import Command, Limits
 from fsw_control.units import NANOSECONDS
 
 #: Why a command can be refused; ``leader`` and ``stopped`` are those of the fence.
-REASONS = ("not_finite", "out_of_range", "unhealthy", "source", "repeated", "too_old", "future", "leader", "stopped")
+REASONS = (
+    "not_finite",
+    "out_of_range",
+    "unhealthy",
+    "source",
+    "repeated",
+    "too_old",
+    "future",
+    "leader",
+    "stopped",
+)
 
 
 class CommandGate:
     """Checks commands and counts what it refuses.
 
-    A command is accepted if it is within ``limits`` (its change per tick is not checked), answers a measurement that is
-    at most ``max_age_s`` old, and comes from one of ``sources`` (empty: any).
+    A command is accepted if it is within ``limits`` (its change per tick is not checked), answers
+    a measurement that is at most ``max_age_s`` old, and comes from one of ``sources`` (empty:
+    any).
     """
 
     def __init__(
-        self, limits: Limits, max_age_s: float, sources: Sequence[str] = (), more_reasons: Sequence[str] = ()
+        self,
+        limits: Limits,
+        max_age_s: float,
+        sources: Sequence[str] = (),
+        more_reasons: Sequence[str] = (),
     ) -> None:
         self.configure(limits, max_age_s, sources)
         #: commands refused for each of ``REASONS``, and of the node's own ``more_reasons``
@@ -34,11 +49,14 @@ class CommandGate:
         self.limits, self.max_age_s = limits, max_age_s
         self.sources: tuple[str, ...] = tuple(sources)
 
-    def check(self, command: Command, stamp_ns: int, source: str, healthy: bool, measured_ns: int | None) -> str:
+    def check(
+        self, command: Command, stamp_ns: int, source: str, healthy: bool, measured_ns: int | None
+    ) -> str:
         """Why a command is refused (one of ``REASONS``), empty if it is accepted.
 
-        ``stamp_ns`` is the stamp of the measurement that it answers, ``measured_ns`` that of the last measurement (None
-        before the first); ``healthy`` is whether its sender says that it may be applied.
+        ``stamp_ns`` is the stamp of the measurement that it answers, ``measured_ns`` that of the
+        last measurement (None before the first); ``healthy`` is whether its sender says that it
+        may be applied.
         """
         reason, words = self._refusal(command, stamp_ns, source, healthy, measured_ns)
         if reason:
@@ -66,9 +84,15 @@ class CommandGate:
             return "future", f"it answers {stamp_ns * 1e-9:.1f} s, which has not been measured yet"
         # A last answer after the last measurement is of the time before the clock was set back.
         if self.last_stamp_ns is not None and stamp_ns <= self.last_stamp_ns <= measured_ns:
-            return "repeated", f"{stamp_ns * 1e-9:.1f} s or a later measurement has been answered already"
+            return (
+                "repeated",
+                f"{stamp_ns * 1e-9:.1f} s or a later measurement has been answered already",
+            )
         if measured_ns - stamp_ns > round(self.max_age_s * NANOSECONDS):
-            return "too_old", f"it answers a measurement {(measured_ns - stamp_ns) * 1e-9:.1f} s old"
+            return (
+                "too_old",
+                f"it answers a measurement {(measured_ns - stamp_ns) * 1e-9:.1f} s old",
+            )
         return "", ""
 
     def total(self) -> int:

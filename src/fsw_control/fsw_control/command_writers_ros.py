@@ -21,10 +21,13 @@ _NAME_UNKNOWN = "_NODE_NAME_UNKNOWN_"
 class CommandWriters:
     """Sets the gate's sources: while there is a second publisher of commands, only those announced by the supervisor.
 
-    ``gate`` returns the gate, which may be replaced. Where ``configured`` returns sources, only these are accepted.
+    ``gate`` returns the gate, which may be replaced. Where ``configured`` returns sources, only
+    these are accepted.
     """
 
-    def __init__(self, node: Node, gate: Callable[[], CommandGate], configured: Callable[[], Sequence[str]]) -> None:
+    def __init__(
+        self, node: Node, gate: Callable[[], CommandGate], configured: Callable[[], Sequence[str]]
+    ) -> None:
         self.names: list[str] = []  #: nodes that publish commands, as of the last :meth:`look`
         self._node, self._gate, self._configured = node, gate, configured
         self._told: set[str] = set()
@@ -32,18 +35,24 @@ class CommandWriters:
         self._elected: deque[str] = deque(maxlen=_SUPERVISORS)
         self._refused: Counter[str] = Counter()
         self._unknown: Counter[str] = Counter()
-        node.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_supervisor, LATEST)
+        node.create_subscription(
+            SupervisorState, "fsw/supervisor/state", self._on_supervisor, LATEST
+        )
 
     def look(self) -> None:
         """Determine the publishers of commands; to be called a few times a second."""
-        names = sorted(info.node_name for info in self._node.get_publishers_info_by_topic("fsw/command"))
+        names = sorted(
+            info.node_name for info in self._node.get_publishers_info_by_topic("fsw/command")
+        )
         if names != self.names:
             self.names = names
             self.set_sources()
         known = {name for name in names if name != _NAME_UNKNOWN}
         if len(names) > 1 and len(known) == len(set(names)) and not known <= self._told:
             self._told |= known
-            self._node.get_logger().warning(f"{len(names)} publishers of fsw/command: {', '.join(names)}")
+            self._node.get_logger().warning(
+                f"{len(names)} publishers of fsw/command: {', '.join(names)}"
+            )
 
     def set_sources(self) -> None:
         """Update the gate, also after the configured sources have changed."""
@@ -57,8 +66,8 @@ class CommandWriters:
     def unauthorised(self) -> int:
         """Commands refused since the last call that none of the supervisors has signed that lead or have led.
 
-        Of two of them the commands meet for a moment when one takes over from the other. One that has just begun to
-        lead has time until the next call to say so.
+        Of two of them the commands meet for a moment when one takes over from the other. One that
+        has just begun to lead has time until the next call to say so.
         """
         refused, self._refused = self._refused, Counter()
         late, self._unknown = self._unknown, Counter({one: refused[one] for one in refused if one})

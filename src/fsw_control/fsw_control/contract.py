@@ -1,6 +1,7 @@
 """The interface of a controller: pure data in, pure data out.
 
-Units are the paper's and part of the names: mm, degC, N m, kN, rpm, s. Times come from the clock passed in.
+Units are the paper's and part of the names: mm, degC, N m, kN, rpm, s. Times come from the clock
+passed in.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ class Measurement(NamedTuple):
     depth_valid: bool = True
     torque_valid: bool = True
     temperature_valid: bool = True
-    #: sensors (of ``SENSORS``) that are valid by their last good value, which stands in for a bad sample. A filter must
-    #: not take it for a measurement of this tick
+    #: sensors (of ``SENSORS``) that are valid by their last good value, which stands in for a bad
+    #: sample. A filter must not take it for a measurement of this tick
     held: tuple[str, ...] = ()
     #: inputs that act, as the drives report them; NaN where they do not
     force_kn: float = float("nan")
@@ -62,7 +63,8 @@ class Coming(NamedTuple):
 class Reference:
     """Set-points: shoulder depth and stir-zone temperature.
 
-    ``coming`` are the next ones that are known, in order of time; for controllers that can look ahead.
+    ``coming`` are the next ones that are known, in order of time; for controllers that can look
+    ahead.
     """
 
     depth_mm: float
@@ -95,10 +97,15 @@ class Limits:
     speed_step_rpm: float = weld.SPEED_STEP_RPM
 
     def __post_init__(self) -> None:
-        bounds = (("force", self.force_min_kn, self.force_max_kn), ("speed", self.speed_min_rpm, self.speed_max_rpm))
+        bounds = (
+            ("force", self.force_min_kn, self.force_max_kn),
+            ("speed", self.speed_min_rpm, self.speed_max_rpm),
+        )
         for name, low, high in bounds:
             if not low < high:
-                raise ValueError(f"limits: {name}_min ({low:g}) must be below {name}_max ({high:g})")
+                raise ValueError(
+                    f"limits: {name}_min ({low:g}) must be below {name}_max ({high:g})"
+                )
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Limits:
@@ -114,19 +121,32 @@ class Limits:
     def clip(self, wanted: Command, previous: Command | None) -> Command:
         """Nearest command inside the bounds and within one step of ``previous`` (rates win over bounds)."""
         force, speed = wanted.force_kn, wanted.speed_rpm
-        if self.force_min_kn <= force <= self.force_max_kn and self.speed_min_rpm <= speed <= self.speed_max_rpm:
+        if (
+            self.force_min_kn <= force <= self.force_max_kn
+            and self.speed_min_rpm <= speed <= self.speed_max_rpm
+        ):
             if previous is None:
                 return wanted
             if (
-                previous.force_kn - self.force_step_kn <= force <= previous.force_kn + self.force_step_kn
-                and previous.speed_rpm - self.speed_step_rpm <= speed <= previous.speed_rpm + self.speed_step_rpm
+                previous.force_kn - self.force_step_kn
+                <= force
+                <= previous.force_kn + self.force_step_kn
+                and previous.speed_rpm - self.speed_step_rpm
+                <= speed
+                <= previous.speed_rpm + self.speed_step_rpm
             ):
                 return wanted
         force = min(max(force, self.force_min_kn), self.force_max_kn)
         speed = min(max(speed, self.speed_min_rpm), self.speed_max_rpm)
         if previous is not None:
-            force = min(max(force, previous.force_kn - self.force_step_kn), previous.force_kn + self.force_step_kn)
-            speed = min(max(speed, previous.speed_rpm - self.speed_step_rpm), previous.speed_rpm + self.speed_step_rpm)
+            force = min(
+                max(force, previous.force_kn - self.force_step_kn),
+                previous.force_kn + self.force_step_kn,
+            )
+            speed = min(
+                max(speed, previous.speed_rpm - self.speed_step_rpm),
+                previous.speed_rpm + self.speed_step_rpm,
+            )
         return Command(force, speed)
 
     def active(self, command: Command, previous: Command) -> tuple[str, ...]:
@@ -137,8 +157,10 @@ class Limits:
             "force_max": command.force_kn >= self.force_max_kn - tolerance,
             "speed_min": command.speed_rpm <= self.speed_min_rpm + tolerance,
             "speed_max": command.speed_rpm >= self.speed_max_rpm - tolerance,
-            "force_rate": abs(command.force_kn - previous.force_kn) >= self.force_step_kn - tolerance,
-            "speed_rate": abs(command.speed_rpm - previous.speed_rpm) >= self.speed_step_rpm - tolerance,
+            "force_rate": abs(command.force_kn - previous.force_kn)
+            >= self.force_step_kn - tolerance,
+            "speed_rate": abs(command.speed_rpm - previous.speed_rpm)
+            >= self.speed_step_rpm - tolerance,
         }
         return tuple(name for name, touches in touched.items() if touches)
 
@@ -174,8 +196,8 @@ class Diagnosis:
 class Proposal:
     """What a controller would apply at this tick.
 
-    ``healthy`` false means: do not apply; ``reason`` says why. A controller may give words of its own, which reach the
-    graph as ``ReasonCode.OTHER``.
+    ``healthy`` false means: do not apply; ``reason`` says why. A controller may give words of its
+    own, which reach the graph as ``ReasonCode.OTHER``.
     """
 
     command: Command
@@ -188,15 +210,19 @@ class Proposal:
 class Controller(Protocol):
     """Anything that turns measurements into proposals.
 
-    It is stepped at every tick, selected or not, and ``applied`` is the command that the plant really obeyed during
-    the tick that just ended. A controller that follows it takes over without a bump.
+    It is stepped at every tick, selected or not, and ``applied`` is the command that the plant
+    really obeyed during the tick that just ended. A controller that follows it takes over without
+    a bump.
     """
 
     name: str
-    #: sensors (of ``SENSORS``) that may be invalid for a while without making the proposal unusable
+    #: sensors (of ``SENSORS``) that may be invalid for a while without making the proposal
+    #: unusable
     tolerated_sensors: tuple[str, ...]
 
-    def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
+    def step(
+        self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float
+    ) -> Proposal:
         """Compute the proposal that answers ``measurement``; never raises on bad measurements."""
         ...
 

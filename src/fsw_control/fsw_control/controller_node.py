@@ -27,7 +27,14 @@ from fsw_control.reason import Reason, ReasonCode
 from fsw_control.references import ReferencePlan
 from fsw_control.references_ros import StatedReference, reference_queue, subscribe_references
 from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Report
-from fsw_control.topics_ros import LATEST, SENT, STREAM, display_publisher, subscribe_drives, subscribe_sensors
+from fsw_control.topics_ros import (
+    LATEST,
+    SENT,
+    STREAM,
+    display_publisher,
+    subscribe_drives,
+    subscribe_sensors,
+)
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_control.weld_ticks_ros import WeldTicks
 from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand, WeldReferencePlan
@@ -43,19 +50,20 @@ _KNOWN_LOST_SHARE = 0.2
 class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere
     """Steps a controller at every tick and publishes its proposals, status, diagnostics and prediction.
 
-    A tick is consumed when it is complete, or when its deadline has passed. Time is that of the measurements: in
-    simulated time nothing but data drives the node, apart from the deadline.
+    A tick is consumed when it is complete, or when its deadline has passed. Time is that of the
+    measurements: in simulated time nothing but data drives the node, apart from the deadline.
 
     Parameters
     ----------
     name : str
-        Name of the controller, in topics and as the source of its proposals. The node is called ``fsw_<name>``.
+        Name of the controller, in topics and as the source of its proposals. The node is called
+        ``fsw_<name>``.
     make : callable
         Makes the controller from its parameters.
     parameters : (str, str) or path, optional
-        Package and file, or path, of the YAML that describes the controller's own parameters. At runtime they
-        reach the controller's ``configure(values)``, after its ``check(values)``, where it has these methods. So does
-        the node's logger its ``use_logger(logger)``.
+        Package and file, or path, of the YAML that describes the controller's own parameters. At
+        runtime they reach the controller's ``configure(values)``, after its ``check(values)``,
+        where it has these methods. So does the node's logger its ``use_logger(logger)``.
     """
 
     def __init__(self, name: str, make: Make, parameters: Source = None) -> None:
@@ -75,7 +83,9 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._last_ns: int | None = None
         self._last_proposal: Proposal | None = None
         self._lockstep = bool(self.get_parameter("use_sim_time").value)
-        self._ticks = WeldTicks(self, self._consume, initial, self._settings["period"], await_drives=self._lockstep)
+        self._ticks = WeldTicks(
+            self, self._consume, initial, self._settings["period"], await_drives=self._lockstep
+        )
         self._applied, self._synchronizer = self._ticks.applied, self._ticks.synchronizer
         self._health: tuple[bool, Reason] | None = None
         self._replaced: tuple[Reference | None, Reference | None] = None, None
@@ -98,14 +108,23 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
             self._own.on_change(self._controller.configure)
 
     def _open_topics(self) -> None:
-        self._proposals = self.create_publisher(WeldCommand, f"fsw/{self._controller_name}/proposal", SENT)
-        self._statuses = self.create_publisher(ControllerStatus, f"fsw/{self._controller_name}/status", SENT)
-        self._predictions = display_publisher(self, Prediction, f"fsw/{self._controller_name}/prediction")
+        self._proposals = self.create_publisher(
+            WeldCommand, f"fsw/{self._controller_name}/proposal", SENT
+        )
+        self._statuses = self.create_publisher(
+            ControllerStatus, f"fsw/{self._controller_name}/status", SENT
+        )
+        self._predictions = display_publisher(
+            self, Prediction, f"fsw/{self._controller_name}/prediction"
+        )
         self._diagnostics = DiagnosticsPublisher(self)
         self._followed = StatedReference(self, f"fsw/{self._controller_name}/reference")
         self._deadline = DeadlineTimer(self, self._on_deadline)
-        self._heartbeat = self.create_timer(1.0, self._on_heartbeat, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        # before the set-points: who has discovered that those are subscribed to knows of the plan, too
+        self._heartbeat = self.create_timer(
+            1.0, self._on_heartbeat, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+        # before the set-points: who has discovered that those are subscribed to knows of the plan,
+        # too
         self.create_subscription(WeldReferencePlan, "fsw/reference_plan", self._on_plan, LATEST)
         subscribe_references(self, self._references)
         self.create_subscription(WeldCommand, "fsw/command", self._ticks.on_command, STREAM)
@@ -129,9 +148,12 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
     def _patience_s(self) -> float:
         if not self._lockstep:
             return float(self._settings["deadline"])
-        # Lockstep waits long for what may still come, and shorter at every tick for what is known to be lost.
+        # Lockstep waits long for what may still come, and shorter at every tick for what is known
+        # to be lost.
         known_lost = self._synchronizer.lacking <= self._synchronizer.missed
-        return float(self._settings["lockstep_deadline"]) * (_KNOWN_LOST_SHARE if known_lost else 1.0)
+        return float(self._settings["lockstep_deadline"]) * (
+            _KNOWN_LOST_SHARE if known_lost else 1.0
+        )
 
     def _consume(self, ticks: list[SampleSet]) -> None:
         for tick in ticks:
@@ -153,14 +175,20 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
             self._controller.reset(self._applied.latest.command)
             self._last_ns = None
             self.get_logger().warning("the measurements' time has jumped: the controller restarts")
-        dt_s = self._settings["period"] if self._last_ns is None else (tick.stamp_ns - self._last_ns) / 1e9
+        dt_s = (
+            self._settings["period"]
+            if self._last_ns is None
+            else (tick.stamp_ns - self._last_ns) / 1e9
+        )
         self._last_ns = tick.stamp_ns
         measurement = self._guard.measure(tick.stamp_ns * 1e-9, tick.values, tick.drives)
         reference = self._references.at(tick.stamp_ns)
         if reference is not None and (coming := self._plan.after(tick.stamp_ns, reference)):
             reference = replace(reference, coming=coming)
         begin = time.perf_counter()
-        proposal = answer(self._controller, measurement, reference, self._applied.before(tick.stamp_ns), dt_s)
+        proposal = answer(
+            self._controller, measurement, reference, self._applied.before(tick.stamp_ns), dt_s
+        )
         elapsed_s = time.perf_counter() - begin
         self._last_proposal = proposal
         self._publish(tick.stamp_ns, proposal)
@@ -175,7 +203,9 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
 
     def _publish(self, time_ns: int, proposal: Proposal) -> None:
         self._proposals.publish(
-            convert.command_message(proposal.command, time_ns, self._controller_name, proposal.healthy, proposal.reason)
+            convert.command_message(
+                proposal.command, time_ns, self._controller_name, proposal.healthy, proposal.reason
+            )
         )
         try:
             self._statuses.publish(
@@ -192,7 +222,9 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
                 self._predictions.publish(convert.prediction_message(plan, time_ns, deviations))
         except (TypeError, ValueError, AssertionError, AttributeError, IndexError) as error:
             # A user's controller may put anything into its diagnosis; its proposal is out already.
-            self.get_logger().error(f"diagnostics cannot be published: {error}", throttle_duration_sec=1.0)
+            self.get_logger().error(
+                f"diagnostics cannot be published: {error}", throttle_duration_sec=1.0
+            )
 
     def _note_health(self, proposal: Proposal) -> None:
         health = (proposal.healthy, Reason.of(proposal.reason))
@@ -210,7 +242,10 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._stream_of_ticks = False
 
     def _publish_diagnostics(self) -> None:
-        healthy, why = self._health or (False, Reason(ReasonCode.OTHER, detail="no measurement received yet"))
+        healthy, why = self._health or (
+            False,
+            Reason(ReasonCode.OTHER, detail="no measurement received yet"),
+        )
         reason = why.words
         if self._steps and not self._stream_of_ticks and not self._lockstep:
             healthy, reason = False, "measurements have stopped"
@@ -234,8 +269,14 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         for sensor, counts in self._synchronizer.counts.items():
             values |= {f"{sensor} {what}": count for what, count in counts.items()}
             values[f"{sensor} state"] = self._guard.reasons[sensor] or "good"
-        text = reason or ", ".join(faults) or (f"set-point out of reach: {out}" if out else "proposing")
-        self._diagnostics.publish([Report(f"controller {self._controller_name}", level, text, values)])
+        text = (
+            reason
+            or ", ".join(faults)
+            or (f"set-point out of reach: {out}" if out else "proposing")
+        )
+        self._diagnostics.publish(
+            [Report(f"controller {self._controller_name}", level, text, values)]
+        )
 
 
 def run_controller(
@@ -249,15 +290,19 @@ def run_controller(
     Parameters
     ----------
     make : callable
-        The controller's class, or a function that makes one: from its parameters if it has any, else from nothing.
+        The controller's class, or a function that makes one: from its parameters if it has any,
+        else from nothing.
     name, parameters : optional
-        As for :class:`ControllerNode`; by default the class attributes ``name`` and ``parameters``.
+        As for :class:`ControllerNode`; by default the class attributes ``name`` and
+        ``parameters``.
     args : sequence of str, optional
         Command line, ``sys.argv`` by default.
     """
     controller_name = name if name is not None else getattr(make, "name", None)
     if not isinstance(controller_name, str):
-        raise TypeError("run_controller: give name=..., or a controller class with a class attribute 'name'")
+        raise TypeError(
+            "run_controller: give name=..., or a controller class with a class attribute 'name'"
+        )
     source = parameters if parameters is not None else getattr(make, "parameters", None)
     made = make if source is not None else lambda _: make()
     about = f"Runs the controller {controller_name} as a node."

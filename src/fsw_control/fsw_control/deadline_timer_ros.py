@@ -18,7 +18,9 @@ class DeadlineTimer:
     def __init__(self, node: Node, call: Callable[[], None]) -> None:
         self._call = call
         self._due_s: float | None = None
-        self._timer = node.create_timer(1.0, self._on_due, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = node.create_timer(
+            1.0, self._on_due, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
         self._timer.cancel()
 
     def set(self, due_s: float | None) -> None:

@@ -14,8 +14,8 @@ def qualified(namespace: str, name: str) -> str:
 def local_name(name: str, hardware_id: str, namespace: str) -> str | None:
     """Name of a status (``NODE: PART``) as a node in ``namespace`` shows it, None if it concerns another weld.
 
-    Of this software's nodes only those in the same namespace do. Of other nodes all do, as a joint sensor's, except
-    those that name another namespace than a weld's own by a leading slash.
+    Of this software's nodes only those in the same namespace do. Of other nodes all do, as a joint
+    sensor's, except those that name another namespace than a weld's own by a leading slash.
     """
     node, colon, part = name.partition(": ")
     home, _, short = node.removeprefix("/").rpartition("/")

@@ -15,9 +15,10 @@ _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 def settings(environment: Mapping[str, str]) -> dict[str, str]:
     """Variables to set in addition to those of an environment, before ``rclpy.init``.
 
-    Nodes use UDP and no shared memory: after a node was killed, the others may continue to write to the deleted memory
-    of its port, so that it hears nothing when it is started again (eProsima/Fast-DDS#5053). With the range
-    ``LOCALHOST`` rmw_fastrtps adds shared memory to every profile; one for the loopback interface replaces this range.
+    Nodes use UDP and no shared memory: after a node was killed, the others may continue to write
+    to the deleted memory of its port, so that it hears nothing when it is started again
+    (eProsima/Fast-DDS#5053). With the range ``LOCALHOST`` rmw_fastrtps adds shared memory to every
+    profile; one for the loopback interface replaces this range.
     """
     given = next(filter(None, map(environment.get, _NAMES)), "")
     if given not in ("", str(_PROFILES), str(_PROFILES_HERE)):

@@ -1,7 +1,7 @@
 """What the actuator end (plant or gateway) remembers: who leads, and whether a safe stop is in force.
 
-The actuator end is the only place that every effective command passes. So it decides which supervisor leads, and no
-other part has to agree on that.
+The actuator end is the only place that every effective command passes. So it decides which
+supervisor leads, and no other part has to agree on that.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from fsw_control.stop import Stop, StopCause, StopRegister
 
 #: measurements for which a supervisor has time to carry out a safe stop (chosen: 0.3 s)
 _PATIENCE = 3
-#: after this many commands in a row that do not reach the machine, control restarts from the drives' feedback; single
-#: lost commands before are caught up with
+#: after this many commands in a row that do not reach the machine, control restarts from the
+#: drives' feedback; single lost commands before are caught up with
 LOST_COMMANDS = 3
 
 
@@ -38,8 +38,8 @@ class ActuatorState(NamedTuple):
     term: int = 0  #: greatest term of a command that it has taken
     leader: str = ""  #: who sent that
     unanswered: int = 0  #: measurements in a row before this one that this leader has not answered
-    #: of the command that acts: a controller, ``manual``, ``hold``, ``safe_stop`` or ``UNKNOWN``; empty before the
-    #: first one, and while the actuator end moves the drives by itself
+    #: of the command that acts: a controller, ``manual``, ``hold``, ``safe_stop`` or ``UNKNOWN``;
+    #: empty before the first one, and while the actuator end moves the drives by itself
     source: str = ""
     stop: Stop = Stop()  #: its copy of the stop register
     answered_ns: int = 0  #: stamp of the measurement that the command which acts answers
@@ -48,22 +48,26 @@ class ActuatorState(NamedTuple):
 class Fence:
     """Refuses commands of a supervisor that no longer leads, and all but safe-stop commands during a safe stop.
 
-    Invariants, whatever arrives in whatever order: terms never fall; one term has one leader; the stop register never
-    falls; while it says stopped, no command but one of ``safe_stop`` passes; a command passes only if its sender knew
-    the register's present epoch, or asks for the safe stop.
+    Invariants, whatever arrives in whatever order: terms never fall; one term has one leader; the
+    stop register never falls; while it says stopped, no command but one of ``safe_stop`` passes; a
+    command passes only if its sender knew the register's present epoch, or asks for the safe stop.
     """
 
     def __init__(self) -> None:
         self.register = StopRegister()
         self._term, self._leader, self._source, self._answered_ns = 0, "", "", 0
         self._answered, self._unanswered, self._overdue = True, 0, 0
-        self._reacted = False  #: it has begun a safe stop of its own since the last command that acts
+        self._reacted = (
+            False  #: it has begun a safe stop of its own since the last command that acts
+        )
 
     @property
     def state(self) -> ActuatorState:
         """What is reported with the present measurement."""
         value = self.register.value
-        return ActuatorState(self._term, self._leader, self._unanswered, self._source, value, self._answered_ns)
+        return ActuatorState(
+            self._term, self._leader, self._unanswered, self._source, value, self._answered_ns
+        )
 
     def measure(self) -> None:
         """Note that a new measurement is taken."""
@@ -74,8 +78,9 @@ class Fence:
     def hear(self, stop: Stop) -> None:
         """Merge another part's copy of the stop register.
 
-        Two stops of one epoch were made without knowing each other. An acknowledgement of the first may be under way
-        that was made before the second, so a new epoch begins, which it does not cover.
+        Two stops of one epoch were made without knowing each other. An acknowledgement of the
+        first may be under way that was made before the second, so a new epoch begins, which it
+        does not cover.
         """
         own = self.register.value
         self.register.merge(stop)
@@ -91,7 +96,10 @@ class Fence:
         self.hear(signature.stop)
         same = signature.term == self._term and signature.leader == self._leader
         if not same and signature.term <= self._term:
-            return "leader", f"supervisor {signature.leader or 'unknown'} no longer leads: term {signature.term}"
+            return (
+                "leader",
+                f"supervisor {signature.leader or 'unknown'} no longer leads: term {signature.term}",
+            )
         self._term, self._leader, self._answered = signature.term, signature.leader, True
         if source != SAFE_STOP and self.register.stopped:
             return "stopped", f"a safe stop is in force, and {source!r} is not part of it"
@@ -119,7 +127,8 @@ class Fence:
     def stop(self, cause: StopCause, since_ns: int) -> None:
         """Begin a safe stop of the actuator end's own, once for each time that no commands come.
 
-        It takes a new epoch during a safe stop, too: an acknowledgement under way does not cover it.
+        It takes a new epoch during a safe stop, too: an acknowledgement under way does not cover
+        it.
         """
         if not (self.register.stopped and self._reacted):
             self.register.stop(cause, "plant", since_ns)

@@ -22,7 +22,8 @@ class NoFreeDomainError(RuntimeError):
 def free_domain() -> Iterator[int]:
     """A ROS domain (20 to 100) that lock files reserve on this machine for as long as the context lasts.
 
-    A process takes another one every time: participants that were killed linger in their domain until their lease ends.
+    A process takes another one every time: participants that were killed linger in their domain
+    until their lease ends.
 
     Raises
     ------
@@ -35,10 +36,14 @@ def free_domain() -> Iterator[int]:
         domain = _DOMAINS[_last % len(_DOMAINS)]
         with contextlib.ExitStack() as stack:
             try:
-                file = stack.enter_context((Path(tempfile.gettempdir()) / f"ros_domain_{domain}.lock").open("w"))
+                file = stack.enter_context(
+                    (Path(tempfile.gettempdir()) / f"ros_domain_{domain}.lock").open("w")
+                )
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:  # in use, or another user's file
                 continue
             yield domain
             return
-    raise NoFreeDomainError(f"no free ROS domain of {_DOMAINS.start} to {_DOMAINS.stop - 1}; stop other runs first")
+    raise NoFreeDomainError(
+        f"no free ROS domain of {_DOMAINS.start} to {_DOMAINS.stop - 1}; stop other runs first"
+    )

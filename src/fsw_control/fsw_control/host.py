@@ -13,13 +13,18 @@ NO_SET_POINT = Reason(ReasonCode.NO_SET_POINT)
 
 
 def answer(
-    controller: Controller, measurement: Measurement, reference: Reference | None, applied: Command, dt_s: float
+    controller: Controller,
+    measurement: Measurement,
+    reference: Reference | None,
+    applied: Command,
+    dt_s: float,
 ) -> Proposal:
     """Step ``controller`` and return its proposal, unhealthy with a reason where it must not be applied.
 
-    That is where it raises, where its command is not finite, where a sensor that it needs is invalid, and where
-    there is no set-point yet (the controller is not stepped then). An unusable command is replaced by ``applied``.
-    Its reason is a :class:`~fsw_control.reason.Reason`. The arguments are those of :meth:`fsw_control.Controller.step`.
+    That is where it raises, where its command is not finite, where a sensor that it needs is
+    invalid, and where there is no set-point yet (the controller is not stepped then). An unusable
+    command is replaced by ``applied``. Its reason is a :class:`~fsw_control.reason.Reason`. The
+    arguments are those of :meth:`fsw_control.Controller.step`.
     """
     if reference is None:
         return Proposal(applied, healthy=False, reason=NO_SET_POINT)
@@ -30,7 +35,9 @@ def answer(
         if proposal.healthy not in (True, False) or not isinstance(proposal.reason, str | Reason):
             raise TypeError(f"healthy is {proposal.healthy!r}, reason is {proposal.reason!r}")
         if not (m.depth_valid and m.torque_valid and m.temperature_valid):
-            needed = [name for name in m.invalid_sensors() if name not in controller.tolerated_sensors]
+            needed = [
+                name for name in m.invalid_sensors() if name not in controller.tolerated_sensors
+            ]
     except Exception as error:
         # A user's controller may fail in any way; the weld must go on under another one.
         text = " ".join(str(error).split())
@@ -40,7 +47,9 @@ def answer(
         bad = Reason(ReasonCode.BAD_COMMAND, detail=refused.words)
         return Proposal(applied, healthy=False, reason=bad, diagnosis=proposal.diagnosis)
     if proposal.healthy and needed:
-        return replace(proposal, healthy=False, reason=Reason(ReasonCode.INVALID_SENSOR, tuple(needed)))
+        return replace(
+            proposal, healthy=False, reason=Reason(ReasonCode.INVALID_SENSOR, tuple(needed))
+        )
     if isinstance(proposal.reason, str):
         return replace(proposal, reason=Reason.of(proposal.reason))
     return proposal

@@ -14,8 +14,8 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 
 #: how long ROS may take to leave the graph (chosen: a loaded machine takes some seconds)
 _LONGEST_END_S = 10.0
-#: How long what a node says last may take to arrive: at load 30, what the network had lost was not there after 1 s. A
-#: subscriber that was killed never answers.
+#: How long what a node says last may take to arrive: at load 30, what the network had lost was not
+#: there after 1 s. A subscriber that was killed never answers.
 _LAST_WORDS_S = 5.0
 
 
@@ -24,8 +24,8 @@ def ends_in_time() -> Iterator[None]:
     """Let ROS leave the graph, or end the process by SIGALRM.
 
     Fast DDS can spin for ever when it hears of another participant while it destroys its own
-    (eProsima/Fast-DDS#6513), with the interpreter's lock held: then no handler of Python runs, and SIGINT and SIGTERM
-    do nothing. An alarm without a handler ends the process all the same.
+    (eProsima/Fast-DDS#6513), with the interpreter's lock held: then no handler of Python runs, and
+    SIGINT and SIGTERM do nothing. An alarm without a handler ends the process all the same.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -42,10 +42,11 @@ def ends_in_time() -> Iterator[None]:
 class LightNode:
     """Mixin before ``Node``: publishers and subscriptions have only the event handlers that are asked for.
 
-    What a subclass has to finish, it finishes before ``super().destroy_node()``, which ends in time.
+    What a subclass has to finish, it finishes before ``super().destroy_node()``, which ends in
+    time.
 
-    By default rclpy adds two waitables to each, which log incompatible QoS (``ros2 topic info -v`` shows it, too), and
-    builds every wait set from all of them: 44 of the supervisor's 78 entities.
+    By default rclpy adds two waitables to each, which log incompatible QoS (``ros2 topic info -v``
+    shows it, too), and builds every wait set from all of them: 44 of the supervisor's 78 entities.
     """
 
     def create_publisher(self, *arguments: Any, **options: Any) -> Any:

@@ -24,8 +24,8 @@ _ENTITIES = {
 class ManagedNode(LightNode, LifecycleNode):
     """Base of managed nodes. A subclass overrides what happens in its transitions and refuses one by an exception.
 
-    Publishers, subscriptions, services, clients and timers that are made in :meth:`configure` or :meth:`activate` are
-    destroyed with the transition back.
+    Publishers, subscriptions, services, clients and timers that are made in :meth:`configure` or
+    :meth:`activate` are destroyed with the transition back.
     """
 
     def __init__(self, name: str, **options: Any) -> None:
@@ -113,7 +113,9 @@ class ManagedNode(LightNode, LifecycleNode):
         except Exception as error:
             self._refusal = error
             if not self._starting:  # else the caller gets it
-                self.get_logger().error(f"cannot {what}: {' '.join(str(error).split()) or type(error).__name__}")
+                self.get_logger().error(
+                    f"cannot {what}: {' '.join(str(error).split()) or type(error).__name__}"
+                )
             self._destroy_new()
             return False
         return True
@@ -123,7 +125,9 @@ class ManagedNode(LightNode, LifecycleNode):
         try:
             action()
         except Exception as error:
-            self.get_logger().error(f"{what}: {' '.join(str(error).split()) or type(error).__name__}")
+            self.get_logger().error(
+                f"{what}: {' '.join(str(error).split()) or type(error).__name__}"
+            )
         self._destroy_new()
 
     @staticmethod

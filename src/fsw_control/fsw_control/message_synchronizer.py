@@ -14,18 +14,21 @@ from fsw_control.sensors import OPTIONAL, REQUIRED
 class JoinRules(NamedTuple):
     """The rules by which samples of several topics become ticks, in a node and in a replay of a bag.
 
-    Of several samples of one sensor with one stamp the first counts. A tick is complete when it has a sample of every
-    required sensor and, where they are waited for, of the drives, and when the tick before it is answered by a command.
+    Of several samples of one sensor with one stamp the first counts. A tick is complete when it
+    has a sample of every required sensor and, where they are waited for, of the drives, and when
+    the tick before it is answered by a command.
 
-    What begins and ends a tick differs with its use: a controller gets it once it is complete (`MessageSynchronizer`);
-    the supervisor's begins with its first sample, as its deadline counts from there (`fsw_supervisor.ticks`); the
-    operator's page draws one for each sample of the drives (`fsw_hmi.weld_view`); in a bag all stamps are known
-    (`fsw_analysis.signals`).
+    What begins and ends a tick differs with its use: a controller gets it once it is complete
+    (`MessageSynchronizer`); the supervisor's begins with its first sample, as its deadline counts
+    from there (`fsw_supervisor.ticks`); the operator's page draws one for each sample of the
+    drives (`fsw_hmi.weld_view`); in a bag all stamps are known (`fsw_analysis.signals`).
     """
 
-    #: distance from the newest accepted stamp beyond which a stamp is an outlier: a jump of time, or a broken clock
+    #: distance from the newest accepted stamp beyond which a stamp is an outlier: a jump of time,
+    #: or a broken clock
     jump_ns: int = 1_000_000_000
-    #: sources with the same outlier that make it a jump of time; a single one does where nothing else comes
+    #: sources with the same outlier that make it a jump of time; a single one does where nothing
+    #: else comes
     agreeing: int = 2
     #: in real time, time without a newer stamp after which any stamp is taken [s]
     silence_s: float = 0.25
@@ -33,9 +36,11 @@ class JoinRules(NamedTuple):
     late_s: float = 0.5
     #: incomplete ticks that are kept: after a stall the samples of neighbouring ticks come mixed
     pending_ticks: int = 2
-    #: share of its patience that a tick is given, once, when this process itself has missed its deadline
+    #: share of its patience that a tick is given, once, when this process itself has missed its
+    #: deadline
     extension: float = 1.0 / 3.0
-    kept_optional: int = 16  #: samples of a source that are kept for their tick; more than a queue holds after a stall
+    #: samples of a source that are kept for their tick; more than a queue holds after a stall
+    kept_optional: int = 16
     unanswered: int = 3  #: ticks without a command after which commands are not waited for
 
 
@@ -55,10 +60,14 @@ class SampleSet:
 
     stamp_ns: int
     begun_s: float  #: arrival of the first one on the steady clock
-    values: dict[str, float] = field(default_factory=dict)  #: by sensor; one that did not come is absent
+    values: dict[str, float] = field(
+        default_factory=dict
+    )  #: by sensor; one that did not come is absent
     #: force and speed that act, as the drives report them; None where their sample did not come
     drives: Command | None = None
-    restarted: bool = False  #: whether time jumped before this tick, so that the past must be forgotten
+    restarted: bool = (
+        False  #: whether time jumped before this tick, so that the past must be forgotten
+    )
     extended: bool = False  #: whether its deadline was extended, once
 
 
@@ -72,16 +81,19 @@ class AcceptedSamples(NamedTuple):
 class StampFilter:
     """Which stamps are accepted.
 
-    - A stamp that is newer than the newest accepted one, by ``jump_ns`` at most, advances the time.
-    - With any other stamp the clock may have been set, the plant restarted, or only this sample is late or its
-      sensor's clock broken. One that is further away than ``jump_ns`` becomes the new time when two sources agree on
-      it, or no stamp has advanced the time for ``silence_s``; a nearer one when both, or after three times as long. So
-      one sensor with a broken clock cannot stop the others, and a clock that goes back stops nothing for long.
-    - A stamp that was accepted in the last ``late_s`` never begins a new time: it is a late or repeated sample. So no
-      tick is answered twice, however late samples and steps of the clock meet.
+    - A stamp that is newer than the newest accepted one, by ``jump_ns`` at most, advances the
+      time.
+    - With any other stamp the clock may have been set, the plant restarted, or only this sample is
+      late or its sensor's clock broken. One that is further away than ``jump_ns`` becomes the new
+      time when two sources agree on it, or no stamp has advanced the time for ``silence_s``; a
+      nearer one when both, or after three times as long. So one sensor with a broken clock cannot
+      stop the others, and a clock that goes back stops nothing for long.
+    - A stamp that was accepted in the last ``late_s`` never begins a new time: it is a late or
+      repeated sample. So no tick is answered twice, however late samples and steps of the clock
+      meet.
 
-    In ``lockstep`` time waits for slow nodes, so that arrivals say little: a stamp within ``jump_ns`` that is not newer
-    is always a late sample. The plant's stamps do not go back there.
+    In ``lockstep`` time waits for slow nodes, so that arrivals say little: a stamp within
+    ``jump_ns`` that is not newer is always a late sample. The plant's stamps do not go back there.
     """
 
     def __init__(self, lockstep: bool = False) -> None:
@@ -94,7 +106,9 @@ class StampFilter:
         self._outliers: dict[str, tuple[int, float]] = {}
         self._accepted: dict[int, float] = {}  # by stamp, when it was accepted first
 
-    def offer(self, source: str, stamp_ns: int, value: float, now_s: float) -> AcceptedSamples | None:
+    def offer(
+        self, source: str, stamp_ns: int, value: float, now_s: float
+    ) -> AcceptedSamples | None:
         """Process a sample received at ``now_s`` on a steady clock; returns the sample accepted by this, or None."""
         newest_ns = stamp_ns - 1 if self.newest_ns is None else self.newest_ns
         is_near, is_newer = abs(stamp_ns - newest_ns) <= RULES.jump_ns, stamp_ns > newest_ns
@@ -112,8 +126,11 @@ class StampFilter:
             self._accepted.setdefault(stamp_ns, now_s)
             return AcceptedSamples({source: value}, jumped=False)
         self._outliers[source] = (stamp_ns, value)
-        agreeing = {name: entry[1] for name, entry in self._outliers.items() if entry[0] == stamp_ns}
-        # A near one that is alone may be of a sensor that lags behind, while the others are held up for a moment.
+        agreeing = {
+            name: entry[1] for name, entry in self._outliers.items() if entry[0] == stamp_ns
+        }
+        # A near one that is alone may be of a sensor that lags behind, while the others are held
+        # up for a moment.
         is_silent = silence_s >= (_ALONE * self._silence_s if is_near else self._silence_s)
         if len(agreeing) < RULES.agreeing and not is_silent:
             return None
@@ -128,26 +145,32 @@ class StampFilter:
     def _advance(self, stamp_ns: int, now_s: float) -> None:
         self.newest_ns, self._advanced_s = stamp_ns, now_s
         self._outliers.clear()
-        self._accepted = {stamp: at_s for stamp, at_s in self._accepted.items() if now_s - at_s < RULES.late_s}
+        self._accepted = {
+            stamp: at_s for stamp, at_s in self._accepted.items() if now_s - at_s < RULES.late_s
+        }
         self._accepted[stamp_ns] = now_s
 
 
 class MessageSynchronizer:
     """Collects samples into ticks, which come out in order of time and each stamp once.
 
-    A tick is complete when all sensors came and the command that answers the tick before is known (a controller
-    needs to know what was applied). The wait ends early when all sensors that it lacks have sent newer samples (a topic
-    keeps its order), when the tick after the next begins, or by :meth:`expire`.
+    A tick is complete when all sensors came and the command that answers the tick before is known
+    (a controller needs to know what was applied). The wait ends early when all sensors that it
+    lacks have sent newer samples (a topic keeps its order), when the tick after the next begins,
+    or by :meth:`expire`.
 
-    The samples of the drives and of optional sensors neither begin nor confirm a tick, and a tick does not wait for
-    them. Only in lockstep (``await_drives``) does a tick wait for those that the previous tick had.
+    The samples of the drives and of optional sensors neither begin nor confirm a tick, and a tick
+    does not wait for them. Only in lockstep (``await_drives``) does a tick wait for those that the
+    previous tick had.
     """
 
     def __init__(self, await_drives: bool = False) -> None:
         #: decides which stamps are accepted
         self.stamps = StampFilter(lockstep=await_drives)
         #: by sensor, its samples ``late``, ``duplicate`` and ``missing`` since start
-        self.counts = {sensor: dict.fromkeys(("late", "duplicate", "missing"), 0) for sensor in REQUIRED}
+        self.counts = {
+            sensor: dict.fromkeys(("late", "duplicate", "missing"), 0) for sensor in REQUIRED
+        }
         #: sensors (and ``drives``, ``command``) that were missing in the last tick
         self.missed: frozenset[str] = frozenset()
         self._last_ns: int | None = None
@@ -180,7 +203,9 @@ class MessageSynchronizer:
         oldest = self._pending[0] if self._pending else None
         lacking = set(REQUIRED).difference(oldest.values if oldest else ())
         if oldest:
-            lacking |= {source for source in self._awaited if oldest.stamp_ns not in self._optional[source]}
+            lacking |= {
+                source for source in self._awaited if oldest.stamp_ns not in self._optional[source]
+            }
         if not self._answered():
             lacking.add("command")
         return frozenset(lacking)
@@ -224,7 +249,8 @@ class MessageSynchronizer:
     def expire(self, now_s: float, patience_s: float) -> list[SampleSet]:
         """Stop waiting for the oldest tick if its first sample came ``patience_s`` ago; return the ticks released.
 
-        When the call itself is late by more than that, this process was stalled: the queues are read first, once.
+        When the call itself is late by more than that, this process was stalled: the queues are
+        read first, once.
         """
         if not self._pending:
             return []
@@ -264,7 +290,10 @@ class MessageSynchronizer:
         return bool(lacking) and not any(lacking <= self._sources_of(tick) for tick in newer)
 
     def _sources_of(self, tick: SampleSet) -> set[str]:
-        return {*tick.values, *(name for name, samples in self._optional.items() if tick.stamp_ns in samples)}
+        return {
+            *tick.values,
+            *(name for name, samples in self._optional.items() if tick.stamp_ns in samples),
+        }
 
     def _release(self) -> list[SampleSet]:
         ticks: list[SampleSet] = []
@@ -280,10 +309,15 @@ class MessageSynchronizer:
         if not self._answered():
             missed.append("command")
             self._unanswered += 1
-            # No commands arrive (a bag is replayed, or the arbiter has ended): do not wait at every tick.
+            # No commands arrive (a bag is replayed, or the arbiter has ended): do not wait at
+            # every tick.
             self._awaits_command = self._unanswered < RULES.unanswered
         stamp_ns = tick.stamp_ns
-        came = {name: samples.pop(stamp_ns) for name, samples in self._optional.items() if stamp_ns in samples}
+        came = {
+            name: samples.pop(stamp_ns)
+            for name, samples in self._optional.items()
+            if stamp_ns in samples
+        }
         missed += self._awaited - came.keys()
         self._awaited = set(came) if self._await_drives else set()
         tick.drives = came.pop(DRIVES, None)

@@ -36,7 +36,8 @@ from fsw_msgs.msg import Reason as ReasonMessage
 from fsw_msgs.msg import Stop as StopMessage
 from fsw_msgs.srv import SetMode, SetReference, SwitchController
 
-#: quantity in the core -> name with SI unit on the wire, and conversion; any other name goes out as it is
+#: quantity in the core -> name with SI unit on the wire, and conversion; any other name goes out
+#: as it is
 _WIRE: dict[str, tuple[str, Callable[[float], float]]] = {
     "depth_mm": ("depth [m]", units.m_from_mm),
     "temperature_c": ("temperature [degC]", float),
@@ -96,7 +97,9 @@ def sensor_value(sensor: str, message: Any) -> float:
     return float(row.inside(getattr(message, row.quantity.name)))
 
 
-def drives_message(acting: Command, time_ns: int, actuator: ActuatorState | None = None) -> DriveFeedback:
+def drives_message(
+    acting: Command, time_ns: int, actuator: ActuatorState | None = None
+) -> DriveFeedback:
     """Drive feedback: the inputs that act, and what the actuator end remembers."""
     state = actuator or ActuatorState()
     return DriveFeedback(
@@ -118,13 +121,17 @@ def actuator_state(message: DriveFeedback) -> ActuatorState:
     """What the actuator end remembers."""
     state = message.actuator
     answered_ns = stamp_ns(state.answered)
-    return ActuatorState(state.term, state.leader, state.unanswered, state.source, stop(state.stop), answered_ns)
+    return ActuatorState(
+        state.term, state.leader, state.unanswered, state.source, stop(state.stop), answered_ns
+    )
 
 
 def stop(message: StopMessage) -> Stop:
     """Copy of the stop register; an unknown cause, as of a later version, counts as none."""
     cause = StopCause(message.cause) if message.cause in set(StopCause) else StopCause.NONE
-    return Stop(int(message.epoch), bool(message.stopped), cause, message.who, stamp_ns(message.since))
+    return Stop(
+        int(message.epoch), bool(message.stopped), cause, message.who, stamp_ns(message.since)
+    )
 
 
 def stop_message(value: Stop) -> StopMessage:
@@ -168,14 +175,19 @@ def reference_plan(message: WeldReferencePlan) -> list[tuple[int, Reference]]:
     return planned
 
 
-def reference_plan_message(planned: Sequence[tuple[int, Reference]], time_ns: int) -> WeldReferencePlan:
+def reference_plan_message(
+    planned: Sequence[tuple[int, Reference]], time_ns: int
+) -> WeldReferencePlan:
     """Plan made at ``time_ns`` of set-points, each with the time in ns from which it will hold."""
     return WeldReferencePlan(
-        header=header(time_ns), references=[reference_message(one, begin_ns) for begin_ns, one in planned]
+        header=header(time_ns),
+        references=[reference_message(one, begin_ns) for begin_ns, one in planned],
     )
 
 
-def reference_message(value: Reference, time_ns: int, issued_ns: int = 0, mark: str = "") -> WeldReference:
+def reference_message(
+    value: Reference, time_ns: int, issued_ns: int = 0, mark: str = ""
+) -> WeldReference:
     """Reference message that holds from ``time_ns``; ``issued_ns`` where a node reports those in force."""
     return WeldReference(
         header=header(time_ns),
@@ -188,7 +200,9 @@ def reference_message(value: Reference, time_ns: int, issued_ns: int = 0, mark: 
 
 def command(message: WeldCommand | DriveFeedback) -> Command:
     """Manipulated variables of a command, proposal or drive feedback; not checked for being finite."""
-    return Command(units.kn_from_n(message.axial_force), units.rpm_from_rad_s(message.spindle_speed))
+    return Command(
+        units.kn_from_n(message.axial_force), units.rpm_from_rad_s(message.spindle_speed)
+    )
 
 
 def command_message(
@@ -206,7 +220,11 @@ def command_message(
 
 
 def status_message(
-    proposal: Proposal, time_ns: int, controller: str, applied_source: str, tolerated_sensors: Iterable[str]
+    proposal: Proposal,
+    time_ns: int,
+    controller: str,
+    applied_source: str,
+    tolerated_sensors: Iterable[str],
 ) -> ControllerStatus:
     """What a controller reports with a proposal; ``applied_source`` computed the last command that was applied."""
     diagnosis = proposal.diagnosis
@@ -235,10 +253,13 @@ def status_message(
 def wire_quantities(quantities: Mapping[str, float]) -> tuple[list[str], list[float]]:
     """Names and values of quantities as messages carry them, e.g. ``depth_mm`` -> ``depth [m]``.
 
-    Only the names that the core uses are converted; a controller's own names and values go out unchanged.
+    Only the names that the core uses are converted; a controller's own names and values go out
+    unchanged.
     """
     wire = [_WIRE.get(name, (name, float)) for name in quantities]
-    values = [converted(value) for (_, converted), value in zip(wire, quantities.values(), strict=True)]
+    values = [
+        converted(value) for (_, converted), value in zip(wire, quantities.values(), strict=True)
+    ]
     return [name for name, _ in wire], values
 
 
@@ -269,7 +290,9 @@ def prediction_message(
     )
 
 
-def set_reference_request(depth_mm: float | None, temperature_c: float | None, ramp: bool) -> SetReference.Request:
+def set_reference_request(
+    depth_mm: float | None, temperature_c: float | None, ramp: bool
+) -> SetReference.Request:
     """Request for new set-points; one that is None keeps its value."""
     return SetReference.Request(
         depth=nan if depth_mm is None else units.m_from_mm(depth_mm),
@@ -278,17 +301,23 @@ def set_reference_request(depth_mm: float | None, temperature_c: float | None, r
     )
 
 
-def switch_request(controller: str, wait_s: float, strict: bool = False) -> SwitchController.Request:
+def switch_request(
+    controller: str, wait_s: float, strict: bool = False
+) -> SwitchController.Request:
     """Request for another controller, which may take ``wait_s`` to be ready."""
     seconds = int(wait_s)
     return SwitchController.Request(
         name=controller,
-        strictness=SwitchController.Request.STRICT if strict else SwitchController.Request.BEST_EFFORT,
+        strictness=SwitchController.Request.STRICT
+        if strict
+        else SwitchController.Request.BEST_EFFORT,
         timeout=Duration(sec=seconds, nanosec=round((wait_s - seconds) * 1e9)),
     )
 
 
-def mode_request(mode: str, force_kn: float | None = None, speed_rpm: float | None = None) -> SetMode.Request:
+def mode_request(
+    mode: str, force_kn: float | None = None, speed_rpm: float | None = None
+) -> SetMode.Request:
     """Request for a mode; force and speed are for ``manual``."""
     return SetMode.Request(
         mode=mode,

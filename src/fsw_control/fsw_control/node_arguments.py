@@ -37,12 +37,14 @@ class NodeArguments:
     def check(self, argv: Sequence[str]) -> None:
         """Refuse parameters, by hand or from the node's section of a file, that the node does not have.
 
-        Those of a file's ``/**`` may be for another node. A file that does not exist is left to ROS.
+        Those of a file's ``/**`` may be for another node. A file that does not exist is left to
+        ROS.
 
         Raises
         ------
         InputError
-            With the names, and similar ones that the node has; or a file is no regular one or not valid.
+            With the names, and similar ones that the node has; or a file is no regular one or not
+            valid.
         """
         name = self.node
         for flag, text in _ros_options(argv):
@@ -56,15 +58,25 @@ class NodeArguments:
                 names += [parameter] if node.rpartition("/")[2] in ("", "*", "**", name) else []
             elif flag == "--params-file":
                 names += _in_file(text, name)
-        require_known(self.specs, [name for name in names if name not in _OF_ROS and not name.startswith(_QOS)])
+        require_known(
+            self.specs,
+            [name for name in names if name not in _OF_ROS and not name.startswith(_QOS)],
+        )
 
 
 def parameter_help(specs: Mapping[str, ParameterSpec]) -> str:
     """Every parameter with type, default, range and meaning."""
     lines = ["parameters:"]
     for spec in specs.values():
-        default = "[" + ", ".join(map(str, spec.default)) + "]" if isinstance(spec.default, list) else spec.default
-        parts = [spec.type, f"default {default if default != '' else 'empty'} {spec.unit}".rstrip()]
+        default = (
+            "[" + ", ".join(map(str, spec.default)) + "]"
+            if isinstance(spec.default, list)
+            else spec.default
+        )
+        parts = [
+            spec.type,
+            f"default {default if default != '' else 'empty'} {spec.unit}".rstrip(),
+        ]
         if spec.range is not None:
             parts.append(f"{spec.range[0]:g} to {spec.range[1]:g} {spec.unit}".rstrip())
         parts += [f"one of {', '.join(spec.options)}"] if spec.options else []
@@ -77,7 +89,9 @@ def parameter_help(specs: Mapping[str, ParameterSpec]) -> str:
 def asks_for_help(argv: Sequence[str]) -> bool:
     """Whether ``--help`` is among the arguments before ``--ros-args``."""
     own = list(argv[1:])
-    return bool({"-h", "--help"} & set(own[: own.index("--ros-args")] if "--ros-args" in own else own))
+    return bool(
+        {"-h", "--help"} & set(own[: own.index("--ros-args")] if "--ros-args" in own else own)
+    )
 
 
 def _ros_options(argv: Sequence[str]) -> Iterator[tuple[str, str]]:
@@ -99,7 +113,12 @@ def _in_file(path: str, name: str) -> list[str]:
         raise InputError(f"cannot read parameter file {path}: {error.strerror}") from None
     except UnicodeDecodeError:
         raise InputError(f"cannot read parameter file {path}: not a text file in UTF-8") from None
-    return [parameter for node, values in _sections("", content) if node == name for parameter in _names(values)]
+    return [
+        parameter
+        for node, values in _sections("", content)
+        if node == name
+        for parameter in _names(values)
+    ]
 
 
 def _sections(node: str, content: Any) -> Iterator[tuple[str, Any]]:

@@ -32,12 +32,13 @@ _PATIENCE_S = 1.0
 class _Interrupts:
     """What SIGINT and SIGTERM do, in place of rclpy's handlers.
 
-    Those shut ROS down in the middle of a callback: what it publishes after that is dropped without a word, and what it
-    published before need not arrive. Here the callback ends first, and then the node.
+    Those shut ROS down in the middle of a callback: what it publishes after that is dropped
+    without a word, and what it published before need not arrive. Here the callback ends first, and
+    then the node.
 
-    While the node starts, KeyboardInterrupt ends it at once. While it spins, only a second signal later on breaks a
-    callback that does not return. While it ends nothing happens: a Ctrl-C often comes twice, from the terminal and from
-    launch, and must not cut off a bag.
+    While the node starts, KeyboardInterrupt ends it at once. While it spins, only a second signal
+    later on breaks a callback that does not return. While it ends nothing happens: a Ctrl-C often
+    comes twice, from the terminal and from launch, and must not cut off a bag.
     """
 
     def __init__(self) -> None:
@@ -59,7 +60,8 @@ class _Interrupts:
 
     def __exit__(self, *_: object) -> None:
         for sign, handler in self._before.items():
-            # Once interrupted, the process ends; another Ctrl-C must not show until the line below holds.
+            # Once interrupted, the process ends; another Ctrl-C must not show until the line below
+            # holds.
             signal.signal(sign, signal.SIG_IGN if self.asked else handler)
             # A second signal while the interpreter ends must not change the exit code.
             atexit.register(signal.signal, sign, signal.SIG_IGN)
@@ -68,7 +70,9 @@ class _Interrupts:
         now_s = time.monotonic()
         if self._first_s is None:
             self._first_s = now_s
-        if self.phase == "starting" or (self.phase == "spinning" and now_s - self._first_s > _PATIENCE_S):
+        if self.phase == "starting" or (
+            self.phase == "spinning" and now_s - self._first_s > _PATIENCE_S
+        ):
             self.phase = "ending"
             raise KeyboardInterrupt
 
@@ -114,25 +118,30 @@ def _spin(node: Node, interrupts: _Interrupts) -> None:
                 node.get_logger().warning(f"refused: {' '.join(str(error).split())}")
 
 
-def run(factory: Callable[..., Node], args: Sequence[str] | None = None, arguments: NodeArguments | None = None) -> int:
+def run(
+    factory: Callable[..., Node],
+    args: Sequence[str] | None = None,
+    arguments: NodeArguments | None = None,
+) -> int:
     """Make the node and spin it until SIGINT, SIGTERM or shutdown.
 
     Parameters
     ----------
     factory : callable
-        Returns the node; called after ``rclpy.init``, with the word before ``--ros-args`` if there is one. May raise
-        to refuse its parameters.
+        Returns the node; called after ``rclpy.init``, with the word before ``--ros-args`` if there
+        is one. May raise to refuse its parameters.
     args : sequence of str, optional
-        Command line as ``sys.argv`` (with the program's name), the default. Only ROS arguments are accepted, and one
-        word before them if ``arguments`` names it (``positional``).
+        Command line as ``sys.argv`` (with the program's name), the default. Only ROS arguments are
+        accepted, and one word before them if ``arguments`` names it (``positional``).
     arguments : NodeArguments, optional
         The accepted ones: for ``--help``, and to refuse parameters that the node does not have.
 
     Returns
     -------
     int
-        Exit code: 0 after a clean end, 2 when an argument or a parameter is wrong (one line on stderr).
-        Errors while spinning are bugs and deserve their traceback, unless ROS was shut down meanwhile.
+        Exit code: 0 after a clean end, 2 when an argument or a parameter is wrong (one line on
+        stderr). Errors while spinning are bugs and deserve their traceback, unless ROS was shut
+        down meanwhile.
     """
     argv = list(sys.argv if args is None else args)
     node: Node | None = None
@@ -151,7 +160,9 @@ def run(factory: Callable[..., Node], args: Sequence[str] | None = None, argumen
             words = remove_ros_args(args=argv)[1:]
             taken = 1 if arguments is not None and arguments.positional else 0
             if surplus := words[taken:] or [word for word in words if word.startswith("-")]:
-                raise ValueError(f"unknown arguments {' '.join(surplus)}; ROS arguments go after --ros-args")
+                raise ValueError(
+                    f"unknown arguments {' '.join(surplus)}; ROS arguments go after --ros-args"
+                )
             node = factory(*words)
             interrupts.phase = "spinning"
             _spin(node, interrupts)
@@ -162,8 +173,12 @@ def run(factory: Callable[..., Node], args: Sequence[str] | None = None, argumen
             if not started or rclpy.ok():
                 if node is not None:
                     raise
-                # Whatever refuses the start (rcl's argument errors are RuntimeErrors) is reported in one line.
-                print(f"{program}: {' '.join(str(error).split()) or type(error).__name__}", file=sys.stderr)
+                # Whatever refuses the start (rcl's argument errors are RuntimeErrors) is reported
+                # in one line.
+                print(
+                    f"{program}: {' '.join(str(error).split()) or type(error).__name__}",
+                    file=sys.stderr,
+                )
                 return 2
         finally:
             interrupts.phase = "ending"
@@ -177,7 +192,8 @@ def _leave_graph() -> None:
     context = get_default_context()
     with ends_in_time():
         rclpy.try_shutdown()
-        # A node whose start was refused half-way cannot be destroyed; it leaves the graph here all the same.
+        # A node whose start was refused half-way cannot be destroyed; it leaves the graph here all
+        # the same.
         context.destroy()
 
 

@@ -12,9 +12,10 @@ The file maps each parameter name to a description of it::
       read_only: false        # optional
       negative: "default"     # optional: what a negative value stands for
 
-A name with ``$`` is a template for each sensor of ``fsw_control.sensors``: in it and in its entry ``$noise`` stands for
-what :meth:`~fsw_control.sensors.Sensor.template` gives; where a row has None there, the sensor lacks the parameter. An
-entry without ``type`` is a group of templates. ``$include: package/file`` inserts another file.
+A name with ``$`` is a template for each sensor of ``fsw_control.sensors``: in it and in its entry
+``$noise`` stands for what :meth:`~fsw_control.sensors.Sensor.template` gives; where a row has None
+there, the sensor lacks the parameter. An entry without ``type`` is a group of templates.
+``$include: package/file`` inserts another file.
 """
 
 from __future__ import annotations
@@ -40,7 +41,16 @@ from fsw_schema.yaml_text import content_of
 TYPES = ("double", "int", "bool", "string", "string_array", "double_array")
 #: where parameters are described: package and file, or a path; None: there are none
 Source = tuple[str, str] | str | Path | None
-_KEYS = {"type", "default_value", "description", "unit", "range", "options", "read_only", "negative"}
+_KEYS = {
+    "type",
+    "default_value",
+    "description",
+    "unit",
+    "range",
+    "options",
+    "read_only",
+    "negative",
+}
 INCLUDE = "$include"
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(\.[A-Za-z0-9_]+)*")
 
@@ -49,8 +59,8 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(\.[A-Za-z0-9_]+)*")
 class ParameterSpec:
     """One parameter: its name on the node (dots group, e.g. ``depth.gain``) and its entry of the file.
 
-    ``range`` bounds a number, or each entry of an array; bounds included. ``options`` empty: any string is accepted.
-    ``read_only``: can be set at start only.
+    ``range`` bounds a number, or each entry of an array; bounds included. ``options`` empty: any
+    string is accepted. ``read_only``: can be set at start only.
     """
 
     name: str
@@ -66,7 +76,9 @@ class ParameterSpec:
     @property
     def text(self) -> str:
         """Its description, with what a negative value stands for."""
-        return f"{self.description}; negative: {self.negative}" if self.negative else self.description
+        return (
+            f"{self.description}; negative: {self.negative}" if self.negative else self.description
+        )
 
     def check(self, value: Any) -> Any:
         """Return ``value`` in the parameter's type.
@@ -93,13 +105,17 @@ class ParameterSpec:
             return value
         if kind == "string":
             require(isinstance(value, str), "not a string")
-            require(not self.options or value in self.options, f"not one of {', '.join(self.options)}")
+            require(
+                not self.options or value in self.options, f"not one of {', '.join(self.options)}"
+            )
             return value
         require(isinstance(value, int | float) and not isinstance(value, bool), "not a number")
         if self.range is not None and value == value:
             low, high = self.range
             require(low <= value <= high, f"outside {low:g} to {high:g} {self.unit}".rstrip())
-        require(abs(value) <= sys.float_info.max, "not finite")  # nor an int that no float can hold
+        require(
+            abs(value) <= sys.float_info.max, "not finite"
+        )  # nor an int that no float can hold
         require(kind != "int" or value == int(value), "not a whole number")
         return int(value) if kind == "int" else float(value)
 
@@ -110,10 +126,18 @@ def _spec(name: Any, entry: Any, where: str) -> ParameterSpec:
             raise InputError(f"{where}: {text}")
 
     named = isinstance(name, str) and _NAME.fullmatch(name)
-    require(named, f"{name!r} is not a parameter name (letters, digits, '_', groups separated by '.')")
-    require(isinstance(entry, Mapping), f"{name} must be a mapping with type, default_value and description")
+    require(
+        named, f"{name!r} is not a parameter name (letters, digits, '_', groups separated by '.')"
+    )
+    require(
+        isinstance(entry, Mapping),
+        f"{name} must be a mapping with type, default_value and description",
+    )
     unknown = sorted(str(key) for key in entry if key not in _KEYS)
-    require(not unknown, f"{name} has unknown keys {', '.join(unknown)}; known: {', '.join(sorted(_KEYS))}")
+    require(
+        not unknown,
+        f"{name} has unknown keys {', '.join(unknown)}; known: {', '.join(sorted(_KEYS))}",
+    )
     missing = [key for key in ("type", "default_value", "description") if key not in entry]
     require(not missing, f"{name} lacks {', '.join(missing)}")
     kind, bounds, options = entry["type"], entry.get("range"), entry.get("options", [])
@@ -123,18 +147,28 @@ def _spec(name: Any, entry: Any, where: str) -> ParameterSpec:
         numeric = kind in ("double", "int", "double_array")
         require(pair and numeric, f"range of {name} must be [min, max] and needs a numeric type")
         finite = all(isinstance(bound, int | float) and math.isfinite(bound) for bound in bounds)
-        require(finite and bounds[0] <= bounds[1], f"range of {name} must be two finite numbers, min before max")
+        require(
+            finite and bounds[0] <= bounds[1],
+            f"range of {name} must be two finite numbers, min before max",
+        )
         bounds = (float(bounds[0]), float(bounds[1]))
     strings = isinstance(options, list) and all(isinstance(option, str) for option in options)
     require(strings, f"options of {name} must be a list of strings")
-    require(not options or kind in ("string", "string_array"), f"options of {name} need type string or string_array")
+    require(
+        not options or kind in ("string", "string_array"),
+        f"options of {name} need type string or string_array",
+    )
     read_only = entry.get("read_only", False)
     require(isinstance(read_only, bool), f"read_only of {name} must be true or false")
     default = entry["default_value"]
     if isinstance(default, str) and default.startswith("$"):
         default = getattr(weld, default[1:], default)
-    unit, description, negative = (str(entry.get(key, "")) for key in ("unit", "description", "negative"))
-    spec = ParameterSpec(name, kind, default, description, unit, bounds, tuple(options), read_only, negative)
+    unit, description, negative = (
+        str(entry.get(key, "")) for key in ("unit", "description", "negative")
+    )
+    spec = ParameterSpec(
+        name, kind, default, description, unit, bounds, tuple(options), read_only, negative
+    )
     try:
         return replace(spec, default=spec.check(default))
     except InputError as error:
@@ -160,7 +194,9 @@ def parse(text: str, where: str = "parameters") -> dict[str, ParameterSpec]:
             package, _, file = str(entry).partition("/")
             specs |= load(package, file)
         else:
-            specs |= {str(own): _spec(own, inner, where) for own, inner in _each_sensor(name, entry)}
+            specs |= {
+                str(own): _spec(own, inner, where) for own, inner in _each_sensor(name, entry)
+            }
     return specs
 
 
@@ -169,7 +205,11 @@ def _each_sensor(name: Any, entry: Any) -> Iterator[tuple[Any, Any]]:
     if "$" not in str(name) or not isinstance(entry, Mapping):
         yield name, entry
         return
-    group = {name: entry} if "type" in entry else {f"{name}.{key}": inner for key, inner in entry.items()}
+    group = (
+        {name: entry}
+        if "type" in entry
+        else {f"{name}.{key}": inner for key, inner in entry.items()}
+    )
     for fields in (row.template() for row in SENSORS.values()):
         for inner_name, inner in group.items():
             filled = {key: _filled(value, fields) for key, value in inner.items()}
@@ -181,7 +221,11 @@ def _filled(value: Any, fields: Mapping[str, Any]) -> Any:
     """A text of a template with a sensor's values."""
     if not isinstance(value, str):
         return value
-    return fields[value[1:]] if value[:1] == "$" and value[1:] in fields else Template(value).safe_substitute(fields)
+    return (
+        fields[value[1:]]
+        if value[:1] == "$" and value[1:] in fields
+        else Template(value).safe_substitute(fields)
+    )
 
 
 @cache

@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.parameter import Parameter
 
 from fsw_control.parameters import ParameterSpec, load
@@ -76,8 +81,9 @@ def _ros_type(spec: ParameterSpec) -> Parameter.Type:
 
 def _declare(node: Node, spec: ParameterSpec) -> Any:
     if spec.default == []:
-        # rclpy takes an empty list for an array of bytes; so the type is declared and the value set after. One left
-        # without a value would empty the answer to a request of all parameters (ros2 param dump).
+        # rclpy takes an empty list for an array of bytes; so the type is declared and the value
+        # set after. One left without a value would empty the answer to a request of all parameters
+        # (ros2 param dump).
         kind, descriptor = _ros_type(spec), _descriptor(spec)
         descriptor.read_only = False
         value = node.declare_parameter(spec.name, kind, descriptor).value
@@ -103,7 +109,9 @@ def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
         if spec.type == "int":
             message.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
         elif spec.type == "double":
-            message.floating_point_range = [FloatingPointRange(from_value=low, to_value=high, step=0.0)]
+            message.floating_point_range = [
+                FloatingPointRange(from_value=low, to_value=high, step=0.0)
+            ]
     return message
 
 

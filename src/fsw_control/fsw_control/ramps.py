@@ -11,9 +11,9 @@ from fsw_control.weld import TICK_NS, TICK_S
 
 #: most set-points of a ramp: with the one before it, no more than half of what the topic keeps
 _MOST = 499
-#: tread of the stair that is announced, 1 s: a controller is given eight set-points ahead, which is past the dead time;
-#: steps of longer treads show in the power (total variation of the spindle speed in a ramp with 1, 2, 4 s: 83, 154,
-#: 239 rpm)
+#: tread of the stair that is announced, 1 s: a controller is given eight set-points ahead, which
+#: is past the dead time; steps of longer treads show in the power (total variation of the spindle
+#: speed in a ramp with 1, 2, 4 s: 83, 154, 239 rpm)
 _TREAD_TICKS = 10
 
 #: in order, the tick or the time in ns from which each holds
@@ -43,15 +43,19 @@ def ramp_plan(start: Reference, goal: Reference, begin_ns: int) -> Programme:
 def stair(changes: Iterable[tuple[int, Reference]]) -> Programme:
     """The set-points announced for changes by tick, in order.
 
-    Steps are announced as they are. A ramp or sine, which changes at every tick, is announced as a stair with the
-    values in the middle of its treads, so that the few set-points that a controller is given reach further ahead.
+    Steps are announced as they are. A ramp or sine, which changes at every tick, is announced as a
+    stair with the values in the middle of its treads, so that the few set-points that a controller
+    is given reach further ahead.
     """
     plan: Programme = []
     course: Programme = []
     for change in [*changes, None]:
         if course and (change is None or change[0] != course[-1][0] + 1):
             treads = range(0, len(course) - 1, _TREAD_TICKS)
-            middles = (min(i + _TREAD_TICKS // 2, len(course) - 1) if len(course) > _TREAD_TICKS else i for i in treads)
+            middles = (
+                min(i + _TREAD_TICKS // 2, len(course) - 1) if len(course) > _TREAD_TICKS else i
+                for i in treads
+            )
             plan += [(course[i][0], course[k][1]) for i, k in zip(treads, middles, strict=True)]
             plan.append(course[-1])
             course = []
@@ -65,7 +69,13 @@ def _by_tick(start: Reference, goal: Reference) -> Programme:
     ticks = ceil(duration_s(start, goal) / TICK_S)
     depth, temperature = goal.depth_mm - start.depth_mm, goal.temperature_c - start.temperature_c
     return [
-        (tick, Reference(start.depth_mm + tick / ticks * depth, start.temperature_c + tick / ticks * temperature))
+        (
+            tick,
+            Reference(
+                start.depth_mm + tick / ticks * depth,
+                start.temperature_c + tick / ticks * temperature,
+            ),
+        )
         for tick in range(1, ticks)
     ] + [(ticks, goal)]
 

@@ -25,9 +25,16 @@ COMMAND_SPEED_RPM = Range(weld.SPEED_MIN_RPM, weld.SPEED_MAX_RPM, "rpm")
 
 def set_point_problem(depth_mm: float, temperature_c: float) -> str:
     """Why set-points are not allowed; empty when they are."""
-    named = (("depth", depth_mm, REFERENCE_DEPTH_MM), ("temperature", temperature_c, REFERENCE_TEMPERATURE_C))
+    named = (
+        ("depth", depth_mm, REFERENCE_DEPTH_MM),
+        ("temperature", temperature_c, REFERENCE_TEMPERATURE_C),
+    )
     # rounded as by the conversion to the wire
-    return "; ".join(f"{name}: {words}" for name, one, allowed in named if (words := allowed.complaint(round(one, 9))))
+    return "; ".join(
+        f"{name}: {words}"
+        for name, one, allowed in named
+        if (words := allowed.complaint(round(one, 9)))
+    )
 
 
 def beyond_trip(depth_mm: float, temperature_c: float, parameters: Mapping[str, Any]) -> str:
@@ -39,7 +46,10 @@ def beyond_trip(depth_mm: float, temperature_c: float, parameters: Mapping[str, 
     parameters : mapping of str to number
         Of the supervisor, as far as they are known: ``interlocks.<name>.trip``.
     """
-    values = {"depth_mm": ("depth", depth_mm, "mm"), "temperature_c": ("temperature", temperature_c, "°C")}
+    values = {
+        "depth_mm": ("depth", depth_mm, "mm"),
+        "temperature_c": ("temperature", temperature_c, "°C"),
+    }
     for quantity, interlocks in SET_POINT_INTERLOCKS.items():
         what, value, unit = values[quantity]
         for interlock, sign, side in zip(interlocks, (-1.0, 1.0), ("below", "above"), strict=True):

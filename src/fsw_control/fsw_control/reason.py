@@ -126,7 +126,9 @@ class Reason(NamedTuple):
     code: ReasonCode = ReasonCode.NONE
     sensors: tuple[str, ...] = ()  #: of ``fsw_control.sensors.SENSORS``, where it is about sensors
     limit_s: float = 0.0  #: time that was exceeded, or that something took
-    detail: str = ""  #: what other software says: an error or a solver's status, or the check of a command
+    detail: str = (
+        ""  #: what other software says: an error or a solver's status, or the check of a command
+    )
     subject: str = ""  #: a controller, a mode or a cause, by name
     interlocks: tuple[str, ...] = ()  #: by name, where it is about interlocks
     because: Reason | None = None  #: what led to it

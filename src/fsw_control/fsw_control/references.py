@@ -38,22 +38,26 @@ class ReferenceQueue:
 
     The rule, for every node that follows set-points:
 
-    - **Of all set-points whose time has come, the one received last is in force.** Earlier ones are void, including
-      those sent ahead for later.
-    - **The stamp says when it takes effect.** At exactly that tick if it is in the future, by no more than
-      ``horizon_ns``; at once if it is 0 or past. One further ahead is from another clock and refused.
-    - **The publication time says whether it is old.** It is the sender's clock. One that is ahead of the receiver's
-      clock by more than ``OWN_CLOCK_NS`` is refused. One published before the receiver began, or longer ago than that,
-      is a repetition by the middleware for late joiners, sender by sender in any order: it is ordered by its
-      publication time, and refused if those in force, or to be in force when it would take effect, are newer.
-    - **A standby orders by publication time alone** (``decides`` is False) and takes the order of receipt from those
-      that are followed: what reached it alone in the wrong order must not be in force after a takeover.
-    - **Every node that follows a set-point publishes it** with its place in the order; among nodes the latest place
-      wins, so that all follow the same one, even if messages of two senders arrive in different order.
+    - **Of all set-points whose time has come, the one received last is in force.** Earlier ones
+      are void, including those sent ahead for later.
+    - **The stamp says when it takes effect.** At exactly that tick if it is in the future, by no
+      more than ``horizon_ns``; at once if it is 0 or past. One further ahead is from another clock
+      and refused.
+    - **The publication time says whether it is old.** It is the sender's clock. One that is ahead
+      of the receiver's clock by more than ``OWN_CLOCK_NS`` is refused. One published before the
+      receiver began, or longer ago than that, is a repetition by the middleware for late joiners,
+      sender by sender in any order: it is ordered by its publication time, and refused if those in
+      force, or to be in force when it would take effect, are newer.
+    - **A standby orders by publication time alone** (``decides`` is False) and takes the order of
+      receipt from those that are followed: what reached it alone in the wrong order must not be in
+      force after a takeover.
+    - **Every node that follows a set-point publishes it** with its place in the order; among nodes
+      the latest place wins, so that all follow the same one, even if messages of two senders
+      arrive in different order.
 
-    Every refusal is reported, except of what was published long before the receiver began and arrives as it begins.
-    Publication times are of the computers' clocks in simulated time, too, so that the rule is the same there; stamps
-    are of the clock of the measurements.
+    Every refusal is reported, except of what was published long before the receiver began and
+    arrives as it begins. Publication times are of the computers' clocks in simulated time, too, so
+    that the rule is the same there; stamps are of the clock of the measurements.
 
     Parameters
     ----------
@@ -63,9 +67,11 @@ class ReferenceQueue:
         Gets what is refused, why, and what to do.
     """
 
-    def __init__(self, horizon_ns: int = OTHER_CLOCK_NS, refuse: Callable[[str], object] = lambda _: None) -> None:
-        #: place in the order of the reference that holds: its publication time, or later where the one before it says
-        #: so; 0 before the first
+    def __init__(
+        self, horizon_ns: int = OTHER_CLOCK_NS, refuse: Callable[[str], object] = lambda _: None
+    ) -> None:
+        #: place in the order of the reference that holds: its publication time, or later where the
+        #: one before it says so; 0 before the first
         self.issued_ns = 0
         self.mark = ""  #: with which the one that holds was sent
         self.refuse = refuse
@@ -92,19 +98,25 @@ class ReferenceQueue:
         """Note that the receiver begins to listen, on its computer's clock."""
         self._joined_ns = now_ns
 
-    def receive(self, stamp_ns: int, reference: Reference, published_ns: int, now_ns: int, mark: str = "") -> bool:
+    def receive(
+        self, stamp_ns: int, reference: Reference, published_ns: int, now_ns: int, mark: str = ""
+    ) -> bool:
         """Take a reference as it was sent; returns whether it is accepted, and reports where not.
 
-        It holds from ``stamp_ns`` on, on the clock of the measurements (0: at once). ``published_ns`` is the clock of
-        the sender's computer at publication, ``now_ns`` that of the receiver's at receipt; ``mark`` is kept with it.
+        It holds from ``stamp_ns`` on, on the clock of the measurements (0: at once).
+        ``published_ns`` is the clock of the sender's computer at publication, ``now_ns`` that of
+        the receiver's at receipt; ``mark`` is kept with it.
         """
         if self._joined_ns is None or now_ns < self._joined_ns:
-            # The first message begins the listening; if the receiver's clock has gone back, it has listened for long.
+            # The first message begins the listening; if the receiver's clock has gone back, it has
+            # listened for long.
             self._joined_ns = now_ns if self._joined_ns is None else now_ns - OWN_CLOCK_NS - 1
         joined_ns, ahead_ns = self._joined_ns, published_ns - now_ns
         if ahead_ns > OWN_CLOCK_NS:
             why = f"it was published {ahead_ns / NANOSECONDS:.0f} s ahead of this computer's clock"
-            return self._reject(reference, f"{why}; set the sender's clock, or call fsw/set_reference")
+            return self._reject(
+                reference, f"{why}; set the sender's clock, or call fsw/set_reference"
+            )
         if self._tick_ns is not None and stamp_ns > self._tick_ns + self._horizon_ns:
             return self._reject(reference, self._too_far(stamp_ns, self._tick_ns))
         if self.decides and published_ns >= joined_ns + OWN_CLOCK_NS and ahead_ns >= -OWN_CLOCK_NS:
@@ -113,13 +125,19 @@ class ReferenceQueue:
         if not self._is_void(stamp_ns, reference, published_ns):
             self.add(stamp_ns, reference, published_ns, mark)
             return True
-        # A repetition to a receiver that has just started is normal, but it may come from a clock that is slow.
+        # A repetition to a receiver that has just started is normal, but it may come from a clock
+        # that is slow.
         if self.decides and (ahead_ns >= -OWN_CLOCK_NS or now_ns > joined_ns + OWN_CLOCK_NS):
             why = f"it was published {-ahead_ns / NANOSECONDS:.0f} s ago by this computer's clock, and others are newer"
-            self._reject(reference, f"{why}; send it again, set the sender's clock, or call fsw/set_reference")
+            self._reject(
+                reference,
+                f"{why}; send it again, set the sender's clock, or call fsw/set_reference",
+            )
         return False
 
-    def add(self, stamp_ns: int, reference: Reference, issued_ns: int | None = None, mark: str = "") -> None:
+    def add(
+        self, stamp_ns: int, reference: Reference, issued_ns: int | None = None, mark: str = ""
+    ) -> None:
         """Take a reference that holds from ``stamp_ns`` on (0: at once).
 
         ``issued_ns`` is its place in the order; by default after all that is known.
@@ -132,7 +150,9 @@ class ReferenceQueue:
             self._count += 1
             known = [one.mark for one in self._waiting if one.issued_ns == issued_ns]
             mark = mark or "".join(known[:1]) or (self.mark if issued_ns == self.issued_ns else "")
-            insort(self._waiting, _Issued(issued_ns, values, self._count, stamp_ns, reference, mark))
+            insort(
+                self._waiting, _Issued(issued_ns, values, self._count, stamp_ns, reference, mark)
+            )
 
     def at(self, tick_ns: int) -> Reference | None:
         """Return the reference that holds at a tick, None before the first; to be called in order of time."""
@@ -154,7 +174,8 @@ class ReferenceQueue:
         place = (issued_ns, (reference.depth_mm, reference.temperature_c))
         begins_ns = max(stamp_ns, 0 if self._tick_ns is None else self._tick_ns + TICK_NS)
         return place < (self.issued_ns, self._values) or any(
-            place < (one.issued_ns, one.values) and one.stamp_ns <= begins_ns for one in self._waiting
+            place < (one.issued_ns, one.values) and one.stamp_ns <= begins_ns
+            for one in self._waiting
         )
 
     def _too_far(self, stamp_ns: int, tick_ns: int) -> str:
@@ -167,20 +188,25 @@ class ReferenceQueue:
 
     def _reject(self, reference: Reference, why: str) -> bool:
         """Report a refusal; returns False."""
-        self.refuse(f"set-points {reference.depth_mm:.4g} mm, {reference.temperature_c:.5g} degC refused: {why}")
+        self.refuse(
+            f"set-points {reference.depth_mm:.4g} mm, {reference.temperature_c:.5g} degC refused: {why}"
+        )
         return False
 
 
 class ReferencePlan:
     """Set-points known in advance: in order, the time in ns from which each will hold, and the reference.
 
-    A plan is used only while it agrees with the set-points in force. If an operator has set others, or the plan belongs
-    to another weld, there are no future ones.
+    A plan is used only while it agrees with the set-points in force. If an operator has set
+    others, or the plan belongs to another weld, there are no future ones.
     """
 
     def __init__(self, planned: Sequence[tuple[int, Reference]] = ()) -> None:
         self._stamps = [stamp_ns for stamp_ns, _ in planned]
-        self._coming = [Coming(stamp_ns / NANOSECONDS, one.depth_mm, one.temperature_c) for stamp_ns, one in planned]
+        self._coming = [
+            Coming(stamp_ns / NANOSECONDS, one.depth_mm, one.temperature_c)
+            for stamp_ns, one in planned
+        ]
 
     def after(self, tick_ns: int, present: Reference) -> tuple[Coming, ...]:
         """The next ones after a tick at which ``present`` holds."""
@@ -192,7 +218,11 @@ class ReferencePlan:
     def _has_come(self, index: int, present: Reference) -> bool:
         """Whether ``present`` is as planned, or near it while the plan is the stair of a ramp or sine."""
         planned = self._coming[index]
-        near = [one for one in self._coming[max(index - 1, 0) : index + 2] if abs(one.at_s - planned.at_s) <= STAIR_S]
+        near = [
+            one
+            for one in self._coming[max(index - 1, 0) : index + 2]
+            if abs(one.at_s - planned.at_s) <= STAIR_S
+        ]
         return all(
             _within(getattr(present, name), [getattr(one, name) for one in near])
             for name in ("depth_mm", "temperature_c")

@@ -41,7 +41,9 @@ ON_STANDBY = False, "this supervisor is on standby now; send the request again"
 _LAST_NS = (2**31 - 1) * NANOSECONDS
 
 
-def reference_queue(node: Node, refuse: Callable[[str], object] = lambda _: None) -> ReferenceQueue:
+def reference_queue(
+    node: Node, refuse: Callable[[str], object] = lambda _: None
+) -> ReferenceQueue:
     """Set-points by the rule, for a node; to be given to :func:`subscribe_references`."""
     simulated = bool(node.get_parameter("use_sim_time").value)
     return ReferenceQueue(OTHER_CLOCK_NS if simulated else AHEAD_REAL_NS, refuse)
@@ -87,7 +89,9 @@ def _subscribe_stated(node: Node, queue: ReferenceQueue, topic: str) -> None:
         if reference is None:
             return
         if issued_ns >= _LAST_NS:
-            queue.refuse(f"set-points on {topic} refused: the time of issue {issued_ns} ns is out of range")
+            queue.refuse(
+                f"set-points on {topic} refused: the time of issue {issued_ns} ns is out of range"
+            )
             return
         queue.add(convert.stamp_ns(message.header.stamp), reference, issued_ns)
 
@@ -132,21 +136,24 @@ class _Asked:
 class KeptReference:
     """Receives set-points and, while leading, serves requests for new ones and publishes those in force.
 
-    The service ``fsw/set_reference`` checks a request and sends its set-points on ``fsw/reference``; it answers when
-    they are in force by the rule of :class:`ReferenceQueue`, or cannot be. Both only while this supervisor leads:
-    the set-points of one that another has replaced unnoticed may reach nobody.
+    The service ``fsw/set_reference`` checks a request and sends its set-points on
+    ``fsw/reference``; it answers when they are in force by the rule of :class:`ReferenceQueue`, or
+    cannot be. Both only while this supervisor leads: the set-points of one that another has
+    replaced unnoticed may reach nobody.
 
-    An operator's command line ends as soon as it has sent its set-points, and the middleware forgets them. So those in
-    force are published on ``fsw/supervisor/reference``, whose only writer is the leading supervisor. A restarted
-    supervisor receives them from the controllers.
+    An operator's command line ends as soon as it has sent its set-points, and the middleware
+    forgets them. So those in force are published on ``fsw/supervisor/reference``, whose only
+    writer is the leading supervisor. A restarted supervisor receives them from the controllers.
 
     Parameters
     ----------
     node : rclpy.node.Node
     leads : callable
-        Awaited before a request is acted on and before success is answered: whether this supervisor leads.
+        Awaited before a request is acted on and before success is answered: whether this
+        supervisor leads.
     problem : callable
-        Why requested set-points, depth [mm] and temperature [degC], are refused although in range; empty: they are not.
+        Why requested set-points, depth [mm] and temperature [degC], are refused although in range;
+        empty: they are not.
     """
 
     def __init__(
@@ -162,15 +169,21 @@ class KeptReference:
         self._queue.decides = False
         self._statement: StatedReference | None = None
         self._service: Service | None = None
-        self._group = ReentrantCallbackGroup()  # so that a pending answer does not block the topics
+        self._group = (
+            ReentrantCallbackGroup()
+        )  # so that a pending answer does not block the topics
         self._publishers: tuple[Publisher, Publisher] | None = None
         self._controllers: list[str] = []
         self._asked: list[_Asked] = []
-        self._marks = (f"set_reference {uuid.uuid4().hex[:12]} {count}" for count in itertools.count(1))
+        self._marks = (
+            f"set_reference {uuid.uuid4().hex[:12]} {count}" for count in itertools.count(1)
+        )
         self._tick_ns = -1
         self._refused = self._reported = 0
         self._last_refusal = ""
-        self._programme_runs_s: float | None = None  #: when the programme of the weld last said that it runs
+        self._programme_runs_s: float | None = (
+            None  #: when the programme of the weld last said that it runs
+        )
         node.create_subscription(WeldProgress, "fsw/weld_progress", self._on_programme, LATEST)
         subscribe_sent(node, self._queue, self._on_received)
         _subscribe_stated(node, self._queue, "fsw/supervisor/reference")
@@ -223,9 +236,13 @@ class KeptReference:
                 response.message = "other set-points were received after them; check those in force and send them again"
             elif one.received_ns is None:
                 response.ok = False
-                response.message = f"not confirmed within {_ANSWER_S:g} s; check which set-points are in force"
+                response.message = (
+                    f"not confirmed within {_ANSWER_S:g} s; check which set-points are in force"
+                )
             elif not in_force:
-                response.message += "; there are no measurements, they will be in force from the next one on"
+                response.message += (
+                    "; there are no measurements, they will be in force from the next one on"
+                )
             self._asked.remove(one)
             one.answered.set_result(True)
 
@@ -269,7 +286,10 @@ class KeptReference:
                 raise ValueError(problem)
             self._check_programme()
             self._check_listeners()
-            response.ok, response.message = True, self._send(goal, present if request.ramp else goal, asked.mark)
+            response.ok, response.message = (
+                True,
+                self._send(goal, present if request.ramp else goal, asked.mark),
+            )
         except ValueError as error:
             self._asked.remove(asked)
             response.ok, response.message = False, f"{error}"
@@ -286,17 +306,23 @@ class KeptReference:
     def _check_programme(self) -> None:
         heard_s = self._programme_runs_s
         if heard_s is not None and time.monotonic() - heard_s <= _PROGRAMME_SILENT_S:
-            raise ValueError("the programme of the weld runs and would override it: hold the programme first")
+            raise ValueError(
+                "the programme of the weld runs and would override it: hold the programme first"
+            )
 
     def _check_listeners(self) -> None:
-        topics = (self._node.resolve_topic_name(f"fsw/{name}/reference") for name in self._controllers)
+        topics = (
+            self._node.resolve_topic_name(f"fsw/{name}/reference") for name in self._controllers
+        )
         if not any(self._node.count_publishers(topic) for topic in topics):
             raise ValueError("no controller listens to set-points; start one")
 
     def _send(self, goal: Reference, start: Reference | None, mark: str) -> str:
         """Send set-points, the first of which take effect at once and void those sent ahead; returns the answer."""
         if start is None:
-            raise ValueError("no set-points are in force from which a ramp could start; send them without a ramp")
+            raise ValueError(
+                "no set-points are in force from which a ramp could start; send them without a ramp"
+            )
         if self._publishers is None:
             create = self._node.create_publisher
             plans = create(WeldReferencePlan, "fsw/reference_plan", LATEST)
@@ -311,7 +337,9 @@ class KeptReference:
         for stamp_ns, one in points:
             sent.publish(convert.reference_message(one, stamp_ns, mark=mark))
         words = f"set-points {goal.depth_mm:.4g} mm, {goal.temperature_c:.5g} degC"
-        return words if start == goal else f"{words} by a ramp over {duration_s(start, goal):.1f} s"
+        return (
+            words if start == goal else f"{words} by a ramp over {duration_s(start, goal):.1f} s"
+        )
 
 
 def _goal(request: SetReference.Request, present: Reference | None) -> Reference:

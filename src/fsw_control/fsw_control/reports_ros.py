@@ -49,7 +49,10 @@ class DiagnosticsPublisher:
                 name=f"{self._name}: {line.part}",
                 message=line.text,
                 hardware_id=self._hardware_id,
-                values=[KeyValue(key=key, value=str(value)) for key, value in ({**line.values} | self._values).items()],
+                values=[
+                    KeyValue(key=key, value=str(value))
+                    for key, value in ({**line.values} | self._values).items()
+                ],
             )
             for line in lines
         ]
@@ -69,11 +72,13 @@ def log(node: Node, level: bytes, text: str) -> None:
         logger.info(text)
 
 
-def commands(gate: CommandGate, new_refusals: int, publishers: Sequence[str], unauthorised: int) -> Report:
+def commands(
+    gate: CommandGate, new_refusals: int, publishers: Sequence[str], unauthorised: int
+) -> Report:
     """Commands refused (``new_refusals`` since the last report), and the nodes that publish them.
 
-    Two publishers are normal for a moment while a standby takes over; an error only when commands are refused too that
-    are ``unauthorised``: not of a supervisor.
+    Two publishers are normal for a moment while a standby takes over; an error only when commands
+    are refused too that are ``unauthorised``: not of a supervisor.
     """
     names = ", ".join(publishers)
     values: dict[str, object] = {"refused": gate.total(), "last refusal": gate.last_refusal}

@@ -1,6 +1,7 @@
 """The sensors of a weld: one table, from which topics, parameters, checks, faults, records and labels follow.
 
-A new sensor is a row here, its value in the plant (``fsw_plant.emulator``) and, where it is of a new kind, its message.
+A new sensor is a row here, its value in the plant (``fsw_plant.emulator``) and, where it is of a
+new kind, its message.
 """
 
 from __future__ import annotations
@@ -35,16 +36,20 @@ def _quantity(name: str, unit: str, suffix: str, *ranges: tuple[float, float]) -
 
 
 DEPTH = _quantity("depth", "mm", "mm", (-10.0, 20.0), (-5.0, 5.0), (0.0, 1.0), (0.0, 1.0))
-TORQUE = _quantity("torque", "N m", "nm", (-5000.0, 10_000.0), (-2000.0, 2000.0), (0.0, 500.0), (0.0, 100.0))
-TEMPERATURE = _quantity("temperature", "degC", "c", (-50.0, 1500.0), (-1000.0, 1000.0), (0.0, 100.0), (0.0, 10.0))
+TORQUE = _quantity(
+    "torque", "N m", "nm", (-5000.0, 10_000.0), (-2000.0, 2000.0), (0.0, 500.0), (0.0, 100.0)
+)
+TEMPERATURE = _quantity(
+    "temperature", "degC", "c", (-50.0, 1500.0), (-1000.0, 1000.0), (0.0, 100.0), (0.0, 10.0)
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
     """A row of the table; numbers are in the unit of the quantity.
 
-    Control needs every ``required`` sensor: ticks wait for it, and it can stop a weld. Any other one is published,
-    checked, recorded and shown where it is there; nothing waits for it.
+    Control needs every ``required`` sensor: ticks wait for it, and it can stop a weld. Any other
+    one is published, checked, recorded and shown where it is there; nothing waits for it.
     """
 
     name: str  #: in faults, alarms and reports
@@ -89,7 +94,10 @@ class Sensor:
     def template(self) -> dict[str, Any]:
         """What ``$NAME`` stands for in the descriptions of parameters that each sensor has."""
         quantity = self.quantity
-        ranges = {f"{name}_range": getattr(quantity, name) for name in ("plausible", "noise", "resolution")}
+        ranges = {
+            f"{name}_range": getattr(quantity, name)
+            for name in ("plausible", "noise", "resolution")
+        }
         numbers = ("minimum", "maximum", "max_rate", "max_jump", "noise", "resolution")
         return {
             **{name: getattr(self, name) for name in ("name", "title", "stem", *numbers)},
@@ -119,7 +127,13 @@ _ROWS = (
         resolution=0.1,
     ),
     Sensor(
-        *("thermocouple", "thermocouple", TEMPERATURE, "fsw/thermocouple", "sensor_msgs/msg/Temperature"),
+        *(
+            "thermocouple",
+            "thermocouple",
+            TEMPERATURE,
+            "fsw/thermocouple",
+            "sensor_msgs/msg/Temperature",
+        ),
         minimum=300.0,
         maximum=1080.0,
         max_rate=400.0,

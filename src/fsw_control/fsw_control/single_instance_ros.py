@@ -17,7 +17,8 @@ from fsw_msgs.msg import ShoulderDepth
 #: text and values of a plant's diagnostics during the search
 SEARCHING = "looking for another plant"
 STARTING = {"starting": "yes"}
-#: A running plant reports once a second; a publisher that is silent for longer was left behind by a killed process.
+#: A running plant reports once a second; a publisher that is silent for longer was left behind by
+#: a killed process.
 LIVENESS_S = 2.5
 PREFIX = "fsw_plant/"
 _ANNOUNCE_S = 0.05
@@ -30,8 +31,9 @@ class AnotherPlantError(RuntimeError):
 class SingleInstanceGuard:
     """Finds out whether another plant, or a replayed bag, publishes the same topics.
 
-    Plants know each other by a value of their diagnostics, which holds the topic and a number of its own. The
-    node's publisher of fsw/depth has to exist already, so that plants that start together see each other.
+    Plants know each other by a value of their diagnostics, which holds the topic and a number of
+    its own. The node's publisher of fsw/depth has to exist already, so that plants that start
+    together see each other.
     """
 
     def __init__(self, node: Node) -> None:
@@ -43,7 +45,8 @@ class SingleInstanceGuard:
     def check(self, discovery_s: float, announce: Callable[[], None]) -> None:
         """Search for ``discovery_s`` and listen to publishers found; returns when the domain is free.
 
-        ``announce`` publishes this plant's diagnostics, so that one that starts at the same time detects it.
+        ``announce`` publishes this plant's diagnostics, so that one that starts at the same time
+        detects it.
 
         Raises
         ------
@@ -51,7 +54,8 @@ class SingleInstanceGuard:
             If there is one.
         """
         node = self._node
-        # A node that is being spun, in a callback of which this is called, is not spun inside that.
+        # A node that is being spun, in a callback of which this is called, is not spun inside
+        # that.
         own = node.executor is not None
         listener = _listener(node) if own else node
         executor = SingleThreadedExecutor(context=node.context) if own else None
@@ -66,7 +70,9 @@ class SingleInstanceGuard:
             wait_s = discovery_s
             while not self._heard and time.monotonic() < begin + wait_s:
                 rclpy.spin_once(listener, executor=executor, timeout_sec=0.05)
-                if time.monotonic() >= announce_s:  # its own message ends the spin, so not at every turn
+                if (
+                    time.monotonic() >= announce_s
+                ):  # its own message ends the spin, so not at every turn
                     announce_s += _ANNOUNCE_S
                     announce()
                 wait_s = max(discovery_s, LIVENESS_S) if self._others() else discovery_s
@@ -95,7 +101,11 @@ class SingleInstanceGuard:
         for status in message.status:
             values = {pair.key: pair.value for pair in status.values}
             other = values.get(INSTANCE, "")
-            if other == self.instance or not other.startswith(PREFIX) or not other.endswith(f"@{self._topic}"):
+            if (
+                other == self.instance
+                or not other.startswith(PREFIX)
+                or not other.endswith(f"@{self._topic}")
+            ):
                 continue
             # Of two that start together the one with the lower number may stay.
             if not values.items() >= STARTING.items() or other < self.instance:

@@ -9,7 +9,8 @@ from fsw_control.units import NANOSECONDS
 
 #: largest epoch that a message can carry; it cannot be acknowledged, so that a stop always wins
 LAST_EPOCH = 2**32 - 1
-#: largest epoch that is a time [s]: the year 2065; a clock that is further ahead leaves epochs for what follows
+#: largest epoch that is a time [s]: the year 2065; a clock that is further ahead leaves epochs for
+#: what follows
 _LAST_TIME = 3_000_000_000
 
 
@@ -31,13 +32,17 @@ class StopCause(IntEnum):
 class Stop:
     """One value of the register.
 
-    Values are ordered by epoch; of the same epoch a stop is greater than an acknowledgement. Each change takes a new
-    epoch, so the greater of two values is the one that was made knowing the other, or the safer one.
+    Values are ordered by epoch; of the same epoch a stop is greater than an acknowledgement. Each
+    change takes a new epoch, so the greater of two values is the one that was made knowing the
+    other, or the safer one.
     """
 
-    #: 0: there has been no stop; else at least the time of the stop in seconds, and larger with each change
+    #: 0: there has been no stop; else at least the time of the stop in seconds, and larger with
+    #: each change
     epoch: int = 0
-    stopped: bool = False  #: a safe stop is in force; False: there was none, or the last one is acknowledged
+    stopped: bool = (
+        False  #: a safe stop is in force; False: there was none, or the last one is acknowledged
+    )
     cause: StopCause = StopCause.NONE  #: of the last safe stop
     who: str = ""  #: made the change: an operator, an interlock, ``plant``
     since_ns: int = 0  #: stamp of the measurement at which it was made
@@ -46,8 +51,8 @@ class Stop:
 class StopRegister:
     """A copy of the register; grows only.
 
-    Merging takes the maximum, so copies that have heard each other are equal, whatever was lost, delayed or repeated.
-    A stop is not lost as long as one copy of it lives.
+    Merging takes the maximum, so copies that have heard each other are equal, whatever was lost,
+    delayed or repeated. A stop is not lost as long as one copy of it lives.
     """
 
     def __init__(self) -> None:
@@ -71,8 +76,8 @@ class StopRegister:
     def next_stop(self, cause: StopCause, who: str, since_ns: int) -> Stop:
         """The value of a safe stop that would begin now.
 
-        Its epoch is at least its time in seconds: an acknowledgement of an earlier weld, which a part has kept that
-        outlived the others, does not cover it.
+        Its epoch is at least its time in seconds: an acknowledgement of an earlier weld, which a
+        part has kept that outlived the others, does not cover it.
         """
         epoch = max(self.value.epoch + 1, min(since_ns // NANOSECONDS, _LAST_TIME))
         return Stop(min(epoch, LAST_EPOCH), True, cause, who, since_ns)

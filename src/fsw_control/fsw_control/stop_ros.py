@@ -15,18 +15,27 @@ from fsw_msgs.msg import StopReport
 STOP_TOPIC = "fsw/stop"
 #: each holder latches one report; who joins late gets those of all
 _HOLDERS = 50
-_PUBLISHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-_HEARD = QoSProfile(depth=_HOLDERS, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_PUBLISHED = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+_HEARD = QoSProfile(
+    depth=_HOLDERS,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
 _REPEAT_S = 1.0
 
 
 class StopHolder:
     """Publishes ``register`` at every change and once a second; hands other copies to ``on_stop``.
 
-    ``on_stop`` merges the copy and does what follows from it; :meth:`look` is to be called after any other change.
+    ``on_stop`` merges the copy and does what follows from it; :meth:`look` is to be called after
+    any other change.
     """
 
-    def __init__(self, node: Node, register: StopRegister, on_stop: Callable[[Stop], object]) -> None:
+    def __init__(
+        self, node: Node, register: StopRegister, on_stop: Callable[[Stop], object]
+    ) -> None:
         self._node, self._register, self._on_stop = node, register, on_stop
         self._published: Stop | None = None
         self._publisher = node.create_publisher(StopReport, STOP_TOPIC, _PUBLISHED)
@@ -42,11 +51,16 @@ class StopHolder:
         value = self._published = self._register.value
         if value == Stop():  # there has been no stop yet
             return
-        message = StopReport(holder=self._node.get_fully_qualified_name(), stop=convert.stop_message(value))
+        message = StopReport(
+            holder=self._node.get_fully_qualified_name(), stop=convert.stop_message(value)
+        )
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
 
     def _on_report(self, message: StopReport) -> None:
-        if message.holder != self._node.get_fully_qualified_name() or message.stop.epoch > self._register.value.epoch:
+        if (
+            message.holder != self._node.get_fully_qualified_name()
+            or message.stop.epoch > self._register.value.epoch
+        ):
             self._on_stop(convert.stop(message.stop))
             self.look()

@@ -19,24 +19,33 @@ from fsw_msgs.msg import DriveFeedback
 
 #: to subscribe to samples: a slow node skips to the latest ones
 STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-#: To publish samples and simulated time: they are kept until they have arrived. Lockstep, at several hundred ticks/s,
-#: waits for the recorder only now and then; it may stand still for 0.2 s on a busy machine and must not miss any.
+#: To publish samples and simulated time: they are kept until they have arrived. Lockstep, at
+#: several hundred ticks/s, waits for the recorder only now and then; it may stand still for 0.2 s
+#: on a busy machine and must not miss any.
 SENT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 #: the last message is kept for late joiners
-LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+LATEST = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
 #: to publish what is replaced often, and is recorded as a whole
-REPLACED = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+REPLACED = QoSProfile(
+    depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
 #: set-points; as deep as a scenario's are sent ahead
-LATCHED = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+LATCHED = QoSProfile(
+    depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
 
-#: What parameters ``qos_overrides.<topic>.publisher.*`` may override on topics that nothing depends on: how many
-#: messages are kept for a slow display.
+#: What parameters ``qos_overrides.<topic>.publisher.*`` may override on topics that nothing
+#: depends on: how many messages are kept for a slow display.
 DISPLAY = QoSOverridingOptions([QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH])
 
-#: In lockstep the player says here of which depth it has sent all that belongs before the next tick.
+#: In lockstep the player says here of which depth it has sent all that belongs before the next
+#: tick.
 PLAYER_READY = "fsw/player_ready"
 
-#: the sensors as they are announced, sent and subscribed to: the last required one completes a tick
+#: the sensors as they are announced, sent and subscribed to: the last required one completes a
+#: tick
 _ORDER = (*OPTIONAL, *REQUIRED)
 
 
@@ -50,7 +59,10 @@ def display_publisher(node: Node, kind: Any, topic: str) -> Publisher:
 
 def sensor_publishers(node: Node) -> dict[str, Publisher]:
     """Publishers of the sensors by name, in the order in which the samples of a tick are to be sent."""
-    return {name: node.create_publisher(convert.message_type(name), SENSORS[name].topic, SENT) for name in _ORDER}
+    return {
+        name: node.create_publisher(convert.message_type(name), SENSORS[name].topic, SENT)
+        for name in _ORDER
+    }
 
 
 def subscribe_sensors(node: Node, take: Callable[[str, int, float], None]) -> list[Subscription]:
@@ -58,9 +70,15 @@ def subscribe_sensors(node: Node, take: Callable[[str, int, float], None]) -> li
 
     def subscribe(sensor: str) -> Subscription:
         def on_sample(message: Any) -> None:
-            take(sensor, convert.stamp_ns(message.header.stamp), convert.sensor_value(sensor, message))
+            take(
+                sensor,
+                convert.stamp_ns(message.header.stamp),
+                convert.sensor_value(sensor, message),
+            )
 
-        return node.create_subscription(convert.message_type(sensor), SENSORS[sensor].topic, on_sample, STREAM)
+        return node.create_subscription(
+            convert.message_type(sensor), SENSORS[sensor].topic, on_sample, STREAM
+        )
 
     return [subscribe(sensor) for sensor in _ORDER]
 

@@ -14,9 +14,11 @@ from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
 
 #: probability at which a run of equal samples is no longer taken for chance
 _CHANCE = 1e-9
-#: relative difference of samples that are equal but for rounding, as a simulation without noise has them
+#: relative difference of samples that are equal but for rounding, as a simulation without noise
+#: has them
 _ROUNDING = 1e-9
-#: share of reversals of direction above which a signal counts as noisy (white noise: 2/3, a smooth signal: ~0)
+#: share of reversals of direction above which a signal counts as noisy (white noise: 2/3, a smooth
+#: signal: ~0)
 _NOISY = 0.25
 #: samples before which no sensor is judged to be frozen
 _LEARNT = 20
@@ -28,7 +30,8 @@ _DEVIATIONS = 3.0
 _LEAST_ELAPSED_S = 0.05
 #: samples over which the noise and the share of equal neighbours are averaged
 _MEMORY = 150
-#: share of the expected noise below which a signal's changes are rounding or quantisation, and no noise (chosen)
+#: share of the expected noise below which a signal's changes are rounding or quantisation, and no
+#: noise (chosen)
 _QUIET_SHARE = 0.2
 
 
@@ -48,11 +51,12 @@ class Flaw(StrEnum):
 class SensorLimits:
     """Limits of one sensor, in its unit (mm, N m, degC); see the parameters ``validity.*`` in ``validity.yaml``.
 
-    A change faster than ``max_rate`` against the last good sample is a spike, unless ``confirm_samples`` samples in a
-    row agree with each other. As many are needed to become valid again. If they agree on a value that is further than
-    ``max_jump`` (per second, in the first second as a whole) from the last good one, the sensor has jumped: it stays
-    invalid until it returns or is readmitted. A sensor whose changes are far below its ``noise`` (standard deviation)
-    is never judged to be frozen.
+    A change faster than ``max_rate`` against the last good sample is a spike, unless
+    ``confirm_samples`` samples in a row agree with each other. As many are needed to become valid
+    again. If they agree on a value that is further than ``max_jump`` (per second, in the first
+    second as a whole) from the last good one, the sensor has jumped: it stays invalid until it
+    returns or is readmitted. A sensor whose changes are far below its ``noise`` (standard
+    deviation) is never judged to be frozen.
     """
 
     minimum: float
@@ -83,7 +87,8 @@ def sensor_limits(values: Mapping[str, Any] | None = None) -> dict[str, SensorLi
             hold_s=values["validity.hold"],
             frozen_samples=values["validity.frozen_samples"],
             confirm_samples=values["validity.confirm_samples"],
-            # only the supervisor has it: the others believe a jump, because they cannot be acknowledged
+            # only the supervisor has it: the others believe a jump, because they cannot be
+            # acknowledged
             max_jump=values.get(f"validity.{sensor}.max_jump", math.inf),
             noise=values.get(f"validity.{sensor}.noise", 0.0),  # bags of earlier versions lack it
         )
@@ -91,7 +96,9 @@ def sensor_limits(values: Mapping[str, Any] | None = None) -> dict[str, SensorLi
     }
     for sensor, one in limits.items():
         if not one.minimum < one.maximum:
-            raise ValueError(f"validity.{sensor}: minimum {one.minimum} must be below maximum {one.maximum}")
+            raise ValueError(
+                f"validity.{sensor}: minimum {one.minimum} must be below maximum {one.maximum}"
+            )
     return limits
 
 
@@ -110,9 +117,9 @@ class Reading(NamedTuple):
 class Frozen:
     """Distinguishes a frozen sensor from one whose quantised or noise-free signal happens to stand still.
 
-    A run of equal samples is suspicious only where the signal was noisy before, with changes of the size of the noise
-    that is expected of the sensor, and only when the run is longer than the share of equal neighbours seen before makes
-    likely.
+    A run of equal samples is suspicious only where the signal was noisy before, with changes of
+    the size of the noise that is expected of the sensor, and only when the run is longer than the
+    share of equal neighbours seen before makes likely.
     """
 
     def __init__(self) -> None:
@@ -127,7 +134,8 @@ class Frozen:
     def update(self, value: float, samples: int, noise: float = 0.0) -> bool:
         """Take the next sample; return whether the sensor is frozen, after a run of ``samples`` at least (0: never).
 
-        ``noise`` is the standard deviation that is expected of the sensor: one that was far quieter is not judged.
+        ``noise`` is the standard deviation that is expected of the sensor: one that was far
+        quieter is not judged.
         """
         last = self._last
         if abs(value - last) <= _ROUNDING * abs(value):
@@ -155,7 +163,12 @@ class Frozen:
         return 1.0 / self._count
 
     def _is_frozen(self, samples: int) -> bool:
-        if not samples or self._run < samples - 1 or self._count < _LEARNT or self._reversed < _NOISY:
+        if (
+            not samples
+            or self._run < samples - 1
+            or self._count < _LEARNT
+            or self._reversed < _NOISY
+        ):
             return False
         likely = max(self._equal, 1.0 / self._count)
         deviation = math.sqrt(likely * (1.0 - likely) / (2.0 * self._count))
@@ -232,10 +245,14 @@ class SensorValidity:
             return None
         change, elapsed_s = abs(value - self.last_good), time_s - self._good_s
         reach = self._reach if self.jumped else limits.max_jump * max(elapsed_s, 1.0)
-        if self._valid and change <= min(limits.max_rate * max(elapsed_s, _LEAST_ELAPSED_S), reach):
+        if self._valid and change <= min(
+            limits.max_rate * max(elapsed_s, _LEAST_ELAPSED_S), reach
+        ):
             return None
         if not self._agrees(time_s, value):
-            return Flaw.JUMPED if self.jumped else Flaw.TOO_FAST if self._valid else Flaw.RECOVERING
+            return (
+                Flaw.JUMPED if self.jumped else Flaw.TOO_FAST if self._valid else Flaw.RECOVERING
+            )
         if change <= reach:
             return None
         self.jumped, self._reach = True, reach
@@ -244,7 +261,9 @@ class SensorValidity:
     def _agrees(self, time_s: float, value: float) -> bool:
         """Whether enough samples in a row agree with each other, this one included."""
         elapsed_s = max(time_s - self._candidate_s, _LEAST_ELAPSED_S)
-        agrees = self._agreeing and abs(value - self._candidate) <= self.limits.max_rate * elapsed_s
+        agrees = (
+            self._agreeing and abs(value - self._candidate) <= self.limits.max_rate * elapsed_s
+        )
         self._agreeing = self._agreeing + 1 if agrees else 1
         self._candidate, self._candidate_s = value, time_s
         return self._agreeing >= self.limits.confirm_samples
@@ -254,7 +273,9 @@ class SensorGuard:
     """Judges the sensors of a tick together, by default with the limits of ``validity.yaml``."""
 
     def __init__(self, limits: dict[str, SensorLimits] | None = None) -> None:
-        self.reasons = dict.fromkeys(SENSORS, "")  #: by sensor, why its last sample was not used; empty where it was
+        self.reasons = dict.fromkeys(
+            SENSORS, ""
+        )  #: by sensor, why its last sample was not used; empty where it was
         self.held: tuple[str, ...] = ()  #: sensors whose last good value stands for that sample
         self._limits = sensor_limits() if limits is None else limits
         self.reset()
@@ -279,7 +300,9 @@ class SensorGuard:
 
     def readmit(self) -> dict[str, float]:
         """Believe the sensors that have jumped and are steady, as the operator acknowledges; with their values."""
-        return {name: sensor.last_good for name, sensor in self._sensors.items() if sensor.readmit()}
+        return {
+            name: sensor.last_good for name, sensor in self._sensors.items() if sensor.readmit()
+        }
 
     def configure(self, limits: dict[str, SensorLimits]) -> None:
         """Use other limits from now on; the history stays."""
@@ -287,12 +310,17 @@ class SensorGuard:
         for name, sensor in self._sensors.items():
             sensor.limits = limits[name]
 
-    def measure(self, time_s: float, values: dict[str, float], drives: Command | None = None) -> Measurement:
+    def measure(
+        self, time_s: float, values: dict[str, float], drives: Command | None = None
+    ) -> Measurement:
         """Return the measurement of the tick at ``time_s``.
 
-        ``values`` has the samples by sensor (mm, N m, degC), ``drives`` the force and speed that the drives report.
+        ``values`` has the samples by sensor (mm, N m, degC), ``drives`` the force and speed that
+        the drives report.
         """
-        readings = {name: one.update(time_s, values.get(name)) for name, one in self._sensors.items()}
+        readings = {
+            name: one.update(time_s, values.get(name)) for name, one in self._sensors.items()
+        }
         self.reasons.update((name, one.reason) for name, one in readings.items())
         self.held = tuple(name for name, one in readings.items() if one.held)
         depth, torque, temperature = (readings[name] for name in REQUIRED)

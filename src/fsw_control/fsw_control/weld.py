@@ -14,7 +14,9 @@ FORCE_MIN_KN, FORCE_MAX_KN = 60.0, 95.0
 SPEED_MIN_RPM, SPEED_MAX_RPM = 300.0, 500.0
 #: Largest change per tick, paper, section IV.
 FORCE_STEP_KN, SPEED_STEP_RPM = 1.0, 3.0
-#: Distance from the set-point inside which the depth is good; chosen, about the paper's step disturbance.
+#: Distance from the set-point inside which the depth is good; chosen, about the paper's step
+#: disturbance.
 QUALITY_DEPTH_MM = 0.1
-#: Temperatures inside which the weld is free of defects and the tool keeps whole: lup.lub.lu.se/record/1961682.
+#: Temperatures inside which the weld is free of defects and the tool keeps whole:
+#: lup.lub.lu.se/record/1961682.
 QUALITY_TEMPERATURE_MIN_C, QUALITY_TEMPERATURE_MAX_C = 790.0, 910.0

@@ -54,7 +54,9 @@ class WeldTicks:
         """For the subscription of ``fsw/command``."""
         header, command = message.header, convert.command(message)
         stamp_ns = convert.stamp_ns(header.stamp)
-        seen = AppliedCommand(stamp_ns, command, message.source, message.leader, message.healthy, message.term)
+        seen = AppliedCommand(
+            stamp_ns, command, message.source, message.leader, message.healthy, message.term
+        )
         if self.applied.add(seen, self.synchronizer.stamps.newest_ns, time.monotonic()):
             self._consume(self.synchronizer.add_command(stamp_ns))
         elif self.applied.complaint:

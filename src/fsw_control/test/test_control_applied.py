@@ -74,7 +74,9 @@ def test_a_standby_that_takes_over_is_followed_at_its_first_command():
     applied = AppliedCommands(INITIAL)
     see(applied, STEP_NS, FIRST, newest_ns=STEP_NS, now_s=0.105)
     assert see(applied, 3 * STEP_NS, SECOND, writer="s2", newest_ns=3 * STEP_NS, now_s=0.3)
-    assert not see(applied, 4 * STEP_NS, WILD, writer="s1", newest_ns=4 * STEP_NS, now_s=0.4), "it was stopped"
+    assert not see(applied, 4 * STEP_NS, WILD, writer="s1", newest_ns=4 * STEP_NS, now_s=0.4), (
+        "it was stopped"
+    )
     assert applied.before(5 * STEP_NS) == SECOND
 
 
@@ -88,7 +90,9 @@ def test_a_stranger_cannot_answer_what_has_not_been_measured():
     applied = AppliedCommands(INITIAL)
     see(applied, STEP_NS, FIRST, newest_ns=STEP_NS)
     assert not see(applied, 5 * STEP_NS, WILD, writer="", newest_ns=STEP_NS)
-    assert see(applied, 2 * STEP_NS, SECOND, newest_ns=STEP_NS), "the one that is followed may be ahead of the samples"
+    assert see(applied, 2 * STEP_NS, SECOND, newest_ns=STEP_NS), (
+        "the one that is followed may be ahead of the samples"
+    )
 
 
 foreign = st.tuples(
@@ -99,11 +103,16 @@ foreign = st.tuples(
 
 
 @given(
-    ticks=st.lists(st.tuples(st.booleans(), st.lists(foreign, max_size=3), st.lists(foreign, max_size=3)), max_size=30),
+    ticks=st.lists(
+        st.tuples(st.booleans(), st.lists(foreign, max_size=3), st.lists(foreign, max_size=3)),
+        max_size=30,
+    ),
     jump_at=st.integers(1, 40),
     jump=st.sampled_from([-900, -40, 40]),
 )
-def test_whatever_others_write_while_the_supervisor_commands_nothing_of_it_counts(ticks, jump_at, jump):
+def test_whatever_others_write_while_the_supervisor_commands_nothing_of_it_counts(
+    ticks, jump_at, jump
+):
     applied = AppliedCommands(INITIAL)
     k, now_s, acting = 1000, 0.0, INITIAL
     for count, (ahead, before, after) in enumerate([(False, [], []), *ticks]):
@@ -115,7 +124,15 @@ def test_whatever_others_write_while_the_supervisor_commands_nothing_of_it_count
         # After the jump nobody is followed yet; until then whoever comes first is.
         for others, own in ((before if count != jump_at else [], True), (after, False)):
             for offset, writer, force_kn in others:
-                see(applied, max(k + offset, 0) * STEP_NS, Command(force_kn, 300.0), "x", writer, newest_ns, now_s)
+                see(
+                    applied,
+                    max(k + offset, 0) * STEP_NS,
+                    Command(force_kn, 300.0),
+                    "x",
+                    writer,
+                    newest_ns,
+                    now_s,
+                )
             if own:
                 assert see(applied, stamp_ns, answer, newest_ns=newest_ns, now_s=now_s + 0.005)
         assert applied.before(stamp_ns) == acting

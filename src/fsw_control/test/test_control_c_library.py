@@ -88,7 +88,9 @@ def test_what_setup_py_is_given(toy, monkeypatch):
 
 def test_without_a_compiler_one_line_says_what_to_do(toy, monkeypatch):
     monkeypatch.setattr(c_library, "compiler", lambda: None)
-    with pytest.raises(RuntimeError, match="no C compiler found: install one, set CC, or 'pip install ziglang'"):
+    with pytest.raises(
+        RuntimeError, match="no C compiler found: install one, set CC, or 'pip install ziglang'"
+    ):
         toy.ensure()
 
 
@@ -108,7 +110,9 @@ def test_without_a_place_for_it_one_line_says_what_to_do(toy, monkeypatch, tmp_p
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     monkeypatch.setattr(c_library, "compiler", lambda: ["cc"])
-    with pytest.raises(RuntimeError, match=r"cannot write the kernel's library: .* \(set XDG_CACHE_HOME\)"):
+    with pytest.raises(
+        RuntimeError, match=r"cannot write the kernel's library: .* \(set XDG_CACHE_HOME\)"
+    ):
         toy.build()
 
 

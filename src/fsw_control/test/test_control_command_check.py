@@ -20,7 +20,11 @@ LIMITS, BEFORE = Limits(), Command(78.4, 407.5)
         (Command(95.1, 407.5), Flaw.OUT_OF_RANGE, "force 95.100 kN is outside 60 to 95 kN"),
         (Command(78.4, 299.9), Flaw.OUT_OF_RANGE, "speed 299.900 rpm is outside 300 to 500 rpm"),
         (Command(79.5, 407.5), Flaw.JUMP, "force would jump by 1.100 kN, more than 1 kN per tick"),
-        (Command(78.4, 404.0), Flaw.JUMP, "speed would jump by 3.500 rpm, more than 3 rpm per tick"),
+        (
+            Command(78.4, 404.0),
+            Flaw.JUMP,
+            "speed would jump by 3.500 rpm, more than 3 rpm per tick",
+        ),
     ],
 )
 def test_a_bad_command_is_refused_in_words(command, flaw, words):
@@ -32,11 +36,15 @@ def test_a_bad_command_is_refused_in_words(command, flaw, words):
 def test_what_is_not_asked_for_is_not_checked():
     assert refusal(Command(1.0, 2.0)) is None
     assert refusal(Command(math.nan, 2.0)).flaw is Flaw.NOT_FINITE
-    assert refusal(Command(95.0, 500.0), LIMITS) is None, "without the command before there is no jump"
+    assert refusal(Command(95.0, 500.0), LIMITS) is None, (
+        "without the command before there is no jump"
+    )
 
 
 @given(st.floats(), st.floats(), st.floats(60.0, 95.0), st.floats(300.0, 500.0))
-def test_what_limits_clip_is_never_refused_and_what_passes_needs_no_clipping(force, speed, force_before, speed_before):
+def test_what_limits_clip_is_never_refused_and_what_passes_needs_no_clipping(
+    force, speed, force_before, speed_before
+):
     before, command = Command(force_before, speed_before), Command(force, speed)
     if refusal(command, LIMITS, before) is None:
         clipped = LIMITS.clip(command, before)
@@ -54,6 +62,12 @@ def test_what_is_at_a_bound_is_not_named(force):
 
 @pytest.mark.parametrize("largest", [1.0, 0.0])
 def test_the_largest_move_is_allowed(largest):
-    wide = Limits(force_min_kn=-9.0, force_max_kn=9.0, speed_min_rpm=-9.0, speed_max_rpm=9.0, force_step_kn=largest)
+    wide = Limits(
+        force_min_kn=-9.0,
+        force_max_kn=9.0,
+        speed_min_rpm=-9.0,
+        speed_max_rpm=9.0,
+        force_step_kn=largest,
+    )
     assert refusal(Command(largest + ROUNDING, 0.0), wide, Command(0.0, 0.0)) is None
     assert refusal(Command(largest + 2 * ROUNDING, 0.0), wide, Command(0.0, 0.0)).flaw is Flaw.JUMP

@@ -50,7 +50,9 @@ def test_each_measurement_is_answered_once_and_in_order():
 def test_the_worst_is_told(command, healthy, source, reason):
     tried = gate(sources=("nmpc",))
     assert tried.check(command, NOW, source, healthy, NOW) == reason
-    assert tried.last_refusal.startswith(f"{reason}: ") and len(tried.last_refusal) > len(reason) + 10
+    assert (
+        tried.last_refusal.startswith(f"{reason}: ") and len(tried.last_refusal) > len(reason) + 10
+    )
     assert tried.last_stamp_ns is None
 
 

@@ -31,7 +31,9 @@ def refused(writers, *leaders):
 
 def test_takeover_between_supervisors_is_no_foreign_writer(writers):
     leads(writers, "aaa")
-    assert refused(writers, "aaa", "bbb").level == WARN  # bbb has begun to lead, its state is on its way
+    assert (
+        refused(writers, "aaa", "bbb").level == WARN
+    )  # bbb has begun to lead, its state is on its way
     leads(writers, "bbb")
     assert refused(writers, "aaa", "bbb").level == WARN
     assert refused(writers).level == WARN
@@ -43,11 +45,20 @@ def test_publishers_are_logged_once_and_by_name():
     published, said = [], []
     node = SimpleNamespace(
         create_subscription=lambda kind, topic, heard, qos: None,
-        get_publishers_info_by_topic=lambda topic: [SimpleNamespace(node_name=name) for name in published],
+        get_publishers_info_by_topic=lambda topic: [
+            SimpleNamespace(node_name=name) for name in published
+        ],
         get_logger=lambda: SimpleNamespace(warning=said.append),
     )
     writers = CommandWriters(node, lambda: GATE, lambda: ())
-    for names in (["one"], ["one", "_NODE_NAME_UNKNOWN_"], ["one", "two"], ["one"], ["one", "two"], ["one", "two"]):
+    for names in (
+        ["one"],
+        ["one", "_NODE_NAME_UNKNOWN_"],
+        ["one", "two"],
+        ["one"],
+        ["one", "two"],
+        ["one", "two"],
+    ):
         published[:] = names
         writers.look()
         assert writers.names == sorted(names)

@@ -7,7 +7,11 @@ from fsw_control.diagnostic_names import local_name, qualified
 
 @pytest.mark.parametrize(
     ("namespace", "name", "said"),
-    [("/", "fsw_plant", "fsw_plant"), ("/cell1", "fsw_plant", "cell1/fsw_plant"), ("/a/b", "fsw", "a/b/fsw")],
+    [
+        ("/", "fsw_plant", "fsw_plant"),
+        ("/cell1", "fsw_plant", "cell1/fsw_plant"),
+        ("/a/b", "fsw", "a/b/fsw"),
+    ],
 )
 def test_a_name_carries_its_namespace(namespace, name, said):
     assert qualified(namespace, name) == said

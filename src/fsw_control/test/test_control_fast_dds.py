@@ -23,7 +23,9 @@ def test_this_machine_only_is_a_profile_of_its_own() -> None:
     assert set(everywhere) == {NAMES[0]} and here[RANGE] == "SYSTEM_DEFAULT"
     assert everywhere[NAMES[0]] != here[NAMES[0]]
     assert settings({NAMES[0]: "", NAMES[1]: ""}) == everywhere
-    assert settings(here) == {NAMES[0]: here[NAMES[0]]}, "a process that a node starts is where the node is"
+    assert settings(here) == {NAMES[0]: here[NAMES[0]]}, (
+        "a process that a node starts is where the node is"
+    )
     assert settings(here | {RANGE: "LOCALHOST"}) == here
 
 
@@ -37,9 +39,19 @@ def test_a_range_that_is_set_stays() -> None:
 
 
 def test_both_profiles_differ_in_the_transport_only() -> None:
-    files = [ElementTree.parse(settings(one)[NAMES[0]]).getroot() for one in ({}, {RANGE: "LOCALHOST"})]
+    files = [
+        ElementTree.parse(settings(one)[NAMES[0]]).getroot() for one in ({}, {RANGE: "LOCALHOST"})
+    ]
     assert (
-        len({ElementTree.tostring(part) for file in files for part in file.iter() if part.tag.endswith("builtin")}) == 1
+        len(
+            {
+                ElementTree.tostring(part)
+                for file in files
+                for part in file.iter()
+                if part.tag.endswith("builtin")
+            }
+        )
+        == 1
     )
     writers = [part for file in files for part in file if part.tag.endswith("data_writer")]
     assert len(writers) == 2 and len({ElementTree.tostring(part).strip() for part in writers}) == 1

@@ -48,7 +48,11 @@ def test_exception_becomes_an_unhealthy_proposal_in_one_line():
     "result",
     [
         *(None, "nonsense", Proposal(Command("a", 1.0)), Proposal(None)),
-        *(Proposal(APPLIED, healthy="yes"), Proposal(APPLIED, healthy=None), Proposal(APPLIED, reason=3)),
+        *(
+            Proposal(APPLIED, healthy="yes"),
+            Proposal(APPLIED, healthy=None),
+            Proposal(APPLIED, reason=3),
+        ),
     ],
 )
 def test_nonsense_becomes_an_unhealthy_proposal(result):
@@ -75,7 +79,13 @@ def test_needed_sensor_makes_unhealthy_and_tolerated_does_not():
 def test_tolerated_sensors_that_are_nonsense_make_unhealthy():
     controller = Scripted(Proposal(APPLIED))
     controller.tolerated_sensors = None
-    proposal = answer(controller, Measurement(0.0, 2.66, math.nan, 850.0, torque_valid=False), REFERENCE, APPLIED, 0.1)
+    proposal = answer(
+        controller,
+        Measurement(0.0, 2.66, math.nan, 850.0, torque_valid=False),
+        REFERENCE,
+        APPLIED,
+        0.1,
+    )
     assert proposal.command == APPLIED and not proposal.healthy
 
 

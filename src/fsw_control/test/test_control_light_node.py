@@ -41,7 +41,12 @@ Ends("ends").destroy_node()
 def test_a_node_that_cannot_leave_ends_its_process() -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     ended = subprocess.run(
-        [sys.executable, "-c", STUCK], env=environment, capture_output=True, text=True, timeout=240.0, check=False
+        [sys.executable, "-c", STUCK],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=240.0,
+        check=False,
     )
     assert (ended.returncode, ended.stdout) == (-signal.SIGALRM, "leaving\n"), ended.stderr
 

@@ -98,10 +98,15 @@ def test_a_refusal_by_service_is_logged_in_one_line_and_leaves_nothing(make, cap
     state = peer.create_client(GetState, "welder/get_state")
 
     def ask(transition):
-        return spinner.call(change, ChangeState.Request(transition=Transition(id=transition))).success
+        return spinner.call(
+            change, ChangeState.Request(transition=Transition(id=transition))
+        ).success
 
     assert not ask(Transition.TRANSITION_CONFIGURE)
-    assert spinner.call(state, GetState.Request()).current_state.id == State.PRIMARY_STATE_UNCONFIGURED
+    assert (
+        spinner.call(state, GetState.Request()).current_state.id
+        == State.PRIMARY_STATE_UNCONFIGURED
+    )
     assert entities(node) == before
     assert "cannot configure: configure: no bag" in capfd.readouterr().err
     node.refuses.clear()
@@ -134,4 +139,6 @@ def test_a_transition_that_does_not_exist_now_does_not_end_the_node(capfd):
                 raise RuntimeError("Failed to trigger lifecycle state machine transition")
 
     assert run(Refusing, ["welder"]) == 0
-    assert "refused: Failed to trigger lifecycle state machine transition" in capfd.readouterr().err
+    assert (
+        "refused: Failed to trigger lifecycle state machine transition" in capfd.readouterr().err
+    )

@@ -8,7 +8,13 @@ from hypothesis import strategies as st
 
 from fsw_control import message_synchronizer
 from fsw_control.contract import Command
-from fsw_control.message_synchronizer import DRIVES, JUMP_NS, RULES, MessageSynchronizer, StampFilter
+from fsw_control.message_synchronizer import (
+    DRIVES,
+    JUMP_NS,
+    RULES,
+    MessageSynchronizer,
+    StampFilter,
+)
 from fsw_control.sensors import REQUIRED
 
 STEP_NS = 100_000_000
@@ -124,15 +130,21 @@ def test_after_a_stall_no_sample_is_lost_however_neighbouring_ticks_are_mixed(da
     while any(queues.values()):
         slowest = min(queue[0] for queue in queues.values() if queue)
         sensor = data.draw(
-            st.sampled_from([name for name in REQUIRED if queues[name] and queues[name][0] <= slowest + 1])
+            st.sampled_from(
+                [name for name in REQUIRED if queues[name] and queues[name][0] <= slowest + 1]
+            )
         )
         ticks += join.add(sensor, queues[sensor][0] * STEP_NS, float(queues[sensor].pop(0)), 0.0)
     while rest := give_up(join):
         ticks += rest
     expected = {k: {s: float(k) for s in REQUIRED if (k, s) not in lost} for k in range(10)}
-    assert {tick.stamp_ns // STEP_NS: tick.values for tick in ticks} == {k: v for k, v in expected.items() if v}
+    assert {tick.stamp_ns // STEP_NS: tick.values for tick in ticks} == {
+        k: v for k, v in expected.items() if v
+    }
     assert [tick.stamp_ns for tick in ticks] == sorted(tick.stamp_ns for tick in ticks)
-    assert sum(counts["missing"] for counts in join.counts.values()) + 3 * (10 - len(ticks)) == len(lost)
+    assert sum(counts["missing"] for counts in join.counts.values()) + 3 * (
+        10 - len(ticks)
+    ) == len(lost)
 
 
 def test_late_and_duplicate_samples_are_counted_and_dropped():
@@ -244,7 +256,9 @@ def test_where_time_waits_a_tick_waits_for_the_drives_sample():
     assert [tick.drives for tick in join.add_drives(STEP_NS, ACTING)] == [ACTING]
     assert add_all(join, 2) == []
     assert [tick.drives for tick in give_up(join)] == [None] and join.missed == {"drives"}
-    assert [tick.stamp_ns for tick in add_all(join, 3)] == [3 * STEP_NS], "what is lost is not waited for again"
+    assert [tick.stamp_ns for tick in add_all(join, 3)] == [3 * STEP_NS], (
+        "what is lost is not waited for again"
+    )
     join.add_drives(4 * STEP_NS, ACTING)
     assert [tick.drives for tick in add_all(join, 4)] == [ACTING]
     assert add_all(join, 5) == [], "it is back"
@@ -300,7 +314,9 @@ def test_strange_stamps_are_counted_and_their_values_kept_for_the_jump():
     join.add("depth", 2 * STEP_NS, 2.0, 0.1)
     far = 10_000 * STEP_NS
     assert join.add("depth", far, 7.0, 0.2) == []
-    assert [tick.stamp_ns for tick in join.add("torque", far, 8.0, 0.2)] == [2 * STEP_NS], "what was begun is given up"
+    assert [tick.stamp_ns for tick in join.add("torque", far, 8.0, 0.2)] == [2 * STEP_NS], (
+        "what was begun is given up"
+    )
     (tick,) = join.add("thermocouple", far, 9.0, 0.2)
     assert tick.values == {"depth": 7.0, "torque": 8.0, "thermocouple": 9.0}
     assert tick.restarted and not add_all(join, 10_001)[0].restarted
@@ -388,7 +404,9 @@ def feed(stamps_ns):
         for sensor in REQUIRED:
             newest_ns, now_s = stamps.newest_ns, count * 0.1
             accepted = stamps.offer(sensor, stamp_ns, 1.0, now_s)
-            if accepted is not None and (accepted.jumped or newest_ns is None or stamp_ns > newest_ns):
+            if accepted is not None and (
+                accepted.jumped or newest_ns is None or stamp_ns > newest_ns
+            ):
                 begun.append((stamp_ns, now_s))
     return begun
 
@@ -398,7 +416,9 @@ def feed(stamps_ns):
 def test_a_clock_that_goes_back_again_and_again_stops_nothing(back_ticks):
     """Whether or not the same stamps come again."""
     for shift_ns in (0, 1234):
-        stamps_ns = [10**18 + (k % back_ticks) * STEP_NS + (k // back_ticks) * shift_ns for k in range(300)]
+        stamps_ns = [
+            10**18 + (k % back_ticks) * STEP_NS + (k // back_ticks) * shift_ns for k in range(300)
+        ]
         times_s = [now_s for _, now_s in feed(stamps_ns)]
         assert max(after - before for before, after in pairwise(times_s)) < 1.0
         assert len(times_s) >= (50 if back_ticks < 5 else 150)
@@ -432,7 +452,9 @@ def disturbed_streams(draw):
             ready_s[source] = max(ready_s[source], count * 0.1 + late_s)
             samples.append((ready_s[source], source, clock_ns))
             if draw(st.integers(0, 9)) == 0:
-                samples.append((ready_s[source] + draw(st.sampled_from([0.0, 0.1, 0.3])), source, clock_ns))
+                samples.append(
+                    (ready_s[source] + draw(st.sampled_from([0.0, 0.1, 0.3])), source, clock_ns)
+                )
     return sorted(samples, key=lambda sample: sample[0])
 
 
@@ -447,7 +469,9 @@ def test_no_stamp_begins_two_ticks_and_time_never_stands_still(samples):
         if accepted is not None and (accepted.jumped or newest_ns is None or stamp_ns > newest_ns):
             if stamp_ns in begun:
                 before_s, before = begun[stamp_ns]
-                assert now_s - before_s >= RULES.late_s and stamps.jumps > before, "the clock has repeated it"
+                assert now_s - before_s >= RULES.late_s and stamps.jumps > before, (
+                    "the clock has repeated it"
+                )
             begun[stamp_ns] = (now_s, stamps.jumps)
             assert stamp_ns == stamps.newest_ns
             advanced_s = now_s
@@ -474,7 +498,11 @@ def test_a_sensor_that_lags_behind_does_not_set_time_back_while_the_plant_is_hel
     stamps, now_s = StampFilter(), 0.0
     for k in range(1, 30):
         now_s += held_up_s if k % 5 == 0 else 0.1
-        for sensor, stamp_ns in (("thermocouple", (k - 7) * STEP_NS), ("depth", k * STEP_NS), ("torque", k * STEP_NS)):
+        for sensor, stamp_ns in (
+            ("thermocouple", (k - 7) * STEP_NS),
+            ("depth", k * STEP_NS),
+            ("torque", k * STEP_NS),
+        ):
             accepted = stamps.offer(sensor, stamp_ns, 1.0, now_s)
             assert accepted is None or not accepted.jumped
         assert stamps.newest_ns == k * STEP_NS

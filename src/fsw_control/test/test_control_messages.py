@@ -26,7 +26,11 @@ def test_stamps_are_kept_exactly(time_ns):
 def test_commands_come_back(force, speed, time_ns):
     message = convert.command_message(Command(force, speed), time_ns, "me", False, "why")
     assert convert.stamp_ns(message.header.stamp) == time_ns
-    assert (message.source, message.healthy, convert.reason(message)) == ("me", False, Reason.of("why"))
+    assert (message.source, message.healthy, convert.reason(message)) == (
+        "me",
+        False,
+        Reason.of("why"),
+    )
     back = convert.command(message)
     assert back.force_kn == pytest.approx(force, rel=1e-12, abs=1e-12)
     assert back.speed_rpm == pytest.approx(speed, rel=1e-12, abs=1e-12)
@@ -40,10 +44,14 @@ def test_command_is_in_si_units():
 
 @given(st.floats(1.5, 4.0), st.floats(750.0, 950.0), st.integers(0, 10**18))
 def test_sensors_go_out_in_si_units_and_references_come_back(depth, temperature, time_ns):
-    assert convert.sensor_message("depth", depth, time_ns).depth == pytest.approx(depth * 1e-3, rel=1e-12)
+    assert convert.sensor_message("depth", depth, time_ns).depth == pytest.approx(
+        depth * 1e-3, rel=1e-12
+    )
     assert convert.sensor_message("thermocouple", temperature, time_ns).temperature == temperature
     assert convert.sensor_message("torque", temperature, time_ns).torque == temperature
-    reference = convert.reference(convert.reference_message(Reference(depth, temperature), time_ns))
+    reference = convert.reference(
+        convert.reference_message(Reference(depth, temperature), time_ns)
+    )
     assert reference.depth_mm == pytest.approx(depth, rel=1e-12)
     assert reference.temperature_c == temperature
 
@@ -59,13 +67,27 @@ def test_reference_that_is_no_set_point_is_refused(name, bad):
 
 
 def test_status_carries_the_diagnosis():
-    diagnosis = Diagnosis(2.66, 850.0, 1021.0, {"force_kn": 2.0, "temperature_c": -1.0, "odd": 3.0}, "solved", 4, 1e-3)
-    status = convert.status_message(Proposal(Command(1.0, 2.0), False, "why", diagnosis), 5, "me", "me", ("depth",))
+    diagnosis = Diagnosis(
+        2.66,
+        850.0,
+        1021.0,
+        {"force_kn": 2.0, "temperature_c": -1.0, "odd": 3.0},
+        "solved",
+        4,
+        1e-3,
+    )
+    status = convert.status_message(
+        Proposal(Command(1.0, 2.0), False, "why", diagnosis), 5, "me", "me", ("depth",)
+    )
     assert status.depth_estimate == pytest.approx(2.66e-3)
     assert list(status.disturbance_names) == ["force [N]", "temperature [degC]", "odd"]
     assert list(status.disturbances) == [2000.0, -1.0, 3.0]
     assert (status.solver_status, status.iterations, status.solve_time) == ("solved", 4, 1e-3)
-    assert (status.healthy, convert.reason(status), status.selected) == (False, Reason.of("why"), True)
+    assert (status.healthy, convert.reason(status), status.selected) == (
+        False,
+        Reason.of("why"),
+        True,
+    )
 
 
 @pytest.mark.parametrize("source", ["safe_stop", "other", ""])
@@ -121,7 +143,9 @@ def test_prediction():
     plan = Plan((0.0, 0.1), (2.6, 2.7), (850.0, 851.0), (78.0, 79.0), (400.0, 401.0))
     message = convert.prediction_message(plan, 0)
     assert list(message.depth) == pytest.approx([2.6e-3, 2.7e-3])
-    assert list(message.spindle_speed) == pytest.approx([400.0 * math.pi / 30.0, 401.0 * math.pi / 30.0])
+    assert list(message.spindle_speed) == pytest.approx(
+        [400.0 * math.pi / 30.0, 401.0 * math.pi / 30.0]
+    )
     assert list(message.depth_deviation) == [], "where the controller tells none"
     told = convert.prediction_message(plan, 0, ((0.004, 0.005), (0.2, 0.3)))
     assert list(told.depth_deviation) == pytest.approx([4e-6, 5e-6])
@@ -137,7 +161,9 @@ def test_a_plan_of_set_points_goes_there_and_back():
 
 @pytest.mark.parametrize("wrong", ["falling", "nan"])
 def test_a_bad_plan_is_refused(wrong):
-    message = convert.reference_plan_message([(10**9, Reference(2.7, 820.0)), (2 * 10**9, Reference(2.8, 816.4))], 0)
+    message = convert.reference_plan_message(
+        [(10**9, Reference(2.7, 820.0)), (2 * 10**9, Reference(2.8, 816.4))], 0
+    )
     if wrong == "falling":
         message.references.reverse()
     else:

@@ -61,7 +61,9 @@ class Echo:
         plan = Plan((0.1,), (2.66,), (850.0,), (78.0,), (400.0,))
         told = {"depth_mm": 1.0, **self.attainable}
         diagnosis = Diagnosis(disturbances=told, active_limits=("force_max",), plan=plan)
-        return Proposal(Command(applied.force_kn + self.gain, applied.speed_rpm), diagnosis=diagnosis)
+        return Proposal(
+            Command(applied.force_kn + self.gain, applied.speed_rpm), diagnosis=diagnosis
+        )
 
     def reset(self, applied):
         self.resets += 1
@@ -85,9 +87,15 @@ class Peer(Spinner):
         self.node = ControllerNode("echo", self._make, path)
         self.peer = rclpy.create_node("peer")
         self.got = {"proposal": [], "status": [], "prediction": [], "diagnostics": []}
-        for name, kind in (("proposal", WeldCommand), ("status", ControllerStatus), ("prediction", Prediction)):
+        for name, kind in (
+            ("proposal", WeldCommand),
+            ("status", ControllerStatus),
+            ("prediction", Prediction),
+        ):
             self.peer.create_subscription(kind, f"/fsw/echo/{name}", self.got[name].append, STREAM)
-        self.peer.create_subscription(DiagnosticArray, "/diagnostics", self.got["diagnostics"].append, STREAM)
+        self.peer.create_subscription(
+            DiagnosticArray, "/diagnostics", self.got["diagnostics"].append, STREAM
+        )
         self.depths = self.peer.create_publisher(ShoulderDepth, "/fsw/depth", STREAM)
         self.torques = self.peer.create_publisher(SpindleTorque, "/fsw/spindle_torque", STREAM)
         self.temperatures = self.peer.create_publisher(Temperature, "/fsw/thermocouple", STREAM)
@@ -97,7 +105,14 @@ class Peer(Spinner):
         super().__init__()
         self.executor.add_node(self.node)
         self.executor.add_node(self.peer)
-        outputs = (self.depths, self.torques, self.temperatures, self.drives, self.references, self.commands)
+        outputs = (
+            self.depths,
+            self.torques,
+            self.temperatures,
+            self.drives,
+            self.references,
+            self.commands,
+        )
         self.until(lambda: all(publisher.get_subscription_count() for publisher in outputs))
         self.until(lambda: self.peer.count_publishers("/fsw/echo/proposal") == 1)
 
@@ -159,7 +174,11 @@ def test_answers_a_tick_with_its_stamp_in_si_units(start):
     peer.refer()
     proposal = peer.tick(7)
     assert convert.stamp_ns(proposal.header.stamp) == 7 * STEP_NS
-    assert (proposal.source, proposal.healthy, convert.reason(proposal)) == ("echo", True, Reason())
+    assert (proposal.source, proposal.healthy, convert.reason(proposal)) == (
+        "echo",
+        True,
+        Reason(),
+    )
     assert proposal.axial_force == pytest.approx(79_400.0)
     assert proposal.spindle_speed == pytest.approx(407.576 * math.pi / 30.0)
     measurement, reference, applied, dt_s = peer.controller.seen[0]
@@ -190,7 +209,9 @@ def test_diagnostics_say_that_a_set_point_is_out_of_reach(start):
     peer.controller.attainable = {"attainable_depth_mm": 2.66, "attainable_temperature_c": 850.0}
     peer.tick(1)
     before = len(peer.got["diagnostics"])
-    peer.until(lambda: any(a.status[0].message == "proposing" for a in peer.got["diagnostics"][before:]))
+    peer.until(
+        lambda: any(a.status[0].message == "proposing" for a in peer.got["diagnostics"][before:])
+    )
 
 
 def test_follows_the_applied_command_of_the_tick_before(start):
@@ -212,12 +233,16 @@ def test_without_reference_it_is_not_healthy(start):
 
 
 @pytest.mark.parametrize("sender_is_gone", [True, False])
-def test_who_starts_in_mid_weld_takes_the_reference_that_the_supervisor_keeps(start, sender_is_gone):
+def test_who_starts_in_mid_weld_takes_the_reference_that_the_supervisor_keeps(
+    start, sender_is_gone
+):
     """The sender's first reference says "at once" and comes after what the supervisor keeps."""
     peer = start()
     kept = peer.peer.create_publisher(WeldReference, "/fsw/supervisor/reference", LATCHED)
     issued_ns = peer.peer.get_clock().now().nanoseconds
-    kept.publish(convert.reference_message(Reference(2.71, 850.0), 3 * STEP_NS, issued_ns + 10**12))
+    kept.publish(
+        convert.reference_message(Reference(2.71, 850.0), 3 * STEP_NS, issued_ns + 10**12)
+    )
     peer.until(lambda: peer.node._references)
     if not sender_is_gone:
         peer.references.publish(convert.reference_message(Reference(2.66, 850.0), 0))
@@ -232,20 +257,26 @@ def test_reference_sent_ahead_begins_at_its_tick(start):
     peer.refer(depth=2.86, stamp=2 * STEP_NS)
     for k in range(4):
         peer.tick(k)
-    assert [entry[1].depth_mm for entry in peer.controller.seen] == pytest.approx([2.66, 2.66, 2.86, 2.86])
+    assert [entry[1].depth_mm for entry in peer.controller.seen] == pytest.approx(
+        [2.66, 2.66, 2.86, 2.86]
+    )
 
 
 def test_hundreds_of_references_sent_ahead_all_arrive(start):
     peer = start()
     peer.references.publish(convert.reference_message(Reference(2.66, 850.0), 0))
     for k in range(1, 400):
-        peer.references.publish(convert.reference_message(Reference(2.66 + 1e-3 * k, 850.0), 10 * k * STEP_NS))
+        peer.references.publish(
+            convert.reference_message(Reference(2.66 + 1e-3 * k, 850.0), 10 * k * STEP_NS)
+        )
     peer.until(lambda: len(peer.node._references._waiting) == 400)
     peer.tick(1)
     assert peer.controller.seen[-1][1].depth_mm == pytest.approx(2.66)
     for k in (399 * 10 - 1, 399 * 10):
         peer.tick(k)
-    assert [entry[1].depth_mm for entry in peer.controller.seen[-2:]] == pytest.approx([2.66 + 0.398, 2.66 + 0.399])
+    assert [entry[1].depth_mm for entry in peer.controller.seen[-2:]] == pytest.approx(
+        [2.66 + 0.398, 2.66 + 0.399]
+    )
 
 
 def test_missing_sensor_is_bridged_then_unhealthy_with_the_reason(start):
@@ -264,7 +295,9 @@ def test_a_value_that_is_held_is_marked_and_never_fresh(start):
     peer = start()
     peer.refer()
     for k in range(4):
-        peer.tick(k, sensors=("depth", "torque") if k == 2 else ("depth", "torque", "thermocouple"))
+        peer.tick(
+            k, sensors=("depth", "torque") if k == 2 else ("depth", "torque", "thermocouple")
+        )
     seen = [entry[0] for entry in peer.controller.seen]
     assert [measurement.held for measurement in seen] == [(), (), ("thermocouple",), ()]
     assert seen[2].temperature_valid and seen[2].temperature_c == seen[1].temperature_c
@@ -299,7 +332,9 @@ def test_exception_in_the_controller_is_told_and_survived(start):
     proposal = peer.tick(1)
     assert not proposal.healthy
     assert "broken on purpose" in proposal.why.detail
-    peer.until(lambda: any(a.status[0].level == DiagnosticStatus.ERROR for a in peer.got["diagnostics"]))
+    peer.until(
+        lambda: any(a.status[0].level == DiagnosticStatus.ERROR for a in peer.got["diagnostics"])
+    )
     peer.controller.raises = False
     assert peer.tick(2).healthy
 
@@ -333,7 +368,13 @@ def test_commands_that_the_supervisor_did_not_send_are_ignored(start):
     peer.refer()
     peer.tick(1000)
     peer.command(1000, force=77.0)
-    for k, writer in ((0, ""), (1000, ""), (1000, "stranger"), (1001, "stranger"), (10**9, "stranger")):
+    for k, writer in (
+        (0, ""),
+        (1000, ""),
+        (1000, "stranger"),
+        (1001, "stranger"),
+        (10**9, "stranger"),
+    ):
         message = convert.command_message(Command(61.0, 310.0), k * STEP_NS, "echo")
         message.leader = writer
         peer.commands.publish(message)
@@ -349,7 +390,9 @@ def test_parameters_reach_the_controller_at_runtime_if_they_are_good(start):
     peer.until(client.service_is_ready)
 
     def set_gain(value):
-        request = SetParameters.Request(parameters=[Parameter("gain", value=value).to_parameter_msg()])
+        request = SetParameters.Request(
+            parameters=[Parameter("gain", value=value).to_parameter_msg()]
+        )
         future = client.call_async(request)
         peer.until(future.done)
         return future.result().results[0]
@@ -372,7 +415,9 @@ def test_lockstep_waits_for_the_command_without_a_clock(start):
         peer.sense(k)
         peer.command(k - 1, force=70.0 + k)
         peer.until(lambda k=k: len(peer.got["proposal"]) == k + 1)
-    assert [entry[2].force_kn for entry in peer.controller.seen[1:]] == pytest.approx([70.0 + k for k in range(1, 30)])
+    assert [entry[2].force_kn for entry in peer.controller.seen[1:]] == pytest.approx(
+        [70.0 + k for k in range(1, 30)]
+    )
 
 
 def test_in_lockstep_a_repeated_tick_gets_the_same_answer_without_another_step(start):
@@ -381,7 +426,11 @@ def test_in_lockstep_a_repeated_tick_gets_the_same_answer_without_another_step(s
     first = peer.tick(1)
     for count in (2, 3):
         peer.sense(1)
-        peer.until(lambda count=count: len(peer.got["proposal"]) == count and len(peer.got["status"]) == count)
+        peer.until(
+            lambda count=count: (
+                len(peer.got["proposal"]) == count and len(peer.got["status"]) == count
+            )
+        )
     assert peer.got["proposal"] == [first] * 3
     assert len(peer.controller.seen) == 1
     peer.sense(1, sensors=("depth", "torque"))  # a sensor that sends twice is no repeated tick

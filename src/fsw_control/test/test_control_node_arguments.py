@@ -49,7 +49,10 @@ def test_wrong_names_are_refused(words):
     ("content", "wrong"),
     [
         ("/**/fsw_one: {ros__parameters: {loop: {gian: 1.0}}}", "unknown parameters loop.gian"),
-        ("hall: {fsw_one: {ros__parameters: {dedaline: 1.0, kind: a}}}", "unknown parameters dedaline"),
+        (
+            "hall: {fsw_one: {ros__parameters: {dedaline: 1.0, kind: a}}}",
+            "unknown parameters dedaline",
+        ),
         ("fsw_other: {ros__parameters: {dedaline: 1.0}}", ""),
         ("/**: {ros__parameters: {dedaline: 1.0}}", ""),
         ("fsw_one: {ros__parameters: {loop: {gain: 1.0}, deadline: 1e-1}}", ""),
@@ -72,12 +75,16 @@ def test_files(tmp_path, content, wrong):
 def test_a_pipe_of_parameters_is_refused_before_ros_would_wait_for_it(tmp_path):
     pipe = tmp_path / "parameters.yaml"
     os.mkfifo(pipe)
-    with pytest.raises(InputError, match=r"parameters\.yaml: a pipe and not a file; save its content in a file"):
+    with pytest.raises(
+        InputError, match=r"parameters\.yaml: a pipe and not a file; save its content in a file"
+    ):
         ARGUMENTS.check(["program", "--ros-args", "--params-file", str(pipe)])
 
 
 def test_help():
-    assert asks_for_help(["program", "--help"]) and asks_for_help(["program", "file", "-h", "--ros-args"])
+    assert asks_for_help(["program", "--help"]) and asks_for_help(
+        ["program", "file", "-h", "--ros-args"]
+    )
     assert not asks_for_help(["--help"]) and not asks_for_help(["program", "--ros-args", "--help"])
     text = ARGUMENTS.help("run_one.py")
     assert text.startswith("usage: run_one.py [FILE] [--ros-args ")

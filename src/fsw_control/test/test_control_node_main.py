@@ -62,7 +62,10 @@ def test_the_example_answers_and_ends_cleanly(peer, sent):
     proposals = []
     peer.create_subscription(WeldCommand, "/fsw/depth_only/proposal", proposals.append, STREAM)
     publishers = [
-        (peer.create_publisher(ShoulderDepth, "/fsw/depth", STREAM), convert.sensor_message("depth", 2.65, 0)),
+        (
+            peer.create_publisher(ShoulderDepth, "/fsw/depth", STREAM),
+            convert.sensor_message("depth", 2.65, 0),
+        ),
         (
             peer.create_publisher(SpindleTorque, "/fsw/spindle_torque", STREAM),
             convert.sensor_message("torque", 1052.0, 0),
@@ -77,7 +80,10 @@ def test_the_example_answers_and_ends_cleanly(peer, sent):
     process = launch()
     try:
         wait(peer, lambda: peer.count_publishers("/fsw/depth_only/proposal") == 1)
-        wait(peer, lambda: all(publisher.get_subscription_count() == 1 for publisher, _ in publishers))
+        wait(
+            peer,
+            lambda: all(publisher.get_subscription_count() == 1 for publisher, _ in publishers),
+        )
         stamp = 0
 
         def answered():
@@ -215,7 +221,9 @@ sys.exit(run(Speaker))
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
 def test_what_a_callback_publishes_after_a_signal_arrives(peer, sent):
     heard = []
-    peer.create_subscription(String, "/spoken", lambda message: heard.append(int(message.data)), SENT)
+    peer.create_subscription(
+        String, "/spoken", lambda message: heard.append(int(message.data)), SENT
+    )
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with subprocess.Popen([sys.executable, "-c", SPEAKER], text=True, **pipes) as process:
         try:
@@ -234,7 +242,10 @@ def test_what_a_callback_publishes_after_a_signal_arrives(peer, sent):
 def test_a_signal_ends_a_node_that_only_waits(domain_id):
     with spinning("next(iter(self.timers)).cancel()") as process:
         state = Path(f"/proc/{process.pid}/stat")
-        wait_until(lambda: state.read_text().rpartition(")")[2].split()[0] == "S", "it waits in the middleware")
+        wait_until(
+            lambda: state.read_text().rpartition(")")[2].split()[0] == "S",
+            "it waits in the middleware",
+        )
         process.send_signal(signal.SIGTERM)
         text = last_words(process)
     assert text == "closing\nclosed\n"
@@ -322,4 +333,7 @@ def factory():
 
 run(factory, ["mapped"])
 """
-    assert subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True).stdout == "False\n"
+    assert (
+        subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True).stdout
+        == "False\n"
+    )

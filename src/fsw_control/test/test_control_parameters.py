@@ -109,15 +109,26 @@ def test_validate_completes_and_refuses_unknown_names():
         parameters.validate(specs, {"dead_line": 2})
 
 
-@given(value=st.one_of(st.floats(), st.integers(), st.text(), st.booleans(), st.none(), st.lists(st.floats())))
+@given(
+    value=st.one_of(
+        st.floats(), st.integers(), st.text(), st.booleans(), st.none(), st.lists(st.floats())
+    )
+)
 def test_a_checked_number_is_finite_and_in_range(value):
     spec = ParameterSpec("x", "double", 1.0, "", range=(0.0, 2.0))
     try:
         checked = spec.check(value)
     except InputError:
-        assert not (isinstance(value, int | float) and not isinstance(value, bool) and 0.0 <= value <= 2.0)
+        assert not (
+            isinstance(value, int | float) and not isinstance(value, bool) and 0.0 <= value <= 2.0
+        )
     else:
-        assert isinstance(checked, float) and math.isfinite(checked) and 0.0 <= checked <= 2.0 and checked == value
+        assert (
+            isinstance(checked, float)
+            and math.isfinite(checked)
+            and 0.0 <= checked <= 2.0
+            and checked == value
+        )
 
 
 def test_a_problem_is_told_in_words():

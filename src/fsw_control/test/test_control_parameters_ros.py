@@ -85,13 +85,32 @@ def test_defaults_and_descriptors(start):
 
 
 def test_values_from_the_command_line(start):
-    _, values = start("--ros-args", "-p", "wait:=1.5", "-p", "names:=[me, you]", "-p", "kind:=b", "-p", "owners:=[us]")
+    _, values = start(
+        "--ros-args",
+        "-p",
+        "wait:=1.5",
+        "-p",
+        "names:=[me, you]",
+        "-p",
+        "kind:=b",
+        "-p",
+        "owners:=[us]",
+    )
     assert (values["wait"], values["names"], values["kind"]) == (1.5, ["me", "you"], "b")
     assert values["owners"] == ["us"]
 
 
 @pytest.mark.parametrize(
-    "override", ["wait:=9.0", "wait:=.nan", "count:=10", "kind:=c", "weights:=[1.0, 11.0]", "wait:=soon", "names:=3"]
+    "override",
+    [
+        "wait:=9.0",
+        "wait:=.nan",
+        "count:=10",
+        "kind:=c",
+        "weights:=[1.0, 11.0]",
+        "wait:=soon",
+        "names:=3",
+    ],
 )
 def test_bad_values_at_start_are_refused(start, override):
     with pytest.raises(Exception, match=override.partition(":")[0]):
@@ -102,12 +121,18 @@ def test_changes_are_checked_as_a_whole_and_told_once(start):
     node, values = start()
     told = []
     values.on_change(told.append)
-    values.add_check(lambda wanted: "too much" if wanted["wait"] * wanted["count"] > 10.0 else None)
+    values.add_check(
+        lambda wanted: "too much" if wanted["wait"] * wanted["count"] > 10.0 else None
+    )
     before = values.values
-    result = node.set_parameters_atomically([Parameter("wait", value=2.0), Parameter("count", value=8)])
+    result = node.set_parameters_atomically(
+        [Parameter("wait", value=2.0), Parameter("count", value=8)]
+    )
     assert not result.successful and result.reason == "too much"
     assert values.values == before and not told
-    result = node.set_parameters_atomically([Parameter("wait", value=2.0), Parameter("count", value=4)])
+    result = node.set_parameters_atomically(
+        [Parameter("wait", value=2.0), Parameter("count", value=4)]
+    )
     assert result.successful
     assert (values["wait"], values["count"]) == (2.0, 4)
     assert told == [values.values]
@@ -116,7 +141,14 @@ def test_changes_are_checked_as_a_whole_and_told_once(start):
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("wait", math.nan), ("kind", "c"), ("weights", [math.inf]), ("wait", 0.1), ("fixed", False), ("owners", ["me"])],
+    [
+        ("wait", math.nan),
+        ("kind", "c"),
+        ("weights", [math.inf]),
+        ("wait", 0.1),
+        ("fixed", False),
+        ("owners", ["me"]),
+    ],
 )
 def test_bad_changes_leave_the_value(start, name, value):
     node, values = start()

@@ -42,7 +42,10 @@ def test_every_ramp_ends_at_its_goal_and_is_no_faster_than_allowed(start, goal):
         step_s = (after_ns - before_ns) / NANOSECONDS
         assert step_s > 0.0
         assert abs(after.depth_mm - before.depth_mm) <= WELD_RATE_DEPTH_MM_PER_S * step_s + 1e-9
-        assert abs(after.temperature_c - before.temperature_c) <= WELD_RATE_TEMPERATURE_C_PER_S * step_s + 1e-9
+        assert (
+            abs(after.temperature_c - before.temperature_c)
+            <= WELD_RATE_TEMPERATURE_C_PER_S * step_s + 1e-9
+        )
 
 
 @given(references, references)
@@ -51,7 +54,9 @@ def test_stair_has_treads_of_a_second_and_never_leaves_the_ramp(start, goal):
         return
     plan = ramp_plan(start, goal, START_NS)
     assert plan[-1][1] == goal
-    *gaps, last = [after - before for (before, _), (after, _) in pairwise([(START_NS, start), *plan])]
+    *gaps, last = [
+        after - before for (before, _), (after, _) in pairwise([(START_NS, start), *plan])
+    ]
     assert set(gaps[1:]) <= {NANOSECONDS} and 0 < last <= NANOSECONDS
     low, high = sorted((start.temperature_c, goal.temperature_c))
     assert all(low <= one.temperature_c <= high for _, one in plan)

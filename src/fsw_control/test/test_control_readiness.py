@@ -26,8 +26,16 @@ MESSAGES = Path(__file__).resolve().parents[2] / "fsw_msgs" / "msg"
             "2 of 5 good proposals in a row",
             "nmpc is not ready: 2 of 5 good proposals in a row",
         ),
-        (Readiness(Lack.BLIND, sensors=("depth", "torque")), "requires the sensor depth, torque", None),
-        (Readiness(Lack.INHIBITED, Reason.of("{detail} {0}")), "{detail} {0}", "nmpc is inhibited: {detail} {0}"),
+        (
+            Readiness(Lack.BLIND, sensors=("depth", "torque")),
+            "requires the sensor depth, torque",
+            None,
+        ),
+        (
+            Readiness(Lack.INHIBITED, Reason.of("{detail} {0}")),
+            "{detail} {0}",
+            "nmpc is inhibited: {detail} {0}",
+        ),
     ],
 )
 def test_words(given: Readiness, why: str, words: str | None) -> None:
@@ -45,10 +53,15 @@ def test_every_cause_has_words(kind: Cause) -> None:
     assert kind.words
 
 
-@pytest.mark.parametrize(("message", "kind"), [("SupervisorState", Cause), ("ControllerHealth", Lack)])
+@pytest.mark.parametrize(
+    ("message", "kind"), [("SupervisorState", Cause), ("ControllerHealth", Lack)]
+)
 def test_the_messages_number_them_alike(message: str, kind: type[Cause] | type[Lack]) -> None:
     text = (MESSAGES / f"{message}.msg").read_text(encoding="utf-8")
-    told = {name: int(value) for name, value in re.findall(r"^uint8 ([A-Z_]+)=(\d+)$", text, re.MULTILINE)}
+    told = {
+        name: int(value)
+        for name, value in re.findall(r"^uint8 ([A-Z_]+)=(\d+)$", text, re.MULTILINE)
+    }
     assert told == {one.name: one.value for one in kind}
 
 

@@ -17,12 +17,22 @@ MESSAGES = Path(__file__).resolve().parents[2] / "fsw_msgs" / "msg"
 
 @pytest.mark.parametrize("code", list(ReasonCode))
 def test_every_reason_has_words(code: ReasonCode) -> None:
-    assert bool(Reason(code, ("depth",), 3.0, "x").words) == bool(Reason(code)) == (code is not ReasonCode.NONE)
+    assert (
+        bool(Reason(code, ("depth",), 3.0, "x").words)
+        == bool(Reason(code))
+        == (code is not ReasonCode.NONE)
+    )
 
 
 def test_words_have_the_arguments() -> None:
-    assert Reason(ReasonCode.BLIND, ("depth", "torque"), 3.0).words == "no valid depth, torque for more than 3 s"
-    assert Reason(ReasonCode.RAISED, detail="{0} {sensors}").words == "controller raised {0} {sensors}"
+    assert (
+        Reason(ReasonCode.BLIND, ("depth", "torque"), 3.0).words
+        == "no valid depth, torque for more than 3 s"
+    )
+    assert (
+        Reason(ReasonCode.RAISED, detail="{0} {sensors}").words
+        == "controller raised {0} {sensors}"
+    )
 
 
 def test_words_of_a_controller_are_its_own() -> None:
@@ -44,11 +54,15 @@ def test_a_reason_says_what_led_to_it_and_travels_as_a_chain() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "message"), [(ReasonCode, "Reason"), (RequestKind, "OperatorAction"), (AlarmChange, "AlarmEvent")]
+    ("kind", "message"),
+    [(ReasonCode, "Reason"), (RequestKind, "OperatorAction"), (AlarmChange, "AlarmEvent")],
 )
 def test_messages_number_them_alike(kind: type[IntEnum], message: str) -> None:
     text = (MESSAGES / f"{message}.msg").read_text("utf-8")
-    numbers = {name: int(number) for name, number in re.findall(r"^uint8 ([A-Z_]+)=(\d+)$", text, re.MULTILINE)}
+    numbers = {
+        name: int(number)
+        for name, number in re.findall(r"^uint8 ([A-Z_]+)=(\d+)$", text, re.MULTILINE)
+    }
     assert numbers == {one.name: one.value for one in kind}
 
 

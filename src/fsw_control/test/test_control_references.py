@@ -7,7 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_control.contract import Coming, Reference
-from fsw_control.references import AHEAD_REAL_NS, OTHER_CLOCK_NS, OWN_CLOCK_NS, ReferencePlan, ReferenceQueue
+from fsw_control.references import (
+    AHEAD_REAL_NS,
+    OTHER_CLOCK_NS,
+    OWN_CLOCK_NS,
+    ReferencePlan,
+    ReferenceQueue,
+)
 
 SECOND = 1_000_000_000
 TICK_NS = SECOND // 10
@@ -117,7 +123,9 @@ def test_what_the_middleware_repeats_after_a_lost_link_overrides_nothing_newer()
     assert listener.holds(61.0) == OTHER
     assert not listener.hear(100.0, REFERENCE, late_s=100.0)
     assert (listener.holds(101.0), len(listener.told)) == (OTHER, 1)
-    assert listener.hear(200.0, THIRD, late_s=100.0), "published at 100 s: newer than what is in force, and missed"
+    assert listener.hear(200.0, THIRD, late_s=100.0), (
+        "published at 100 s: newer than what is in force, and missed"
+    )
     assert listener.holds(201.0) == THIRD
 
 
@@ -186,7 +194,12 @@ _senders = st.sampled_from([-4000.0, -4.0, -1.0, 0.0, 1.0, 4.0, 4000.0])
 
 
 @pytest.mark.requirement("S28")
-@given(st.lists(st.tuples(st.floats(0.0, 30.0), _senders, st.sampled_from([None, 0.0, 3.0, 700.0])), max_size=12))
+@given(
+    st.lists(
+        st.tuples(st.floats(0.0, 30.0), _senders, st.sampled_from([None, 0.0, 3.0, 700.0])),
+        max_size=12,
+    )
+)
 def test_every_set_point_is_in_force_or_replaced_or_its_refusal_is_told(sent):
     """Whatever the clocks: an accepted one holds from its time on, until the next accepted one does."""
     listener, at_s = Listener(AHEAD_REAL_NS), 0.0
@@ -207,7 +220,9 @@ def test_every_set_point_is_in_force_or_replaced_or_its_refusal_is_told(sent):
 
 
 @pytest.mark.requirement("S28")
-@given(st.permutations([(0.0, REFERENCE), (0.001, OTHER), (0.002, THIRD)]), st.permutations([0, 1, 2]))
+@given(
+    st.permutations([(0.0, REFERENCE), (0.001, OTHER), (0.002, THIRD)]), st.permutations([0, 1, 2])
+)
 def test_listeners_that_heard_two_senders_in_different_order_come_to_follow_the_same(first, order):
     one, other = Listener(), Listener()
     for k, (at_s, reference) in enumerate(first):
@@ -235,7 +250,10 @@ SCENARIO = [(0, REFERENCE, 100), (3 * SECOND, OTHER, 101), (20 * SECOND, THIRD, 
 
 @pytest.mark.parametrize("tick_between", [False, True])
 def test_who_starts_in_mid_weld_takes_what_holds_in_whatever_order_it_is_told(tick_between):
-    told = [*SCENARIO, (3 * SECOND, OTHER, 101)]  # the last one by the supervisor, with the time of issue
+    told = [
+        *SCENARIO,
+        (3 * SECOND, OTHER, 101),
+    ]  # the last one by the supervisor, with the time of issue
     for order in itertools.permutations(told):
         queue = ReferenceQueue()
         for item in order:
@@ -260,7 +278,9 @@ def test_a_supervisor_that_has_lost_a_set_point_takes_it_from_nobody():
     queue.add(0, REFERENCE, 100)
     queue.add(0, OTHER, 200)
     assert queue.at(5 * SECOND) == OTHER
-    queue.add(6 * SECOND, REFERENCE, 100)  # restarted, it knows only the sender that is still there
+    queue.add(
+        6 * SECOND, REFERENCE, 100
+    )  # restarted, it knows only the sender that is still there
     assert queue.at(7 * SECOND) == OTHER
 
 
@@ -280,7 +300,9 @@ def test_when_time_starts_over_what_held_goes_on():
 )
 def test_who_starts_later_follows_what_the_others_follow(stamps_s, random, start_s):
     """All messages reach one listener as they are issued, and a later one at its start, in any order."""
-    messages = [(stamp_s * SECOND, Reference(1.0 + k, 800.0), k) for k, stamp_s in enumerate(stamps_s)]
+    messages = [
+        (stamp_s * SECOND, Reference(1.0 + k, 800.0), k) for k, stamp_s in enumerate(stamps_s)
+    ]
     first, late = ReferenceQueue(), ReferenceQueue()
     for message in messages:
         first.add(*message)
@@ -354,7 +376,9 @@ def test_the_first_one_begins_it_all_and_what_is_older_is_dropped_in_silence():
     queue = ReferenceQueue(refuse=told.append)
     assert queue.receive(0, REFERENCE, WALL, WALL) and queue.at(WALL) == REFERENCE
     assert not queue.receive(0, OTHER, WALL - 1, WALL + OWN_CLOCK_NS)
-    assert queue.receive(0, REFERENCE, WALL, WALL + OWN_CLOCK_NS), "a repetition of the one that holds"
+    assert queue.receive(0, REFERENCE, WALL, WALL + OWN_CLOCK_NS), (
+        "a repetition of the one that holds"
+    )
     assert (told, queue.at(WALL)) == ([], REFERENCE)
     assert not queue.receive(0, OTHER, WALL - 1, WALL + OWN_CLOCK_NS + 1)
     assert len(told) == 1
@@ -372,7 +396,10 @@ def test_a_mark_goes_with_its_set_point(late_s):
 
 def test_only_the_next_treads_of_a_stair_count_as_near():
     plan = ReferencePlan([(k * SECOND // 2, Reference(2.0 + 0.1 * k, 816.4)) for k in range(9)])
-    believed = [bool(plan.after(2 * SECOND, Reference(2.4 + off, 816.4))) for off in (-0.35, -0.25, 0.25, 0.35)]
+    believed = [
+        bool(plan.after(2 * SECOND, Reference(2.4 + off, 816.4)))
+        for off in (-0.35, -0.25, 0.25, 0.35)
+    ]
     assert believed == [False, True, True, False]
 
 

@@ -10,7 +10,9 @@ from fsw_schema.errors import InputError
 
 
 def test_a_measurement_has_the_required_sensors_in_their_order():
-    assert Measurement._fields[1 : 1 + len(REQUIRED)] == tuple(SENSORS[name].signal for name in REQUIRED)
+    assert Measurement._fields[1 : 1 + len(REQUIRED)] == tuple(
+        SENSORS[name].signal for name in REQUIRED
+    )
     assert (*REQUIRED, *OPTIONAL) == tuple(SENSORS)
 
 
@@ -18,9 +20,14 @@ def test_a_measurement_has_the_required_sensors_in_their_order():
 def test_a_row_fits_its_message_and_contains_no_contradiction(name):
     row = SENSORS[name]
     middle = 0.5 * (row.minimum + row.maximum)
-    assert convert.sensor_value(name, convert.sensor_message(name, middle, 1)) == pytest.approx(middle)
+    assert convert.sensor_value(name, convert.sensor_message(name, middle, 1)) == pytest.approx(
+        middle
+    )
     assert row.quantity.plausible.low <= row.minimum < row.maximum <= row.quantity.plausible.high
-    assert 0.0 < row.noise <= row.quantity.noise.high and row.resolution <= row.quantity.resolution.high
+    assert (
+        0.0 < row.noise <= row.quantity.noise.high
+        and row.resolution <= row.quantity.resolution.high
+    )
     assert (row.max_jump is None) <= (not row.required)
 
 

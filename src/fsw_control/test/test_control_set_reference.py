@@ -8,7 +8,12 @@ import rclpy
 from fsw_control import messages_ros as convert
 from fsw_control import references_ros
 from fsw_control.contract import Reference
-from fsw_control.references_ros import KeptReference, StatedReference, reference_queue, subscribe_references
+from fsw_control.references_ros import (
+    KeptReference,
+    StatedReference,
+    reference_queue,
+    subscribe_references,
+)
 from fsw_control.reports_ros import OK, WARN
 from fsw_control.topics_ros import LATCHED, LATEST
 from fsw_msgs.msg import WeldProgress, WeldReference
@@ -28,7 +33,9 @@ class Graph(Spinner):
         self.nodes = [rclpy.create_node(name) for name in ("supervisor", "controller", "operator")]
         supervisor, self.controller, operator = self.nodes
         self.leads = True
-        self.kept = KeptReference(supervisor, self.certain, lambda depth_mm, _: "too deep" * (depth_mm > 3.0))
+        self.kept = KeptReference(
+            supervisor, self.certain, lambda depth_mm, _: "too deep" * (depth_mm > 3.0)
+        )
         self.kept.listen_to("echo")
         self.kept.open()
         self.follows = reference_queue(self.controller)
@@ -40,7 +47,9 @@ class Graph(Spinner):
         super().__init__()
         for node in self.nodes:
             self.executor.add_node(node)
-        self.until(lambda: self.client.service_is_ready() and self.sender.get_subscription_count() == 2)
+        self.until(
+            lambda: self.client.service_is_ready() and self.sender.get_subscription_count() == 2
+        )
 
     async def certain(self):
         return self.leads
@@ -58,7 +67,9 @@ class Graph(Spinner):
         self.until(lambda: self.nodes[0].count_publishers("/fsw/echo/reference"))
 
     def ask(self, depth_mm=nan, temperature_c=nan, ramp=False, ticking=True):
-        request = SetReference.Request(depth=depth_mm * 1e-3, temperature=float(temperature_c), ramp=ramp)
+        request = SetReference.Request(
+            depth=depth_mm * 1e-3, temperature=float(temperature_c), ramp=ramp
+        )
         future = self.client.call_async(request)
 
         def answered():
@@ -116,7 +127,9 @@ def test_what_is_accepted_is_in_force_and_what_is_not_says_why(graph):
     assert (in_force.depth_mm, in_force.temperature_c) == (pytest.approx(2.7), 820.0)
     graph.until(lambda: graph.tick() or graph.follows.at(graph.ticks * STEP_NS) == in_force)
     assert graph.ask(temperature_c=821.0).ok
-    graph.until(lambda: graph.tick() or graph.follows.at(graph.ticks * STEP_NS).temperature_c == 821.0)
+    graph.until(
+        lambda: graph.tick() or graph.follows.at(graph.ticks * STEP_NS).temperature_c == 821.0
+    )
     assert graph.follows.at(graph.ticks * STEP_NS).depth_mm == pytest.approx(2.7)
 
 
@@ -129,9 +142,13 @@ def test_a_supervisor_that_does_not_lead_accepts_nothing(graph, monkeypatch):
     assert not refused.ok and "on standby" in refused.message
     graph.leads = True
     send = graph.kept._send
-    monkeypatch.setattr(graph.kept, "_send", lambda *sent: setattr(graph, "leads", False) or send(*sent))
+    monkeypatch.setattr(
+        graph.kept, "_send", lambda *sent: setattr(graph, "leads", False) or send(*sent)
+    )
     replaced = graph.ask(2.9, 820.0)
-    assert not replaced.ok and "on standby" in replaced.message, "replaced between its sending and its answer"
+    assert not replaced.ok and "on standby" in replaced.message, (
+        "replaced between its sending and its answer"
+    )
     assert graph.follows.at(graph.ticks * STEP_NS).depth_mm != pytest.approx(2.8)
 
 
@@ -191,9 +208,13 @@ def test_a_ramp_begins_at_what_is_in_force_and_is_voided_by_the_next_request(gra
     graph.until(lambda: graph.tick() or graph.follows.mark)
     ramped = graph.ask(2.7, 830.0, ramp=True)
     assert ramped.ok and "ramp over 10.0 s" in ramped.message
-    graph.until(lambda: graph.tick() or graph.follows.at(graph.ticks * STEP_NS).temperature_c > 822.0)
+    graph.until(
+        lambda: graph.tick() or graph.follows.at(graph.ticks * STEP_NS).temperature_c > 822.0
+    )
     assert graph.ask(2.7, 815.0).ok
-    graph.until(lambda: graph.tick() or graph.follows.at(graph.ticks * STEP_NS).temperature_c == 815.0)
+    graph.until(
+        lambda: graph.tick() or graph.follows.at(graph.ticks * STEP_NS).temperature_c == 815.0
+    )
     for _ in range(200):
         graph.tick()
     assert graph.follows.at(graph.ticks * STEP_NS).temperature_c == 815.0

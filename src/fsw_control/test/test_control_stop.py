@@ -39,7 +39,9 @@ def test_of_one_epoch_the_stop_holds(one, other):
     register.merge(one)
     register.merge(other)
     epoch = max(one.epoch, other.epoch)
-    assert register.stopped == any(value.stopped for value in (one, other, Stop()) if value.epoch == epoch)
+    assert register.stopped == any(
+        value.stopped for value in (one, other, Stop()) if value.epoch == epoch
+    )
 
 
 @pytest.mark.requirement("S25")
@@ -114,7 +116,9 @@ def test_fence_invariants_hold_whatever_arrives(happened):
                 fence.take(source, 0)
                 assert (value.term, value.leader) == (state.term, state.leader)
                 assert source == "safe_stop" or not state.stop.stopped
-                assert source == "safe_stop" or value.stop == state.stop, "it knows the present epoch"
+                assert source == "safe_stop" or value.stop == state.stop, (
+                    "it knows the present epoch"
+                )
                 assert leaders.setdefault(value.term, value.leader) == value.leader
         elif what == "heard":
             fence.hear(value)
@@ -161,7 +165,17 @@ def test_a_stop_that_nobody_carries_out_is_overdue():
 stamps = st.integers(0, (2**31 - 1) * 10**9)  # of a message
 
 
-@given(st.builds(ActuatorState, st.integers(0, 9), st.text(max_size=3), st.integers(0, 9), sources, stops, stamps))
+@given(
+    st.builds(
+        ActuatorState,
+        st.integers(0, 9),
+        st.text(max_size=3),
+        st.integers(0, 9),
+        sources,
+        stops,
+        stamps,
+    )
+)
 def test_the_actuators_state_survives_its_message(state):
     assert convert.actuator_state(convert.drives_message(Command(78.0, 400.0), 5, state)) == state
 

@@ -11,7 +11,14 @@ from hypothesis import strategies as st
 from fsw_control.contract import Command, Measurement
 from fsw_control.parameters import defaults, load
 from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
-from fsw_control.validity import Flaw, Frozen, SensorGuard, SensorLimits, SensorValidity, sensor_limits
+from fsw_control.validity import (
+    Flaw,
+    Frozen,
+    SensorGuard,
+    SensorLimits,
+    SensorValidity,
+    sensor_limits,
+)
 
 LIMITS = SensorLimits(0.0, 6.0, max_rate=10.0, hold_s=0.3, frozen_samples=10, confirm_samples=3)
 
@@ -28,7 +35,8 @@ def test_good_samples_pass_unchanged():
 
 @pytest.mark.requirement("S8")
 @pytest.mark.parametrize(
-    ("bad", "said"), [(None, "missing"), (math.nan, "not finite"), (math.inf, "not finite"), (7.0, "out of range")]
+    ("bad", "said"),
+    [(None, "missing"), (math.nan, "not finite"), (math.inf, "not finite"), (7.0, "out of range")],
 )
 def test_bad_samples_are_bridged_then_invalid_with_the_reason(bad, said):
     sensor = SensorValidity(LIMITS)
@@ -73,7 +81,9 @@ def test_a_jump_stays_invalid_however_long_it_lasts(shown):
 @pytest.mark.requirement("S35")
 @pytest.mark.parametrize("step", [0.67, 0.55])
 def test_a_jump_that_is_spread_over_some_samples_is_one(step):
-    readings = feed(SensorValidity(JUMP), [2.66] * 5 + [2.66 - step, 2.66 - 2 * step] + [2.66 - 3 * step] * 20)
+    readings = feed(
+        SensorValidity(JUMP), [2.66] * 5 + [2.66 - step, 2.66 - 2 * step] + [2.66 - 3 * step] * 20
+    )
     assert not any(reading.valid and not reading.held for reading in readings[5:])
     assert readings[-1].reason == Flaw.JUMPED
 
@@ -96,7 +106,12 @@ def test_a_sensor_that_has_jumped_is_believed_where_it_was_before_or_once_readmi
 
     sensor = SensorValidity(JUMP)
     feed(sensor, [2.66] * 5 + [4.66] * 5 + between)
-    assert [reading.valid for reading in feed(sensor, [2.8] * 4, back)] == [False, False, True, True]
+    assert [reading.valid for reading in feed(sensor, [2.8] * 4, back)] == [
+        False,
+        False,
+        True,
+        True,
+    ]
     assert not sensor.jumped
 
 
@@ -126,7 +141,9 @@ def test_a_longer_loss_explains_a_greater_change():
 def test_a_jump_outlasts_a_clock_that_goes_back():
     guard = SensorGuard(dict.fromkeys(SENSORS, JUMP))
     for k in range(10):
-        guard.measure(1000.0 + 0.1 * k, dict.fromkeys(SENSORS, 2.66) | {"depth": 2.66 if k < 5 else 0.66})
+        guard.measure(
+            1000.0 + 0.1 * k, dict.fromkeys(SENSORS, 2.66) | {"depth": 2.66 if k < 5 else 0.66}
+        )
     guard.forget_time()
     for k in range(10):
         measurement = guard.measure(0.1 * k, dict.fromkeys(SENSORS, 2.0) | {"depth": 0.66})
@@ -193,7 +210,9 @@ def test_a_tenth_of_the_expected_noise_is_not_judged_and_half_of_it_is():
     for noise, found in ((0.0002, False), (0.001, True)):
         values = noisy(200, 1e-9, noise=noise)
         frozen = Frozen()
-        assert any(frozen.update(value, 10, 0.002) for value in values + [values[-1]] * 100) == found
+        assert (
+            any(frozen.update(value, 10, 0.002) for value in values + [values[-1]] * 100) == found
+        )
 
 
 def test_zero_switches_the_frozen_test_off():
@@ -238,8 +257,13 @@ def test_a_held_value_is_marked_in_the_measurement():
     assert guard.measure(0.1, good).held == ()
     spike = guard.measure(0.2, good | {"depth": 5.5})
     assert spike.held == ("depth",) and spike.depth_valid and spike.depth_mm == 2.66
-    missing = [guard.measure(0.1 * k, {"torque": 1030.0, "thermocouple": math.nan}) for k in range(3, 7)]
-    assert [measurement.held for measurement in missing] == [("depth", "thermocouple")] * 2 + [("thermocouple",), ()]
+    missing = [
+        guard.measure(0.1 * k, {"torque": 1030.0, "thermocouple": math.nan}) for k in range(3, 7)
+    ]
+    assert [measurement.held for measurement in missing] == [("depth", "thermocouple")] * 2 + [
+        ("thermocouple",),
+        (),
+    ]
     assert missing[-1].invalid_sensors() == ("depth", "thermocouple")
 
 
@@ -279,11 +303,16 @@ def test_guard_takes_new_limits_without_forgetting():
 
 def test_rounding_is_no_noise_that_could_freeze():
     sensor = SensorValidity(sensor_limits()["torque"])
-    readings = [sensor.update(0.1 * k, 1052.86 * (1.0 + 2e-16 * (-1) ** k if k < 40 else 1.0)) for k in range(200)]
+    readings = [
+        sensor.update(0.1 * k, 1052.86 * (1.0 + 2e-16 * (-1) ** k if k < 40 else 1.0))
+        for k in range(200)
+    ]
     assert all(reading.valid and not reading.held for reading in readings)
 
 
-@pytest.mark.parametrize(("value", "valid"), [(0.0, True), (6.0, True), (-1e-9, False), (6.0 + 1e-9, False)])
+@pytest.mark.parametrize(
+    ("value", "valid"), [(0.0, True), (6.0, True), (-1e-9, False), (6.0 + 1e-9, False)]
+)
 def test_the_ends_of_the_range_belong_to_it(value, valid):
     assert SensorValidity(LIMITS).update(0.0, value).valid == valid
 
@@ -311,14 +340,19 @@ def test_samples_agree_only_in_a_row(between):
 
 def test_limits_and_measurement_have_every_value_at_its_place():
     values = defaults(load("fsw_control", "controller.yaml"))
-    changed = values | {"validity.hold": 0.7, "validity.frozen_samples": 33, "validity.confirm_samples": 4}
+    changed = values | {
+        "validity.hold": 0.7,
+        "validity.frozen_samples": 33,
+        "validity.confirm_samples": 4,
+    }
     for number, sensor in enumerate(SENSORS):
         ends = {"minimum": -1.0 - number, "maximum": 1.0 + number, "max_rate": 2.0 + number}
         ends |= {"max_jump": 3.0 + number, "noise": 4.0 + number}
         changed |= {f"validity.{sensor}.{name}": value for name, value in ends.items()}
     limits = sensor_limits(changed)
     assert limits == {
-        s: SensorLimits(-1.0 - n, 1.0 + n, 2.0 + n, 0.7, 33, 4, 3.0 + n, 4.0 + n) for n, s in enumerate(SENSORS)
+        s: SensorLimits(-1.0 - n, 1.0 + n, 2.0 + n, 0.7, 33, 4, 3.0 + n, 4.0 + n)
+        for n, s in enumerate(SENSORS)
     }
     guard = SensorGuard(limits)
     assert guard.reasons == dict.fromkeys(SENSORS, "")
@@ -332,7 +366,8 @@ def test_limits_and_measurement_have_every_value_at_its_place():
 
 
 @pytest.mark.parametrize(
-    ("learnt", "samples", "runs"), [(200, 10, 9), (200, 2, 6), (31, 2, 10), (21, 2, 12), (20, 2, None), (200, 0, None)]
+    ("learnt", "samples", "runs"),
+    [(200, 10, 9), (200, 2, 6), (31, 2, 10), (21, 2, 12), (20, 2, None), (200, 0, None)],
 )
 def test_how_many_equal_samples_are_a_freeze(learnt, samples, runs):
     """As many as chance has once in 1e9, from the share of equal neighbours that so few samples allow; and samples."""

@@ -18,13 +18,15 @@ from fsw_decentral.library import Reason as Fault
 class DecentralController:
     """Two single loops side by side, as on the welding machine; they are one C library (``kernel/``).
 
-    Outer PI: temperature to power reference; inner loop: power to spindle speed (feed-forward by the measured
-    torque, plus PI); PI(D): depth to axial force. The proposal keeps the bounds and the move limits, relative to the
-    applied command, which every loop follows: so it is without a bump when it gets selected. Where the applied command
-    is so far outside the bounds that it cannot keep both, it is at the bound and not healthy.
+    Outer PI: temperature to power reference; inner loop: power to spindle speed (feed-forward by
+    the measured torque, plus PI); PI(D): depth to axial force. The proposal keeps the bounds and
+    the move limits, relative to the applied command, which every loop follows: so it is without a
+    bump when it gets selected. Where the applied command is so far outside the bounds that it
+    cannot keep both, it is at the bound and not healthy.
 
-    Without torque the power loop goes on with the last torque, without temperature the power reference is held; both
-    for ``blind_limit`` seconds. Without depth the force is held and the proposal is not healthy.
+    Without torque the power loop goes on with the last torque, without temperature the power
+    reference is held; both for ``blind_limit`` seconds. Without depth the force is held and the
+    proposal is not healthy.
 
     Parameters
     ----------
@@ -65,14 +67,23 @@ class DecentralController:
         """Forget the past; the next step starts from ``applied``."""
         self.library.reset(applied.force_kn, applied.speed_rpm)
 
-    def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
+    def step(
+        self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float
+    ) -> Proposal:
         """Return the proposal that answers ``measurement``; see ``fsw_control.Controller``."""
         m, inputs, outputs = measurement, self.library.input, self.library.output
-        inputs.depth_mm, inputs.torque_nm, inputs.temperature_c = m.depth_mm, m.torque_nm, m.temperature_c
+        inputs.depth_mm, inputs.torque_nm, inputs.temperature_c = (
+            m.depth_mm,
+            m.torque_nm,
+            m.temperature_c,
+        )
         inputs.depth_valid, inputs.torque_valid = m.depth_valid, m.torque_valid
         inputs.temperature_valid = m.temperature_valid
         inputs.applied_force_kn, inputs.applied_speed_rpm = applied.force_kn, applied.speed_rpm
-        inputs.reference_depth_mm, inputs.reference_temperature_c = reference.depth_mm, reference.temperature_c
+        inputs.reference_depth_mm, inputs.reference_temperature_c = (
+            reference.depth_mm,
+            reference.temperature_c,
+        )
         inputs.dt_s = dt_s
         self.library.step()
         touched = outputs.active_limits
@@ -80,11 +91,15 @@ class DecentralController:
             outputs.depth_mm,
             outputs.temperature_c,
             outputs.torque_nm,
-            active_limits=tuple(limit.name.lower() for limit in Limit if touched & limit) if touched else (),
+            active_limits=tuple(limit.name.lower() for limit in Limit if touched & limit)
+            if touched
+            else (),
             bad_cycles=outputs.bad_cycles,
         )
         reason = self._reason(outputs.reason) if outputs.reason else Reason()
-        return Proposal(Command(outputs.force_kn, outputs.speed_rpm), bool(outputs.healthy), reason, diagnosis)
+        return Proposal(
+            Command(outputs.force_kn, outputs.speed_rpm), bool(outputs.healthy), reason, diagnosis
+        )
 
     def _reason(self, fault: int) -> Reason:
         if fault == Fault.NO_DEPTH:

@@ -44,7 +44,13 @@ def closed_loop(controller, reference, seconds, lose=lambda t: (), override=lamb
     for k in range(round(seconds * 10)):
         t = k * 0.1
         out = MODEL.outputs(state, applied.force_kn, applied.speed_rpm)
-        spike = MODEL.parameters.spindle_inertia_kgm2 * math.pi / 30.0 * (applied.speed_rpm - before.speed_rpm) / 0.1
+        spike = (
+            MODEL.parameters.spindle_inertia_kgm2
+            * math.pi
+            / 30.0
+            * (applied.speed_rpm - before.speed_rpm)
+            / 0.1
+        )
         lost = lose(t)
         measurement = measured(
             k,
@@ -73,10 +79,14 @@ def test_stays_at_the_operating_point(tuning):
 
 
 @pytest.mark.parametrize("tuning", tunings())
-@pytest.mark.parametrize(("depth_mm", "temperature_c"), [(0.2, 0.0), (-0.2, 0.0), (0.0, 10.0), (0.0, -10.0)])
+@pytest.mark.parametrize(
+    ("depth_mm", "temperature_c"), [(0.2, 0.0), (-0.2, 0.0), (0.0, 10.0), (0.0, -10.0)]
+)
 def test_steps_settle_without_offset_and_within_limits(tuning, depth_mm, temperature_c):
     goal = Reference(DEPTH_MM + depth_mm, TEMPERATURE_C + temperature_c)
-    rows = closed_loop(DecentralController({"tuning": tuning}), lambda t: goal if t >= 1.0 else REFERENCE, 240)
+    rows = closed_loop(
+        DecentralController({"tuning": tuning}), lambda t: goal if t >= 1.0 else REFERENCE, 240
+    )
     assert abs(rows[-1][1] - goal.depth_mm) < 2e-3
     assert abs(rows[-1][2] - goal.temperature_c) < 0.1
     limits = Limits()
@@ -89,8 +99,12 @@ def test_tight_is_faster_than_conservative():
     deep, hot = Reference(DEPTH_MM + 0.1, TEMPERATURE_C), Reference(DEPTH_MM, TEMPERATURE_C + 5.0)
     errors = {}
     for tuning in ("conservative", "tight"):
-        depth = closed_loop(DecentralController({"tuning": tuning}), lambda t: deep if t >= 1.0 else REFERENCE, 60)
-        warmth = closed_loop(DecentralController({"tuning": tuning}), lambda t: hot if t >= 1.0 else REFERENCE, 60)
+        depth = closed_loop(
+            DecentralController({"tuning": tuning}), lambda t: deep if t >= 1.0 else REFERENCE, 60
+        )
+        warmth = closed_loop(
+            DecentralController({"tuning": tuning}), lambda t: hot if t >= 1.0 else REFERENCE, 60
+        )
         errors[tuning] = (
             sum(abs(row[1] - deep.depth_mm) for row in depth),
             sum(abs(row[2] - hot.temperature_c) for row in warmth),
@@ -105,12 +119,17 @@ def test_unselected_it_follows_and_takes_over_without_a_bump(tuning):
     """Another one holds shifted inputs; the first own moves are small, and it leads back to the reference."""
     other = Command(78.6, 409.0)
     controller = DecentralController({"tuning": tuning})
-    rows = closed_loop(controller, lambda t: REFERENCE, 300, override=lambda t: other if t < 60.0 else None)
+    rows = closed_loop(
+        controller, lambda t: REFERENCE, 300, override=lambda t: other if t < 60.0 else None
+    )
     shadow = [row[4].command for row in rows[10:600]]
     assert max(abs(command.force_kn - other.force_kn) for command in shadow) < 0.6
     assert max(abs(command.speed_rpm - other.speed_rpm) for command in shadow) < 0.5
     moves = [
-        (abs(b[4].command.force_kn - a[4].command.force_kn), abs(b[4].command.speed_rpm - a[4].command.speed_rpm))
+        (
+            abs(b[4].command.force_kn - a[4].command.force_kn),
+            abs(b[4].command.speed_rpm - a[4].command.speed_rpm),
+        )
         for a, b in pairwise(rows[598:701])
     ]
     assert max(force for force, _ in moves) < 0.6
@@ -144,18 +163,36 @@ def test_a_speed_at_its_bound_does_not_wind_up(tuning):
     assert abs(rows[-1][2] - TEMPERATURE_C) < 0.5
 
 
-@pytest.mark.parametrize(("tracking_s", "least_kj", "most_kj"), [(30.0, -3.0, 0.0), (0.1, -25.0, -14.0)])
-def test_the_power_loop_makes_up_for_energy_that_the_move_limit_has_cost(tracking_s, least_kj, most_kj):
+@pytest.mark.parametrize(
+    ("tracking_s", "least_kj", "most_kj"), [(30.0, -3.0, 0.0), (0.1, -25.0, -14.0)]
+)
+def test_the_power_loop_makes_up_for_energy_that_the_move_limit_has_cost(
+    tracking_s, least_kj, most_kj
+):
     """The torque drops by a fifth at once, the speed follows with 3 rpm per tick; a short tracking time forgets."""
-    power_loop = {"power_gain": 2.0, "power_integral_time": 0.3, "power_filter": 0.1, "power_tracking_time": tracking_s}
-    spindle = {"friction.constant": 0.0, "friction.linear": 0.0, "friction.quadratic": 0.0, "spindle_inertia": 0.0}
-    controller = DecentralController({**power_loop, **spindle, "feedforward_filter": 0.1, "speed_max": 900.0})
+    power_loop = {
+        "power_gain": 2.0,
+        "power_integral_time": 0.3,
+        "power_filter": 0.1,
+        "power_tracking_time": tracking_s,
+    }
+    spindle = {
+        "friction.constant": 0.0,
+        "friction.linear": 0.0,
+        "friction.quadratic": 0.0,
+        "spindle_inertia": 0.0,
+    }
+    controller = DecentralController(
+        {**power_loop, **spindle, "feedforward_filter": 0.1, "speed_max": 900.0}
+    )
     applied = Command(FORCE_KN, 400.0)
     controller.reset(applied)
     power_kw, missing_kj = 1000.0 * applied.speed_rpm * KW_PER_NM_RPM, 0.0
     for k in range(201):  # without temperature the power reference is held
         torque = 800.0 if k else 1000.0
-        applied = controller.step(measured(k, torque=torque, temperature=NAN), REFERENCE, applied, 0.1).command
+        applied = controller.step(
+            measured(k, torque=torque, temperature=NAN), REFERENCE, applied, 0.1
+        ).command
         if k:
             missing_kj += (torque * applied.speed_rpm * KW_PER_NM_RPM - power_kw) * 0.1
         else:
@@ -165,7 +202,9 @@ def test_the_power_loop_makes_up_for_energy_that_the_move_limit_has_cost(trackin
 
 def test_without_torque_the_weld_goes_on_for_a_while_then_it_is_said():
     controller = DecentralController({"blind_limit": 10.0})
-    rows = closed_loop(controller, lambda t: REFERENCE, 40, lose=lambda t: ("torque",) if t >= 5.0 else ())
+    rows = closed_loop(
+        controller, lambda t: REFERENCE, 40, lose=lambda t: ("torque",) if t >= 5.0 else ()
+    )
     assert all(row[4].healthy for row in rows if row[0] < 14.9)
     assert not rows[-1][4].healthy
     assert rows[-1][4].reason.sensors == ("torque",)
@@ -175,7 +214,9 @@ def test_without_torque_the_weld_goes_on_for_a_while_then_it_is_said():
 
 def test_without_temperature_the_power_is_held():
     controller = DecentralController({"blind_limit": 10.0})
-    rows = closed_loop(controller, lambda t: REFERENCE, 40, lose=lambda t: ("thermocouple",) if t >= 5.0 else ())
+    rows = closed_loop(
+        controller, lambda t: REFERENCE, 40, lose=lambda t: ("thermocouple",) if t >= 5.0 else ()
+    )
     assert all(row[4].healthy for row in rows if row[0] < 14.9)
     assert rows[-1][4].reason.sensors == ("thermocouple",)
     assert abs(rows[-1][2] - TEMPERATURE_C) < 1.0
@@ -183,7 +224,12 @@ def test_without_temperature_the_power_is_held():
 
 def test_without_depth_the_force_is_held_and_it_is_said_at_once():
     goal = Reference(DEPTH_MM + 0.1, TEMPERATURE_C)
-    rows = closed_loop(DecentralController(), lambda t: goal, 20, lose=lambda t: ("depth",) if 5.0 <= t < 10.0 else ())
+    rows = closed_loop(
+        DecentralController(),
+        lambda t: goal,
+        20,
+        lose=lambda t: ("depth",) if 5.0 <= t < 10.0 else (),
+    )
     blind = [row for row in rows if 5.0 <= row[0] < 10.0]
     assert not any(row[4].healthy for row in blind)
     assert len({row[4].command.force_kn for row in blind}) == 1
@@ -220,7 +266,14 @@ def test_unusable_parameters_are_told_and_change_nothing():
     assert "force_min" in controller.check({"force_min": 99.0})
     assert "speed_min" in controller.check({"speed_min": 600.0})
     assert "one of conservative, tight" in controller.check({"tuning": "loose"})
-    for name in ("friction.linear", "spindle_inertia", "nominal_torque", "blind_limit", "force_max", "speed_step"):
+    for name in (
+        "friction.linear",
+        "spindle_inertia",
+        "nominal_torque",
+        "blind_limit",
+        "force_max",
+        "speed_step",
+    ):
         assert "must be" in controller.check({name: NAN})
     with pytest.raises(ValueError, match="must be finite"):
         DecentralController({"spindle_inertia": math.inf})
@@ -256,13 +309,18 @@ def test_reset_to_nothing_known_starts_from_the_last_proposal():
     controller.reset(Command(NAN, 400.0))
     again = controller.step(measured(1), REFERENCE, Command(NAN, NAN), 0.1)
     assert again.healthy
-    assert (again.command.force_kn, again.command.speed_rpm) == pytest.approx((last.force_kn, last.speed_rpm))
+    assert (again.command.force_kn, again.command.speed_rpm) == pytest.approx(
+        (last.force_kn, last.speed_rpm)
+    )
 
 
 def test_a_torque_beyond_all_range_starts_the_loops_again():
     """After it the feed-forward would divide by a torque of 0."""
     controller = DecentralController({"feedforward_filter": 0.0})
-    reasons = [controller.step(measured(k, torque=1e20 if k == 1 else 1e3), REFERENCE, NOMINAL, 0.1) for k in range(4)]
+    reasons = [
+        controller.step(measured(k, torque=1e20 if k == 1 else 1e3), REFERENCE, NOMINAL, 0.1)
+        for k in range(4)
+    ]
     assert [proposal.healthy for proposal in reasons] == [True, False, True, True]
     assert reasons[1].reason.code is ReasonCode.OVERFLOW
     assert reasons[1].command == NOMINAL
@@ -272,7 +330,9 @@ def test_a_pause_counts_as_one_second_at_most_and_a_time_that_cannot_be_as_one_t
     def after(dt_s):
         controller = DecentralController()
         for k, step_s in enumerate((0.1, dt_s)):
-            proposal = controller.step(measured(k, depth=2.66 + 1e-3 * k), REFERENCE, NOMINAL, step_s)
+            proposal = controller.step(
+                measured(k, depth=2.66 + 1e-3 * k), REFERENCE, NOMINAL, step_s
+            )
         return proposal
 
     assert after(5.0) == after(math.inf) == after(1.0) != after(0.1)
@@ -283,7 +343,9 @@ def test_without_a_compiler_one_line_says_what_to_do(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(c_library, "compiler", lambda: None)
     monkeypatch.delitem(KERNEL.__dict__, "lib", raising=False)
-    with pytest.raises(ValueError, match="decentral: no C compiler found: install one, set CC, or 'pip install"):
+    with pytest.raises(
+        ValueError, match="decentral: no C compiler found: install one, set CC, or 'pip install"
+    ):
         DecentralController()
 
 
@@ -292,7 +354,9 @@ def test_same_inputs_give_the_same_outputs():
     for _ in range(2):
         controller = DecentralController()
         controller.reset(NOMINAL)
-        rows = closed_loop(controller, lambda t: Reference(DEPTH_MM + 0.04, TEMPERATURE_C + 2.0), 20)
+        rows = closed_loop(
+            controller, lambda t: Reference(DEPTH_MM + 0.04, TEMPERATURE_C + 2.0), 20
+        )
         runs.append([(row[4].command.force_kn, row[4].command.speed_rpm) for row in rows])
     assert runs[0] == runs[1]
 
@@ -366,8 +430,12 @@ def test_an_absurd_applied_command_is_told_and_leaves_nothing_behind(force_kn):
     controller = DecentralController()
     controller.step(measured(0), REFERENCE, NOMINAL, 0.1)
     for _ in range(2):
-        proposal = controller.step(measured(1), REFERENCE, Command(force_kn, NOMINAL.speed_rpm), 0.1)
-        bound = controller.limits.force_max_kn if force_kn > 90.0 else controller.limits.force_min_kn
+        proposal = controller.step(
+            measured(1), REFERENCE, Command(force_kn, NOMINAL.speed_rpm), 0.1
+        )
+        bound = (
+            controller.limits.force_max_kn if force_kn > 90.0 else controller.limits.force_min_kn
+        )
         assert (proposal.healthy, proposal.command.force_kn) == (False, bound)
         assert proposal.reason.code is ReasonCode.OUT_OF_BOUNDS
     for k in range(3):
@@ -387,7 +455,9 @@ def test_an_absurd_sample_does_not_pull_for_ever(tuning, sensor, value):
         proposal = controller.step(m, REFERENCE, proposed, 0.1)
         proposed = proposal.command
     assert proposal.healthy
-    assert not {"force_min", "force_max", "speed_min", "speed_max"} & set(proposal.diagnosis.active_limits)
+    assert not {"force_min", "force_max", "speed_min", "speed_max"} & set(
+        proposal.diagnosis.active_limits
+    )
 
 
 @pytest.mark.parametrize("sensor", ["depth", "temperature"])
@@ -420,14 +490,19 @@ def test_one_move_beyond_the_bounds_is_still_believed(force_kn, speed_rpm, insid
 def test_blindness_is_said_when_its_limit_has_passed(sensor):
     controller = DecentralController({"blind_limit": 1.05})
     controller.step(measured(0), REFERENCE, NOMINAL, 0.1)
-    healthy = [controller.step(measured(k, **{sensor: NAN}), REFERENCE, NOMINAL, 0.1).healthy for k in range(1, 16)]
+    healthy = [
+        controller.step(measured(k, **{sensor: NAN}), REFERENCE, NOMINAL, 0.1).healthy
+        for k in range(1, 16)
+    ]
     assert healthy == [True] * 10 + [False] * 5
 
 
 @pytest.mark.parametrize(("error_mm", "error_c"), [(1.0, 50.0), (-1.0, -50.0)])
 def test_the_move_limit_is_named_in_both_directions(error_mm, error_c):
     goal = Reference(DEPTH_MM + error_mm, TEMPERATURE_C + error_c)
-    controller = DecentralController({"temperature_gain": 10.0, "temperature_reference_filter": 0.0})
+    controller = DecentralController(
+        {"temperature_gain": 10.0, "temperature_reference_filter": 0.0}
+    )
     for k in range(5):
         proposal = controller.step(measured(k), goal, NOMINAL, 0.1)
     assert proposal.diagnosis.active_limits == ("force_rate", "speed_rate")
@@ -436,23 +511,33 @@ def test_the_move_limit_is_named_in_both_directions(error_mm, error_c):
 @pytest.mark.parametrize("ends", [("force", 70.0), ("speed", 400.0)])
 def test_bounds_without_room_between_are_refused(ends):
     quantity, value = ends
-    assert DecentralController().check({f"{quantity}_min": value, f"{quantity}_max": value}) is not None
+    assert (
+        DecentralController().check({f"{quantity}_min": value, f"{quantity}_max": value})
+        is not None
+    )
 
 
 def test_a_reset_beyond_the_bounds_begins_at_them():
     controller = DecentralController()
     controller.reset(Command(1000.0, 1000.0))
     proposal = controller.step(measured(0), REFERENCE, Command(NAN, NAN), 0.1)
-    assert proposal.healthy and controller.limits.clip(proposal.command, Command(95.0, 500.0)) == proposal.command
+    assert (
+        proposal.healthy
+        and controller.limits.clip(proposal.command, Command(95.0, 500.0)) == proposal.command
+    )
 
 
-@pytest.mark.parametrize(("beyond", "bound"), [((95.5, 407.5), (95.0, 407.5)), ((78.4, 298.0), (78.4, 300.0))])
+@pytest.mark.parametrize(
+    ("beyond", "bound"), [((95.5, 407.5), (95.0, 407.5)), ((78.4, 298.0), (78.4, 300.0))]
+)
 def test_an_applied_command_beyond_a_bound_counts_as_the_bound(beyond, bound):
     told = []
     for first in (beyond, bound):
         controller = DecentralController()
         proposed = controller.step(measured(0), REFERENCE, Command(*first), 0.1).command
-        told.append(controller.step(measured(1, depth=DEPTH_MM + 0.002), REFERENCE, proposed, 0.1).command)
+        told.append(
+            controller.step(measured(1, depth=DEPTH_MM + 0.002), REFERENCE, proposed, 0.1).command
+        )
     assert told[0] == told[1]
 
 

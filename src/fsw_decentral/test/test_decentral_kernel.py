@@ -94,7 +94,9 @@ def test_under_sanitizers_with_all_that_can_be_wrong(tmp_path):
     options = ["-std=c99", *SANITIZE, "-DTICKS=200000", "-I", str(KERNEL.folder)]
     built = compile_c([*options, *sources, "-o", str(tmp_path / "driver"), "-lm"])
     assert built.returncode == 0, built.stderr
-    ran = subprocess.run([str(tmp_path / "driver")], capture_output=True, text=True, check=False, timeout=100)
+    ran = subprocess.run(
+        [str(tmp_path / "driver")], capture_output=True, text=True, check=False, timeout=100
+    )
     assert ran.returncode == 0, ran.stdout + ran.stderr
 
 
@@ -104,7 +106,10 @@ def test_under_sanitizers_with_all_that_can_be_wrong(tmp_path):
 def test_strict_c99_without_a_warning(source, compiler, tmp_path):
     if shutil.which(compiler) is None:
         pytest.skip(f"{compiler} is not installed")
-    done = compile_c([*STRICT, "-Wvla", "-c", str(KERNEL.folder / source), "-o", str(tmp_path / "o")], [compiler])
+    done = compile_c(
+        [*STRICT, "-Wvla", "-c", str(KERNEL.folder / source), "-o", str(tmp_path / "o")],
+        [compiler],
+    )
     assert done.returncode == 0, done.stderr
 
 
@@ -136,7 +141,9 @@ def test_a_tuning_that_is_not_usable_is_refused_and_the_last_one_stays():
         assert bytes(KERNEL.ffi.buffer(library.state))[: len(before)] == before, field
 
 
-@pytest.mark.parametrize(("low", "high"), [("force_min_kn", "force_max_kn"), ("speed_min_rpm", "speed_max_rpm")])
+@pytest.mark.parametrize(
+    ("low", "high"), [("force_min_kn", "force_max_kn"), ("speed_min_rpm", "speed_max_rpm")]
+)
 def test_the_kernel_itself_refuses_bounds_without_room_between(low, high):
     library = DecentralController().library
     tuning = copy_of(library.state.tuning)

@@ -16,14 +16,25 @@ from fsw_model import ProcessModel
 REFERENCE, NOMINAL = Reference(DEPTH_MM, TEMPERATURE_C), Command(FORCE_KN, SPEED_RPM)
 TORQUE_NM, NAN = 1000.0, float("nan")
 #: so that the process torque is the measured one
-IDEAL = {"friction.constant": 0.0, "friction.linear": 0.0, "friction.quadratic": 0.0, "spindle_inertia": 0.0}
+IDEAL = {
+    "friction.constant": 0.0,
+    "friction.linear": 0.0,
+    "friction.quadratic": 0.0,
+    "spindle_inertia": 0.0,
+}
 SMITH = {"tuning": "smith"} | IDEAL
 
 
 def sample(temperature_c=TEMPERATURE_C, torque_nm=TORQUE_NM, depth_mm=DEPTH_MM):
     valid = not math.isnan(temperature_c), not math.isnan(torque_nm)
     return Measurement(
-        0.0, depth_mm, torque_nm, temperature_c, temperature_valid=valid[0], torque_valid=valid[1], depth_valid=True
+        0.0,
+        depth_mm,
+        torque_nm,
+        temperature_c,
+        temperature_valid=valid[0],
+        torque_valid=valid[1],
+        depth_valid=True,
     )
 
 
@@ -44,18 +55,26 @@ def plain_correction(powers, gain, copper_lag, tool_lag, dead_time):
 
 @settings(deadline=None)
 @given(
-    st.lists(st.tuples(st.floats(300.0, 2000.0), st.floats(300.0, 500.0), st.integers(1, 4)), min_size=1, max_size=120),
+    st.lists(
+        st.tuples(st.floats(300.0, 2000.0), st.floats(300.0, 500.0), st.integers(1, 4)),
+        min_size=1,
+        max_size=120,
+    ),
     st.floats(0.1, 40.0),
     st.floats(0.0, 60.0),
     st.floats(0.0, 5.0),
     st.floats(0.1, 10.0),
 )
-def test_the_correction_is_that_of_a_plain_reference(samples, gain, copper_lag, tool_lag, dead_time):
+def test_the_correction_is_that_of_a_plain_reference(
+    samples, gain, copper_lag, tool_lag, dead_time
+):
     names = ("predictor_gain", "predictor_copper_lag", "predictor_tool_lag", "predictor_dead_time")
     model = dict(zip(names, (gain, copper_lag, tool_lag, dead_time), strict=True))
     controller, powers = DecentralController(SMITH | model), []
     for torque, speed, ticks in samples:
-        controller.step(sample(torque_nm=torque), REFERENCE, Command(FORCE_KN, speed), ticks * TICK_S)
+        controller.step(
+            sample(torque_nm=torque), REFERENCE, Command(FORCE_KN, speed), ticks * TICK_S
+        )
         powers += [torque * speed * KW_PER_NM_RPM] * ticks
     assert correction_c(controller) == pytest.approx(
         plain_correction(powers, *model.values()), rel=1e-9, abs=1e-9 * gain
@@ -102,8 +121,13 @@ def test_with_the_true_model_the_loop_is_that_without_dead_time_but_later(dead_t
 
 @pytest.mark.parametrize("off", ["predictor_dead_time", "predictor_gain"])
 def test_without_dead_time_or_gain_it_is_the_plain_pi_to_the_bit(off):
-    plain = {name: 0.0 for name in tunings()["smith"].model_fields_set if name.startswith("predictor")}
-    runs = [set_point_step(DecentralController(SMITH | other), 28, 200)[1] for other in ({off: 0.0}, plain)]
+    plain = {
+        name: 0.0 for name in tunings()["smith"].model_fields_set if name.startswith("predictor")
+    }
+    runs = [
+        set_point_step(DecentralController(SMITH | other), 28, 200)[1]
+        for other in ({off: 0.0}, plain)
+    ]
     assert np.array_equal(*runs)
 
 
@@ -119,12 +143,20 @@ def in_motion():
 
 
 def test_another_model_or_none_at_runtime_is_without_a_bump():
-    for change in ({"predictor_dead_time": 1.0}, {"predictor_gain": 9.0}, {"predictor_gain": 0.0}, {}):
+    for change in (
+        {"predictor_dead_time": 1.0},
+        {"predictor_gain": 9.0},
+        {"predictor_gain": 0.0},
+        {},
+    ):
         controller, goal, applied = in_motion()
         as_before, _, _ = in_motion()
         controller.configure(change)
         assert (correction_c(controller) == 0.0) == bool(change)
-        told = [one.step(sample(), goal, applied, TICK_S).command.speed_rpm for one in (controller, as_before)]
+        told = [
+            one.step(sample(), goal, applied, TICK_S).command.speed_rpm
+            for one in (controller, as_before)
+        ]
         assert told[0] == pytest.approx(told[1], abs=0.5 if change else 0.0)
 
 
@@ -160,7 +192,10 @@ def test_without_torque_the_last_one_counts():
 
 def test_an_absurd_torque_leaves_no_trace_in_the_prediction():
     controller, goal, applied = in_motion()
-    reasons = [controller.step(sample(torque_nm=nm), goal, applied, TICK_S).healthy for nm in (1e20, TORQUE_NM)]
+    reasons = [
+        controller.step(sample(torque_nm=nm), goal, applied, TICK_S).healthy
+        for nm in (1e20, TORQUE_NM)
+    ]
     assert reasons == [False, True]
     assert correction_c(controller) == 0.0
 
@@ -172,7 +207,9 @@ def test_decoupled_a_depth_step_hardly_disturbs_the_temperature(size_mm):
         model, goal = ProcessModel(), Reference(DEPTH_MM + size_mm, TEMPERATURE_C)
         start = model.equilibrium()
         state, applied = start.state.copy(), Command(start.force_kn, start.speed_rpm)
-        controller = DecentralController({"tuning": "smith", "decoupling_torque": torque, "spindle_inertia": 0.0})
+        controller = DecentralController(
+            {"tuning": "smith", "decoupling_torque": torque, "spindle_inertia": 0.0}
+        )
         off = []
         for _ in range(300):
             out = model.outputs(state, applied.force_kn, applied.speed_rpm)

@@ -22,7 +22,9 @@ from fsw_msgs.msg import AlarmEvent
 class AlarmDesk:
     """Judges what a :class:`Watch` has heard; arguments as of :class:`AlarmRules`."""
 
-    def __init__(self, node: Node, watch: Watch, setting: Callable[[str], float], book: RuleBook) -> None:
+    def __init__(
+        self, node: Node, watch: Watch, setting: Callable[[str], float], book: RuleBook
+    ) -> None:
         self.list = AlarmList(lambda count: alarm("flood", count=count))
         self._node, self._watch = node, watch
         self._rules = AlarmRules(setting, book)
@@ -38,7 +40,10 @@ class AlarmDesk:
         listed = {name: one.alarm for name, one in self.list.entries.items() if one.present}
         before = self._reach, self._replaced
         self._reach, goal = self._rules.reach(situation, listed), self._rules.replaced
-        told = goal and {"depth_mm": round(goal.depth_mm, 2), "temperature_c": round(goal.temperature_c, 1)}
+        told = goal and {
+            "depth_mm": round(goal.depth_mm, 2),
+            "temperature_c": round(goal.temperature_c, 1),
+        }
         self._replaced = told or None
         self._publish()
         return changed or before != (self._reach, self._replaced)
@@ -54,7 +59,10 @@ class AlarmDesk:
             refused, done = "", f"{self.list.acknowledge(action.ids, who)} acknowledged"
         elif isinstance(action, Shelve):
             now_s = time.monotonic()
-            refused, done = self.list.shelve(action.alarm, action.minutes, who, action.reason, now_s), "shelved"
+            refused, done = (
+                self.list.shelve(action.alarm, action.minutes, who, action.reason, now_s),
+                "shelved",
+            )
         else:
             refused, done = self.list.unshelve(action.alarm, who), "back in the list"
         self._publish()

@@ -32,9 +32,11 @@ UNDER_WAY = ("running", "held")
 _NO_SAMPLE_S = 0.5
 #: what is said of a sensor whose fault is over, until its value is trusted again
 _AFTERWARDS = ("recovering",)
-#: how far a value must come back inside its limits, chosen: a fifth of a largest error, a fiftieth of a range
+#: how far a value must come back inside its limits, chosen: a fifth of a largest error, a fiftieth
+#: of a range
 _BACK, _BACK_RANGE = 0.2, 0.02
-#: set-points that are replaced: share of the least difference from which on they are no longer (chosen)
+#: set-points that are replaced: share of the least difference from which on they are no longer
+#: (chosen)
 _BACK_SHARE = 0.5
 #: a plant reports its watchdog once a second, so later than commands come again
 _WATCHDOG_S = 1.5
@@ -48,7 +50,8 @@ _OTHER_RULES = ("controller", "process", "arbiter", "watchdog", *_WRITERS)
 _GATEWAY = ("connection", "machine", "writes")
 #: the node that watches the weld: its warnings have causes and advice of their own
 MONITOR = "fsw_monitor"
-#: a swap that was asked for takes so long: the longest wait that can be asked for, and what the supervisor adds
+#: a swap that was asked for takes so long: the longest wait that can be asked for, and what the
+#: supervisor adds
 _SWAP_S = 12.0
 _LONGEST_ID = 100
 _NO_REASON = "no reason is told"
@@ -79,7 +82,9 @@ def alarm_id(kind: str, name: str) -> str:
     plain = f"{kind}:{name}"
     if plain.isascii() and plain.isprintable() and len(plain) <= _LONGEST_ID:
         return plain
-    kept = "".join(one if one.isascii() and one.isprintable() else "?" for one in plain[: _LONGEST_ID - 10])
+    kept = "".join(
+        one if one.isascii() and one.isprintable() else "?" for one in plain[: _LONGEST_ID - 10]
+    )
     return f"{kept}#{crc32(plain.encode('utf-8', 'replace')):08x}"
 
 
@@ -118,13 +123,18 @@ class Situation:
     programme_age_s: float = 0.0
     tick_age_s: float | None = None
     command_age_s: float | None = None
-    sample_age_s: Mapping[str, float] = field(default_factory=dict)  #: of the last finite one by sensor
+    sample_age_s: Mapping[str, float] = field(
+        default_factory=dict
+    )  #: of the last finite one by sensor
     #: what the supervisor says of each sensor, ``good`` if nothing is wrong
     sensor_states: Mapping[str, str] = field(default_factory=dict)
-    #: of the newest row by column, and their distance from the programme's set-points; NaN where unknown
+    #: of the newest row by column, and their distance from the programme's set-points; NaN where
+    #: unknown
     values: Mapping[str, float] = field(default_factory=dict)
     phase: str = ""  #: of the programme
-    attainable: Reference | None = None  #: the set-points that the controller which commands goes for
+    attainable: Reference | None = (
+        None  #: the set-points that the controller which commands goes for
+    )
     parts: Mapping[str, Mapping[str, Part]] = field(default_factory=dict)  #: by node and part
     pages: int = 1  #: servers of an operator's page in the graph
 
@@ -136,12 +146,15 @@ class Situation:
 class AlarmRules:
     """Says which alarms are present; how long they must last is for the list.
 
-    ``setting`` returns a parameter of the node by its name; ``book`` is what the weld is judged by.
+    ``setting`` returns a parameter of the node by its name; ``book`` is what the weld is judged
+    by.
     """
 
     def __init__(self, setting: Callable[[str], float], book: RuleBook) -> None:
         self._setting, self._book = setting, book
-        self.replaced: Reference | None = None  #: what stands in for set-points that are out of reach
+        self.replaced: Reference | None = (
+            None  #: what stands in for set-points that are out of reach
+        )
         self._outside: set[str] = set()
         self._mute_since_s: float | None = None
         self._failed = "", ""
@@ -171,7 +184,10 @@ class AlarmRules:
         if now.command_age_s is None or now.tick_age_s is None:
             return {"ok": None, "text": "No commands yet"}
         gates = [parts["machine"] for parts in now.parts.values() if "machine" in parts]
-        return {"ok": True, "text": "Commands reach the machine" + (", it permits them" if gates else "")}
+        return {
+            "ok": True,
+            "text": "Commands reach the machine" + (", it permits them" if gates else ""),
+        }
 
     # ---------------------------------------------------------------- the way of the commands
 
@@ -181,7 +197,14 @@ class AlarmRules:
             gate = parts.get("machine")
             if gate is None or gate.level == "stale":
                 continue
-            why = next((parts[one].text for one in _GATEWAY if one in parts and parts[one].level == "error"), "")
+            why = next(
+                (
+                    parts[one].text
+                    for one in _GATEWAY
+                    if one in parts and parts[one].level == "error"
+                ),
+                "",
+            )
             if not why and gate.permissive is False:
                 why = "it does not permit them"
             if why:
@@ -189,7 +212,11 @@ class AlarmRules:
 
     def _watchdog(self, now: Situation, found: dict[str, Alarm]) -> None:
         """Commands are sent, but those that arrive are none that the plant accepts."""
-        why = [parts["watchdog"].text for parts in now.parts.values() if parts.get("watchdog", _FINE).level == "error"]
+        why = [
+            parts["watchdog"].text
+            for parts in now.parts.values()
+            if parts.get("watchdog", _FINE).level == "error"
+        ]
         if why and not {"supervisor", "measurements"} & found.keys():
             found["machine"] = replace(alarm("machine", why=why[0]), on_s=_WATCHDOG_S)
 
@@ -206,12 +233,18 @@ class AlarmRules:
         there = (name for name in OPTIONAL if name in now.sample_age_s)
         for name in (*REQUIRED, *there):
             state = now.sensor_states.get(name, "good")
-            if name in now.sample_age_s and now.sample_age_s[name] > _NO_SAMPLE_S and state == "good":
+            if (
+                name in now.sample_age_s
+                and now.sample_age_s[name] > _NO_SAMPLE_S
+                and state == "good"
+            ):
                 state = "unusable"
             if state == "good":
                 self._faults.pop(name, None)
                 continue
-            if state not in _AFTERWARDS or name not in self._faults:  # the alarm tells what it began with
+            if (
+                state not in _AFTERWARDS or name not in self._faults
+            ):  # the alarm tells what it began with
                 self._faults[name] = _TEXTS.sensors.get(state, state)
             found[f"sensor:{name}"] = alarm("sensor", name=name, why=self._faults[name])
 
@@ -224,7 +257,9 @@ class AlarmRules:
             self._mute_since_s = now_s
         never = self._mute_since_s is not None and now_s - self._mute_since_s > NO_REPORT_S
         starts = state is not None and state["cause"].at_start and state["actual_mode"] == "hold"
-        silent = measuring and not starts and (now.command_age_s or 0.0) > self._setting("silence_s")
+        silent = (
+            measuring and not starts and (now.command_age_s or 0.0) > self._setting("silence_s")
+        )
         if never or silent or (age_s is not None and age_s > NO_REPORT_S):
             found["supervisor"] = alarm("supervisor")
         if state is None or (age_s is not None and age_s > NO_REPORT_S):
@@ -246,12 +281,16 @@ class AlarmRules:
         why = state["reason"] or _NO_REASON
         if mode == "safe_stop":
             asked = state["stop_cause"] == StopCause.OPERATOR
-            found["safe_stop"] = replace(alarm("safe_stop", why=_tripped(state) or why), trip=not asked)
+            found["safe_stop"] = replace(
+                alarm("safe_stop", why=_tripped(state) or why), trip=not asked
+            )
         elif mode == "hold" and target_mode != "hold" and not state["cause"].at_start:
             found["hold"] = alarm("hold", why=why)
         elif mode == "auto" and actual and target and actual != target:
             lacks = (one["why"] for one in state["controllers"] if one["name"] == target)
-            return self._failover(actual, target, next(lacks, Readiness(Lack.UNKNOWN).why) or _NO_REASON, found)
+            return self._failover(
+                actual, target, next(lacks, Readiness(Lack.UNKNOWN).why) or _NO_REASON, found
+            )
         if mode != "hold":
             self._failed = "", ""
         self._nominal = actual if mode == "auto" else ""
@@ -261,7 +300,9 @@ class AlarmRules:
         """Somebody commands in place of whom was selected; one selected just now may need its time."""
         if actual == self._nominal:
             why = "it was asked for, and is not ready"
-            found["failover"] = replace(alarm("failover", actual=actual, target=target, why=why), on_s=_SWAP_S)
+            found["failover"] = replace(
+                alarm("failover", actual=actual, target=target, why=why), on_s=_SWAP_S
+            )
             return None
         self._nominal = ""
         if self._failed[0] != target:  # why it was left, not what has happened since
@@ -282,14 +323,22 @@ class AlarmRules:
 
     def _programme(self, now: Situation, found: dict[str, Alarm]) -> None:
         """A programme that is under way says so; it cannot while nothing is measured."""
-        if now.programme in UNDER_WAY and now.programme_age_s > NO_PROGRAMME_S and self._measures(now):
+        if (
+            now.programme in UNDER_WAY
+            and now.programme_age_s > NO_PROGRAMME_S
+            and self._measures(now)
+        ):
             found["programme"] = alarm("programme")
 
     def _values(self, now: Situation, found: dict[str, Alarm]) -> None:
         if not self._measures(now):
             return
         for value, (aim, limit, what) in _TEXTS.drives.items():
-            name, off, most = f"deviation:{value}", now.value(value) - now.value(aim), self._setting(limit)
+            name, off, most = (
+                f"deviation:{value}",
+                now.value(value) - now.value(aim),
+                self._setting(limit),
+            )
             if self._is_outside(name, off, -most, most, _BACK * most):
                 found[name] = self._lasting(alarm("drive", what=what), "deviation_persistence_s")
         for check in self._book.checks():
@@ -298,16 +347,27 @@ class AlarmRules:
 
     def _limit(self, check: Check, now: Situation, found: dict[str, Alarm]) -> None:
         """A limit by which the weld is judged; an interlock on the same quantity says more."""
-        low, high = -inf if check.min is None else check.min, inf if check.max is None else check.max
+        low, high = (
+            -inf if check.min is None else check.min,
+            inf if check.max is None else check.max,
+        )
         is_error = "_error_" in check.variable
         back = _BACK * max(-low, high) if is_error else _BACK_RANGE * (high - low)
         name = f"{check.kind}:{check.variable}"
-        outside = self._is_outside(name, now.value(check.variable), low, high, back if isfinite(back) else 0.0)
+        outside = self._is_outside(
+            name, now.value(check.variable), low, high, back if isfinite(back) else 0.0
+        )
         quantity = check.variable.partition("_")[0]
         if outside and not any(one.startswith(f"interlock:{quantity}") for one in found):
             what, unit = _TEXTS.limits[check.variable]
-            why = f"outside {check.min:g} to {check.max:g} {unit}" if isfinite(back) else f"{_beyond(check)} {unit}"
-            slow = check.variable == "temperature_error_c"  # a step of the set-point takes its time
+            why = (
+                f"outside {check.min:g} to {check.max:g} {unit}"
+                if isfinite(back)
+                else f"{_beyond(check)} {unit}"
+            )
+            slow = (
+                check.variable == "temperature_error_c"
+            )  # a step of the set-point takes its time
             persistence = "deviation_persistence_s" if slow else "quality_persistence_s"
             found[name] = self._lasting(alarm(check.kind, what=what, why=why), persistence)
 
@@ -340,7 +400,12 @@ class AlarmRules:
         """Errors of parts, one alarm for each node, and nodes of which no part reports any longer."""
         known = {one["name"] for one in now.state["controllers"]} if now.state else set()
         told = [node for name, nodes in _TOLD.items() if name in found for node in nodes]
-        told += [node for name in known if alarm_id("controller", name) in found for node in (name, f"fsw_{name}")]
+        told += [
+            node
+            for name in known
+            if alarm_id("controller", name) in found
+            for node in (name, f"fsw_{name}")
+        ]
         for node, parts in now.parts.items():
             if parts and all(part.level == "stale" for part in parts.values()):
                 if node not in told:
@@ -354,12 +419,18 @@ class AlarmRules:
                 self._watch(parts, found)
             covered = (*_OTHER_RULES, *(_GATEWAY if "machine" in parts else ()))
             errors = [
-                (what, part) for what, part in parts.items() if part.level == "error" and not what.startswith(covered)
+                (what, part)
+                for what, part in parts.items()
+                if part.level == "error" and not what.startswith(covered)
             ]
             if errors:
                 (what, part), more = errors[0], len(errors) - 1
                 text = f"{what}: {part.text}" if what else part.text
-                one = alarm("part_error", node=node, why=text + (f"; {more} more of its parts" if more else ""))
+                one = alarm(
+                    "part_error",
+                    node=node,
+                    why=text + (f"; {more} more of its parts" if more else ""),
+                )
                 own = node.startswith("fsw_") or node in known
                 found[alarm_id("part", node)] = one if own else replace(one, priority="low")
 
@@ -368,4 +439,6 @@ class AlarmRules:
         """What the monitor tells."""
         for what, part in parts.items():
             if part.level == "warn":
-                found[alarm_id("watch", what)] = alarm("watch", cause=part.text, advice=part.advice or "See the trends")
+                found[alarm_id("watch", what)] = alarm(
+                    "watch", cause=part.text, advice=part.advice or "See the trends"
+                )

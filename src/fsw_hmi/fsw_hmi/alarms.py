@@ -14,17 +14,21 @@ from fsw_control.journal import AlarmChange
 
 Priority = Literal["high", "medium", "low"]
 RANK = {"high": 0, "medium": 1, "low": 2}
-#: chosen, after the usual definition of a chattering alarm: so many times in this time; it then stays until it has
-#: been gone for as long
+#: chosen, after the usual definition of a chattering alarm: so many times in this time; it then
+#: stays until it has been gone for as long
 _CHATTERS, _CHATTER_S = 3, 60.0
-#: chosen, after the usual definition of a flood: more new ones of low priority in this time are one alarm
+#: chosen, after the usual definition of a flood: more new ones of low priority in this time are
+#: one alarm
 _FLOOD, _FLOOD_S = 10, 10.0
 FLOOD_ID = "flood"
-#: alarms that led to a trip came at most so long before it, and went at most so long before it (chosen)
+#: alarms that led to a trip came at most so long before it, and went at most so long before it
+#: (chosen)
 _LED_S, _JUST_GONE_S = 60.0, 10.0
-#: entries, and alarms whose earlier times are known, at most; one of high priority is always listed
+#: entries, and alarms whose earlier times are known, at most; one of high priority is always
+#: listed
 _MOST = 300
-#: after a restart the graph has so long to tell what is still present (chosen; every node reports once a second)
+#: after a restart the graph has so long to tell what is still present (chosen; every node reports
+#: once a second)
 _RESTART_S = 5.0
 
 
@@ -96,9 +100,9 @@ class Entry:
 class AlarmList:
     """Keeps every alarm until it is gone and acknowledged.
 
-    One that comes back before it was acknowledged has a new time and a count. Of each trip the alarm that came first
-    is marked until the trip is acknowledged: most that follow are consequences. ``flood`` makes the alarm that stands
-    for so many that come at once.
+    One that comes back before it was acknowledged has a new time and a count. Of each trip the
+    alarm that came first is marked until the trip is acknowledged: most that follow are
+    consequences. ``flood`` makes the alarm that stands for so many that come at once.
     """
 
     def __init__(self, flood: Callable[[int], Alarm]) -> None:
@@ -133,7 +137,9 @@ class AlarmList:
         changed = self._unshelve_expired(now_s)
         self._coming_s = {name: self._coming_s.get(name, now_s) for name in present}
         listed = self._without_flood(present, now_s)
-        for name, alarm in sorted(listed.items(), key=lambda item: item[1].trip):  # what led to a trip before it
+        for name, alarm in sorted(
+            listed.items(), key=lambda item: item[1].trip
+        ):  # what led to a trip before it
             changed = self._take(name, alarm, now_s) or changed
         for name, entry in [*self.entries.items()]:
             if name not in listed and entry.present:
@@ -152,7 +158,9 @@ class AlarmList:
                 continue
             if not known and alarm.priority != "high":
                 is_low = alarm.priority == "low"
-                if (entry is None and room <= 0) or (is_low and (name in self._grouped or self._floods(now_s))):
+                if (entry is None and room <= 0) or (
+                    is_low and (name in self._grouped or self._floods(now_s))
+                ):
                     grouped.add(name)
                     continue
                 if is_low:
@@ -195,11 +203,20 @@ class AlarmList:
         if entry is None:
             self.entries[name] = entry = Entry(alarm, now_s, now_s, self._number)
         else:
-            entry.alarm, entry.present, entry.acknowledged, entry.absent_s = alarm, True, False, None
+            entry.alarm, entry.present, entry.acknowledged, entry.absent_s = (
+                alarm,
+                True,
+                False,
+                None,
+            )
             entry.raised_s, entry.number, entry.count = now_s, self._number, entry.count + 1
             entry.show_if_high()
-        entry.chatters = alarm.priority != "high" and len(times) == _CHATTERS and now_s - times[0] <= _CHATTER_S
-        self.events.append(Event(name, AlarmChange.RE_RAISED if again else AlarmChange.RAISED, alarm, entry.count))
+        entry.chatters = (
+            alarm.priority != "high" and len(times) == _CHATTERS and now_s - times[0] <= _CHATTER_S
+        )
+        self.events.append(
+            Event(name, AlarmChange.RE_RAISED if again else AlarmChange.RAISED, alarm, entry.count)
+        )
         if alarm.trip:
             self._mark_first(name, entry, now_s)
 
@@ -243,7 +260,9 @@ class AlarmList:
                 continue
             count += 1
             entry.acknowledged, entry.first = True, ""
-            self.events.append(Event(name, AlarmChange.ACKNOWLEDGED, entry.alarm, entry.count, who))
+            self.events.append(
+                Event(name, AlarmChange.ACKNOWLEDGED, entry.alarm, entry.count, who)
+            )
             for one in self.entries.values():
                 if one.led_to == name:
                     one.led_to = ""
@@ -259,7 +278,9 @@ class AlarmList:
         if entry.alarm.priority == "high":
             return "an alarm of high priority cannot be shelved"
         entry.shelved_until_s, entry.shelved = now_s + 60.0 * minutes, f"{who}: {reason}"
-        self.events.append(Event(name, AlarmChange.SHELVED, entry.alarm, entry.count, who, reason, 60.0 * minutes))
+        self.events.append(
+            Event(name, AlarmChange.SHELVED, entry.alarm, entry.count, who, reason, 60.0 * minutes)
+        )
         return ""
 
     def unshelve(self, name: str, who: str) -> str:
@@ -291,19 +312,25 @@ class AlarmList:
         """The list: present ones by priority, then in the order of raising; below those that are gone, then shelved."""
         place = {"active": 0, "acknowledged": 0, "cleared": 1, "shelved": 2}
         listed = sorted(
-            self.entries.items(), key=lambda item: (place[item[1].state], RANK[item[1].alarm.priority], item[1].number)
+            self.entries.items(),
+            key=lambda item: (place[item[1].state], RANK[item[1].alarm.priority], item[1].number),
         )
         return [
             {
                 "id": name,
                 **{
-                    key: getattr(one.alarm, key) for key in ("text", "what", "why", "consequence", "advice", "priority")
+                    key: getattr(one.alarm, key)
+                    for key in ("text", "what", "why", "consequence", "advice", "priority")
                 },
-                **{key: getattr(one, key) for key in ("state", "count", "chatters", "first", "shelved")},
+                **{
+                    key: getattr(one, key)
+                    for key in ("state", "count", "chatters", "first", "shelved")
+                },
                 "first_out": bool(one.led_to),
                 "first_s": round(wall_s + one.first_s - now_s, 3),
                 "raised_s": round(wall_s + one.raised_s - now_s, 3),
-                "shelved_until_s": one.shelved_until_s and round(wall_s + one.shelved_until_s - now_s),
+                "shelved_until_s": one.shelved_until_s
+                and round(wall_s + one.shelved_until_s - now_s),
             }
             for name, one in listed
         ]

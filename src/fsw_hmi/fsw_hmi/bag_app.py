@@ -37,7 +37,9 @@ def routes(files: PageFiles, views: Sequence[BagView]) -> list[BaseRoute]:
     async def on_bag(request: Request) -> Response:
         n = int(request.path_params["n"])
         if n >= len(rows):
-            return PlainTextResponse(f"there is no bag {n}; /bags tells which there are\n", status_code=404)
+            return PlainTextResponse(
+                f"there is no bag {n}; /bags tells which there are\n", status_code=404
+            )
         return Response(rows[n], media_type="application/json")
 
     async def on_bags(_: Request) -> Response:
@@ -47,7 +49,11 @@ def routes(files: PageFiles, views: Sequence[BagView]) -> list[BaseRoute]:
 
 
 def serve(
-    bags: Sequence[Path], host: str | None, port: int | None, allow_hosts: Sequence[str], tls: tuple[str, str]
+    bags: Sequence[Path],
+    host: str | None,
+    port: int | None,
+    allow_hosts: Sequence[str],
+    tls: tuple[str, str],
 ) -> int:
     """Serve the page over bags until Ctrl-C; None: as the live page by default. Returns the exit code."""
     standard = defaults(load_parameters("fsw_hmi", "hmi.yaml"))

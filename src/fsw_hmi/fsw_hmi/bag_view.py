@@ -36,13 +36,16 @@ class BagView:
 
     summary: dict[str, Any]  #: name, duration, phases, events, figures of merit and problems
     columns: tuple[str, ...] = (*COLUMNS, "mode", "controller", "flags")  #: the last ones in words
-    #: one per tick, None where something is not known; the time is the scenario's, its first tick at 0.1 s
+    #: one per tick, None where something is not known; the time is the scenario's, its first tick
+    #: at 0.1 s
     rows: list[list[Any]] = field(default_factory=list)
     #: as on the live page, with the interlocks that the supervisor was recorded with
     limits: dict[str, Any] = field(default_factory=dict)
 
 
-def load(paths: Sequence[Path], reading: Callable[[Path], object] = lambda _: None) -> list[BagView]:
+def load(
+    paths: Sequence[Path], reading: Callable[[Path], object] = lambda _: None
+) -> list[BagView]:
     """Read one bag, or two to compare; ``reading`` is called before each is read.
 
     Raises
@@ -74,7 +77,10 @@ def view(signals: WeldSignals, name: str) -> BagView:
         "start_s": None if start_ns < SIMULATED_NS else round(start_ns / NANOSECONDS, 3),
         "controllers": [one for one in dict.fromkeys(signals.command_source) if one],
         "phases": _phases(signals, name),
-        "events": [{"time_s": round(one.time_s, 3), "kind": one.kind, "text": one.text} for one in signals.events],
+        "events": [
+            {"time_s": round(one.time_s, 3), "kind": one.kind, "text": one.text}
+            for one in signals.events
+        ],
         "account": page_account(judge(signals, book)),
         "kpis": _kpis(signals, problems),
         "problems": problems,
@@ -91,14 +97,18 @@ def _phases(signals: WeldSignals, name: str) -> list[dict[str, Any]]:
     figures = phase_kpi.compute(signals, name, spans)
     spans += [("whole weld", 0.0, float(signals.time_s[-1]))]
     return [
-        {"name": phase, "begin_s": round(float(begin_s), 3), "end_s": round(float(end_s), 3)} | _errors(one)
+        {"name": phase, "begin_s": round(float(begin_s), 3), "end_s": round(float(end_s), 3)}
+        | _errors(one)
         for (phase, begin_s, end_s), one in zip(spans, figures, strict=True)
     ]
 
 
 def _errors(figures: phase_kpi.PhaseFigures) -> dict[str, Any]:
     errors = {"temperature_error_c": figures.temperature_c, "depth_error_mm": figures.depth_mm}
-    plain = {name: one and {key: short(value) for key, value in asdict(one).items()} for name, one in errors.items()}
+    plain = {
+        name: one and {key: short(value) for key, value in asdict(one).items()}
+        for name, one in errors.items()
+    }
     return plain | {"power_kw": None if figures.power_kw is None else short(figures.power_kw)}
 
 
@@ -116,15 +126,22 @@ def _kpis(signals: WeldSignals, problems: list[str]) -> list[dict[str, Any]]:
     ]
 
 
-def _rows(signals: WeldSignals, book: RuleBook, limits: Mapping[str, Mapping[str, Any]]) -> list[list[Any]]:
+def _rows(
+    signals: WeldSignals, book: RuleBook, limits: Mapping[str, Mapping[str, Any]]
+) -> list[list[Any]]:
     nothing = np.full(signals.n_ticks, np.nan)
     acting = signals.drives if signals.drives is not None else signals.truth
-    force_kn, speed_rpm = (acting.force_kn, acting.speed_rpm) if acting is not None else (nothing, nothing)
+    force_kn, speed_rpm = (
+        (acting.force_kn, acting.speed_rpm) if acting is not None else (nothing, nothing)
+    )
     columns = {
         "depth_mm": signals.depth_mm,
         "temperature_c": signals.temperature_c,
         "torque_nm": signals.torque_nm,
-        **{(signal := SENSORS[name].signal): signals.optional.get(signal, nothing) for name in OPTIONAL},
+        **{
+            (signal := SENSORS[name].signal): signals.optional.get(signal, nothing)
+            for name in OPTIONAL
+        },
         "force_kn": force_kn,
         "speed_rpm": speed_rpm,
         "power_kw": signals.torque_nm * speed_rpm * KW_PER_NM_RPM,
@@ -139,7 +156,9 @@ def _rows(signals: WeldSignals, book: RuleBook, limits: Mapping[str, Mapping[str
     numbers = [map(short, columns[name].tolist()) for name in COLUMNS[1:]]
     time_s = np.round(signals.time_s, 3).tolist()
     wrong = flags(columns | _errors_of(signals), signals.phase_names(), book, limits)
-    rows = zip(time_s, *numbers, signals.actual_mode, signals.actual_controller, wrong, strict=True)
+    rows = zip(
+        time_s, *numbers, signals.actual_mode, signals.actual_controller, wrong, strict=True
+    )
     return list(map(list, rows))
 
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 DONE, REFUSED, TIMED_OUT = "done", "refused", "timed_out"
-#: how long control may be taken that was asked for in vain; then it has to be asked for again (chosen)
+#: how long control may be taken that was asked for in vain; then it has to be asked for again
+#: (chosen)
 _LAPSE_S = 60.0
 #: requests of a session in a second; safe stops do not count
 _RATE_PER_S = 10.0
@@ -87,16 +88,29 @@ class Control:
         return {
             "holder": holder and {"name": holder.name, "session": holder.id},
             "you": holder is session,
-            "request": asker and {"name": asker.name, "session": asker.id, "left_s": left_s, "you": asker is session},
+            "request": asker
+            and {
+                "name": asker.name,
+                "session": asker.id,
+                "left_s": left_s,
+                "you": asker is session,
+            },
         }
 
-    def take(self, session: Session, seen: object, now_s: float, same_person: bool = False) -> Answer:
+    def take(
+        self, session: Session, seen: object, now_s: float, same_person: bool = False
+    ) -> Answer:
         """Take control that is free, or that was asked for in vain; ``seen`` is the holder that the person has seen."""
         holder = self.holder
         if holder is session:
             return DONE, "you have control already"
         if seen != (holder and holder.id):
-            return REFUSED, f"{holder.who} has control now: look again" if holder else "control is free now: look again"
+            return (
+                REFUSED,
+                f"{holder.who} has control now: look again"
+                if holder
+                else "control is free now: look again",
+            )
         if holder is None:
             self._give(session)
             return DONE, "control taken"
@@ -107,13 +121,21 @@ class Control:
             return REFUSED, f"{holder.who} has control: ask for it"
         if self.left_s(now_s) > 0.0:
             return REFUSED, f"{holder.who} has {self.left_s(now_s):.0f} s left to answer"
-        self._give(session, f"{session.name} has taken control: nobody answered for {self._answer_s:g} s")
-        return DONE, f"control taken from {holder.who}, who did not answer for {self._answer_s:g} s"
+        self._give(
+            session, f"{session.name} has taken control: nobody answered for {self._answer_s:g} s"
+        )
+        return (
+            DONE,
+            f"control taken from {holder.who}, who did not answer for {self._answer_s:g} s",
+        )
 
     def request(self, session: Session, now_s: float) -> Answer:
         """Ask who has control to hand it over."""
         if self.holder is None or self.holder is session:
-            return REFUSED, "control is free: take it" if self.holder is None else "you have control already"
+            return (
+                REFUSED,
+                "control is free: take it" if self.holder is None else "you have control already",
+            )
         if self.asker is not None and self.asker is not session:
             return REFUSED, f"{self.asker.who} asks for control already"
         if self.asker is None:
@@ -134,7 +156,12 @@ class Control:
             return REFUSED, "you do not have control"
         asker = self.asker
         if asker is None or asker.id != to:
-            return REFUSED, "nobody asks for control now" if asker is None else f"{asker.who} asks now: look again"
+            return (
+                REFUSED,
+                "nobody asks for control now"
+                if asker is None
+                else f"{asker.who} asks now: look again",
+            )
         if grant:
             self._give(asker, f"you have handed control over to {asker.name}")
             asker.note = f"{session.name} has handed control over to you"

@@ -37,7 +37,9 @@ class Verdict:
     """What is to be done about a message of a page."""
 
     id: int | None = None  #: of the request; without one nothing is answered
-    outcome: str = ""  #: empty when ``action`` is to be carried out or ``credentials`` to be checked first
+    outcome: str = (
+        ""  #: empty when ``action`` is to be carried out or ``credentials`` to be checked first
+    )
     message: str = ""
     action: Action | None = None
     kind: RequestKind = RequestKind.UNKNOWN  #: what was asked for
@@ -73,8 +75,8 @@ class Order:
 class ControlRoom:
     """Sessions, login and control. Nothing here acts; it says what may be done.
 
-    ``key`` is the token that a person must know to command, or the named users; the rest are parameters of the node,
-    which ``hmi.yaml`` describes.
+    ``key`` is the token that a person must know to command, or the named users; the rest are
+    parameters of the node, which ``hmi.yaml`` describes.
     """
 
     def __init__(
@@ -121,7 +123,12 @@ class ControlRoom:
         self._look_at_users()
         limit_s = self._idle_timeout_s
         for session in self._sessions.values():
-            if limit_s and session.authenticated and not session.checking and now_s - session.active_s > limit_s:
+            if (
+                limit_s
+                and session.authenticated
+                and not session.checking
+                and now_s - session.active_s > limit_s
+            ):
                 self._shut(session, f"nobody has touched the page for {limit_s / 60.0:g} min")
         self._control.lapse(now_s)
         records, self._records = self._records, []
@@ -187,7 +194,9 @@ class ControlRoom:
             return self._offence(session, None, "the message is no request")
         number, do, message = request.id, request.do, request.model_extra or {}
         if do == "safe_stop" and session.may_stop:  # before every limit
-            return Verdict(number, action=SafeStop(), kind=RequestKind.SAFE_STOP, asked=str(SafeStop()))
+            return Verdict(
+                number, action=SafeStop(), kind=RequestKind.SAFE_STOP, asked=str(SafeStop())
+            )
         if not session.requests.take(now_s):
             return self._offence(session, number, "too many requests in a second")
         if not isinstance(do, str):
@@ -210,7 +219,9 @@ class ControlRoom:
 
     # ---------------------------------------------------------------- login
 
-    def _login(self, session: Session, number: int, message: dict[str, Any], now_s: float) -> Verdict:
+    def _login(
+        self, session: Session, number: int, message: dict[str, Any], now_s: float
+    ) -> Verdict:
         name, given = message.get("name"), message.get(self.login)
         self._look_at_users()
         try:
@@ -223,7 +234,11 @@ class ControlRoom:
                 return self._wrong_login(session, number, "", given, now_s)
             others = [one.name for one in self._sessions.values() if one is not session]
             if any(one.casefold() == name.casefold() and one != name for one in others):
-                return Verdict(number, REFUSED, "name: somebody is here whose name differs only in case; take another")
+                return Verdict(
+                    number,
+                    REFUSED,
+                    "name: somebody is here whose name differs only in case; take another",
+                )
             return self._logged_in(session, number, name, ROLES[-1], now_s)
         user = self._users.remembered(name, given)
         if user is not None:
@@ -244,20 +259,31 @@ class ControlRoom:
         return self._users.check(name, password) if self._users else None
 
     def on_checked(
-        self, session: Session, number: int, credentials: tuple[str, str], user: User | None, now_s: float
+        self,
+        session: Session,
+        number: int,
+        credentials: tuple[str, str],
+        user: User | None,
+        now_s: float,
     ) -> Verdict:
         """Judge a login whose password has been checked; ``user`` is whose it is."""
         session.checking = False
         if user is None:
-            return self._wrong_login(session, number, credentials[0], "\0".join(credentials), now_s)
+            return self._wrong_login(
+                session, number, credentials[0], "\0".join(credentials), now_s
+            )
         return self._logged_in(session, number, user.name, user.role, now_s)
 
     def on_busy(self, session: Session, number: int) -> Verdict:
         """Judge a login whose password cannot be checked now."""
         session.checking = False
-        return Verdict(number, TIMED_OUT, "your password cannot be checked now: try again in some seconds")
+        return Verdict(
+            number, TIMED_OUT, "your password cannot be checked now: try again in some seconds"
+        )
 
-    def _wrong_login(self, session: Session, number: int, name: str, given: str, now_s: float) -> Verdict:
+    def _wrong_login(
+        self, session: Session, number: int, name: str, given: str, now_s: float
+    ) -> Verdict:
         known = self._wrong.knows(session.client, _bytes(given), now_s)
         wait_s = self._wrong.add(session.client, _bytes(given), now_s)
         what = "wrong token" if self._users is None else "wrong name or password"
@@ -269,16 +295,28 @@ class ControlRoom:
         too_many = f", one of too many from your address: wait {wait_s:.0f} s" if wait_s else ""
         return Verdict(number, REFUSED, what + too_many, close=bool(wait_s))
 
-    def _logged_in(self, session: Session, number: int, name: str, role: str, now_s: float) -> Verdict:
+    def _logged_in(
+        self, session: Session, number: int, name: str, role: str, now_s: float
+    ) -> Verdict:
         if (session.name, session.role) != (name, role):
-            self._free(session, f"{name} has logged in there")  # what one person has, another does not get by a login
+            self._free(
+                session, f"{name} has logged in there"
+            )  # what one person has, another does not get by a login
         session.name, session.role, session.idle, session.note = name, role, False, ""
         session.active_s = session.touched_s = now_s
-        return Verdict(number, DONE, f"logged in as {name}, role {role}", kind=RequestKind.LOGIN, asked="log in")
+        return Verdict(
+            number,
+            DONE,
+            f"logged in as {name}, role {role}",
+            kind=RequestKind.LOGIN,
+            asked="log in",
+        )
 
     # ---------------------------------------------------------------- control and commands
 
-    def _change_control(self, session: Session, number: int, do: str, message: dict[str, Any], now_s: float) -> Verdict:
+    def _change_control(
+        self, session: Session, number: int, do: str, message: dict[str, Any], now_s: float
+    ) -> Verdict:
         kind, asked = RequestKind.of(do), _CONTROL[do]
         if session.role == ROLES[0]:
             return Verdict(number, REFUSED, _needs(session, "operate"), kind=kind, asked=asked)
@@ -289,7 +327,9 @@ class ControlRoom:
             self.ended = ""
         return Verdict(number, outcome, text, kind=kind, asked=asked)
 
-    def _ask_control(self, session: Session, do: str, message: dict[str, Any], now_s: float) -> Answer:
+    def _ask_control(
+        self, session: Session, do: str, message: dict[str, Any], now_s: float
+    ) -> Answer:
         control, holder = self._control, self.holder
         if do == "take_control":
             same = self._users is not None and holder is not None and holder.name == session.name
@@ -312,7 +352,13 @@ class ControlRoom:
             asked = do if known else "unknown request"
             return Verdict(number, REFUSED, readable(str(error)), kind=kind, asked=asked)
         if self.holder is not session:
-            return Verdict(number, REFUSED, "you do not have control: take it first", kind=kind, asked=str(action))
+            return Verdict(
+                number,
+                REFUSED,
+                "you do not have control: take it first",
+                kind=kind,
+                asked=str(action),
+            )
         return Verdict(number, action=action, kind=kind, asked=str(action))
 
 

@@ -59,5 +59,8 @@ def readable(text: str, longest: int = 200) -> str:
     """A text of another node as a person can read it: short, printable, with clock times, and °C for degC."""
     text = text.replace("degC", "°C")
     text = "".join(one if one.isprintable() else "?" for one in text[: 2 * longest])
-    text = _EPOCH.sub(lambda found: time.strftime("%H:%M:%S UTC", time.gmtime(float(found[0].rstrip(" s")))), text)
+    text = _EPOCH.sub(
+        lambda found: time.strftime("%H:%M:%S UTC", time.gmtime(float(found[0].rstrip(" s")))),
+        text,
+    )
     return text if len(text) <= longest else f"{text[: longest - 1]}…"

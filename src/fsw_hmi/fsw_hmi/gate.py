@@ -35,12 +35,15 @@ class _Peer:
 class Gate:
     """Limits the open connections.
 
-    Beyond the limit, the client with the most connections loses the oldest one that only waits, then the oldest page of
-    a stranger. Pages of users who are logged in stay; if there are no others, the new connection is closed.
-    A connection that takes longer than ``request_s`` for a whole request is closed.
+    Beyond the limit, the client with the most connections loses the oldest one that only waits,
+    then the oldest page of a stranger. Pages of users who are logged in stay; if there are no
+    others, the new connection is closed. A connection that takes longer than ``request_s`` for a
+    whole request is closed.
     """
 
-    def __init__(self, of_client: int = _OF_CLIENT, of_all: int = _OF_ALL, request_s: float = _REQUEST_S) -> None:
+    def __init__(
+        self, of_client: int = _OF_CLIENT, of_all: int = _OF_ALL, request_s: float = _REQUEST_S
+    ) -> None:
         self._of_client, self._of_all, self._request_s = of_client, of_all, request_s
         self._peers: dict[Any, _Peer] = {}
 
@@ -82,8 +85,14 @@ class Gate:
                 self._close(address)
 
     def _make_room(self, client: str, newest: Any) -> None:
-        self._peers = {key: peer for key, peer in self._peers.items() if peer.connection.fileno() >= 0}
-        of_client = {key: peer for key, peer in self._peers.items() if peer.client == client and not peer.known}
+        self._peers = {
+            key: peer for key, peer in self._peers.items() if peer.connection.fileno() >= 0
+        }
+        of_client = {
+            key: peer
+            for key, peer in self._peers.items()
+            if peer.client == client and not peer.known
+        }
         of_client.pop(newest, None)
         self._close(min(of_client, key=lambda key: of_client[key].rank, default=newest))
 

@@ -1,6 +1,7 @@
 """The line at the top of the page: whether the weld is good and, if not, what is worst.
 
-The judgement of the weld so far is ``fsw_analysis.judgement``'s; what is worse, or more urgent, comes before it.
+The judgement of the weld so far is ``fsw_analysis.judgement``'s; what is worse, or more urgent,
+comes before it.
 """
 
 from __future__ import annotations
@@ -31,7 +32,11 @@ def headline(now: Now) -> dict[str, str]:
     if now.tick_age_s is None:
         return _line("attention", "No measurements yet")
     if now.tick_age_s > TICK_AGE_S:
-        return _line("high", "No measurements", f"for {now.tick_age_s:.0f} s" if now.tick_age_s >= 1.0 else "")
+        return _line(
+            "high",
+            "No measurements",
+            f"for {now.tick_age_s:.0f} s" if now.tick_age_s >= 1.0 else "",
+        )
     return (
         _of_alarms(now.alarms, "high")
         or _of_alarms(now.alarms, "medium")
@@ -58,11 +63,16 @@ def _of_alarms(alarms: Sequence[Mapping[str, Any]], priority: str) -> dict[str, 
 
 
 def _of_flags(flags: Mapping[str, Mapping[str, str]]) -> dict[str, str] | None:
-    first = next((name for level in ("high", "medium") for name in flags if flags[name]["level"] == level), None)
+    first = next(
+        (name for level in ("high", "medium") for name in flags if flags[name]["level"] == level),
+        None,
+    )
     return (
         None
         if first is None
-        else _line(flags[first]["level"], f"{VARIABLES[first].capitalize()}: {flags[first]['text']}")
+        else _line(
+            flags[first]["level"], f"{VARIABLES[first].capitalize()}: {flags[first]['text']}"
+        )
     )
 
 
@@ -73,11 +83,19 @@ def _of_state(state: Mapping[str, Any]) -> dict[str, str] | None:
     mode = state["actual_mode"]
     if mode == "auto":
         return None
-    return _line("high" if mode == "safe_stop" else "attention", f"In {mode.replace('_', ' ')}", state["reason"])
+    return _line(
+        "high" if mode == "safe_stop" else "attention",
+        f"In {mode.replace('_', ' ')}",
+        state["reason"],
+    )
 
 
 def _of_account(account: Mapping[str, Any] | None) -> dict[str, str] | None:
     """How the weld so far is judged, by the rules of its record."""
     if account is None:
         return _line("attention", "Not judged yet")
-    return None if account["level"] == "good" else _line(account["level"], account["text"], account["detail"])
+    return (
+        None
+        if account["level"] == "good"
+        else _line(account["level"], account["text"], account["detail"])
+    )

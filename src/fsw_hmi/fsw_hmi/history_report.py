@@ -28,5 +28,7 @@ def response(file: str) -> Response:
     """The report, or where there is none what to do; status 404."""
     path = Path(file).expanduser()
     if not path.is_file():
-        return PlainTextResponse(f"there is no file {path}: 'fsw.py history report' writes it\n", status_code=404)
+        return PlainTextResponse(
+            f"there is no file {path}: 'fsw.py history report' writes it\n", status_code=404
+        )
     return FileResponse(path, headers={"Content-Security-Policy": _POLICY}, media_type="text/html")

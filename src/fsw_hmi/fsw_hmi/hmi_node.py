@@ -1,7 +1,7 @@
 """The operator's page as a node: shows the graph, and carries out what a person asks for.
 
-By itself it changes nothing: it publishes no set-points before it is asked to, and the weld goes on as it is when this
-node ends or dies.
+By itself it changes nothing: it publishes no set-points before it is asked to, and the weld goes
+on as it is when this node ends or dies.
 """
 
 from __future__ import annotations
@@ -68,7 +68,8 @@ _KEPT_ACTIONS = 50
 class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere
     """Serves the page in a thread of its own; everything that touches the graph happens in the executor's thread.
 
-    Orders come over by a queue and a guard condition; frames go back by calls in the server's loop.
+    Orders come over by a queue and a guard condition; frames go back by calls in the server's
+    loop.
     """
 
     def __init__(self, **arguments: Any) -> None:
@@ -100,7 +101,11 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._stop = StopHolder(self, self._register, self._register.merge)
         self._wake = self.create_guard_condition(self._on_orders)
         self._room = ControlRoom(
-            key, **{name: values[name] for name in ("local_stop", "idle_timeout_s", "handover_timeout_s")}
+            key,
+            **{
+                name: values[name]
+                for name in ("local_stop", "idle_timeout_s", "handover_timeout_s")
+            },
         )
         self._page = LivePage(
             files,
@@ -114,14 +119,18 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         routes = [*self._page.routes(), *history_report.routes(values["history_report"])]
         app = application(routes, [values["host"], *values["allow_hosts"]], listening.gate)
         self._web = WebThread(self._page, app, listening, encrypted)
-        self._restore(Path(values["state_folder"]).expanduser() if values["state_folder"] else None)
+        self._restore(
+            Path(values["state_folder"]).expanduser() if values["state_folder"] else None
+        )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         for period_s, look in ((_LOOK_S, self._look), (_REPORT_S, self._report)):
             self.create_timer(period_s, look, clock=steady)
         self._say_hello()
         self._web.start()
         if encrypted is None and not is_local(listening):
-            self.get_logger().warning("the page can be reached from other computers, and nothing is encrypted")
+            self.get_logger().warning(
+                "the page can be reached from other computers, and nothing is encrypted"
+            )
         # The token must not get into the log, which is recorded.
         url = address(listening, encrypted is not None)
         print(f"operator's page: {url}", flush=True)
@@ -141,7 +150,9 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._done = deque[dict[str, Any]](maxlen=_KEPT_ACTIONS)
         kept, rows = self._keeper.load(wall_s)
         if kept is not None:
-            self._desk.list.restore(kept.alarms, now_s - kept.now_s - (wall_s - kept.wall_s), now_s)
+            self._desk.list.restore(
+                kept.alarms, now_s - kept.now_s - (wall_s - kept.wall_s), now_s
+            )
             self._done.extend(kept.actions)
             self._page.restore(rows)
             self._room.ended = kept.ended
@@ -185,7 +196,9 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             shown = None
             if now_s - self._tick_sent_s >= _TICK_PERIOD_S:
                 self._tick_sent_s = now_s
-                self._flags = flags_now(self._watch.values, self._watch.programme(), self._book, self._limits())
+                self._flags = flags_now(
+                    self._watch.values, self._watch.programme(), self._book, self._limits()
+                )
                 values = self._watch.values | {"time_s": one.stamp_ns / NANOSECONDS}
                 stop = self._stopping.at(self._watch.stopped, values, safe_state(self._interlocks))
                 found = f'"flags":{json.dumps(self._flags)},"stop":{json.dumps(stop)}'
@@ -205,13 +218,23 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
     def _show_headline(self) -> None:
         watch, tick_s = self._watch, self._watch.view.tick_s
         age_s = None if tick_s is None else time.monotonic() - tick_s
-        found = headline(Now(age_s, self._desk.frame()["alarms"], self._flags, watch.state_frame(), self._account))
+        found = headline(
+            Now(
+                age_s,
+                self._desk.frame()["alarms"],
+                self._flags,
+                watch.state_frame(),
+                self._account,
+            )
+        )
         if found != self._headline:
             self._headline = found
             self._show("headline", found)
 
     def _limits(self) -> dict[str, dict[str, Any]]:
-        return limits(self._interlocks, self._book, {name: self._setting(name) for name in DEVIATIONS})
+        return limits(
+            self._interlocks, self._book, {name: self._setting(name) for name in DEVIATIONS}
+        )
 
     def _say_hello(self) -> None:
         hello = {
@@ -238,13 +261,18 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             raise RuntimeError("the page's server has ended")
         self._show_state()
         if watch.progress is not None:
-            silent = watch.progress["state"] in UNDER_WAY and time.monotonic() - watch.progress_s > NO_PROGRAMME_S
+            silent = (
+                watch.progress["state"] in UNDER_WAY
+                and time.monotonic() - watch.progress_s > NO_PROGRAMME_S
+            )
             self._show("progress", watch.progress | ({"state": "silent"} if silent else {}))
         self._account = self._weld.frame()
         if self._account is not None:
             self._show("account", self._account)
         self._keep()
-        is_old = watch.leader != self._asked_leader or time.monotonic() - self._asked_s > _ASK_AGAIN_S
+        is_old = (
+            watch.leader != self._asked_leader or time.monotonic() - self._asked_s > _ASK_AGAIN_S
+        )
         if watch.leader and is_old and self._get_parameters.service_is_ready():
             self._asked_leader, self._asked_s = watch.leader, time.monotonic()
             future = self._get_parameters.call_async(GetParameters.Request(names=list(PARAMETERS)))
@@ -290,8 +318,11 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             answer(REFUSED, why)
         else:
             if isinstance(action, SafeStop) and not self._register.stopped:
-                # Not only by the supervisor's service: the plant hears of it, too, if no supervisor lives.
-                self._register.stop(StopCause.OPERATOR, order.who, self.get_clock().now().nanoseconds)
+                # Not only by the supervisor's service: the plant hears of it, too, if no
+                # supervisor lives.
+                self._register.stop(
+                    StopCause.OPERATOR, order.who, self.get_clock().now().nanoseconds
+                )
                 self._stop.look()
             self._orders.carry_out(action, answer, self._settings["request_timeout_s"])
 
@@ -301,7 +332,9 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         known = watch.state if now_s - watch.state_s <= NO_REPORT_S else None
         measured = watch.view.tick_s is not None and now_s - watch.view.tick_s <= NO_REPORT_S
         stays = watch.values if measured and not watch.references.coming else {}
-        in_force = (stays["reference_depth_mm"], stays["reference_temperature_c"]) if stays else None
+        in_force = (
+            (stays["reference_depth_mm"], stays["reference_temperature_c"]) if stays else None
+        )
         return why_not(action, known, in_force, self._interlocks)
 
     def _answer(self, order: Order, outcome: str, message: str) -> None:
@@ -314,7 +347,9 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._done.append(done | {"server_s": round(time.time(), 3)})
         self._show("actions", {"actions": list(self._done)})
         header = convert.header(int(self.get_clock().now().nanoseconds))
-        self._actions.publish(OperatorAction(header=header, holder=self._holder, kind=int(order.kind), **done))
+        self._actions.publish(
+            OperatorAction(header=header, holder=self._holder, kind=int(order.kind), **done)
+        )
 
 
 def book_of(file: str) -> RuleBook:
@@ -326,7 +361,9 @@ def book_of(file: str) -> RuleBook:
     return validate(Procedure, content_of(read_text(file, "procedure"), file), file)
 
 
-def _key(users_file: str, token_file: str, warn: Callable[[str], object]) -> tuple[str | users.Users, bool]:
+def _key(
+    users_file: str, token_file: str, warn: Callable[[str], object]
+) -> tuple[str | users.Users, bool]:
     """What who commands must know, and whether it has to be told: users, the token in a file, or a new one."""
     if users_file and token_file:
         raise ValueError("users_file, token_file: give one of them")

@@ -46,8 +46,9 @@ class History:
 class Page:
     """One open page: who is there, and what it still has to get, the most urgent first.
 
-    Of ticks a slow page gets the newest, of every other kind of frame the latest; it loses no answer. ``peer`` is
-    address and port of its browser, ``number`` its place in the order of opening.
+    Of ticks a slow page gets the newest, of every other kind of frame the latest; it loses no
+    answer. ``peer`` is address and port of its browser, ``number`` its place in the order of
+    opening.
     """
 
     def __init__(self, session: Session, peer: Any, number: int) -> None:

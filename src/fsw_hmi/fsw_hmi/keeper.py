@@ -43,8 +43,9 @@ _ROW: TypeAdapter[list[_Value]] = TypeAdapter(
 class Keeper:
     """Keeps state and rows in a folder; without one (None), or when the disk does not take them, does nothing.
 
-    The state is replaced as a whole. Rows are appended: a kill loses those since the last :meth:`keep`. ``warn`` gets
-    a line, once each, that says why nothing can be kept, and why what was kept before is not used.
+    The state is replaced as a whole. Rows are appended: a kill loses those since the last
+    :meth:`keep`. ``warn`` gets a line, once each, that says why nothing can be kept, and why what
+    was kept before is not used.
     """
 
     def __init__(self, folder: Path | None, warn: Callable[[str], object]) -> None:
@@ -73,7 +74,11 @@ class Keeper:
         return state, rows
 
     def _rows(self, path: Path) -> list[str]:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []
+        lines = (
+            path.read_text(encoding="utf-8", errors="replace").splitlines()
+            if path.exists()
+            else []
+        )
         rows = [line for line in lines if _is_row(line)]
         if len(rows) < len(lines):
             self._warn(f"{path}: {len(lines) - len(rows)} damaged lines, left out")

@@ -31,7 +31,8 @@ from fsw_schema.ranges import Range
 
 #: scales, chosen
 _TORQUE_NM, _POWER_KW = Range(300.0, 1700.0, "N m"), Range(20.0, 70.0, "kW")
-#: by quantity: scale, what is known of it, and the supervisor's interlocks against low and high values
+#: by quantity: scale, what is known of it, and the supervisor's interlocks against low and high
+#: values
 _QUANTITIES: dict[str, tuple[Range, dict[str, Any], str, str]] = {
     "depth_mm": (
         REFERENCE_DEPTH_MM,
@@ -53,7 +54,13 @@ _LEVELS = ("warn", "trip")
 _STEPS = {"depth_mm": 0.01, "temperature_c": 0.1}
 #: the supervisor's parameters that are looked at
 PARAMETERS = (
-    *(f"interlocks.{name}.{level}" for one in _QUANTITIES.values() for name in one[2:] if name for level in _LEVELS),
+    *(
+        f"interlocks.{name}.{level}"
+        for one in _QUANTITIES.values()
+        for name in one[2:]
+        if name
+        for level in _LEVELS
+    ),
     "safe_force_kn",
     "safe_rate_kn_per_s",
 )
@@ -73,8 +80,9 @@ def limits(
 ) -> dict[str, dict[str, Any]]:
     """Limits of every quantity for the page, in its protocol's words.
 
-    ``parameters`` are the supervisor's, as far as they are known: ``interlocks.<name>.warn`` and ``.trip``; ``book`` is
-    the rule book by which the weld is judged, and ``deviations`` go by the names in ``DEVIATIONS``.
+    ``parameters`` are the supervisor's, as far as they are known: ``interlocks.<name>.warn`` and
+    ``.trip``; ``book`` is the rule book by which the weld is judged, and ``deviations`` go by the
+    names in ``DEVIATIONS``.
     """
     found: dict[str, dict[str, Any]] = {}
     for quantity, (scale, known, *_) in _QUANTITIES.items():
@@ -92,7 +100,9 @@ def limits(
         ]
         if kept:
             found[quantity]["kept"] = kept
-        others = [row for row in SENSORS.values() if not row.required and row.quantity.signal == quantity]
+        others = [
+            row for row in SENSORS.values() if not row.required and row.quantity.signal == quantity
+        ]
         if others:
             found[quantity]["others"] = [{"key": row.signal, "name": row.title} for row in others]
     return found
@@ -102,7 +112,10 @@ def safe_state(parameters: Mapping[str, Any]) -> dict[str, float] | None:
     """Where a safe stop goes, and how fast; None as long as the supervisor has not told."""
     if not {"safe_force_kn", "safe_rate_kn_per_s"} <= parameters.keys():
         return None
-    return {"force_kn": parameters["safe_force_kn"], "rate_kn_per_s": parameters["safe_rate_kn_per_s"]}
+    return {
+        "force_kn": parameters["safe_force_kn"],
+        "rate_kn_per_s": parameters["safe_rate_kn_per_s"],
+    }
 
 
 def reference(parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -122,13 +135,19 @@ def reference(parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _range(allowed: Range) -> dict[str, Any]:
-    return {"unit": readable(allowed.unit).replace("N m", "N·m"), "min": allowed.low, "max": allowed.high}
+    return {
+        "unit": readable(allowed.unit).replace("N m", "N·m"),
+        "min": allowed.low,
+        "max": allowed.high,
+    }
 
 
 #: what the emulated plant can be asked for
 EMULATOR = {
     "disturbances": {
-        "channels": {name: _range(allowed) for name, (_, allowed) in DISTURBANCE_AMPLITUDE.items()},
+        "channels": {
+            name: _range(allowed) for name, (_, allowed) in DISTURBANCE_AMPLITUDE.items()
+        },
         "shapes": DISTURBANCE_SHAPES,
         "duration_s": [DURATION_S.low, DURATION_S.high],
     },

@@ -38,7 +38,9 @@ class LiveWeld:
     def forget(self) -> None:
         """Another weld begins."""
         self._stamps_ns: list[int] = []
-        self._rows: list[tuple[float, ...]] = []  #: of ``COLUMNS`` after the time, then what the programme has
+        self._rows: list[
+            tuple[float, ...]
+        ] = []  #: of ``COLUMNS`` after the time, then what the programme has
         self._texts: list[tuple[str, str, str]] = []  #: source, controller, mode
         self._phases: list[tuple[int, str]] = []
         self._states: list[tuple[int, Any]] = []
@@ -49,7 +51,12 @@ class LiveWeld:
     def on_state(self, leader: str, state: Mapping[str, Any]) -> None:
         """Take what the supervisor reports, as the page gets it, and its identity."""
         names = ("interlocks", "reason", "cause", "by")
-        self._state = (state["actual_controller"], state["actual_mode"], leader, *(state[name] for name in names))
+        self._state = (
+            state["actual_controller"],
+            state["actual_mode"],
+            leader,
+            *(state[name] for name in names),
+        )
 
     def on_progress(self, progress: Mapping[str, Any]) -> None:
         """Take what the programme reports."""
@@ -89,7 +96,13 @@ class LiveWeld:
         """The judgement of the weld so far; None before the first tick."""
         if not self._rows:
             return None
-        return judge(self._signals(), self.book, running=True, recorded=False, unusable=self._unusable.counts)
+        return judge(
+            self._signals(),
+            self.book,
+            running=True,
+            recorded=False,
+            unusable=self._unusable.counts,
+        )
 
     def frame(self) -> dict[str, Any] | None:
         """The judgement as the page gets it."""
@@ -97,7 +110,9 @@ class LiveWeld:
         if account is None:
             return None
         stamp_ns = np.array(self._stamps_ns[:1])
-        return page_account(account, self._stamps_ns[0] / NANOSECONDS - float(experiment_time_s(stamp_ns)[0]))
+        return page_account(
+            account, self._stamps_ns[0] / NANOSECONDS - float(experiment_time_s(stamp_ns)[0])
+        )
 
     def _signals(self) -> WeldSignals:
         stamp_ns = np.array(self._stamps_ns, np.int64)
@@ -106,7 +121,9 @@ class LiveWeld:
         names = (*COLUMNS[1:], "programme_depth_mm", "programme_temperature_c", "travel_mm")
         columns = dict(zip(names, np.array(self._rows).T, strict=True))
         source, controller, mode = np.array(self._texts, object).T
-        without = ~np.isfinite(columns["programme_depth_mm"])  # no programme reports: the set-points in force
+        without = ~np.isfinite(
+            columns["programme_depth_mm"]
+        )  # no programme reports: the set-points in force
 
         def at(entries: list[tuple[int, Any]]) -> list[tuple[float, Any]]:
             return [(stamp / NANOSECONDS - shift_s, value) for stamp, value in entries]
@@ -133,7 +150,9 @@ class LiveWeld:
             problems=[*self._problems],
             phases=phases,
             events=sorted(found, key=lambda one: one.time_s),
-            programme_depth_mm=np.where(without, columns["reference_depth_mm"], columns["programme_depth_mm"]),
+            programme_depth_mm=np.where(
+                without, columns["reference_depth_mm"], columns["programme_depth_mm"]
+            ),
             programme_temperature_c=np.where(
                 without, columns["reference_temperature_c"], columns["programme_temperature_c"]
             ),

@@ -16,7 +16,8 @@ from fsw_hmi.users import User
 #: checks that wait or are under way, of one client and of all (chosen)
 _OF_CLIENT, _OF_ALL = 9, 65
 _NICE = 10
-#: different wrong tokens or passwords of a client within the window after which each costs it a connection (chosen)
+#: different wrong tokens or passwords of a client within the window after which each costs it a
+#: connection (chosen)
 _MOST_WRONG, _WINDOW_S = 5, 60.0
 #: clients that are remembered, the latest
 _MOST_CLIENTS = 1000
@@ -25,7 +26,8 @@ _MOST_CLIENTS = 1000
 class WrongLogins:
     """Tells which clients try tokens or passwords, each for itself.
 
-    The same wrong one counts once, so that pages that log in again with an old one do not lock their user out.
+    The same wrong one counts once, so that pages that log in again with an old one do not lock
+    their user out.
     """
 
     def __init__(self) -> None:
@@ -80,7 +82,11 @@ class LoginChecks:
         try:
             async with self._turns.setdefault(client, asyncio.Lock()):
                 return await asyncio.get_running_loop().run_in_executor(self._pool, check)
-        except (MemoryError, ValueError, RuntimeError) as error:  # for want of memory, or at the server's end
+        except (
+            MemoryError,
+            ValueError,
+            RuntimeError,
+        ) as error:  # for want of memory, or at the server's end
             raise BusyError from error
         finally:
             self._counts[client] -= 1
@@ -95,4 +101,8 @@ class LoginChecks:
 def _step_back() -> None:
     """Let whatever controls the weld go first; a thread has a priority of its own on Linux."""
     with contextlib.suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), min(19, os.getpriority(os.PRIO_PROCESS, 0) + _NICE))
+        os.setpriority(
+            os.PRIO_PROCESS,
+            threading.get_native_id(),
+            min(19, os.getpriority(os.PRIO_PROCESS, 0) + _NICE),
+        )

@@ -34,10 +34,18 @@ def parser() -> argparse.ArgumentParser:
         default = "; several times" if name == "allow_hosts" else default
         flag = f"--{name.removesuffix('s').replace('_', '-')}"
         whole.add_argument(
-            flag, dest=name, metavar="VALUE", help=specs[name].description + default, **kinds.get(name, {})
+            flag,
+            dest=name,
+            metavar="VALUE",
+            help=specs[name].description + default,
+            **kinds.get(name, {}),
         )
     whole.add_argument(
-        "--bag", action="append", type=Path, metavar="BAG", help="show this recorded weld; twice: compare two"
+        "--bag",
+        action="append",
+        type=Path,
+        metavar="BAG",
+        help="show this recorded weld; twice: compare two",
     )
     return whole
 
@@ -52,7 +60,10 @@ def main(args: Sequence[str] | None = None) -> int:
         return 0
     parsed = parser().parse_args(argv[1:split])
     if missing := EXTRA.missing():
-        print(f"hmi: {', '.join(missing)} missing: pip install {' '.join(EXTRA.modules)}", file=sys.stderr)
+        print(
+            f"hmi: {', '.join(missing)} missing: pip install {' '.join(EXTRA.modules)}",
+            file=sys.stderr,
+        )
         return 2
     if parsed.bag:
         from fsw_hmi.bag_app import serve
@@ -68,8 +79,15 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _overrides(parsed: argparse.Namespace) -> list[str]:
     """Options as parameters of the node; JSON is YAML that needs no quotes."""
-    given = {name: json.dumps(value) for name in _OPTIONS if (value := getattr(parsed, name)) is not None}
-    return ["--ros-args", *(word for name, value in given.items() for word in ("-p", f"{name}:={value}"))]
+    given = {
+        name: json.dumps(value)
+        for name in _OPTIONS
+        if (value := getattr(parsed, name)) is not None
+    }
+    return [
+        "--ros-args",
+        *(word for name, value in given.items() for word in ("-p", f"{name}:={value}")),
+    ]
 
 
 if __name__ == "__main__":

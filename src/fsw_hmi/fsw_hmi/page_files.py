@@ -24,7 +24,8 @@ _TYPES = {
 class PageFiles:
     """The page as routes: ``/`` and ``/page/<file>``, among them uPlot as ``/page/uplot/<file>``.
 
-    ``source`` is what the page shows, ``live`` or ``bag``; it learns this from ``{{source}}`` in its index.html.
+    ``source`` is what the page shows, ``live`` or ``bag``; it learns this from ``{{source}}`` in
+    its index.html.
 
     Raises
     ------
@@ -33,7 +34,9 @@ class PageFiles:
     """
 
     def __init__(self, source: str, folder: Path = FOLDER) -> None:
-        paths = sorted(path for path in folder.rglob("*") if path.is_file() and path.suffix in _TYPES)
+        paths = sorted(
+            path for path in folder.rglob("*") if path.is_file() and path.suffix in _TYPES
+        )
         self._files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
         self._uplot = Uplot()
         if "index.html" not in self._files:
@@ -55,7 +58,11 @@ class PageFiles:
 
     async def _on_file(self, request: Request) -> Response:
         name = request.path_params["name"]
-        data = await self._uplot.file(name[6:]) if name.startswith("uplot/") else self._files.get(name)
+        data = (
+            await self._uplot.file(name[6:])
+            if name.startswith("uplot/")
+            else self._files.get(name)
+        )
         if data is None:
             return PlainTextResponse("there is no such file\n", status_code=404)
         return Response(data, media_type=_TYPES[Path(name).suffix])

@@ -19,12 +19,15 @@ def why_not(
 ) -> str:
     """Why an action is refused before it is sent; empty if it is not. A safe stop never is.
 
-    ``state`` is the supervisor's, as the page gets it (None: not known now), ``in_force`` are set-points in mm and degC
-    (None: not known, or others are to come), and ``interlocks`` are parameters of the supervisor.
+    ``state`` is the supervisor's, as the page gets it (None: not known now), ``in_force`` are
+    set-points in mm and degC (None: not known, or others are to come), and ``interlocks`` are
+    parameters of the supervisor.
     """
     if isinstance(action, SetReference):
         wanted = action.depth_mm, action.temperature_c
-        if in_force and all(abs(one - other) <= _SAME for one, other in zip(wanted, in_force, strict=True)):
+        if in_force and all(
+            abs(one - other) <= _SAME for one, other in zip(wanted, in_force, strict=True)
+        ):
             return "these set-points are in force already"
         return beyond_trip(action.depth_mm, action.temperature_c, interlocks)
     if state is None:

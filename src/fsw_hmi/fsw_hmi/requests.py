@@ -8,7 +8,12 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from fsw_control.contract import OperatorMode
-from fsw_control.ranges import COMMAND_FORCE_KN, COMMAND_SPEED_RPM, REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C
+from fsw_control.ranges import (
+    COMMAND_FORCE_KN,
+    COMMAND_SPEED_RPM,
+    REFERENCE_DEPTH_MM,
+    REFERENCE_TEMPERATURE_C,
+)
 from fsw_hmi.users import Role
 from fsw_plant.event_schema import disturbance, fault
 from fsw_plant.events import Disturbance, Fault
@@ -75,7 +80,9 @@ class ChangeMode(Action):
         return self
 
     def __str__(self) -> str:
-        return f"mode {self.mode}" + (f" {self.force_kn:g} kN, {self.speed_rpm:g} rpm" if self.mode == "manual" else "")
+        return f"mode {self.mode}" + (
+            f" {self.force_kn:g} kN, {self.speed_rpm:g} rpm" if self.mode == "manual" else ""
+        )
 
 
 class Programme(Action):
@@ -135,7 +142,9 @@ class Disturb(Action):
     @property
     def event(self) -> Disturbance:
         """The disturbance; InputError when there may be none such."""
-        return disturbance(self.channel, self.shape, self.amplitude, self.duration_s, self.period_s)
+        return disturbance(
+            self.channel, self.shape, self.amplitude, self.duration_s, self.period_s
+        )
 
     def __str__(self) -> str:
         return f"disturb {self.channel} {self.shape} {self.amplitude:g}{_times(self.duration_s, self.period_s)}"
@@ -167,7 +176,9 @@ class Fail(Action):
 
 def _times(duration_s: float, period_s: float = 0.0) -> str:
     """Duration and period where there are any, for the record."""
-    return (f" for {duration_s:g} s" if duration_s else "") + (f", period {period_s:g} s" if period_s else "")
+    return (f" for {duration_s:g} s" if duration_s else "") + (
+        f", period {period_s:g} s" if period_s else ""
+    )
 
 
 #: by the request's name

@@ -28,8 +28,8 @@ Counter = Callable[[Any], AbstractContextManager[None]]
 class Security:
     """Middleware: refuses requests from other pages, and adds those headers to an answer that it lacks.
 
-    The check of the origin refuses cross-site WebSockets. A WebSocket without an origin is refused, too; every browser
-    sends one.
+    The check of the origin refuses cross-site WebSockets. A WebSocket without an origin is
+    refused, too; every browser sends one.
     """
 
     def __init__(self, app: ASGIApp, counted: Counter = lambda _: nullcontext()) -> None:
@@ -57,7 +57,9 @@ class Security:
         elif scope["type"] == "websocket":
             await WebSocketClose(reason=why_not)(scope, receive, send)
         else:
-            await PlainTextResponse(f"{why_not}\n", status_code=403)(scope, receive, send_with_headers)
+            await PlainTextResponse(f"{why_not}\n", status_code=403)(
+                scope, receive, send_with_headers
+            )
 
 
 def _refusal(headers: Headers, websocket: bool) -> str:
@@ -73,7 +75,11 @@ def _refusal(headers: Headers, websocket: bool) -> str:
 def client_of(address: str) -> str:
     """Whom a limit counts: an IPv4 address, or the /64 network from which one computer takes its IPv6 addresses."""
     found = _ip(address)
-    return str(IPv6Network((found, 64), strict=False)) if isinstance(found, IPv6Address) else str(found or address)
+    return (
+        str(IPv6Network((found, 64), strict=False))
+        if isinstance(found, IPv6Address)
+        else str(found or address)
+    )
 
 
 def is_loopback(address: str) -> bool:

@@ -1,6 +1,7 @@
 """How values stand at a moment: against interlocks in force, limits of the rule book, and what they should follow.
 
-The page draws what is found here and judges nothing itself; ``fsw_analysis.judgement`` judges the weld as a whole.
+The page draws what is found here and judges nothing itself; ``fsw_analysis.judgement`` judges the
+weld as a whole.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ _WORDS: dict[Kind, tuple[str, str]] = {
     "error": ("medium", "off its set-point"),
     "deviation": ("medium", "off its command"),
 }
-#: quantities of the page, and the variable of the rule book that is their distance from the programme's set-point
+#: quantities of the page, and the variable of the rule book that is their distance from the
+#: programme's set-point
 QUANTITIES = {
     "depth_mm": "depth_error_mm",
     "temperature_c": "temperature_error_c",
@@ -45,13 +47,17 @@ class _Test(NamedTuple):
     phases: tuple[str, ...] = ()
 
 
-def variables(values: Mapping[str, float], progress: Mapping[str, Any] | None = None) -> dict[str, float]:
+def variables(
+    values: Mapping[str, float], progress: Mapping[str, Any] | None = None
+) -> dict[str, float]:
     """Values of a row, and their distance from the programme's set-points; without a programme those in force."""
     own = programme_aims(progress)
     found = dict(values)
     for quantity, error in QUANTITIES.items():
         if error:
-            found[error] = values.get(quantity, nan) - own.get(quantity, values.get(f"reference_{quantity}", nan))
+            found[error] = values.get(quantity, nan) - own.get(
+                quantity, values.get(f"reference_{quantity}", nan)
+            )
     return found
 
 
@@ -60,7 +66,11 @@ def programme_aims(progress: Mapping[str, Any] | None) -> dict[str, float]:
     told = progress or {}
     if not told.get("depth_mm"):
         return {}
-    return {name: float(told[name]) for name, error in QUANTITIES.items() if error and told.get(name) is not None}
+    return {
+        name: float(told[name])
+        for name, error in QUANTITIES.items()
+        if error and told.get(name) is not None
+    }
 
 
 def holds(check: Check, phase: str) -> bool:
@@ -69,7 +79,10 @@ def holds(check: Check, phase: str) -> bool:
 
 
 def flags(
-    columns: Mapping[str, FloatArray], phases: TextArray, book: RuleBook, limits: Mapping[str, Mapping[str, Any]]
+    columns: Mapping[str, FloatArray],
+    phases: TextArray,
+    book: RuleBook,
+    limits: Mapping[str, Mapping[str, Any]],
 ) -> list[dict[str, dict[str, str]]]:
     """What is wrong with each quantity at each moment, the worst of it: level, kind and words; most have nothing.
 
@@ -96,7 +109,9 @@ def flags(
             level, words = _WORDS[test.kind]
             for side, outside in (("low", values < test.low), ("high", values > test.high)):
                 for row in np.flatnonzero(outside & held):
-                    found[row].setdefault(quantity, {"level": level, "kind": test.kind, "text": f"{words}, {side}"})
+                    found[row].setdefault(
+                        quantity, {"level": level, "kind": test.kind, "text": f"{words}, {side}"}
+                    )
     return found
 
 

@@ -27,7 +27,9 @@ class StopProgress:
     def __init__(self) -> None:
         self._began: tuple[float, float] | None = None  # time and force
 
-    def at(self, stopped: bool, values: Mapping[str, float], safe: Mapping[str, float] | None) -> dict[str, Any] | None:
+    def at(
+        self, stopped: bool, values: Mapping[str, float], safe: Mapping[str, float] | None
+    ) -> dict[str, Any] | None:
         """State at a tick, ready for JSON; None where nothing is being stopped.
 
         Parameters
@@ -37,7 +39,8 @@ class StopProgress:
         values : mapping of str to float
             Of the tick, with ``time_s`` and ``force_kn``.
         safe : mapping of str to float or None
-            ``force_kn`` at which the ramp ends and its ``rate_kn_per_s``; None while they are not known.
+            ``force_kn`` at which the ramp ends and its ``rate_kn_per_s``; None while they are not
+            known.
         """
         time_s, force_kn = values.get("time_s", nan), values.get("force_kn", nan)
         measured = isfinite(time_s) and isfinite(force_kn)
@@ -55,7 +58,9 @@ class StopProgress:
         kind = StopKind.NOT_FALLING if force_kn > due_kn else StopKind.FALLING
         return {
             "kind": StopKind.SAFE if force_kn <= end_kn + _NEAR_KN else kind,
-            "share": round(min(1.0, max(0.0, (began_kn - force_kn) / max(began_kn - end_kn, _NEAR_KN))), 4),
+            "share": round(
+                min(1.0, max(0.0, (began_kn - force_kn) / max(began_kn - end_kn, _NEAR_KN))), 4
+            ),
             "safe_kn": end_kn,
             "due_kn": round(due_kn, 3),
             "left_s": round(max(0.0, (force_kn - end_kn) / rate), 1),

@@ -15,8 +15,8 @@ def context(certificate: str, key: str) -> ssl.SSLContext | None:
     Raises
     ------
     ValueError
-        When a file cannot be used, others may read the key, the two do not belong together, or the certificate has
-        expired or is not valid yet; the message says which and what to do.
+        When a file cannot be used, others may read the key, the two do not belong together, or the
+        certificate has expired or is not valid yet; the message says which and what to do.
     """
     if not certificate and not key:
         return None
@@ -56,7 +56,10 @@ def _try(server_side: ssl.SSLContext, certificate: Path) -> None:
     trusting.verify_flags |= ssl.VERIFY_X509_PARTIAL_CHAIN
     trusting.check_hostname = False
     to_server, to_client = ssl.MemoryBIO(), ssl.MemoryBIO()
-    ends = [trusting.wrap_bio(to_client, to_server), server_side.wrap_bio(to_server, to_client, server_side=True)]
+    ends = [
+        trusting.wrap_bio(to_client, to_server),
+        server_side.wrap_bio(to_server, to_client, server_side=True),
+    ]
     try:
         for end in (*ends, *ends):
             try:
@@ -64,6 +67,8 @@ def _try(server_side: ssl.SSLContext, certificate: Path) -> None:
             except ssl.SSLWantReadError:
                 pass
     except ssl.SSLCertVerificationError as error:
-        raise ValueError(f"tls_cert: {certificate}: {error.verify_message}; make a new one") from None
+        raise ValueError(
+            f"tls_cert: {certificate}: {error.verify_message}; make a new one"
+        ) from None
     except ssl.SSLError as error:
         raise ValueError(f"tls_cert: {certificate} cannot be used: {error.reason}") from None

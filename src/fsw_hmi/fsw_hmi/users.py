@@ -22,7 +22,8 @@ from fsw_schema.models import InputError, Model, content_of, validate
 #: each may what those before it may
 ROLES = ("view", "operate", "engineer")
 Role = Literal["view", "operate", "engineer"]
-#: Only what looks different is different: no letters of other alphabets, no spaces; upper and lower case are the same.
+#: Only what looks different is different: no letters of other alphabets, no spaces; upper and
+#: lower case are the same.
 NAME_RULE = "ASCII letters, digits and . _ -, a letter or digit first, at most 32"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,31}")
 #: of passwords and tokens: 12 random digits last 15 years at 1000 trials a second
@@ -31,7 +32,9 @@ _LONGEST_BYTES = 1_000_000
 #: cost of scrypt as OWASP recommends it for 16 MiB: 2^14 blocks of 8 * 128 bytes, five times
 _LOG2_N, _R, _P = 14, 8, 5
 _MOST_MEMORY, _MOST_P = 256 * 2**20, 16
-_HASH = re.compile(r"\$scrypt\$ln=(\d{1,2}),r=(\d{1,2}),p=(\d{1,2})\$([A-Za-z0-9+/]{22})\$([A-Za-z0-9+/]{43})")
+_HASH = re.compile(
+    r"\$scrypt\$ln=(\d{1,2}),r=(\d{1,2}),p=(\d{1,2})\$([A-Za-z0-9+/]{22})\$([A-Za-z0-9+/]{43})"
+)
 
 
 def checked_name(name: str) -> str:
@@ -93,7 +96,9 @@ class Users:
         return user
 
     def _mark(self, name: str, password: str) -> bytes:
-        return hmac.digest(self._key, name.casefold().encode() + b"\0" + _bytes(password), "sha256")
+        return hmac.digest(
+            self._key, name.casefold().encode() + b"\0" + _bytes(password), "sha256"
+        )
 
 
 class UsersFile(Users):
@@ -131,7 +136,9 @@ class UsersFile(Users):
     def _read(self) -> list[User]:
         users = read(self._path)
         if not users:
-            raise InputError(f"users_file: {self._path} has no user: add one with 'fsw.py hmi user add'")
+            raise InputError(
+                f"users_file: {self._path} has no user: add one with 'fsw.py hmi user add'"
+            )
         return users
 
     def _found(self) -> tuple[int, ...] | None:
@@ -152,10 +159,13 @@ def new_user(name: str, role: Role, password: str, log2_n: int = _LOG2_N) -> Use
     Raises
     ------
     InputError
-        When the name may be confused with another, or the password is too short, too long or the name.
+        When the name may be confused with another, or the password is too short, too long or the
+        name.
     """
     if not SHORTEST <= len(password) <= LONGEST or not password.isprintable():
-        raise InputError(f"the password must have {SHORTEST} to {LONGEST} characters, none of them a control character")
+        raise InputError(
+            f"the password must have {SHORTEST} to {LONGEST} characters, none of them a control character"
+        )
     if password.casefold() == name.casefold():
         raise InputError("the password must not be the name")
     salt = secrets.token_bytes(16)
@@ -175,14 +185,17 @@ def read_token(path: Path) -> str:
     Raises
     ------
     ValueError
-        When the file cannot be read or is empty, or others may read or change the file; the message says what to do.
+        When the file cannot be read or is empty, or others may read or change the file; the
+        message says what to do.
     """
     try:
         token = read_private("token_file", path, 4096).decode().strip()
     except UnicodeDecodeError:
         raise ValueError(f"token_file: {path} is no text") from None
     if len(token) < SHORTEST or "\n" in token:
-        raise ValueError(f"token_file: {path} must hold one line of at least {SHORTEST} characters")
+        raise ValueError(
+            f"token_file: {path} must hold one line of at least {SHORTEST} characters"
+        )
     return token
 
 
@@ -192,7 +205,8 @@ def read(path: Path) -> list[User]:
     Raises
     ------
     ValueError
-        When the file cannot be read, others may read or change it, or a line is wrong; the message says which and why.
+        When the file cannot be read, others may read or change it, or a line is wrong; the message
+        says which and why.
     """
     where = f"users_file: {path}"
     try:
@@ -212,7 +226,9 @@ def read(path: Path) -> list[User]:
         user = validate(User, entry, f"{where}, line {line}")
         if user.name.casefold() in found:
             before = found[user.name.casefold()]
-            raise InputError(f"{where}, line {line}: {user.name!r} is in line {before} already (case does not count)")
+            raise InputError(
+                f"{where}, line {line}: {user.name!r} is in line {before} already (case does not count)"
+            )
         found[user.name.casefold()] = line
         users.append(user)
     return users
@@ -220,7 +236,10 @@ def read(path: Path) -> list[User]:
 
 def write(path: Path, users: Sequence[User]) -> None:
     """Write the file, for its owner alone to read; it is the old one or the new one at any time."""
-    lines = (yaml.safe_dump([one.model_dump()], sort_keys=False, default_flow_style=None, width=1000) for one in users)
+    lines = (
+        yaml.safe_dump([one.model_dump()], sort_keys=False, default_flow_style=None, width=1000)
+        for one in users
+    )
     write_whole(path, "".join(lines), 0o600, durable=True)
 
 
@@ -230,13 +249,17 @@ def _bytes(password: str) -> bytes:
 
 
 def _scrypt(password: str, salt: bytes, log2_n: int, r: int, p: int) -> bytes:
-    return hashlib.scrypt(_bytes(password), salt=salt, n=2**log2_n, r=r, p=p, maxmem=2 * _MOST_MEMORY, dklen=32)
+    return hashlib.scrypt(
+        _bytes(password), salt=salt, n=2**log2_n, r=r, p=p, maxmem=2 * _MOST_MEMORY, dklen=32
+    )
 
 
 def _fits(hashed: str, password: str) -> bool:
     found = _HASH.fullmatch(hashed)
     assert found is not None
-    digest = _scrypt(password, base64.b64decode(found[4] + "=="), *(int(one) for one in found.group(1, 2, 3)))
+    digest = _scrypt(
+        password, base64.b64decode(found[4] + "=="), *(int(one) for one in found.group(1, 2, 3))
+    )
     return hmac.compare_digest(digest, base64.b64decode(found[5] + "="))
 
 

@@ -26,9 +26,17 @@ from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_s
 from fsw_hmi.alarm_rules import MONITOR, NO_REPORT_S, UNDER_WAY, Part
 from fsw_hmi.frames import COLUMNS, readable, short
 from fsw_hmi.weld_view import Row, WeldView
-from fsw_msgs.msg import ControllerHealth, ControllerStatus, Prediction, SupervisorState, WeldCommand, WeldProgress
+from fsw_msgs.msg import (
+    ControllerHealth,
+    ControllerStatus,
+    Prediction,
+    SupervisorState,
+    WeldCommand,
+    WeldProgress,
+)
 
-#: A plant that is silent for longer may be gone; the next one must not take this node for a part of its graph.
+#: A plant that is silent for longer may be gone; the next one must not take this node for a part
+#: of its graph.
 _SILENT_S = 1.0
 #: A part that has not reported for longer is forgotten.
 _FORGET_S = 600.0
@@ -52,11 +60,13 @@ _NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,99}")
 class Watch:
     """Subscribes to everything that the page shows.
 
-    A plant may wait with its first tick for a number of subscribers of its sensors, meant are the controllers. So this
-    node subscribes to the sensors only while it hears the drives, whose subscribers are not counted.
+    A plant may wait with its first tick for a number of subscribers of its sensors, meant are the
+    controllers. So this node subscribes to the sensors only while it hears the drives, whose
+    subscribers are not counted.
 
-    ``on_rows`` gets the rows that are over, and whether another weld has begun; ``on_prediction`` a controller's
-    prediction as the content of its frame; ``on_state`` is called when the supervisor has reported.
+    ``on_rows`` gets the rows that are over, and whether another weld has begun; ``on_prediction``
+    a controller's prediction as the content of its frame; ``on_state`` is called when the
+    supervisor has reported.
     """
 
     def __init__(
@@ -66,7 +76,12 @@ class Watch:
         on_prediction: Callable[[dict[str, Any]], None],
         on_state: Callable[[], None],
     ) -> None:
-        self._node, self._on_rows, self._on_prediction, self._show_state = node, on_rows, on_prediction, on_state
+        self._node, self._on_rows, self._on_prediction, self._show_state = (
+            node,
+            on_rows,
+            on_prediction,
+            on_state,
+        )
         self.references = reference_queue(node)
         self.view = WeldView(self.references.at)
         self.state: dict[str, Any] | None = None  #: as the page gets it, like the progress
@@ -75,13 +90,17 @@ class Watch:
         self.state_s = self.progress_s = float("-inf")  #: when they came, on a steady clock
         self.leader = ""  #: identity of the leading supervisor
         self.sensor_states: dict[str, str] = {}  #: what the supervisor says of each sensor
-        self.attainable: Reference | None = None  #: set-points that the controller which commands goes for, if it tells
+        self.attainable: Reference | None = (
+            None  #: set-points that the controller which commands goes for, if it tells
+        )
         self._goes_for = ""  # the controller that told it
         self.values: dict[str, float] = {}  #: the newest row by column; empty before the first
         self._parts: dict[str, dict[str, tuple[Part, float]]] = {}
         self._sensors: list[Subscription] = []
         self._controllers: dict[str, float] = {}
-        subscribe_references(node, self.references)  # what is refused, the supervisor and every controller report
+        subscribe_references(
+            node, self.references
+        )  # what is refused, the supervisor and every controller report
         subscribe_drives(node, self._on_drives)
         node.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         node.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_state, LATEST)
@@ -107,7 +126,9 @@ class Watch:
         now_s = time.monotonic()
         if not self._sensors:
             self._sensors = subscribe_sensors(self._node, self._on_sample)
-            self.view.good_s = dict.fromkeys(REQUIRED, now_s + _SILENT_S)  # they have time to be found
+            self.view.good_s = dict.fromkeys(
+                REQUIRED, now_s + _SILENT_S
+            )  # they have time to be found
         self._take(*self.view.on_drives(stamp_ns, acting, now_s))
 
     def _on_sample(self, sensor: str, stamp_ns: int, value: float) -> None:
@@ -121,7 +142,9 @@ class Watch:
 
     def _on_command(self, message: WeldCommand) -> None:
         self.source = readable(message.source, 100)
-        self.view.on_command(convert.stamp_ns(message.header.stamp), convert.command(message), time.monotonic())
+        self.view.on_command(
+            convert.stamp_ns(message.header.stamp), convert.command(message), time.monotonic()
+        )
 
     # ---------------------------------------------------------------- reports
 
@@ -139,11 +162,15 @@ class Watch:
         self._controllers[controller] = float("-inf")
         node, topic = self._node, f"fsw/{controller}"
         node.create_subscription(ControllerStatus, f"{topic}/status", self._on_status, STREAM)
-        node.create_subscription(Prediction, f"{topic}/prediction", partial(self._on_plan, controller), STREAM)
+        node.create_subscription(
+            Prediction, f"{topic}/prediction", partial(self._on_plan, controller), STREAM
+        )
 
     def _on_status(self, message: ControllerStatus) -> None:
         if message.selected:
-            self.view.solve_ms = 1e3 * message.solve_time if message.solver_status else float("nan")
+            self.view.solve_ms = (
+                1e3 * message.solve_time if message.solver_status else float("nan")
+            )
             self.attainable, self._goes_for = convert.attainable(message), message.controller
         elif message.controller == self._goes_for:  # it no longer commands
             self.attainable = None
@@ -183,16 +210,26 @@ class Watch:
             advice = readable(values.get("advice", ""))
             parts[what] = Part(level, readable(status.message), permissive, advice), now_s
             if name == "fsw_supervisor: process":
-                self.sensor_states = {name: readable(values.get(f"{name} state", "good")) for name in SENSORS}
+                self.sensor_states = {
+                    name: readable(values.get(f"{name} state", "good")) for name in SENSORS
+                }
 
     def _is_full(self, node: str) -> bool:
         """Whether no more parts are kept; a flood of others leaves this software's own nodes their room."""
         own = node.startswith("fsw_")
-        return sum(len(parts) for name, parts in self._parts.items() if name.startswith("fsw_") == own) >= _MOST_PARTS
+        return (
+            sum(
+                len(parts) for name, parts in self._parts.items() if name.startswith("fsw_") == own
+            )
+            >= _MOST_PARTS
+        )
 
     def state_frame(self) -> dict[str, Any]:
         """Content of the frame ``state`` but for the parts; not ``known`` is a state of a supervisor that is silent."""
-        return {"known": time.monotonic() - self.state_s <= NO_REPORT_S, **(self.state or NO_STATE)}
+        return {
+            "known": time.monotonic() - self.state_s <= NO_REPORT_S,
+            **(self.state or NO_STATE),
+        }
 
     def parts_frame(self) -> list[dict[str, str]]:
         """The parts as the page gets them, the bad ones first."""
@@ -207,7 +244,9 @@ class Watch:
         """Diagnostics by node and part."""
         now_s = time.monotonic()
         for parts in self._parts.values():
-            for what in [what for what, (_, heard_s) in parts.items() if now_s - heard_s > _FORGET_S]:
+            for what in [
+                what for what, (_, heard_s) in parts.items() if now_s - heard_s > _FORGET_S
+            ]:
                 del parts[what]
         self._parts = {node: parts for node, parts in self._parts.items() if parts}
         return {

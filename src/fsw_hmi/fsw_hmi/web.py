@@ -40,8 +40,9 @@ class _Pending:
 class LivePage:
     """The page over a running weld. All methods but the constructor belong to the server's loop.
 
-    ``deliver`` takes an :class:`Order`, in the server's thread; ``know`` address and port of a connection by which
-    somebody has logged in. The numbers are parameters of the node, which ``hmi.yaml`` describes.
+    ``deliver`` takes an :class:`Order`, in the server's thread; ``know`` address and port of a
+    connection by which somebody has logged in. The numbers are parameters of the node, which
+    ``hmi.yaml`` describes.
     """
 
     def __init__(
@@ -57,7 +58,11 @@ class LivePage:
         self._files, self._room, self._deliver, self._know = files, room, deliver, know
         self._logins = LoginChecks()
         self._checks: set[asyncio.Task[None]] = set()
-        self._request_timeout_s, self._patience_s, self._max_pages = request_timeout_s, patience_s, max_pages
+        self._request_timeout_s, self._patience_s, self._max_pages = (
+            request_timeout_s,
+            patience_s,
+            max_pages,
+        )
         self._pages: set[Page] = set()
         self._history = History()
         self._latest: dict[str, str] = {}  # frames for a new page, by kind
@@ -141,14 +146,19 @@ class LivePage:
     def _make_room(self, client: str) -> None:
         """Close the idlest page of a client, if it has too many.
 
-        That is the oldest that nobody has ever touched, else the one that has not been touched for longest; only then
-        one at which somebody has logged in, and never the one in control.
+        That is the oldest that nobody has ever touched, else the one that has not been touched for
+        longest; only then one at which somebody has logged in, and never the one in control.
         """
-        pages = [page for page in self._pages if page.session.client == client and not page.evicted]
+        pages = [
+            page for page in self._pages if page.session.client == client and not page.evicted
+        ]
         if len(pages) < self._max_pages:
             return
         idle = [page for page in pages if page.session is not self._room.holder]
-        first = min(idle, key=lambda one: (bool(one.session.name), one.session.touched_s or 0.0, one.number))
+        first = min(
+            idle,
+            key=lambda one: (bool(one.session.name), one.session.touched_s or 0.0, one.number),
+        )
         first.evicted = True
         first.given_up.set()
 
@@ -159,7 +169,8 @@ class LivePage:
         self._pages.add(page)
         self._begin(page)
         jobs = [
-            asyncio.create_task(job) for job in (_send(socket, page), self._listen(socket, page), page.given_up.wait())
+            asyncio.create_task(job)
+            for job in (_send(socket, page), self._listen(socket, page), page.given_up.wait())
         ]
         try:
             await asyncio.wait(jobs, return_when=asyncio.FIRST_COMPLETED)
@@ -168,10 +179,14 @@ class LivePage:
             for job in jobs:
                 job.cancel()
             await asyncio.gather(*jobs, return_exceptions=True)
-            self._room.leave(page.session, "the page's server ended" if self._closed else "the page was closed")
+            self._room.leave(
+                page.session, "the page's server ended" if self._closed else "the page was closed"
+            )
             self._show_control()
             if page.evicted:
-                await socket.close(_TRY_LATER, f"more than {self._max_pages} pages are open on this computer")
+                await socket.close(
+                    _TRY_LATER, f"more than {self._max_pages} pages are open on this computer"
+                )
 
     def _begin(self, *pages: Page) -> None:
         for page in pages:
@@ -240,7 +255,9 @@ class LivePage:
         if verdict.id is not None:
             page.answer(_answer(verdict.id, verdict.outcome, verdict.message))
         if verdict.asked:
-            self._hand_on(Order(session.who, verdict.kind, verdict.asked, verdict.outcome, verdict.message))
+            self._hand_on(
+                Order(session.who, verdict.kind, verdict.asked, verdict.outcome, verdict.message)
+            )
 
     def _order(self, page: Page, request: int, action: Action, verdict: Verdict) -> None:
         if isinstance(action, SafeStop):
@@ -249,10 +266,17 @@ class LivePage:
                     under_way.ids.append(request)  # the graph is asked once
                     return
         self._orders += 1
-        order = Order(page.session.who, verdict.kind, verdict.asked, action=action, number=self._orders)
-        wait_s = self._request_timeout_s + _MARGIN_S + (action.wait_s if isinstance(action, Switch) else 0.0)
+        order = Order(
+            page.session.who, verdict.kind, verdict.asked, action=action, number=self._orders
+        )
+        wait_s = (
+            self._request_timeout_s
+            + _MARGIN_S
+            + (action.wait_s if isinstance(action, Switch) else 0.0)
+        )
         timer = asyncio.get_running_loop().call_later(
-            wait_s, partial(self.on_outcome, order.number, TIMED_OUT, f"no answer within {wait_s:g} s")
+            wait_s,
+            partial(self.on_outcome, order.number, TIMED_OUT, f"no answer within {wait_s:g} s"),
         )
         self._pending[order.number] = _Pending(page, [request], order, timer)
         self._hand_on(order)

@@ -60,7 +60,9 @@ def listen(host: str, port: int, patience_s: float = 20.0) -> Listening:
         one = Listening(family, kind, protocol)
         one.gate = Gate()
     except OSError as error:
-        raise ValueError(f"cannot listen on {host!r}: {error.strerror}; give an address of this computer") from None
+        raise ValueError(
+            f"cannot listen on {host!r}: {error.strerror}; give an address of this computer"
+        ) from None
     try:
         one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         one.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
@@ -92,8 +94,8 @@ def is_local(listening: socket.socket) -> bool:
 def application(routes: Sequence[BaseRoute], hosts: Iterable[str], gate: Gate) -> ASGIApp:
     """The application with these routes, behind the checks of host and origin.
 
-    ``hosts`` are names and addresses under which the page may be asked for, without port, beside those of this
-    computer: a foreign page may let its own name point here (DNS rebinding).
+    ``hosts`` are names and addresses under which the page may be asked for, without port, beside
+    those of this computer: a foreign page may let its own name point here (DNS rebinding).
     """
     bare = [host.strip("[]") for host in (*LOCAL_HOSTS, *hosts) if host and "*" not in host]
     allowed = [f"[{host}]" if ":" in host else host for host in bare]
@@ -117,7 +119,10 @@ class _Server(uvicorn.Server):
 
 
 def server(
-    app: ASGIApp, gate: Gate, encrypted: ssl.SSLContext | None = None, beat: Callable[[], object] = lambda: None
+    app: ASGIApp,
+    gate: Gate,
+    encrypted: ssl.SSLContext | None = None,
+    beat: Callable[[], object] = lambda: None,
 ) -> uvicorn.Server:
     """Make the server; to be run with ``serve(sockets=[listen(...)])``. ``beat`` is called every 0.2 s."""
     config = uvicorn.Config(
@@ -144,7 +149,11 @@ class WebThread:
     """The live page's server in a thread of its own; ``app`` has the routes of the page."""
 
     def __init__(
-        self, page: LivePage, app: ASGIApp, listening: Listening, encrypted: ssl.SSLContext | None = None
+        self,
+        page: LivePage,
+        app: ASGIApp,
+        listening: Listening,
+        encrypted: ssl.SSLContext | None = None,
     ) -> None:
         self._page, self._listening = page, listening
         self._server = server(app, listening.gate, encrypted, page.beat)

@@ -25,16 +25,19 @@ class Row(NamedTuple):
 class WeldView:
     """Joins sensors, drives, set-points and commands by their stamps.
 
-    The drives' samples make the ticks: of all that is measured, no fault changes their stamps. A tick is over when all
-    required sensors, and the others of the tick before, have come or the next one begins. The command of a row is the
-    one in force when it was measured. Stamps of drives that are older than the newest are late, or of another weld
-    where they are further back than `JUMP_NS`.
-    ``reference_at`` tells the set-points in force at a tick, None before the first.
+    The drives' samples make the ticks: of all that is measured, no fault changes their stamps. A
+    tick is over when all required sensors, and the others of the tick before, have come or the
+    next one begins. The command of a row is the one in force when it was measured. Stamps of
+    drives that are older than the newest are late, or of another weld where they are further back
+    than `JUMP_NS`. ``reference_at`` tells the set-points in force at a tick, None before the
+    first.
     """
 
     def __init__(self, reference_at: Callable[[int], Reference | None]) -> None:
         self._reference_at = reference_at
-        self.good_s: dict[str, float] = {}  #: when the last finite sample of each sensor came, on a steady clock
+        self.good_s: dict[
+            str, float
+        ] = {}  #: when the last finite sample of each sensor came, on a steady clock
         self.tick_s: float | None = None  #: when the newest tick came
         self.newest_ns: int | None = None  #: its stamp
         self._begin()

@@ -29,7 +29,11 @@ class Server:
     def __init__(self, folder, **options):
         self.files = PageFiles("live", folder)
         self.orders, self.logins = queue.Queue(), queue.Queue()
-        settings = {"request_timeout_s": PATIENCE_S, "patience_s": PATIENCE_S, "max_pages": 100} | options
+        settings = {
+            "request_timeout_s": PATIENCE_S,
+            "patience_s": PATIENCE_S,
+            "max_pages": 100,
+        } | options
         self.room = room = ControlRoom(settings.pop("key", TOKEN), **settings.pop("rules", {}))
         encrypted = settings.pop("encrypted", None)
         report = history_report.routes(settings.pop("history_report", ""))
@@ -39,7 +43,9 @@ class Server:
         self.url = address(listening, encrypted is not None)
         self.port = listening.getsockname()[1]
         routes = [*self.page.routes(), *report]
-        self.thread = WebThread(self.page, application(routes, ["weld.example"], self.gate), listening, encrypted)
+        self.thread = WebThread(
+            self.page, application(routes, ["weld.example"], self.gate), listening, encrypted
+        )
         self.thread.start()
         self.call(self.page.set_hello, {"emulator": True})
 
@@ -67,7 +73,9 @@ class Server:
 def folder(tmp_path):
     """The files of a small page."""
     (tmp_path / "sub").mkdir()
-    (tmp_path / "index.html").write_text('<meta name="build" content="{{build}}"><p>{{source}}</p>')
+    (tmp_path / "index.html").write_text(
+        '<meta name="build" content="{{build}}"><p>{{source}}</p>'
+    )
     (tmp_path / "main.js").write_text("export {};")
     (tmp_path / "sub" / "LICENSE").write_text("MIT")
     (tmp_path / "notes.txt~").write_text("not to be served")

@@ -15,17 +15,43 @@ from fsw_hmi.requests import Acknowledge
 from fsw_hmi.standing import variables
 
 SETTINGS = defaults(load("fsw_hmi", "hmi.yaml"))
-GOOD = {"depth_mm": 2.66, "reference_depth_mm": 2.66, "temperature_c": 850.0, "reference_temperature_c": 850.0}
-GOOD |= {"force_kn": 80.0, "command_force_kn": 80.0, "speed_rpm": 400.0, "command_speed_rpm": 400.0}
+GOOD = {
+    "depth_mm": 2.66,
+    "reference_depth_mm": 2.66,
+    "temperature_c": 850.0,
+    "reference_temperature_c": 850.0,
+}
+GOOD |= {
+    "force_kn": 80.0,
+    "command_force_kn": 80.0,
+    "speed_rpm": 400.0,
+    "command_speed_rpm": 400.0,
+}
 
 
 def controller(name="nmpc", ready=True, inhibited=False, why="", missing_sensors=()):
-    return {"name": name, "ready": ready, "inhibited": inhibited, "why": why, "missing_sensors": missing_sensors}
+    return {
+        "name": name,
+        "ready": ready,
+        "inhibited": inhibited,
+        "why": why,
+        "missing_sensors": missing_sensors,
+    }
 
 
 def state(**changed):
-    usual = {"target_controller": "nmpc", "actual_controller": "nmpc", "target_mode": "auto", "actual_mode": "auto"}
-    usual |= {"reason": "so", "cause": Cause.SWAP_REQUESTED, "stop_cause": StopCause.NONE, "interlocks": []}
+    usual = {
+        "target_controller": "nmpc",
+        "actual_controller": "nmpc",
+        "target_mode": "auto",
+        "actual_mode": "auto",
+    }
+    usual |= {
+        "reason": "so",
+        "cause": Cause.SWAP_REQUESTED,
+        "stop_cause": StopCause.NONE,
+        "interlocks": [],
+    }
     usual |= {"controllers": [controller()]}
     return usual | changed
 
@@ -38,7 +64,10 @@ def situation(values=None, **changed):
 
 
 def gateway(connection="ok", machine="ok", permissive=True, writes="ok"):
-    gate = {"connection": Part(connection, "link lost"), "machine": Part(machine, "counter stands", permissive)}
+    gate = {
+        "connection": Part(connection, "link lost"),
+        "machine": Part(machine, "counter stands", permissive),
+    }
     return {"fsw_machine": gate | {"writes": Part(writes, "3 not taken")}}
 
 
@@ -65,7 +94,11 @@ def test_no_alarm_in_a_good_weld(rules):
     ("changed", "name", "priority"),
     [
         ({"tick_age_s": 0.21}, "measurements", "high"),
-        ({"tick_age_s": 9.0, "command_age_s": 9.0}, "measurements", "high"),  # one cause: nothing to answer
+        (
+            {"tick_age_s": 9.0, "command_age_s": 9.0},
+            "measurements",
+            "high",
+        ),  # one cause: nothing to answer
         ({"command_age_s": 0.21}, "supervisor", "high"),
         ({"state_age_s": 4.0}, "supervisor", "high"),
         ({"state": state(actual_mode="safe_stop")}, "safe_stop", "high"),
@@ -74,14 +107,23 @@ def test_no_alarm_in_a_good_weld(rules):
         ({"programme": "running", "programme_age_s": 5.1}, "programme", "medium"),
         ({"programme": "held", "programme_age_s": 5.1}, "programme", "medium"),
         (
-            {"state": state(actual_controller="decentral", controllers=[controller(ready=False, inhibited=True)])},
+            {
+                "state": state(
+                    actual_controller="decentral",
+                    controllers=[controller(ready=False, inhibited=True)],
+                )
+            },
             *("failover", "medium"),
         ),
         ({"state": state(interlocks=["depth_high:warn"])}, "interlock:depth_high", "medium"),
         ({"state": state(interlocks=["depth_high:trip"])}, "interlock:depth_high", "high"),
         ({"state": state(interlocks=["new_one:trip"])}, "interlock:new_one", "high"),
         ({"state": state(interlocks=["odd"])}, "interlock:odd", "medium"),
-        ({"state": state(controllers=[controller(ready=False, inhibited=True)])}, "controller:nmpc", "medium"),
+        (
+            {"state": state(controllers=[controller(ready=False, inhibited=True)])},
+            "controller:nmpc",
+            "medium",
+        ),
         ({"state": state(controllers=[controller(ready=False)])}, "controller:nmpc", "low"),
         ({"sample_age_s": {"depth": 0.7}}, "sensor:depth", "medium"),
         ({"sensor_states": {"torque": "frozen"}}, "sensor:torque", "medium"),
@@ -89,7 +131,13 @@ def test_no_alarm_in_a_good_weld(rules):
             {
                 "sensor_states": {"torque": "frozen"},
                 "state": state(
-                    controllers=[controller(ready=False, why="requires the sensor torque", missing_sensors=["torque"])]
+                    controllers=[
+                        controller(
+                            ready=False,
+                            why="requires the sensor torque",
+                            missing_sensors=["torque"],
+                        )
+                    ]
                 ),
             },
             *("sensor:torque", "medium"),
@@ -99,11 +147,27 @@ def test_no_alarm_in_a_good_weld(rules):
         ({"parts": gateway(writes="error")}, "machine", "high"),
         ({"parts": gateway(machine="warn", permissive=False)}, "machine", "high"),
         ({"parts": gateway(permissive=False), "tick_age_s": 5.0}, "machine", "high"),
-        ({"parts": {"fsw_plant": {"watchdog": Part("error", "no valid command for 2.0 s")}}}, "machine", "high"),
-        ({"parts": {"fsw_recorder": {"recording": Part("error", "disk full")}}}, "part:fsw_recorder", "medium"),
+        (
+            {"parts": {"fsw_plant": {"watchdog": Part("error", "no valid command for 2.0 s")}}},
+            "machine",
+            "high",
+        ),
+        (
+            {"parts": {"fsw_recorder": {"recording": Part("error", "disk full")}}},
+            "part:fsw_recorder",
+            "medium",
+        ),
         ({"parts": {"nmpc": {"solver": Part("error", "none")}}}, "part:nmpc", "medium"),
-        ({"parts": {"rogue": {f"{i}": Part("error", "bad") for i in range(196)}}}, "part:rogue", "low"),
-        ({"parts": {"fsw_nmpc": {"a": Part("stale", ""), "b": Part("stale", "")}}}, "node:fsw_nmpc", "low"),
+        (
+            {"parts": {"rogue": {f"{i}": Part("error", "bad") for i in range(196)}}},
+            "part:rogue",
+            "low",
+        ),
+        (
+            {"parts": {"fsw_nmpc": {"a": Part("stale", ""), "b": Part("stale", "")}}},
+            "node:fsw_nmpc",
+            "low",
+        ),
         (
             {
                 "parts": {"fsw_nmpc": {"a": Part("stale", "")}},
@@ -111,17 +175,41 @@ def test_no_alarm_in_a_good_weld(rules):
             },
             *("controller:nmpc", "low"),
         ),
-        ({"parts": {"fsw_plant": {"a": Part("stale", "")}}, "tick_age_s": 9.0}, "measurements", "high"),
-        ({"parts": {"fsw_supervisor": {"command topic": Part("error", "a foreign writer")}}}, "foreign", "medium"),
-        ({"parts": {"fsw_plant": {"commands": Part("error", "2 publishers; 3 refused")}}}, "foreign", "medium"),
-        ({"parts": {"fsw_supervisor": {"arbiter": Part("ok", ""), "standby": Part("stale", "")}}}, "standby", "low"),
+        (
+            {"parts": {"fsw_plant": {"a": Part("stale", "")}}, "tick_age_s": 9.0},
+            "measurements",
+            "high",
+        ),
+        (
+            {"parts": {"fsw_supervisor": {"command topic": Part("error", "a foreign writer")}}},
+            "foreign",
+            "medium",
+        ),
+        (
+            {"parts": {"fsw_plant": {"commands": Part("error", "2 publishers; 3 refused")}}},
+            "foreign",
+            "medium",
+        ),
+        (
+            {
+                "parts": {
+                    "fsw_supervisor": {"arbiter": Part("ok", ""), "standby": Part("stale", "")}
+                }
+            },
+            "standby",
+            "low",
+        ),
         ({"pages": 2}, "other_page", "medium"),
         ({"values": {"depth_mm": 2.77}}, "quality:depth_error_mm", "medium"),
         ({"values": {"temperature_c": 813.0}}, "quality:temperature_error_c", "medium"),
         ({"values": {"force_kn": 86.0}}, "deviation:force_kn", "medium"),
         ({"attainable": Reference(2.66, 849.0)}, "out_of_reach", "low"),
         ({"values": {"command_speed_rpm": 421.0}}, "deviation:speed_rpm", "medium"),
-        ({"values": {"temperature_c": 911.0, "reference_temperature_c": 911.0}}, "essential:temperature_c", "medium"),
+        (
+            {"values": {"temperature_c": 911.0, "reference_temperature_c": 911.0}},
+            "essential:temperature_c",
+            "medium",
+        ),
         (
             {
                 "values": {"temperature_c": 911.0, "reference_temperature_c": 911.0},
@@ -141,7 +229,10 @@ def test_alarm_of_a_situation(rules, changed, name, priority):
     "changed",
     [
         {"state": state(actual_mode="hold", target_mode="hold")},  # somebody wants it
-        {"state": state(actual_mode="hold", cause=Cause.STARTED), "command_age_s": 60.0},  # the weld has not begun
+        {
+            "state": state(actual_mode="hold", cause=Cause.STARTED),
+            "command_age_s": 60.0,
+        },  # the weld has not begun
         {"command_age_s": None},
         {"parts": {"fsw_supervisor": {"controller nmpc": Part("error", "told by its health")}}},
         {"parts": {"fsw_nmpc": {"a": Part("stale", ""), "b": Part("ok", "")}}},
@@ -150,7 +241,11 @@ def test_alarm_of_a_situation(rules, changed, name, priority):
         {"programme": "running", "programme_age_s": 4.9},
         {"programme": "done", "programme_age_s": 99.0},
         {"programme": "aborted", "programme_age_s": 99.0},
-        {"parts": {"fsw_plant": {"commands": Part("warn", "2 publishers: a supervisor takes over")}}},
+        {
+            "parts": {
+                "fsw_plant": {"commands": Part("warn", "2 publishers: a supervisor takes over")}
+            }
+        },
     ],
 )
 def test_no_alarm_of_what_is_wanted_or_told_otherwise(rules, changed):
@@ -163,19 +258,32 @@ def test_failover_tells_why_the_selected_controller_was_left_whatever_happens_th
         return found and found.text
 
     first = "decentral commands in place of nmpc: late"
-    late, jump = controller(inhibited=True, why="late"), controller("decentral", inhibited=True, why="jump")
+    late, jump = (
+        controller(inhibited=True, why="late"),
+        controller("decentral", inhibited=True, why="jump"),
+    )
     assert told(actual_controller="decentral", controllers=[late]) == first
     told(actual_mode="hold", actual_controller="", controllers=[late, jump])
-    others = {"actual_controller": "other", "controllers": [controller(why="2 of 5 good proposals in a row"), jump]}
+    others = {
+        "actual_controller": "other",
+        "controllers": [controller(why="2 of 5 good proposals in a row"), jump],
+    }
     assert told(**others) == first.replace("decentral", "other")
     assert told() is None
 
 
-def test_failover_at_the_start_tells_what_the_selected_controller_lacks_not_that_the_other_is_there(rules):
+def test_failover_at_the_start_tells_what_the_selected_controller_lacks_not_that_the_other_is_there(
+    rules,
+):
     waiting = controller(ready=False, why="3 of 5 good proposals in a row")
-    begun = state(actual_controller="decentral", reason="decentral is configured", controllers=[waiting])
+    begun = state(
+        actual_controller="decentral", reason="decentral is configured", controllers=[waiting]
+    )
     found = rules.present(situation(state=begun), 0.0)
-    assert found["failover"].text == "decentral commands in place of nmpc: 3 of 5 good proposals in a row"
+    assert (
+        found["failover"].text
+        == "decentral commands in place of nmpc: 3 of 5 good proposals in a row"
+    )
 
 
 def test_a_swap_that_is_asked_for_is_an_alarm_only_when_it_does_not_come(rules):
@@ -185,16 +293,26 @@ def test_a_swap_that_is_asked_for_is_an_alarm_only_when_it_does_not_come(rules):
         listed.update(rules.present(situation(state=state(**changed)), now_s), now_s)
         return [one.alarm.text for one in listed.entries.values()]
 
-    waits = {"target_controller": "decentral", "reason": "nmpc is configured to start with", "cause": Cause.READY}
+    waits = {
+        "target_controller": "decentral",
+        "reason": "nmpc is configured to start with",
+        "cause": Cause.READY,
+    }
     assert told(0.0) == told(1.0, **waits) == told(11.0, **waits) == []
-    assert told(12.0, actual_controller="decentral", target_controller="decentral") == told(13.0) == []
+    assert (
+        told(12.0, actual_controller="decentral", target_controller="decentral")
+        == told(13.0)
+        == []
+    )
     assert told(20.0, **waits) == []
     late = ["nmpc commands in place of decentral: it was asked for, and is not ready"]
     assert told(33.0, **waits) == late
     assert told(40.0) == told(42.0) == late, "until it is acknowledged"
     listed.acknowledge(["failover"], "Anna")
     late = controller(inhibited=True, why="late")
-    assert told(43.0, actual_controller="other", controllers=[late]) == ["other commands in place of nmpc: late"]
+    assert told(43.0, actual_controller="other", controllers=[late]) == [
+        "other commands in place of nmpc: late"
+    ]
 
 
 def test_alarm_of_a_sensor_tells_what_it_began_with(rules):
@@ -211,20 +329,28 @@ def test_alarm_of_a_sensor_tells_what_it_began_with(rules):
 @pytest.mark.parametrize("cause", [StopCause.INTERLOCK, StopCause.WATCHDOG, StopCause.OPERATOR])
 def test_safe_stop_of_an_operator_is_no_trip(rules, cause):
     stopped = state(actual_mode="safe_stop", cause=Cause.STOP_HEARD, stop_cause=cause)
-    assert rules.present(situation(state=stopped), 0.0)["safe_stop"].trip == (cause is not StopCause.OPERATOR)
+    assert rules.present(situation(state=stopped), 0.0)["safe_stop"].trip == (
+        cause is not StopCause.OPERATOR
+    )
 
 
 def test_interlock_that_trips_with_the_safe_stop_is_the_first(rules):
     alarms = AlarmList(lambda count: Alarm("", "", "", "low"))
-    tripped = state(actual_mode="safe_stop", cause=Cause.INTERLOCK_TRIP, interlocks=["depth_high:trip"])
+    tripped = state(
+        actual_mode="safe_stop", cause=Cause.INTERLOCK_TRIP, interlocks=["depth_high:trip"]
+    )
     alarms.update(rules.present(situation(state=tripped), 0.0), 0.0)
     assert alarms.entries["safe_stop"].first == "Shoulder too deep: tripped"
 
 
 def test_a_stop_by_an_interlock_names_it_as_people_do(rules):
     def why(*interlocks):
-        stopped = state(actual_mode="safe_stop", cause=Cause.INTERLOCK_TRIP, reason="so", interlocks=interlocks)
-        return rules.present(situation(state=stopped), 0.0)["safe_stop"].text.removeprefix("Safe stop: ")
+        stopped = state(
+            actual_mode="safe_stop", cause=Cause.INTERLOCK_TRIP, reason="so", interlocks=interlocks
+        )
+        return rules.present(situation(state=stopped), 0.0)["safe_stop"].text.removeprefix(
+            "Safe stop: "
+        )
 
     assert why("depth_low:warn", "torque_high:trip") == "Torque too high"
     assert why("new_one:trip") == why() == "so"
@@ -232,14 +358,20 @@ def test_a_stop_by_an_interlock_names_it_as_people_do(rules):
 
 def test_supervisor_that_never_reports_is_an_alarm_when_the_plant_runs(rules):
     def present(now_s, **changed):
-        return list(rules.present(situation(state=None, state_age_s=None, command_age_s=None, **changed), now_s))
+        return list(
+            rules.present(
+                situation(state=None, state_age_s=None, command_age_s=None, **changed), now_s
+            )
+        )
 
     assert present(0.0, tick_age_s=None) == []
     assert present(10.0) == []
     assert present(14.0) == ["supervisor"]
 
 
-@pytest.mark.parametrize(("age", "name"), [("tick_age_s", "measurements"), ("command_age_s", "supervisor")])
+@pytest.mark.parametrize(
+    ("age", "name"), [("tick_age_s", "measurements"), ("command_age_s", "supervisor")]
+)
 def test_silence_is_told_within_three_tenths_of_a_second(rules, age, name):
     alarms = AlarmList(lambda count: Alarm("", "", "", "low"))
     for look in range(100):  # the node looks every 0.05 s; here at the worst moment
@@ -259,7 +391,9 @@ def test_one_look_after_a_stall_of_the_page_is_no_alarm(rules):
 
 def test_value_must_be_back_by_a_margin_and_both_must_last(rules):
     def one(off_mm):
-        return rules.present(situation({"depth_mm": 2.66 + off_mm}), 0.0).get("quality:depth_error_mm")
+        return rules.present(situation({"depth_mm": 2.66 + off_mm}), 0.0).get(
+            "quality:depth_error_mm"
+        )
 
     assert one(0.09) is None
     assert (one(-0.11).on_s, one(-0.11).off_s) == (2.0, 2.0)
@@ -277,18 +411,25 @@ def test_whether_commands_reach_the_machine_is_told(rules):
     assert reach(parts=gateway())["text"] == "Commands reach the machine, it permits them"
     assert reach(command_age_s=None)["ok"] is None
     refused = reach(parts=gateway(permissive=False))
-    assert refused == {"ok": False, "text": "Commands do not reach the machine: it does not permit them"}
+    assert refused == {
+        "ok": False,
+        "text": "Commands do not reach the machine: it does not permit them",
+    }
     assert reach(command_age_s=1.0)["text"] == "No commands from the supervisor"
 
 
 def test_the_process_window_is_told_as_it_is_in_force():
-    narrow = Limit(variable="temperature_c", min=805.0, max=870.0, phases=("joint_line",), source="test")
+    narrow = Limit(
+        variable="temperature_c", min=805.0, max=870.0, phases=("joint_line",), source="test"
+    )
     rules = AlarmRules(SETTINGS.__getitem__, default().model_copy(update={"quality": (narrow,)}))
     values = {"temperature_c": 871.0, "reference_temperature_c": 850.0}
     for phase, is_there in (("", True), ("joint_line", True), ("dwell", False)):
         found = rules.present(situation(values, phase=phase), 0.0)
         assert list(found) == ["quality:temperature_c"] * is_there
-        assert [one.text for one in found.values()] == ["Temperature: outside 805 to 870 °C"] * is_there
+        assert [one.text for one in found.values()] == [
+            "Temperature: outside 805 to 870 °C"
+        ] * is_there
 
 
 def test_a_controller_that_tells_no_reason_is_told_as_such(rules):
@@ -297,7 +438,9 @@ def test_a_controller_that_tells_no_reason_is_told_as_such(rules):
     assert text == "Controller nmpc is inhibited: no reason is told"
 
 
-@pytest.mark.parametrize("name", ["näme", "a" * 300, "tab\there", "\udcff\ud800", "", "{why}", "x:warn:trip", "\n"])
+@pytest.mark.parametrize(
+    "name", ["näme", "a" * 300, "tab\there", "\udcff\ud800", "", "{why}", "x:warn:trip", "\n"]
+)
 def test_odd_names_become_alarms_that_can_be_acknowledged(rules, name):
     odd = state(
         **dict.fromkeys(("reason", "actual_controller"), name),
@@ -333,18 +476,25 @@ def test_page_gets_the_limits_that_the_alarms_have():
 
 def test_set_point_out_of_reach_is_told_with_what_is_attainable(rules):
     def told(depth_mm, temperature_c, **changed):
-        found = rules.present(situation(attainable=Reference(depth_mm, temperature_c), **changed), 0.0)
+        found = rules.present(
+            situation(attainable=Reference(depth_mm, temperature_c), **changed), 0.0
+        )
         return found.get("out_of_reach")
 
     assert told(2.66, 850.0) is None and told(2.66, 850.4) is None  # the estimates' noise
     one = told(2.66, 835.2)
-    assert one.text == "Set-point out of reach: 850 °C asked, 835 °C attainable: speed at its upper bound"
+    assert (
+        one.text
+        == "Set-point out of reach: 850 °C asked, 835 °C attainable: speed at its upper bound"
+    )
     assert one.advice == "Lower the set-point of temperature"
     assert rules.replaced == Reference(2.66, 835.2)
     assert told(2.66, 849.6) is not None, "it must come back further"
     assert told(2.66, 849.8) is None and rules.replaced is None
     other = told(2.60, 852.0)
-    assert other.text.endswith("852 °C attainable; 2.66 mm asked, 2.60 mm attainable: speed at its lower bound")
+    assert other.text.endswith(
+        "852 °C attainable; 2.66 mm asked, 2.60 mm attainable: speed at its lower bound"
+    )
     assert other.advice == "Raise the set-point of temperature"
     assert told(2.66, 835.0, tick_age_s=9.0) is None, "what is measured is old"
 
@@ -367,7 +517,12 @@ def test_set_point_out_of_reach_is_raised_when_it_lasts_and_goes_by_itself(rules
 
 
 def test_what_the_monitor_tells_is_an_alarm_with_its_cause_and_advice(rules):
-    parts = {"fsw_monitor": {"thermocouple": Part("warn", "It drifts", advice="Replace it"), "watch": Part("ok", "")}}
+    parts = {
+        "fsw_monitor": {
+            "thermocouple": Part("warn", "It drifts", advice="Replace it"),
+            "watch": Part("ok", ""),
+        }
+    }
     found = rules.present(situation(parts=parts), 0.0)
     assert {name: (one.text, one.advice) for name, one in found.items()} == {
         "watch:thermocouple": ("It drifts", "Replace it")

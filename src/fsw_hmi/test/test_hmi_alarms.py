@@ -10,7 +10,9 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from fsw_control.journal import AlarmChange
 from fsw_hmi.alarms import FLOOD_ID, RANK, Alarm, AlarmList
 
-LOW, MEDIUM, HIGH = (Alarm(f"{name} text", "that follows", "do this", name) for name in ("low", "medium", "high"))
+LOW, MEDIUM, HIGH = (
+    Alarm(f"{name} text", "that follows", "do this", name) for name in ("low", "medium", "high")
+)
 TRIP = Alarm("stopped", "no weld", "look", "high", trip=True, off_s=0.0)
 #: of the wall clock, at the steady clock's zero
 WALL_S = 1_700_000_000.0
@@ -57,7 +59,11 @@ def test_alarm_goes_through_its_states(desk):
     assert desk.update(1.0, a=HIGH)
     row = desk.row("a")
     assert (row["state"], row["count"], row["raised_s"]) == ("active", 1, WALL_S + 1.0)
-    assert (row["text"], row["consequence"], row["advice"]) == ("high text", "that follows", "do this")
+    assert (row["text"], row["consequence"], row["advice"]) == (
+        "high text",
+        "that follows",
+        "do this",
+    )
     assert not desk.update(2.0, a=HIGH)
     assert desk.acknowledge("a") == 1
     assert desk.acknowledge("a") == 0
@@ -66,11 +72,17 @@ def test_alarm_goes_through_its_states(desk):
     assert not desk.update(3.0)
     assert desk.update(4.0)
     assert desk.rows() == []
-    assert desk.told() == [("a", "raised", 1, ""), ("a", "acknowledged", 1, "anna"), ("a", "cleared", 1, "")]
+    assert desk.told() == [
+        ("a", "raised", 1, ""),
+        ("a", "acknowledged", 1, "anna"),
+        ("a", "cleared", 1, ""),
+    ]
 
 
 @pytest.mark.requirement("S17")
-def test_alarm_that_is_gone_stays_until_acknowledged_and_comes_again_with_a_new_time_and_a_count(desk):
+def test_alarm_that_is_gone_stays_until_acknowledged_and_comes_again_with_a_new_time_and_a_count(
+    desk,
+):
     desk.update(1.0, a=HIGH)
     desk.update(2.0)
     desk.update(3.0)
@@ -83,7 +95,13 @@ def test_alarm_that_is_gone_stays_until_acknowledged_and_comes_again_with_a_new_
     desk.update(6.0)
     assert desk.acknowledge("a", "unknown") == 1
     assert desk.rows() == []
-    assert [event for _, event, _, _ in desk.told()] == ["raised", "cleared", "re-raised", "cleared", "acknowledged"]
+    assert [event for _, event, _, _ in desk.told()] == [
+        "raised",
+        "cleared",
+        "re-raised",
+        "cleared",
+        "acknowledged",
+    ]
 
 
 def test_present_ones_stand_above_those_that_are_gone_and_those_above_the_shelved(desk):
@@ -170,7 +188,10 @@ def test_flood_of_low_ones_is_one_alarm_with_their_number_and_hides_no_other(des
     desk.update(31.0, **few)
     desk.update(33.0, **few)
     assert desk.states()[FLOOD_ID] == "cleared"
-    assert [event for name, event, _, _ in desk.told() if name == FLOOD_ID] == ["raised", "cleared"]
+    assert [event for name, event, _, _ in desk.told() if name == FLOOD_ID] == [
+        "raised",
+        "cleared",
+    ]
 
 
 def test_list_has_an_end_but_for_high_priority(desk):
@@ -188,7 +209,11 @@ def test_shelved_alarm_is_back_when_its_time_is_over(desk):
     assert desk.shelve("a", 2.0) == ""
     assert desk.shelve("b", 2.0) == ""
     row = desk.row("a")
-    assert (row["state"], row["shelved_until_s"], row["shelved"]) == ("shelved", WALL_S + 120, "anna: it is known")
+    assert (row["state"], row["shelved_until_s"], row["shelved"]) == (
+        "shelved",
+        WALL_S + 120,
+        "anna: it is known",
+    )
     assert desk.acknowledge("a") == 0
     desk.update(10.0, a=MEDIUM)
     desk.update(12.0, a=MEDIUM)
@@ -247,7 +272,9 @@ def test_each_trip_has_its_own_first(desk):
 # ---------------------------------------------------------------- any order of it all
 
 NAMES = st.sampled_from("abcdef")
-ALARMS = st.sampled_from([LOW, MEDIUM, HIGH, TRIP, replace(LOW, on_s=2.0), replace(MEDIUM, off_s=5.0)])
+ALARMS = st.sampled_from(
+    [LOW, MEDIUM, HIGH, TRIP, replace(LOW, on_s=2.0), replace(MEDIUM, off_s=5.0)]
+)
 
 
 class AnyOrder(RuleBasedStateMachine):
@@ -257,16 +284,23 @@ class AnyOrder(RuleBasedStateMachine):
         super().__init__()
         self.desk, self.present, self.told = Desk(), {}, {}
 
-    @rule(present=st.dictionaries(NAMES, ALARMS), step_s=st.sampled_from([0.0, 0.5, 2.0, 30.0, 100.0]))
+    @rule(
+        present=st.dictionaries(NAMES, ALARMS),
+        step_s=st.sampled_from([0.0, 0.5, 2.0, 30.0, 100.0]),
+    )
     def look(self, present, step_s):
-        unseen = {name for name, state in self.desk.states().items() if state in ("active", "cleared")}
+        unseen = {
+            name for name, state in self.desk.states().items() if state in ("active", "cleared")
+        }
         self.present = present
         self.desk.update(self.desk.now_s + step_s, **present)
         assert unseen <= self.desk.states().keys()
 
     @rule(names=st.sets(NAMES))
     def acknowledge(self, names):
-        open_ones = {name for name, state in self.desk.states().items() if state in ("active", "cleared")}
+        open_ones = {
+            name for name, state in self.desk.states().items() if state in ("active", "cleared")
+        }
         assert self.desk.acknowledge(*names) == len(names & open_ones)
 
     @rule(name=NAMES, minutes=st.sampled_from([1.0, 60.0]))

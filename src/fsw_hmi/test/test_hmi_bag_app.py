@@ -16,7 +16,9 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("starlette", reason="starlette is not installed: pip install -r requirements/hmi.lock")
+pytest.importorskip(
+    "starlette", reason="starlette is not installed: pip install -r requirements/hmi.lock"
+)
 
 from fsw_hmi import bag_app
 from fsw_hmi.bag_app import routes
@@ -44,7 +46,9 @@ def get(tmp_path: Path, page: PageFiles) -> Get:
     write_sample_weld(tmp_path / "weld", 50)
     app = application(routes(page, load([tmp_path / "weld"])), [], Gate())
 
-    def get(path: str, encoding: str = "gzip, br", host: str = "localhost:8080") -> tuple[int, dict[str, str], bytes]:
+    def get(
+        path: str, encoding: str = "gzip, br", host: str = "localhost:8080"
+    ) -> tuple[int, dict[str, str], bytes]:
         sent: list[Any] = []
 
         async def receive() -> Any:
@@ -54,8 +58,16 @@ def get(tmp_path: Path, page: PageFiles) -> Get:
             sent.append(message)
 
         headers = [(b"host", host.encode()), (b"accept-encoding", encoding.encode())]
-        scope = {"type": "http", "method": "GET", "path": path, "query_string": b"", "headers": headers}
-        with ThreadPoolExecutor(1) as own_thread:  # in this one a loop of the browser's tests may be running
+        scope = {
+            "type": "http",
+            "method": "GET",
+            "path": path,
+            "query_string": b"",
+            "headers": headers,
+        }
+        with ThreadPoolExecutor(
+            1
+        ) as own_thread:  # in this one a loop of the browser's tests may be running
             own_thread.submit(asyncio.run, app(scope, receive, send)).result()
         names = {name.decode(): value.decode() for name, value in sent[0]["headers"]}
         return sent[0]["status"], names, b"".join(one.get("body", b"") for one in sent[1:])
@@ -66,7 +78,11 @@ def get(tmp_path: Path, page: PageFiles) -> Get:
 def test_bags_and_rows_are_packed_for_those_who_can_unpack_them(get: Get) -> None:
     for path in ("/bags", "/bags/0"):
         status, headers, body = get(path)
-        assert (status, headers["content-encoding"], headers["vary"]) == (200, "gzip", "Accept-Encoding")
+        assert (status, headers["content-encoding"], headers["vary"]) == (
+            200,
+            "gzip",
+            "Accept-Encoding",
+        )
         assert "default-src 'self'" in headers["content-security-policy"]
         plain = get(path, encoding="")
         assert "content-encoding" not in plain[1]
@@ -93,7 +109,10 @@ def test_other_hosts_are_refused(get: Get) -> None:
 
 
 def test_bad_arguments_are_one_line(
-    tmp_path: Path, page: PageFiles, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
+    page: PageFiles,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(bag_app, "PageFiles", lambda _: page)
     write_sample_weld(tmp_path / "weld", 20)
@@ -127,7 +146,9 @@ sys.exit(main.main())
 
 @pytest.mark.slow
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
-def test_command_serves_until_it_is_interrupted(served: subprocess.Popen[str], sign: signal.Signals) -> None:
+def test_command_serves_until_it_is_interrupted(
+    served: subprocess.Popen[str], sign: signal.Signals
+) -> None:
     assert served.stdout is not None
     address = next(line for line in served.stdout if "http://" in line).split()[-1]
     with urllib.request.urlopen(f"{address}bags", timeout=240) as answer:

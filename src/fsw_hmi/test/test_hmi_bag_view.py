@@ -15,7 +15,9 @@ from fsw_recorder.errors import BagError
 from fsw_test_support.programme_bag import write_programme_weld
 from fsw_test_support.sample_weld import TOPICS, SampleTypes, sample_topics, write_sample_weld
 
-pytest.importorskip("starlette", reason="starlette is not installed: pip install -r requirements/hmi.lock")
+pytest.importorskip(
+    "starlette", reason="starlette is not installed: pip install -r requirements/hmi.lock"
+)
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +33,9 @@ def test_rows_are_those_of_the_live_page_with_mode_and_controller(bag: Path) -> 
     assert shown.columns == (*COLUMNS, "mode", "controller", "flags")
     assert len(shown.rows) == 300
     assert {len(row) for row in shown.rows} == {len(shown.columns)}
-    first, last = (dict(zip(shown.columns, row, strict=True)) for row in (shown.rows[0], shown.rows[-1]))
+    first, last = (
+        dict(zip(shown.columns, row, strict=True)) for row in (shown.rows[0], shown.rows[-1])
+    )
     assert (first["time_s"], first["mode"], first["controller"]) == (0.1, "auto", "decentral")
     assert (last["time_s"], last["controller"]) == (30.0, "nmpc")
     assert first["depth_mm"] == pytest.approx(2.66)
@@ -39,7 +43,10 @@ def test_rows_are_those_of_the_live_page_with_mode_and_controller(bag: Path) -> 
     assert first["power_kw"] == pytest.approx(1052.9 * 42.78e-3, rel=1e-3)
     assert first["latency_ms"] == pytest.approx(9.1)
     assert first["solve_ms"] == pytest.approx(4.0)
-    assert [row[shown.columns.index("angle_deg")] for row in (shown.rows[0], shown.rows[150], shown.rows[-1])] == [
+    assert [
+        row[shown.columns.index("angle_deg")]
+        for row in (shown.rows[0], shown.rows[150], shown.rows[-1])
+    ] == [
         0.0,
         10.0,
         21.0,
@@ -67,7 +74,9 @@ def test_summary_tells_phases_events_and_figures(bag: Path) -> None:
         (21.1, "weld"),
         (25.1, "operator"),
     ]
-    assert summary["events"][-1]["text"] == "anna (3f2a): weld resume: done: running in phase start"
+    assert (
+        summary["events"][-1]["text"] == "anna (3f2a): weld resume: done: running in phase start"
+    )
     assert "IAE depth" in [one["name"] for one in summary["kpis"]]
     json.dumps([summary, load([bag])[0].limits], allow_nan=False)
 
@@ -95,7 +104,10 @@ def test_one_tick_has_no_figures_and_says_so(tmp_path: Path) -> None:
 
 def test_two_bags_have_names_that_tell_them_apart(bag: Path, tmp_path: Path) -> None:
     write_sample_weld(tmp_path / "other", 20)
-    assert [one.summary["name"] for one in load([bag, tmp_path / "other"])] == [bag.parent.name, "other"]
+    assert [one.summary["name"] for one in load([bag, tmp_path / "other"])] == [
+        bag.parent.name,
+        "other",
+    ]
 
 
 @pytest.mark.parametrize("count", [0, 3])
@@ -117,7 +129,10 @@ def test_no_bag_and_no_weld_are_one_line(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "other") as writer:
         writer.add_topic(next(topic for topic in sample_topics() if topic.name == "/diagnostics"))
         writer.write("/diagnostics", SampleTypes().serialize(TOPICS["/diagnostics"], {}), 1, 1)
-    for path, complaint in ((tmp_path / "none", "there is no such bag"), (tmp_path / "other", "not the bag of a weld")):
+    for path, complaint in (
+        (tmp_path / "none", "there is no such bag"),
+        (tmp_path / "other", "not the bag of a weld"),
+    ):
         with pytest.raises(BagError, match=complaint) as error:
             load([path])
         assert "\n" not in str(error.value)

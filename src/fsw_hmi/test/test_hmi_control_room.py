@@ -118,7 +118,11 @@ def test_login_needs_token_and_name(room):
 
 @pytest.mark.requirement("S30")
 def test_five_wrong_tokens_shut_their_sender_out_and_nobody_else(room):
-    anna, bert, stranger = Desk(room, "anna", HERE), Desk(room), [Desk(room, address=THERE) for _ in range(5)]
+    anna, bert, stranger = (
+        Desk(room, "anna", HERE),
+        Desk(room),
+        [Desk(room, address=THERE) for _ in range(5)],
+    )
     for number, desk in enumerate(stranger):
         assert desk.ask("login", token=f"wrong {number}", name="x").message == "wrong token"
     for desk, number in itertools.product(stranger, range(3)):
@@ -136,7 +140,10 @@ def test_five_wrong_tokens_shut_their_sender_out_and_nobody_else(room):
 @pytest.mark.requirement("S30")
 def test_pages_that_log_in_again_with_an_old_token_shut_nobody_out(room):
     for _ in range(20):
-        assert Desk(room).ask("login", token="of the server before", name="anna").message == "wrong token"
+        assert (
+            Desk(room).ask("login", token="of the server before", name="anna").message
+            == "wrong token"
+        )
     assert Desk(room).ask("login", token=TOKEN, name="anna").outcome == DONE
 
 
@@ -144,7 +151,10 @@ def test_pages_that_log_in_again_with_an_old_token_shut_nobody_out(room):
 def test_safe_stop_on_this_computer_needs_no_login_unless_configured(room):
     assert Desk(room, address=HERE).ask("safe_stop").asked == "safe stop"
     assert Desk(room, address=THERE).ask("safe_stop").message == "log in first"
-    assert Desk(ControlRoom(TOKEN, local_stop=False), address=HERE).ask("safe_stop").message == "log in first"
+    assert (
+        Desk(ControlRoom(TOKEN, local_stop=False), address=HERE).ask("safe_stop").message
+        == "log in first"
+    )
 
 
 class Misuse(RuleBasedStateMachine):
@@ -173,12 +183,16 @@ class Misuse(RuleBasedStateMachine):
     @rule(page=pages, token=st.text(max_size=3), times=st.integers(1, 30))
     def logs_in_with_wrong_tokens(self, page, token, times):
         for number in range(times):
-            assert self.send(page, do="login", token=f"{token}{number}", name="x").outcome == REFUSED
+            assert (
+                self.send(page, do="login", token=f"{token}{number}", name="x").outcome == REFUSED
+            )
 
     @rule(page=pages)
     def logs_in(self, page):
         answer = self.send(page, do="login", token=TOKEN, name="anna")
-        assert answer.outcome == DONE or answer.message == "too many requests in a second"  # of this page
+        assert (
+            answer.outcome == DONE or answer.message == "too many requests in a second"
+        )  # of this page
         if answer.outcome == DONE and page.id in self.allowed:
             self.allowed[page.id] = page, True
 
@@ -205,7 +219,10 @@ class Misuse(RuleBasedStateMachine):
         for page, allowed in self.allowed.values():
             for _ in range(3):
                 verdict = self.send(page, do="safe_stop")
-                assert (verdict.action == SafeStop(), verdict.close and allowed) == (allowed, False)
+                assert (verdict.action == SafeStop(), verdict.close and allowed) == (
+                    allowed,
+                    False,
+                )
 
 
 TestMisuse = Misuse.TestCase
@@ -216,14 +233,22 @@ def test_control_is_taken_only_explicitly(room):
     anna, bert = Desk(room, "anna"), Desk(room, "bert")
     assert anna.ask("mode", mode="hold").message == "you do not have control: take it first"
     assert anna.take().outcome == DONE
-    assert (bert.control()["holder"], bert.control()["you"]) == ({"name": "anna", "session": anna.session.id}, False)
-    assert bert.ask("take_control", **{"from": None}).outcome == REFUSED  # he has not seen that she has it
+    assert (bert.control()["holder"], bert.control()["you"]) == (
+        {"name": "anna", "session": anna.session.id},
+        False,
+    )
+    assert (
+        bert.ask("take_control", **{"from": None}).outcome == REFUSED
+    )  # he has not seen that she has it
     assert bert.ask("mode", mode="hold").action is None
     assert bert.take().message == f"{anna.session.who} has control: ask for it"
     assert bert.ask("request_control").outcome == DONE
     assert "s left to answer" in bert.take().message
     Desk.now_s += 30.0
-    assert bert.take().message == f"control taken from {anna.session.who}, who did not answer for 30 s"
+    assert (
+        bert.take().message
+        == f"control taken from {anna.session.who}, who did not answer for 30 s"
+    )
     assert anna.control()["note"] == "bert has taken control: nobody answered for 30 s"
     assert anna.ask("mode", mode="hold").action is None
     assert anna.ask("release_control").outcome == REFUSED
@@ -307,8 +332,26 @@ def test_wrong_values_are_refused_in_a_line(room, do, change):
     ("content", "action"),
     [
         ({"channel": "depth", "shape": "none"}, Disturb(channel="depth", shape="none")),
-        ({"channel": "depth", "shape": "sine", "amplitude": 0.1, "duration_s": 0, "period_s": 2}, None),
-        ({"channel": "torque", "shape": "pulse", "amplitude": 10, "duration_s": 2, "period_s": 0}, None),
+        (
+            {
+                "channel": "depth",
+                "shape": "sine",
+                "amplitude": 0.1,
+                "duration_s": 0,
+                "period_s": 2,
+            },
+            None,
+        ),
+        (
+            {
+                "channel": "torque",
+                "shape": "pulse",
+                "amplitude": 10,
+                "duration_s": 2,
+                "period_s": 0,
+            },
+            None,
+        ),
     ],
 )
 def test_values_that_a_shape_does_not_need_are_left_out(room, content, action):
@@ -337,8 +380,22 @@ def test_too_many_requests_are_refused_and_in_the_end_shut_the_page_out(room):
 @pytest.mark.parametrize(
     "text",
     [
-        *(None, "", "{", "[]", "7", "[" * 4000, '{"id": 1}', '{"do": "login"}', '{"id": true, "do": "login"}'),
-        *('{"id": 1e3, "do": "safe_stop"}', f'{{"id": {2**60}, "do": "x"}}', '{"id": 1, "do": ["login"]}'),
+        *(
+            None,
+            "",
+            "{",
+            "[]",
+            "7",
+            "[" * 4000,
+            '{"id": 1}',
+            '{"do": "login"}',
+            '{"id": true, "do": "login"}',
+        ),
+        *(
+            '{"id": 1e3, "do": "safe_stop"}',
+            f'{{"id": {2**60}, "do": "x"}}',
+            '{"id": 1, "do": ["login"]}',
+        ),
     ],
 )
 def test_malformed_messages_count_as_offences(room, text):
@@ -350,24 +407,55 @@ def test_malformed_messages_count_as_offences(room, text):
 
 json_values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=10), inner, max_size=4),
+    lambda inner: (
+        st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=10), inner, max_size=4)
+    ),
     max_leaves=10,
 )
 words = st.sampled_from(["login", "take_control", "release_control", *GOOD])
 keys = st.sampled_from(
     [
-        *("id", "do", "token", "name", "from", "depth_mm", "temperature_c", "ramp", "controller", "wait_s", "mode"),
-        *("ids", "force_kn", "speed_rpm", "action", "channel", "shape", "amplitude", "duration_s", "period_s", "kind"),
+        *(
+            "id",
+            "do",
+            "token",
+            "name",
+            "from",
+            "depth_mm",
+            "temperature_c",
+            "ramp",
+            "controller",
+            "wait_s",
+            "mode",
+        ),
+        *(
+            "ids",
+            "force_kn",
+            "speed_rpm",
+            "action",
+            "channel",
+            "shape",
+            "amplitude",
+            "duration_s",
+            "period_s",
+            "kind",
+        ),
     ]
 )
 plausible = st.fixed_dictionaries(
     {"id": st.integers(-5, 5) | json_values, "do": words | json_values},
-    optional={"mode": st.sampled_from(["auto", "hold"]), "channel": st.just("depth"), "shape": st.just("step")},
+    optional={
+        "mode": st.sampled_from(["auto", "hold"]),
+        "channel": st.just("depth"),
+        "shape": st.just("step"),
+    },
 )
 messages = (
     st.text(max_size=200)
     | json_values.map(json.dumps)
-    | st.tuples(plausible, st.dictionaries(keys, json_values, max_size=8)).map(lambda two: json.dumps(two[1] | two[0]))
+    | st.tuples(plausible, st.dictionaries(keys, json_values, max_size=8)).map(
+        lambda two: json.dumps(two[1] | two[0])
+    )
 )
 
 
@@ -419,4 +507,7 @@ def test_record_of_an_event_says_how_long_it_lasts():
     assert str(Disturb(channel="depth", shape="step", amplitude=0.1)) == "disturb depth step 0.1"
     sine = Disturb(channel="depth", shape="sine", amplitude=0.1, period_s=2.0)
     assert str(sine) == "disturb depth sine 0.1, period 2 s"
-    assert str(Fail(sensor="torque", kind="dropout", duration_s=4.0)) == "fault torque dropout 0 for 4 s"
+    assert (
+        str(Fail(sensor="torque", kind="dropout", duration_s=4.0))
+        == "fault torque dropout 0 for 4 s"
+    )

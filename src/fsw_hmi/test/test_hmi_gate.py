@@ -33,7 +33,12 @@ class Door:
     """A gate with connections by address and port."""
 
     def __init__(self, **limits):
-        self.gate, self.links, self.requests, self.now_s = Gate(**limits), {}, contextlib.ExitStack(), 0.0
+        self.gate, self.links, self.requests, self.now_s = (
+            Gate(**limits),
+            {},
+            contextlib.ExitStack(),
+            0.0,
+        )
 
     def come(self, host, port, asks=False, known=False):
         self.now_s += 0.001
@@ -107,11 +112,16 @@ def test_closed_connections_do_not_count_and_may_be_unknown():
 
 
 @given(
-    st.lists(st.tuples(st.sampled_from([HERE, THERE, "192.0.2.1"]), st.booleans(), st.booleans()), max_size=60),
+    st.lists(
+        st.tuples(st.sampled_from([HERE, THERE, "192.0.2.1"]), st.booleans(), st.booleans()),
+        max_size=60,
+    ),
     st.integers(1, 8),
     st.integers(1, 12),
 )
-def test_limits_hold_whoever_comes_and_no_client_loses_who_has_logged_in(comers, of_client, of_all):
+def test_limits_hold_whoever_comes_and_no_client_loses_who_has_logged_in(
+    comers, of_client, of_all
+):
     door = Door(of_client=of_client, of_all=of_all)
     known = set()
     for port, (host, asks, knows) in enumerate(comers):
@@ -128,7 +138,9 @@ def half_open(server, stack, count, host, content=b"GET / HTTP/1.1\r\nHost: "):
     """Connections that have not sent a whole request."""
     found = []
     for _ in range(count):
-        one = stack.enter_context(socket.create_connection((HERE, server.port), PATIENCE_S, (host, 0)))
+        one = stack.enter_context(
+            socket.create_connection((HERE, server.port), PATIENCE_S, (host, 0))
+        )
         one.sendall(content)
         found.append(one)
     return found

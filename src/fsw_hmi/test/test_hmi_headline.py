@@ -14,8 +14,18 @@ from fsw_hmi.standing import flags, flags_now, variables
 
 INTERLOCKS = {"interlocks.depth_high.warn": 3.4, "interlocks.depth_high.trip": 3.6}
 LIMITS = limits(INTERLOCKS, default(), {"deviation_force_kn": 5.0, "deviation_speed_rpm": 20.0})
-GOOD = {"depth_mm": 2.66, "reference_depth_mm": 2.66, "temperature_c": 850.0, "reference_temperature_c": 850.0}
-GOOD |= {"force_kn": 80.0, "command_force_kn": 80.0, "speed_rpm": 400.0, "command_speed_rpm": 400.0}
+GOOD = {
+    "depth_mm": 2.66,
+    "reference_depth_mm": 2.66,
+    "temperature_c": 850.0,
+    "reference_temperature_c": 850.0,
+}
+GOOD |= {
+    "force_kn": 80.0,
+    "command_force_kn": 80.0,
+    "speed_rpm": 400.0,
+    "command_speed_rpm": 400.0,
+}
 GOOD |= {"torque_nm": 1060.0, "power_kw": 45.0}
 AUTO = {"known": True, "actual_mode": "auto", "reason": ""}
 ACCOUNT = {"level": "good", "text": "Good", "detail": ""}
@@ -38,13 +48,28 @@ def now(**changed: Any) -> Now:
         ({"tick_age_s": 0.6, "alarms": [alarm("high")]}, "high", "No measurements"),
         ({"alarms": [alarm("medium")], "flags": {"depth_mm": FLAG}}, "medium", "medium one"),
         ({"alarms": [alarm("medium", "shelved"), alarm("high", "cleared")]}, "good", "Good"),
-        ({"alarms": [alarm("low")], "flags": {"depth_mm": FLAG}}, "medium", "Depth: off its set-point, high"),
-        ({"flags": {"depth_mm": FLAG, "power_kw": FLAG | {"level": "high"}}}, "high", "Power: off its set-point, high"),
+        (
+            {"alarms": [alarm("low")], "flags": {"depth_mm": FLAG}},
+            "medium",
+            "Depth: off its set-point, high",
+        ),
+        (
+            {"flags": {"depth_mm": FLAG, "power_kw": FLAG | {"level": "high"}}},
+            "high",
+            "Power: off its set-point, high",
+        ),
         ({"state": AUTO | {"known": False}}, "medium", "No supervisor"),
         ({"state": AUTO | {"actual_mode": "safe_stop"}}, "high", "In safe stop"),
         ({"state": AUTO | {"actual_mode": "manual"}}, "attention", "In manual"),
         ({"account": None}, "attention", "Not judged yet"),
-        ({"account": {"level": "medium", "text": "Tool", "detail": ""}, "alarms": [alarm("low")]}, "medium", "Tool"),
+        (
+            {
+                "account": {"level": "medium", "text": "Tool", "detail": ""},
+                "alarms": [alarm("low")],
+            },
+            "medium",
+            "Tool",
+        ),
         ({"alarms": [alarm("low")]}, "low", "low one"),
     ],
 )
@@ -61,13 +86,24 @@ def test_headline_is_the_worst(changed: dict[str, Any], level: str, text: str) -
         ({"depth_mm": 3.5}, "depth_mm", "warn", "high"),
         ({"depth_mm": 2.77}, "depth_mm", "error", "high"),
         ({"temperature_c": 839.0}, "temperature_c", "error", "low"),
-        ({"temperature_c": 911.0, "reference_temperature_c": 911.0}, "temperature_c", "essential", "high"),
+        (
+            {"temperature_c": 911.0, "reference_temperature_c": 911.0},
+            "temperature_c",
+            "essential",
+            "high",
+        ),
         ({"force_kn": 74.0}, "force_kn", "deviation", "low"),
     ],
 )
-def test_flag_is_the_worst_of_a_quantity(changed: dict[str, float], quantity: str, kind: str, side: str) -> None:
+def test_flag_is_the_worst_of_a_quantity(
+    changed: dict[str, float], quantity: str, kind: str, side: str
+) -> None:
     found = flags_now(GOOD | changed, None, default(), LIMITS)
-    assert list(found) == [quantity] and found[quantity]["kind"] == kind and found[quantity]["text"].endswith(side)
+    assert (
+        list(found) == [quantity]
+        and found[quantity]["kind"] == kind
+        and found[quantity]["text"].endswith(side)
+    )
 
 
 def test_nothing_is_flagged_of_a_good_weld_nor_of_what_is_not_known() -> None:
@@ -81,7 +117,9 @@ def test_errors_are_from_the_programme_as_in_the_record() -> None:
     programme = {"depth_mm": 2.66, "temperature_c": 850.0, "phase": "joint_line"}
     assert flags_now(by_hand, programme, default(), LIMITS)["depth_mm"]["kind"] == "error"
     none = {"depth_mm": 0.0, "temperature_c": 0.0, "phase": ""}
-    assert variables(by_hand, none)["depth_error_mm"] == 0.0, "a player without a programme reports zeros"
+    assert variables(by_hand, none)["depth_error_mm"] == 0.0, (
+        "a player without a programme reports zeros"
+    )
 
 
 def test_limits_of_a_phase_hold_in_it_and_where_no_phase_is_known() -> None:

@@ -9,7 +9,9 @@ from fsw_hmi.alarms import Alarm, AlarmList
 from fsw_hmi.frames import COLUMNS, row
 from fsw_hmi.keeper import Keeper, Kept
 
-ROWS = [row(stamp_ns, [1.5] * (len(COLUMNS) - 2) + [math.nan]) for stamp_ns in (10**18, 10**18 + 10**8)]
+ROWS = [
+    row(stamp_ns, [1.5] * (len(COLUMNS) - 2) + [math.nan]) for stamp_ns in (10**18, 10**18 + 10**8)
+]
 ACTION = {"server_s": 1.0, "who": "anna", "action": "mode hold", "outcome": "done", "message": ""}
 
 
@@ -61,7 +63,9 @@ def test_state_of_another_weld_is_not_used(folder, wall_s, told):
     assert ["another weld" in one for one in told] == [True]
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"now_s": 1, "wall_s": 1000, "alarms": {"a": 3}}', "\udcff"])
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", "{}", '{"now_s": 1, "wall_s": 1000, "alarms": {"a": 3}}', "\udcff"]
+)
 def test_damaged_state_is_not_used(folder, text, told):
     (folder / "hmi_state.json").write_bytes(text.encode("utf-8", "surrogateescape"))
     keeper = Keeper(folder, told.append)
@@ -73,7 +77,10 @@ def test_damaged_state_is_not_used(folder, text, told):
 
 def test_damaged_rows_are_left_out(folder, told):
     with (folder / "hmi_rows.jsonl").open("ab") as file:
-        for damaged in (["x"] * len(COLUMNS), [float("nan")] * len(COLUMNS)):  # which no page can read
+        for damaged in (
+            ["x"] * len(COLUMNS),
+            [float("nan")] * len(COLUMNS),
+        ):  # which no page can read
             file.write(json.dumps(damaged).encode() + b"\n")
         file.write(b'[1.0]\n\xff\xfe\n{"a": 1}\n[1.0,2')
     assert Keeper(folder, told.append).load(1000.0)[1] == ROWS
@@ -117,5 +124,8 @@ def test_restored_alarms_wait_for_the_graph_before_they_are_gone():
     alarms.update({"c": Alarm("c", "", "", "medium")}, 110.0)
     assert alarms.events == []
     alarms.update({"c": Alarm("c", "", "", "medium")}, 111.0)
-    assert [(one.id, one.kind.word) for one in alarms.events] == [("a", "cleared"), ("b", "cleared")]
+    assert [(one.id, one.kind.word) for one in alarms.events] == [
+        ("a", "cleared"),
+        ("b", "cleared"),
+    ]
     assert alarms.entries["b"].shelved_until_s == 705.0

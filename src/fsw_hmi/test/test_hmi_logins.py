@@ -79,7 +79,10 @@ def test_line_of_a_client_and_of_all_is_bounded():
     async def scenario():
         checks, gate = LoginChecks(), threading.Event()
         clients = ["a"] * 12 + [str(number) for number in range(100)]
-        asked = [asyncio.create_task(checks.run(client, lambda: gate.wait(PATIENCE_S) and None)) for client in clients]
+        asked = [
+            asyncio.create_task(checks.run(client, lambda: gate.wait(PATIENCE_S) and None))
+            for client in clients
+        ]
         await asyncio.sleep(0)
         gate.set()
         answers = await asyncio.gather(*asked, return_exceptions=True)
@@ -96,7 +99,9 @@ def test_check_that_fails_ends_neither_the_line_nor_the_page():
 
     async def scenario():
         checks = LoginChecks()
-        answers = await asyncio.gather(checks.run("a", too_large), checks.run("a", dict), return_exceptions=True)
+        answers = await asyncio.gather(
+            checks.run("a", too_large), checks.run("a", dict), return_exceptions=True
+        )
         assert isinstance(answers[0], BusyError) and answers[1] == {}
         checks.close()
 
@@ -112,7 +117,10 @@ def test_flood_of_logins_delays_no_safe_stop_and_no_frame(make_server, users):
         number = otto.send("login", name="otto", password=PASSWORD)
         assert users.begun.acquire(timeout=PATIENCE_S)
         users.go_on.release()
-        assert otto.until("answer", lambda frame: frame["id"] == number)["message"] == "logged in as otto, role operate"
+        assert (
+            otto.until("answer", lambda frame: frame["id"] == number)["message"]
+            == "logged in as otto, role operate"
+        )
         for host in range(2, 12):
             stranger = stack.enter_context(server.open(source_address=(f"127.0.0.{host}", 0)))
             stranger.send("login", name="egon", password=f"guess {host}")
@@ -171,7 +179,10 @@ def test_control_is_handed_over_and_a_role_is_refused_on_real_pages(make_server,
         asked = otto.seen("control", lambda frame: frame["request"])["request"]
         assert asked["name"] == "olga"
         assert otto.ask("hand_over_control", to=asked["session"])["outcome"] == "done"
-        assert olga.seen("control", lambda frame: frame["you"])["note"] == "otto has handed control over to you"
+        assert (
+            olga.seen("control", lambda frame: frame["you"])["note"]
+            == "otto has handed control over to you"
+        )
         recorded = [server.next_order() for _ in range(2)]
         assert [(one.who.split()[0], one.asked) for one in recorded] == [
             ("olga", "ask for control"),

@@ -28,13 +28,19 @@ def broken(file):
     [
         (broken, [], "users.yaml, line 1: role is 'boss'; one of view, operate or engineer"),
         (lambda file: file.chmod(0o644), [], "others may read"),
-        (lambda file: file.write_text("[]"), [], "has no user: add one with 'fsw.py hmi user add'"),
+        (
+            lambda file: file.write_text("[]"),
+            [],
+            "has no user: add one with 'fsw.py hmi user add'",
+        ),
         (lambda file: file.unlink(), [], "No such file"),
         (lambda file: None, ["--token-file", "token"], "users_file, token_file: give one of them"),
         (lambda file: None, ["--tls-cert", "cert.pem"], "tls_cert, tls_key: give both or neither"),
     ],
 )
-def test_server_does_not_start_with_what_is_wrong_and_says_why_in_a_line(domain_id, file, capfd, change, more, text):
+def test_server_does_not_start_with_what_is_wrong_and_says_why_in_a_line(
+    domain_id, file, capfd, change, more, text
+):
     change(file)
     assert main.main(["run_hmi.py", "--port", "0", "--users-file", str(file), *more]) == 2
     said = capfd.readouterr()
@@ -76,4 +82,7 @@ def test_named_user_commands_and_no_token_is_printed(domain_id, file, capsys, fo
 def test_without_its_libraries_it_says_what_to_install_in_a_line(monkeypatch, capsys):
     monkeypatch.setattr(main, "find_spec", lambda name: None if name == "starlette" else name)
     assert main.main(["hmi"]) == 2
-    assert capsys.readouterr().err == "hmi: starlette missing: pip install starlette uvicorn websockets\n"
+    assert (
+        capsys.readouterr().err
+        == "hmi: starlette missing: pip install starlette uvicorn websockets\n"
+    )

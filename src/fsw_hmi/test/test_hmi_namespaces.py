@@ -23,7 +23,10 @@ def test_each_page_shows_the_fault_of_its_own_weld_alone(domain_id):
         for node in nodes:
             graph.executor.add_node(node)
         publishers = {cell: DiagnosticsPublisher(node) for cell, node in supervisors.items()}
-        watches = {cell: Watch(node, lambda *_: None, lambda *_: None, lambda: None) for cell, node in pages.items()}
+        watches = {
+            cell: Watch(node, lambda *_: None, lambda *_: None, lambda: None)
+            for cell, node in pages.items()
+        }
 
         def told():
             for cell, line in WELDS.items():
@@ -35,7 +38,9 @@ def test_each_page_shows_the_fault_of_its_own_weld_alone(domain_id):
         graph.until(told, "the pages")
         for cell, watch in watches.items():
             shown = watch.parts()
-            assert {node: [*parts] for node, parts in shown.items()} == {"fsw_supervisor": ["process"]}
+            assert {node: [*parts] for node, parts in shown.items()} == {
+                "fsw_supervisor": ["process"]
+            }
             assert shown["fsw_supervisor"]["process"].text == WELDS[cell].text
             assert watch.sensor_states["thermocouple"] == WELDS[cell].values["thermocouple state"]
     finally:

@@ -82,7 +82,9 @@ class Graph:
         self.start_page()
         self.actions = []
         node = self.node
-        node.create_subscription(OperatorAction, "fsw/operator_action", self.actions.append, LATCHED)
+        node.create_subscription(
+            OperatorAction, "fsw/operator_action", self.actions.append, LATCHED
+        )
         self.drives = node.create_publisher(DriveFeedback, "fsw/drives", STREAM)
         self.depths = node.create_publisher(ShoulderDepth, "fsw/depth", STREAM)
         self.torques = node.create_publisher(SpindleTorque, "fsw/spindle_torque", STREAM)
@@ -133,7 +135,9 @@ def graph(request, domain_id, tmp_path, monkeypatch, capsys, folder):
     token_file = tmp_path / "token~"
     token_file.write_text(TOKEN)
     token_file.chmod(0o600)
-    one = Graph(domain_id, token_file, monkeypatch, capsys, folder, getattr(request, "param", 60.0))
+    one = Graph(
+        domain_id, token_file, monkeypatch, capsys, folder, getattr(request, "param", 60.0)
+    )
     yield one
     one.close()
 
@@ -162,7 +166,10 @@ def test_trends_actions_and_alarms_survive_a_restart_of_the_page(graph, page):
 
 def test_control_that_was_somebodys_when_the_server_was_killed_is_told_and_recorded(graph, page):
     kept = graph.state_folder / "hmi_state.json"
-    wait_until(lambda: kept.exists() and '"holder":"anna (' in kept.read_text(), "the state with who has control")
+    wait_until(
+        lambda: kept.exists() and '"holder":"anna (' in kept.read_text(),
+        "the state with who has control",
+    )
     killed = kept.read_bytes()
 
     def start_after_a_kill():
@@ -182,33 +189,51 @@ def test_control_that_was_somebodys_when_the_server_was_killed_is_told_and_recor
     assert (lost.action, lost.who.startswith("anna (")) == ("lose control", True)
 
 
-def test_node_alone_publishes_no_set_points_and_is_no_subscriber_that_a_plant_waits_for(graph, page):
-    names = [f"/fsw/{name}" for name in ("reference", "reference_plan", "command", "switch_request")]
+def test_node_alone_publishes_no_set_points_and_is_no_subscriber_that_a_plant_waits_for(
+    graph, page
+):
+    names = [
+        f"/fsw/{name}" for name in ("reference", "reference_plan", "command", "switch_request")
+    ]
     assert [name for name in names if graph.node.count_publishers(name)] == []
     wait_until(lambda: graph.drives.get_subscription_count() == 1, "the page at the drives")
-    wait_until(lambda: graph.node.count_subscribers("/fsw/supervisor/state") == 1, "the page at the supervisor")
+    wait_until(
+        lambda: graph.node.count_subscribers("/fsw/supervisor/state") == 1,
+        "the page at the supervisor",
+    )
     assert graph.depths.get_subscription_count() == 0
     graph.tick_until(graph.depths.get_subscription_count, "the page at the sensors")
-    wait_until(lambda: graph.depths.get_subscription_count() == 0, "the page to leave a silent plant")
-    graph.tick_until(graph.depths.get_subscription_count, "the page at the sensors of the next plant")
+    wait_until(
+        lambda: graph.depths.get_subscription_count() == 0, "the page to leave a silent plant"
+    )
+    graph.tick_until(
+        graph.depths.get_subscription_count, "the page at the sensors of the next plant"
+    )
 
 
 def test_ticks_reach_the_page(graph, page):
     graph.tick_until(lambda: "tick" in page.frames or page.receive()["t"] == "tick", "a tick")
 
     def is_whole():
-        return page.receive()["t"] == "tick" and None not in (page.value("depth_mm"), page.value("torque_nm"))
+        return page.receive()["t"] == "tick" and None not in (
+            page.value("depth_mm"),
+            page.value("torque_nm"),
+        )
 
     graph.tick_until(is_whole, "a whole tick")
     assert (page.value("depth_mm"), page.value("torque_nm")) == (2.66, 1000.0)
     assert (page.value("temperature_c"), page.value("angle_deg")) == (None, None)
     graph.progress.publish(WeldProgress(state="running", phase="joint_line", angle=radians(143.0)))
-    graph.tick_until(lambda: page.receive()["t"] == "tick" and page.value("angle_deg") == 143.0, "the angle")
+    graph.tick_until(
+        lambda: page.receive()["t"] == "tick" and page.value("angle_deg") == 143.0, "the angle"
+    )
 
 
 def test_another_weld_begins_when_time_goes_back_and_no_sensor_is_missed_meanwhile(graph, page):
     graph.tick_until(lambda: page.receive()["t"] == "tick", "a tick")
-    wait_until(lambda: graph.depths.get_subscription_count() == 0, "the page to leave a silent plant")
+    wait_until(
+        lambda: graph.depths.get_subscription_count() == 0, "the page to leave a silent plant"
+    )
     page.seen("alarms", lambda frame: frame["alarms"])
     graph.drives.publish(convert.drives_message(Command(78.0, 400.0), START_NS - 100 * TICK_NS))
     page.until("hello")
@@ -225,7 +250,12 @@ def test_another_weld_begins_when_time_goes_back_and_no_sensor_is_missed_meanwhi
 def test_state_prediction_and_alarms_reach_the_page(graph, page, monkeypatch):
     health = ControllerHealth(name="nmpc", warm=True, healthy=True)
     graph.states.publish(
-        SupervisorState(actual_mode="auto", target_mode="auto", controllers=[health], interlocks=["depth_high:warn"])
+        SupervisorState(
+            actual_mode="auto",
+            target_mode="auto",
+            controllers=[health],
+            interlocks=["depth_high:warn"],
+        )
     )
     shown = page.seen("state", lambda frame: frame["known"])
     assert (shown["actual_mode"], shown["controllers"][0]["ready"]) == ("auto", True)
@@ -239,7 +269,11 @@ def test_state_prediction_and_alarms_reach_the_page(graph, page, monkeypatch):
         )
     )
     plan = page.until("prediction")
-    assert (plan["controller"], plan["time_s"], plan["depth_mm"]) == ("nmpc", [1_700_000_000.1], [2.66])
+    assert (plan["controller"], plan["time_s"], plan["depth_mm"]) == (
+        "nmpc",
+        [1_700_000_000.1],
+        [2.66],
+    )
     assert (plan["depth_mm:deviation"], plan["temperature_c:deviation"]) == ([0.002], [0.25])
     page.seen("alarms", lambda frame: ("interlock:depth_high", "active") in states(frame))
     assert page.ask("acknowledge", ids=["interlock:depth_high"])["message"] == "1 acknowledged"
@@ -248,10 +282,14 @@ def test_state_prediction_and_alarms_reach_the_page(graph, page, monkeypatch):
     page.until("state", lambda frame: not frame["known"])  # the supervisor is silent
 
 
-def test_set_points_out_of_reach_are_told_beside_what_is_attainable_until_they_are_within(graph, page, monkeypatch):
+def test_set_points_out_of_reach_are_told_beside_what_is_attainable_until_they_are_within(
+    graph, page, monkeypatch
+):
     health = ControllerHealth(name="nmpc", warm=True, healthy=True)
     graph.states.publish(
-        SupervisorState(actual_mode="auto", target_mode="auto", actual_controller="nmpc", controllers=[health])
+        SupervisorState(
+            actual_mode="auto", target_mode="auto", actual_controller="nmpc", controllers=[health]
+        )
     )
     statuses = graph.node.create_publisher(ControllerStatus, "fsw/nmpc/status", STREAM)
     wait_until(statuses.get_subscription_count, "the page at the status")
@@ -272,7 +310,9 @@ def test_set_points_out_of_reach_are_told_beside_what_is_attainable_until_they_a
         return False
 
     goes_for(815.04)
-    graph.tick_until(lambda: is_shown({"depth_mm": 2.66, "temperature_c": 815.0}, "active"), "the alarm")
+    graph.tick_until(
+        lambda: is_shown({"depth_mm": 2.66, "temperature_c": 815.0}, "active"), "the alarm"
+    )
     goes_for(815.04, source="decentral")  # another one commands, who tells nothing
     graph.tick_until(lambda: is_shown(None, "cleared"), "its end")
     told = ["raised", "cleared"]  # on a topic of its own, which may come after the page's frame
@@ -282,16 +322,24 @@ def test_set_points_out_of_reach_are_told_beside_what_is_attainable_until_they_a
 
     graph.tick_until(lambda: journal() == told, "the journal")
     text = next(one.text for one in events if one.id == "out_of_reach")
-    assert text == "Set-point out of reach: 830 °C asked, 815 °C attainable: speed at its upper bound"
+    assert (
+        text == "Set-point out of reach: 830 °C asked, 815 °C attainable: speed at its upper bound"
+    )
 
 
 def test_answers_of_services(graph, page):
     def on_mode(request, response):
-        response.ok, response.message = request.mode in ("hold", "safe_stop"), f"{request.mode} {request.axial_force:g}"
+        response.ok, response.message = (
+            request.mode in ("hold", "safe_stop"),
+            f"{request.mode} {request.axial_force:g}",
+        )
         return response
 
     def on_switch(request, response):
-        response.ok, response.message = True, f"{request.name} {request.strictness} {request.timeout.sec}"
+        response.ok, response.message = (
+            True,
+            f"{request.name} {request.strictness} {request.timeout.sec}",
+        )
         return response
 
     def on_acknowledge(_, response):
@@ -304,7 +352,9 @@ def test_answers_of_services(graph, page):
 
     refused = page.ask("mode", mode="hold")
     assert (refused["outcome"], refused["message"]) == ("refused", "there is no supervisor to ask")
-    assert page.ask("disturb", channel="depth", shape="step", amplitude=0.1)["outcome"] == "refused"
+    assert (
+        page.ask("disturb", channel="depth", shape="step", amplitude=0.1)["outcome"] == "refused"
+    )
     graph.serve(SetMode, "fsw/set_mode", on_mode)
     graph.serve(SwitchController, "fsw/switch_controller", on_switch)
     graph.serve(SetDisturbance, "fsw/plant/set_disturbance", on_disturb)
@@ -319,13 +369,19 @@ def test_answers_of_services(graph, page):
     manual = page.ask("mode", mode="manual", force_kn=78.0, speed_rpm=400.0)
     assert (manual["outcome"], manual["message"]) == ("refused", "manual 78000")
     assert page.ask("switch", controller="nmpc", wait_s=2)["message"] == "nmpc 1 2"
-    assert page.ask("disturb", channel="depth", shape="step", amplitude=0.1)["message"] == "depth 0.0001"
+    assert (
+        page.ask("disturb", channel="depth", shape="step", amplitude=0.1)["message"]
+        == "depth 0.0001"
+    )
     assert page.ask("safe_stop")["message"] == "safe_stop nan"
     graph.serve(Trigger, "fsw/acknowledge", on_acknowledge)
     wait_until(graph.hmi._orders._acknowledge.service_is_ready, "the service")
     assert page.ask("acknowledge_stop")["message"] == "still hot"
     wait_until(lambda: len(graph.actions) == 10, "the record of all actions")
-    assert (graph.actions[0].action, graph.actions[0].message) == ("log in", "logged in as anna, role engineer")
+    assert (graph.actions[0].action, graph.actions[0].message) == (
+        "log in",
+        "logged in as anna, role engineer",
+    )
     assert [(one.action, one.outcome) for one in graph.actions][-5:] == [
         ("mode manual 78 kN, 400 rpm", "refused"),
         ("switch to nmpc", "done"),
@@ -372,12 +428,19 @@ def test_safe_stop_reaches_a_supervisor_that_comes_after_the_page_was_answered(g
     graph.serve(SetMode, "fsw/set_mode", on_mode)
     wait_until(lambda: asked, "the safe stop")
     wait_until(lambda: len(graph.actions) == 4, "the record of what became of it")
-    assert [one.outcome for one in graph.actions][1:] == ["done", "timed_out", "done"]  # the first: control taken
+    assert [one.outcome for one in graph.actions][1:] == [
+        "done",
+        "timed_out",
+        "done",
+    ]  # the first: control taken
     assert asked[0] == "safe_stop"
 
 
 def test_set_points_are_asked_for_and_the_answer_is_the_supervisors(graph, page):
-    assert page.ask("set_reference", depth_mm=2.7, temperature_c=820)["message"] == "there is no supervisor to ask"
+    assert (
+        page.ask("set_reference", depth_mm=2.7, temperature_c=820)["message"]
+        == "there is no supervisor to ask"
+    )
     asked = []
 
     def on_set_points(request, response):
@@ -389,10 +452,16 @@ def test_set_points_are_asked_for_and_the_answer_is_the_supervisors(graph, page)
     wait_until(graph.hmi._orders._set_reference.service_is_ready, "the service")
     refused = page.ask("set_reference", depth_mm=2.7, temperature_c=820)
     assert (refused["outcome"], refused["message"]) == ("refused", "as a test")
-    assert page.ask("set_reference", depth_mm=2.66, temperature_c=826, ramp=True)["outcome"] == "done"
-    graph.progress.publish(WeldProgress(state="running", phase="joint_line", way_back=31.5, depth=2.66e-3))
+    assert (
+        page.ask("set_reference", depth_mm=2.66, temperature_c=826, ramp=True)["outcome"] == "done"
+    )
+    graph.progress.publish(
+        WeldProgress(state="running", phase="joint_line", way_back=31.5, depth=2.66e-3)
+    )
     told = page.seen("progress", lambda frame: frame["state"] == "running")
-    assert page.ask("set_reference", depth_mm=2.7, temperature_c=820)["outcome"] == "done"  # the page does not judge
+    assert (
+        page.ask("set_reference", depth_mm=2.7, temperature_c=820)["outcome"] == "done"
+    )  # the page does not judge
     assert asked == [(2.7, 820.0, False), (2.66, 826.0, True), (2.7, 820.0, False)]
     assert (told["left"], told["way_back_s"], told["depth_mm"]) == (False, 31.5, 2.66)
 
@@ -436,7 +505,11 @@ def test_alarm_is_raised_shelved_cleared_raised_again_and_all_of_it_is_in_the_jo
 
     wait_until(lambda: len(journal()) == 6, "the journal")
     assert journal() == ["raised", "shelved", "unshelved", "cleared", "re-raised", "acknowledged"]
-    assert (told[1].reason, told[1].shelved_for, told[1].who[:6]) == ("disk is being changed", 1200.0, "anna (")
+    assert (told[1].reason, told[1].shelved_for, told[1].who[:6]) == (
+        "disk is being changed",
+        1200.0,
+        "anna (",
+    )
     assert {(one.id, one.priority) for one in told} == {("part:fsw_recorder", "medium")}
 
 
@@ -454,10 +527,14 @@ def test_odd_names_and_floods_leave_the_page_alive(graph, page):
         for name in odd * 10
     ]
     graph.states.publish(
-        SupervisorState(actual_mode="\n", actual_controller="ü", controllers=health, interlocks=odd * 100)
+        SupervisorState(
+            actual_mode="\n", actual_controller="ü", controllers=health, interlocks=odd * 100
+        )
     )
     page.seen("state", lambda frame: len(frame["controllers"]) == 20)
-    broken = serialize_message(SupervisorState(who="no UTF-8")).replace(b"UTF-8", b"\xff\xfe-\xff8")
+    broken = serialize_message(SupervisorState(who="no UTF-8")).replace(
+        b"UTF-8", b"\xff\xfe-\xff8"
+    )
     graph.states.publish(broken)
     flood = [
         DiagnosticStatus(name=f"rogue{i}: {name}", level=DiagnosticStatus.ERROR, message=name)
@@ -465,9 +542,14 @@ def test_odd_names_and_floods_leave_the_page_alive(graph, page):
         for name in odd
     ]
     diagnostics.publish(DiagnosticArray(status=flood))
-    own = DiagnosticStatus(name="fsw_recorder: recording", level=DiagnosticStatus.ERROR, message="disk full")
+    own = DiagnosticStatus(
+        name="fsw_recorder: recording", level=DiagnosticStatus.ERROR, message="disk full"
+    )
     diagnostics.publish(DiagnosticArray(status=[own]))
-    shown = page.seen("alarms", lambda frame: {"flood", "part:fsw_recorder"} <= {name for name, _ in states(frame)})
+    shown = page.seen(
+        "alarms",
+        lambda frame: {"flood", "part:fsw_recorder"} <= {name for name, _ in states(frame)},
+    )
     page.seen("state", lambda frame: len(frame["parts"]) == 200)
     assert page.ask("acknowledge", ids=[name for name, _ in states(shown)])["outcome"] == "done"
     graph.tick_until(lambda: page.receive()["t"] == "tick", "a tick")
@@ -494,7 +576,10 @@ def test_set_points_beyond_a_trip_are_refused_before_they_are_sent(graph, page):
     graph.states.publish(SupervisorState(term=1, leader="leader"))
     page.seen("hello", lambda frame: frame["limits"]["depth_mm"].get("trip") == [None, 3.0])
     refused = page.ask("set_reference", depth_mm=3.0, temperature_c=820)
-    assert (refused["outcome"], "would trip the interlock" in refused["message"]) == ("refused", True)
+    assert (refused["outcome"], "would trip the interlock" in refused["message"]) == (
+        "refused",
+        True,
+    )
     assert page.ask("set_reference", depth_mm=2.9, temperature_c=820)["outcome"] == "done"
     assert len(asked) == 1
 
@@ -518,12 +603,16 @@ def test_wrong_arguments_are_told_in_a_line(domain_id, capfd, arguments, text):
 
 
 def test_a_procedure_that_was_changed_after_it_was_signed_is_refused(tmp_path):
-    pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/signing.lock")
+    pytest.importorskip(
+        "securesystemslib", reason="not installed: pip install -r requirements/signing.lock"
+    )
     file, key = tmp_path / "lid.yaml", tmp_path / "key"
     file.write_text(yaml.safe_dump(short_procedure().model_dump(mode="json", exclude_none=True)))
     assert book_of("") is default() and book_of(str(file)).id == "copper_lid"
     make_key(key)
-    signed = sign(file.read_bytes(), file.name, Purpose.PROCEDURE, load_private(key), datetime.now(UTC))
+    signed = sign(
+        file.read_bytes(), file.name, Purpose.PROCEDURE, load_private(key), datetime.now(UTC)
+    )
     signature_path(file).write_text(signed)
     assert book_of(str(file)).id == "copper_lid"
     file.write_text(file.read_text().replace("910.0", "911.0"))

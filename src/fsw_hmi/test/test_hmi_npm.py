@@ -61,10 +61,16 @@ def test_lock_that_has_changed_is_installed_anew(make_npm, tmp_path):
 
 
 def test_installation_that_fails_is_told_in_one_line_and_tried_again(make_npm, capsys):
-    make_npm("echo 'npm error code E1' >&2; echo 'npm error request to x failed, reason: y' >&2; exit 1")
+    make_npm(
+        "echo 'npm error code E1' >&2; echo 'npm error request to x failed, reason: y' >&2; exit 1"
+    )
     assert served(FILES[0]) is None
     told = capsys.readouterr().err
-    assert "no trends" in told and "a registry must be reachable" in told and "failed, reason: y" in told
+    assert (
+        "no trends" in told
+        and "a registry must be reachable" in told
+        and "failed, reason: y" in told
+    )
     assert told.count("\n") == 1
     make_npm()
     assert served(FILES[0]) == b"of npm\n"

@@ -10,7 +10,12 @@ from fsw_hmi.requests import ACTIONS, read
 from fsw_schema.models import InputError
 
 TRIPS = defaults(load("fsw_supervisor", "supervisor.yaml"))
-STATE = {"target_controller": "nmpc", "actual_controller": "nmpc", "target_mode": "auto", "actual_mode": "auto"}
+STATE = {
+    "target_controller": "nmpc",
+    "actual_controller": "nmpc",
+    "target_mode": "auto",
+    "actual_mode": "auto",
+}
 STATE |= {"acknowledged": False, "controllers": [{"inhibited": False}]}
 REPLACED = STATE | {"actual_controller": "decentral"}
 INHIBITED = STATE | {"controllers": [{"inhibited": True}]}
@@ -24,7 +29,12 @@ POINTS = {"depth_mm": 2.7, "temperature_c": 820.0}
         ("set_reference", POINTS, {}, ""),
         ("set_reference", POINTS, {"depth_mm": 2.7, "temperature_c": 819.0}, ""),
         ("set_reference", POINTS, POINTS, "these set-points are in force already"),
-        ("set_reference", POINTS | {"depth_mm": 3.7}, {"interlocks": TRIPS}, "depth 3.7 mm would trip the interlock"),
+        (
+            "set_reference",
+            POINTS | {"depth_mm": 3.7},
+            {"interlocks": TRIPS},
+            "depth 3.7 mm would trip the interlock",
+        ),
         ("switch", {"controller": "nmpc"}, {"state": STATE}, "nmpc commands already"),
         ("switch", {"controller": "nmpc"}, {}, ""),
         ("switch", {"controller": "nmpc"}, {"state": REPLACED}, ""),
@@ -32,10 +42,20 @@ POINTS = {"depth_mm": 2.7, "temperature_c": 820.0}
         ("mode", {"mode": "auto"}, {"state": STATE}, "the mode is auto already"),
         ("mode", {"mode": "auto"}, {"state": INHIBITED}, ""),  # readmits it
         ("mode", {"mode": "auto"}, {"state": STOPPED}, ""),
-        ("mode", {"mode": "hold"}, {"state": STATE | {"actual_mode": "hold", "target_mode": "hold"}}, ""),  # lasts anew
+        (
+            "mode",
+            {"mode": "hold"},
+            {"state": STATE | {"actual_mode": "hold", "target_mode": "hold"}},
+            "",
+        ),  # lasts anew
         ("acknowledge_stop", {}, {"state": STATE}, "there is no safe stop to acknowledge"),
         ("acknowledge_stop", {}, {"state": STOPPED}, ""),
-        ("acknowledge_stop", {}, {"state": STOPPED | {"acknowledged": True}}, "the safe stop is acknowledged already"),
+        (
+            "acknowledge_stop",
+            {},
+            {"state": STOPPED | {"acknowledged": True}},
+            "the safe stop is acknowledged already",
+        ),
     ],
 )
 def test_what_would_change_nothing_or_trip_is_refused(do, content, known, told):
@@ -68,7 +88,10 @@ def test_disturbance_of_nothing_is_refused(do, content):
 def test_form_has_the_limits_by_which_the_server_judges():
     whole, found = reference({}), reference(TRIPS)
     assert whole["depth_mm"] == [REFERENCE_DEPTH_MM.low, REFERENCE_DEPTH_MM.high]
-    assert (found["depth_mm"][1], found["temperature_c"]) == (min(3.69, REFERENCE_DEPTH_MM.high), [790.1, 909.9])
+    assert (found["depth_mm"][1], found["temperature_c"]) == (
+        min(3.69, REFERENCE_DEPTH_MM.high),
+        [790.1, 909.9],
+    )
     for depth_mm, temperature_c in zip(found["depth_mm"], found["temperature_c"], strict=True):
         points = read("set_reference", {"depth_mm": depth_mm, "temperature_c": temperature_c})
         assert why_not(points, None, None, TRIPS) == ""

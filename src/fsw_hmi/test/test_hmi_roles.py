@@ -5,7 +5,14 @@ import json
 import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
-from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invariant, multiple, rule
+from hypothesis.stateful import (
+    Bundle,
+    RuleBasedStateMachine,
+    initialize,
+    invariant,
+    multiple,
+    rule,
+)
 
 from fsw_control.journal import RequestKind
 from fsw_hmi.control import DONE, REFUSED, TIMED_OUT
@@ -17,7 +24,9 @@ PASSWORD = "correct horse battery"
 THERE = "192.0.2.4"
 USERS = {"vera": "view", "otto": "operate", "olga": "operate", "egon": "engineer"}
 NEEDS = {
-    **dict.fromkeys(("set_reference", "switch", "mode", "weld", "acknowledge", "acknowledge_stop"), "operate"),
+    **dict.fromkeys(
+        ("set_reference", "switch", "mode", "weld", "acknowledge", "acknowledge_stop"), "operate"
+    ),
     **dict.fromkeys(("disturb", "fault"), "engineer"),
 }
 CONTENT = {
@@ -50,14 +59,18 @@ class Place:
         return self.send(do, **content)
 
     def send(self, do, **content):
-        return self.hall.room.handle(self.session, json.dumps({"id": 7, "do": do, **content}), self.hall.now_s)
+        return self.hall.room.handle(
+            self.session, json.dumps({"id": 7, "do": do, **content}), self.hall.now_s
+        )
 
     def log_in(self, name, password=PASSWORD):
         verdict = self.ask("login", name=name, password=password)
         if verdict.credentials is None:
             return verdict
         user = self.hall.room.check(*verdict.credentials)
-        return self.hall.room.on_checked(self.session, verdict.id, verdict.credentials, user, self.hall.now_s)
+        return self.hall.room.on_checked(
+            self.session, verdict.id, verdict.credentials, user, self.hall.now_s
+        )
 
     def take(self):
         holder = self.hall.room.holder
@@ -99,7 +112,12 @@ def test_role_that_may_not_is_refused_in_a_line_and_nothing_moves(hall, name, do
         assert verdict.action is not None
     else:
         text = f"your role is {USERS[name]}: this needs the role {NEEDS[do]}"
-        assert (verdict.action, verdict.outcome, verdict.message, verdict.asked) == (None, REFUSED, text, do)
+        assert (verdict.action, verdict.outcome, verdict.message, verdict.asked) == (
+            None,
+            REFUSED,
+            text,
+            do,
+        )
     assert place.ask("safe_stop").action == SafeStop()
 
 
@@ -115,7 +133,10 @@ def test_login_is_told_with_its_role_and_as_the_file_spells_the_name(hall):
     place = Place(hall)
     assert place.log_in("EGON").message == "logged in as egon, role engineer"
     assert (place.control["role"], place.session.who) == ("engineer", f"egon ({place.session.id})")
-    assert place.ask("login", name="egon", token=PASSWORD).credentials == ("egon", "")  # a token is none
+    assert place.ask("login", name="egon", token=PASSWORD).credentials == (
+        "egon",
+        "",
+    )  # a token is none
 
 
 @pytest.mark.requirement("S30")
@@ -138,7 +159,10 @@ def test_only_one_password_of_a_page_is_checked_at_a_time_and_a_busy_check_is_no
     place = Place(hall)
     first = place.ask("login", name="otto", password=PASSWORD)
     assert first.credentials == ("otto", PASSWORD)
-    assert place.ask("login", name="otto", password=PASSWORD).message == "your password is being checked"
+    assert (
+        place.ask("login", name="otto", password=PASSWORD).message
+        == "your password is being checked"
+    )
     assert hall.room.on_busy(place.session, 7).outcome == TIMED_OUT
     assert place.log_in("otto").outcome == DONE
     assert Place(hall).ask("login", name="olga", password="x" * 129).credentials is None
@@ -164,9 +188,15 @@ def test_control_is_asked_for_and_handed_over(hall):
     assert olga.control["request"] == {**asked, "you": True}
     assert egon.ask("request_control").message == f"{olga.session.who} asks for control already"
     assert olga.ask("hand_over_control", to=olga.session.id).message == "you do not have control"
-    assert otto.ask("hand_over_control", to=egon.session.id).message == f"{olga.session.who} asks now: look again"
+    assert (
+        otto.ask("hand_over_control", to=egon.session.id).message
+        == f"{olga.session.who} asks now: look again"
+    )
     verdict = otto.ask("hand_over_control", to=olga.session.id)
-    assert (verdict.asked, verdict.message) == ("hand control over", f"control handed over to {olga.session.who}")
+    assert (verdict.asked, verdict.message) == (
+        "hand control over",
+        f"control handed over to {olga.session.who}",
+    )
     assert hall.room.holder is olga.session
     assert otto.ask("mode", mode="hold").action is None
     assert (otto.control["note"], olga.control["note"]) == (
@@ -219,7 +249,11 @@ def test_who_asks_is_told_when_control_becomes_free(hall):
     otto.take()
     olga.ask("request_control")
     hall.room.leave(otto.session)
-    assert (olga.control["note"], olga.control["request"], hall.room.holder) == ("control is free", None, None)
+    assert (olga.control["note"], olga.control["request"], hall.room.holder) == (
+        "control is free",
+        None,
+        None,
+    )
 
 
 def test_same_person_takes_control_along_to_another_page(hall):
@@ -230,9 +264,17 @@ def test_same_person_takes_control_along_to_another_page(hall):
     token = ControlRoom("a token of some length")
     pages = [token.join(THERE) for _ in range(2)]
     for page in pages:  # with a token a name proves nothing
-        token.handle(page, json.dumps({"id": 1, "do": "login", "name": "otto", "token": "a token of some length"}), 0.0)
+        token.handle(
+            page,
+            json.dumps(
+                {"id": 1, "do": "login", "name": "otto", "token": "a token of some length"}
+            ),
+            0.0,
+        )
     token.handle(pages[0], json.dumps({"id": 2, "do": "take_control", "from": None}), 0.0)
-    again = token.handle(pages[1], json.dumps({"id": 2, "do": "take_control", "from": pages[0].id}), 0.0)
+    again = token.handle(
+        pages[1], json.dumps({"id": 2, "do": "take_control", "from": pages[0].id}), 0.0
+    )
     assert again.outcome == REFUSED
 
 
@@ -246,7 +288,11 @@ def test_idle_page_gives_control_back_and_still_stops():
     why = "nobody has touched the page for 10 min"
     assert hall.room.tick(hall.now_s) == [Order(otto.session.who, *LOST, DONE, why)]
     assert hall.room.tick(hall.now_s) == []
-    assert (hall.room.holder, otto.control["authenticated"], otto.control["may_stop"]) == (None, False, True)
+    assert (hall.room.holder, otto.control["authenticated"], otto.control["may_stop"]) == (
+        None,
+        False,
+        True,
+    )
     assert otto.control["note"] == f"{why}: log in again to command"
     assert otto.ask("mode", mode="hold").message == "log in again"
     assert otto.ask("safe_stop").action == SafeStop()
@@ -259,7 +305,9 @@ def test_who_loses_control_is_recorded_and_everybody_is_told_why(hall):
     otto, olga = Place(hall, "otto"), Place(hall, "olga")
     otto.take()
     hall.room.leave(otto.session)
-    assert hall.room.tick(hall.now_s) == [Order(otto.session.who, *LOST, DONE, "the page was closed")]
+    assert hall.room.tick(hall.now_s) == [
+        Order(otto.session.who, *LOST, DONE, "the page was closed")
+    ]
     assert olga.control["note"] == "otto has lost control: the page was closed"
     olga.take()
     assert olga.control["note"] == ""
@@ -276,14 +324,21 @@ def test_control_that_ends_with_the_server_is_told_by_the_next_one(hall):
     why = "the page's server was started again"
     assert hall.room.tick(hall.now_s) == [Order("otto (3f2a)", *LOST, DONE, why)]
     olga = Place(hall, "olga")
-    assert (olga.control["holder"], olga.control["note"]) == (None, f"otto (3f2a) has lost control: {why}")
+    assert (olga.control["holder"], olga.control["note"]) == (
+        None,
+        f"otto (3f2a) has lost control: {why}",
+    )
     assert olga.take().outcome == DONE
 
 
 def test_logins_are_recorded_without_what_a_stranger_has_typed_in(hall):
     place = Place(hall)
     right = place.log_in("OTTO")
-    assert (right.asked, right.outcome, right.message) == ("log in", DONE, "logged in as otto, role operate")
+    assert (right.asked, right.outcome, right.message) == (
+        "log in",
+        DONE,
+        "logged in as otto, role operate",
+    )
     stranger = Place(hall)
     for name, password in (("Otto", "x"), ("Otto", "x"), ("my-secret-password", "y")):
         stranger.log_in(name, password)
@@ -333,7 +388,10 @@ class Passing(RuleBasedStateMachine):
         if place.log_in(name, PASSWORD if right else "wrong").outcome == DONE:
             self.logged_in.add(place)
 
-    @rule(place=places, do=st.sampled_from(["request_control", "withdraw_request", "release_control", "active"]))
+    @rule(
+        place=places,
+        do=st.sampled_from(["request_control", "withdraw_request", "release_control", "active"]),
+    )
     def ask(self, place, do):
         place.ask(do)
 
@@ -356,7 +414,9 @@ class Passing(RuleBasedStateMachine):
 
     @rule(place=places, do=st.sampled_from(sorted(NEEDS)))
     def commands(self, place, do):
-        allowed = place.control["you"] and ROLES.index(place.session.role) >= ROLES.index(NEEDS[do])
+        allowed = place.control["you"] and ROLES.index(place.session.role) >= ROLES.index(
+            NEEDS[do]
+        )
         assert (place.ask(do, **CONTENT.get(do, {})).action is not None) == allowed
 
     @rule(place=places)
@@ -374,7 +434,9 @@ class Passing(RuleBasedStateMachine):
     def at_most_one_has_control_and_has_a_right_to_it(self):
         controls = [place.control for place in self.all]
         assert sum(one["you"] for one in controls) <= 1
-        assert all(one["authenticated"] and one["role"] != "view" for one in controls if one["you"])
+        assert all(
+            one["authenticated"] and one["role"] != "view" for one in controls if one["you"]
+        )
         assert not any(one["you"] and one["request"] and one["request"]["you"] for one in controls)
         assert all(one["holder"] for one in controls if one["request"])
 

@@ -40,17 +40,23 @@ def test_page_is_encrypted_and_commands_go_through(make_server, files):
 @pytest.mark.requirement("S30")
 def test_handshakes_that_never_end_shut_no_new_page_out_and_are_closed(make_server, files):
     server = make_server(encrypted=tls.context(*files))
-    strangers = [socket.create_connection(("127.0.0.1", server.port), PATIENCE_S) for _ in range(300)]
+    strangers = [
+        socket.create_connection(("127.0.0.1", server.port), PATIENCE_S) for _ in range(300)
+    ]
     with Page(server.url, ssl=ssl.create_default_context(cafile=files[0])) as page:
         assert page.receive()["t"] == "hello"
-        server.gate._request_s = 0.0  # from here on, so that it does not matter how long the page has taken
+        server.gate._request_s = (
+            0.0  # from here on, so that it does not matter how long the page has taken
+        )
         for one in strangers:
             assert one.recv(1) == b""  # the oldest at once, the others when their time is over
             one.close()
         page.until("beat")
 
 
-@pytest.mark.parametrize(("start_days", "text"), [(-400, "certificate has expired"), (2, "not yet valid")])
+@pytest.mark.parametrize(
+    ("start_days", "text"), [(-400, "certificate has expired"), (2, "not yet valid")]
+)
 def test_certificate_out_of_its_time_is_told_in_a_line(tmp_path, start_days, text):
     files = pair(tmp_path, start=datetime.now(UTC) + timedelta(days=start_days))
     with pytest.raises(ValueError, match=f"tls_cert: {files[0]}: .*{text}; make a new one"):
@@ -71,7 +77,10 @@ def test_certificate_that_is_good_is_taken_and_none_is_none(files):
         (lambda cert, key: (cert, key + "x"), "tls_key: cannot read .*: No such file"),
         (lambda cert, key: (key, key), "tls_cert: .* holds no certificate in PEM"),
         (lambda cert, key: (cert, cert), "tls_key: .*chmod 600"),
-        (lambda cert, key: (cert.replace(".pem", ".der"), key), "tls_cert: .*der holds no certificate in PEM"),
+        (
+            lambda cert, key: (cert.replace(".pem", ".der"), key),
+            "tls_cert: .*der holds no certificate in PEM",
+        ),
     ],
 )
 def test_files_that_cannot_be_used_are_told_in_a_line(files, change, text):
@@ -82,7 +91,9 @@ def test_files_that_cannot_be_used_are_told_in_a_line(files, change, text):
 
 def test_key_of_another_certificate_is_told(files, tmp_path):
     other = pair(tmp_path, "other")
-    with pytest.raises(ValueError, match=f"tls_key: {other[1]} does not belong to tls_cert {files[0]}"):
+    with pytest.raises(
+        ValueError, match=f"tls_key: {other[1]} does not belong to tls_cert {files[0]}"
+    ):
         tls.context(files[0], other[1])
 
 
@@ -97,7 +108,9 @@ def test_key_that_others_may_read_or_that_is_none_or_has_a_password_is_told(file
         tls.context(certificate, key)
     path.chmod(0o600)
     way = serialization.BestAvailableEncryption(b"secret")
-    path.write_bytes(loaded.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, way))
+    path.write_bytes(
+        loaded.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, way)
+    )
     with pytest.raises(ValueError, match="no private key in PEM without a password"):
         tls.context(certificate, key)
     path.write_text("nothing")
@@ -111,4 +124,7 @@ def test_expired_certificate_ends_the_server_with_a_line(domain_id, capfd, tmp_p
     certificate, key = pair(tmp_path, start=datetime.now(UTC) - timedelta(days=400))
     given = ["--bag", str(tmp_path)] if bag else ["--port", "0"]
     assert main.main(["run_hmi.py", *given, "--tls-cert", certificate, "--tls-key", key]) == 2
-    assert "certificate has expired; make a new one" in capfd.readouterr().err.strip().splitlines()[-1]
+    assert (
+        "certificate has expired; make a new one"
+        in capfd.readouterr().err.strip().splitlines()[-1]
+    )

@@ -22,7 +22,9 @@ def test_file_that_others_may_read_is_refused(tmp_path, mode):
         users.read_token(path)
 
 
-@pytest.mark.parametrize("content", [b"", b"short", b"eleven char", b"\n\n", b"two words\nin two lines", b"\xff" * 12])
+@pytest.mark.parametrize(
+    "content", [b"", b"short", b"eleven char", b"\n\n", b"two words\nin two lines", b"\xff" * 12]
+)
 def test_file_without_a_token_is_refused(tmp_path, content):
     with pytest.raises(ValueError, match="token_file"):
         users.read_token(write(tmp_path / "token", content))

@@ -13,7 +13,20 @@ from fsw_schema.models import InputError
 
 PASSWORD = "correct horse battery"
 #: names that are none, or might be taken for another's
-CONFUSING = ("", "x" * 33, "a\nb", "Ånna", "\u0430nna", "anna b", "anna\u200b", "-anna", ".", "a/b", "<b>", "anna\x00")
+CONFUSING = (
+    "",
+    "x" * 33,
+    "a\nb",
+    "Ånna",
+    "\u0430nna",
+    "anna b",
+    "anna\u200b",
+    "-anna",
+    ".",
+    "a/b",
+    "<b>",
+    "anna\x00",
+)
 
 
 def user(name="anna", role="operate", password=PASSWORD):
@@ -31,7 +44,10 @@ def file(tmp_path):
 def test_file_is_private_holds_no_password_and_is_read_as_written(file):
     assert file.stat().st_mode & 0o777 == 0o600
     assert PASSWORD not in file.read_text()
-    assert [(one.name, one.role) for one in users.read(file)] == [("anna", "operate"), ("Bert.2", "engineer")]
+    assert [(one.name, one.role) for one in users.read(file)] == [
+        ("anna", "operate"),
+        ("Bert.2", "engineer"),
+    ]
     assert len({one.password for one in users.read(file)}) == 2  # each has its own salt
 
 
@@ -45,16 +61,38 @@ def test_file_that_others_may_read_is_refused(file, mode):
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (lambda entries: entries[1].update(role="boss"), "line 4: role is 'boss'; one of view, operate or engineer"),
+        (
+            lambda entries: entries[1].update(role="boss"),
+            "line 4: role is 'boss'; one of view, operate or engineer",
+        ),
         (lambda entries: entries[1].pop("role"), "line 4: lacks role"),
-        (lambda entries: entries[1].update(rank=1), "line 4: rank is an unknown key; known: name, role, password"),
-        (lambda entries: entries[0].update(password="secret"), "line 1: password is no hash of scrypt"),
-        (lambda entries: entries[0].update(password="$scrypt$ln=60,r=8,p=5$" + "A" * 22 + "$" + "A" * 43), "no hash"),
-        (lambda entries: entries[0].update(password="$scrypt$ln=0,r=8,p=0$" + "A" * 22 + "$" + "A" * 43), "no hash"),
+        (
+            lambda entries: entries[1].update(rank=1),
+            "line 4: rank is an unknown key; known: name, role, password",
+        ),
+        (
+            lambda entries: entries[0].update(password="secret"),
+            "line 1: password is no hash of scrypt",
+        ),
+        (
+            lambda entries: entries[0].update(
+                password="$scrypt$ln=60,r=8,p=5$" + "A" * 22 + "$" + "A" * 43
+            ),
+            "no hash",
+        ),
+        (
+            lambda entries: entries[0].update(
+                password="$scrypt$ln=0,r=8,p=0$" + "A" * 22 + "$" + "A" * 43
+            ),
+            "no hash",
+        ),
         (lambda entries: entries[1].update(name=7), "line 4: name is 7, not text"),
         (lambda entries: entries[1].update(name="ANNA"), "line 4: 'ANNA' is in line 1 already"),
         (lambda entries: entries.append("carl"), "line 7: is 'carl', not a mapping"),
-        *((lambda entries, one=name: entries[0].update(name=one), "is not a user's name") for name in CONFUSING),
+        *(
+            (lambda entries, one=name: entries[0].update(name=one), "is not a user's name")
+            for name in CONFUSING
+        ),
     ],
 )
 def test_broken_line_is_told_with_its_number_and_why(file, change, text):
@@ -87,7 +125,9 @@ def test_file_that_is_no_list_of_users_is_told_in_a_line(file, content, text):
 
 def test_two_users_of_the_same_name_in_one_line_are_told(file):
     file.write_text(
-        yaml.safe_dump([user("a").model_dump(), user("A").model_dump()], default_flow_style=True, width=999)
+        yaml.safe_dump(
+            [user("a").model_dump(), user("A").model_dump()], default_flow_style=True, width=999
+        )
     )
     with pytest.raises(InputError, match="line 1: 'A' is in line 1 already"):
         users.read(file)
@@ -110,7 +150,12 @@ def test_password_has_rules(password, text):
 def test_password_is_checked_and_remembered(monkeypatch):
     known = Users([user("Anna")])
     assert known.remembered("Anna", PASSWORD) is None
-    for name, password in (("Anna", "wrong"), ("Anna", ""), ("Bert", PASSWORD), ("Anna", PASSWORD + "\ud800")):
+    for name, password in (
+        ("Anna", "wrong"),
+        ("Anna", ""),
+        ("Bert", PASSWORD),
+        ("Anna", PASSWORD + "\ud800"),
+    ):
         assert known.check(name, password) is None
         assert known.remembered(name, password) is None
     assert known.check("aNNa", PASSWORD).name == "Anna"
@@ -128,7 +173,9 @@ def test_unknown_name_takes_as_long_as_a_known_one(monkeypatch):
     costs = []
     genuine = users._scrypt
     monkeypatch.setattr(
-        users, "_scrypt", lambda *given: costs.append(given[2:]) or genuine(given[0], given[1], 1, 1, 1)
+        users,
+        "_scrypt",
+        lambda *given: costs.append(given[2:]) or genuine(given[0], given[1], 1, 1, 1),
     )
     known = Users([new_user("anna", "view", PASSWORD)])
     costs.clear()
@@ -139,10 +186,15 @@ def test_unknown_name_takes_as_long_as_a_known_one(monkeypatch):
 
 def test_file_stays_whole_when_it_cannot_be_written(file, monkeypatch):
     before = file.read_bytes()
-    monkeypatch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError(errno.ENOSPC, "disk full")))
+    monkeypatch.setattr(
+        "os.replace", lambda *_: (_ for _ in ()).throw(OSError(errno.ENOSPC, "disk full"))
+    )
     with pytest.raises(OSError, match="disk full"):
         users.write(file, [])
-    assert (file.read_bytes(), [one.name for one in file.parent.iterdir()]) == (before, ["users.yaml"])
+    assert (file.read_bytes(), [one.name for one in file.parent.iterdir()]) == (
+        before,
+        ["users.yaml"],
+    )
 
 
 @pytest.fixture
@@ -162,7 +214,10 @@ def test_file_is_read_again_when_it_has_changed(file, told):
     assert found.check("anna", PASSWORD) is not None
     changed(file, anna, user("carl"))
     assert found.look() == {"bert.2"}
-    assert (found.check("bert.2", PASSWORD), found.check("Carl", PASSWORD).role) == (None, "operate")
+    assert (found.check("bert.2", PASSWORD), found.check("Carl", PASSWORD).role) == (
+        None,
+        "operate",
+    )
     assert found.remembered("anna", PASSWORD) is not None, "who has not been changed is known"
     changed(file, user("anna", password="another password"), user("carl"))
     assert found.look() == {"anna", "carl"}
@@ -180,7 +235,9 @@ def test_broken_file_leaves_the_last_good_users_and_is_told_once(file, told, bro
         assert found.look() == frozenset()
     assert found.check("anna", PASSWORD) is not None
     (line,) = told
-    assert str(file) in line and line.endswith("; the users before still hold") and "\n" not in line
+    assert (
+        str(file) in line and line.endswith("; the users before still hold") and "\n" not in line
+    )
     file.write_text(good)
     file.chmod(0o600)
     assert (found.look(), told) == (frozenset(), [line])
@@ -205,6 +262,8 @@ def test_user_who_is_changed_loses_control_and_may_still_stop(file, told):
     assert ask(session, "safe_stop").action is not None
     assert ask(other, "take_control", **{"from": None}).outcome == "done"
     changed(file, user("dora"))
-    again = ask(session, "login", name="Bert.2", password=PASSWORD)  # looked at before the next tick, too
+    again = ask(
+        session, "login", name="Bert.2", password=PASSWORD
+    )  # looked at before the next tick, too
     assert again.credentials is not None and room.check(*again.credentials) is None
     assert room.holder is None

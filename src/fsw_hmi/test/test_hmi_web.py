@@ -23,7 +23,9 @@ TOKEN = "a token of some length"
 
 def get(server, path, method="GET", **headers):
     connection = HTTPConnection("127.0.0.1", server.port, timeout=240)
-    connection.request(method, path, headers={name.title(): value for name, value in headers.items()})
+    connection.request(
+        method, path, headers={name.title(): value for name, value in headers.items()}
+    )
     response = connection.getresponse()
     return response, response.read()
 
@@ -35,7 +37,10 @@ def test_page_and_its_files(server):
         f'<meta name="build" content="{server.files.build}"><p>live</p>',
     )
     response, content = get(server, "/page/main.js")
-    assert (response.getheader("content-type"), content) == ("text/javascript; charset=utf-8", b"export {};")
+    assert (response.getheader("content-type"), content) == (
+        "text/javascript; charset=utf-8",
+        b"export {};",
+    )
     assert get(server, "/page/sub/LICENSE")[1] == b"MIT"
 
 
@@ -43,7 +48,10 @@ def test_uplot_is_served_once_it_is_installed(server, uplot):
     response, content = get(server, "/page/uplot/uPlot.iife.min.js")
     assert response.getheader("content-type") == "text/javascript; charset=utf-8"
     assert content == (uplot / "uPlot.iife.min.js").read_bytes()
-    assert get(server, "/page/uplot/uPlot.min.css")[0].getheader("content-type") == "text/css; charset=utf-8"
+    assert (
+        get(server, "/page/uplot/uPlot.min.css")[0].getheader("content-type")
+        == "text/css; charset=utf-8"
+    )
     assert get(server, "/page/uplot/uPlot.esm.js")[0].status == 404
 
 
@@ -102,10 +110,15 @@ def test_websocket_of_another_page_is_refused(server, origin):
 def test_websocket_under_the_name_of_a_stranger_is_refused(server):
     upgrade = {"connection": "Upgrade", "upgrade": "websocket", "sec-websocket-version": "13"}
     upgrade["sec-websocket-key"] = "dGhlIHNhbXBsZSBub25jZQ=="
-    response, _ = get(server, "/ws", host="stranger.example", origin="http://stranger.example", **upgrade)
+    response, _ = get(
+        server, "/ws", host="stranger.example", origin="http://stranger.example", **upgrade
+    )
     assert response.status == 400
     origin = f"http://127.0.0.1:{server.port}"
-    assert get(server, "/ws", host=f"127.0.0.1:{server.port}", origin=origin, **upgrade)[0].status == 101
+    assert (
+        get(server, "/ws", host=f"127.0.0.1:{server.port}", origin=origin, **upgrade)[0].status
+        == 101
+    )
 
 
 def test_page_that_is_out_of_date_is_told(server):
@@ -157,14 +170,23 @@ def test_request_goes_to_the_graph_and_is_answered_once(server):
         page.command(TOKEN)
         number = page.send("mode", mode="hold")
         orders = [server.next_order() for _ in range(2)]
-        assert [(one.asked, one.outcome) for one in orders] == [("take control", "done"), ("mode hold", "")]
+        assert [(one.asked, one.outcome) for one in orders] == [
+            ("take control", "done"),
+            ("mode hold", ""),
+        ]
         server.answer(orders[1], "refused", "no")
         server.answer(orders[1], "done", "too late")
         answer = page.until("answer")
         assert answer == {"t": "answer", "id": number, "outcome": "refused", "message": "no"}
-        assert page.ask("release_control")["outcome"] == "done"  # and no second answer before this one
+        assert (
+            page.ask("release_control")["outcome"] == "done"
+        )  # and no second answer before this one
         released = server.next_order()
-        assert (released.asked, released.outcome, released.action) == ("release control", "done", None)
+        assert (released.asked, released.outcome, released.action) == (
+            "release control",
+            "done",
+            None,
+        )
         assert all(one.who.startswith("anna (") for one in (*orders, released))
 
 
@@ -247,7 +269,10 @@ def test_safe_stop_is_not_delayed_by_what_others_do(make_server):
         assert strangers[1].ask("login", token=TOKEN, name="colleague")["outcome"] == "done"
         anna.send("safe_stop")
         assert server.next_order().who.startswith("anna (")
-        assert stack.enter_context(server.open()).ask("login", token=TOKEN, name="bert")["outcome"] == "done"
+        assert (
+            stack.enter_context(server.open()).ask("login", token=TOKEN, name="bert")["outcome"]
+            == "done"
+        )
 
 
 def test_page_on_this_computer_stops_without_login_and_a_held_key_asks_once(server):
@@ -258,7 +283,9 @@ def test_page_on_this_computer_stops_without_login_and_a_held_key_asks_once(serv
         page.ask("login", token="wrong", name="x")  # it has read all sixty
         server.answer(order)
         answers = [page.until("answer") for _ in numbers]
-        assert [(one["id"], one["outcome"]) for one in answers] == [(number, "done") for number in numbers]
+        assert [(one["id"], one["outcome"]) for one in answers] == [
+            (number, "done") for number in numbers
+        ]
         assert server.orders.empty()
         page.send("safe_stop")
         assert server.next_order().number != order.number
@@ -311,10 +338,17 @@ def test_page_that_takes_nothing_is_given_up(make_server):
         while not number or server.page._pages:
             assert time.monotonic() < end_s
             number += 1
-            server.call(server.page.tick, "[0]", '{"t":"tick","row":["' + "x" * MANY + '"]}', time.monotonic())
+            server.call(
+                server.page.tick,
+                "[0]",
+                '{"t":"tick","row":["' + "x" * MANY + '"]}',
+                time.monotonic(),
+            )
         raw.settimeout(240.0)
         with pytest.raises(ConnectionError):  # what is left, and then the kernel drops it
-            wait_until(lambda: raw.send(b"\x89\x80\x00\x00\x00\x00") == 0, "the end of the connection")
+            wait_until(
+                lambda: raw.send(b"\x89\x80\x00\x00\x00\x00") == 0, "the end of the connection"
+            )
 
 
 junk = st.binary(max_size=300) | st.tuples(
@@ -323,7 +357,10 @@ junk = st.binary(max_size=300) | st.tuples(
 ).map(b"".join)
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@settings(
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
 @given(junk)
 def test_junk_instead_of_http_does_no_harm(server, content):
     with socket.create_connection(("127.0.0.1", server.port)) as raw:
@@ -333,7 +370,10 @@ def test_junk_instead_of_http_does_no_harm(server, content):
     assert server.orders.empty()
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@settings(
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
 @given(st.lists(st.binary(max_size=200), min_size=1, max_size=5))
 def test_junk_instead_of_frames_does_no_harm(server, pieces):
     page = server.open()
@@ -349,7 +389,9 @@ def test_junk_instead_of_frames_does_no_harm(server, pieces):
 
 
 def test_address_that_is_taken_is_told_in_a_line(server):
-    with pytest.raises(ValueError, match=f"port {server.port}: Address already in use; choose another port"):
+    with pytest.raises(
+        ValueError, match=f"port {server.port}: Address already in use; choose another port"
+    ):
         listen("127.0.0.1", server.port)
     with pytest.raises(ValueError, match="cannot listen on"):
         listen("no.such.host.invalid", 0)
@@ -370,7 +412,9 @@ def test_report_on_all_welds_has_its_own_policy_and_runs_no_script(make_server, 
     response, content = get(server, "/all_welds")
     assert (response.status, content) == (200, b"<p>60 welds</p>")
     policy = "Content-Security-Policy"
-    assert response.getheader(policy).startswith("default-src 'none'; style-src 'unsafe-inline'; img-src data:;")
+    assert response.getheader(policy).startswith(
+        "default-src 'none'; style-src 'unsafe-inline'; img-src data:;"
+    )
     assert {name: response.getheader(name) for name in HEADERS if name != policy} == {
         name: value for name, value in HEADERS.items() if name != policy
     }

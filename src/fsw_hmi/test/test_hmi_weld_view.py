@@ -39,7 +39,11 @@ def test_row_is_over_when_all_sensors_have_come():
     (only,) = tick(one, 0)
     assert only.stamp_ns == START_NS
     values = named(only.values)
-    assert (values["depth_mm"], values["temperature_c"], values["torque_nm"]) == (2.66, 816.0, 1000.0)
+    assert (values["depth_mm"], values["temperature_c"], values["torque_nm"]) == (
+        2.66,
+        816.0,
+        1000.0,
+    )
     assert (values["force_kn"], values["speed_rpm"]) == (78.0, 400.0)
     assert values["power_kw"] == pytest.approx(41.888, abs=1e-3)
     assert (values["reference_depth_mm"], values["reference_temperature_c"]) == (2.7, 820.0)

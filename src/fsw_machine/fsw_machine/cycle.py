@@ -18,14 +18,16 @@ _GAIN = 0.2
 class CycleTracker:
     """Follows the counter, and the phase of its changes on the local steady clock.
 
-    A server reports changes of a value only to subscribers, and chooses the sampling and publishing intervals itself.
-    So it is polled, but only about when the counter is due.
+    A server reports changes of a value only to subscribers, and chooses the sampling and
+    publishing intervals itself. So it is polled, but only about when the counter is due.
     """
 
     def __init__(self, period_s: float) -> None:
-        self.skipped = self.restarts = 0  #: cycles that were never seen, and times that the counter went back
-        #: how many values the counter's type has: it begins again after the largest. A step by half of them or more
-        #: counts as back
+        self.skipped = self.restarts = (
+            0  #: cycles that were never seen, and times that the counter went back
+        )
+        #: how many values the counter's type has: it begins again after the largest. A step by
+        #: half of them or more counts as back
         self.values = 1 << 64
         self._period_s = period_s
         self._counter: int | None = None
@@ -38,8 +40,8 @@ class CycleTracker:
         Returns
         -------
         int or None
-            None where it has not changed; else the cycles since the value before, 0 at the first value and where it
-            has gone back.
+            None where it has not changed; else the cycles since the value before, 0 at the first
+            value and where it has gone back.
         """
         before, self._counter = self._counter, counter
         if counter == before:

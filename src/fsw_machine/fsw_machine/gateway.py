@@ -21,12 +21,22 @@ from fsw_machine.samples import CycleRead, Sample, bit, sample
 from fsw_machine.stamps import Stamps
 
 #: reasons of a refusal in addition to those of the gate
-REASONS = ("disconnected", "not_permissive", "stale_read", "unanswered", "paused", "jump", "unknown_stamp")
-#: after such a pause supervisor and controllers restart from the drives' feedback: 20 % above their limit
+REASONS = (
+    "disconnected",
+    "not_permissive",
+    "stale_read",
+    "unanswered",
+    "paused",
+    "jump",
+    "unknown_stamp",
+)
+#: after such a pause supervisor and controllers restart from the drives' feedback: 20 % above
+#: their limit
 PAUSE_S = 1.2 * JUMP_NS / NANOSECONDS
 #: number of cycles for which a read counts as fresh
 FRESH_CYCLES = 2.5
-#: where single commands were lost, the next one is cut to one move: for so many cycles, and up to so many moves away
+#: where single commands were lost, the next one is cut to one move: for so many cycles, and up to
+#: so many moves away
 _CATCH_UP = 3
 #: a machine may show one cycle later what it has taken
 _SHOWN_CYCLES = 1
@@ -79,33 +89,41 @@ class _Write(NamedTuple):
 class Gateway:
     """Decides on each read and each command, in one thread; all times are passed in (steady seconds).
 
-    Commands reach the machine only while it is *joined*: since the last time that they did not reach it, the
-    measurements have paused for ``PAUSE_S``. After such a pause supervisor and controllers start over from what the
-    drives report: in that cycle the set-points in force, which a command is compared with, and not what a load cell
-    measures. So the first command is no bump. While commands do not arrive the drives are not reported: they do
-    not follow, and that must not be taken for an external disturbance.
+    Commands reach the machine only while it is *joined*: since the last time that they did not
+    reach it, the measurements have paused for ``PAUSE_S``. After such a pause supervisor and
+    controllers start over from what the drives report: in that cycle the set-points in force,
+    which a command is compared with, and not what a load cell measures. So the first command is no
+    bump. While commands do not arrive the drives are not reported: they do not follow, and that
+    must not be taken for an external disturbance.
 
-    Every command that is written is inside the bounds and within one move of what the machine has: the set-points it
-    shows, or, for the one cycle in which it may not show it yet, the last write that it acknowledged. While it is not
-    known whether a write has arrived, both possibilities count. A command that is up to ``_CATCH_UP`` moves away,
-    because single ones before it were lost, is cut to one move; any other is refused. One that comes while a write is
-    unanswered waits for the answer.
+    Every command that is written is inside the bounds and within one move of what the machine has:
+    the set-points it shows, or, for the one cycle in which it may not show it yet, the last write
+    that it acknowledged. While it is not known whether a write has arrived, both possibilities
+    count. A command that is up to ``_CATCH_UP`` moves away, because single ones before it were
+    lost, is cut to one move; any other is refused. One that comes while a write is unanswered
+    waits for the answer.
     """
 
     def __init__(self, machine: MachineFile, values: Mapping[str, Any]) -> None:
         self._machine = machine
         #: counts all refusals
         self.gate = CommandGate(
-            Limits.from_parameters(values), values["commands.max_age_s"], values["commands.sources"], REASONS
+            Limits.from_parameters(values),
+            values["commands.max_age_s"],
+            values["commands.sources"],
+            REASONS,
         )
         self.fence = Fence()  #: who leads, and whether a safe stop is in force
-        self.stamps = Stamps(round(weld.TICK_S * NANOSECONDS), values["clock.stamps"] == "received")
+        self.stamps = Stamps(
+            round(weld.TICK_S * NANOSECONDS), values["clock.stamps"] == "received"
+        )
         self.connected = self.permissive = self.joined = False
         self.samples: dict[str, Sample] = {}  #: of the last read
         self.read: CycleRead | None = None  #: the last read
         #: ticks published, reads withheld to make a pause, and invalid values seen
         self.ticks = self.paused = self.invalid = 0
-        #: commands written, those that the server has not taken, and those that were cut to one move
+        #: commands written, those that the server has not taken, and those that were cut to one
+        #: move
         self.written = self.failed = self.cut = 0
         self.last_failure = ""  #: why the server has not taken the last of these
         self._counters: dict[int, int] = {}
@@ -113,7 +131,9 @@ class Gateway:
         self._published_s = -inf
         self._under_way: Order | None = None
         self._waiting: tuple[Command, int, int, str, Signature] | None = None
-        self._sent: list[Command] = []  # what may have reached the machine and was not seen to be in force yet
+        self._sent: list[
+            Command
+        ] = []  # what may have reached the machine and was not seen to be in force yet
         self._seen: Command | None = None  # in force at the last read so long after a command
         self._sent_cycle = 0
         self._writes: list[_Write] = []
@@ -127,7 +147,11 @@ class Gateway:
         ValueError
             When a minimum is not below its maximum.
         """
-        self.gate.configure(Limits.from_parameters(values), values["commands.max_age_s"], values["commands.sources"])
+        self.gate.configure(
+            Limits.from_parameters(values),
+            values["commands.max_age_s"],
+            values["commands.sources"],
+        )
 
     # ---------------------------------------------------------------- the server
 
@@ -154,7 +178,9 @@ class Gateway:
         """Process the read of a new cycle; returns the tick to publish, None in a pause."""
         nodes, cycle_ns, now_s = self._machine.nodes, read.source_ns, read.read_s
         elapsed_s = 0.0 if self.read is None else now_s - self.read.read_s
-        stamp_ns = self.stamps.next(cycle_ns, read.steps, read.read_ns, round(elapsed_s * NANOSECONDS))
+        stamp_ns = self.stamps.next(
+            cycle_ns, read.steps, read.read_ns, round(elapsed_s * NANOSECONDS)
+        )
         self.read = read
         self._cycle += max(read.steps, 1)
         numbers = (name for name in nodes.read if name not in _NO_NUMBERS)
@@ -164,7 +190,9 @@ class Gateway:
         self.permissive = self.samples["permissive"].value == 1.0
         self._note_safe_reaction(stamp_ns)
         begins = False
-        given_up = self._lost and self.fence.state.unanswered >= LOST_COMMANDS  # no supervisor knows what is in force
+        given_up = (
+            self._lost and self.fence.state.unanswered >= LOST_COMMANDS
+        )  # no supervisor knows what is in force
         if not self.permissive or given_up:
             self._part()
         elif not self.joined:
@@ -181,15 +209,17 @@ class Gateway:
         value = {name: one.value for name, one in self.samples.items()}
         obeys = self.joined and not self._lost and self._under_way is None
         kind = "in_force" if begins else "acting"
-        drives = Command(value[f"force_{kind}"], value[f"speed_{kind}"]) if obeys else Command(nan, nan)
+        drives = (
+            Command(value[f"force_{kind}"], value[f"speed_{kind}"]) if obeys else Command(nan, nan)
+        )
         values = {name: value[row.stem] for name, row in SENSORS.items() if row.stem in value}
         return Publication(stamp_ns, values, drives)
 
     def _note_safe_reaction(self, stamp_ns: int) -> None:
         """Begin a safe stop if the machine has moved by itself: its watchdog, or a hand.
 
-        Some cycles after the last command the set-points in force stay, or are those of a command whose arrival was
-        unknown until then.
+        Some cycles after the last command the set-points in force stay, or are those of a command
+        whose arrival was unknown until then.
         """
         force, speed = self.samples["force_in_force"], self.samples["speed_in_force"]
         if force.fault or speed.fault or self._cycle - self._sent_cycle <= _SETTLED_CYCLES:
@@ -223,18 +253,28 @@ class Gateway:
             return None
         counter = self._counters.get(stamp_ns)
         if counter is None:
-            self.gate.refuse("unknown_stamp", f"it answers {stamp_ns * 1e-9:.3f} s, at which nothing was measured")
+            self.gate.refuse(
+                "unknown_stamp",
+                f"it answers {stamp_ns * 1e-9:.3f} s, at which nothing was measured",
+            )
             return None
         if self._under_way is not None:
-            overtaken, self._waiting = self._waiting, (command, stamp_ns, counter, source, signature)
+            overtaken, self._waiting = (
+                self._waiting,
+                (command, stamp_ns, counter, source, signature),
+            )
             if overtaken is not None:
                 since_s = now_s - self._under_way.accepted_s
-                self.gate.refuse("unanswered", f"the server has not answered the write of {since_s:.3f} s ago")
+                self.gate.refuse(
+                    "unanswered", f"the server has not answered the write of {since_s:.3f} s ago"
+                )
                 self._lose()
             return None
         return self._order(command, stamp_ns, counter, source, now_s)
 
-    def _order(self, command: Command, stamp_ns: int, counter: int, source: str, now_s: float) -> Order | None:
+    def _order(
+        self, command: Command, stamp_ns: int, counter: int, source: str, now_s: float
+    ) -> Order | None:
         """Let a command be written, cut to one move where it may catch up; else refuse it."""
         has = self._may_have()
         jump = self._jump(command, has)
@@ -265,22 +305,30 @@ class Gateway:
         if not self.connected or self.read is None or not self.samples:
             return "disconnected", "there is no connection to the machine"
         if not self.permissive:
-            return "not_permissive", f"the machine does not permit it: {self.samples['permissive'].fault or 'bit is 0'}"
+            return (
+                "not_permissive",
+                f"the machine does not permit it: {self.samples['permissive'].fault or 'bit is 0'}",
+            )
         age_s = now_s - self.read.read_s
         if age_s > FRESH_CYCLES * weld.TICK_S:
             return "stale_read", f"the machine was last read {age_s:.2f} s ago"
         if not self.joined:
-            return "paused", "control starts anew from the drives' values, after a pause in the measurements"
+            return (
+                "paused",
+                "control starts anew from the drives' values, after a pause in the measurements",
+            )
         return "", ""
 
     def _may_have(self) -> list[Command]:
         """All set-points that the machine may have now, the likeliest first; empty if its feedback is unknown.
 
-        - What it shows, unless that is only what was there before the last write that it acknowledged: then it has
-          that write already and shows it in the next cycle.
-        - The last write that it acknowledged, for the one cycle in which it may not show it yet. Where it shows
-          anything else than what was there before, it may show an earlier write, or move by itself.
-        - Every write since then that may have arrived though the server's answer was a failure, for the same time.
+        - What it shows, unless that is only what was there before the last write that it
+          acknowledged: then it has that write already and shows it in the next cycle.
+        - The last write that it acknowledged, for the one cycle in which it may not show it yet.
+          Where it shows anything else than what was there before, it may show an earlier write, or
+          move by itself.
+        - Every write since then that may have arrived though the server's answer was a failure,
+          for the same time.
         """
         force, speed = self.samples["force_in_force"], self.samples["speed_in_force"]
         if force.fault or speed.fault:
@@ -301,7 +349,9 @@ class Gateway:
 
     def _may_catch_up(self, command: Command, has: list[Command]) -> bool:
         """Whether a command may be cut to one move: it is that far away because single ones before it were lost."""
-        if not any(write.acknowledged and self._cycle - write.cycle <= _CATCH_UP for write in self._writes):
+        if not any(
+            write.acknowledged and self._cycle - write.cycle <= _CATCH_UP for write in self._writes
+        ):
             return False
         limits = self.gate.limits
         force_kn, speed_rpm = _CATCH_UP * limits.force_step_kn, _CATCH_UP * limits.speed_step_rpm
@@ -351,7 +401,9 @@ class Gateway:
         if waiting is None:
             return None
         command, stamp_ns, counter, source, signature = waiting
-        reason, words = self._refused(signature, source, now_s)  # a safe stop may have begun meanwhile
+        reason, words = self._refused(
+            signature, source, now_s
+        )  # a safe stop may have begun meanwhile
         if reason:
             self.gate.refuse(reason, words)
             return None

@@ -10,9 +10,15 @@ from fsw_control.units import NANOSECONDS
 from fsw_machine.gateway import Gateway
 
 
-def connection(endpoint: str, connected: bool, lost: str, losses: int, attempts: int, retry_s: float) -> Report:
+def connection(
+    endpoint: str, connected: bool, lost: str, losses: int, attempts: int, retry_s: float
+) -> Report:
     """Whether there is a session; ``lost`` says why not."""
-    values = {"endpoint": endpoint, "losses": losses, "failed attempts since the last loss": attempts}
+    values = {
+        "endpoint": endpoint,
+        "losses": losses,
+        "failed attempts since the last loss": attempts,
+    }
     if connected:
         return Report("connection", OK, "connected", values)
     values["next attempt in [s]"] = f"{retry_s:.1f}"
@@ -33,20 +39,32 @@ def machine(gateway: Gateway, stalled_s: float, skipped: int, restarts: int) -> 
     }
     if gateway.connected:
         # "permissive" is the gateway's verdict, as a bool, which the operator's page reads
-        values = {name: one.fault or f"{one.value:.6g}" for name, one in gateway.samples.items()} | values
+        values = {
+            name: one.fault or f"{one.value:.6g}" for name, one in gateway.samples.items()
+        } | values
     if not gateway.connected:
         return Report("machine", ERROR, "not connected", values)
     if stalled_s:
-        return Report("machine", ERROR, f"the cycle counter has not changed for {stalled_s:.1f} s", values)
+        return Report(
+            "machine", ERROR, f"the cycle counter has not changed for {stalled_s:.1f} s", values
+        )
     if not gateway.samples:
         return Report("machine", WARN, "not read yet", values)
     if faults:
         return Report("machine", WARN, f"invalid: {', '.join(faults)}", values)
     if not gateway.permissive:
-        return Report("machine", WARN, "permits no commands: nothing is written, drives are not reported", values)
+        return Report(
+            "machine",
+            WARN,
+            "permits no commands: nothing is written, drives are not reported",
+            values,
+        )
     if not gateway.joined:
         return Report(
-            "machine", WARN, "measurements are paused, so that control starts anew from the drives' values", values
+            "machine",
+            WARN,
+            "measurements are paused, so that control starts anew from the drives' values",
+            values,
         )
     return Report("machine", OK, "runs and obeys", values)
 
@@ -70,7 +88,10 @@ def clock(gateway: Gateway, parameters: Mapping[str, Any]) -> Report:
     elif abs(skew_s) > parameters["clock.warn_s"]:
         level = WARN
     if stamps.steps:
-        level, text = max(level, WARN), f"{text}; it was set {stamps.steps} times, stamps continue without the step"
+        level, text = (
+            max(level, WARN),
+            f"{text}; it was set {stamps.steps} times, stamps continue without the step",
+        )
     return Report("clock", level, text, values)
 
 
@@ -84,5 +105,7 @@ def writes(gateway: Gateway, new_failures: int, longest_s: float) -> Report:
         "longest round trip [ms]": f"{1e3 * longest_s:.1f}",
     }
     if new_failures:
-        return Report("writes", ERROR, f"{new_failures} not taken; last: {gateway.last_failure}", values)
+        return Report(
+            "writes", ERROR, f"{new_failures} not taken; last: {gateway.last_failure}", values
+        )
     return Report("writes", OK, "taken" if gateway.written else "nothing written yet", values)

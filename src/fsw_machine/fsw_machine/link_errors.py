@@ -7,9 +7,19 @@ from asyncua import ua
 from fsw_machine.certificates import SecurityError
 from fsw_machine.machine_file import MachineFile
 
-_USER = {"BadUserAccessDenied", "BadIdentityTokenRejected", "BadIdentityTokenInvalid", "BadUserSignatureInvalid"}
+_USER = {
+    "BadUserAccessDenied",
+    "BadIdentityTokenRejected",
+    "BadIdentityTokenInvalid",
+    "BadUserSignatureInvalid",
+}
 _OWN_CERTIFICATE = {
-    *("BadCertificateUntrusted", "BadCertificateInvalid", "BadCertificateTimeInvalid", "BadCertificateUriInvalid"),
+    *(
+        "BadCertificateUntrusted",
+        "BadCertificateInvalid",
+        "BadCertificateTimeInvalid",
+        "BadCertificateUriInvalid",
+    ),
     *("BadCertificateUseNotAllowed", "BadCertificateChainIncomplete", "BadCertificateRevoked"),
     *("BadSecurityChecksFailed", "BadCertificateHostNameInvalid", "BadSecurityModeRejected"),
 }
@@ -25,17 +35,25 @@ def words(error: BaseException, machine: MachineFile) -> str:
     if isinstance(error, LinkError | SecurityError):
         return str(error)
     if isinstance(error, ua.UaStatusCodeError):
-        name = type(error).__name__ if type(error) is not ua.UaStatusCodeError else f"status {error.code:#010x}"
+        name = (
+            type(error).__name__
+            if type(error) is not ua.UaStatusCodeError
+            else f"status {error.code:#010x}"
+        )
         if name in _USER:
             if machine.user is None:
                 return f"user: {at} wants a user ({name}); give user.name and its password"
             source = machine.user.password_file or f"the variable {machine.user.password_env}"
-            return f"user: {at} refuses {machine.user.name!r} with the password of {source} ({name})"
+            return (
+                f"user: {at} refuses {machine.user.name!r} with the password of {source} ({name})"
+            )
         if name in _OWN_CERTIFICATE and machine.security is not None:
             text = "does not accept our security.certificate"
             return f"{at} {text} {machine.security.certificate} ({name}); put it into the server's trust list"
         if name in ("BadSecurityPolicyRejected", "BadSecurityModeInsufficient"):
-            return f"security: {at} refuses this security ({name}); check the server's configuration"
+            return (
+                f"security: {at} refuses this security ({name}); check the server's configuration"
+            )
         return f"{at}: {name}"
     if machine.security is None and "No matching endpoints" in str(error):
         return f"security: {at} requires security; give policy, certificate, ..."

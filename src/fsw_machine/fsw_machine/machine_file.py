@@ -7,13 +7,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Generic, Literal, TypeVar
 from urllib.parse import urlsplit
 
-from pydantic import AfterValidator, BeforeValidator, Field, PositiveFloat, create_model, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PositiveFloat,
+    create_model,
+    model_validator,
+)
 
 from fsw_control import units
 from fsw_control.sensors import SENSORS
 from fsw_schema.models import Model, content_of, problem, read_text, validate
 
-_NODE_ID = re.compile(r"(ns=\d+;)?(i=\d+|s=.+|g=[0-9A-Fa-f]{8}(-[0-9A-Fa-f]{4}){3}-[0-9A-Fa-f]{12}|b=[A-Za-z0-9+/]+=*)")
+_NODE_ID = re.compile(
+    r"(ns=\d+;)?(i=\d+|s=.+|g=[0-9A-Fa-f]{8}(-[0-9A-Fa-f]{4}){3}-[0-9A-Fa-f]{12}|b=[A-Za-z0-9+/]+=*)"
+)
 #: factor and offset of each unit to the unit inside (mm, N m, degC, kN, rpm)
 _UNITS = {
     **{"mm": (1.0, 0.0), "m": (units.mm_from_m(1.0), 0.0), "um": (1e-3, 0.0)},
@@ -43,13 +52,17 @@ def _endpoint(value: str) -> str:
     except ValueError:
         sound = False
     if not sound:
-        raise ValueError("is not an endpoint; write opc.tcp://host:port/path, without user and password")
+        raise ValueError(
+            "is not an endpoint; write opc.tcp://host:port/path, without user and password"
+        )
     return value
 
 
 def _node_id(value: str) -> str:
     if not _NODE_ID.fullmatch(value):
-        raise ValueError(f"is {value!r}, not a node id; write e.g. ns=2;s=Weld.Depth or ns=2;i=1001")
+        raise ValueError(
+            f"is {value!r}, not a node id; write e.g. ns=2;s=Weld.Depth or ns=2;i=1001"
+        )
     return value
 
 
@@ -132,7 +145,10 @@ else:  # a node for each sensor, which a file may leave out where control does n
     _Sensors = create_model(
         "_Sensors",
         __base__=_Machine,
-        **{stem: (kind, ...) if required else (kind | None, None) for stem, (kind, required) in _KINDS.items()},
+        **{
+            stem: (kind, ...) if required else (kind | None, None)
+            for stem, (kind, required) in _KINDS.items()
+        },
     )
 
 
@@ -203,7 +219,9 @@ class MachineFile(Model):
     @model_validator(mode="after")
     def _check_user(self) -> MachineFile:
         if self.user is not None and self.security is None:
-            raise problem("would send its password unencrypted; give security, or remove user", "user")
+            raise problem(
+                "would send its password unencrypted; give security, or remove user", "user"
+            )
         return self
 
     @classmethod
@@ -222,7 +240,10 @@ class MachineFile(Model):
         """Read the text of a machine file; errors as :meth:`load`."""
         machine = validate(cls, content_of(text, where), where)
         return machine.model_copy(
-            update={"security": _beside(folder, machine.security), "user": _beside(folder, machine.user)}
+            update={
+                "security": _beside(folder, machine.security),
+                "user": _beside(folder, machine.user),
+            }
         )
 
 

@@ -34,7 +34,16 @@ Extra("fsw-control", "machine", ("asyncua",)).missing()  # a clone installs it n
 try:
     from fsw_machine import certificates
     from fsw_machine.link_errors import LinkError
-    from fsw_machine.opcua_link import Connected, Event, LinkSettings, Lost, MachineLink, Stalled, Written, password
+    from fsw_machine.opcua_link import (
+        Connected,
+        Event,
+        LinkSettings,
+        Lost,
+        MachineLink,
+        Stalled,
+        Written,
+        password,
+    )
 except ModuleNotFoundError as error:
     print(f"fsw_machine: {error.name} is missing: pip install asyncua", file=sys.stderr)
     raise SystemExit(2) from None
@@ -46,8 +55,9 @@ _REPORT_S = 1.0
 class MachineNode(ManagedNode):
     """Publishes what the machine measures and writes the commands that its gateway accepts.
 
-    The link's thread appends events to a queue and triggers a guard condition; everything else happens in the
-    executor's thread. It is a managed node: there is a session with the machine while it is active.
+    The link's thread appends events to a queue and triggers a guard condition; everything else
+    happens in the executor's thread. It is a managed node: there is a session with the machine
+    while it is active.
     """
 
     def __init__(self) -> None:
@@ -62,7 +72,11 @@ class MachineNode(ManagedNode):
     def configure(self) -> None:
         """Read the machine file, check what it needs, and announce the topics."""
         given = self._settings["machine_file"]
-        path = Path(given).expanduser() if given else Path(str(resources.files("fsw_machine") / "machine.yaml"))
+        path = (
+            Path(given).expanduser()
+            if given
+            else Path(str(resources.files("fsw_machine") / "machine.yaml"))
+        )
         self._machine = MachineFile.load(path)
         self._check_secrets()
         self._gateway = Gateway(self._machine, self._settings.values)
@@ -81,13 +95,17 @@ class MachineNode(ManagedNode):
         """Make sure that the gateway is alone, and connect."""
         self._stop = StopHolder(self, self._gateway.fence.register, self._gateway.fence.hear)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
-        self._writers = CommandWriters(self, lambda: self._gateway.gate, lambda: self._settings["commands.sources"])
+        self._writers = CommandWriters(
+            self, lambda: self._gateway.gate, lambda: self._settings["commands.sources"]
+        )
         self._guard.check(self._settings["discovery_s"], self._announce)
         self._wake = self.create_guard_condition(self._on_events)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_CHECK_S, self._writers.look, clock=steady)
         self.create_timer(_REPORT_S, self._report, clock=steady)
-        self._link = MachineLink(self._machine, _link_settings(self._settings.values), self._deliver)
+        self._link = MachineLink(
+            self._machine, _link_settings(self._settings.values), self._deliver
+        )
         self._link.start()
 
     def deactivate(self) -> None:
@@ -96,7 +114,9 @@ class MachineNode(ManagedNode):
         self._events.clear()
         self._gateway.on_lost()
         self._logged.clear()  # so that the next session is told, too
-        self.get_logger().info("deactivated: the session is closed, and the machine's own watchdog makes it safe")
+        self.get_logger().info(
+            "deactivated: the session is closed, and the machine's own watchdog makes it safe"
+        )
 
     def _end_session(self) -> None:
         link, self._link = self._link, None
@@ -143,7 +163,9 @@ class MachineNode(ManagedNode):
                 self._link.write(waiting)
             self._longest_write_s = max(self._longest_write_s, event.took_s)
             if event.failure:
-                self.get_logger().error(f"command not taken: {event.failure}", throttle_duration_sec=1.0)
+                self.get_logger().error(
+                    f"command not taken: {event.failure}", throttle_duration_sec=1.0
+                )
         elif isinstance(event, Connected):
             self._attempts, self._stalled_s = 0, 0.0
             gateway.on_connected()
@@ -160,7 +182,9 @@ class MachineNode(ManagedNode):
 
     def _publish(self, out: Publication) -> None:
         """The drives first, because the sensors' last sample completes the tick."""
-        self._drives.publish(convert.drives_message(out.drives, out.stamp_ns, self._gateway.fence.state))
+        self._drives.publish(
+            convert.drives_message(out.drives, out.stamp_ns, self._gateway.fence.state)
+        )
         for name, publisher in self._sensors.items():
             if name in out.values:
                 publisher.publish(convert.sensor_message(name, out.values[name], out.stamp_ns))
@@ -170,7 +194,9 @@ class MachineNode(ManagedNode):
         refused = gateway.gate.total()
         now_s = time.monotonic()
         command, signature = convert.command(message), convert.signature(message)
-        order = gateway.on_command(command, stamp_ns, message.source, message.healthy, now_s, signature)
+        order = gateway.on_command(
+            command, stamp_ns, message.source, message.healthy, now_s, signature
+        )
         self._stop.look()
         if order is not None and self._link is not None:
             self._refused = ""
@@ -214,16 +240,26 @@ class MachineNode(ManagedNode):
         longest_s, self._longest_write_s = self._longest_write_s, 0.0
         lines = [
             reports.connection(
-                self._machine.endpoint, gateway.connected, self._lost, self._losses, self._attempts, self._retry_s
+                self._machine.endpoint,
+                gateway.connected,
+                self._lost,
+                self._losses,
+                self._attempts,
+                self._retry_s,
             ),
             reports.machine(gateway, self._stalled_s, link.tracker.skipped, link.tracker.restarts),
             reports.clock(gateway, self._settings.values),
-            commands_report(gateway.gate, refused, self._writers.names, self._writers.unauthorised()),
+            commands_report(
+                gateway.gate, refused, self._writers.names, self._writers.unauthorised()
+            ),
             reports.writes(gateway, failed, longest_s),
         ]
         self._diagnostics.publish(lines)
         for line in lines:
-            if line.part in ("connection", "machine") and self._logged.get(line.part) != (line.level, _kind(line.text)):
+            if line.part in ("connection", "machine") and self._logged.get(line.part) != (
+                line.level,
+                _kind(line.text),
+            ):
                 self._logged[line.part] = (line.level, _kind(line.text))
                 log(self, line.level, f"{line.part}: {line.text}")
 

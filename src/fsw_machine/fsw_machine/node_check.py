@@ -21,10 +21,15 @@ _MICROSECOND = timedelta(microseconds=1)
 #: types of whole numbers, and how many values each has
 WHOLE = {
     ua.VariantType[name]: 1 << bits
-    for bits, names in ((8, ("SByte", "Byte")), (16, ("Int16", "UInt16")), (32, ("Int32", "UInt32")))
+    for bits, names in (
+        (8, ("SByte", "Byte")),
+        (16, ("Int16", "UInt16")),
+        (32, ("Int32", "UInt32")),
+    )
     for name in names
 } | {ua.VariantType.Int64: 1 << 64, ua.VariantType.UInt64: 1 << 64}
-#: the coarsest steps of whole numbers: half a move of a set-point, ten times a measurement's noise (chosen)
+#: the coarsest steps of whole numbers: half a move of a set-point, ten times a measurement's noise
+#: (chosen)
 _COARSE_MOVES, _COARSE_NOISES = 0.5, 10.0
 #: after which a stamp of ROS cannot be
 _LAST_NS = 2**31 * NANOSECONDS
@@ -87,27 +92,39 @@ async def check_nodes(
             raise LinkError(f"nodes.{name}: {node} is of type {kind.name}, must be {wanted_kind}")
     check_whole_numbers(machine, kinds, limits)
     if kinds["heartbeat"] is not kinds["cycle"]:
-        node, own, other = machine.nodes["heartbeat"].node, kinds["heartbeat"].name, kinds["cycle"].name
-        raise LinkError(f"nodes.heartbeat: {node} is of type {own}, must be of the type of nodes.cycle, {other}")
+        node, own, other = (
+            machine.nodes["heartbeat"].node,
+            kinds["heartbeat"].name,
+            kinds["cycle"].name,
+        )
+        raise LinkError(
+            f"nodes.heartbeat: {node} is of type {own}, must be of the type of nodes.cycle, {other}"
+        )
     for name, answer in access.items():
         level = None if answer.Value is None else answer.Value.Value
         if isinstance(level, int) and not level >> ua.AccessLevel.CurrentWrite & 1:
-            raise LinkError(f"nodes.{name}: {machine.nodes[name].node} cannot be written by this user")
+            raise LinkError(
+                f"nodes.{name}: {machine.nodes[name].node} cannot be written by this user"
+            )
     return kinds
 
 
-def check_whole_numbers(machine: MachineFile, kinds: dict[str, ua.VariantType], limits: Limits) -> None:
+def check_whole_numbers(
+    machine: MachineFile, kinds: dict[str, ua.VariantType], limits: Limits
+) -> None:
     """Raise a `LinkError` if a node with whole numbers is too small or too coarse.
 
-    It must hold all values inside the limits, or all plausible ones of a sensor, and be fine enough for a move, or for
-    the sensor's noise.
+    It must hold all values inside the limits, or all plausible ones of a sensor, and be fine
+    enough for a move, or for the sensor's noise.
     """
     needs = _needs(limits)
     for name, kind in kinds.items():
         need = needs.get(name) or needs.get(name.partition("_")[0])
         if need is not None and kind in WHOLE and (why := _unfit(machine.nodes[name], kind, need)):
             node = machine.nodes[name].node
-            raise LinkError(f"nodes.{name}: {node} is of type {kind.name}, {why}; give it another type or scale")
+            raise LinkError(
+                f"nodes.{name}: {node} is of type {kind.name}, {why}; give it another type or scale"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,8 +139,12 @@ class _Need:
 
 def _needs(limits: Limits) -> dict[str, _Need]:
     """What the limits and the measurements require, by a node's name or the first word of it."""
-    force = _Need(limits.force_min_kn, limits.force_max_kn, _COARSE_MOVES * limits.force_step_kn, "kN")
-    speed = _Need(limits.speed_min_rpm, limits.speed_max_rpm, _COARSE_MOVES * limits.speed_step_rpm, "rpm")
+    force = _Need(
+        limits.force_min_kn, limits.force_max_kn, _COARSE_MOVES * limits.force_step_kn, "kN"
+    )
+    speed = _Need(
+        limits.speed_min_rpm, limits.speed_max_rpm, _COARSE_MOVES * limits.speed_step_rpm, "rpm"
+    )
     needs = {"force": force, "speed": speed}
     for sensor, one in sensor_limits().items():
         row, step = SENSORS[sensor], _COARSE_NOISES * one.noise or math.inf
@@ -144,7 +165,9 @@ def _unfit(spec: Quantity[str], kind: ua.VariantType, need: _Need) -> str:
     return ""
 
 
-def _type(name: str, machine: MachineFile, value: ua.DataValue, data_type: ua.DataValue) -> ua.VariantType:
+def _type(
+    name: str, machine: MachineFile, value: ua.DataValue, data_type: ua.DataValue
+) -> ua.VariantType:
     node = machine.nodes[name].node
     status = value.StatusCode or ua.StatusCode()
     if status.value in (ua.StatusCodes.BadNodeIdUnknown, ua.StatusCodes.BadNodeIdInvalid):
@@ -157,8 +180,16 @@ def _type(name: str, machine: MachineFile, value: ua.DataValue, data_type: ua.Da
         kind = value.Value.VariantType
     else:
         declared = None if data_type.Value is None else data_type.Value.Value
-        known = isinstance(declared, ua.NodeId) and declared.NamespaceIndex == 0 and declared.Identifier in range(1, 26)
-        kind = ua.VariantType(declared.Identifier) if known and declared is not None else ua.VariantType.Null
+        known = (
+            isinstance(declared, ua.NodeId)
+            and declared.NamespaceIndex == 0
+            and declared.Identifier in range(1, 26)
+        )
+        kind = (
+            ua.VariantType(declared.Identifier)
+            if known and declared is not None
+            else ua.VariantType.Null
+        )
     if value.Value is not None and value.Value.is_array:
         raise LinkError(f"nodes.{name}: {node} is an array, must be a single value")
     return kind

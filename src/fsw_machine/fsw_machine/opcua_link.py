@@ -24,7 +24,14 @@ from fsw_machine.cycle import CycleTracker
 from fsw_machine.gateway import Order
 from fsw_machine.link_errors import LinkError, words
 from fsw_machine.machine_file import WRITTEN, MachineFile, NodeSpec, Security, User
-from fsw_machine.node_check import WHOLE, check_clock, check_nodes, check_whole_numbers, epoch_ns, raw_value
+from fsw_machine.node_check import (
+    WHOLE,
+    check_clock,
+    check_nodes,
+    check_whole_numbers,
+    epoch_ns,
+    raw_value,
+)
 from fsw_machine.samples import CycleRead
 
 #: while connecting, requests may take longer: a server may be busy with keys [s]
@@ -102,7 +109,9 @@ class MachineLink:
     ``deliver`` gets every event; it is called in the link's thread.
     """
 
-    def __init__(self, machine: MachineFile, settings: LinkSettings, deliver: Callable[[Event], None]) -> None:
+    def __init__(
+        self, machine: MachineFile, settings: LinkSettings, deliver: Callable[[Event], None]
+    ) -> None:
         self._machine, self.settings, self._deliver = machine, settings, deliver
         self.tracker = CycleTracker(weld.TICK_S)
         self._client: Client | None = None
@@ -128,7 +137,9 @@ class MachineLink:
 
     def write(self, order: Order) -> None:
         """Write an order; its ``Written`` follows, unless the connection is lost."""
-        with contextlib.suppress(RuntimeError, FutureCancelledError):  # the loop has ended meanwhile
+        with contextlib.suppress(
+            RuntimeError, FutureCancelledError
+        ):  # the loop has ended meanwhile
             self._loop.call_soon_threadsafe(self._begin_write, order)
 
     def check(self, limits: Limits) -> None:
@@ -181,12 +192,16 @@ class MachineLink:
             await client.connect()
         except AssertionError:
             # asyncua trips over servers that refuse the secure channel with a ServiceFault
-            raise LinkError(f"endpoint {machine.endpoint} refuses the secure channel{_hint(machine)}") from None
+            raise LinkError(
+                f"endpoint {machine.endpoint} refuses the secure channel{_hint(machine)}"
+            ) from None
         index = 0
         if machine.namespace:
             uris = await client.get_namespace_array()
             if machine.namespace not in uris:
-                raise LinkError(f"namespace: the server has no {machine.namespace}; it has {', '.join(uris)}")
+                raise LinkError(
+                    f"namespace: the server has no {machine.namespace}; it has {', '.join(uris)}"
+                )
             index = uris.index(machine.namespace)
         self._nodes = {name: node_id(spec, index) for name, spec in machine.nodes.given.items()}
         self._kinds = await check_nodes(client, machine, self._nodes, self.settings.limits)
@@ -213,28 +228,42 @@ class MachineLink:
         names = self._machine.nodes.read
         request = ua.ReadParameters(
             TimestampsToReturn=ua.TimestampsToReturn.Source,
-            NodesToRead=[ua.ReadValueId(self._nodes[name], ua.AttributeIds.Value) for name in names],
+            NodesToRead=[
+                ua.ReadValueId(self._nodes[name], ua.AttributeIds.Value) for name in names
+            ],
         )
         changed_s = reported_s = time.monotonic()
         checked = self.settings.received
         while True:
             assert self._client is not None
-            answers = await asyncio.wait_for(self._client.uaclient.read(request), self.settings.request_timeout_s)
+            answers = await asyncio.wait_for(
+                self._client.uaclient.read(request), self.settings.request_timeout_s
+            )
             read_s = time.monotonic()
             counter = answers[0].Value.Value if answers[0].Value is not None else None
             # without a good counter nothing is published and nothing written
-            whole = isinstance(counter, int) and not isinstance(counter, bool) and answers[0].StatusCode.is_good()
+            whole = (
+                isinstance(counter, int)
+                and not isinstance(counter, bool)
+                and answers[0].StatusCode.is_good()
+            )
             steps = self.tracker.see(int(counter or 0), read_s) if whole else None
             if steps is not None:
                 if answers[0].SourceTimestamp is None:
-                    raise LinkError("nodes.cycle: without a source timestamp; the server must send one with each value")
+                    raise LinkError(
+                        "nodes.cycle: without a source timestamp; the server must send one with each value"
+                    )
                 changed_s = reported_s = read_s
-                values = {name: raw_value(answer) for name, answer in zip(names, answers, strict=True)}
+                values = {
+                    name: raw_value(answer) for name, answer in zip(names, answers, strict=True)
+                }
                 source_ns = epoch_ns(answers[0].SourceTimestamp)
                 if not checked:  # later steps of the clock are passed over, see Stamps
                     check_clock(source_ns)
                     checked = True
-                self._deliver(CycleRead(int(counter or 0), values, source_ns, read_s, time.time_ns(), steps))
+                self._deliver(
+                    CycleRead(int(counter or 0), values, source_ns, read_s, time.time_ns(), steps)
+                )
             elif read_s - reported_s > self.settings.cycle_timeout_s:
                 reported_s = read_s
                 self._deliver(Stalled(read_s - changed_s))
@@ -255,16 +284,25 @@ class MachineLink:
             return
         try:
             numbers = (order.force, order.speed, order.heartbeat)
-            values = {name: _variant(number, self._kinds[name]) for name, number in zip(WRITTEN, numbers, strict=True)}
+            values = {
+                name: _variant(number, self._kinds[name])
+                for name, number in zip(WRITTEN, numbers, strict=True)
+            }
             request = ua.WriteParameters(
                 NodesToWrite=[
-                    ua.WriteValue(self._nodes[name], ua.AttributeIds.Value, Value=ua.DataValue(value))
+                    ua.WriteValue(
+                        self._nodes[name], ua.AttributeIds.Value, Value=ua.DataValue(value)
+                    )
                     for name, value in values.items()
                 ]
             )
-            results = await asyncio.wait_for(client.uaclient.write(request), self.settings.request_timeout_s)
+            results = await asyncio.wait_for(
+                client.uaclient.write(request), self.settings.request_timeout_s
+            )
             refused = [
-                f"{name}: {result.name}" for name, result in zip(WRITTEN, results, strict=True) if not result.is_good()
+                f"{name}: {result.name}"
+                for name, result in zip(WRITTEN, results, strict=True)
+                if not result.is_good()
             ]
             failure = f"refused by the machine: {', '.join(refused)}" if refused else ""
         except asyncio.CancelledError:
@@ -277,7 +315,8 @@ class MachineLink:
 async def secure(client: Client, machine: MachineFile, security: Security) -> None:
     """Check the certificates, look at what the server offers, and set the client's security.
 
-    asyncua itself accepts expired certificates and compares the server's late, so both are done here first.
+    asyncua itself accepts expired certificates and compares the server's late, so both are done
+    here first.
     """
     client.application_uri, pinned = certificates.check(security, certificates.now())
     kind = getattr(security_policies, f"SecurityPolicy{security.policy}")
@@ -286,7 +325,10 @@ async def secure(client: Client, machine: MachineFile, security: Security) -> No
     offered = [one for one in offered if one.SecurityMode == ua.MessageSecurityMode.SignAndEncrypt]
     if not offered:
         names = sorted(
-            {str(one.SecurityPolicyUri).rpartition("#")[2] + f"/{one.SecurityMode.name}" for one in endpoints}
+            {
+                str(one.SecurityPolicyUri).rpartition("#")[2] + f"/{one.SecurityMode.name}"
+                for one in endpoints
+            }
         )
         raise SecurityError(
             f"security.policy: {machine.endpoint} does not offer {security.policy}/SignAndEncrypt; "
@@ -298,7 +340,10 @@ async def secure(client: Client, machine: MachineFile, security: Security) -> No
             f"(SHA-1 {certificates.thumbprint(pinned)}); if it is known to have a new one, copy that into the file"
         )
     await client.set_security(
-        kind, str(security.certificate), str(security.private_key), server_certificate=str(security.server_certificate)
+        kind,
+        str(security.certificate),
+        str(security.private_key),
+        server_certificate=str(security.server_certificate),
     )
 
 
@@ -307,12 +352,16 @@ def password(user: User) -> str:
     if user.password_file is None:
         text = os.environ.get(user.password_env, "")
         if not text:
-            raise SecurityError(f"user.password_env: the environment variable {user.password_env} is not set")
+            raise SecurityError(
+                f"user.password_env: the environment variable {user.password_env} is not set"
+            )
         return text
     try:
         text = certificates.secret("user.password_file", user.password_file).decode().strip()
     except UnicodeDecodeError:
-        raise SecurityError(f"user.password_file: {user.password_file} is not UTF-8 text") from None
+        raise SecurityError(
+            f"user.password_file: {user.password_file} is not UTF-8 text"
+        ) from None
     if not text:
         raise SecurityError(f"user.password_file: {user.password_file} is empty")
     return text

@@ -10,7 +10,8 @@ from typing import NamedTuple
 from fsw_control.units import NANOSECONDS
 from fsw_machine.machine_file import Measured, ReadNode
 
-#: how much newer than the cycle counter a value may be: half a cycle [ns]; beyond, it is of another cycle or clock
+#: how much newer than the cycle counter a value may be: half a cycle [ns]; beyond, it is of
+#: another cycle or clock
 _NEWER_NS = 50_000_000
 #: the two upper bits of a status code; 0: good, 1: uncertain, 2: bad
 _SEVERITY_BITS = 30

@@ -53,6 +53,8 @@ def read_of():
             name: value if isinstance(value, RawValue) else RawValue(value, source_ns=source_ns)
             for name, value in (GOOD | changed).items()
         }
-        return CycleRead(counter, values, source_ns, counter * 0.1 if at_s is None else at_s, source_ns, steps)
+        return CycleRead(
+            counter, values, source_ns, counter * 0.1 if at_s is None else at_s, source_ns, steps
+        )
 
     return make

@@ -58,7 +58,13 @@ def test_a_machine_that_stands_still_is_polled_slowly():
 
 def test_every_restart_counts_and_the_first_value_is_none():
     tracker = CycleTracker(PERIOD_S)
-    assert [tracker.see(value, i / 10) for i, value in enumerate([9, 3, 4, 1, 2])] == [0, 0, 1, 0, 1]
+    assert [tracker.see(value, i / 10) for i, value in enumerate([9, 3, 4, 1, 2])] == [
+        0,
+        0,
+        1,
+        0,
+        1,
+    ]
     assert (tracker.skipped, tracker.restarts) == (0, 2)
 
 
@@ -138,7 +144,9 @@ def test_a_change_that_was_awaited_again_is_looked_for_no_earlier():
 @given(
     moves=st.lists(
         st.tuples(
-            st.integers(1, 40), st.integers(-20_000_000, 20_000_000), st.sampled_from([0, 0, 0, 10**12, -(10**12)])
+            st.integers(1, 40),
+            st.integers(-20_000_000, 20_000_000),
+            st.sampled_from([0, 0, 0, 10**12, -(10**12)]),
         ),
         min_size=1,
         max_size=60,
@@ -183,12 +191,17 @@ START_NS = 10**18
         (3 * TICK_NS - STEP_NS - 10_000_000, 3, 3 * TICK_NS, 3 * TICK_NS),
     ],
 )
-def test_where_the_machines_clock_was_set_the_stamps_go_on_as_if_it_had_not(moved_ns, steps, elapsed_ns, goes_on_ns):
+def test_where_the_machines_clock_was_set_the_stamps_go_on_as_if_it_had_not(
+    moved_ns, steps, elapsed_ns, goes_on_ns
+):
     stamps = Stamps(TICK_NS)
     stamps.next(START_NS, 0, 0, 0)
     assert stamps.next(START_NS + moved_ns, steps, 0, elapsed_ns) == START_NS + goes_on_ns
     assert (stamps.steps, stamps.shift_ns) == (1, goes_on_ns - moved_ns)
-    assert stamps.next(START_NS + moved_ns + TICK_NS, 1, 0, TICK_NS) == START_NS + goes_on_ns + TICK_NS
+    assert (
+        stamps.next(START_NS + moved_ns + TICK_NS, 1, 0, TICK_NS)
+        == START_NS + goes_on_ns + TICK_NS
+    )
     assert stamps.steps == 1
 
 

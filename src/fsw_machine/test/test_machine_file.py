@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 from fsw_machine.machine_file import WRITTEN, MachineFile, Nodes
 from fsw_schema.models import InputError
 
-SECURITY = {"policy": "Basic256Sha256", "certificate": "c.der", "private_key": "k.pem", "server_certificate": "s.der"}
+SECURITY = {
+    "policy": "Basic256Sha256",
+    "certificate": "c.der",
+    "private_key": "k.pem",
+    "server_certificate": "s.der",
+}
 
 
 def changed(text, path, value=None, remove=False):
@@ -57,7 +62,9 @@ def test_units(shipped_text, name, unit, number, inside):
     number=st.floats(-1e5, 1e5),
 )
 def test_scale_and_offset_are_undone_when_written(scale, offset, number):
-    content = {name: {"node": "i=1"} for name, field in Nodes.model_fields.items() if field.is_required()}
+    content = {
+        name: {"node": "i=1"} for name, field in Nodes.model_fields.items() if field.is_required()
+    }
     for name, unit in (("depth", "mm"), ("torque", "N m"), ("temperature", "K")):
         content[name]["unit"] = unit
     for name in ("acting", "in_force", "setpoint"):
@@ -78,7 +85,11 @@ WRONG = [
     ("nodes.depth.scale", 0, "nodes.depth.scale must not be 0"),
     ("nodes.depth.scale", float("nan"), "nodes.depth.scale is nan, not a finite number"),
     ("nodes.depth.scale", True, "nodes.depth.scale is True, not a number"),
-    ("nodes.depth.stale_after_s", -1.0, "nodes.depth.stale_after_s is -1.0: must be greater than 0"),
+    (
+        "nodes.depth.stale_after_s",
+        -1.0,
+        "nodes.depth.stale_after_s is -1.0: must be greater than 0",
+    ),
     ("nodes.depth.untis", "mm", "nodes.depth.untis is an unknown key; did you mean unit?"),
     ("nodes.heartbeat.unit", "s", "nodes.heartbeat.unit is an unknown key; known: node"),
     ("nodes.depht", {"node": "i=1"}, "nodes.depht is an unknown key; did you mean depth?"),
@@ -88,8 +99,16 @@ WRONG = [
     ("security", None, "lacks security; for a plain connection write 'security: none'"),
     ("security", "off", "security is 'off', not a mapping"),
     ("security", False, "security is False, not a mapping"),
-    ("security", SECURITY | {"policy": "Basic128"}, "security.policy is 'Basic128'; one of Basic256Sha256"),
-    ("security", {**SECURITY, "private_key": ""}, "security.private_key is '', not the name of a file"),
+    (
+        "security",
+        SECURITY | {"policy": "Basic128"},
+        "security.policy is 'Basic128'; one of Basic256Sha256",
+    ),
+    (
+        "security",
+        {**SECURITY, "private_key": ""},
+        "security.private_key is '', not the name of a file",
+    ),
     ("endpoint", "http://plc:4840", "endpoint is not an endpoint; write opc.tcp://host:port/path"),
     ("endpoint", "opc.tcp://plc", "endpoint is not an endpoint"),
     ("endpoint", "opc.tcp://weld:secret@plc:4840", "endpoint is not an endpoint"),
@@ -108,7 +127,10 @@ def test_one_line_for_what_is_wrong(shipped_text, path, value, words):
 @pytest.mark.parametrize(
     ("user", "words"),
     [
-        ({"name": "weld", "password": "secret"}, "user.password is an unknown key; did you mean password_"),
+        (
+            {"name": "weld", "password": "secret"},
+            "user.password is an unknown key; did you mean password_",
+        ),
         ({"name": "weld"}, "user needs either password_file or password_env"),
         ({"name": "weld", "password_env": "P", "password_file": "p"}, "user needs either"),
     ],

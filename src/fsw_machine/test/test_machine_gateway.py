@@ -32,7 +32,10 @@ class Machine:
 
     def cycle(self, steps=1, **changed):
         self.counter += steps
-        given = {"force_in_force": self.in_force.force_kn, "speed_in_force": self.in_force.speed_rpm} | changed
+        given = {
+            "force_in_force": self.in_force.force_kn,
+            "speed_in_force": self.in_force.speed_rpm,
+        } | changed
         out = self.gateway.on_read(self._read_of(self.counter, steps=steps, **given))
         self.stamp_ns = out.stamp_ns if out else self.stamp_ns
         return out
@@ -41,7 +44,9 @@ class Machine:
         stamp_ns, healthy = given.get("stamp_ns", self.stamp_ns), given.get("healthy", True)
         at_s, source = self.now_s + after_s, given.get("source", "nmpc")
         signature = given.get("signature", Signature(stop=self.gateway.fence.register.value))
-        return self.gateway.on_command(Command(force_kn, speed_rpm), stamp_ns, source, healthy, at_s, signature)
+        return self.gateway.on_command(
+            Command(force_kn, speed_rpm), stamp_ns, source, healthy, at_s, signature
+        )
 
     def obey(self, order):
         assert order is not None, self.refused
@@ -70,7 +75,10 @@ def running(machine, parameters, read_of):
 
 def test_a_tick_has_the_values_and_the_counters_timestamp(running):
     out = running.cycle()
-    assert out.values == {"depth": 2.66, "torque": 980.0, "thermocouple": 816.4} and out.drives == STEADY
+    assert (
+        out.values == {"depth": 2.66, "torque": 980.0, "thermocouple": 816.4}
+        and out.drives == STEADY
+    )
     assert out.stamp_ns == running.gateway.read.source_ns
 
 
@@ -78,7 +86,9 @@ def test_with_stamps_of_receipt_the_first_tick_has_the_local_time(machine, param
     gateway = Gateway(machine, parameters | {"clock.stamps": "received"})
     gateway.on_connected()
     local_ns = 1_800_000_000 * NANOSECONDS
-    first, second = (replace(read_of(counter), read_ns=local_ns + counter) for counter in (100, 101))
+    first, second = (
+        replace(read_of(counter), read_ns=local_ns + counter) for counter in (100, 101)
+    )
     assert gateway.on_read(first).stamp_ns == local_ns + 100
     assert gateway.on_read(second).stamp_ns == local_ns + 100 + second.source_ns - first.source_ns
 
@@ -90,15 +100,23 @@ def test_where_the_machines_clock_is_set_the_stamps_go_on_by_a_cycle(running):
 
 
 def test_a_cycle_that_a_busy_machine_ends_late_is_no_step_of_its_clock(running):
-    late = running._read_of(running.counter + 1, at_s=running.now_s + 0.7, source_ns=running.stamp_ns + 700_000_000)
+    late = running._read_of(
+        running.counter + 1, at_s=running.now_s + 0.7, source_ns=running.stamp_ns + 700_000_000
+    )
     assert running.gateway.on_read(late).stamp_ns == late.source_ns
     assert running.gateway.stamps.steps == 0
 
 
 def test_an_invalid_value_is_nan_and_the_others_stay(running):
-    bad = RawValue(0.0, status=0x80000000, status_name="Bad", source_ns=running.gateway.read.source_ns)
+    bad = RawValue(
+        0.0, status=0x80000000, status_name="Bad", source_ns=running.gateway.read.source_ns
+    )
     out = running.cycle(depth=bad, temperature="hot")
-    assert isnan(out.values["depth"]) and isnan(out.values["thermocouple"]) and out.values["torque"] == 980.0
+    assert (
+        isnan(out.values["depth"])
+        and isnan(out.values["thermocouple"])
+        and out.values["torque"] == 980.0
+    )
     assert running.gateway.invalid == 2
     running.cycle(torque=nan)
     assert running.gateway.invalid == 3
@@ -171,7 +189,9 @@ def test_of_two_that_wait_the_newer_is_written_and_the_other_refused(running):
     for force_kn in (78.5, 78.6):
         running.cycle()
         assert running.command(force_kn) is None
-    assert running.refused == {"unanswered"} and "of 0.200 s ago" in running.gateway.gate.last_refusal
+    assert (
+        running.refused == {"unanswered"} and "of 0.200 s ago" in running.gateway.gate.last_refusal
+    )
     assert running.obey(order).command.force_kn == 78.6
 
 
@@ -194,16 +214,27 @@ def test_what_has_waited_is_judged_again(running, reason):
         running.cycle(permissive=False)
     elif reason == "jump":
         running.cycle(force_in_force=70.0)
-    assert running.gateway.on_written(order, "", running.now_s + (0.3 if reason == "stale_read" else 0.0)) is None
+    assert (
+        running.gateway.on_written(
+            order, "", running.now_s + (0.3 if reason == "stale_read" else 0.0)
+        )
+        is None
+    )
     assert running.refused == {"unanswered" if reason == "not_permissive" else reason}
-    told = {"not_permissive": "has not answered", "jump": "would jump by", "stale_read": "last read 0.30 s ago"}
+    told = {
+        "not_permissive": "has not answered",
+        "jump": "would jump by",
+        "stale_read": "last read 0.30 s ago",
+    }
     assert told[reason] in running.gateway.gate.last_refusal
 
 
 def test_a_stamp_between_two_ticks_is_refused(running):
     running.obey(running.command())
     running.cycle()
-    assert running.command(stamp_ns=running.stamp_ns - 1) is None and running.refused == {"unknown_stamp"}
+    assert running.command(stamp_ns=running.stamp_ns - 1) is None and running.refused == {
+        "unknown_stamp"
+    }
 
 
 def test_before_it_is_connected_a_gateway_reports_nothing(machine, parameters):
@@ -219,10 +250,14 @@ def test_nothing_before_the_first_read(machine, parameters, read_of):
 
 
 @pytest.mark.requirement("S13")
-@pytest.mark.parametrize("permissive", [False, None, 1, RawValue(True), RawValue(True, 0x80000000, "Bad", 1)])
+@pytest.mark.parametrize(
+    "permissive", [False, None, 1, RawValue(True), RawValue(True, 0x80000000, "Bad", 1)]
+)
 def test_nothing_is_written_without_a_good_permissive_bit(running, permissive):
     out = running.cycle(permissive=permissive)
-    assert out.values["depth"] == 2.66 and isnan(out.drives.force_kn) and isnan(out.drives.speed_rpm)
+    assert (
+        out.values["depth"] == 2.66 and isnan(out.drives.force_kn) and isnan(out.drives.speed_rpm)
+    )
     assert running.command() is None and running.refused == {"not_permissive"}
     assert running.gateway.ticks == 2
 
@@ -286,7 +321,9 @@ def test_what_the_server_has_not_taken_does_not_count_as_in_force(running):
 
 
 @pytest.mark.requirement("S32")
-def test_a_ramp_goes_on_when_single_commands_are_lost_but_by_one_move_from_what_the_machine_has(running):
+def test_a_ramp_goes_on_when_single_commands_are_lost_but_by_one_move_from_what_the_machine_has(
+    running,
+):
     running.obey(running.command(79.4))
     running.cycle()
     running.gateway.on_written(running.command(80.4), "refused", running.now_s)
@@ -319,7 +356,9 @@ def with_other_moves(machine, parameters, read_of):
         ((78.4, 416.6), None),
     ],
 )
-def test_a_command_catches_up_from_three_moves_away_and_no_further(with_other_moves, asked, cut_to):
+def test_a_command_catches_up_from_three_moves_away_and_no_further(
+    with_other_moves, asked, cut_to
+):
     with_other_moves.cycle()
     order = with_other_moves.command(*asked)
     assert (order and order.command) == (pytest.approx(cut_to) if cut_to else None)
@@ -336,7 +375,9 @@ def test_every_command_that_was_cut_is_counted(with_other_moves):
 
 
 @pytest.mark.requirement("S32")
-def test_between_what_it_shows_and_what_it_has_taken_no_command_is_within_a_move_of_both(with_other_moves):
+def test_between_what_it_shows_and_what_it_has_taken_no_command_is_within_a_move_of_both(
+    with_other_moves,
+):
     """The machine moves by itself, faster than commands may: none is written until it is clear where it is."""
     with_other_moves.cycle(force_in_force=73.5)
     assert with_other_moves.command(76.0) is None and with_other_moves.refused == {"jump"}
@@ -347,7 +388,9 @@ def test_between_what_it_shows_and_what_it_has_taken_no_command_is_within_a_move
 
 @pytest.mark.requirement("S32")
 @pytest.mark.parametrize(("cycles", "is_cut"), [(3, True), (4, False)])
-def test_a_command_catches_up_within_three_cycles_of_the_last_one_that_was_taken(with_other_moves, cycles, is_cut):
+def test_a_command_catches_up_within_three_cycles_of_the_last_one_that_was_taken(
+    with_other_moves, cycles, is_cut
+):
     with_other_moves.cycle(steps=cycles)
     assert (with_other_moves.command(83.0) is not None) == is_cut
     assert with_other_moves.gateway.cut == is_cut
@@ -358,7 +401,9 @@ def test_what_a_machine_rounds_when_it_shows_it_is_no_move_of_its_own(with_other
     shown = before = STEADY
     for _ in range(5):
         asked = Command(before.force_kn + 1.98, before.speed_rpm + 2.97)
-        with_other_moves.cycle(force_in_force=shown.force_kn + 0.018, speed_in_force=shown.speed_rpm + 0.027)
+        with_other_moves.cycle(
+            force_in_force=shown.force_kn + 0.018, speed_in_force=shown.speed_rpm + 0.027
+        )
         order = with_other_moves.command(*asked)
         assert order.command == asked
         with_other_moves.gateway.on_written(order, "", with_other_moves.now_s)
@@ -381,7 +426,10 @@ def test_while_the_server_does_not_answer_every_command_is_refused_in_the_end(ru
         assert running.command() is None
         assert running.gateway.joined == (count < 3)
     refused = running.gateway.gate.refused
-    assert running.gateway.gate.total() == 6 and (refused["unanswered"], refused["paused"]) == (4, 2)
+    assert running.gateway.gate.total() == 6 and (refused["unanswered"], refused["paused"]) == (
+        4,
+        2,
+    )
 
 
 @pytest.mark.requirement("S32")
@@ -409,7 +457,9 @@ def test_a_write_that_may_have_arrived_counts_as_well(running):
 def test_what_is_in_force_outside_the_limits_is_told(running):
     running.cycle(force_in_force=40.0)
     assert running.command(60.0) is None
-    assert "outside the limits: the machine has to bring it back" in running.gateway.gate.last_refusal
+    assert (
+        "outside the limits: the machine has to bring it back" in running.gateway.gate.last_refusal
+    )
 
 
 @pytest.mark.parametrize("how", ["jump", "failure"])

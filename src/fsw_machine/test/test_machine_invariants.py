@@ -14,7 +14,8 @@ from fsw_machine.gateway import Gateway
 
 SPEED_RPM = 407.5
 LIMITS = Limits()
-#: the machine ramps the force down by itself when commands stay away: from this many cycles on, so fast, so far
+#: the machine ramps the force down by itself when commands stay away: from this many cycles on, so
+#: fast, so far
 RAMP_CYCLES, RAMP_KN, SAFE_KN = 20, 0.1, 65.0
 
 
@@ -99,7 +100,9 @@ class Supervisor:
             self._force_kn = out.drives.force_kn
         if self._force_kn is not None:
             wanted = self._force_kn if gap else self._force_kn + move_kn
-            self._force_kn = min(max(wanted + gap * move_kn, LIMITS.force_min_kn), LIMITS.force_max_kn)
+            self._force_kn = min(
+                max(wanted + gap * move_kn, LIMITS.force_min_kn), LIMITS.force_max_kn
+            )
             plc.command(self._force_kn)
 
 
@@ -107,7 +110,11 @@ move = st.sampled_from([-1.0, -0.4, 0.0, 0.4, 1.0])
 fate = st.sampled_from(["taken", "taken", "refused", "lost", "silent", "late"])
 events = st.one_of(
     st.tuples(st.just("ticks"), move, st.lists(fate, min_size=1, max_size=8)),
-    st.tuples(st.just("command"), st.sampled_from([60.0, 70.0, 78.0, 79.3, 95.0, 300.0]), st.floats(0.0, 0.4)),
+    st.tuples(
+        st.just("command"),
+        st.sampled_from([60.0, 70.0, 78.0, 79.3, 95.0, 300.0]),
+        st.floats(0.0, 0.4),
+    ),
     st.tuples(st.just("quiet"), st.integers(1, 40), st.booleans()),
     st.tuples(st.just("answer"), st.sampled_from(["", "refused"]), st.none()),
     st.tuples(st.just("cut"), st.booleans(), st.none()),
@@ -120,7 +127,11 @@ def happen(plc, supervisor, happened):
             for one in second:
                 plc.cycle()
                 supervisor.tick(plc, first)
-                if one in ("taken", "silent", "late"):  # silent: arrived, but the answer is lost; late: comes later
+                if one in (
+                    "taken",
+                    "silent",
+                    "late",
+                ):  # silent: arrived, but the answer is lost; late: comes later
                     plc.take()
                 if one != "late":
                     plc.answer({"taken": ""}.get(one, one))
@@ -139,9 +150,15 @@ def happen(plc, supervisor, happened):
 
 
 @pytest.mark.requirement("S32")
-@example(happened=[("ticks", -1.0, ["late", "taken", "taken", "taken", "silent", "refused"])], late=1)
 @example(
-    happened=[("ticks", -1.0, ["late"]), ("ticks", 0.0, ["taken"]), ("ticks", -1.0, [*["taken"] * 4, "refused"])],
+    happened=[("ticks", -1.0, ["late", "taken", "taken", "taken", "silent", "refused"])], late=1
+)
+@example(
+    happened=[
+        ("ticks", -1.0, ["late"]),
+        ("ticks", 0.0, ["taken"]),
+        ("ticks", -1.0, [*["taken"] * 4, "refused"]),
+    ],
     late=1,
 )
 @given(happened=st.lists(events, max_size=20), late=st.sampled_from([0, 1]))

@@ -102,7 +102,9 @@ def secured(folder, shipped_text):
     }
     user = {"name": "fsw", "password_file": "password"}
     port = free_port()
-    file = write_machine_file(folder / "secured.yaml", port, shipped_text, security=security, user=user)
+    file = write_machine_file(
+        folder / "secured.yaml", port, shipped_text, security=security, user=user
+    )
     running = RunningMachine(file, made["server"][1])
     yield running, port, {"security": security, "user": user}
     running.stop()
@@ -110,11 +112,17 @@ def secured(folder, shipped_text):
 
 def told(connect, folder, port, text, **changes):
     """What the link says of a machine file that does not fit."""
-    return connect(write_machine_file(folder / "changed.yaml", port, text, **changes)).next(Lost).reason
+    return (
+        connect(write_machine_file(folder / "changed.yaml", port, text, **changes))
+        .next(Lost)
+        .reason
+    )
 
 
 @pytest.mark.slow
-def test_every_cycle_is_read_once_and_an_order_is_taken(connect, plain, folder, shipped_text, parameters):
+def test_every_cycle_is_read_once_and_an_order_is_taken(
+    connect, plain, folder, shipped_text, parameters
+):
     running, port = plain
     linked = connect(write_machine_file(folder / "good.yaml", port, shipped_text))
     linked.next(Connected)
@@ -137,16 +145,31 @@ def test_every_cycle_is_read_once_and_an_order_is_taken(connect, plain, folder, 
     ("changes", "words"),
     [
         ({"nodes__depth__node": "s=Weld.Dept"}, "nodes.depth: the server has no node s=Weld.Dept"),
-        ({"nodes__depth__node": "s=Weld.Permissive"}, "nodes.depth: s=Weld.Permissive is of type Boolean, must be a"),
-        ({"nodes__permissive__node": "s=Weld.Depth"}, "nodes.permissive: s=Weld.Depth is of type Double, must be a B"),
-        ({"nodes__cycle__node": "s=Weld.Depth"}, "nodes.cycle: s=Weld.Depth is of type Double, must be a whole"),
-        ({"nodes__depth__node": "ns=0;i=85"}, "nodes.depth: ns=0;i=85 has no value; it must be a variable"),
+        (
+            {"nodes__depth__node": "s=Weld.Permissive"},
+            "nodes.depth: s=Weld.Permissive is of type Boolean, must be a",
+        ),
+        (
+            {"nodes__permissive__node": "s=Weld.Depth"},
+            "nodes.permissive: s=Weld.Depth is of type Double, must be a B",
+        ),
+        (
+            {"nodes__cycle__node": "s=Weld.Depth"},
+            "nodes.cycle: s=Weld.Depth is of type Double, must be a whole",
+        ),
+        (
+            {"nodes__depth__node": "ns=0;i=85"},
+            "nodes.depth: ns=0;i=85 has no value; it must be a variable",
+        ),
         ({"nodes__depth__node": "ns=0;i=2255"}, "nodes.depth: ns=0;i=2255 is"),
         (
             {"nodes__cycle__node": "ns=0;i=2267"},  # ServiceLevel
             "nodes.heartbeat: s=Weld.Heartbeat is of type UInt32, must be of the type of nodes.cycle, Byte",
         ),
-        ({"nodes__heartbeat__node": "s=Weld.Cycle"}, "nodes.heartbeat: s=Weld.Cycle cannot be written by this user"),
+        (
+            {"nodes__heartbeat__node": "s=Weld.Cycle"},
+            "nodes.heartbeat: s=Weld.Cycle cannot be written by this user",
+        ),
         ({"namespace": "urn:other"}, "namespace: the server has no urn:other; it has"),
     ],
 )
@@ -158,12 +181,18 @@ def test_nodes_that_do_not_fit(connect, plain, folder, shipped_text, changes, wo
 def test_clock_at_1601_is_told_or_does_not_matter(connect, plain, folder, shipped_text):
     running, port = plain
     since = datetime(1970, 1, 1) - datetime(1601, 6, 1)
-    running.do(lambda server: setattr(server, "clock_offset_ns", -time.time_ns() - round(since.total_seconds() * 1e9)))
+    running.do(
+        lambda server: setattr(
+            server, "clock_offset_ns", -time.time_ns() - round(since.total_seconds() * 1e9)
+        )
+    )
     before = running.server.counter
     wait_until(lambda: running.server.counter > before + 1, "a cycle with this clock")
     try:
         assert "year 1601; set the machine's clock" in told(connect, folder, port, shipped_text)
-        connect(write_machine_file(folder / "old.yaml", port, shipped_text), received=True).next(CycleRead)
+        connect(write_machine_file(folder / "old.yaml", port, shipped_text), received=True).next(
+            CycleRead
+        )
     finally:
         running.do(lambda server: setattr(server, "clock_offset_ns", 0))
 
@@ -188,9 +217,18 @@ def test_with_certificates_and_password(connect, secured, folder, shipped_text):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"security__server_certificate": "other.der"}, "security.server_certificate: the server's certificate is not"),
-        ({"security__certificate": "other.der", "security__private_key": "other_key.pem"}, "security.certificate"),
-        ({"security__certificate": "expired.der", "security__private_key": "expired_key.pem"}, "expired on"),
+        (
+            {"security__server_certificate": "other.der"},
+            "security.server_certificate: the server's certificate is not",
+        ),
+        (
+            {"security__certificate": "other.der", "security__private_key": "other_key.pem"},
+            "security.certificate",
+        ),
+        (
+            {"security__certificate": "expired.der", "security__private_key": "expired_key.pem"},
+            "expired on",
+        ),
         ({"security__private_key": "other_key.pem"}, "security.private_key: "),
         ({"security__policy": "Aes256Sha256RsaPss"}, "security.policy: "),
         ({"user__password_file": "wrong"}, "user: "),
@@ -215,7 +253,9 @@ def test_a_secured_server_does_not_let_in_a_plain_client(connect, secured, folde
 
 @pytest.mark.requirement("S14")
 @pytest.mark.slow
-def test_a_stalled_and_a_cut_connection_are_lost_and_found_again(connect, plain, folder, shipped_text):
+def test_a_stalled_and_a_cut_connection_are_lost_and_found_again(
+    connect, plain, folder, shipped_text
+):
     proxy = Proxy(plain[1])
     try:
         file = write_machine_file(folder / "proxy.yaml", proxy.port, shipped_text)
@@ -241,13 +281,21 @@ def test_a_counter_that_stands_still_is_told(connect, plain, folder, shipped_tex
 
 @pytest.mark.parametrize(
     ("secured", "key", "words"),
-    [(False, "server_key.pem", "security: none"), (True, "", "needed"), (True, "client_key.pem", "does not belong to")],
+    [
+        (False, "server_key.pem", "security: none"),
+        (True, "", "needed"),
+        (True, "client_key.pem", "does not belong to"),
+    ],
 )
 def test_the_test_machine_refuses_a_server_key_that_does_not_fit(
     tmp_path, shipped_text, monkeypatch, capsys, secured, key, words
 ):
     machine_server.make_certificates(tmp_path)
-    names = {"certificate": "client.der", "private_key": "client_key.pem", "server_certificate": "server.der"}
+    names = {
+        "certificate": "client.der",
+        "private_key": "client_key.pem",
+        "server_certificate": "server.der",
+    }
     security = {"policy": "Basic256Sha256"} | names if secured else "none"
     file = write_machine_file(tmp_path / "m.yaml", free_port(), shipped_text, security=security)
     given = ["--server-key", str(tmp_path / key)] if key else []
@@ -278,10 +326,14 @@ def test_certificates_are_checked_before_they_are_used(tmp_path, shipped_text):
         ({"private_key": "later_key.pem"}, "does not belong to"),
         ({"server_certificate": "later.der"}, "security.server_certificate: "),
     ):
-        file = write_machine_file(tmp_path / "m.yaml", 4840, shipped_text, security=names | changes)
+        file = write_machine_file(
+            tmp_path / "m.yaml", 4840, shipped_text, security=names | changes
+        )
         with pytest.raises(SecurityError, match=words):
             certificates.check(MachineFile.load(file).security, certificates.now())
-    assert certificates.check(MachineFile.load(_good(tmp_path, shipped_text, names)).security, certificates.now())[0]
+    assert certificates.check(
+        MachineFile.load(_good(tmp_path, shipped_text, names)).security, certificates.now()
+    )[0]
     assert key.stat().st_mode & 0o077 == 0
 
 
@@ -304,9 +356,13 @@ def test_a_key_or_password_that_others_may_read_is_refused(tmp_path, shipped_tex
 
 
 @pytest.mark.parametrize(("kind", "values"), WHOLE.items(), ids=[kind.name for kind in WHOLE])
-def test_a_counter_begins_again_after_the_largest_value_of_its_type(kind, values, machine, parameters, read_of):
+def test_a_counter_begins_again_after_the_largest_value_of_its_type(
+    kind, values, machine, parameters, read_of
+):
     """And every heartbeat fits into a node of the same type."""
-    largest = values - 1 if kind.name in ("Byte", "UInt16", "UInt32", "UInt64") else values // 2 - 1
+    largest = (
+        values - 1 if kind.name in ("Byte", "UInt16", "UInt32", "UInt64") else values // 2 - 1
+    )
     counters = [largest - 1, largest, largest - values + 1, largest - values + 2]
     tracker = CycleTracker(0.1)
     tracker.values = values
@@ -315,16 +371,26 @@ def test_a_counter_begins_again_after_the_largest_value_of_its_type(kind, values
     for k, counter in enumerate(counters):
         steps = tracker.see(counter, 0.1 * k)
         assert steps == min(k, 1)
-        out = gateway.on_read(read_of(counter, at_s=0.1 * k, steps=steps, source_ns=(100 + k) * 10**8))
+        out = gateway.on_read(
+            read_of(counter, at_s=0.1 * k, steps=steps, source_ns=(100 + k) * 10**8)
+        )
         order = gateway.on_command(Command(78.4, 407.5), out.stamp_ns, "test", True, 0.1 * k)
         assert order.heartbeat == counter
-        assert variant_from_binary(Buffer(variant_to_binary(_variant(order.heartbeat, kind)))).Value == counter
+        assert (
+            variant_from_binary(Buffer(variant_to_binary(_variant(order.heartbeat, kind)))).Value
+            == counter
+        )
         gateway.on_written(order, "", 0.1 * k)
     assert (tracker.skipped, tracker.restarts) == (0, 0)
 
 
 def test_a_password_from_the_environment(tmp_path, shipped_text, monkeypatch):
-    names = {"policy": "Basic256Sha256", "certificate": "c", "private_key": "k", "server_certificate": "s"}
+    names = {
+        "policy": "Basic256Sha256",
+        "certificate": "c",
+        "private_key": "k",
+        "server_certificate": "s",
+    }
     user = {"name": "fsw", "password_env": "FSW_TEST_PASSWORD"}
     file = write_machine_file(tmp_path / "m.yaml", 4840, shipped_text, security=names, user=user)
     user = MachineFile.load(file).user
@@ -345,7 +411,11 @@ def test_the_waits_between_attempts_are_bounded():
 @pytest.mark.slow
 def test_a_test_machine_whose_port_is_taken_says_what_to_do(monkeypatch, capsys):
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        monkeypatch.setattr("sys.argv", ["run_machine_server.py", "--port", str(taken.getsockname()[1])])
-        with ThreadPoolExecutor() as pool:  # a test in a browser may have left a loop that runs in this thread
+        monkeypatch.setattr(
+            "sys.argv", ["run_machine_server.py", "--port", str(taken.getsockname()[1])]
+        )
+        with (
+            ThreadPoolExecutor() as pool
+        ):  # a test in a browser may have left a loop that runs in this thread
             assert pool.submit(machine_server.main).result() == 2
     assert "; end the other server, or choose another --port" in capsys.readouterr().err

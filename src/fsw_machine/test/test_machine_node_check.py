@@ -20,18 +20,25 @@ class Nodes:
 
     def __init__(self, nodes, **kinds):
         kinds = KINDS | kinds
-        self._kinds = {node: ua.VariantType[kinds.get(name, "Double")] for name, node in nodes.items()}
+        self._kinds = {
+            node: ua.VariantType[kinds.get(name, "Double")] for name, node in nodes.items()
+        }
         self.uaclient = SimpleNamespace(read=self._read)
 
     async def _read(self, parameters):
-        return [ua.DataValue(self._answer(one.AttributeId, self._kinds[one.NodeId])) for one in parameters.NodesToRead]
+        return [
+            ua.DataValue(self._answer(one.AttributeId, self._kinds[one.NodeId]))
+            for one in parameters.NodesToRead
+        ]
 
     def _answer(self, attribute, kind):
         if attribute == ua.AttributeIds.UserAccessLevel:
             return ua.Variant(3, ua.VariantType.Byte)
         if attribute == ua.AttributeIds.DataType:
             return ua.Variant(ua.NodeId(kind.value))
-        return ua.Variant(kind is ua.VariantType.Boolean if kind is ua.VariantType.Boolean else 1, kind)
+        return ua.Variant(
+            kind is ua.VariantType.Boolean if kind is ua.VariantType.Boolean else 1, kind
+        )
 
 
 def check(shipped_text, changes, **kinds):
@@ -41,29 +48,49 @@ def check(shipped_text, changes, **kinds):
         text = text.replace(before, after)
     machine = MachineFile.parse(text)
     nodes = {name: node_id(spec, 2) for name, spec in machine.nodes}
-    with pytest.raises(StopIteration):  # it waits for nothing; another test's event loop may be running here
+    with pytest.raises(
+        StopIteration
+    ):  # it waits for nothing; another test's event loop may be running here
         check_nodes(Nodes(nodes, **kinds), machine, nodes, Limits()).send(None)
 
 
 @pytest.mark.parametrize(
     ("changes", "kinds", "words"),
     [
-        ({}, {"force_setpoint": "Int32"}, r"nodes.force_setpoint: .* is of type Int32, which has steps of 1 kN"),
+        (
+            {},
+            {"force_setpoint": "Int32"},
+            r"nodes.force_setpoint: .* is of type Int32, which has steps of 1 kN",
+        ),
         ({}, {"force_in_force": "Int32"}, r"nodes.force_in_force: .* steps of 1 kN"),
         (
             {"ForceSetpoint, unit: kN": "ForceSetpoint, unit: N"},
             {"force_setpoint": "Int16"},
             "32767, and the limits need",
         ),
-        ({"SpeedSetpoint, unit: rpm": "SpeedSetpoint, unit: rad/s"}, {"speed_setpoint": "UInt16"}, "steps of 9.5"),
+        (
+            {"SpeedSetpoint, unit: rpm": "SpeedSetpoint, unit: rad/s"},
+            {"speed_setpoint": "UInt16"},
+            "steps of 9.5",
+        ),
         ({}, {"speed_acting": "Byte"}, "nodes.speed_acting: .* ends at 0 and 255"),
-        ({"SpeedSetpoint, unit: rpm": "SpeedSetpoint, unit: rpm, scale: -1"}, {"speed_setpoint": "UInt16"}, "need -"),
+        (
+            {"SpeedSetpoint, unit: rpm": "SpeedSetpoint, unit: rpm, scale: -1"},
+            {"speed_setpoint": "UInt16"},
+            "need -",
+        ),
         ({}, {"depth": "Int16"}, "nodes.depth: .* has steps of 1 mm"),
         ({}, {"torque": "Byte"}, "nodes.torque: .* ends at 0 and 255"),
-        ({"Temperature, unit: degC": "Temperature, unit: degC, scale: 0.01"}, {"temperature": "Int16"}, "32767, and"),
+        (
+            {"Temperature, unit: degC": "Temperature, unit: degC, scale: 0.01"},
+            {"temperature": "Int16"},
+            "32767, and",
+        ),
     ],
 )
-def test_whole_numbers_that_do_not_hold_every_set_point_are_refused(shipped_text, changes, kinds, words):
+def test_whole_numbers_that_do_not_hold_every_set_point_are_refused(
+    shipped_text, changes, kinds, words
+):
     with pytest.raises(LinkError, match=words):
         check(shipped_text, changes, **kinds)
 
@@ -73,8 +100,14 @@ def test_whole_numbers_that_do_not_hold_every_set_point_are_refused(shipped_text
     [
         ({}, {"force_setpoint": "Float", "speed_setpoint": "Int16", "speed_in_force": "UInt16"}),
         ({"ForceSetpoint, unit: kN": "ForceSetpoint, unit: N"}, {"force_setpoint": "Int32"}),
-        ({"ForceSetpoint, unit: kN": "ForceSetpoint, unit: kN, scale: 0.01"}, {"force_setpoint": "Int16"}),
-        ({"Depth, unit: mm": "Depth, unit: um"}, {"depth": "Int16", "torque": "Int16", "temperature": "UInt16"}),
+        (
+            {"ForceSetpoint, unit: kN": "ForceSetpoint, unit: kN, scale: 0.01"},
+            {"force_setpoint": "Int16"},
+        ),
+        (
+            {"Depth, unit: mm": "Depth, unit: um"},
+            {"depth": "Int16", "torque": "Int16", "temperature": "UInt16"},
+        ),
     ],
 )
 def test_whole_numbers_that_are_fine_enough(shipped_text, changes, kinds):
@@ -84,5 +117,7 @@ def test_whole_numbers_that_are_fine_enough(shipped_text, changes, kinds):
 def test_clock_before_1970_or_after_2038_is_told():
     check_clock(0)
     for year, source in ((1601, datetime(1601, 1, 1)), (2040, datetime(2040, 1, 1))):
-        with pytest.raises(LinkError, match=f"year {year}; set the machine's clock, or clock.stamps: received"):
+        with pytest.raises(
+            LinkError, match=f"year {year}; set the machine's clock, or clock.stamps: received"
+        ):
             check_clock(epoch_ns(source))

@@ -13,8 +13,13 @@ pytestmark = pytest.mark.slow
 def test_without_its_library_it_says_what_to_install_in_a_line():
     pytest.importorskip("cryptography")  # which is imported first
     code = "import sys; sys.modules['asyncua'] = None; import fsw_machine.machine_node"
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (ended.returncode, ended.stderr) == (2, "fsw_machine: asyncua is missing: pip install asyncua\n")
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    assert (ended.returncode, ended.stderr) == (
+        2,
+        "fsw_machine: asyncua is missing: pip install asyncua\n",
+    )
 
 
 def test_limits_that_a_node_of_the_machine_cannot_hold_are_refused(domain_id, shipped_text):
@@ -27,8 +32,12 @@ def test_limits_that_a_node_of_the_machine_cannot_hold_are_refused(domain_id, sh
     node = MachineNode()
     try:
         text = shipped_text.replace("ForceSetpoint, unit: kN", "ForceSetpoint, unit: N, scale: 2")
-        node._link = MachineLink(MachineFile.parse(text), _link_settings(node._settings.values), print)
-        node._link._kinds = {"force_setpoint": ua.VariantType.UInt16}  # as connecting leaves it: up to 131 kN
+        node._link = MachineLink(
+            MachineFile.parse(text), _link_settings(node._settings.values), print
+        )
+        node._link._kinds = {
+            "force_setpoint": ua.VariantType.UInt16
+        }  # as connecting leaves it: up to 131 kN
         assert node._why_not(node._settings.values | {"limits.force_max_kn": 130.0}) is None
         refused = node.set_parameters([Parameter("limits.force_max_kn", value=140.0)])[0]
         assert not refused.successful

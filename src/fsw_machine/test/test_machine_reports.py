@@ -16,7 +16,12 @@ def gateway(machine, parameters):
 
 @pytest.mark.parametrize(
     ("skew_s", "stamps", "level"),
-    [(0.1, "source", OK), (-0.6, "source", WARN), (61.0, "source", ERROR), (-61.0, "received", WARN)],
+    [
+        (0.1, "source", OK),
+        (-0.6, "source", WARN),
+        (61.0, "source", ERROR),
+        (-61.0, "received", WARN),
+    ],
 )
 def test_the_difference_of_the_clocks(gateway, parameters, read_of, skew_s, stamps, level):
     read = read_of(1)
@@ -39,8 +44,12 @@ def test_the_machine(gateway, read_of):
     assert reports.machine(gateway, 0.0, 0, 0).level == WARN
     gateway.on_read(read_of(1))
     assert reports.machine(gateway, 0.0, 0, 0).level == OK
-    assert reports.machine(gateway, 0.0, 0, 0).values["permissive"] is True  # as the operator's page reads it
-    assert reports.machine(gateway, 0.7, 0, 0).text == "the cycle counter has not changed for 0.7 s"
+    assert (
+        reports.machine(gateway, 0.0, 0, 0).values["permissive"] is True
+    )  # as the operator's page reads it
+    assert (
+        reports.machine(gateway, 0.7, 0, 0).text == "the cycle counter has not changed for 0.7 s"
+    )
     gateway.on_read(read_of(2, depth=None))
     assert "depth: empty, not a number" in reports.machine(gateway, 0.0, 0, 0).text
     gateway.on_read(read_of(3, permissive=False))

@@ -26,7 +26,10 @@ def test_a_good_number_is_used(machine, value):
     ("value", "words"),
     [
         (raw(2.66, status=BAD, status_name="BadNoCommunication"), "status BadNoCommunication"),
-        (raw(2.66, status=UNCERTAIN, status_name="UncertainLastUsableValue"), "status UncertainLastUsableValue"),
+        (
+            raw(2.66, status=UNCERTAIN, status_name="UncertainLastUsableValue"),
+            "status UncertainLastUsableValue",
+        ),
         (raw(2.66, age_s=0.3), "0.30 s older than the cycle counter"),
         (raw(2.66, age_s=-0.1), "0.10 s newer than the cycle counter"),
         (RawValue(2.66), "without a source timestamp"),
@@ -49,14 +52,21 @@ def test_a_bit(machine, value, expected):
         assert bit(raw(value, age_s), machine.nodes["permissive"], NOW_NS) == (expected, "")
 
 
-@pytest.mark.parametrize("value", [raw(1), raw(None), raw("true"), raw(True, age_s=1.0), raw(True, status=BAD)])
+@pytest.mark.parametrize(
+    "value", [raw(1), raw(None), raw("true"), raw(True, age_s=1.0), raw(True, status=BAD)]
+)
 def test_a_bit_that_is_not_clearly_one(machine, value):
     found = bit(value, machine.nodes["permissive"], NOW_NS)
     assert isnan(found.value) and len(found.fault) > 5
 
 
 @given(
-    value=st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.lists(st.floats(), max_size=2),
+    value=st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text()
+    | st.lists(st.floats(), max_size=2),
     status=st.integers(0, 2**32 - 1),
     age_ns=st.none() | st.integers(-(10**10), 10**10),
 )

@@ -17,15 +17,21 @@ class ParameterCovariance(Parameters):
     example = "parameters: [dead_time_s], covariance: [[0.0001]]"
 
     parameters: list[str] = Field(default=[], description="names of the identified parameters")
-    covariance: list[list[float]] = Field(default=[], description="of their relative errors, row by row")
+    covariance: list[list[float]] = Field(
+        default=[], description="of their relative errors, row by row"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> ParameterCovariance:
         n = len(self.parameters)
-        if unknown := [name for name in self.parameters if name not in ModelParameters.model_fields]:
+        if unknown := [
+            name for name in self.parameters if name not in ModelParameters.model_fields
+        ]:
             raise problem(f"the model has no {', '.join(unknown)}", "parameters")
         if len(self.covariance) != n or any(len(row) != n for row in self.covariance):
-            raise problem(f"must have {n} rows of {n} numbers, as there are parameters", "covariance")
+            raise problem(
+                f"must have {n} rows of {n} numbers, as there are parameters", "covariance"
+            )
         matrix = self.matrix
         if n and not (np.allclose(matrix, matrix.T) and np.linalg.eigvalsh(matrix).min() > 0.0):
             raise problem("is no covariance: not symmetric and positive", "covariance")
@@ -39,8 +45,10 @@ class ParameterCovariance(Parameters):
     @property
     def text(self) -> str:
         """YAML that :meth:`from_file` reads."""
-        rows = "".join(f"  - [{', '.join(f'{float(value):.9e}' for value in row)}]\n" for row in self.covariance)
-        names = ", ".join(self.parameters)
-        return (
-            f"# Covariance of the relative errors of identified parameters.\nparameters: [{names}]\ncovariance:\n{rows}"
+        rows = "".join(
+            f"  - [{', '.join(f'{float(value):.9e}' for value in row)}]\n"
+            for row in self.covariance
         )
+        names = ", ".join(self.parameters)
+        title = "# Covariance of the relative errors of identified parameters."
+        return f"{title}\nparameters: [{names}]\ncovariance:\n{rows}"

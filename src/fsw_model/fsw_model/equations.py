@@ -1,10 +1,11 @@
 """The process of the paper, equations (16)-(27), written once in CasADi.
 
-Everything else is derived from here: the numeric step, the linearisation, the controller's prediction, generated C.
-``p`` is a :class:`~fsw_model.parameters.ModelParameters`; units are mm, kN, rpm, degC, kW, N m, s, but SI inside
-(19)-(22). A state ``x`` has six entries, in the order of ``STATE_NAMES``: the three modes of (17), the two lags of
-(16), which the authors interpret as copper and tool in series, and the motor torque of (18). The dead time of (16) is
-kept apart, as the power of the steps that it spans.
+Everything else is derived from here: the numeric step, the linearisation, the controller's
+prediction, generated C. ``p`` is a :class:`~fsw_model.parameters.ModelParameters`; units are mm,
+kN, rpm, degC, kW, N m, s, but SI inside (19)-(22). A state ``x`` has six entries, in the order of
+``STATE_NAMES``: the three modes of (17), the two lags of (16), which the authors interpret as
+copper and tool in series, and the motor torque of (18). The dead time of (16) is kept apart, as
+the power of the steps that it spans.
 """
 
 from __future__ import annotations
@@ -40,7 +41,9 @@ def process_torque_nm(p: ModelParameters, force_kn: ca.SX, depth: ca.SX) -> ca.S
     depth_m = 1e-3 * depth
     radius_m = p.contact_radius_m + p.contact_slope * depth_m
     area_m2 = pi * radius_m**2  # (21)
-    geometry_m3 = p.geometry_offset_m3 + p.geometry_factor * (radius_m**3 - p.contact_radius_m**3)  # (22)
+    geometry_m3 = p.geometry_offset_m3 + p.geometry_factor * (
+        radius_m**3 - p.contact_radius_m**3
+    )  # (22)
     sigma_pa = 1e3 * force_kn / area_m2  # (20)
     return (p.sticking_stress_pa + p.sliding_friction * sigma_pa) * geometry_m3  # (19)
 
@@ -70,7 +73,9 @@ def depth_modes(p: ModelParameters) -> tuple[Matrix, Matrix]:
     slow, fast = p.depth_pole_slow_s, p.depth_pole_fast_s
     gain_slow = p.depth_gain_mm_per_kn_s * (p.depth_zero_s - slow) / (slow - fast)
     gain_fast = p.depth_gain_mm_per_kn_s * (p.depth_zero_s - fast) / (fast - slow)
-    return np.array([0.0, -1.0 / slow, -1.0 / fast]), np.array([p.depth_gain_mm_per_kn_s, gain_slow, gain_fast])
+    return np.array([0.0, -1.0 / slow, -1.0 / fast]), np.array(
+        [p.depth_gain_mm_per_kn_s, gain_slow, gain_fast]
+    )
 
 
 def thermal_block(p: ModelParameters) -> tuple[Matrix, Matrix]:
@@ -115,16 +120,20 @@ def power_response(p: ModelParameters, step_s: float, begin_s: float, span_s: fl
     return response
 
 
-def thermal_step(p: ModelParameters, overlap_s: float, span_s: float) -> tuple[Matrix, Matrix, Matrix]:
+def thermal_step(
+    p: ModelParameters, overlap_s: float, span_s: float
+) -> tuple[Matrix, Matrix, Matrix]:
     """Exact step of (copper, tool) over ``span_s``, at most a step.
 
-    The power that arrives meanwhile is of two steps of the past, when the dead time is no whole number of steps.
+    The power that arrives meanwhile is of two steps of the past, when the dead time is no whole
+    number of steps.
 
     Parameters
     ----------
     p : ModelParameters
     overlap_s : float
-        How long power of the older of the two steps still arrives; the whole step for a dead time of whole steps.
+        How long power of the older of the two steps still arrives; the whole step for a dead time
+        of whole steps.
     span_s : float
 
     Returns
@@ -136,7 +145,9 @@ def thermal_step(p: ModelParameters, overlap_s: float, span_s: float) -> tuple[M
     rest_s = span_s - overlap_s
     if rest_s < 1e-9:
         return phi, power_response(p, STEP_S, STEP_S - overlap_s, span_s), np.zeros((2, N_POWER))
-    older = matrix_exponential(a * rest_s) @ power_response(p, STEP_S, STEP_S - overlap_s, overlap_s)
+    older = matrix_exponential(a * rest_s) @ power_response(
+        p, STEP_S, STEP_S - overlap_s, overlap_s
+    )
     return phi, older, power_response(p, STEP_S, 0.0, rest_s)
 
 
@@ -156,13 +167,19 @@ def output_function(p: ModelParameters) -> ca.Function:
         "power_kw": power_kw(x[MOTOR] - friction, speed),
     }
     given = ["x", "force_kn", "speed_rpm"]
-    return ca.Function("process_outputs", [x, force, speed], list(outputs.values()), given, list(outputs))
+    return ca.Function(
+        "process_outputs", [x, force, speed], list(outputs.values()), given, list(outputs)
+    )
 
 
 def dynamics_function(p: ModelParameters) -> ca.Function:
     """CasADi function (x, arriving_kw, force_kn, speed_rpm) -> dx/dt, with Delta P of one dead time ago arriving."""
     x = ca.SX.sym("x", N_STATES)
-    arriving, force, speed = ca.SX.sym("arriving_kw"), ca.SX.sym("force_kn"), ca.SX.sym("speed_rpm")
+    arriving, force, speed = (
+        ca.SX.sym("arriving_kw"),
+        ca.SX.sym("force_kn"),
+        ca.SX.sym("speed_rpm"),
+    )
     poles, gains = depth_modes(p)
     a, b = thermal_block(p)
     depth = depth_mm(p, x[CREEP], x[SLOW], x[FAST], x[TOOL])
@@ -171,24 +188,33 @@ def dynamics_function(p: ModelParameters) -> ca.Function:
     static = process_torque_nm(p, force, depth) + friction_torque_nm(p, speed)
     motor = (static - x[MOTOR]) / p.motor_lag_s  # (18)
     names = ["x", "arriving_kw", "force_kn", "speed_rpm"]
-    return ca.Function("dynamics", [x, arriving, force, speed], [ca.vertcat(modes, thermal, motor)], names, ["dx_dt"])
+    return ca.Function(
+        "dynamics",
+        [x, arriving, force, speed],
+        [ca.vertcat(modes, thermal, motor)],
+        names,
+        ["dx_dt"],
+    )
 
 
 def step_function(p: ModelParameters, overlap_s: float) -> ca.Function:
     """CasADi function of one step: (x, older power (4), newer power (4), force, speed) -> (x next, power (4), depth).
 
-    ``older`` and ``newer`` are the power of the two steps that arrives during this one (``thermal_step``); the power
-    returned goes to the end of that queue. The dead time is no shorter than the step, so the temperature within the
-    step is known beforehand, and the step is explicit. The linear blocks are exact. Of (18) only the process torque
-    is approximated, by the parabola through its values at start, middle and end; the jump of depth that settles within
-    the fast pole is taken out of it and put through (18) exactly, linear in the jump.
+    ``older`` and ``newer`` are the power of the two steps that arrives during this one
+    (``thermal_step``); the power returned goes to the end of that queue. The dead time is no
+    shorter than the step, so the temperature within the step is known beforehand, and the step is
+    explicit. The linear blocks are exact. Of (18) only the process torque is approximated, by the
+    parabola through its values at start, middle and end; the jump of depth that settles within the
+    fast pole is taken out of it and put through (18) exactly, linear in the jump.
     """
     x = ca.SX.sym("x", N_STATES)
     older, newer = ca.SX.sym("older_kw", N_POWER), ca.SX.sym("newer_kw", N_POWER)
     force, speed = ca.SX.sym("force_kn"), ca.SX.sym("speed_rpm")
 
     def thermal(span_s: float) -> tuple[ca.SX, ca.SX]:
-        phi, by_older, by_newer = (ca.sparsify(ca.DM(m)) for m in thermal_step(p, overlap_s, span_s))
+        phi, by_older, by_newer = (
+            ca.sparsify(ca.DM(m)) for m in thermal_step(p, overlap_s, span_s)
+        )
         later = phi @ ca.vertcat(x[COPPER], x[TOOL]) + by_older @ older + by_newer @ newer
         return later[0], later[1]
 
@@ -205,9 +231,10 @@ def step_function(p: ModelParameters, overlap_s: float) -> ca.Function:
 def driven_step_function(p: ModelParameters) -> ca.Function:
     """CasADi function of one step of a process whose copper is another model's.
 
-    (x, copper at start and end as the tool meets it, force, speed) -> (x next, mean power, depth). The copper's
-    temperature takes the place of the first lag of (16): it is what it was a dead time ago, linear within the step,
-    which the lag of the tool follows exactly. The copper in ``x`` stays.
+    (x, copper at start and end as the tool meets it, force, speed) -> (x next, mean power, depth).
+    The copper's temperature takes the place of the first lag of (16): it is what it was a dead
+    time ago, linear within the step, which the lag of the tool follows exactly. The copper in
+    ``x`` stays.
     """
     x = ca.SX.sym("x", N_STATES)
     copper = ca.SX.sym("copper_c", 2)
@@ -226,7 +253,11 @@ def driven_step_function(p: ModelParameters) -> ca.Function:
 
 
 def _stepped(
-    p: ModelParameters, x: ca.SX, force: ca.SX, speed: ca.SX, thermal: Callable[[float], tuple[ca.SX, ca.SX]]
+    p: ModelParameters,
+    x: ca.SX,
+    force: ca.SX,
+    speed: ca.SX,
+    thermal: Callable[[float], tuple[ca.SX, ca.SX]],
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """State after a step, power within it and depth at its end; ``thermal`` is copper and tool after a time."""
     creep, slow, fast, _, tool, motor = ca.vertsplit(x)
@@ -246,7 +277,9 @@ def _stepped(
     *_, depth_middle = later(0.5 * STEP_S)
     creep_end, slow_end, copper_end, tool_end, depth_end = later(STEP_S)
     depth_start = depth_mm(p, creep, slow, settled, tool)
-    start, middle, end = (process_torque_nm(p, force, d) for d in (depth_start, depth_middle, depth_end))
+    start, middle, end = (
+        process_torque_nm(p, force, d) for d in (depth_start, depth_middle, depth_end)
+    )
     friction = friction_torque_nm(p, speed)
 
     # (18): motor torque = q0 + q1 (s/h) + q2 (s/h)^2 + rest exp(-s / lag)
@@ -256,7 +289,9 @@ def _stepped(
     q0 = start + friction - lag / STEP_S * q1
     depth_symbol = ca.SX.sym("depth")
     by_depth = ca.substitute(
-        ca.gradient(process_torque_nm(p, force, depth_symbol), depth_symbol), depth_symbol, depth_start
+        ca.gradient(process_torque_nm(p, force, depth_symbol), depth_symbol),
+        depth_symbol,
+        depth_start,
     )
     jump = by_depth * (1.0 + p.softening_per_c * tool) * (fast - settled)
     rest = motor - q0 + jump / (lag / p.depth_pole_fast_s - 1.0)
@@ -264,4 +299,8 @@ def _stepped(
     fast_end = settled + (fast - settled) * exp(poles[2] * STEP_S)
     power = power_kw(ca.vertcat(q0 - friction, q1, q2, rest), speed)
     power[0] -= p.operating_power_kw  # (24)
-    return ca.vertcat(creep_end, slow_end, fast_end, copper_end, tool_end, motor_end), power, depth_end
+    return (
+        ca.vertcat(creep_end, slow_end, fast_end, copper_end, tool_end, motor_end),
+        power,
+        depth_end,
+    )

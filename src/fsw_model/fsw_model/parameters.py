@@ -20,7 +20,8 @@ class ModelParameters(Parameters):
     operating_force_kn, operating_depth_mm, operating_temperature_c, operating_power_kw : float
         Point of linearisation (15).
     thermal_gain_c_per_kw, copper_lag_s, tool_lag_s, dead_time_s : float
-        Power to temperature (16): ``gain exp(-dead_time s) / ((1 + copper_lag s) (1 + tool_lag s))``.
+        Power to temperature (16): ``gain exp(-dead_time s) / ((1 + copper_lag s) (1 + tool_lag
+        s))``.
     depth_gain_mm_per_kn_s, depth_zero_s, depth_pole_slow_s, depth_pole_fast_s : float
         Force to depth (17): ``gain (1 + zero s) / (s (1 + slow s) (1 + fast s))``.
     motor_lag_s : float
@@ -36,7 +37,8 @@ class ModelParameters(Parameters):
     softening_per_c : float
         Slope of the correction factor (6), (27).
     spindle_inertia_kgm2 : float
-        Makes the peak of the measured torque when the spindle accelerates; it does not act on the process.
+        Makes the peak of the measured torque when the spindle accelerates; it does not act on the
+        process.
 
     Raises
     ------
@@ -54,12 +56,18 @@ class ModelParameters(Parameters):
     thermal_gain_c_per_kw: PositiveFloat = Field(default=18.1, description="paper (16)")
     copper_lag_s: PositiveFloat = Field(default=30.5, description="paper (16)")
     tool_lag_s: PositiveFloat = Field(default=1.2, description="paper (16)")
-    dead_time_s: Annotated[float, Range(0.1, 10.0, "s")] = Field(default=2.8, description="paper (16)")
+    dead_time_s: Annotated[float, Range(0.1, 10.0, "s")] = Field(
+        default=2.8, description="paper (16)"
+    )
     depth_gain_mm_per_kn_s: PositiveFloat = Field(default=0.0016, description="paper (17)")
     depth_zero_s: PositiveFloat = Field(default=29.6, description="paper (17)")
     depth_pole_slow_s: PositiveFloat = Field(default=14.7, description="paper (17)")
-    depth_pole_fast_s: Annotated[float, Range(1e-6, 5e-3, "s")] = Field(default=0.00095, description="paper (17)")
-    motor_lag_s: Annotated[float, Range(0.01, 10.0, "s")] = Field(default=0.27, description="paper (18)")
+    depth_pole_fast_s: Annotated[float, Range(1e-6, 5e-3, "s")] = Field(
+        default=0.00095, description="paper (17)"
+    )
+    motor_lag_s: Annotated[float, Range(0.01, 10.0, "s")] = Field(
+        default=0.27, description="paper (18)"
+    )
     sticking_stress_pa: NonNegativeFloat = Field(default=152800.0, description="paper (19)")
     sliding_friction: NonNegativeFloat = Field(default=0.435, description="paper (19)")
     contact_radius_m: PositiveFloat = Field(default=0.015, description="paper (21), (22)")
@@ -70,7 +78,9 @@ class ModelParameters(Parameters):
     friction_linear_nm_per_rpm: float = Field(default=-1.305, description="paper (8), (23)")
     friction_quadratic_nm_per_rpm2: float = Field(default=0.001927, description="paper (8), (23)")
     softening_per_c: NonNegativeFloat = Field(default=0.0021, description="paper (6), (27)")
-    spindle_inertia_kgm2: NonNegativeFloat = Field(default=2.0, description="chosen: size of the torque peak in Fig. 5")
+    spindle_inertia_kgm2: NonNegativeFloat = Field(
+        default=2.0, description="chosen: size of the torque peak in Fig. 5"
+    )
 
     @model_validator(mode="after")
     def _check_poles(self) -> ModelParameters:
@@ -86,7 +96,9 @@ class ModelParameters(Parameters):
         fsw_schema.models.InputError
             If a name is unknown or a value is not valid.
         """
-        return self.changed(**{name: getattr(self, name, nan) * factor for name, factor in factors.items()})
+        return self.changed(
+            **{name: getattr(self, name, nan) * factor for name, factor in factors.items()}
+        )
 
 
 @cache

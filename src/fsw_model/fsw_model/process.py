@@ -30,7 +30,8 @@ class ProcessState:
     """State of the process: the six states and the power on its way through the dead time."""
 
     x: tuple[float, ...]  #: in the order of ``equations.STATE_NAMES``
-    #: power deviation (24) during each step of the last dead time, oldest first, see ``equations.N_POWER``
+    #: power deviation (24) during each step of the last dead time, oldest first, see
+    #: ``equations.N_POWER``
     power: deque[Power]
 
     def copy(self) -> ProcessState:
@@ -65,7 +66,8 @@ class Linearisation:
     """Process linearised about an equilibrium, as deviations.
 
     ``dx/dt = a x + b u + b_power p(t - dead_time_s)``, ``p = c_power x + d_power u``, ``y = c x``
-    with u = (force kN, speed rpm), p = power kW, y = (depth mm, temperature degC, motor torque N m).
+    with u = (force kN, speed rpm), p = power kW, y = (depth mm, temperature degC, motor torque N
+    m).
     """
 
     a: NDArray[np.float64]  #: (6, 6)
@@ -88,7 +90,9 @@ class Linearisation:
         delay = np.exp(-1j * omega * self.dead_time_s)
         closed_a = self.a + delay * np.outer(self.b_power, self.c_power)
         closed_b = self.b + delay * np.outer(self.b_power, self.d_power)
-        return np.asarray(self.c @ np.linalg.solve(1j * omega * np.eye(len(self.a)) - closed_a, closed_b))
+        return np.asarray(
+            self.c @ np.linalg.solve(1j * omega * np.eye(len(self.a)) - closed_a, closed_b)
+        )
 
 
 class _Numeric:
@@ -98,7 +102,9 @@ class _Numeric:
         self._lock = Lock()  # plants of other threads may have the same buffers
         self._given, self._result = np.zeros(function.nnz_in()), np.zeros(function.nnz_out())
         self._target = self._given.data
-        self._put = Struct(f"{function.nnz_in()}d").pack_into  # half the time of an assignment to the array
+        self._put = Struct(
+            f"{function.nnz_in()}d"
+        ).pack_into  # half the time of an assignment to the array
         self._buffer: Any  # has to live as long as what it evaluates
         self._buffer, self._evaluate = function.buffer()
         given_ends = np.cumsum([function.nnz_in(i) for i in range(function.n_in())])
@@ -124,14 +130,18 @@ def driven_step(parameters: ModelParameters) -> Callable[..., list[float]]:
 class ProcessModel:
     """Friction stir welding process, stepped at 10 Hz with inputs held between ticks.
 
-    Its parameters are the paper's by default. ``step_function`` and ``output_function`` are those of
-    :mod:`fsw_model.equations`.
+    Its parameters are the paper's by default. ``step_function`` and ``output_function`` are those
+    of :mod:`fsw_model.equations`.
     """
 
     def __init__(self, parameters: ModelParameters | None = None) -> None:
         self.parameters = p = parameters or nominal()
-        self.delay_steps = ceil(p.dead_time_s / STEP_S - 1e-9)  #: that the dead time spans, the last perhaps in part
-        self.step_function = equations.step_function(p, STEP_S - (self.delay_steps * STEP_S - p.dead_time_s))
+        self.delay_steps = ceil(
+            p.dead_time_s / STEP_S - 1e-9
+        )  #: that the dead time spans, the last perhaps in part
+        self.step_function = equations.step_function(
+            p, STEP_S - (self.delay_steps * STEP_S - p.dead_time_s)
+        )
         self.output_function = equations.output_function(p)
         self._step = _Numeric(self.step_function)
         self._outputs = _Numeric(self.output_function)
@@ -142,11 +152,13 @@ class ProcessModel:
         Raises
         ------
         OperatingPointError
-            If the shoulder would leave the copper (depth (27) not above 0) or an input is not finite; the state is
-            then as before.
+            If the shoulder would leave the copper (depth (27) not above 0) or an input is not
+            finite; the state is then as before.
         """
         power = state.power
-        result = self._step(*state.x, *power[0], *power[1 if self.delay_steps > 1 else 0], force_kn, speed_rpm)
+        result = self._step(
+            *state.x, *power[0], *power[1 if self.delay_steps > 1 else 0], force_kn, speed_rpm
+        )
         if not (result[10] > 0.0 and isfinite(result[6])):  # written so that NaN fails too
             raise OperatingPointError(
                 f"process model: depth {result[10]:.4g} mm with {force_kn:.4g} kN, {speed_rpm:.4g} rpm; "
@@ -165,10 +177,13 @@ class ProcessModel:
         kept = list(power)[-self.delay_steps :]
         return deque([kept[0]] * (self.delay_steps - len(kept)) + kept)
 
-    def equilibrium(self, depth_mm: float | None = None, temperature_c: float | None = None) -> Equilibrium:
+    def equilibrium(
+        self, depth_mm: float | None = None, temperature_c: float | None = None
+    ) -> Equilibrium:
         """Inputs and state that hold a depth and a temperature for ever, those of the operating point by default.
 
-        Depth integrates, so the force is the operating force at every depth; the speed gives the needed power.
+        Depth integrates, so the force is the operating force at every depth; the speed gives the
+        needed power.
 
         Raises
         ------
@@ -179,7 +194,9 @@ class ProcessModel:
         depth = p.operating_depth_mm if depth_mm is None else depth_mm
         temperature = p.operating_temperature_c if temperature_c is None else temperature_c
         if not (depth > 0.0 and isfinite(depth)):
-            raise OperatingPointError(f"no equilibrium at depth {depth:.4g} mm: must be above 0 mm")
+            raise OperatingPointError(
+                f"no equilibrium at depth {depth:.4g} mm: must be above 0 mm"
+            )
         rise_c = temperature - p.operating_temperature_c
         power_kw = p.operating_power_kw + rise_c / p.thermal_gain_c_per_kw
         softening = 1.0 + p.softening_per_c * rise_c
@@ -216,10 +233,15 @@ class ProcessModel:
         a, b, b_power, c_power, d_power, c = (
             m.full() for m in slopes(at.state.x, at.state.power[0][0], [at.force_kn, at.speed_rpm])
         )
-        return Linearisation(a, b, b_power.ravel(), c_power.ravel(), d_power.ravel(), c, self.parameters.dead_time_s)
+        return Linearisation(
+            a, b, b_power.ravel(), c_power.ravel(), d_power.ravel(), c, self.parameters.dead_time_s
+        )
 
     def simulate(
-        self, force_kn: Sequence[float], speed_rpm: Sequence[float], start: Equilibrium | None = None
+        self,
+        force_kn: Sequence[float],
+        speed_rpm: Sequence[float],
+        start: Equilibrium | None = None,
     ) -> dict[str, NDArray[np.float64]]:
         """Open-loop simulation from an equilibrium.
 
@@ -233,8 +255,8 @@ class ProcessModel:
         Returns
         -------
         dict of (n,) arrays
-            ``time_s``, the fields of :class:`Outputs`, ``force_kn`` and ``speed_rpm``. Row k is at the beginning of
-            step k, with the inputs of that step.
+            ``time_s``, the fields of :class:`Outputs`, ``force_kn`` and ``speed_rpm``. Row k is at
+            the beginning of step k, with the inputs of that step.
 
         Raises
         ------
@@ -244,15 +266,22 @@ class ProcessModel:
             If the shoulder leaves the copper.
         """
         if len(force_kn) != len(speed_rpm):
-            raise ValueError(f"simulate: {len(force_kn)} forces but {len(speed_rpm)} speeds; give as many of each")
+            raise ValueError(
+                f"simulate: {len(force_kn)} forces but {len(speed_rpm)} speeds; give as many of each"
+            )
         state = (start or self.equilibrium()).state.copy()
         if len(state.power) != self.delay_steps:
-            raise ValueError(f"simulate: start has {len(state.power)} steps of dead time, model {self.delay_steps}")
+            raise ValueError(
+                f"simulate: start has {len(state.power)} steps of dead time, model {self.delay_steps}"
+            )
         rows = []
         for force, speed in zip(force_kn, speed_rpm, strict=True):
             rows.append(self._outputs(*state.x, force, speed))
             self.step(state, force, speed)
         names = Outputs._fields
         columns = dict(zip(names, np.array(rows).reshape(-1, len(names)).T, strict=True))
-        columns["force_kn"], columns["speed_rpm"] = np.array(force_kn, float), np.array(speed_rpm, float)
+        columns["force_kn"], columns["speed_rpm"] = (
+            np.array(force_kn, float),
+            np.array(speed_rpm, float),
+        )
         return {"time_s": np.arange(len(rows)) * STEP_S, **columns}

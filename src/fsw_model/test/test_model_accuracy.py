@@ -1,7 +1,8 @@
 """The one-step model against the paper's equations (16)-(27), written here from its text and integrated on their own.
 
-Nothing of ``fsw_model`` is used but what is tested: the numbers are typed in, (17) and (16) stand in canonical form and
-not in partial fractions, the solver is LSODA at tight tolerance, and the dead time is taken by the method of steps.
+Nothing of ``fsw_model`` is used but what is tested: the numbers are typed in, (17) and (16) stand
+in canonical form and not in partial fractions, the solver is LSODA at tight tolerance, and the
+dead time is taken by the method of steps.
 """
 
 from bisect import bisect_right
@@ -40,7 +41,9 @@ class Paper:
         return 243.11 - 1.305 * speed_rpm + 0.001927 * speed_rpm**2  # (23)
 
     def delta_power_kw(self, motor_torque_nm, speed_rpm):
-        return (motor_torque_nm - self.friction_nm(speed_rpm)) * speed_rpm * np.pi / 30000 - 43.6  # (24)
+        return (
+            motor_torque_nm - self.friction_nm(speed_rpm)
+        ) * speed_rpm * np.pi / 30000 - 43.6  # (24)
 
     def delayed_kw(self, time_s):
         if time_s <= 0.0:
@@ -52,7 +55,11 @@ class Paper:
     def run(self, end_s, times_s):
         """Depth, temperature, motor torque and power at the times, in the inputs that begin there."""
         changes = [change[0] for change in self.inputs]
-        cuts = {c + n * self.dead_time_s for c in [0.0, *changes] for n in range(int(end_s / self.dead_time_s) + 2)}
+        cuts = {
+            c + n * self.dead_time_s
+            for c in [0.0, *changes]
+            for n in range(int(end_s / self.dead_time_s) + 2)
+        }
         cuts = sorted({round(c, 9) for c in cuts if c < end_s} | {end_s})
         y = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1021.525436238483 + self.friction_nm(SPEED_RPM)])
         for begin, end in pairwise(cuts):
@@ -67,7 +74,9 @@ class Paper:
                 return [y[1], y[2], jerk, y[4], bend, (torque - y[5]) / 0.27]  # (18)
 
             scale = np.array([1e-12, 1e-12, 1e-10, 1e-11, 1e-11, 1e-9])
-            solved = solve_ivp(slopes, (begin, end), y, "LSODA", rtol=1e-12, atol=scale, dense_output=True)
+            solved = solve_ivp(
+                slopes, (begin, end), y, "LSODA", rtol=1e-12, atol=scale, dense_output=True
+            )
             assert solved.success, solved.message
             self.segments.append((begin, solved.sol, speed))
             y = solved.y[:, -1]
@@ -76,7 +85,14 @@ class Paper:
         for t in times_s:
             k = bisect_right(starts, t + 1e-9) - 1
             state, speed = self.segments[k][1](t), self.segments[k][2]
-            rows.append((self.depth_mm(state), 816.4 + state[3], state[5], 43.6 + self.delta_power_kw(state[5], speed)))
+            rows.append(
+                (
+                    self.depth_mm(state),
+                    816.4 + state[3],
+                    state[5],
+                    43.6 + self.delta_power_kw(state[5], speed),
+                )
+            )
         return np.array(rows).T
 
 
@@ -89,7 +105,13 @@ FIG_5 = [
     (27.1, 78.4, SPEED_RPM + 40.0),
     (30.3, 78.4, SPEED_RPM + 20.0),
 ]
-LIMITS = [(0.0, 78.4, SPEED_RPM), (0.1, 95.0, 300.0), (7.3, 60.0, 500.0), (7.4, 70.0, 310.0), (20.0, 90.0, 450.0)]
+LIMITS = [
+    (0.0, 78.4, SPEED_RPM),
+    (0.1, 95.0, 300.0),
+    (7.3, 60.0, 500.0),
+    (7.4, 70.0, 310.0),
+    (20.0, 90.0, 450.0),
+]
 
 
 @pytest.mark.parametrize("dead_time_s", [2.8, 2.85], ids=["whole_steps", "part_of_a_step"])
@@ -102,9 +124,15 @@ def test_agrees_with_the_integrated_equations(inputs, dead_time_s):
     run = model.simulate([h[1] for h in held], [h[2] for h in held])
     exact = Paper(inputs, dead_time_s).run(end_s, run["time_s"])
     for name, values, rest in zip(
-        ("depth_mm", "temperature_c", "motor_torque_nm", "power_kw"), exact, (2.66, 816.4, 1052.858, 43.6), strict=True
+        ("depth_mm", "temperature_c", "motor_torque_nm", "power_kw"),
+        exact,
+        (2.66, 816.4, 1052.858, 43.6),
+        strict=True,
     ):
         # a bend of the temperature within a step costs a little
-        assert np.abs(run[name] / values - 1.0).max() < (1e-8 if dead_time_s == 2.8 else 2e-8), name
-        # also of what has changed, not only of the whole, so that the operating point cannot hide an error
+        assert np.abs(run[name] / values - 1.0).max() < (1e-8 if dead_time_s == 2.8 else 2e-8), (
+            name
+        )
+        # also of what has changed, not only of the whole, so that the operating point cannot hide
+        # an error
         assert np.abs(run[name] - values).max() < 1e-6 * np.abs(values - rest).max(), name

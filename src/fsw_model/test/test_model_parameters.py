@@ -11,12 +11,30 @@ NAMES = list(ORIGIN)
 
 
 def test_every_parameter_tells_its_origin():
-    assert all(text.startswith("paper (") or text.startswith("chosen: ") for text in ORIGIN.values())
+    assert all(
+        text.startswith("paper (") or text.startswith("chosen: ") for text in ORIGIN.values()
+    )
 
 
 def test_coefficients_are_those_of_the_paper():
     """Typed from the text of (15)-(23) and (27), in the order of the parameters."""
-    paper = [78.4, 2.66, 816.4, 43.6, 18.1, 30.5, 1.2, 2.8, 0.0016, 29.6, 14.7, 0.00095, 0.27, 152800.0, 0.435]
+    paper = [
+        78.4,
+        2.66,
+        816.4,
+        43.6,
+        18.1,
+        30.5,
+        1.2,
+        2.8,
+        0.0016,
+        29.6,
+        14.7,
+        0.00095,
+        0.27,
+        152800.0,
+        0.435,
+    ]
     paper += [0.015, 20 / 3, 2.3e-5, 2.408, 243.11, -1.305, 0.001927, 0.0021]
     shipped = dict(nominal())
     assert [shipped[name] for name in NAMES if ORIGIN[name].startswith("paper")] == paper

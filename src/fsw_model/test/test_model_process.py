@@ -29,7 +29,9 @@ POWERS = st.tuples(*[st.floats(-20.0, 20.0)] * 4)
 @given(STATES, POWERS, POWERS, st.floats(20.0, 120.0), st.floats(0.0, 600.0))
 def test_step_and_outputs_are_the_casadi_functions(x, older, newer, force, speed):
     """In numbers, also when another model has been used meanwhile."""
-    state = ProcessState(x, deque([older, newer, *MODEL.equilibrium().state.power][: MODEL.delay_steps]))
+    state = ProcessState(
+        x, deque([older, newer, *MODEL.equilibrium().state.power][: MODEL.delay_steps])
+    )
     expected_x, expected_power, _ = MODEL.step_function(list(x), older, newer, force, speed)
     outputs = MODEL.outputs(state, force, speed)
     MODEL.step(state, force, speed)
@@ -64,7 +66,9 @@ def test_slopes_and_loop_gain():
     assert by_force == pytest.approx(12.84, abs=5e-3)  # dM/dF, N m per kN
     # temperature -> depth -> torque -> power -> temperature
     per_degree_mm = p.softening_per_c * p.operating_depth_mm
-    assert per_degree_mm * by_depth * at.c_power[5] * p.thermal_gain_c_per_kw == pytest.approx(0.521, abs=5e-4)
+    assert per_degree_mm * by_depth * at.c_power[5] * p.thermal_gain_c_per_kw == pytest.approx(
+        0.521, abs=5e-4
+    )
 
 
 def test_depth_creeps_after_a_transient():
@@ -126,7 +130,9 @@ def test_linearisation_equals_finite_differences(depth_mm, temperature_c):
     start = MODEL.equilibrium(depth_mm, temperature_c)
     at = MODEL.linearise(start)
     push, steps, fine = np.array([0.01, 0.1]), 100, 20
-    run = MODEL.simulate([start.force_kn + push[0]] * steps, [start.speed_rpm + push[1]] * steps, start)
+    run = MODEL.simulate(
+        [start.force_kn + push[0]] * steps, [start.speed_rpm + push[1]] * steps, start
+    )
     h = STEP_S / fine
     chain = np.zeros((N_STATES + 2, N_STATES + 2))
     chain[:N_STATES, :N_STATES], chain[:N_STATES, N_STATES], chain[:N_STATES, N_STATES + 1] = (
@@ -140,7 +146,11 @@ def test_linearisation_equals_finite_differences(depth_mm, temperature_c):
         if k % fine == 0:
             rows.append(at.c @ x)
         powers.append(at.c_power @ x + at.d_power @ push)
-        x = e[:N_STATES, :N_STATES] @ x + e[:N_STATES, N_STATES] + e[:N_STATES, N_STATES + 1] * powers[k]
+        x = (
+            e[:N_STATES, :N_STATES] @ x
+            + e[:N_STATES, N_STATES]
+            + e[:N_STATES, N_STATES + 1] * powers[k]
+        )
     for i, name in enumerate(("depth_mm", "temperature_c", "motor_torque_nm")):
         moved = run[name] - run[name][0]
         assert moved == pytest.approx(np.array(rows)[:, i], abs=5e-3 * np.abs(moved).max()), name
@@ -152,7 +162,9 @@ def test_frequency_response_is_that_of_the_stepped_model():
     omega = 2 * np.pi / period_s
     start = MODEL.equilibrium()
     t = np.arange(round(period_s * cycles * 10)) * 0.1
-    run = MODEL.simulate([start.force_kn] * len(t), list(start.speed_rpm + 0.1 * np.sin(omega * t)))
+    run = MODEL.simulate(
+        [start.force_kn] * len(t), list(start.speed_rpm + 0.1 * np.sin(omega * t))
+    )
     last = slice(len(t) - 1000, len(t))
     hold = np.exp(-0.5j * omega * 0.1) * np.sinc(omega * 0.1 / (2 * np.pi))
     response = MODEL.linearise(start).frequency_response(np.array([omega]))[0] * hold
@@ -163,7 +175,8 @@ def test_frequency_response_is_that_of_the_stepped_model():
 
 
 @pytest.mark.parametrize(
-    "depth_mm, temperature_c", [(0.0, 816.4), (nan, 816.4), (inf, 816.4), (2.66, 20.0), (2.66, inf), (2.66, nan)]
+    "depth_mm, temperature_c",
+    [(0.0, 816.4), (nan, 816.4), (inf, 816.4), (2.66, 20.0), (2.66, inf), (2.66, nan)],
 )
 def test_no_equilibrium(depth_mm, temperature_c):
     with pytest.raises(OperatingPointError, match="no equilibrium at"):
@@ -197,7 +210,10 @@ def test_history_of_another_dead_time():
     longer = ProcessModel(nominal().changed(dead_time_s=3.0))
     history = [(float(i), 0.0, 0.0, 0.0) for i in range(28)]
     assert list(longer.with_history(history)) == [history[0]] * 2 + history
-    assert list(ProcessModel(nominal().changed(dead_time_s=2.65)).with_history(history)) == history[1:]
+    assert (
+        list(ProcessModel(nominal().changed(dead_time_s=2.65)).with_history(history))
+        == history[1:]
+    )
 
 
 def test_simulate_input_contract():
@@ -214,8 +230,12 @@ def test_rows_show_the_inputs_that_begin_there():
     run = MODEL.simulate([start.force_kn, start.force_kn + 1.0], [start.speed_rpm] * 2)
     assert run["time_s"].tolist() == [0.0, 0.1]
     assert run["force_kn"][1] - run["force_kn"][0] == pytest.approx(1.0)
-    assert run["process_torque_nm"][1] - run["process_torque_nm"][0] == pytest.approx(12.84, abs=0.05)
-    assert run["motor_torque_nm"][1] == pytest.approx(run["motor_torque_nm"][0], rel=1e-12)  # a state: it has a lag
+    assert run["process_torque_nm"][1] - run["process_torque_nm"][0] == pytest.approx(
+        12.84, abs=0.05
+    )
+    assert run["motor_torque_nm"][1] == pytest.approx(
+        run["motor_torque_nm"][0], rel=1e-12
+    )  # a state: it has a lag
 
 
 def test_threads_do_not_disturb_each_other():

@@ -18,7 +18,8 @@ from fsw_nmpc.library import KERNEL, Doubt, Library, Missing, SolveStatus, tunin
 from fsw_nmpc.library import Reason as Fault
 from fsw_nmpc.settings import Settings
 
-#: estimates of the estimator, in the library's order; depth and temperature are the offsets of their sensors
+#: estimates of the estimator, in the library's order; depth and temperature are the offsets of
+#: their sensors
 _DISTURBANCES = (
     "force_kn",
     "power_kw",
@@ -62,10 +63,11 @@ _STATUS_TEXTS = {
 class NmpcController:
     """NMPC of depth and temperature, a :class:`fsw_control.Controller`.
 
-    Estimator, reference trajectories, problem, solver, acceptance, fallback and limits are one C library (``kernel/``);
-    this class passes data in and out. Every parameter but the model acts at runtime without a bump; another horizon is
-    made in the background, while the present one works on. If it cannot be made, the present one stays, the proposals
-    say why, and the next change of any parameter tries again.
+    Estimator, reference trajectories, problem, solver, acceptance, fallback and limits are one C
+    library (``kernel/``); this class passes data in and out. Every parameter but the model acts at
+    runtime without a bump; another horizon is made in the background, while the present one works
+    on. If it cannot be made, the present one stays, the proposals say why, and the next change of
+    any parameter tries again.
 
     Parameters
     ----------
@@ -130,7 +132,9 @@ class NmpcController:
             return
         self._failure = ""
         if self.settings.tuning.blocks != self._blocks:
-            self._maker = threading.Thread(target=self._make, args=(self.settings,), name="nmpc horizon", daemon=True)
+            self._maker = threading.Thread(
+                target=self._make, args=(self.settings,), name="nmpc horizon", daemon=True
+            )
             self._maker.start()
 
     def _make(self, settings: Settings) -> None:
@@ -159,24 +163,37 @@ class NmpcController:
         """Forget the past; the next step starts from ``applied``."""
         self.library.reset(applied.force_kn, applied.speed_rpm)
 
-    def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
+    def step(
+        self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float
+    ) -> Proposal:
         """See :meth:`fsw_control.Controller.step`."""
         began = perf_counter()
         self._take()
         library, m = self.library, measurement
         inputs, outputs = library.input, library.output
-        inputs.depth_mm, inputs.torque_nm, inputs.temperature_c = m.depth_mm, m.torque_nm, m.temperature_c
+        inputs.depth_mm, inputs.torque_nm, inputs.temperature_c = (
+            m.depth_mm,
+            m.torque_nm,
+            m.temperature_c,
+        )
         inputs.depth_fresh = m.depth_valid and "depth" not in m.held
         inputs.torque_fresh = m.torque_valid and "torque" not in m.held
         inputs.temperature_fresh = m.temperature_valid and "thermocouple" not in m.held
         inputs.force_kn, inputs.speed_rpm = m.force_kn, m.speed_rpm
         inputs.applied_force_kn, inputs.applied_speed_rpm = applied.force_kn, applied.speed_rpm
-        inputs.reference_depth_mm, inputs.reference_temperature_c = reference.depth_mm, reference.temperature_c
+        inputs.reference_depth_mm, inputs.reference_temperature_c = (
+            reference.depth_mm,
+            reference.temperature_c,
+        )
         inputs.dt_s = dt_s
         coming = reference.coming if self.settings.preview else ()
         inputs.n_changes = min(len(coming), len(inputs.change))
         for change, one in zip(inputs.change, coming, strict=False):
-            change.at_s, change.depth_mm, change.temperature_c = one.at_s - m.time_s, one.depth_mm, one.temperature_c
+            change.at_s, change.depth_mm, change.temperature_c = (
+                one.at_s - m.time_s,
+                one.depth_mm,
+                one.temperature_c,
+            )
         library.step()
         command = Command(outputs.force_kn, outputs.speed_rpm)
         reason = self._reason(m) if outputs.reason else self._remark()
@@ -206,7 +223,11 @@ class NmpcController:
         outputs, s = self.library.output, self.settings
         if outputs.reason == Fault.WAITING_FOR_SENSORS:
             missing = tuple(name for name in m.invalid_sensors() if name != "torque")
-            return Reason(ReasonCode.WAITING_FOR_SENSORS, missing) if missing else Reason(ReasonCode.NOT_WELDING)
+            return (
+                Reason(ReasonCode.WAITING_FOR_SENSORS, missing)
+                if missing
+                else Reason(ReasonCode.NOT_WELDING)
+            )
         if outputs.reason == Fault.WAITING_FOR_REFERENCE:
             return Reason(ReasonCode.NO_REFERENCE)
         if outputs.reason == Fault.BLIND:
@@ -222,7 +243,9 @@ class NmpcController:
         """What is to be said of a proposal that may be applied."""
         if self._failure:
             return Reason(ReasonCode.HORIZON, detail=self._failure)
-        doubts = "; ".join(text for bit, text in _DOUBTS.items() if self.library.output.doubt & bit)
+        doubts = "; ".join(
+            text for bit, text in _DOUBTS.items() if self.library.output.doubt & bit
+        )
         return Reason(ReasonCode.CAUTION, detail=doubts) if doubts else Reason()
 
     def plan_deviations(self, time_s: Sequence[float]) -> tuple[list[float], list[float]]:
@@ -247,6 +270,8 @@ class NmpcController:
 def _make(settings: Settings) -> Library:
     """The library for the settings."""
     try:
-        return Library(settings.model, horizon_of(settings.model, settings.tuning.blocks), tuning_of(settings))
+        return Library(
+            settings.model, horizon_of(settings.model, settings.tuning.blocks), tuning_of(settings)
+        )
     except (RuntimeError, OSError) as error:
         raise ValueError(f"nmpc: {error}") from None

@@ -1,10 +1,11 @@
 """How far the sensors may be from the prediction: the estimator's covariance along the horizon.
 
-The covariance goes on as the estimator's own would without further measurements, with the plan followed: the transition
-of the last tick, and the random walk of every state. The noise of the sensor is added. So it contains what is not yet
-known of the disturbances, and how they may wander, but neither errors of the model nor disturbances larger than their
-walks. As in the estimator, the effect of the torque's deviation on the heat is left out: 5 % of the temperature's
-deviation at 15 s.
+The covariance goes on as the estimator's own would without further measurements, with the plan
+followed: the transition of the last tick, and the random walk of every state. The noise of the
+sensor is added. So it contains what is not yet known of the disturbances, and how they may wander,
+but neither errors of the model nor disturbances larger than their walks. As in the estimator, the
+effect of the torque's deviation on the heat is left out: 5 % of the temperature's deviation at 15
+s.
 """
 
 from __future__ import annotations
@@ -47,7 +48,9 @@ def output_deviations(controller: Any, time_s: Vector) -> tuple[Vector, Vector]:
     rows = _rows_ahead(_rows(controller), _matrix(estimator.a), ticks[-1])
     known = ((rows[ticks] @ covariance) * rows[ticks]).sum(axis=2)
     walked = np.cumsum(rows**2 @ walk, axis=0)[ticks - 1]
-    depth, temperature = (known + walked + [tuning.depth_noise_mm**2, tuning.temperature_noise_c**2]).T
+    depth, temperature = (
+        known + walked + [tuning.depth_noise_mm**2, tuning.temperature_noise_c**2]
+    ).T
     return np.sqrt(np.maximum(depth, 0.0)), np.sqrt(np.maximum(temperature, 0.0))
 
 

@@ -1,9 +1,9 @@
 """The prediction horizon: grid (36), moves, model steps and the exact weights of the dead time.
 
-Copper and tool at the end of a step are linear in the power that entered one dead time earlier. The power within a step
-is ``P0 + P1 s/h + P2 exp(-s / motor lag)``, which is exact where the process torque is linear; the weights of these
-three are computed once, exactly, for every step, whatever the dead time, also where a long step of the tail looks back
-over many short ones.
+Copper and tool at the end of a step are linear in the power that entered one dead time earlier.
+The power within a step is ``P0 + P1 s/h + P2 exp(-s / motor lag)``, which is exact where the
+process torque is linear; the weights of these three are computed once, exactly, for every step,
+whatever the dead time, also where a long step of the tail looks back over many short ones.
 """
 
 from __future__ import annotations
@@ -22,19 +22,20 @@ Indices = NDArray[np.int32]
 
 #: Grid of the paper (36): every 0.1 s up to 5 s, then 7, 10, 15 and 30 s.
 PAPER_GRID_S = (*(round(0.1 * k, 1) for k in range(51)), 7.0, 10.0, 15.0, 30.0)
-#: Lengths, in intervals, of the blocks of moves, by their number: fine where the plan will be applied, coarse later; or
-#: a move in every interval of the paper's grid.
+#: Lengths, in intervals, of the blocks of moves, by their number: fine where the plan will be
+#: applied, coarse later; or a move in every interval of the paper's grid.
 BLOCK_LENGTHS = {20: (*([1] * 6), 2, 2, 2, 2, 3, 3, 4, 5, 7, 14, 1, 1, 1, 1), 54: (1,) * 54}
 BLOCKS = tuple(BLOCK_LENGTHS)
-#: No model step is longer than the dead time; with a shorter one the tail would take more steps than the library has.
+#: No model step is longer than the dead time; with a shorter one the tail would take more steps
+#: than the library has.
 LEAST_DEAD_TIME_S = 0.9
 
 
 def horizon_of(parameters: ModelParameters, blocks: int) -> Horizon:
     """The paper's grid with 20 blocks of ramps, or with a move in every interval (54).
 
-    With 20 blocks a move of the tail may be as large as the inputs can go in its interval; with 54, as in the paper, no
-    larger than in one tick.
+    With 20 blocks a move of the tail may be as large as the inputs can go in its interval; with
+    54, as in the paper, no larger than in one tick.
 
     Raises
     ------
@@ -48,7 +49,9 @@ def horizon_of(parameters: ModelParameters, blocks: int) -> Horizon:
             f"model parameter 'dead_time_s' is {parameters.dead_time_s:g}: "
             f"the NMPC needs at least {LEAST_DEAD_TIME_S:g} s"
         )
-    return make_horizon(parameters, PAPER_GRID_S, BLOCK_LENGTHS[blocks], long_moves=blocks == BLOCKS[0])
+    return make_horizon(
+        parameters, PAPER_GRID_S, BLOCK_LENGTHS[blocks], long_moves=blocks == BLOCKS[0]
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +61,9 @@ class Horizon:
     time_s: Vector  #: (n_out,) output points, the ends of the intervals
     interval_block: Indices  #: (n_out,) block of moves of each interval
     interval_ticks: Vector  #: (n_out,) length of each interval
-    block_reach: Vector  #: (n_blocks,) largest move of a block's intervals in largest moves of a tick
+    block_reach: (
+        Vector  #: (n_blocks,) largest move of a block's intervals in largest moves of a tick
+    )
     #: (n_steps,) model steps, none longer than ``longest_step_s``
     step_length_s: Vector
     step_interval: Indices
@@ -66,15 +71,17 @@ class Horizon:
     #: (n_out,) leading variables (two per block) that an output depends on
     depth_width: Indices
     temperature_width: Indices
-    #: (n_steps, 10) gain of creep; decay and gain of the slow mode; decay of the motor torque and its lag over the
-    #: step's length; transition of (copper, tool): cc, tc, tt; their gains of a constant power
+    #: (n_steps, 10) gain of creep; decay and gain of the slow mode; decay of the motor torque and
+    #: its lag over the step's length; transition of (copper, tool): cc, tc, tt; their gains of a
+    #: constant power
     modes: Vector
-    #: delayed power: (n_steps + 1,) first weight of a step, (n,) segment (history first), (n, 6) weights of its three
-    #: coefficients on copper, then on the tool
+    #: delayed power: (n_steps + 1,) first weight of a step, (n,) segment (history first), (n, 6)
+    #: weights of its three coefficients on copper, then on the tool
     weight_start: Indices
     weight_segment: Indices
     weight: Vector
-    #: power segments before now, of 0.1 s each; the oldest one counts in part if the dead time is no whole number
+    #: power segments before now, of 0.1 s each; the oldest one counts in part if the dead time is
+    #: no whole number
     n_history: int
 
     @property
@@ -118,7 +125,9 @@ def make_horizon(
     spans, n_blocks = np.diff(grid), len(block_lengths)
     blocks = np.repeat(np.arange(n_blocks), block_lengths).astype(np.int32)
     ticks = spans / STEP_S
-    parts = np.maximum(1, np.ceil(spans / min(longest_step_s, dead_time_s) - 1e-9)).astype(np.int32)
+    parts = np.maximum(1, np.ceil(spans / min(longest_step_s, dead_time_s) - 1e-9)).astype(
+        np.int32
+    )
     length = np.repeat(spans / parts, parts)
     reaches = np.searchsorted(grid, grid[1:] - dead_time_s - 1e-9, side="right") - 1
     weight_start, weight_segment, weight, n_history = _delayed_power(parameters, length)
@@ -126,12 +135,16 @@ def make_horizon(
         time_s=grid[1:].copy(),
         interval_block=blocks,
         interval_ticks=ticks,
-        block_reach=np.array([ticks[blocks == b].min() for b in range(n_blocks)]) if long_moves else np.ones(n_blocks),
+        block_reach=np.array([ticks[blocks == b].min() for b in range(n_blocks)])
+        if long_moves
+        else np.ones(n_blocks),
         step_length_s=length,
         step_interval=np.repeat(np.arange(len(spans)), parts).astype(np.int32),
         out_step=(np.cumsum(parts) - 1).astype(np.int32),
         depth_width=(2 * (blocks + 1)).astype(np.int32),
-        temperature_width=np.where(grid[1:] > dead_time_s + 1e-9, 2 * (blocks[reaches] + 1), 0).astype(np.int32),
+        temperature_width=np.where(
+            grid[1:] > dead_time_s + 1e-9, 2 * (blocks[reaches] + 1), 0
+        ).astype(np.int32),
         modes=np.array([_modes(parameters, h) for h in length]),
         weight_start=weight_start,
         weight_segment=weight_segment,
@@ -147,7 +160,8 @@ def _delayed_power(p: ModelParameters, length: Vector) -> tuple[Indices, Indices
     starts = np.concatenate([-STEP_S * np.arange(n_history, 0, -1), ends - length])
     lengths = np.concatenate([np.full(n_history, STEP_S), length])
     found = [
-        _delayed_weights(p, end - h - p.dead_time_s, h, starts, lengths) for end, h in zip(ends, length, strict=True)
+        _delayed_weights(p, end - h - p.dead_time_s, h, starts, lengths)
+        for end, h in zip(ends, length, strict=True)
     ]
     counts = np.cumsum([0, *map(len, found)], dtype=np.int32)
     segments, weights = zip(*(entry for step in found for entry in step), strict=True)
@@ -163,7 +177,20 @@ def _modes(p: ModelParameters, h: float) -> Vector:
     chain[:2, :2], chain[:2, 2] = a, b
     e = matrix_exponential(chain * h)
     motor = np.exp(-h / p.motor_lag_s)
-    return np.array([gains[0] * h, decay, gain, motor, p.motor_lag_s / h, e[0, 0], e[1, 0], e[1, 1], e[0, 2], e[1, 2]])
+    return np.array(
+        [
+            gains[0] * h,
+            decay,
+            gain,
+            motor,
+            p.motor_lag_s / h,
+            e[0, 0],
+            e[1, 0],
+            e[1, 1],
+            e[0, 2],
+            e[1, 2],
+        ]
+    )
 
 
 def _delayed_weights(
@@ -172,9 +199,13 @@ def _delayed_weights(
     """Weights of the power segments that overlap [window_start, window_start + h]."""
     a, _ = thermal_block(p)
     result = []
-    for j in np.nonzero((starts < window_start + h - 1e-9) & (starts + lengths > window_start + 1e-9))[0]:
+    for j in np.nonzero(
+        (starts < window_start + h - 1e-9) & (starts + lengths > window_start + 1e-9)
+    )[0]:
         begin, end = max(starts[j], window_start), min(starts[j] + lengths[j], window_start + h)
-        response = power_response(p, float(lengths[j]), begin - starts[j], end - begin)[:, [0, 1, 3]]
+        response = power_response(p, float(lengths[j]), begin - starts[j], end - begin)[
+            :, [0, 1, 3]
+        ]
         onward = matrix_exponential(a * (window_start + h - end))
         result.append((int(j), (onward @ response).ravel()))
     return result

@@ -1,6 +1,7 @@
 """Writes the kernel's generated files: the torque from the CasADi equations, the struct of the tuning from its models.
 
-Run ``python -m fsw_nmpc.kernel_codegen`` after a change of the torque equations (19)-(22) or of the tuning's fields.
+Run ``python -m fsw_nmpc.kernel_codegen`` after a change of the torque equations (19)-(22) or of
+the tuning's fields.
 """
 
 from __future__ import annotations
@@ -40,7 +41,9 @@ def torque_function() -> ca.Function:
 
 def c_text(name: str, *functions: ca.Function) -> str:
     """C of CasADi functions, as a file ``<name>.c`` has it."""
-    generator = ca.CodeGenerator(name, {"casadi_int": "int", "casadi_real": "double", "with_header": False})
+    generator = ca.CodeGenerator(
+        name, {"casadi_int": "int", "casadi_real": "double", "with_header": False}
+    )
     for function in functions:
         generator.add(function)
     with tempfile.TemporaryDirectory() as folder:
@@ -54,7 +57,12 @@ def generate() -> str:
     square = re.search(r"casadi_real casadi_sq\(.*?\n", text)
     if body is None or square is None:
         raise RuntimeError("CasADi writes its functions in another way than this script knows")
-    lines = [f"static {square[0]}", "int fsw_torque_casadi(const double **arg, double **res) {", body[1], "}"]
+    lines = [
+        f"static {square[0]}",
+        "int fsw_torque_casadi(const double **arg, double **res) {",
+        body[1],
+        "}",
+    ]
     code = "\n".join(lines).replace("casadi_real", "double")
     return (
         "/* Generated from fsw_model/equations.py by fsw_nmpc/kernel_codegen.py; do not edit. */\n"

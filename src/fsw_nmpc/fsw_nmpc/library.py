@@ -48,7 +48,11 @@ class Tables:
             "ahead_power": by_power,
             "ahead_mode": ahead.modes[0].tolist(),
             "torque_par": np.array([getattr(p, name) for name in TORQUE_PARAMETERS]),
-            "friction": (p.friction_constant_nm, p.friction_linear_nm_per_rpm, p.friction_quadratic_nm_per_rpm2),
+            "friction": (
+                p.friction_constant_nm,
+                p.friction_linear_nm_per_rpm,
+                p.friction_quadratic_nm_per_rpm2,
+            ),
             "depth_gain": (gains[0], gains[1]),
             "slow_pole": poles[1],
             "fast_gain": -gains[2] / poles[2],
@@ -58,9 +62,13 @@ class Tables:
             if field not in numbers:  # it is a number or a table of this name
                 numbers[field] = getattr(h if hasattr(h, field) else p, field)
         #: what the model's pointers refer to, by field
-        self.arrays = {name: value for name, value in numbers.items() if isinstance(value, np.ndarray)}
+        self.arrays = {
+            name: value for name, value in numbers.items() if isinstance(value, np.ndarray)
+        }
         self._pointers = {name: pointer(array) for name, array in self.arrays.items()}
-        self.model = KERNEL.new("fsw_nmpc_model", **(numbers | self._pointers))  #: a ``fsw_nmpc_model *``
+        self.model = KERNEL.new(
+            "fsw_nmpc_model", **(numbers | self._pointers)
+        )  #: a ``fsw_nmpc_model *``
 
 
 class Library(CController):
@@ -74,7 +82,9 @@ class Library(CController):
         If the horizon is larger than the library was compiled for, or the tuning cannot be used.
     """
 
-    def __init__(self, parameters: ModelParameters, horizon: Horizon, tuning: Any, lib: Any = None) -> None:
+    def __init__(
+        self, parameters: ModelParameters, horizon: Horizon, tuning: Any, lib: Any = None
+    ) -> None:
         self.horizon, self._tables = horizon, Tables(parameters, horizon)
         refusal = (
             f"horizon: {horizon.n_out} intervals, {horizon.n_blocks} blocks, {len(horizon.step_length_s)} steps and "
@@ -86,13 +96,24 @@ class Library(CController):
     def go_on_from(self, other: Library) -> None:
         """Take over estimate and plan of a library with the same model and perhaps other blocks."""
         self.reset(other.state.applied[0], other.state.applied[1])
-        kept = ("estimator", "adaptation", "corridor", "rate", "has_corridor", "has_rate", "has_reference", "reference")
+        kept = (
+            "estimator",
+            "adaptation",
+            "corridor",
+            "rate",
+            "has_corridor",
+            "has_rate",
+            "has_reference",
+            "reference",
+        )
         for name in (*kept, "late_s", "bad_cycles", "plan"):
             setattr(self.state, name, getattr(other.state, name))
         plan = self.state.plan
         moves = np.array(list(plan.moves)).reshape(-1, 2)[other.horizon.interval_block]
         for i in range(2):
-            per_block = np.bincount(self.horizon.interval_block, moves[:, i]) / self.horizon.block_sizes
+            per_block = (
+                np.bincount(self.horizon.interval_block, moves[:, i]) / self.horizon.block_sizes
+            )
             for block, move in enumerate(per_block.tolist()):
                 plan.moves[2 * block + i] = move
                 plan.start[2 * block + i] = 0.0 if plan.is_cold else move

@@ -34,14 +34,17 @@ class Settings:
         Raises
         ------
         ValueError
-            If a value is unknown or out of range, values contradict each other, or a file cannot be used.
+            If a value is unknown or out of range, values contradict each other, or a file cannot
+            be used.
         """
         v = validate(load("fsw_nmpc", "nmpc.yaml"), values)
         model = ModelParameters.from_file(v["model_file"]) if v["model_file"] else nominal()
         tuning = Tuning.preset(v["preset"], model)
         if v["tuning_file"]:
             tuning = Tuning.from_file(v["tuning_file"], tuning)
-        tuning = tuning.with_knobs(v["depth_aggressiveness"], v["temperature_aggressiveness"], v["calmness"])
+        tuning = tuning.with_knobs(
+            v["depth_aggressiveness"], v["temperature_aggressiveness"], v["calmness"]
+        )
         return cls(
             model=model,
             tuning=tuning,

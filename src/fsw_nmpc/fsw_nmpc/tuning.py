@@ -20,7 +20,8 @@ Priority = Literal["depth", "balance", "temperature"]
 TRAJECTORIES, PRIORITIES = get_args(Trajectory), get_args(Priority)
 #: A number of at least 0 and at most 1.
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
-#: By preset: the temperature's approach takes this share of the dead time. Margins of the loop scale with it.
+#: By preset: the temperature's approach takes this share of the dead time. Margins of the loop
+#: scale with it.
 _APPROACH_PER_DEAD_TIME = {"default": 0.3, "adaptive": 0.36}
 
 
@@ -184,8 +185,8 @@ class ApproachTuning(Model):
     temperature"""
     haste: NonNegativeFloat = 0.3
     """where the temperature gives way, share by which the depth accelerates faster still while it is twice its quality
-    limit from its set-point or further; less below, at that limit not at all, as a tool that jumps is to take no more
-    of the temperature"""
+    limit from its set-point or further; less below, at that limit not at all, as a tool that jumps
+    is to take no more of the temperature"""
     brake_share: Share = 0.8
     """usable share of the acceleration when braking"""
     rate_share: Share = 0.8
@@ -256,9 +257,13 @@ class Tuning(Model):
     def _check_approach(self) -> Tuning:
         for name in ("depth_time_s", "temperature_time_s"):
             if self.trajectory == "approach" and getattr(self, name) < 2 * STEP_S:
-                raise problem(f"is {getattr(self, name):g}: an approach takes at least {2 * STEP_S} s", name)
+                raise problem(
+                    f"is {getattr(self, name):g}: an approach takes at least {2 * STEP_S} s", name
+                )
         for name in ("huber_depth_mm", "huber_temperature_c"):
-            if getattr(self, name) > 0.0 and (self.weight_depth_per_mm > 0.0 or self.weight_temperature_per_c > 0.0):
+            if getattr(self, name) > 0.0 and (
+                self.weight_depth_per_mm > 0.0 or self.weight_temperature_per_c > 0.0
+            ):
                 raise problem("does not go with an L1 weight of the outputs", name)
         if self.huber_depth_mm > 0.0 and not self.depth_scale_mm > 0.0:
             raise problem("needs a depth_scale_mm", "huber_depth_mm")
@@ -275,9 +280,9 @@ class Tuning(Model):
         Parameters
         ----------
         name : str
-            ``default``: by rule from the model; ``adaptive``: likewise, and the output without priority gives way on
-            the way to a set-point; ``paper``, also ``paper:offset_free``: (28)-(37), with estimated disturbances;
-            ``paper:letter``: without, as in the paper.
+            ``default``: by rule from the model; ``adaptive``: likewise, and the output without
+            priority gives way on the way to a set-point; ``paper``, also ``paper:offset_free``:
+            (28)-(37), with estimated disturbances; ``paper:letter``: without, as in the paper.
         parameters : ModelParameters
 
         Raises
@@ -290,7 +295,9 @@ class Tuning(Model):
             return (cls() if name == "default" else ADAPTIVE).changed(temperature_time_s=time_s)
         presets = {"paper": PAPER, "paper:offset_free": PAPER, "paper:letter": PAPER_LETTER}
         if name not in presets:
-            raise ValueError(f"preset {name!r} is unknown; known: default, adaptive, {', '.join(presets)}")
+            raise ValueError(
+                f"preset {name!r} is unknown; known: default, adaptive, {', '.join(presets)}"
+            )
         return presets[name]
 
     def with_knobs(
@@ -312,7 +319,9 @@ class Tuning(Model):
             depth_time_s=self.depth_time_s / depth_aggressiveness,
             temperature_time_s=self.temperature_time_s / temperature_aggressiveness,
             **{name: getattr(self, name) * calmness for name in MOVE_COSTS},
-            estimator=self.estimator.changed(**{name: getattr(self.estimator, name) / calmness for name in WALKS}),
+            estimator=self.estimator.changed(
+                **{name: getattr(self.estimator, name) / calmness for name in WALKS}
+            ),
         )
 
     @property
@@ -343,13 +352,14 @@ def _over(base: dict[str, Any], content: Any) -> Any:
     if not isinstance(content, Mapping):
         return content
     return base | {
-        name: _over(base[name], value) if isinstance(base.get(name), dict) else value for name, value in content.items()
+        name: _over(base[name], value) if isinstance(base.get(name), dict) else value
+        for name, value in content.items()
     }
 
 
-#: As default; besides, the output without priority gives way on the way, inside the quality limits, and gain and delay
-#: of the power are estimated, and heat that the model lacks is found. Values chosen on 60 random plants, the last one
-#: on 12 canisters that conduct heat.
+#: As default; besides, the output without priority gives way on the way, inside the quality
+#: limits, and gain and delay of the power are estimated, and heat that the model lacks is found.
+#: Values chosen on 60 random plants, the last one on 12 canisters that conduct heat.
 ADAPTIVE = Tuning(
     huber_depth_mm=0.005,
     temperature_scale_c=0.3,
@@ -357,10 +367,15 @@ ADAPTIVE = Tuning(
     quality_weight_per_mm=1e5,
     quality_weight_per_c=5e3,
     estimator=EstimatorTuning(
-        heat_walk_kw=2e-4, depth_rate_memory_s=300.0, thermal_gain_walk=1e-3, delay_walk_s=2e-3, heat_sigmas=5.0
+        heat_walk_kw=2e-4,
+        depth_rate_memory_s=300.0,
+        thermal_gain_walk=1e-3,
+        delay_walk_s=2e-3,
+        heat_sigmas=5.0,
     ),
 )
-#: (28)-(37): L1 cost outside dead-bands about first-order corridors (32), (33), with the weights (37); constant offsets
+#: (28)-(37): L1 cost outside dead-bands about first-order corridors (32), (33), with the weights
+#: (37); constant offsets
 PAPER = Tuning(
     trajectory="recentred",
     depth_time_s=5.0,
@@ -376,7 +391,10 @@ PAPER = Tuning(
     full_move_cost=0.0,
     blocks=54,
     estimator=EstimatorTuning(
-        depth_rate_walk_mm_per_s=0.0, temperature_rate_walk_c_per_s=0.0, depth_gain_walk=0.0, drift_sigmas=0.0
+        depth_rate_walk_mm_per_s=0.0,
+        temperature_rate_walk_c_per_s=0.0,
+        depth_gain_walk=0.0,
+        drift_sigmas=0.0,
     ),
 )
 #: To the letter: "no disturbance model". States of the process are estimated, nothing else.

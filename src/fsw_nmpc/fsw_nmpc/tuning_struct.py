@@ -1,6 +1,7 @@
 """The kernel's tuning as a C struct: text and values from the fields and properties of :class:`.Settings`.
 
-The text (``kernel/fsw_nmpc_tuning.h``, written by :mod:`.kernel_codegen`) is compiled, read by cffi, and exported.
+The text (``kernel/fsw_nmpc_tuning.h``, written by :mod:`.kernel_codegen`) is compiled, read by
+cffi, and exported.
 """
 
 from __future__ import annotations
@@ -16,9 +17,17 @@ from fsw_nmpc.settings import Settings
 from fsw_nmpc.tuning import PRIORITIES, TRAJECTORIES, EstimatorTuning, Share, Tuning
 from fsw_schema.models import Model, descriptions
 
-#: Settings that the kernel does not have: the model is another struct, the horizon a part of it; announced set-points
-#: are an input; of a time constant with which something fades, the kernel has the share that is left after a tick.
-_OTHERS = {"model", "preview", "blocks", "offset_memory_s", "depth_rate_memory_s", "temperature_rate_memory_s"}
+#: Settings that the kernel does not have: the model is another struct, the horizon a part of it;
+#: announced set-points are an input; of a time constant with which something fades, the kernel has
+#: the share that is left after a tick.
+_OTHERS = {
+    "model",
+    "preview",
+    "blocks",
+    "offset_memory_s",
+    "depth_rate_memory_s",
+    "temperature_rate_memory_s",
+}
 _HEAD = "/* Generated from the models in fsw_nmpc/tuning.py by fsw_nmpc/kernel_codegen.py; do not edit. */"
 _WIDTH = 120
 _STATES = len(EstimatorTuning().start_deviation)
@@ -73,13 +82,19 @@ def members(owner: type) -> tuple[Member, ...]:
 
 def values(owner: Any) -> dict[str, Any]:
     """Values of the members, as cffi takes them."""
-    return {member.name: member.in_c(attrgetter(member.place)(owner)) for member in members(owner.__class__)}
+    return {
+        member.name: member.in_c(attrgetter(member.place)(owner))
+        for member in members(owner.__class__)
+    }
 
 
 def header() -> str:
     """The text of ``fsw_nmpc_tuning.h``: enumerations, structs, and lists of all real numbers and of the shares."""
     lines = [_HEAD, "#ifndef FSW_NMPC_TUNING_H", "#define FSW_NMPC_TUNING_H", ""]
-    for name, prefix, choices in (("trajectory", "", TRAJECTORIES), ("priority", "KEEP_", PRIORITIES)):
+    for name, prefix, choices in (
+        ("trajectory", "", TRAJECTORIES),
+        ("priority", "KEEP_", PRIORITIES),
+    ):
         listed = ", ".join(f"FSW_{prefix}{choice.upper()}" for choice in choices)
         lines += [f"typedef enum {{ {listed} }} fsw_{name};", ""]
     parts = [member for member in members(Settings) if member.is_model]
@@ -97,9 +112,19 @@ def _struct(name: str, parts: Iterable[Member]) -> list[str]:
     lines = []
     for member in sorted(parts, key=lambda part: part.is_int):
         size = "[FSW_STATES]" if member.is_array else ""
-        kind = f"fsw_{member.name}_tuning" if member.is_model else "int" if member.is_int else "double"
+        kind = (
+            f"fsw_{member.name}_tuning"
+            if member.is_model
+            else "int"
+            if member.is_int
+            else "double"
+        )
         text = " ".join(member.text.replace("`", "").split())
-        lines += wrap(f"/* {text} */", _WIDTH, initial_indent="  ", subsequent_indent="   * ") if text else []
+        lines += (
+            wrap(f"/* {text} */", _WIDTH, initial_indent="  ", subsequent_indent="   * ")
+            if text
+            else []
+        )
         lines.append(f"  {kind} {member.name}{size};")
     return ["typedef struct {", *lines, f"}} {name};", ""]
 
@@ -118,4 +143,9 @@ def _numbers(parts: Iterable[Member], prefix: str = "") -> Iterator[tuple[str, A
 def _each(what: str, names: Iterable[str]) -> list[str]:
     """A macro that calls another one with each name."""
     calls = wrap(" ".join(f"DO({name})" for name in names), _WIDTH - 4)
-    return [f"#define FSW_EACH_{what}(DO) \\", *(f"  {line} \\" for line in calls[:-1]), f"  {calls[-1]}", ""]
+    return [
+        f"#define FSW_EACH_{what}(DO) \\",
+        *(f"  {line} \\" for line in calls[:-1]),
+        f"  {calls[-1]}",
+        "",
+    ]

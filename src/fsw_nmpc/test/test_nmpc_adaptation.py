@@ -40,7 +40,9 @@ class Welding(Loop):
             values = np.array([shown.depth_mm, shown.torque_nm, shown.temperature_c])
             if self.rng is not None:
                 values = values + self.rng.normal(0.0, NOISE)
-            own = dict(zip(("depth_mm", "torque_nm", "temperature_c"), map(float, values), strict=True))
+            own = dict(
+                zip(("depth_mm", "torque_nm", "temperature_c"), map(float, values), strict=True)
+            )
             self.step(reference, **(own | changes))
             x = self.controller.library.state.estimator.x
             used = self.controller.library.state.adaptation
@@ -85,7 +87,9 @@ def test_of_a_gain_that_fits_the_root_is_used(gain):
 @pytest.mark.slow
 def test_knowing_them_makes_the_next_step_better():
     def error(preset):
-        loop = Welding(preset, noise=False, thermal_gain_c_per_kw=1.3, copper_lag_s=0.8, dead_time_s=3.6 / 2.8)
+        loop = Welding(
+            preset, noise=False, thermal_gain_c_per_kw=1.3, copper_lag_s=0.8, dead_time_s=3.6 / 2.8
+        )
         loop.run(60, HOTTER)
         off = 0.0
         for _ in range(400):
@@ -114,7 +118,11 @@ def errors_c(tuning_file, **factors):
 @pytest.mark.parametrize("later_s", [2.0, 3.0])
 def test_a_late_response_does_not_pass_for_a_weak_one(not_adapting, later_s, gain, lag):
     """With one range of the delay, that ends at 1 s, the temperature swung by several steps."""
-    factors = {"dead_time_s": 1.0 + later_s / 2.8, "thermal_gain_c_per_kw": gain, "copper_lag_s": lag}
+    factors = {
+        "dead_time_s": 1.0 + later_s / 2.8,
+        "thermal_gain_c_per_kw": gain,
+        "copper_lag_s": lag,
+    }
     adapting, fixed = errors_c("", **factors), errors_c(not_adapting, **factors)
     step_c = HOTTER.temperature_c - TARGET.temperature_c
     assert np.abs(adapting).max() < 1.2 * max(step_c, np.abs(fixed).max())
@@ -145,8 +153,12 @@ class SlowProbe(Welding):
 
     def step(self, reference=TARGET, follow=None, **changes):
         noise_c = changes["temperature_c"] - self.measure().temperature_c
-        self.probe_c += 0.1 / (self.lag_s + 0.1) * (self.measure().temperature_c + self.jump_c - self.probe_c)
-        proposal = super().step(reference, follow, **(changes | {"temperature_c": self.probe_c + noise_c}))
+        self.probe_c += (
+            0.1 / (self.lag_s + 0.1) * (self.measure().temperature_c + self.jump_c - self.probe_c)
+        )
+        proposal = super().step(
+            reference, follow, **(changes | {"temperature_c": self.probe_c + noise_c})
+        )
         state, heat = self.controller.library.state, State.HEAT
         self.doubts.append(self.controller.library.output.doubt)
         self.reasons.append(proposal.reason.words)
@@ -178,7 +190,9 @@ def test_a_probe_that_lags_does_not_pass_for_heat(not_adapting, lag_s):
 @pytest.mark.slow
 @pytest.mark.parametrize("later_s", [1.0, 2.0, 3.5])
 @pytest.mark.parametrize(("step_rpm", "rate_rpm"), [(10.0, 3.0), (5.0, 0.5), (3.0, 0.1)])
-def test_the_innovations_of_a_later_response_are_told_from_the_power(tmp_path, later_s, step_rpm, rate_rpm):
+def test_the_innovations_of_a_later_response_are_told_from_the_power(
+    tmp_path, later_s, step_rpm, rate_rpm
+):
     """Gain and delay are kept here; then the sum of the innovations is that of the power, integrated over the delay."""
     loop = Welding(noise=False, dead_time_s=1.0 + later_s / P.dead_time_s)
     file = tmp_path / "kept.yaml"
@@ -187,7 +201,9 @@ def test_the_innovations_of_a_later_response_are_told_from_the_power(tmp_path, l
     rest, shown, told = loop.applied, [], []
     for tick in range(500):
         target = rest.speed_rpm + step_rpm * ((100 <= tick < 250) - (250 <= tick < 400))
-        speed = loop.applied.speed_rpm + float(np.clip(target - loop.applied.speed_rpm, -rate_rpm, rate_rpm))
+        speed = loop.applied.speed_rpm + float(
+            np.clip(target - loop.applied.speed_rpm, -rate_rpm, rate_rpm)
+        )
         loop.step(TARGET, Command(rest.force_kn, speed))
         estimator = loop.controller.library.state.estimator
         for state in State:
@@ -292,8 +308,8 @@ def beaten(**factors):
 def test_heat_brings_back_no_late_response_that_was_beaten(gain):
     """As on the way down a canister.
 
-    When a rival was started again with every move of the power, it took over, and half of the heat was found after
-    15 to 17 s, as the rest passed for an even later response.
+    When a rival was started again with every move of the power, it took over, and half of the heat
+    was found after 15 to 17 s, as the rest passed for an even later response.
     """
     loop, state = beaten(thermal_gain_c_per_kw=gain)
     kw, before_kw, found_kw = 6.0, state.estimator.x[State.HEAT], []
@@ -338,7 +354,9 @@ def test_at_rest_nothing_is_learnt_from_noise():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("held", [{"temperature_c": 816.4, "held": ("thermocouple",)}, {"temperature_valid": False}])
+@pytest.mark.parametrize(
+    "held", [{"temperature_c": 816.4, "held": ("thermocouple",)}, {"temperature_valid": False}]
+)
 def test_nothing_is_learnt_while_the_thermocouple_is_held(held):
     loop = Welding(noise=False, thermal_gain_c_per_kw=1.4)
     loop.run(5)
@@ -382,8 +400,8 @@ def test_while_they_are_held_they_are_constants():
 def test_the_temperature_is_free_of_offset(gain, kw):
     """Heat that the model lacks grows over a minute, on a process of another gain.
 
-    Meanwhile the error is bounded; half a minute later its mean is a fraction of that without `heat_sigmas`, 0.4 to
-    0.8 degC.
+    Meanwhile the error is bounded; half a minute later its mean is a fraction of that without
+    `heat_sigmas`, 0.4 to 0.8 degC.
     """
     loop = Welding(thermal_gain_c_per_kw=gain)
     loop.run(20, HOTTER)
@@ -411,7 +429,9 @@ def test_whatever_the_temperature_does_the_estimates_keep_their_bounds(off_c, se
         off = off_c[k // 20] + float(noise)
         loop.run(0.1, HOTTER if k // 20 % 2 else TARGET, temperature_c=816.4 + off)
     for gain, delay in (np.array(loop.found).T, np.array(loop.used).T):
-        assert gain.min() >= 0.5 and gain.max() <= 2.0 and delay.min() >= -1.0 and delay.max() <= 3.0
+        assert (
+            gain.min() >= 0.5 and gain.max() <= 2.0 and delay.min() >= -1.0 and delay.max() <= 3.0
+        )
     assert np.abs(np.diff(gain)).max() <= 0.01 + 1e-12
 
 
@@ -424,7 +444,9 @@ def test_whatever_the_temperature_does_the_estimates_keep_their_bounds(off_c, se
     ],
     ids=["weaker", "later"],
 )
-def test_a_weak_or_late_response_takes_no_more_of_the_temperature_in_a_step_of_the_depth(factors, not_adapting):
+def test_a_weak_or_late_response_takes_no_more_of_the_temperature_in_a_step_of_the_depth(
+    factors, not_adapting
+):
     """A deviation costs as much by the power that it lacks; else the peak would be a third higher."""
 
     def peak(tuning_file):

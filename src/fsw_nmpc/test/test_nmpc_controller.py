@@ -26,14 +26,18 @@ def test_rests_at_the_operating_point():
     assert loop.shown.temperature_c == pytest.approx(816.4, abs=1e-4)
     told = proposal.diagnosis.disturbances
     assert told["copper_temperature_c"] == pytest.approx(816.4, abs=1e-3)
-    assert (told["force_kn"], told["torque_scale"], told["depth_gain"]) == pytest.approx((0.0, 1.0, 1.0), abs=1e-3)
+    assert (told["force_kn"], told["torque_scale"], told["depth_gain"]) == pytest.approx(
+        (0.0, 1.0, 1.0), abs=1e-3
+    )
     assert 0.0 < told["depth_deviation_mm"] < 0.01 and 0.0 < told["depth_gain_deviation"] < 0.3
     assert (told["attainable_depth_mm"], told["attainable_temperature_c"]) == (2.66, 816.4)
     assert len(told) == 23
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("preset", "depth_mm", "temperature_c"), [("default", 1e-4, 0.01), ("paper", 3e-3, 0.2)])
+@pytest.mark.parametrize(
+    ("preset", "depth_mm", "temperature_c"), [("default", 1e-4, 0.01), ("paper", 3e-3, 0.2)]
+)
 def test_tracks_both_set_points(preset, depth_mm, temperature_c):
     loop = Loop(NmpcController({"preset": preset}))
     for _ in range(10):
@@ -47,13 +51,17 @@ def test_tracks_both_set_points(preset, depth_mm, temperature_c):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("preset", "estimates"), [("paper:offset_free", True), ("paper:letter", False)])
+@pytest.mark.parametrize(
+    ("preset", "estimates"), [("paper:offset_free", True), ("paper:letter", False)]
+)
 def test_the_paper_to_the_letter_estimates_no_disturbance(preset, estimates):
     loop = Loop(NmpcController({"preset": preset}))
     for _ in range(10):
         before = loop.step().diagnosis.disturbances
     for _ in range(30):
-        told = loop.step(depth_mm=loop.shown.depth_mm + 0.1, temperature_c=loop.shown.temperature_c - 5.0).diagnosis
+        told = loop.step(
+            depth_mm=loop.shown.depth_mm + 0.1, temperature_c=loop.shown.temperature_c - 5.0
+        ).diagnosis
     names = ("force_kn", "power_kw", "torque_scale", "depth_mm", "temperature_c", "depth_gain")
     moved = [abs(told.disturbances[name] - before[name]) for name in names]
     assert moved[-1] == 0.0
@@ -133,7 +141,9 @@ def test_held_values_are_no_measurements():
         else:
             proposal = loop.step(Reference(2.76, 816.4))
         if k >= 10:
-            assert proposal.diagnosis.depth_estimate_mm == pytest.approx(loop.shown.depth_mm, abs=5e-3)
+            assert proposal.diagnosis.depth_estimate_mm == pytest.approx(
+                loop.shown.depth_mm, abs=5e-3
+            )
 
 
 def test_saturation_without_failures():
@@ -155,7 +165,9 @@ def test_follows_another_controller_and_takes_over_without_a_bump():
     loop = Loop()
     for k in range(100):
         before = loop.applied
-        other = Command(before.force_kn + 0.1 * math.sin(0.3 * k), before.speed_rpm + 0.5 * math.cos(0.2 * k))
+        other = Command(
+            before.force_kn + 0.1 * math.sin(0.3 * k), before.speed_rpm + 0.5 * math.cos(0.2 * k)
+        )
         assert loop.step(follow=other).healthy
     here = Reference(loop.shown.depth_mm, loop.shown.temperature_c)
     watched, last = loop.controller.library.output, loop.applied
@@ -163,14 +175,18 @@ def test_follows_another_controller_and_takes_over_without_a_bump():
     moves = []
     for _ in range(30):
         loop.step(here)
-        moves.append((loop.applied.force_kn - last.force_kn, loop.applied.speed_rpm - last.speed_rpm))
+        moves.append(
+            (loop.applied.force_kn - last.force_kn, loop.applied.speed_rpm - last.speed_rpm)
+        )
         last = loop.applied
     rest = Loop()
     for _ in range(100):
         rest.step()
     still = rest.applied
     first = rest.step()
-    assert abs(first.command.force_kn - still.force_kn) < 1e-3  # at rest a swap moves nothing at all
+    assert (
+        abs(first.command.force_kn - still.force_kn) < 1e-3
+    )  # at rest a swap moves nothing at all
     assert abs(first.command.speed_rpm - still.speed_rpm) < 1e-2
     assert all(abs(force) <= 1.0 + 1e-9 and abs(speed) <= 3.0 + 1e-9 for force, speed in moves)
 
@@ -187,4 +203,6 @@ def test_reference_solver_in_the_loop_does_the_same():
             assert proposal.healthy, proposal.reason
     assert loops[0].shown.depth_mm == pytest.approx(loops[1].shown.depth_mm, abs=5e-4)
     assert loops[0].applied.force_kn == pytest.approx(loops[1].applied.force_kn, abs=0.2)
-    assert loops[0].applied.speed_rpm == pytest.approx(loops[1].applied.speed_rpm, abs=1.0)  # of 33 rpm moved
+    assert loops[0].applied.speed_rpm == pytest.approx(
+        loops[1].applied.speed_rpm, abs=1.0
+    )  # of 33 rpm moved

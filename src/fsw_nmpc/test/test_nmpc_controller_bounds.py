@@ -52,11 +52,15 @@ def test_limits_hold_always(depth, temperature, force, speed, seed):
     loop.applied = Command(force, speed)
     for _ in range(30):
         before, shown = loop.applied, loop.shown
-        proposal = loop.step(Reference(depth, temperature), depth_mm=shown.depth_mm + rng.normal(0, 2e-3))
+        proposal = loop.step(
+            Reference(depth, temperature), depth_mm=shown.depth_mm + rng.normal(0, 2e-3)
+        )
         assert within(proposal, before)
 
 
-any_float = st.floats() | st.sampled_from([NAN, math.inf, 0.0, -0.0, 5e-324, 1e12, -1e12, 1e300, -1e300])
+any_float = st.floats() | st.sampled_from(
+    [NAN, math.inf, 0.0, -0.0, 5e-324, 1e12, -1e12, 1e300, -1e300]
+)
 
 
 def mostly(value):
@@ -82,18 +86,37 @@ SANE = (2.66, 1052.0, 816.4, 78.4, 407.6, 78.4, 407.6, 2.7, 818.0, 0.1, (False, 
 def test_whatever_comes_the_command_is_inside_the_bounds(ticks):
     """Any bits in any input, for many ticks; then sane ones find it within the bounds and a move, and soon well.
 
-    After drives far out of their bounds that were said to be valid, the estimator needs two seconds to come back.
+    After drives far out of their bounds that were said to be valid, the estimator needs two
+    seconds to come back.
     """
     controller = BOUNDED
     controller.reset(Command(NAN, 0.0))
-    for depth, torque, temperature, acting_kn, acting_rpm, force, speed, *reference, dt_s, valid, coming in ticks:
-        m = Measurement(0.0, depth, torque, temperature, *valid, force_kn=acting_kn, speed_rpm=acting_rpm)
-        proposal = controller.step(m, Reference(*reference, tuple(coming)), Command(force, speed), dt_s)
+    for (
+        depth,
+        torque,
+        temperature,
+        acting_kn,
+        acting_rpm,
+        force,
+        speed,
+        *reference,
+        dt_s,
+        valid,
+        coming,
+    ) in ticks:
+        m = Measurement(
+            0.0, depth, torque, temperature, *valid, force_kn=acting_kn, speed_rpm=acting_rpm
+        )
+        proposal = controller.step(
+            m, Reference(*reference, tuple(coming)), Command(force, speed), dt_s
+        )
         known = Command(force, speed) if math.isfinite(force + speed) else proposal.command
         assert within(proposal, known)
     healthy = []
     for _ in range(40):
-        proposal = controller.step(Measurement(0.0, 2.66, 1052.0, 816.4), TARGET, Command(78.4, 407.6), 0.1)
+        proposal = controller.step(
+            Measurement(0.0, 2.66, 1052.0, 816.4), TARGET, Command(78.4, 407.6), 0.1
+        )
         assert within(proposal, Command(78.4, 407.6))
         healthy.append(proposal.healthy)
     assert healthy[-1]
@@ -159,19 +182,28 @@ def test_from_beyond_a_bound_the_way_back_is_one_move_a_tick(applied, reference)
     for _ in range(3):
         proposal = loop.controller.step(loop.measure(), reference, applied, 0.1)
         assert proposal.healthy and within(proposal, applied)
-    move = abs(proposal.command.force_kn - applied.force_kn), abs(proposal.command.speed_rpm - applied.speed_rpm)
+    move = (
+        abs(proposal.command.force_kn - applied.force_kn),
+        abs(proposal.command.speed_rpm - applied.speed_rpm),
+    )
     is_back = Limits().clip(proposal.command, None) == proposal.command
     assert is_back or move[0] == pytest.approx(1.0) or move[1] == pytest.approx(3.0)
 
 
-@pytest.mark.parametrize(("beyond", "bound"), [((95.5, 407.6), (95.0, 407.6)), ((78.4, 298.0), (78.4, 300.0))])
+@pytest.mark.parametrize(
+    ("beyond", "bound"), [((95.5, 407.6), (95.0, 407.6)), ((78.4, 298.0), (78.4, 300.0))]
+)
 def test_an_applied_command_beyond_a_bound_counts_as_the_bound(beyond, bound):
     """The drives keep the bounds, whatever they were told."""
     after = []
     for first in (beyond, bound):
         loop = Loop(BOUNDED)
         loop.controller.step(loop.measure(), TARGET, Command(*first), 0.1)
-        after.append(loop.controller.step(loop.measure(), TARGET, Command(*bound), 0.1).diagnosis.disturbances)
+        after.append(
+            loop.controller.step(
+                loop.measure(), TARGET, Command(*bound), 0.1
+            ).diagnosis.disturbances
+        )
     assert after[0] == after[1]
 
 
@@ -181,7 +213,10 @@ def test_while_it_waits_for_sensors_its_command_is_inside_the_bounds():
     for applied in (Command(97.0, 407.6), Command(1e300, -1e300), Command(59.5, 301.0)):
         blind = loop.measure(depth_mm=NAN, depth_valid=False)
         proposal = loop.controller.step(blind, TARGET, applied, 0.1)
-        assert not proposal.healthy and proposal.reason.code in (ReasonCode.WAITING_FOR_SENSORS, ReasonCode.NOT_WELDING)
+        assert not proposal.healthy and proposal.reason.code in (
+            ReasonCode.WAITING_FOR_SENSORS,
+            ReasonCode.NOT_WELDING,
+        )
         assert Limits().clip(proposal.command, None) == proposal.command
 
 
@@ -194,7 +229,12 @@ def test_planned_moves_keep_the_rate_limits_to_the_end_of_the_horizon(preset, de
     for tick in range(60):
         plan = loop.step(Reference(depth_mm, 790.0 if tick > 30 else 900.0)).diagnosis.plan
         ticks = np.diff(plan.time_s) / 0.1
-        forces, speeds = np.abs(np.diff(plan.force_kn)) / ticks, np.abs(np.diff(plan.speed_rpm)) / ticks
-        assert forces.max() <= lim.force_step_kn + 1e-6 and speeds.max() <= lim.speed_step_rpm + 1e-5
+        forces, speeds = (
+            np.abs(np.diff(plan.force_kn)) / ticks,
+            np.abs(np.diff(plan.speed_rpm)) / ticks,
+        )
+        assert (
+            forces.max() <= lim.force_step_kn + 1e-6 and speeds.max() <= lim.speed_step_rpm + 1e-5
+        )
         beyond = max(beyond, speeds[ticks > 1.5].max())
     assert beyond > 0.1

@@ -56,7 +56,9 @@ def test_a_failed_solve_is_bridged_by_the_plan_then_told(how):
         assert proposal.healthy
         assert proposal.reason.code is ReasonCode.SOLVER
         if k < 3:
-            assert proposal.command.force_kn - before.force_kn == pytest.approx(planned[k], abs=1e-6)
+            assert proposal.command.force_kn - before.force_kn == pytest.approx(
+                planned[k], abs=1e-6
+            )
         assert len(proposal.diagnosis.plan.time_s) == 54
     proposal = loop.step(Reference(2.76, 816.4))
     assert not proposal.healthy
@@ -77,7 +79,9 @@ def test_late_ticks_are_predicted_over():
     assert proposal.healthy
     # the first sample after the gap looks like a spike, so this is the prediction alone
     assert proposal.diagnosis.depth_estimate_mm == pytest.approx(loop.shown.depth_mm, abs=5e-4)
-    assert proposal.diagnosis.temperature_estimate_c == pytest.approx(loop.shown.temperature_c, abs=1e-2)
+    assert proposal.diagnosis.temperature_estimate_c == pytest.approx(
+        loop.shown.temperature_c, abs=1e-2
+    )
 
 
 @pytest.mark.parametrize("dt_s", [0.0, -1.0, 1e9, NAN])
@@ -108,7 +112,9 @@ def test_waits_for_what_it_needs():
     proposal = controller.step(good, Reference(NAN, 816.4), applied, 0.1)
     assert (proposal.healthy, proposal.reason) == (False, Reason(ReasonCode.NO_REFERENCE))
     controller.reset(applied)
-    proposal = controller.step(Measurement(0.0, NAN, NAN, NAN, False, False, False), TARGET, applied, 0.1)
+    proposal = controller.step(
+        Measurement(0.0, NAN, NAN, NAN, False, False, False), TARGET, applied, 0.1
+    )
     waiting = Reason(ReasonCode.WAITING_FOR_SENSORS, ("depth", "thermocouple"))
     assert (proposal.healthy, proposal.reason) == (False, waiting)
     assert controller.step(good, TARGET, applied, 0.1).healthy

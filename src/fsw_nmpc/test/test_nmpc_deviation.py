@@ -28,7 +28,9 @@ class Weld:
     def tick(self, **valid):
         """One tick; returns what the sensors showed, and the plan."""
         out = self.model.outputs(self.state, *self.command)
-        shown = np.array([out.depth_mm, out.motor_torque_nm, out.temperature_c]) + self.rng.normal(0.0, NOISE)
+        shown = np.array([out.depth_mm, out.motor_torque_nm, out.temperature_c]) + self.rng.normal(
+            0.0, NOISE
+        )
         self.k += 1
         measurement = Measurement(self.k * weld.TICK_S, *shown, **valid)
         proposal = self.controller.step(measurement, SEEN, self.command, weld.TICK_S)

@@ -22,7 +22,9 @@ NAN = float("nan")
 class Watch:
     """An estimator that watches a process under constant inputs."""
 
-    def __init__(self, process=None, tuning=None, noise=False, start=(2.66, 816.4), seed=0, **actual):
+    def __init__(
+        self, process=None, tuning=None, noise=False, start=(2.66, 816.4), seed=0, **actual
+    ):
         self.library = make_library(20, tuning=tuning)
         self.model = ProcessModel(process or P)
         at = self.model.equilibrium(*start)
@@ -126,13 +128,17 @@ def test_another_torque_is_a_scale(factor):
 def test_another_thermal_gain_is_a_heat():
     watch = Watch(P.scaled(thermal_gain_c_per_kw=1.2), start=(2.66, 840.0))
     told = watch.run(600)
-    assert told.disturbance[HEAT] == pytest.approx((840.0 - 816.4) * (1 / 18.1 - 1 / (1.2 * 18.1)), rel=0.02)
+    assert told.disturbance[HEAT] == pytest.approx(
+        (840.0 - 816.4) * (1 / 18.1 - 1 / (1.2 * 18.1)), rel=0.02
+    )
     assert told.temperature_c == pytest.approx(840.0, abs=1e-3)
 
 
 def test_an_unmeasured_force_is_found_by_its_creep():
     told = Watch(unmeasured_kn=0.5).run(3000)
-    assert told.disturbance[FORCE] == pytest.approx(0.5, abs=0.1)  # a part is taken for another gain
+    assert told.disturbance[FORCE] == pytest.approx(
+        0.5, abs=0.1
+    )  # a part is taken for another gain
 
 
 def test_measured_drives_come_before_the_command():
@@ -157,7 +163,10 @@ def test_a_ramp_of_the_depth_sensor_is_followed(drift_sigmas):
 @pytest.mark.parametrize("heat_sigmas", [0.0, 3.5])
 def test_heat_that_the_model_lacks_is_heat(heat_sigmas):
     """2 kW less by and by in 50 s: without the test for lasting innovations most of it passes for an offset."""
-    watch = Watch(noise=True, tuning=Tuning(estimator=EstimatorTuning(heat_sigmas=heat_sigmas, thermal_gain_walk=1e-3)))
+    watch = Watch(
+        noise=True,
+        tuning=Tuning(estimator=EstimatorTuning(heat_sigmas=heat_sigmas, thermal_gain_walk=1e-3)),
+    )
     watch.run(300)
     for tick in range(600):
         x = list(watch.state.x)
@@ -165,7 +174,9 @@ def test_heat_that_the_model_lacks_is_heat(heat_sigmas):
         watch.state.x = tuple(x)
         told = watch.run(1)
     if heat_sigmas:
-        assert told.disturbance[HEAT] == pytest.approx(-2.0, abs=0.5)  # what is left is below the test's bound
+        assert told.disturbance[HEAT] == pytest.approx(
+            -2.0, abs=0.5
+        )  # what is left is below the test's bound
         assert abs(told.disturbance[TEMPERATURE]) < 6.5
     else:
         assert told.disturbance[HEAT] > -0.5
@@ -194,30 +205,43 @@ def visibility(tuning):
     """Least singular value of the PBH matrices of all eigenvalues near or on the unit circle, in usual sizes."""
     watch = Watch(tuning=tuning)
     watch.run(20)
-    free = np.diag([list(row) for row in watch.library.state.estimator.p]) > 0.0  # the others are known to be constant
+    free = (
+        np.diag([list(row) for row in watch.library.state.estimator.p]) > 0.0
+    )  # the others are known to be constant
     free[GAIN:] = False  # only moves of force and power tell them
     a = np.array([list(row) for row in watch.library.state.estimator.a])[np.ix_(free, free)]
     c = np.zeros((3, free.size))
     c[0, [0, 1, 3, 8]] = 1.0, 1.0, P.softening_per_c * 2.66, 1.0
     c[1, 4] = c[2, 3] = c[2, 9] = 1.0
     c = c[:, free]
-    sizes = np.array([1e-2, 1e-2, 1.0, 1.0, 10.0, 1.0, 0.5, 0.01, 1e-2, 1.0, 1e-3, 0.1, 0.1, 0.1, 0.1])[free]
+    sizes = np.array(
+        [1e-2, 1e-2, 1.0, 1.0, 10.0, 1.0, 0.5, 0.01, 1e-2, 1.0, 1e-3, 0.1, 0.1, 0.1, 0.1]
+    )[free]
     values = np.linalg.eigvals(a)
     matrices = (
-        np.vstack([(v * np.eye(len(a)) - a) * sizes / sizes[:, None], c * sizes / np.array(NOISE)[:, None]])
+        np.vstack(
+            [
+                (v * np.eye(len(a)) - a) * sizes / sizes[:, None],
+                c * sizes / np.array(NOISE)[:, None],
+            ]
+        )
         for v in values[np.abs(values) > 0.99]
     )
     return min(np.linalg.svd(m, compute_uv=False)[-1] for m in matrices), values
 
 
 @pytest.mark.parametrize(
-    "tuning", [Tuning(), PAPER, Tuning().with_knobs(calmness=3.0)], ids=["default", "paper", "calm"]
+    "tuning",
+    [Tuning(), PAPER, Tuning().with_knobs(calmness=3.0)],
+    ids=["default", "paper", "calm"],
 )
 def test_every_state_is_detectable(tuning):
     """PBH: no eigenvector of an eigenvalue near or on the unit circle is invisible to the three sensors."""
     least, values = visibility(tuning)
     assert least > 1e-6
-    assert sum(np.abs(values) > 1.0 - 1e-9) == 4  # creep, which the process has, and one per sensor
+    assert (
+        sum(np.abs(values) > 1.0 - 1e-9) == 4
+    )  # creep, which the process has, and one per sensor
     unleaking = tuning.changed(estimator=tuning.estimator.changed(offset_memory_s=1e12))
     assert visibility(unleaking)[0] < 1e-10  # what the leak is for
 
@@ -235,7 +259,8 @@ def test_eight_hours_of_rest():
         assert (off[ESTIMATED] < 4.0 * np.array(list(told.deviation))[ESTIMATED]).all(), off
     others = [FORCE, HEAT, SCALE, TEMPERATURE]
     assert [told.deviation[i] for i in others] == pytest.approx(settled[others], rel=0.15)
-    # noise of more than four standard deviations passes for a small jump of the depth, some times in an hour
+    # noise of more than four standard deviations passes for a small jump of the depth, some times
+    # in an hour
     assert told.deviation[DEPTH] < 0.01 and settled[TEMPERATURE] < 2.5
 
 
@@ -267,6 +292,8 @@ def test_tuning_changes_at_runtime():
     watch = Watch(noise=True)
     watch.run(200)
     before = watch.x
-    watch.library.configure(tuning_of(Settings(P, Tuning(estimator=EstimatorTuning(depth_noise_mm=0.01)), LIMITS)))
+    watch.library.configure(
+        tuning_of(Settings(P, Tuning(estimator=EstimatorTuning(depth_noise_mm=0.01)), LIMITS))
+    )
     watch.run(1)
     assert watch.x[[0, 2, 3]] == pytest.approx(before[[0, 2, 3]], abs=0.05)

@@ -91,14 +91,23 @@ def tables_of(library):
         if not isinstance(value, ffi.CData):
             return repr(value)
         parts = dir(value) if ffi.typeof(value).kind == "struct" else ()
-        return "{" + ", ".join([f".{part} = {text(getattr(value, part))}" for part in parts] or map(repr, value)) + "}"
+        return (
+            "{"
+            + ", ".join(
+                [f".{part} = {text(getattr(value, part))}" for part in parts] or map(repr, value)
+            )
+            + "}"
+        )
 
     for kind, name, struct in (
         ("const fsw_nmpc_model", "model", library._tables.model),
         ("fsw_nmpc_tuning", "tuning", library.state.tuning),
     ):
         fields = ffi.typeof(kind.removeprefix("const ")).fields
-        values = [f if member.type.kind == "pointer" else text(getattr(struct, f)) for f, member in fields]
+        values = [
+            f if member.type.kind == "pointer" else text(getattr(struct, f))
+            for f, member in fields
+        ]
         lines.append(f"static {kind} {name} = {{{', '.join(values)}}};")
     return "\n".join(lines) + "\n"
 
@@ -114,7 +123,9 @@ def copy_of(tuning):
 @pytest.mark.parametrize("blocks", [20, 54])
 @pytest.mark.full
 def test_under_sanitizers_with_all_that_can_be_wrong(tmp_path, blocks):
-    (tmp_path / "tables.h").write_text(tables_of(make_library(blocks, max_iterations=50)), encoding="utf-8")
+    (tmp_path / "tables.h").write_text(
+        tables_of(make_library(blocks, max_iterations=50)), encoding="utf-8"
+    )
     (tmp_path / "driver.c").write_text(DRIVER, encoding="utf-8")
     if not has_sanitizers(tmp_path):
         pytest.skip("this compiler has no sanitizers")
@@ -153,27 +164,41 @@ def test_strict_c99_without_a_warning(source, tmp_path):
         make_horizon(P, PAPER_GRID_S, BLOCK_LENGTHS[20], 0.8),  # 81 steps
         make_horizon(P, tuple(0.1 * k for k in range(60)), (1,) * 59),  # 59 intervals
         replace(horizon_of(P, 20), interval_block=np.arange(54, dtype=np.int32)[::-1].copy()),
-        replace(horizon_of(P, 20), weight_segment=horizon_of(P, 20).weight_segment + np.int32(100)),
+        replace(
+            horizon_of(P, 20), weight_segment=horizon_of(P, 20).weight_segment + np.int32(100)
+        ),
         replace(horizon_of(P, 20), depth_width=horizon_of(P, 20).depth_width + np.int32(100)),
     ],
     ids=["steps", "intervals", "blocks", "segments", "widths"],
 )
 def test_every_size_is_checked(horizon):
-    with pytest.raises(ValueError, match="exceed the sizes for which the controller library was compiled"):
+    with pytest.raises(
+        ValueError, match="exceed the sizes for which the controller library was compiled"
+    ):
         make_library(horizon=horizon)
 
 
 def test_generated_struct_of_the_tuning_is_up_to_date():
-    assert (KERNEL.folder / "fsw_nmpc_tuning.h").read_text(encoding="utf-8") == tuning_struct.header()
+    assert (KERNEL.folder / "fsw_nmpc_tuning.h").read_text(
+        encoding="utf-8"
+    ) == tuning_struct.header()
 
 
 def test_every_field_of_the_tuning_reaches_the_kernel():
     """A field that is left out is one that the kernel has in another form."""
-    fields = {*Tuning.model_fields, *(f"estimator.{name}" for name in EstimatorTuning.model_fields)}
+    fields = {
+        *Tuning.model_fields,
+        *(f"estimator.{name}" for name in EstimatorTuning.model_fields),
+    }
     ours = {".".join(path) for path in numbers(KERNEL.ffi.typeof("fsw_nmpc_tuning"))}
     memories = {"offset_memory_s", "depth_rate_memory_s", "temperature_rate_memory_s"}
     parts = {"approach", "estimator", "adaptation"}
-    assert fields - ours == {"trajectory", "blocks", *parts, *(f"estimator.{name}" for name in memories)}
+    assert fields - ours == {
+        "trajectory",
+        "blocks",
+        *parts,
+        *(f"estimator.{name}" for name in memories),
+    }
 
 
 @pytest.mark.slow
@@ -189,7 +214,10 @@ def test_the_ziglang_wheel_builds_the_same_controller(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CC", raising=False)
     built = KERNEL.ffi.dlopen(str(KERNEL.build(tmp_path / "zig.so")))
-    usual, zig = make_library(20), Library(P, horizon_of(P, 20), tuning_of(Settings(P, Tuning(), LIMITS)), built)
+    usual, zig = (
+        make_library(20),
+        Library(P, horizon_of(P, 20), tuning_of(Settings(P, Tuning(), LIMITS)), built),
+    )
     for library in (usual, zig):
         library.configure(tuning_of(Settings(P, Tuning(), LIMITS)))
         given = library.input
@@ -199,7 +227,10 @@ def test_the_ziglang_wheel_builds_the_same_controller(monkeypatch, tmp_path):
         given.reference_depth_mm, given.reference_temperature_c = 2.8, 820.0
         for _ in range(20):
             library.step()
-            given.applied_force_kn, given.applied_speed_rpm = library.output.force_kn, library.output.speed_rpm
+            given.applied_force_kn, given.applied_speed_rpm = (
+                library.output.force_kn,
+                library.output.speed_rpm,
+            )
     assert bytes(KERNEL.ffi.buffer(usual.output)) == bytes(KERNEL.ffi.buffer(zig.output))
 
 
@@ -296,7 +327,9 @@ def test_inputs_that_are_none_never_make_a_command():
     given.reference_depth_mm, given.reference_temperature_c = 2.7, 818.0
     library.step()
     assert told.healthy
-    assert LIMITS.force_min_kn <= told.force_kn <= LIMITS.force_max_kn  # one that is NaN makes both unknown
+    assert (
+        LIMITS.force_min_kn <= told.force_kn <= LIMITS.force_max_kn
+    )  # one that is NaN makes both unknown
     given.depth_fresh = given.torque_fresh = given.temperature_fresh = 0
     given.dt_s = 0.0
     for _ in range(200):

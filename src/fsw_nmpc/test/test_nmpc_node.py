@@ -39,7 +39,11 @@ class Peer(Spinner):
         self.node = ControllerNode("nmpc", NmpcController, ("fsw_nmpc", "nmpc.yaml"))
         self.peer = rclpy.create_node("peer")
         self.got = {"proposal": [], "status": [], "prediction": []}
-        for name, kind in (("proposal", WeldCommand), ("status", ControllerStatus), ("prediction", Prediction)):
+        for name, kind in (
+            ("proposal", WeldCommand),
+            ("status", ControllerStatus),
+            ("prediction", Prediction),
+        ):
             self.peer.create_subscription(kind, f"/fsw/nmpc/{name}", self.got[name].append, STREAM)
         self.sensors = sensor_publishers(self.peer)
         self.references = self.peer.create_publisher(WeldReference, "/fsw/reference", LATCHED)
@@ -49,7 +53,9 @@ class Peer(Spinner):
         self.executor.add_node(self.peer)
         outputs = (*self.sensors.values(), self.references, self.commands)
         self.until(lambda: all(publisher.get_subscription_count() for publisher in outputs))
-        self.until(lambda: all(self.peer.count_publishers(f"/fsw/nmpc/{name}") for name in self.got))
+        self.until(
+            lambda: all(self.peer.count_publishers(f"/fsw/nmpc/{name}") for name in self.got)
+        )
         self.references.publish(convert.reference_message(Reference(2.66, 816.4), 0))
 
     def tick(self, k):
@@ -59,7 +65,12 @@ class Peer(Spinner):
         for name, value in (("depth", 2.66), ("torque", 1052.86), ("thermocouple", 816.4)):
             self.sensors[name].publish(convert.sensor_message(name, value, stamp))
         self.commands.publish(convert.command_message(Command(78.4, 407.576), stamp, "decentral"))
-        self.until(lambda: len(self.got["proposal"]) > count["proposal"] and len(self.got["status"]) > count["status"])
+        self.until(
+            lambda: (
+                len(self.got["proposal"]) > count["proposal"]
+                and len(self.got["status"]) > count["status"]
+            )
+        )
         return self.got["proposal"][-1]
 
     def tick_until_healthy(self, k):

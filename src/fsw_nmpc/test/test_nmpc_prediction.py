@@ -71,15 +71,25 @@ def test_library_and_casadi_predict_the_same_with_the_same_slopes(dead_time_s, r
     library = make_library(20, p)
     h = library.horizon
     expression = prediction_function(p, h)
-    given = [ca.SX.sym("moves", 40), ca.SX.sym("start", n_start(h)), ca.SX.sym("history", 3 * h.n_history)]
+    given = [
+        ca.SX.sym("moves", 40),
+        ca.SX.sym("start", n_start(h)),
+        ca.SX.sym("history", 3 * h.n_history),
+    ]
     outputs = ca.vertcat(*expression(*given))
     both = ca.Function("both", given, [outputs, ca.jacobian(outputs, given[0])])
     for _ in range(5):
         start, moves = random_start(rng, h, p), random_moves(rng, h)
         depth, temperature, by_depth, by_temperature = predict(library, start, moves)
-        values, slopes = both(moves, start_vector(start, h), list(start.history[0 : 3 * h.n_history]))
-        assert np.concatenate([depth, temperature]) == pytest.approx(values.full().ravel(), rel=1e-12)
-        assert np.vstack([by_depth, by_temperature]) == pytest.approx(slopes.full(), rel=1e-9, abs=1e-11)
+        values, slopes = both(
+            moves, start_vector(start, h), list(start.history[0 : 3 * h.n_history])
+        )
+        assert np.concatenate([depth, temperature]) == pytest.approx(
+            values.full().ravel(), rel=1e-12
+        )
+        assert np.vstack([by_depth, by_temperature]) == pytest.approx(
+            slopes.full(), rel=1e-9, abs=1e-11
+        )
 
 
 def test_horizons_that_do_not_fit_are_refused():

@@ -46,8 +46,14 @@ def yielding(problem, tuning, horizon, at, outputs):
         limited = used & block_ends & ((at[q] > most - near) | (at[q] < least + near))
         if q == 0:
             limited &= (low <= most) & (high >= least)
-        outside = np.maximum(output - np.maximum(most, high), 0.0) + np.maximum(np.minimum(least, low) - output, 0.0)
-        total += float(((tuning.quality_weight_per_mm, tuning.quality_weight_per_c)[q] * outside)[limited].sum())
+        outside = np.maximum(output - np.maximum(most, high), 0.0) + np.maximum(
+            np.minimum(least, low) - output, 0.0
+        )
+        total += float(
+            ((tuning.quality_weight_per_mm, tuning.quality_weight_per_c)[q] * outside)[
+                limited
+            ].sum()
+        )
     return total
 
 
@@ -67,16 +73,25 @@ def test_no_feasible_point_is_better(library20, rng, priority):
 
         def cost(moves, problem=problem, tuning=tuning, at=(z0, t0), by=(by_z, by_t)):
             outputs = [at[i] + by[i] @ moves for i in range(2)]
-            return objective(problem, tuning, h, moves, *outputs) + yielding(problem, tuning, h, at, outputs)
+            return objective(problem, tuning, h, moves, *outputs) + yielding(
+                problem, tuning, h, at, outputs
+            )
 
         status, best, _, _ = solve(library20, problem, still)
         told = library20.output
         assert status is SolveStatus.OK
         assert told.cost == pytest.approx(cost(best), rel=1e-6, abs=1e-5)
-        active += abs(yielding(problem, tuning, h, (z0, t0), [z0 + by_z @ best, t0 + by_t @ best])) > 1.0
+        active += (
+            abs(yielding(problem, tuning, h, (z0, t0), [z0 + by_z @ best, t0 + by_t @ best])) > 1.0
+        )
         low, high = input_bounds(problem, tuning, h)
         for _ in range(200):
-            trial = np.clip(best / largest + rng.normal(0.0, 10.0 ** rng.uniform(-5, 0), 40), -1.0, 1.0) * largest
+            trial = (
+                np.clip(
+                    best / largest + rng.normal(0.0, 10.0 ** rng.uniform(-5, 0), 40), -1.0, 1.0
+                )
+                * largest
+            )
             reached = cumulation(h) @ trial
             if (reached >= low).all() and (reached <= high).all():
                 assert cost(trial) >= cost(best) - 2e-6 * (1.0 + abs(cost(best)))
@@ -92,7 +107,9 @@ def errors(tuning_file="", preset="adaptive", priority="depth", parameters=WEAK,
         loop.step(target)
         shown = loop.shown
         if k >= 50:
-            off.append((shown.depth_mm - target.depth_mm, shown.temperature_c - target.temperature_c))
+            off.append(
+                (shown.depth_mm - target.depth_mm, shown.temperature_c - target.temperature_c)
+            )
     size = np.abs(off)
     return (*(0.1 * size.sum(axis=0)), *size.max(axis=0))
 
@@ -105,7 +122,13 @@ def test_the_priority_acts_on_the_way():
         depth[priority], temperature[priority], _, peak_c = errors(priority=priority)
         assert peak_c < 816.4 - 790.0
     waits, stays, _, _ = errors(preset="default")
-    assert depth["depth"] < 1.0 < depth["balance"] < depth["temperature"] == pytest.approx(waits, rel=0.1)
+    assert (
+        depth["depth"]
+        < 1.0
+        < depth["balance"]
+        < depth["temperature"]
+        == pytest.approx(waits, rel=0.1)
+    )
     assert temperature["depth"] > temperature["balance"] > temperature["temperature"]
     assert stays < temperature["temperature"] < 0.1 * temperature["depth"]
 

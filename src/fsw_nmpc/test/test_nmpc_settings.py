@@ -26,7 +26,11 @@ def test_paper_is_the_paper():
     assert (PAPER.move_force_per_kn, PAPER.move_speed_per_rpm) == (1.0, 0.01)
     assert (PAPER.depth_time_s, PAPER.temperature_time_s) == (5.0, 5.0)
     assert (PAPER.dead_band_depth_mm, PAPER.dead_band_temperature_c) == (0.002, 0.1)
-    assert (PAPER.depth_scale_mm, PAPER.temperature_scale_c, PAPER.full_move_cost) == (0.0, 0.0, 0.0)
+    assert (PAPER.depth_scale_mm, PAPER.temperature_scale_c, PAPER.full_move_cost) == (
+        0.0,
+        0.0,
+        0.0,
+    )
     limits = Settings.of({"preset": "paper"}).limits
     assert (limits.force_step_kn, limits.speed_step_rpm) == (1.0, 3.0)
 
@@ -42,11 +46,23 @@ def test_presets():
 
 def test_tuning_file_over_a_preset(tmp_path):
     file = tmp_path / "tuning.yaml"
-    file.write_text("weight_depth_per_mm: 7\nestimator: {torque_noise_nm: 9.0}\ntrajectory: constant\n")
+    file.write_text(
+        "weight_depth_per_mm: 7\nestimator: {torque_noise_nm: 9.0}\ntrajectory: constant\n"
+    )
     tuning = Settings.of({"preset": "paper", "tuning_file": str(file)}).tuning
-    assert (tuning.weight_depth_per_mm, tuning.estimator.torque_noise_nm, tuning.trajectory) == (7, 9.0, "constant")
+    assert (tuning.weight_depth_per_mm, tuning.estimator.torque_noise_nm, tuning.trajectory) == (
+        7,
+        9.0,
+        "constant",
+    )
     assert tuning.dead_band_depth_mm == PAPER.dead_band_depth_mm
-    assert set(TRAJECTORIES) == {"approach", "constant", "cold_start", "recentred", "recentred_ahead"}
+    assert set(TRAJECTORIES) == {
+        "approach",
+        "constant",
+        "cold_start",
+        "recentred",
+        "recentred_ahead",
+    }
 
 
 @pytest.mark.parametrize(
@@ -100,10 +116,16 @@ def test_wrong_values_are_refused_with_a_word(values, word):
 
 
 def test_all_numbers_have_a_range():
-    assert all(s.range is not None for s in load("fsw_nmpc", "nmpc.yaml").values() if s.type in ("double", "int"))
+    assert all(
+        s.range is not None
+        for s in load("fsw_nmpc", "nmpc.yaml").values()
+        if s.type in ("double", "int")
+    )
 
 
-@pytest.mark.parametrize("knob", ["depth_aggressiveness", "temperature_aggressiveness", "calmness"])
+@pytest.mark.parametrize(
+    "knob", ["depth_aggressiveness", "temperature_aggressiveness", "calmness"]
+)
 def test_every_knob_does_something_and_one_is_neutral(knob):
     assert Tuning().with_knobs(**{knob: 1.0}) == Tuning()
     assert Tuning().with_knobs(**{knob: 2.0}) != Tuning()

@@ -11,7 +11,14 @@ from fsw_nmpc.controller import NmpcController
 from fsw_nmpc.library import KERNEL, SolveStatus
 from fsw_nmpc.tuning import Tuning
 from fsw_test_support.nmpc_ipopt import ReferenceSolver, cumulation, input_bounds, objective
-from fsw_test_support.nmpc_problems import LIMITS, make_library, predict, random_moves, random_problem, solve
+from fsw_test_support.nmpc_problems import (
+    LIMITS,
+    make_library,
+    predict,
+    random_moves,
+    random_problem,
+    solve,
+)
 
 P = nominal()
 
@@ -64,7 +71,9 @@ def test_no_feasible_point_is_better(library20, rng):
     for _ in range(4):
         problem = random_problem(rng, library20, P)
         tuning = library20.state.tuning
-        z0, t0, by_z, by_t = predict(library20, KERNEL.ffi.addressof(problem, "start"), cold(library20))
+        z0, t0, by_z, by_t = predict(
+            library20, KERNEL.ffi.addressof(problem, "start"), cold(library20)
+        )
 
         def cost(moves, problem=problem, tuning=tuning, at=(z0, t0), by=(by_z, by_t)):
             outputs = (at[i] + by[i] @ moves for i in range(2))
@@ -73,13 +82,21 @@ def test_no_feasible_point_is_better(library20, rng):
         _, best, _, _ = solve(library20, problem, cold(library20))
         low, high = input_bounds(problem, tuning, h)
         for _ in range(200):
-            trial = np.clip(best / largest + rng.normal(0.0, 10.0 ** rng.uniform(-5, 0), 40), -1.0, 1.0) * largest
+            trial = (
+                np.clip(
+                    best / largest + rng.normal(0.0, 10.0 ** rng.uniform(-5, 0), 40), -1.0, 1.0
+                )
+                * largest
+            )
             reached = cumulation(h) @ trial
             if (reached >= low).all() and (reached <= high).all():
                 assert cost(trial) >= cost(best) - 2e-6 * (1.0 + abs(cost(best)))
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@settings(
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_limits_hold_always(library20, seed):
     """Whatever the problem and the start, also from inputs on or beyond their bounds."""
@@ -87,9 +104,15 @@ def test_limits_hold_always(library20, seed):
     problem, h = random_problem(rng, library20, P), library20.horizon
     edge = rng.random()
     if edge < 0.2:
-        problem.start.force_kn, problem.start.speed_rpm = rng.choice([60.0, 95.0]), rng.choice([300.0, 500.0])
+        problem.start.force_kn, problem.start.speed_rpm = (
+            rng.choice([60.0, 95.0]),
+            rng.choice([300.0, 500.0]),
+        )
     elif edge < 0.4:
-        problem.start.force_kn, problem.start.speed_rpm = rng.choice([58.5, 96.5]), rng.choice([290.0, 510.0])
+        problem.start.force_kn, problem.start.speed_rpm = (
+            rng.choice([58.5, 96.5]),
+            rng.choice([290.0, 510.0]),
+        )
     status, moves, _, _ = solve(library20, problem, random_moves(rng, h))
     assert status is SolveStatus.OK
     pairs = moves.reshape(-1, 2) / h.block_reach[:, None]
@@ -155,12 +178,19 @@ def test_memory_is_one_static_struct(library):
 @pytest.mark.full
 def test_the_papers_cost_is_solved_at_every_tick_of_a_noisy_weld():
     """Dead-bands with L1 costs at rest leave pivots many decades apart."""
-    controller, model, rng = NmpcController({"preset": "paper"}), ProcessModel(P), np.random.default_rng(1)
+    controller, model, rng = (
+        NmpcController({"preset": "paper"}),
+        ProcessModel(P),
+        np.random.default_rng(1),
+    )
     rest = model.equilibrium()
     state, applied = rest.state.copy(), Command(rest.force_kn, rest.speed_rpm)
     controller.reset(applied)
     for k in range(2400):
-        shown, noise = model.outputs(state, applied.force_kn, applied.speed_rpm), rng.normal(size=3)
+        shown, noise = (
+            model.outputs(state, applied.force_kn, applied.speed_rpm),
+            rng.normal(size=3),
+        )
         depth_mm = weld.DEPTH_MM + 0.2 * (200 <= k < 700)
         temperature_c = weld.TEMPERATURE_C + 10.0 * (1300 <= k < 1800)
         measurement = Measurement(
@@ -169,7 +199,9 @@ def test_the_papers_cost_is_solved_at_every_tick_of_a_noisy_weld():
             shown.motor_torque_nm + 2.0 * noise[1],
             shown.temperature_c + 0.1 * noise[2],
         )
-        proposal = controller.step(measurement, Reference(depth_mm, temperature_c), applied, STEP_S)
+        proposal = controller.step(
+            measurement, Reference(depth_mm, temperature_c), applied, STEP_S
+        )
         assert proposal.healthy
         applied = proposal.command
         model.step(state, applied.force_kn, applied.speed_rpm)

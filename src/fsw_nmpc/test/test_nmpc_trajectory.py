@@ -23,7 +23,14 @@ def library():
 
 
 def trajectories(
-    library, depth_mm=2.66, temperature_c=816.4, tuning=None, ticks=1, changes=(), limits=LIMITS, priority="depth"
+    library,
+    depth_mm=2.66,
+    temperature_c=816.4,
+    tuning=None,
+    ticks=1,
+    changes=(),
+    limits=LIMITS,
+    priority="depth",
 ):
     """Depth and temperature over the horizon at rest at the operating point, for set-points."""
     library.configure(tuning_of(Settings(nominal(), tuning or Tuning(), limits, priority)))
@@ -41,7 +48,9 @@ def trajectories(
         assert begin(library)
     given_.n_changes = 0
     problem = library.state.problem
-    low, high = (np.array([list(row[0 : h.n_out]) for row in side]) for side in (problem.low, problem.high))
+    low, high = (
+        np.array([list(row[0 : h.n_out]) for row in side]) for side in (problem.low, problem.high)
+    )
     return h.time_s, 0.5 * (low + high), high - low
 
 
@@ -54,9 +63,16 @@ def test_at_rest_nothing_moves(library):
 
 @settings(deadline=None)
 @given(depth_step=st.floats(-0.5, 0.5), temperature_step=st.floats(-50.0, 50.0))
-def test_outputs_come_without_overshoot_as_fast_as_inputs_allow(library, depth_step, temperature_step):
-    time_s, (depth, temperature), _ = trajectories(library, 2.66 + depth_step, 816.4 + temperature_step)
-    for path, start, step, most in ((depth, 2.66, depth_step, 0.06), (temperature, 816.4, temperature_step, 7.0)):
+def test_outputs_come_without_overshoot_as_fast_as_inputs_allow(
+    library, depth_step, temperature_step
+):
+    time_s, (depth, temperature), _ = trajectories(
+        library, 2.66 + depth_step, 816.4 + temperature_step
+    )
+    for path, start, step, most in (
+        (depth, 2.66, depth_step, 0.06),
+        (temperature, 816.4, temperature_step, 7.0),
+    ):
         share = (path - start) * np.sign(step)
         assert share.min() >= -1e-9 and share.max() <= abs(step) * 1.02 + 1e-6
         assert np.abs(np.diff(path) / np.diff(time_s)).max() <= most
@@ -89,7 +105,9 @@ def test_known_set_points_are_approached_early(library):
     assert depth[-1] == pytest.approx(2.66, abs=1e-3)
 
 
-@pytest.mark.parametrize("changes", [[(-1.0, 2.9, 850.0)], [(3.0, NAN, NAN)], [(NAN, 2.9, 850.0)], [(1e9, 2.9, 850.0)]])
+@pytest.mark.parametrize(
+    "changes", [[(-1.0, 2.9, 850.0)], [(3.0, NAN, NAN)], [(NAN, 2.9, 850.0)], [(1e9, 2.9, 850.0)]]
+)
 def test_changes_that_make_no_sense_change_nothing(library, changes):
     _, (depth, temperature), _ = trajectories(library, changes=changes)
     assert depth == pytest.approx(2.66, abs=1e-9)
@@ -118,15 +136,21 @@ def test_corridors_of_the_paper(library, kind, ticks, first):
     assert depth[0] == pytest.approx(first, abs=1e-6)
     assert width[0] == pytest.approx(0.004) and width[1] == pytest.approx(0.2)
     if kind != "constant":
-        assert (2.76 - depth) / (2.76 - depth[0]) == pytest.approx(np.exp(-(time_s - 0.1) / 5.0), rel=1e-6)
+        assert (2.76 - depth) / (2.76 - depth[0]) == pytest.approx(
+            np.exp(-(time_s - 0.1) / 5.0), rel=1e-6
+        )
 
 
-def test_a_corridor_recentred_ahead_starts_where_the_temperature_will_be_after_the_dead_time(library):
+def test_a_corridor_recentred_ahead_starts_where_the_temperature_will_be_after_the_dead_time(
+    library,
+):
     """At rest that is where it is now; the depth has no dead time."""
     tuning = PAPER.changed(trajectory="recentred_ahead")
     time_s, (depth, temperature), _ = trajectories(library, 2.76, 826.4, tuning=tuning, ticks=20)
     assert 2.76 - depth == pytest.approx(0.1 * np.exp(-time_s / 5.0), rel=1e-4)
-    assert 826.4 - temperature == pytest.approx(10.0 * np.exp(-np.maximum(time_s - 2.8, 0.0) / 5.0), rel=1e-4)
+    assert 826.4 - temperature == pytest.approx(
+        10.0 * np.exp(-np.maximum(time_s - 2.8, 0.0) / 5.0), rel=1e-4
+    )
 
 
 @pytest.mark.parametrize("depth_mm", [-1e12, 0.0, 1e12])
@@ -142,7 +166,9 @@ def test_a_large_temperature_step_leaves_the_depth_its_force(library):
     rate = np.diff(temperature) / np.diff(time_s)
     fastest_kw = 500.0 / 407.576 * 43.6
     kn_per_rate = 2.66 * 0.0021 / (0.0016 * 29.6 / 14.7)
-    softer = 1.0 + 18.1 / 30.5 * fastest_kw / 78.4 * kn_per_rate  # torque is about proportional to force
+    softer = (
+        1.0 + 18.1 / 30.5 * fastest_kw / 78.4 * kn_per_rate
+    )  # torque is about proportional to force
     assert 2.5 < rate.max() <= 18.1 / 30.5 * (fastest_kw - 43.6) / softer
 
 
@@ -156,7 +182,9 @@ def held_temperature_c(speed_rpm, depth_mm):
 def attainable(library, depth_mm, temperature_c, priority="depth", tuning=None, **bounds):
     """What the set-points in force are replaced by."""
     wide = tuning or Tuning(quality_temperature_min_c=0.0, quality_temperature_max_c=2000.0)
-    trajectories(library, depth_mm, temperature_c, tuning=wide, limits=Limits(**bounds), priority=priority)
+    trajectories(
+        library, depth_mm, temperature_c, tuning=wide, limits=Limits(**bounds), priority=priority
+    )
     return tuple(library.output.attainable)
 
 
@@ -166,13 +194,18 @@ def attainable(library, depth_mm, temperature_c, priority="depth", tuning=None, 
     to_bound_rpm=st.floats(0.1, 95.0),
     priority=st.sampled_from(PRIORITIES),
 )
-def test_set_points_beyond_the_speed_give_way_as_the_priority_says(library, depth_mm, off_c, to_bound_rpm, priority):
+def test_set_points_beyond_the_speed_give_way_as_the_priority_says(
+    library, depth_mm, off_c, to_bound_rpm, priority
+):
     """The depth gives way within its quality limit and no more than it has to; the temperature is one that is held."""
     bound_rpm = REST_RPM + np.copysign(to_bound_rpm, off_c)
     bounds = {"speed_min_rpm" if off_c < 0.0 else "speed_max_rpm": bound_rpm}
     held = held_temperature_c(bound_rpm, depth_mm)
     depth, temperature = attainable(library, depth_mm, held + off_c, priority, **bounds)
-    away, reach = depth - depth_mm, held_temperature_c(bound_rpm, depth_mm + np.copysign(0.1, off_c)) - held
+    away, reach = (
+        depth - depth_mm,
+        held_temperature_c(bound_rpm, depth_mm + np.copysign(0.1, off_c)) - held,
+    )
     given_way = {"depth": 0.0, "balance": 0.5, "temperature": 1.0}[priority] * off_c
     assert temperature - held == pytest.approx(min(given_way, reach, key=abs), abs=1e-3)
     assert held_temperature_c(bound_rpm, depth) == pytest.approx(temperature, abs=1e-3)

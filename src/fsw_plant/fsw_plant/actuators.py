@@ -10,12 +10,14 @@ from fsw_plant.lag import lag_left, lag_mean
 class Actuator:
     """One drive.
 
-    A set-point reaches it ``dead_time_ticks`` after it was given. It takes a new one at each tick, at most
-    ``largest_step`` away from the one before, and follows it with a first-order lag of time constant ``lag_s``, solved
-    exactly; 0: it is where the set-point is.
+    A set-point reaches it ``dead_time_ticks`` after it was given. It takes a new one at each tick,
+    at most ``largest_step`` away from the one before, and follows it with a first-order lag of
+    time constant ``lag_s``, solved exactly; 0: it is where the set-point is.
     """
 
-    def __init__(self, position: float, largest_step: float, lag_s: float, dead_time_ticks: int = 0) -> None:
+    def __init__(
+        self, position: float, largest_step: float, lag_s: float, dead_time_ticks: int = 0
+    ) -> None:
         self.position = position
         self.setpoint = position
         self._on_the_way: deque[float] = deque()

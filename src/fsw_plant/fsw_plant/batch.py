@@ -1,8 +1,8 @@
 """Many plants side by side, stepped at once: for learning, where single ones are too slow.
 
-Each is what :class:`fsw_plant.emulator.PlantEmulator` is, number for number, with the paper's process, the same
-settings and disturbances for all, its own commands and its own noise. It has no faults and no watchdog: a command
-comes at every tick.
+Each is what :class:`fsw_plant.emulator.PlantEmulator` is, number for number, with the paper's
+process, the same settings and disturbances for all, its own commands and its own noise. It has no
+faults and no watchdog: a command comes at every tick.
 """
 
 from __future__ import annotations
@@ -53,7 +53,9 @@ class PlantBatch:
         self._noise = [noise_of(config)[name] for name in REQUIRED]
         self.tick = np.ones(n, dtype=np.int64)  #: the present tick of each
         self._x = np.empty((6, n))
-        self.outputs = np.empty((7, n))  #: in the order of :class:`fsw_model.Outputs`, without disturbances and noise
+        self.outputs = np.empty(
+            (7, n)
+        )  #: in the order of :class:`fsw_model.Outputs`, without disturbances and noise
         self._power = np.empty((model.delay_steps, N_POWER, n))
         self._oldest = 0  # row of the power that arrives now, of all plants
         self._setpoint, self.position = np.empty((2, n)), np.empty((2, n))
@@ -63,9 +65,13 @@ class PlantBatch:
         #: whether the tool has left the range of the model; the process then stands still
         self.stopped = np.zeros(n, dtype=bool)
         self._drawn = np.empty((len(REQUIRED), n, BLOCK))
-        self._deviations = np.zeros((len(REQUIRED), n))  # what the noise is at, in standard deviations
+        self._deviations = np.zeros(
+            (len(REQUIRED), n)
+        )  # what the noise is at, in standard deviations
         self._probe_c = np.empty(n)
-        self._generators = [[np.random.Generator(np.random.PCG64())] * len(REQUIRED) for _ in range(n)]
+        self._generators = [
+            [np.random.Generator(np.random.PCG64())] * len(REQUIRED) for _ in range(n)
+        ]
         self.reset(np.arange(n), np.zeros(n, dtype=np.int64))
 
     @property
@@ -87,7 +93,9 @@ class PlantBatch:
         self._probe_c[which] = start.outputs.temperature_c
         self._inertia_nm[which], self.stopped[which] = 0.0, False
         for k, seed in zip(which.tolist(), seeds.tolist(), strict=True):
-            self._generators[k] = [np.random.Generator(np.random.PCG64([seed, i])) for i in range(len(REQUIRED))]
+            self._generators[k] = [
+                np.random.Generator(np.random.PCG64([seed, i])) for i in range(len(REQUIRED))
+            ]
         self._draw(which)
 
     def _draw(self, which: NDArray[np.int64]) -> None:
@@ -103,7 +111,9 @@ class PlantBatch:
 
     def truth(self) -> tuple[Array, Array]:
         """Depth [mm] and temperature [degC] of each, disturbances included."""
-        return self.outputs[0] + self._disturbed("depth"), self.outputs[1] + self._disturbed("temperature")
+        return self.outputs[0] + self._disturbed("depth"), self.outputs[1] + self._disturbed(
+            "temperature"
+        )
 
     def measure(self) -> Array:
         """Sensor readings at the present tick; to be called once per tick.
@@ -149,12 +159,18 @@ class PlantBatch:
         if before:
             held_c, process_c = before
             left, late = lag_left(self._probe_lag_s), lag_mean(self._probe_lag_s)
-            self._probe_c = held_c + left * (self._probe_c - held_c) + (1.0 - late) * (self.outputs[1] - process_c)
+            self._probe_c = (
+                held_c
+                + left * (self._probe_c - held_c)
+                + (1.0 - late) * (self.outputs[1] - process_c)
+            )
         self.tick += 1
 
     def _advance(self, mean: Array, end: Array) -> None:
         oldest, newer = self._oldest, (self._oldest + 1) % len(self._power)
-        after = self._step_all(self._x, self._power[oldest], self._power[newer], mean[:1], mean[1:])
+        after = self._step_all(
+            self._x, self._power[oldest], self._power[newer], mean[:1], mean[1:]
+        )
         moved, sent, depth = after[:6], after[6:10], after[10]
         fine = (depth > 0.0) & np.isfinite(after[6]) & ~self.stopped
         self.stopped = ~fine
@@ -180,7 +196,9 @@ class _Mapped:
         self._function = function.map(n)  # type: ignore[attr-defined]
         sizes = [self._function.size_in(i) for i in range(self._function.n_in())]
         self._given = [np.zeros(size, order="F") for size in sizes]
-        self._result = [np.zeros(self._function.size_out(i), order="F") for i in range(self._function.n_out())]
+        self._result = [
+            np.zeros(self._function.size_out(i), order="F") for i in range(self._function.n_out())
+        ]
         self._buffer, self._evaluate = self._function.buffer()
         for i, array in enumerate(self._given):
             self._buffer.set_arg(i, array.ravel(order="K").data)

@@ -1,7 +1,8 @@
 """The process with heat conduction in a canister in the place of the copper of (16); all else is the paper's.
 
-The power (24) heats the canister at once; its stir zone is what the tool meets. On the thermocouple's way there are the
-dead time and the tool's lag of (16), as in the paper, and depth (27) follows the thermocouple, as there.
+The power (24) heats the canister at once; its stir zone is what the tool meets. On the
+thermocouple's way there are the dead time and the tool's lag of (16), as in the paper, and depth
+(27) follows the thermocouple, as there.
 """
 
 from __future__ import annotations
@@ -12,7 +13,14 @@ from math import isfinite, pi
 
 from fsw_canister import CanisterState, HeatModel
 from fsw_canister.stepped import heated
-from fsw_model import STEP_S, Equilibrium, ModelParameters, OperatingPointError, ProcessModel, ProcessState
+from fsw_model import (
+    STEP_S,
+    Equilibrium,
+    ModelParameters,
+    OperatingPointError,
+    ProcessModel,
+    ProcessState,
+)
 from fsw_model.equations import MOTOR, TOOL, power_kw
 from fsw_model.process import driven_step
 from fsw_plant.lag import lag_mean, lag_risen
@@ -24,8 +32,8 @@ from fsw_schema.models import InputError
 class CanisterProcessState(ProcessState):
     """State of the process on a canister; ``x[COPPER]`` is the stir zone, ``power`` is not used."""
 
-    #: deviation of the stir zone's temperature at the present tick and before it, as far as the dead time reaches,
-    #: oldest first
+    #: deviation of the stir zone's temperature at the present tick and before it, as far as the
+    #: dead time reaches, oldest first
     copper: deque[float]
     canister: CanisterState
 
@@ -45,11 +53,18 @@ class CanisterProcess:
         model = ProcessModel(parameters)
         self.outputs = model.outputs
         self._delay_steps = model.delay_steps
-        self._overlap = model.delay_steps - parameters.dead_time_s / STEP_S  # by which the dead time is less, of a step
+        self._overlap = (
+            model.delay_steps - parameters.dead_time_s / STEP_S
+        )  # by which the dead time is less, of a step
         self._driven = driven_step(parameters)
 
     def advance(
-        self, state: ProcessState, force_kn: float, speed_rpm: float, motion: Motion, added_nm: float = 0.0
+        self,
+        state: ProcessState,
+        force_kn: float,
+        speed_rpm: float,
+        motion: Motion,
+        added_nm: float = 0.0,
     ) -> None:
         """As of :class:`fsw_plant.process.PlantProcess`."""
         assert isinstance(state, CanisterProcessState)
@@ -64,12 +79,19 @@ class CanisterProcess:
                 "the model is valid for finite inputs while the shoulder is in the copper, above 0 mm"
             )
         try:
-            state.canister = self._canister.step(state.canister, max(mean_kw, 0.0), *motion, STEP_S)
+            state.canister = self._canister.step(
+                state.canister, max(mean_kw, 0.0), *motion, STEP_S
+            )
         except InputError as error:  # the tool is off the copper
             raise OperatingPointError(str(error)) from None
         state.copper.append(self._deviation(state.canister))
         state.copper.popleft()
-        state.x = (*result[:3], state.copper[-1], result[TOOL], result[MOTOR] + lag_risen(lag_s) * added_nm)
+        state.x = (
+            *result[:3],
+            state.copper[-1],
+            result[TOOL],
+            result[MOTOR] + lag_risen(lag_s) * added_nm,
+        )
 
     def _met(self, copper: deque[float]) -> tuple[float, float]:
         """The copper as the tool meets it at start and end of the next step: what it was a dead time ago."""
@@ -79,7 +101,10 @@ class CanisterProcess:
         return start + self._overlap * (end - start), end + self._overlap * (copper[2] - end)
 
     def _deviation(self, canister: CanisterState) -> float:
-        return self._canister.stir_zone_temperature_c(canister) - self.parameters.operating_temperature_c
+        return (
+            self._canister.stir_zone_temperature_c(canister)
+            - self.parameters.operating_temperature_c
+        )
 
     def refit(self, state: ProcessState) -> None:
         """As of :class:`fsw_plant.process.PlantProcess`."""
@@ -87,7 +112,9 @@ class CanisterProcess:
         kept = list(state.copper)[-self._delay_steps - 1 :]
         state.copper = deque([kept[0]] * (self._delay_steps + 1 - len(kept)) + kept)
 
-    def start(self, depth_mm: float, temperature_c: float, power_kw: float, motion: Motion) -> Equilibrium:
+    def start(
+        self, depth_mm: float, temperature_c: float, power_kw: float, motion: Motion
+    ) -> Equilibrium:
         """The canister heated from ambient by a constant power until the thermocouple shows a temperature.
 
         Raises
@@ -99,7 +126,9 @@ class CanisterProcess:
         rise_c = temperature_c - p.operating_temperature_c
         softening = 1.0 + p.softening_per_c * rise_c
         if not (depth_mm > 0.0 and softening > 0.0):
-            raise OperatingPointError(f"no start at depth {depth_mm:.4g} mm, {temperature_c:.4g} degC (27)")
+            raise OperatingPointError(
+                f"no start at depth {depth_mm:.4g} mm, {temperature_c:.4g} degC (27)"
+            )
         modes = (depth_mm / softening - p.operating_depth_mm, 0.0, 0.0)
         force = p.operating_force_kn
         copper: deque[float] = deque(maxlen=self._delay_steps + 1)
@@ -109,7 +138,9 @@ class CanisterProcess:
             nonlocal tool_c
             now = self._deviation(canister)
             if copper:
-                tool_c = self._driven(*modes, copper[-1], tool_c, 0.0, *self._met(copper), force, 0.0)[TOOL]
+                tool_c = self._driven(
+                    *modes, copper[-1], tool_c, 0.0, *self._met(copper), force, 0.0
+                )[TOOL]
                 copper.append(now)
             else:
                 copper.extend([now] * (self._delay_steps + 1))
@@ -119,8 +150,16 @@ class CanisterProcess:
         try:
             canister = heated(self._canister, power_kw, motion, STEP_S, missing_c)
         except InputError as error:
-            raise OperatingPointError(f"start at {temperature_c:g} degC: {error}; raise start.power_kw") from None
-        x = (depth_mm / (1.0 + p.softening_per_c * tool_c) - p.operating_depth_mm, 0.0, 0.0, copper[-1], tool_c)
+            raise OperatingPointError(
+                f"start at {temperature_c:g} degC: {error}; raise start.power_kw"
+            ) from None
+        x = (
+            depth_mm / (1.0 + p.softening_per_c * tool_c) - p.operating_depth_mm,
+            0.0,
+            0.0,
+            copper[-1],
+            tool_c,
+        )
         state = CanisterProcessState((*x, 0.0), deque(), deque(copper), canister)
         torque = self.outputs(state, force, 0.0).process_torque_nm
         speed = power_kw * 30000.0 / (pi * torque)

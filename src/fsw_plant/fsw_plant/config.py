@@ -20,11 +20,16 @@ from fsw_schema.ranges import Range
 def specs() -> dict[str, ParameterSpec]:
     """Descriptions of all parameters of the plant.
 
-    Those of ``plant.yaml``, a factor on each parameter of the model, and the parameters of the canister.
+    Those of ``plant.yaml``, a factor on each parameter of the model, and the parameters of the
+    canister.
     """
     factors = {
         f"model.{name}": ParameterSpec(
-            f"model.{name}", "double", 1.0, f"Factor on the model parameter {name}", range=(0.1, 10.0)
+            f"model.{name}",
+            "double",
+            1.0,
+            f"Factor on the model parameter {name}",
+            range=(0.1, 10.0),
         )
         for name in ModelParameters.model_fields
     }
@@ -75,13 +80,15 @@ class PlantConfig:
         Parameters
         ----------
         values : mapping of str to Any
-            Nested (``{"start": {"depth_mm": 2.7}}``), dotted (``{"start.depth_mm": 2.7}``) or mixed; omitted ones have
-            their defaults. Parameters that only the node uses (``speed``, ...) are checked as well.
+            Nested (``{"start": {"depth_mm": 2.7}}``), dotted (``{"start.depth_mm": 2.7}``) or
+            mixed; omitted ones have their defaults. Parameters that only the node uses (``speed``,
+            ...) are checked as well.
 
         Raises
         ------
         fsw_schema.models.InputError
-            If a name is unknown, or a value has the wrong type or is out of range, or values contradict.
+            If a name is unknown, or a value has the wrong type or is out of range, or values
+            contradict.
         """
         checked = parameters.validate(specs(), flatten(values))
         try:
@@ -106,7 +113,9 @@ def json_schema() -> dict[str, Any]:
         inside = root
         for group in groups:
             inside = inside.setdefault("properties", {}).setdefault(group, {"type": "object"})
-        kind = {"double": "number", "int": "integer", "bool": "boolean", "string": "string"}.get(spec.type, "array")
+        kind = {"double": "number", "int": "integer", "bool": "boolean", "string": "string"}.get(
+            spec.type, "array"
+        )
         entry = {"type": kind, "description": spec.description, "default": spec.default}
         if spec.unit:
             entry["unit"] = spec.unit

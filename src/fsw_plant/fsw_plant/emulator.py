@@ -9,9 +9,9 @@ Use, per tick (see also :class:`Reading`)::
         refusal = plant.apply(command)      # "" when accepted; holds from this tick until the next one
         plant.step()                        # 0.1 s on
 
-Tick k has the time ``k * 0.1 s``. The first tick is 1, because a stamp of zero means "no time" in ROS. A scheduled
-event acts on the first tick that is not before it: output disturbances and faults on what is measured at that tick,
-input disturbances on the step that begins there.
+Tick k has the time ``k * 0.1 s``. The first tick is 1, because a stamp of zero means "no time" in
+ROS. A scheduled event acts on the first tick that is not before it: output disturbances and faults
+on what is measured at that tick, input disturbances on the step that begins there.
 
 Units: mm, degC, N m, kN, rpm, s; stamps in ns.
 """
@@ -46,10 +46,11 @@ class Reading(NamedTuple):
 
     tick: int
     stamp_ns: int  #: of the tick
-    #: by sensor, one sample each while it works; none when it drops out, two when it duplicates, one with an older
-    #: stamp when it is late
+    #: by sensor, one sample each while it works; none when it drops out, two when it duplicates,
+    #: one with an older stamp when it is late
     samples: Mapping[str, tuple[Sample, ...]]
-    #: inputs that act, as the drives report them: input disturbances included, as a load cell sees them
+    #: inputs that act, as the drives report them: input disturbances included, as a load cell sees
+    #: them
     drives: Command
 
     @property
@@ -98,10 +99,13 @@ class PlantEmulator:
     Raises
     ------
     fsw_model.OperatingPointError
-        If there is no equilibrium to start from within the limits of the drives, or, on a canister, none is heated.
+        If there is no equilibrium to start from within the limits of the drives, or, on a
+        canister, none is heated.
     """
 
-    def __init__(self, config: PlantConfig | None = None, schedule: PlantSchedule | None = None) -> None:
+    def __init__(
+        self, config: PlantConfig | None = None, schedule: PlantSchedule | None = None
+    ) -> None:
         self.config = config or PlantConfig.from_values({})
         self.schedule = schedule or PlantSchedule()
         self.tick = FIRST_TICK  #: the present one
@@ -112,7 +116,9 @@ class PlantEmulator:
 
     def _equilibrium(self, depth_mm: float | None, temperature_c: float | None) -> Equilibrium:
         depth = self.config["start.depth_mm"] if depth_mm is None else depth_mm
-        temperature = self.config["start.temperature_c"] if temperature_c is None else temperature_c
+        temperature = (
+            self.config["start.temperature_c"] if temperature_c is None else temperature_c
+        )
         motion = self._travel.motion(self.tick)
         start = self._process.start(depth, temperature, self.config["start.power_kw"], motion)
         _check_within(self.config.limits, start, f"{depth:g} mm, {temperature:g} degC")
@@ -127,8 +133,8 @@ class PlantEmulator:
         self.applied = self._acting = Command(start.force_kn, start.speed_rpm)
         self._input_disturbance = Command(0.0, 0.0)
         self._inertia_torque_nm = 0.0
-        #: empty while the process runs. When the tool leaves the range of the model, the reason; the process then
-        #: stands still and is measured as it stood, until :meth:`reset`
+        #: empty while the process runs. When the tool leaves the range of the model, the reason;
+        #: the process then stands still and is measured as it stood, until :meth:`reset`
         self.stopped = ""
         self.disturbances: dict[str, Disturbance] = {}  #: those that are set, by channel
         self.faults: dict[str, Fault] = {}  #: those that are set, by sensor
@@ -170,7 +176,9 @@ class PlantEmulator:
             "thermocouple": outputs.temperature_c + self._disturbance("temperature"),
         }
         if self.faults:
-            self.faults = {name: fault for name, fault in self.faults.items() if not fault.over(self.time_s)}
+            self.faults = {
+                name: fault for name, fault in self.faults.items() if not fault.over(self.time_s)
+            }
         samples = self._sensors.send(shown, stamp, self.faults, self.time_s)
         self._reading = Reading(self.tick, stamp, samples, self._acting)
         return self._reading
@@ -187,7 +195,9 @@ class PlantEmulator:
         else:
             active[event.target] = event
 
-    def apply(self, command: Command, stamp_ns: int | None = None, source: str = "", healthy: bool = True) -> str:
+    def apply(
+        self, command: Command, stamp_ns: int | None = None, source: str = "", healthy: bool = True
+    ) -> str:
         """Accept a command from the present tick on, or refuse it.
 
         Parameters
@@ -203,7 +213,8 @@ class PlantEmulator:
         Returns
         -------
         str
-            Empty when accepted, else why not (one of ``command_gate.REASONS``); ``gate`` counts and keeps the words.
+            Empty when accepted, else why not (one of ``command_gate.REASONS``); ``gate`` counts
+            and keeps the words.
         """
         measured_ns = None if self._reading is None else self._reading.stamp_ns
         if stamp_ns is None:
@@ -219,9 +230,14 @@ class PlantEmulator:
         force_kn = self.watchdog.advance(self.applied.force_kn, elapsed_s)
         if force_kn != self.applied.force_kn:
             self.applied = Command(force_kn, self.applied.speed_rpm)
-        mean_kn, mean_rpm = self._force.advance(force_kn), self._speed.advance(self.applied.speed_rpm)
+        mean_kn, mean_rpm = (
+            self._force.advance(force_kn),
+            self._speed.advance(self.applied.speed_rpm),
+        )
         if not self.stopped:
-            self._input_disturbance = Command(self._disturbance("axial_force"), self._disturbance("spindle_speed"))
+            self._input_disturbance = Command(
+                self._disturbance("axial_force"), self._disturbance("spindle_speed")
+            )
             self._advance_process(mean_kn, mean_rpm)
         self._sensors.heat(self._outputs.temperature_c)
         self._travel.end_tick()
@@ -230,23 +246,33 @@ class PlantEmulator:
     def _advance_process(self, mean_kn: float, mean_rpm: float) -> None:
         """Step the process with the drives' mean, disturbed; sensors and truth show the end of the step."""
         disturbance = self._input_disturbance
-        end = Command(self._force.position + disturbance.force_kn, self._speed.position + disturbance.speed_rpm)
+        end = Command(
+            self._force.position + disturbance.force_kn,
+            self._speed.position + disturbance.speed_rpm,
+        )
         motion = self._travel.motion(self.tick)
         try:
             force_kn, speed_rpm = mean_kn + disturbance.force_kn, mean_rpm + disturbance.speed_rpm
-            self._process.advance(self._state, force_kn, speed_rpm, motion, self._disturbance("torque"))
+            self._process.advance(
+                self._state, force_kn, speed_rpm, motion, self._disturbance("torque")
+            )
             self._outputs = self._process.outputs(self._state, end.force_kn, end.speed_rpm)
         except OperatingPointError as error:
             self.stopped = f"process stopped at {self.time_s:.1f} s: {error}"
             return
         acceleration = (end.speed_rpm - self._acting.speed_rpm) / STEP_S
-        self._inertia_torque_nm = self.config.model.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * acceleration
+        self._inertia_torque_nm = (
+            self.config.model.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * acceleration
+        )
         self._acting = end
 
     def truth(self) -> Truth:
         """The plant as it is at the present tick, in the inputs of the step that ended there."""
         outputs = self._outputs
-        depth_disturbance, temperature_disturbance = self._disturbance("depth"), self._disturbance("temperature")
+        depth_disturbance, temperature_disturbance = (
+            self._disturbance("depth"),
+            self._disturbance("temperature"),
+        )
         return Truth(  # by position, which takes half the time
             self.tick * weld.TICK_NS if self._reading is None else self._reading.stamp_ns,
             outputs.depth_mm + depth_disturbance,
@@ -279,7 +305,12 @@ class PlantEmulator:
         measured = self._reading is not None and self._reading.tick == self.tick
         return (self.tick + 1 if measured else self.tick) / 10
 
-    def reset(self, seed: int | None = None, depth_mm: float | None = None, temperature_c: float | None = None) -> None:
+    def reset(
+        self,
+        seed: int | None = None,
+        depth_mm: float | None = None,
+        temperature_c: float | None = None,
+    ) -> None:
         """Start again from an equilibrium; disturbances, faults and counters are cleared, time and schedule continue.
 
         Values left out stay as configured.
@@ -302,7 +333,9 @@ class PlantEmulator:
             self._process = process_of(config)
             self._process.refit(self._state)
         self.config = self.watchdog.config = config
-        self.gate.configure(config.limits, config["commands.max_age_s"], config["commands.sources"])
+        self.gate.configure(
+            config.limits, config["commands.max_age_s"], config["commands.sources"]
+        )
         self._force.configure(config.limits.force_step_kn, *config.drives)
         self._speed.configure(config.limits.speed_step_rpm, *config.drives)
         self._sensors.configure(config)

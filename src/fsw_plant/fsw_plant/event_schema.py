@@ -58,13 +58,17 @@ class DisturbanceEntry(Model):
         amplitude = {DISTURBANCE_AMPLITUDE[self.channel][0]}
         needed = amplitude | _TIMES.get(self.shape, set()) if self.shape != "none" else set()
         optional = {"sine": {"duration_s"}, "none": amplitude}.get(self.shape, set())
-        _check_keys(self, f"{self.channel} {self.shape}", {"channel", "shape"} | needed | optional, needed)
+        _check_keys(
+            self, f"{self.channel} {self.shape}", {"channel", "shape"} | needed | optional, needed
+        )
         return self
 
     def event(self, at_s: float) -> Disturbance:
         """The disturbance, which begins at a time."""
         amplitude = getattr(self, DISTURBANCE_AMPLITUDE[self.channel][0]) or 0.0
-        return Disturbance(self.channel, self.shape, amplitude, self.duration_s or 0.0, at_s, self.period_s or 0.0)
+        return Disturbance(
+            self.channel, self.shape, amplitude, self.duration_s or 0.0, at_s, self.period_s or 0.0
+        )
 
 
 class FaultEntry(Model):
@@ -87,7 +91,9 @@ class FaultEntry(Model):
     @model_validator(mode="after")
     def _check_keys(self) -> FaultEntry:
         needed = {_magnitude_key(self.sensor, self.kind)} if self.kind in WITH_MAGNITUDE else set()
-        _check_keys(self, f"{self.sensor} {self.kind}", {"sensor", "kind", "duration_s"} | needed, needed)
+        _check_keys(
+            self, f"{self.sensor} {self.kind}", {"sensor", "kind", "duration_s"} | needed, needed
+        )
         return self
 
     def event(self, at_s: float) -> Fault:
@@ -105,10 +111,13 @@ _AMPLITUDES = {
 }
 #: channel: key of the amplitude, and its range
 DISTURBANCE_AMPLITUDE = {
-    channel: (_AMPLITUDES[channel], range_of(DisturbanceEntry, _AMPLITUDES[channel])) for channel in get_args(Channel)
+    channel: (_AMPLITUDES[channel], range_of(DisturbanceEntry, _AMPLITUDES[channel]))
+    for channel in get_args(Channel)
 }
 #: sensor: key of a fault's magnitude, and its range (of a drift: per second)
-FAULT_MAGNITUDE = {name: (f"magnitude_{row.quantity.suffix}", row.quantity.fault) for name, row in SENSORS.items()}
+FAULT_MAGNITUDE = {
+    name: (f"magnitude_{row.quantity.suffix}", row.quantity.fault) for name, row in SENSORS.items()
+}
 
 
 def disturbance(
@@ -124,7 +133,9 @@ def disturbance(
     entry: dict[str, Any] = {"channel": channel, "shape": shape}
     if shape != "none":
         _check_some(amplitude, "amplitude", "disturbance")
-        entry[DISTURBANCE_AMPLITUDE.get(channel, ("amplitude_mm",))[0]] = round(amplitude, _WIRE_DIGITS)
+        entry[DISTURBANCE_AMPLITUDE.get(channel, ("amplitude_mm",))[0]] = round(
+            amplitude, _WIRE_DIGITS
+        )
     times = {"duration_s": duration_s, "period_s": period_s}
     used = _TIMES.get(shape, set()) | ({"duration_s"} if shape == "sine" and duration_s else set())
     entry |= {key: times[key] for key in sorted(used)}
@@ -147,7 +158,11 @@ def amplitude_unit(channel: str) -> str:
 
 def magnitude_unit(sensor: str, kind: str) -> str:
     """Unit of a fault (of a drift: per second); empty when there is no such sensor."""
-    return range_of(FaultEntry, _magnitude_key(sensor, kind)).unit if sensor in FAULT_MAGNITUDE else ""
+    return (
+        range_of(FaultEntry, _magnitude_key(sensor, kind)).unit
+        if sensor in FAULT_MAGNITUDE
+        else ""
+    )
 
 
 def _magnitude_key(sensor: str, kind: str) -> str:
@@ -160,7 +175,9 @@ def _check_some(size: float, name: str, what: str) -> None:
         raise InputError(f"{what}: {name} = 0 has no effect; 'none' ends a {what}")
 
 
-def _check_keys(entry: Model, what: str, allowed: Collection[str], needed: Collection[str]) -> None:
+def _check_keys(
+    entry: Model, what: str, allowed: Collection[str], needed: Collection[str]
+) -> None:
     """Refuse keys that are needed and not given, or given and not used."""
     given = {key for key, value in entry if value is not None}
     problems = []

@@ -20,7 +20,8 @@ class PlantEvent:
     """A disturbance of a channel or a fault of a sensor."""
 
     target: str  #: the channel or the sensor, which carries one at a time
-    kind: str  #: the shape of a disturbance or the kind of a fault; ``none`` ends the one that is there
+    #: the shape of a disturbance or the kind of a fault; ``none`` ends the one that is there
+    kind: str
     amount: float = 0.0  #: amplitude or magnitude, in the unit of the target
     duration_s: float = 0.0  #: see the kinds
     at_s: float = 0.0  #: it begins with the first tick whose time is not before
@@ -37,8 +38,9 @@ class PlantEvent:
 class Disturbance(PlantEvent):
     """A shape over time, added to an output or an input.
 
-    ``step``: the amplitude; ``ramp``: rises to the amplitude over ``duration_s`` and stays; ``pulse``: the amplitude
-    for ``duration_s``; ``sine``: with ``period_s``, for ``duration_s`` or, if that is 0, until cleared.
+    ``step``: the amplitude; ``ramp``: rises to the amplitude over ``duration_s`` and stays;
+    ``pulse``: the amplitude for ``duration_s``; ``sine``: with ``period_s``, for ``duration_s``
+    or, if that is 0, until cleared.
     """
 
     period_s: float = 0.0
@@ -70,10 +72,11 @@ class Sample(NamedTuple):
 class Fault(PlantEvent):
     """Effect of a fault on a sample between sensor and wire, for ``duration_s`` or, if that is 0, until cleared.
 
-    ``freeze``: the value stays, the stamp advances; ``dropout``: nothing is sent; ``nan``: NaN is sent; ``spike``: the
-    magnitude is added to one sample, and with a duration to one sample a second; ``bias``: the magnitude is added;
-    ``drift``: magnitude per second is added; ``delay``: samples come ``magnitude`` seconds late, with the stamp they
-    were taken at (those under way when the fault ends are lost); ``duplicate``: each is sent twice.
+    ``freeze``: the value stays, the stamp advances; ``dropout``: nothing is sent; ``nan``: NaN is
+    sent; ``spike``: the magnitude is added to one sample, and with a duration to one sample a
+    second; ``bias``: the magnitude is added; ``drift``: magnitude per second is added; ``delay``:
+    samples come ``magnitude`` seconds late, with the stamp they were taken at (those under way
+    when the fault ends are lost); ``duplicate``: each is sent twice.
     """
 
     _held: float | None = field(default=None, repr=False)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from math import inf
 
-#: time between repetitions of a tick for a supervisor that was started while the tick was unanswered [s]
+#: time between repetitions of a tick for a supervisor that was started while the tick was
+#: unanswered [s]
 _REPEAT_S = 0.5
 
 

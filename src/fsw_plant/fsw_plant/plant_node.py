@@ -23,7 +23,14 @@ from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.single_instance_ros import SEARCHING, STARTING, SingleInstanceGuard
 from fsw_control.stop import StopCause
 from fsw_control.stop_ros import StopHolder
-from fsw_control.topics_ros import LATEST, PLAYER_READY, SENT, STREAM, display_publisher, sensor_publishers
+from fsw_control.topics_ros import (
+    LATEST,
+    PLAYER_READY,
+    SENT,
+    STREAM,
+    display_publisher,
+    sensor_publishers,
+)
 from fsw_control.weld import TICK_NS, TICK_S
 from fsw_msgs.msg import DriveFeedback, PlantState, WeldCommand, WeldProgress
 from fsw_plant import reports_ros as reports
@@ -41,16 +48,18 @@ from fsw_schema.models import InputError
 _WATCH_S = 0.2
 _REPORT_S = 1.0
 _READY_POLL_S = 0.02
-#: lockstep waits for slow subscribers after so many ticks: fewer than any publisher keeps messages (``REPLACED``)
+#: lockstep waits for slow subscribers after so many ticks: fewer than any publisher keeps messages
+#: (``REPLACED``)
 _ARRIVAL_TICKS = 50
 
 
 class PlantNode(ManagedNode):
     """Ticks the emulator and connects it to the graph.
 
-    Three ways to tick (parameters ``clock`` and ``speed``): every 0.1 s of the wall clock; simulated time at a pace;
-    or lockstep, in which the command that answers a tick starts the next one, once a player, where there is one, has
-    sent what belongs before it. It is a managed node: it ticks and obeys while it is active.
+    Three ways to tick (parameters ``clock`` and ``speed``): every 0.1 s of the wall clock;
+    simulated time at a pace; or lockstep, in which the command that answers a tick starts the next
+    one, once a player, where there is one, has sent what belongs before it. It is a managed node:
+    it ticks and obeys while it is active.
     """
 
     def __init__(self) -> None:
@@ -67,13 +76,18 @@ class PlantNode(ManagedNode):
     def configure(self) -> None:
         """Make the emulator and announce its topics."""
         values = self._settings.values
-        config, schedule = PlantConfig.from_values(values), PlantSchedule.from_text_or_file(values["scenario"])
+        config, schedule = (
+            PlantConfig.from_values(values),
+            PlantSchedule.from_text_or_file(values["scenario"]),
+        )
         prepare(config, self._log_preparation)
         self._plant = PlantEmulator(config, schedule)
         self._speed = float(values["speed"])
         self._lockstep = self._speed == 0.0
         self._simulated = (
-            self._speed != 1.0 or values["clock"] == "simulated" or bool(self.get_parameter("use_sim_time").value)
+            self._speed != 1.0
+            or values["clock"] == "simulated"
+            or bool(self.get_parameter("use_sim_time").value)
         )
         self._scenario = values["scenario"]
         self._stamps = TickStamps()
@@ -84,20 +98,28 @@ class PlantNode(ManagedNode):
     def activate(self) -> None:
         """Make sure that the plant is alone, and begin to tick once all are there."""
         self._pace = Lockstep()
-        self._arrived = True  #: whether all subscribers had what was sent when that was last looked at
+        self._arrived = (
+            True  #: whether all subscribers had what was sent when that was last looked at
+        )
         self._reported = (self._plant.watchdog.state, self._plant.stopped)
         self._stop = StopHolder(self, self._fence.register, self._fence.hear)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
-        if self._settings["process"] == "canister":  # before the player's word that a tick is complete
+        if (
+            self._settings["process"] == "canister"
+        ):  # before the player's word that a tick is complete
             self.create_subscription(WeldProgress, "fsw/weld_progress", self._on_progress, LATEST)
         if self._lockstep:
             self.create_subscription(Header, PLAYER_READY, self._on_player_ready, LATEST)
-        self._writers = CommandWriters(self, lambda: self._plant.gate, lambda: self._settings["commands.sources"])
+        self._writers = CommandWriters(
+            self, lambda: self._plant.gate, lambda: self._settings["commands.sources"]
+        )
         self._guard.check(self._settings["discovery_s"], self._announce)
         self._plant_services = PlantServices(self, self._plant, on_reset=self._writers.set_sources)
         self.create_timer(_REPORT_S, self._report, clock=self._steady)
         self.create_timer(_WATCH_S, self._watch, clock=self._steady)
-        self._ready_timer = self.create_timer(_READY_POLL_S, self._start_when_ready, clock=self._steady)
+        self._ready_timer = self.create_timer(
+            _READY_POLL_S, self._start_when_ready, clock=self._steady
+        )
         self._waiting_logged_s = time.monotonic()
 
     def deactivate(self) -> None:
@@ -107,19 +129,26 @@ class PlantNode(ManagedNode):
             come_to_rest(self._plant)
             self._fence.stop(StopCause.WATCHDOG, self._plant.measure().stamp_ns)
         force_kn = self._plant.applied.force_kn
-        self.get_logger().info(f"deactivated; the drives are in the safe state at {force_kn:.4g} kN")
+        self.get_logger().info(
+            f"deactivated; the drives are in the safe state at {force_kn:.4g} kN"
+        )
 
     def _open_topics(self, instance: str) -> None:
-        # The first tick waits for subscribers of the sensors. A recorder subscribes to what it has discovered: because
-        # the sensors are announced last, it then has the other topics of a tick, too.
-        self._clocks = self.create_publisher(ClockMessage, "/clock", SENT) if self._simulated else None
+        # The first tick waits for subscribers of the sensors. A recorder subscribes to what it has
+        # discovered: because the sensors are announced last, it then has the other topics of a
+        # tick, too.
+        self._clocks = (
+            self.create_publisher(ClockMessage, "/clock", SENT) if self._simulated else None
+        )
         self._truths = display_publisher(self, PlantState, "fsw/plant/truth")
         self._drives = self.create_publisher(DriveFeedback, "fsw/drives", SENT)
         self._sensors = sensor_publishers(self)
         self._diagnostics = DiagnosticsPublisher(self, instance=instance)
 
     def _log_preparation(self, share: float, what: str) -> None:
-        self.get_logger().info(f"canister, {100.0 * share:.0f} %: {what}", throttle_duration_sec=2.0)
+        self.get_logger().info(
+            f"canister, {100.0 * share:.0f} %: {what}", throttle_duration_sec=2.0
+        )
 
     # ---------------------------------------------------------------- ticks
 
@@ -144,7 +173,8 @@ class PlantNode(ManagedNode):
         """Conditions that the first tick still waits for."""
         wanted = self._settings["wait_for_subscribers"]
         missing = _lacking(self._sensors.values(), wanted)
-        # Lockstep cannot advance without a commanding node, and a tick without subscribers would have to be sent twice.
+        # Lockstep cannot advance without a commanding node, and a tick without subscribers would
+        # have to be sent twice.
         if (wanted or self._lockstep) and not self.count_publishers("fsw/command"):
             missing.append("a publisher of fsw/command")
         return missing
@@ -179,7 +209,9 @@ class PlantNode(ManagedNode):
         if self._clocks is not None:
             self._clocks.publish(ClockMessage(clock=truth.header.stamp))
         self._truths.publish(truth)
-        self._drives.publish(convert.drives_message(reading.drives, reading.stamp_ns, self._fence.state))
+        self._drives.publish(
+            convert.drives_message(reading.drives, reading.stamp_ns, self._fence.state)
+        )
         for name, publisher in self._sensors.items():
             for stamp_ns, value in reading.samples[name]:
                 publisher.publish(convert.sensor_message(name, value, stamp_ns))
@@ -192,13 +224,18 @@ class PlantNode(ManagedNode):
         if refusal:
             self._plant.gate.refuse(refusal, words)
         else:
-            refusal = self._plant.apply(convert.command(message), stamp_ns, message.source, message.healthy)
+            refusal = self._plant.apply(
+                convert.command(message), stamp_ns, message.source, message.healthy
+            )
         if not refusal:
             self._fence.take(message.source, stamp_ns)
         else:
             self._writers.note_refused(message.leader)
-            self.get_logger().warning(f"command refused: {self._plant.gate.last_refusal}", throttle_duration_sec=1.0)
-        # A command that is refused for its content is an answer too: the tick goes on with the last valid one.
+            self.get_logger().warning(
+                f"command refused: {self._plant.gate.last_refusal}", throttle_duration_sec=1.0
+            )
+        # A command that is refused for its content is an answer too: the tick goes on with the
+        # last valid one.
         own = refusal not in ("source", "leader") and stamp_ns == self._plant.measure().stamp_ns
         if self._lockstep and own and not self._pace.answered:
             self._pace.answered = True
@@ -227,12 +264,15 @@ class PlantNode(ManagedNode):
     def _await_arrival(self) -> None:
         """Wait until all subscribers have what was sent; the recorder, which no tick waits for, must miss nothing.
 
-        A subscriber that stands still for too long is not waited for again before it has caught up.
+        A subscriber that stands still for too long is not waited for again before it has caught
+        up.
         """
         before = self._arrived
         self._arrived = self.has_arrived(self._settings["lockstep_timeout_s"] if before else 0.0)
         if before and not self._arrived:
-            self.get_logger().warning(f"tick {self._plant.tick}: a subscriber does not receive; continuing without it")
+            self.get_logger().warning(
+                f"tick {self._plant.tick}: a subscriber does not receive; continuing without it"
+            )
 
     def _go_on_without_player(self) -> None:
         self._pace.player_present = False
@@ -252,18 +292,21 @@ class PlantNode(ManagedNode):
         if not self._pace.answered:
             self._watch_answer(waited_s)
         elif not self.count_publishers(PLAYER_READY):
-            self.get_logger().info(f"tick {self._plant.tick}: no player of a scenario any more; continuing without it")
+            self.get_logger().info(
+                f"tick {self._plant.tick}: no player of a scenario any more; continuing without it"
+            )
             self._go_on_without_player()
         elif waited_s >= self._settings["lockstep_timeout_s"]:
-            self.get_logger().warning(f"tick {self._plant.tick}: the player does not answer; continuing without it")
+            self.get_logger().warning(
+                f"tick {self._plant.tick}: the player does not answer; continuing without it"
+            )
             self._go_on_without_player()
 
     def _watch_answer(self, waited_s: float) -> None:
         values = self._settings.values
         publishers = ", ".join(self._writers.names) or "no node"
-        what = (
-            f"no command for tick {self._plant.tick} within {waited_s:.1f} s (fsw/command is published by {publishers})"
-        )
+        what = f"no command for tick {self._plant.tick} within {waited_s:.1f} s"
+        what += f" (fsw/command is published by {publishers})"
         if 0.0 < values["lockstep_give_up_s"] <= waited_s:
             raise SystemExit(f"fsw_plant: {what}; giving up")
         if not self._pace.must_repeat(time.monotonic(), values["lockstep_timeout_s"]):
@@ -298,7 +341,9 @@ class PlantNode(ManagedNode):
                 reports.clock(mode, self._running, self._stamps.jumps, self._pace.resent),
                 reports.process(plant),
                 reports.watchdog(plant),
-                reports.commands(plant.gate, new, self._writers.names, self._writers.unauthorised()),
+                reports.commands(
+                    plant.gate, new, self._writers.names, self._writers.unauthorised()
+                ),
                 reports.sensors(plant),
             ]
         )

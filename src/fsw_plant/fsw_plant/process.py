@@ -25,7 +25,9 @@ _reduced: dict[CanisterParameters, CompactCanister] = {}
 class PlantProcess(Protocol):
     """What a plant asks of its process."""
 
-    def start(self, depth_mm: float, temperature_c: float, power_kw: float, motion: Motion) -> Equilibrium:
+    def start(
+        self, depth_mm: float, temperature_c: float, power_kw: float, motion: Motion
+    ) -> Equilibrium:
         """Where a weld starts; on a canister, what ``power_kw`` has heated while the tool had this motion.
 
         Raises
@@ -35,7 +37,12 @@ class PlantProcess(Protocol):
         """
 
     def advance(
-        self, state: ProcessState, force_kn: float, speed_rpm: float, motion: Motion, added_nm: float = 0.0
+        self,
+        state: ProcessState,
+        force_kn: float,
+        speed_rpm: float,
+        motion: Motion,
+        added_nm: float = 0.0,
     ) -> None:
         """Advance ``state`` in place by one step with the inputs held, and ``added_nm`` to M_sp of (18).
 
@@ -59,19 +66,27 @@ class PaperProcess:
         self._model = ProcessModel(parameters)
         self.outputs = self._model.outputs
 
-    def start(self, depth_mm: float, temperature_c: float, power_kw: float, motion: Motion) -> Equilibrium:
+    def start(
+        self, depth_mm: float, temperature_c: float, power_kw: float, motion: Motion
+    ) -> Equilibrium:
         """As of :class:`PlantProcess`."""
         return self._model.equilibrium(depth_mm, temperature_c)
 
     def advance(
-        self, state: ProcessState, force_kn: float, speed_rpm: float, motion: Motion, added_nm: float = 0.0
+        self,
+        state: ProcessState,
+        force_kn: float,
+        speed_rpm: float,
+        motion: Motion,
+        added_nm: float = 0.0,
     ) -> None:
         """As of :class:`PlantProcess`."""
         self._model.step(state, force_kn, speed_rpm)
         if added_nm:
             lag_s = self._model.parameters.motor_lag_s
             state.x = (*state.x[:MOTOR], state.x[MOTOR] + lag_risen(lag_s) * added_nm)
-            # what is added rises within the step as 1 - exp(-s / lag): the first and the last function of the power
+            # what is added rises within the step as 1 - exp(-s / lag): the first and the last
+            # function of the power
             more_kw = power_kw(added_nm, speed_rpm)
             constant, linear, square, fading = state.power[-1]
             state.power[-1] = (constant + more_kw, linear, square, fading - more_kw)
@@ -111,7 +126,9 @@ def reduced(parameters: CanisterParameters, progress: Progress | None = None) ->
     if parameters not in _reduced:
         make = loaded("fsw.processes", "canister")
         if make is None:
-            raise InputError("process canister: nothing here makes its heat model: pip install 'fsw-lab[canister]'")
+            raise InputError(
+                "process canister: nothing here makes its heat model: pip install 'fsw-lab[canister]'"
+            )
         made: CompactCanister = make(parameters, progress=progress)
         _reduced.clear()
         _reduced[parameters] = made

@@ -51,7 +51,9 @@ def watchdog(plant: PlantEmulator) -> Report:
 def sensors(plant: PlantEmulator) -> Report:
     """Active faults and disturbances, which were set on purpose."""
     faults = list(map(str, plant.faults.values()))
-    disturbances = [str(item) for item in plant.disturbances.values() if not item.over(plant.time_s)]
+    disturbances = [
+        str(item) for item in plant.disturbances.values() if not item.over(plant.time_s)
+    ]
     values = {"faults": ", ".join(faults), "disturbances": ", ".join(disturbances)}
     if faults or disturbances:
         return Report("sensors", WARN, f"emulated: {', '.join(faults + disturbances)}", values)

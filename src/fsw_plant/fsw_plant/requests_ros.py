@@ -28,4 +28,6 @@ def event_request(event: PlantEvent) -> Any:
             period=event.period_s,
         )
     magnitude = units.to_si(amount, magnitude_unit(event.target, kind))
-    return SetFault.Request(sensor=event.target, kind=kind, magnitude=magnitude, duration=event.duration_s)
+    return SetFault.Request(
+        sensor=event.target, kind=kind, magnitude=magnitude, duration=event.duration_s
+    )

@@ -29,7 +29,9 @@ class EventEntry(Model):
         kinds = list(EventEntry.model_fields)[1:]
         given = [kind for kind in kinds if getattr(self, kind) is not None]
         if len(given) != 1:
-            raise ValueError(f"needs exactly one of {', '.join(kinds)}, has {' and '.join(given) or 'none of them'}")
+            raise ValueError(
+                f"needs exactly one of {', '.join(kinds)}, has {' and '.join(given) or 'none of them'}"
+            )
         return self
 
     def plant_event(self) -> PlantEvent | None:
@@ -96,7 +98,9 @@ class PlantSchedule:
             If an event is not understood; the message says where and what is allowed.
         """
         content = content_of(text, where)
-        scenario = validate(_Scenario, content if isinstance(content, dict) else {"events": content}, where)
+        scenario = validate(
+            _Scenario, content if isinstance(content, dict) else {"events": content}, where
+        )
         return cls.of(scenario.events, scenario.path)
 
     @classmethod

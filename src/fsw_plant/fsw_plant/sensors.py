@@ -22,7 +22,9 @@ class Noise(NamedTuple):
 
     deviation: float = 0.0  #: standard deviation of the noise, in the sensor's unit; 0: none
     resolution: float = 0.0  #: quantisation, in the sensor's unit; 0: none
-    correlation_s: float = 0.0  #: time after which the noise's autocorrelation is down to 1/e; 0: white
+    correlation_s: float = (
+        0.0  #: time after which the noise's autocorrelation is down to 1/e; 0: white
+    )
 
     @property
     def autocorrelation(self) -> float:
@@ -33,8 +35,9 @@ class Noise(NamedTuple):
 class Sensor:
     """One sensor with its noise, a first-order Gauss-Markov process whose samples are exact: n' = a n + sqrt(1 - a²) e.
 
-    Here a = exp(-tick / correlation time), and the e are standard normal. The first sample is a stationary one. Each
-    reading takes one random number, whatever happens to it, so the stream depends on seed and tick alone.
+    Here a = exp(-tick / correlation time), and the e are standard normal. The first sample is a
+    stationary one. Each reading takes one random number, whatever happens to it, so the stream
+    depends on seed and tick alone.
     """
 
     def __init__(self, seed: int, index: int, noise: Noise) -> None:
@@ -63,7 +66,9 @@ class Sensor:
             return round(value / self._resolution) * self._resolution
         return value
 
-    def send(self, value: float, stamp_ns: int, fault: Fault | None, time_s: float) -> tuple[Sample, ...]:
+    def send(
+        self, value: float, stamp_ns: int, fault: Fault | None, time_s: float
+    ) -> tuple[Sample, ...]:
         """The samples of ``value`` that leave the sensor at a tick, with its fault at that time."""
         last, self._last = self._last, self.read(value)
         sample = Sample(stamp_ns, self._last)
@@ -73,8 +78,9 @@ class Sensor:
 class Probe:
     """The thermocouple's probe: it follows the temperature around it with a first-order lag, 0: at once.
 
-    Between two ticks the process's temperature is taken as a straight line and a disturbance of it as held, for which
-    the lag is solved exactly. At the start, when the process has the temperature ``start_c``, the probe is at rest.
+    Between two ticks the process's temperature is taken as a straight line and a disturbance of it
+    as held, for which the lag is solved exactly. At the start, when the process has the
+    temperature ``start_c``, the probe is at rest.
     """
 
     def __init__(self, lag_s: float, start_c: float) -> None:
@@ -113,12 +119,17 @@ class Sensors:
         self._probe.advance(process_c)
 
     def send(
-        self, values: Mapping[str, float], stamp_ns: int, faults: Mapping[str, Fault], time_s: float
+        self,
+        values: Mapping[str, float],
+        stamp_ns: int,
+        faults: Mapping[str, Fault],
+        time_s: float,
     ) -> dict[str, tuple[Sample, ...]]:
         """The samples of the values that leave the sensors at a tick, by sensor."""
         shown = {**values, "thermocouple": self._probe.read(values["thermocouple"])}
         return {
-            name: sensor.send(shown[name], stamp_ns, faults.get(name), time_s) for name, sensor in self._all.items()
+            name: sensor.send(shown[name], stamp_ns, faults.get(name), time_s)
+            for name, sensor in self._all.items()
         }
 
 

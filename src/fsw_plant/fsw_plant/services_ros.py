@@ -37,23 +37,31 @@ class PlantServices:
     ) -> SetDisturbance.Response:
         def act() -> str:
             amplitude = units.from_si(request.amplitude, amplitude_unit(request.channel))
-            wanted = disturbance(request.channel, request.shape, amplitude, request.duration, request.period)
+            wanted = disturbance(
+                request.channel, request.shape, amplitude, request.duration, request.period
+            )
             self._plant.begin(wanted)
             return f"{request.channel}: {request.shape} from the next tick on"
 
         self._answer(response, f"disturbance, amplitude {request.amplitude:g}", act)
         return response
 
-    def _on_set_fault(self, request: SetFault.Request, response: SetFault.Response) -> SetFault.Response:
+    def _on_set_fault(
+        self, request: SetFault.Request, response: SetFault.Response
+    ) -> SetFault.Response:
         def act() -> str:
-            magnitude = units.from_si(request.magnitude, magnitude_unit(request.sensor, request.kind))
+            magnitude = units.from_si(
+                request.magnitude, magnitude_unit(request.sensor, request.kind)
+            )
             self._plant.begin(fault(request.sensor, request.kind, magnitude, request.duration))
             return f"{request.sensor}: {request.kind} from the next tick on"
 
         self._answer(response, f"fault, magnitude {request.magnitude:g}", act)
         return response
 
-    def _on_reset(self, request: ResetPlant.Request, response: ResetPlant.Response) -> ResetPlant.Response:
+    def _on_reset(
+        self, request: ResetPlant.Request, response: ResetPlant.Response
+    ) -> ResetPlant.Response:
         def act() -> str:
             self._plant.reset(
                 seed=None if request.seed < 0 else request.seed,

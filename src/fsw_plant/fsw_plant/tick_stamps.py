@@ -6,7 +6,8 @@ from math import copysign
 
 from fsw_control.weld import TICK_NS
 
-#: Distance of a stamp from the wall clock at which it is drawn back towards it, and at which it jumps to it.
+#: Distance of a stamp from the wall clock at which it is drawn back towards it, and at which it
+#: jumps to it.
 DRAW_NS = 5_000_000
 JUMP_NS = TICK_NS // 2
 #: Largest correction per tick: 100 ppm, more than clocks differ.
@@ -16,8 +17,9 @@ NUDGE_NS = 10_000
 class TickStamps:
     """Stamps exactly one tick apart, independent of the timer's jitter, that follow the wall clock and never go back.
 
-    Where the wall clock goes back against the steady clock, it was set: the stamps continue as if it had not been.
-    So no stamp comes twice, and no command to a new measurement looks like one to an old measurement.
+    Where the wall clock goes back against the steady clock, it was set: the stamps continue as if
+    it had not been. So no stamp comes twice, and no command to a new measurement looks like one to
+    an old measurement.
     """
 
     def __init__(self) -> None:
@@ -36,7 +38,9 @@ class TickStamps:
             return wall_ns
         if abs(set_by_ns) > JUMP_NS:
             before_ns, self.ahead_ns = self.ahead_ns, max(0, self.ahead_ns - set_by_ns)
-            self.jumps += self.ahead_ns - before_ns == -set_by_ns  # otherwise the stamps jump below
+            self.jumps += (
+                self.ahead_ns - before_ns == -set_by_ns
+            )  # otherwise the stamps jump below
         now_ns, stamp = wall_ns + self.ahead_ns, self._last_ns + TICK_NS
         off = now_ns - stamp
         if abs(off) > JUMP_NS:

@@ -38,7 +38,9 @@ def check_order(path: Sequence[Waypoint]) -> None:
         if path[i].at_s <= path[i - 1].at_s:
             raise problem("is not later than the point before it", "path", i, "at_s")
         if path[i].arc_mm < path[i - 1].arc_mm:
-            raise problem("goes back: the tool travels one way around the canister", "path", i, "arc_mm")
+            raise problem(
+                "goes back: the tool travels one way around the canister", "path", i, "arc_mm"
+            )
 
 
 class Motion(NamedTuple):
@@ -59,12 +61,16 @@ class ToolPath:
         self._at_s = [one.at_s for one in points]
         self._axial_mm = [one.axial_mm for one in points]
         # one number for each part of the path: the canister computes anew for another
-        self._speeds = [(two.arc_mm - one.arc_mm) / (two.at_s - one.at_s) for one, two in pairwise(points)]
+        self._speeds = [
+            (two.arc_mm - one.arc_mm) / (two.at_s - one.at_s) for one, two in pairwise(points)
+        ]
 
     @classmethod
     def of(cls, points: Sequence[Waypoint], config: PlantConfig) -> ToolPath:
         """The path of these points; without any, the steady motion that a plant's settings have."""
-        return cls(points, Motion(config["tool.traverse_mm_per_min"] / 60.0, config["tool.axial_mm"]))
+        return cls(
+            points, Motion(config["tool.traverse_mm_per_min"] / 60.0, config["tool.axial_mm"])
+        )
 
     def motion(self, time_s: float, standing: bool = False) -> Motion:
         """Motion over the tick that begins at a time; ``standing``: held there."""

@@ -22,10 +22,11 @@ class WatchdogState(IntEnum):
 class Watchdog:
     """Measures the time since the last valid command.
 
-    OK until ``timeout_s`` without a valid command; then HOLD: the last command stays; after another ``hold_s`` SAFE:
-    the force goes down to ``safe_force_kn`` at ``safe_rate_kn_per_s`` (a lower force stays) and the spindle keeps the
-    speed it has. A valid command ends both at once. Before the first valid command it holds and does not go to
-    SAFE, unless ``armed_at_start``. The settings are those of ``plant.yaml``.
+    OK until ``timeout_s`` without a valid command; then HOLD: the last command stays; after
+    another ``hold_s`` SAFE: the force goes down to ``safe_force_kn`` at ``safe_rate_kn_per_s`` (a
+    lower force stays) and the spindle keeps the speed it has. A valid command ends both at once.
+    Before the first valid command it holds and does not go to SAFE, unless ``armed_at_start``. The
+    settings are those of ``plant.yaml``.
     """
 
     def __init__(self, config: PlantConfig) -> None:
@@ -47,12 +48,15 @@ class Watchdog:
     def expire(self) -> None:
         """Ramp to the safe state now: the commands that come do not carry out a safe stop that is in force."""
         self.armed = True
-        self.age_s = max(self.age_s, self.config["watchdog.timeout_s"] + self.config["watchdog.hold_s"])
+        self.age_s = max(
+            self.age_s, self.config["watchdog.timeout_s"] + self.config["watchdog.hold_s"]
+        )
 
     def advance(self, force_kn: float, elapsed_s: float = STEP_S) -> float:
         """Decide for the step that begins now, and count it: the force to apply instead of ``force_kn``.
 
-        ``elapsed_s`` is the time since the step before on the steady clock; it counts where the steps are late.
+        ``elapsed_s`` is the time since the step before on the steady clock; it counts where the
+        steps are late.
         """
         step_s = min(max(elapsed_s, STEP_S), _LONGEST_STEP_S)
         self.age_s += step_s - STEP_S
@@ -63,6 +67,8 @@ class Watchdog:
             self.state = WatchdogState.SAFE if safe else WatchdogState.HOLD
             safe_force_kn = config["watchdog.safe_force_kn"]
             if safe and force_kn > safe_force_kn:
-                force_kn = max(safe_force_kn, force_kn - config["watchdog.safe_rate_kn_per_s"] * step_s)
+                force_kn = max(
+                    safe_force_kn, force_kn - config["watchdog.safe_rate_kn_per_s"] * step_s
+                )
         self.age_s += STEP_S
         return force_kn

@@ -37,7 +37,11 @@ class Graph(Spinner):
         self.plant = PlantNode()
         self.executor.add_node(self.plant)
         if connected:
-            self.until(lambda: all(self.peer.got[name] for name in ("depth", "torque", "temperature", "truth")))
+            self.until(
+                lambda: all(
+                    self.peer.got[name] for name in ("depth", "torque", "temperature", "truth")
+                )
+            )
         return self.peer
 
     def stop(self):
@@ -62,7 +66,10 @@ class Peer:
         from fsw_msgs.msg import PlantState, ShoulderDepth, SpindleTorque, WeldCommand
 
         self.node = node
-        self.got = {name: [] for name in ("depth", "torque", "temperature", "truth", "diagnostics", "clock")}
+        self.got = {
+            name: []
+            for name in ("depth", "torque", "temperature", "truth", "diagnostics", "clock")
+        }
         self.answer, self.stop = answer, Stop()
         stream = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
         for name, kind, topic in (
@@ -73,7 +80,10 @@ class Peer:
         ):
             node.create_subscription(kind, topic, self.got[name].append, stream)
         node.create_subscription(
-            Clock, "/clock", self.got["clock"].append, QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+            Clock,
+            "/clock",
+            self.got["clock"].append,
+            QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT),
         )
         # The thermocouple is published last: when it is here, the tick is complete.
         node.create_subscription(Temperature, "fsw/thermocouple", self._on_temperature, stream)

@@ -17,7 +17,9 @@ STILL = Motion(0.0, 0.0)
 
 def plant_of(schedule="", **values):
     values = {"process": "canister", "noise": False, "start.temperature_c": 800.0} | values
-    return PlantEmulator(PlantConfig.from_values(values), PlantSchedule.from_yaml(schedule) if schedule else None)
+    return PlantEmulator(
+        PlantConfig.from_values(values), PlantSchedule.from_yaml(schedule) if schedule else None
+    )
 
 
 def advance(plant, ticks):
@@ -51,7 +53,9 @@ def test_the_thermocouple_lags_by_the_tool_behind_what_it_meets(block):
         rate * (p.dead_time_s + p.tool_lag_s), rel=2e-3
     )
     tool = state.x[4]
-    state.copper.extend([tool + 10.0] * len(state.copper))  # not how it comes about, but a step for the tool
+    state.copper.extend(
+        [tool + 10.0] * len(state.copper)
+    )  # not how it comes about, but a step for the tool
     while len(state.copper) > process._delay_steps + 1:
         state.copper.popleft()
     process.advance(state, start.force_kn, start.speed_rpm, STILL)
@@ -64,7 +68,9 @@ def test_the_power_of_24_heats_the_canister_and_nothing_else_does(block):
     advance(plant, 100)
     powers = plant.truth().process_power_kw
     assert plant._state.canister.energy_kj - before == pytest.approx(10.0 * powers, rel=0.05)
-    assert plant.truth().copper_temperature_c == pytest.approx(20.0 + 0.1 * plant._state.canister.energy_kj)
+    assert plant.truth().copper_temperature_c == pytest.approx(
+        20.0 + 0.1 * plant._state.canister.energy_kj
+    )
 
 
 def test_a_torque_that_is_added_heats_the_canister_as_much_as_the_motor_shows(block):
@@ -77,11 +83,15 @@ def test_a_torque_that_is_added_heats_the_canister_as_much_as_the_motor_shows(bl
         for plant in plants:
             advance(plant, 1)
         powers.append(plants[0].truth().process_power_kw - plants[1].truth().process_power_kw)
-    more, less = (plant._state.canister.energy_kj - was for plant, was in zip(plants, before, strict=True))
+    more, less = (
+        plant._state.canister.energy_kj - was for plant, was in zip(plants, before, strict=True)
+    )
     assert sum(powers) > 8.0 and more - less == pytest.approx(0.1 * sum(powers), rel=0.02)
 
 
-def test_it_starts_where_the_thermocouple_shows_the_start_and_the_drives_give_the_heating_power(block):
+def test_it_starts_where_the_thermocouple_shows_the_start_and_the_drives_give_the_heating_power(
+    block,
+):
     plant = plant_of(**{"start.power_kw": 48.0, "start.depth_mm": 2.7})
     truth = plant.truth()
     assert 800.0 <= truth.temperature_c < 801.0
@@ -90,7 +100,9 @@ def test_it_starts_where_the_thermocouple_shows_the_start_and_the_drives_give_th
 
 
 def test_a_start_that_cannot_be_is_one_line(block):
-    with pytest.raises(OperatingPointError, match=r"start at 800 degC: 1 kW leave .*; raise start.power_kw"):
+    with pytest.raises(
+        OperatingPointError, match=r"start at 800 degC: 1 kW leave .*; raise start.power_kw"
+    ):
         plant_of(**{"start.power_kw": 1.0})
     with pytest.raises(OperatingPointError, match="beyond the drives' limits"):
         plant_of(**{"start.power_kw": 80.0})
@@ -153,7 +165,10 @@ def test_what_is_late_of_the_programme_is_taken_for_its_tick(block):
 @pytest.mark.parametrize(
     ("path", "words"),
     [
-        ("[{at_s: 1.0, arc_mm: 0.0}, {at_s: 1.0, arc_mm: 1.0}]", "not later than the point before"),
+        (
+            "[{at_s: 1.0, arc_mm: 0.0}, {at_s: 1.0, arc_mm: 1.0}]",
+            "not later than the point before",
+        ),
         ("[{at_s: 0.0, arc_mm: 2.0}, {at_s: 1.0, arc_mm: 1.0}]", "goes back"),
         ("[{at_s: 0.0, arc_mm: 2.0, axial_mm: 900.0}]", "axial_mm = 900 is outside"),
     ],
@@ -164,7 +179,9 @@ def test_a_path_that_cannot_be_is_one_line(path, words):
 
 
 def test_the_path_between_and_beyond_its_points():
-    path = ToolPath([Waypoint(at_s=1.0, arc_mm=0.0), Waypoint(at_s=3.0, arc_mm=4.0, axial_mm=2.0)], STILL)
+    path = ToolPath(
+        [Waypoint(at_s=1.0, arc_mm=0.0), Waypoint(at_s=3.0, arc_mm=4.0, axial_mm=2.0)], STILL
+    )
     assert path.motion(0.0) == (0.0, 0.0)
     assert path.motion(1.9) == (pytest.approx(2.0), pytest.approx(1.0))
     assert path.motion(2.0, standing=True) == (0.0, pytest.approx(1.0))
@@ -178,7 +195,9 @@ def test_parameters_of_the_canister_are_parameters_of_the_plant():
     with pytest.raises(InputError, match=r"canister.wall_mm: -1 is outside"):
         PlantConfig.from_values({"canister.wall_mm": -1})
     with pytest.raises(InputError, match="must be less than outer_radius_mm"):
-        PlantConfig.from_values({"process": "canister", "canister": {"wall_mm": 400.0, "outer_radius_mm": 300.0}})
+        PlantConfig.from_values(
+            {"process": "canister", "canister": {"wall_mm": 400.0, "outer_radius_mm": 300.0}}
+        )
     with pytest.raises(InputError, match=r"process: 'steel' is not one of paper, canister"):
         PlantConfig.from_values({"process": "steel"})
 
@@ -186,7 +205,9 @@ def test_parameters_of_the_canister_are_parameters_of_the_plant():
 def test_a_change_of_the_dead_time_while_running_keeps_the_history(block):
     plant = plant_of()
     newest = list(plant._state.copper)[-5:]
-    plant.reconfigure(PlantConfig.from_values({"process": "canister", "noise": False, "model.dead_time_s": 0.5}))
+    plant.reconfigure(
+        PlantConfig.from_values({"process": "canister", "noise": False, "model.dead_time_s": 0.5})
+    )
     assert list(plant._state.copper)[-5:] == newest
     assert len(plant._state.copper) == 15
     advance(plant, 5)

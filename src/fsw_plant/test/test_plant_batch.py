@@ -21,7 +21,9 @@ COLOURED = {
 def commands(k):
     """Steps that meet the bounds and the rates."""
     ticks = np.arange(N_TICKS)
-    force = 78.4 + 1.2 * np.sin(0.11 * ticks + k) + np.where(ticks % 200 < 3, 30.0 * (-1) ** k, 0.0)
+    force = (
+        78.4 + 1.2 * np.sin(0.11 * ticks + k) + np.where(ticks % 200 < 3, 30.0 * (-1) ** k, 0.0)
+    )
     return np.stack([force, 407.6 + 60.0 * np.sin(0.031 * ticks + 2 * k)])
 
 
@@ -37,7 +39,9 @@ def test_each_is_a_single_plant(settings):
     disturbances[70:, 1] = 4.0
     batch = PlantBatch(PlantConfig.from_values(settings), 3, disturbances)
     batch.reset(np.arange(3), np.array([7, 8, 9]))
-    singles = [PlantEmulator(PlantConfig.from_values({**settings, "seed": seed})) for seed in (7, 8, 9)]
+    singles = [
+        PlantEmulator(PlantConfig.from_values({**settings, "seed": seed})) for seed in (7, 8, 9)
+    ]
     for tick in range(1, N_TICKS + 1):
         shown = batch.measure()
         for k, single in enumerate(singles):
@@ -51,7 +55,9 @@ def test_each_is_a_single_plant(settings):
             assert batch.acting[:, k] == pytest.approx(tuple(reading.drives), rel=1e-13)
             truth = single.truth()
             depth, temperature = batch.truth()
-            assert (depth[k], temperature[k]) == pytest.approx((truth.depth_mm, truth.temperature_c), rel=1e-13)
+            assert (depth[k], temperature[k]) == pytest.approx(
+                (truth.depth_mm, truth.temperature_c), rel=1e-13
+            )
             if tick in (100, 400):
                 single.begin(disturbance("axial_force", "step" if tick == 100 else "none", 0.4))
             if tick == 300:

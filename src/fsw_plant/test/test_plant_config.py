@@ -17,7 +17,10 @@ from fsw_schema.models import InputError
 def test_defaults_are_those_of_the_design():
     config = PlantConfig.from_values({})
     assert config.limits == Limits(60.0, 95.0, 300.0, 500.0, force_step_kn=1.0, speed_step_rpm=3.0)
-    noise = [config[f"sensors.{name}"] for name in ("depth_noise_mm", "temperature_noise_c", "torque_noise_nm")]
+    noise = [
+        config[f"sensors.{name}"]
+        for name in ("depth_noise_mm", "temperature_noise_c", "torque_noise_nm")
+    ]
     assert noise == [0.002, 0.1, 2.0]
     assert config["actuators.lag_s"] == 0.02 and config["watchdog.timeout_s"] == 1.0
 
@@ -28,8 +31,12 @@ def test_every_model_parameter_can_differ():
 
 
 def test_nested_and_dotted_are_the_same():
-    nested = PlantConfig.from_values({"seed": 3, "start": {"depth_mm": 2.7}, "model": {"copper_lag_s": 1.1}})
-    assert nested == PlantConfig.from_values({"seed": 3, "start.depth_mm": 2.7, "model.copper_lag_s": 1.1})
+    nested = PlantConfig.from_values(
+        {"seed": 3, "start": {"depth_mm": 2.7}, "model": {"copper_lag_s": 1.1}}
+    )
+    assert nested == PlantConfig.from_values(
+        {"seed": 3, "start.depth_mm": 2.7, "model.copper_lag_s": 1.1}
+    )
 
 
 @pytest.mark.parametrize(
@@ -42,7 +49,10 @@ def test_nested_and_dotted_are_the_same():
         ("start: {depth_mm: 9}", "start.depth_mm: 9 is outside 1 to 5 mm"),
         ("limits: {force_min_kn: 95}", r"limits: force_min \(95\) must be below force_max \(95\)"),
         ("model: {copper_lag_s: 0}", "outside 0.1 to 10"),
-        ("model: {dead_time_s: 0.1, depth_pole_fast_s: 9}", "depth_pole_fast_s = 0.00855 is outside 1e-06 to 0.005"),
+        (
+            "model: {dead_time_s: 0.1, depth_pole_fast_s: 9}",
+            "depth_pole_fast_s = 0.00855 is outside 1e-06 to 0.005",
+        ),
     ],
 )
 def test_wrong_settings(text, words):
@@ -71,14 +81,23 @@ def event(**content):
         (event(reference={}, switch="a"), "exactly one of .* has reference and switch"),
         (event(fault={}), r"events\[0\].fault lacks sensor; events\[0\].fault lacks kind"),
         ([{"fault": {"sensor": "depth", "kind": "nan"}}], r"events\[0\] lacks at_s"),
-        ([{"at_s": -1, "fault": {"sensor": "depth", "kind": "nan"}}], "-1 is outside 0 to 36000 s"),
+        (
+            [{"at_s": -1, "fault": {"sensor": "depth", "kind": "nan"}}],
+            "-1 is outside 0 to 36000 s",
+        ),
         (event(fault=3), r"events\[0\].fault is 3, not a mapping"),
         (event(fault={"kind": "nan"}), r"events\[0\].fault lacks sensor"),
         (event(fault={"sensor": "depth", "kind": "odd"}), "fault.kind is 'odd'; one of freeze"),
-        (event(fault={"sensor": "depth", "kind": "nan", "size": 1}), "fault.size is an unknown key; known: sensor"),
+        (
+            event(fault={"sensor": "depth", "kind": "nan", "size": 1}),
+            "fault.size is an unknown key; known: sensor",
+        ),
         (event(fault={"sensor": "depth", "kind": "bias"}), "lacks magnitude_mm"),
         (event(fault={"sensor": "depth", "kind": "delay"}), "lacks magnitude_s"),
-        (event(fault={"sensor": "depth", "kind": "delay", "magnitude_s": 99}), "99 is outside 0 to 60 s"),
+        (
+            event(fault={"sensor": "depth", "kind": "delay", "magnitude_s": 99}),
+            "99 is outside 0 to 60 s",
+        ),
         (
             event(fault={"sensor": "depth", "kind": "bias", "magnitude": 1, "magnitude_mm": 1}),
             "magnitude is an unknown key; did",
@@ -87,14 +106,23 @@ def event(**content):
             event(fault={"sensor": "depth", "kind": "bias", "magnitude_c": 1}),
             "lacks magnitude_mm.* has magnitude_c",
         ),
-        (event(disturbance={"channel": "traverse", "shape": "step"}), "is 'traverse'; one of depth, temperature"),
+        (
+            event(disturbance={"channel": "traverse", "shape": "step"}),
+            "is 'traverse'; one of depth, temperature",
+        ),
         (event(disturbance={"channel": "depth", "shape": "step"}), "lacks amplitude_mm"),
         (
             event(disturbance={"channel": "depth", "shape": "step", "amplitude_c": 1}),
             "has amplitude_c, which",
         ),
-        (event(disturbance={"channel": "depth", "shape": "step", "amplitude_mm": "x"}), "is 'x', not a number"),
-        (event(disturbance={"channel": "depth", "shape": "ramp", "amplitude_mm": 1}), "lacks duration_s"),
+        (
+            event(disturbance={"channel": "depth", "shape": "step", "amplitude_mm": "x"}),
+            "is 'x', not a number",
+        ),
+        (
+            event(disturbance={"channel": "depth", "shape": "ramp", "amplitude_mm": 1}),
+            "lacks duration_s",
+        ),
     ],
 )
 def test_wrong_events(events, words):
@@ -160,7 +188,14 @@ def test_schedule_from_text_and_file(tmp_path):
         assert [e.target for e in schedule.due(3.2)] == ["thermocouple", "torque"]
         assert [e.kind for e in schedule.due(1e9)] == ["none"] and schedule.due(1e9) == []
     assert not PlantSchedule.from_text_or_file("  ").events
-    assert len(PlantSchedule.from_text_or_file("[{at_s: 1, fault: {sensor: depth, kind: nan}}]").events) == 1
+    assert (
+        len(
+            PlantSchedule.from_text_or_file(
+                "[{at_s: 1, fault: {sensor: depth, kind: nan}}]"
+            ).events
+        )
+        == 1
+    )
 
 
 @pytest.mark.parametrize("source", ["/nowhere/s.yaml", "a: b: c\n", "{", "\0"])

@@ -85,25 +85,41 @@ def test_trajectory_without_lag_is_that_of_the_model():
         speed = min(max(speed + generator.uniform(-3, 3), 300.0), 500.0)
         commands.append(Command(force, speed))
     readings = run(plant, commands)
-    exact = ProcessModel().simulate([c.force_kn for c in commands], [c.speed_rpm for c in commands])
+    exact = ProcessModel().simulate(
+        [c.force_kn for c in commands], [c.speed_rpm for c in commands]
+    )
     for k, reading in enumerate(readings):
         assert reading.samples["depth"][0].value == pytest.approx(exact["depth_mm"][k], rel=1e-12)
-        assert reading.samples["thermocouple"][0].value == pytest.approx(exact["temperature_c"][k], rel=1e-12)
-        turn = 0.0 if k == 0 else commands[k - 1].speed_rpm - (commands[k - 2].speed_rpm if k > 1 else start.speed_rpm)
+        assert reading.samples["thermocouple"][0].value == pytest.approx(
+            exact["temperature_c"][k], rel=1e-12
+        )
+        turn = (
+            0.0
+            if k == 0
+            else commands[k - 1].speed_rpm
+            - (commands[k - 2].speed_rpm if k > 1 else start.speed_rpm)
+        )
         inertia = 2.0 * turn * pi / 30.0 / 0.1
-        assert reading.samples["torque"][0].value == pytest.approx(exact["motor_torque_nm"][k] + inertia, rel=1e-12)
+        assert reading.samples["torque"][0].value == pytest.approx(
+            exact["motor_torque_nm"][k] + inertia, rel=1e-12
+        )
 
 
 def test_inertia_spike_is_in_the_sensor_and_not_in_the_truth_or_the_process():
-    plant, still = plant_of(noise=False), plant_of(noise=False, model={"spindle_inertia_kgm2": 0.1})
+    plant, still = (
+        plant_of(noise=False),
+        plant_of(noise=False, model={"spindle_inertia_kgm2": 0.1}),
+    )
     start = plant.applied
     faster = Command(start.force_kn, start.speed_rpm + 3.0)
     shown = run(plant, [faster] * 5)
     shown_still = run(still, [faster] * 5)
-    assert shown[1].samples["torque"][0].value - shown_still[1].samples["torque"][0].value == pytest.approx(
-        1.8 * pi, rel=0.01
+    assert shown[1].samples["torque"][0].value - shown_still[1].samples["torque"][
+        0
+    ].value == pytest.approx(1.8 * pi, rel=0.01)
+    assert shown[4].samples["torque"][0].value == pytest.approx(
+        shown_still[4].samples["torque"][0].value, abs=1e-3
     )
-    assert shown[4].samples["torque"][0].value == pytest.approx(shown_still[4].samples["torque"][0].value, abs=1e-3)
     assert plant.truth().motor_torque_nm == still.truth().motor_torque_nm
     assert plant.truth().temperature_c == still.truth().temperature_c
 
@@ -143,7 +159,9 @@ def temperatures(readings):
 def test_slow_probe_starts_at_rest_and_hides_what_the_truth_tells():
     plant, quick = (plant_of(noise=False, sensors=sensors) for sensors in (SLOW, {}))
     hold = [plant.applied] * 10
-    assert temperatures(run(plant, hold)) == pytest.approx(temperatures(run(quick, hold)), abs=1e-6)
+    assert temperatures(run(plant, hold)) == pytest.approx(
+        temperatures(run(quick, hold)), abs=1e-6
+    )
     start_c = quick.truth().temperature_c
     for one in (plant, quick):
         one.begin(disturbance("temperature", "step", 10.0))
@@ -162,7 +180,9 @@ def test_slow_probe_feels_a_disturbance_until_the_next_tick():
     plant.measure()
     plant.begin(disturbance("temperature", "none", 0.0))
     plant.step()
-    assert temperatures(run(plant, [plant.applied])) == [pytest.approx(start_c + 10.0 * (1.0 - exp(-0.05)), abs=1e-4)]
+    assert temperatures(run(plant, [plant.applied])) == [
+        pytest.approx(start_c + 10.0 * (1.0 - exp(-0.05)), abs=1e-4)
+    ]
 
 
 @pytest.mark.parametrize("kind", ["nan", "freeze", "dropout"])
@@ -186,7 +206,13 @@ def test_slow_probe_is_at_rest_after_a_reset_and_where_it_was_after_a_change():
 
 
 def test_quantisation():
-    plant = plant_of(sensors={"depth_resolution_mm": 0.01, "temperature_noise_c": 0.0, "temperature_resolution_c": 0.5})
+    plant = plant_of(
+        sensors={
+            "depth_resolution_mm": 0.01,
+            "temperature_noise_c": 0.0,
+            "temperature_resolution_c": 0.5,
+        }
+    )
     for depth, _, temperature in values_of(run(plant, [plant.applied] * 20)):
         assert depth * 100 == pytest.approx(round(depth * 100), abs=1e-9)
         assert temperature == 816.5
@@ -216,9 +242,14 @@ def test_a_channel_and_a_sensor_carry_one_event_at_a_time():
     assert not plant.disturbances and not plant.faults
     plant.begin(fault("depth", "dropout", duration_s=0.1))
     plant.step()
-    assert plant.measure().samples["depth"] == () and plant.truth().active_faults == ("depth:dropout",)
+    assert plant.measure().samples["depth"] == () and plant.truth().active_faults == (
+        "depth:dropout",
+    )
     plant.step()
-    assert plant.measure().samples["depth"][0].value == pytest.approx(2.66) and plant.truth().active_faults == ()
+    assert (
+        plant.measure().samples["depth"][0].value == pytest.approx(2.66)
+        and plant.truth().active_faults == ()
+    )
 
 
 def test_input_disturbance_acts_on_the_process():
@@ -262,11 +293,16 @@ def test_replacing_an_input_disturbance_leaves_no_gap():
 def test_events_act_at_their_tick():
     events = [
         {"at_s": 0.5, "disturbance": {"channel": "depth", "shape": "step", "amplitude_mm": 0.1}},
-        {"at_s": 0.5, "disturbance": {"channel": "axial_force", "shape": "step", "amplitude_kn": 1.0}},
+        {
+            "at_s": 0.5,
+            "disturbance": {"channel": "axial_force", "shape": "step", "amplitude_kn": 1.0},
+        },
         {"at_s": 0.65, "fault": {"sensor": "thermocouple", "kind": "dropout", "duration_s": 0.2}},
         {"at_s": 0.2, "reference": {"depth_mm": 2.7}},
     ]
-    plant = PlantEmulator(PlantConfig.from_values({"noise": False}), PlantSchedule.from_yaml(yaml.safe_dump(events)))
+    plant = PlantEmulator(
+        PlantConfig.from_values({"noise": False}), PlantSchedule.from_yaml(yaml.safe_dump(events))
+    )
     readings, forces = [], []
     for _ in range(12):
         readings.append(plant.measure())
@@ -275,7 +311,9 @@ def test_events_act_at_their_tick():
         plant.step()
     assert [r.tick for r in readings if r.samples["depth"][0].value > 2.7] == list(range(5, 13))
     assert [r.tick for r in readings if not r.samples["thermocouple"]] == [7, 8]
-    assert [r.tick for r, f in zip(readings, forces, strict=True) if f > 79.0] == list(range(6, 13))
+    assert [r.tick for r, f in zip(readings, forces, strict=True) if f > 79.0] == list(
+        range(6, 13)
+    )
 
 
 def test_drives_report_what_acts_with_its_disturbance():
@@ -291,10 +329,15 @@ def test_drives_report_what_acts_with_its_disturbance():
 
 
 def test_torque_drop_with_speed_is_in_the_sensor_only():
-    plant, plain = plant_of(noise=False, sensors={"torque_drop_nm_per_rpm": 0.4}), plant_of(noise=False)
+    plant, plain = (
+        plant_of(noise=False, sensors={"torque_drop_nm_per_rpm": 0.4}),
+        plant_of(noise=False),
+    )
     faster = Command(plant.applied.force_kn, plant.applied.speed_rpm + 30.0)
     shown, shown_plain = run(plant, [faster] * 30), run(plain, [faster] * 30)
-    assert shown[0].samples["torque"][0].value == pytest.approx(shown_plain[0].samples["torque"][0].value, abs=1e-4)
+    assert shown[0].samples["torque"][0].value == pytest.approx(
+        shown_plain[0].samples["torque"][0].value, abs=1e-4
+    )
     assert shown[29].samples["torque"][0].value == pytest.approx(
         shown_plain[29].samples["torque"][0].value - 12.0, abs=1e-3
     )
@@ -302,7 +345,9 @@ def test_torque_drop_with_speed_is_in_the_sensor_only():
 
 
 def test_mismatch_changes_the_plant_and_its_equilibrium():
-    plant = plant_of(noise=False, model={"thermal_gain_c_per_kw": 1.2}, start={"temperature_c": 826.4})
+    plant = plant_of(
+        noise=False, model={"thermal_gain_c_per_kw": 1.2}, start={"temperature_c": 826.4}
+    )
     power_kw = 43.6 + 10.0 / (18.1 * 1.2)
     assert plant.truth().process_power_kw == pytest.approx(power_kw)
     assert plant.applied.speed_rpm == pytest.approx(407.576 * power_kw / 43.6, abs=1e-3)
@@ -325,23 +370,39 @@ def test_own_model_parameters_from_a_file(tmp_path):
 def test_settings_change_while_running():
     plant = plant_of(noise=False)
     run(plant, [plant.applied] * 40)
-    slow = {"noise": False, "limits": {"force_rate_kn_per_s": 1.0}, "model": {"dead_time_s": 3.0 / 2.8}}
+    slow = {
+        "noise": False,
+        "limits": {"force_rate_kn_per_s": 1.0},
+        "model": {"dead_time_s": 3.0 / 2.8},
+    }
     plant.reconfigure(PlantConfig.from_values(slow))
     run(plant, [Command(80.0, plant.applied.speed_rpm)] * 10)
     assert plant.truth().force_kn == pytest.approx(79.4, abs=2e-3)
     plant.reconfigure(PlantConfig.from_values({"model": {"dead_time_s": 2.0 / 2.8}}))
-    assert all(isfinite(v) for row in values_of(run(plant, [Command(80.0, 410.0)] * 40)) for v in row)
+    assert all(
+        isfinite(v) for row in values_of(run(plant, [Command(80.0, 410.0)] * 40)) for v in row
+    )
 
 
 def test_process_that_leaves_the_copper_stops_and_is_still_measured():
-    config = {"noise": False, "watchdog": {"timeout_s": 60.0}, "start": {"depth_mm": 1.0, "temperature_c": 816.4}}
-    plant = plant_of(**config, limits={"force_min_kn": 10.0, "force_rate_kn_per_s": 1000.0, "speed_max_rpm": 2000.0})
+    config = {
+        "noise": False,
+        "watchdog": {"timeout_s": 60.0},
+        "start": {"depth_mm": 1.0, "temperature_c": 816.4},
+    }
+    plant = plant_of(
+        **config,
+        limits={"force_min_kn": 10.0, "force_rate_kn_per_s": 1000.0, "speed_max_rpm": 2000.0},
+    )
     low = Command(10.0, plant.applied.speed_rpm)
     for _ in range(5000):
         plant.measure()
         plant.apply(low)
         plant.step()
-    assert plant.stopped.startswith("process stopped at ") and "in the copper, above 0 mm" in plant.stopped
+    assert (
+        plant.stopped.startswith("process stopped at ")
+        and "in the copper, above 0 mm" in plant.stopped
+    )
     first, second = values_of(run(plant, [low] * 2))
     assert first == second and all(isfinite(value) for value in first)
     plant.reset()
@@ -376,7 +437,9 @@ def test_reset_between_measurement_and_command():
 
 
 def test_start_beyond_the_drives_is_refused():
-    with pytest.raises(OperatingPointError, match=r"start: 2\.66 mm, 560 degC needs 78\.40 kN and 275.. rpm"):
+    with pytest.raises(
+        OperatingPointError, match=r"start: 2\.66 mm, 560 degC needs 78\.40 kN and 275.. rpm"
+    ):
         plant_of(start={"temperature_c": 560.0})
 
 
@@ -400,7 +463,9 @@ def test_whatever_comes_the_drives_stay_within_their_limits(junk):
         truth = plant.truth()
         forces.append(truth.force_kn)
         speeds.append(truth.speed_rpm)
-    assert all(60.0 <= force <= 95.0 for force in forces) and all(300.0 <= speed <= 500.0 for speed in speeds)
+    assert all(60.0 <= force <= 95.0 for force in forces) and all(
+        300.0 <= speed <= 500.0 for speed in speeds
+    )
     assert all(abs(b - a) <= 1.0 + 1e-9 for a, b in pairwise(forces))
     assert all(abs(b - a) <= 3.0 + 1e-9 for a, b in pairwise(speeds))
     assert plant.stopped == ""

@@ -45,7 +45,9 @@ def test_it_ticks_while_active_and_is_safe_when_deactivated(graph, capfd):
     assert peer.got["truth"][-1].axial_force > 79e3
     assert change(Transition.TRANSITION_DEACTIVATE)
     assert plant._plant.applied.force_kn == plant._settings["watchdog.safe_force_kn"]
-    graph.until(lambda: not peer.node.count_subscribers("fsw/command"), "the end of its subscription")
+    graph.until(
+        lambda: not peer.node.count_subscribers("fsw/command"), "the end of its subscription"
+    )
     assert not any("set_disturbance" in name for name, _ in plant.get_service_names_and_types())
     seen = len(peer.got["truth"])
     assert change(Transition.TRANSITION_ACTIVATE)
@@ -64,7 +66,9 @@ def test_it_ticks_while_active_and_is_safe_when_deactivated(graph, capfd):
     graph.until(lambda: not peer.node.count_publishers("fsw/depth"))
     assert change(Transition.TRANSITION_CONFIGURE) and change(Transition.TRANSITION_ACTIVATE)
     client = peer.node.create_client(SetDisturbance, "fsw/plant/set_disturbance")
-    assert graph.call(client, SetDisturbance.Request(channel="depth", shape="step", amplitude=1e-4)).ok
+    assert graph.call(
+        client, SetDisturbance.Request(channel="depth", shape="step", amplitude=1e-4)
+    ).ok
     assert change(Transition.TRANSITION_ACTIVE_SHUTDOWN)
     graph.until(lambda: not peer.node.count_publishers("fsw/depth"))
 
@@ -91,5 +95,8 @@ def test_it_says_why_it_cannot_be_activated_beside_another(graph, capfd):
 
 def test_how_much_of_the_truth_is_kept_may_be_overridden(graph):
     graph.start("-p", "qos_overrides./fsw/plant/truth.publisher.depth:=3", connected=False)
-    assert (graph.plant._truths.qos_profile.depth, graph.plant._drives.qos_profile.depth) == (3, SENT.depth)
+    assert (graph.plant._truths.qos_profile.depth, graph.plant._drives.qos_profile.depth) == (
+        3,
+        SENT.depth,
+    )
     assert not graph.plant.has_parameter("qos_overrides./fsw/plant/truth.publisher.reliability")

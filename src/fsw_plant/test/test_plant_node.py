@@ -19,7 +19,15 @@ from fsw_control.single_instance_ros import AnotherPlantError
 from fsw_control.stop import Stop as Register
 from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM
 from fsw_control.units import mm_from_m, rpm_from_rad_s
-from fsw_msgs.msg import ControllerHealth, DriveFeedback, PlantState, Stop, SupervisorState, WeldCommand, WeldProgress
+from fsw_msgs.msg import (
+    ControllerHealth,
+    DriveFeedback,
+    PlantState,
+    Stop,
+    SupervisorState,
+    WeldCommand,
+    WeldProgress,
+)
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
 from fsw_plant.plant_node import PlantNode, main
@@ -35,7 +43,9 @@ def test_lockstep_gives_the_trajectory_of_the_emulator(graph):
     generator = random.Random(3)
     moves = [(generator.uniform(-1, 1), generator.uniform(-3, 3)) for _ in range(300)]
     events = "[{at_s: 5, disturbance: {channel: depth, shape: step, amplitude_mm: 0.1}}, "
-    events += "{at_s: 8, fault: {sensor: thermocouple, kind: bias, magnitude_c: 3.0, duration_s: 4}}]"
+    events += (
+        "{at_s: 8, fault: {sensor: thermocouple, kind: bias, magnitude_c: 3.0, duration_s: 4}}]"
+    )
     force, speed, sent = 78.4, 407.576, []
 
     def answer(tick, stamp):
@@ -46,20 +56,29 @@ def test_lockstep_gives_the_trajectory_of_the_emulator(graph):
             sent.append(Command(force, speed))
             graph.peer.command(stamp, force, speed)
 
-    peer = graph.start(speed=0.0, seed=5, model__copper_lag_s=1.1, scenario=f'"{events}"', answer=answer)
+    peer = graph.start(
+        speed=0.0, seed=5, model__copper_lag_s=1.1, scenario=f'"{events}"', answer=answer
+    )
     graph.until(lambda: len(peer.got["temperature"]) > len(moves))
     offline = PlantEmulator(
-        PlantConfig.from_values({"seed": 5, "model.copper_lag_s": 1.1}), PlantSchedule.from_yaml(events)
+        PlantConfig.from_values({"seed": 5, "model.copper_lag_s": 1.1}),
+        PlantSchedule.from_yaml(events),
     )
     for k, command in enumerate(sent):
         reading, truth = offline.measure(), offline.truth()
-        assert mm_from_m(peer.got["depth"][k].depth) == pytest.approx(reading.samples["depth"][0].value, rel=1e-9)
-        assert peer.got["torque"][k].torque == pytest.approx(reading.samples["torque"][0].value, rel=1e-9)
+        assert mm_from_m(peer.got["depth"][k].depth) == pytest.approx(
+            reading.samples["depth"][0].value, rel=1e-9
+        )
+        assert peer.got["torque"][k].torque == pytest.approx(
+            reading.samples["torque"][0].value, rel=1e-9
+        )
         assert peer.got["temperature"][k].temperature == pytest.approx(
             reading.samples["thermocouple"][0].value, rel=1e-9
         )
         assert peer.got["truth"][k].axial_force == pytest.approx(truth.force_kn * 1e3, rel=1e-9)
-        assert rpm_from_rad_s(peer.got["truth"][k].spindle_speed) == pytest.approx(truth.speed_rpm, rel=1e-9)
+        assert rpm_from_rad_s(peer.got["truth"][k].spindle_speed) == pytest.approx(
+            truth.speed_rpm, rel=1e-9
+        )
         assert offline.apply(command) == ""
         offline.step()
     for topic in SENSOR_TOPICS:
@@ -79,7 +98,9 @@ def test_on_a_canister_the_tool_goes_where_the_programme_says(graph, block):
 
     def tell(state, time_s):
         stamp = peer.got["depth"][-1].header.stamp
-        progress.publish(WeldProgress(header=Header(stamp=stamp), state=state, time_left=1000.0 - time_s))
+        progress.publish(
+            WeldProgress(header=Header(stamp=stamp), state=state, time_left=1000.0 - time_s)
+        )
 
     graph.until(lambda: progress.get_subscription_count() == 1)
     tell("held", 500.0)
@@ -122,7 +143,9 @@ def test_lockstep_waits_for_a_player_while_there_is_one(graph, monkeypatch):
     """
     ready, awaited, wait = None, [], Publisher.wait_for_all_acked
     monkeypatch.setattr(
-        Publisher, "wait_for_all_acked", lambda *given: awaited.append(graph.plant._plant.tick) or wait(*given)
+        Publisher,
+        "wait_for_all_acked",
+        lambda *given: awaited.append(graph.plant._plant.tick) or wait(*given),
     )
 
     def answer(tick, stamp):
@@ -134,7 +157,9 @@ def test_lockstep_waits_for_a_player_while_there_is_one(graph, monkeypatch):
     truth = graph.start(speed=0.0, lockstep_timeout_s=600.0, answer=answer).got["truth"]
     graph.until(lambda: len(truth) == 3 and len(graph.peer.got["temperature"]) == 3)
     ready = graph.peer.node.create_publisher(Header, PLAYER_READY, LATEST)
-    graph.until(lambda: ready.get_subscription_count() and graph.plant.count_publishers(PLAYER_READY))
+    graph.until(
+        lambda: ready.get_subscription_count() and graph.plant.count_publishers(PLAYER_READY)
+    )
     answer(3, truth[-1].header.stamp)
     graph.peer.command(truth[-1].header.stamp)
     graph.until(lambda: len(truth) == 9)
@@ -161,7 +186,8 @@ def test_lockstep_goes_on_without_a_player_that_hangs(graph):
     graph.until(lambda: len(truth) > 30)
 
 
-#: receives fsw/depth up to a stamp in seconds, and prints how many ticks are missing between the first and the last
+#: receives fsw/depth up to a stamp in seconds, and prints how many ticks are missing between the
+#: first and the last
 LISTENER = """
 import sys
 import rclpy
@@ -227,14 +253,27 @@ def test_lockstep_waits_once_for_a_subscriber_that_hangs(graph, monkeypatch):
 
 def counts(peer):
     values = {pair.key: pair.value for pair in peer.report("commands").values}
-    return {key.removeprefix("refused: "): int(value) for key, value in values.items() if key.startswith("refused: ")}
+    return {
+        key.removeprefix("refused: "): int(value)
+        for key, value in values.items()
+        if key.startswith("refused: ")
+    }
 
 
 def test_silent_lockstep_is_reported_sent_again_and_goes_on(graph):
     peer = graph.start(speed=0.0, lockstep_timeout_s=0.2)
-    graph.until(lambda: peer.stamps("depth").count(TICK_NS) >= 2 and peer.stamps("truth").count(TICK_NS) >= 2)
+    graph.until(
+        lambda: (
+            peer.stamps("depth").count(TICK_NS) >= 2 and peer.stamps("truth").count(TICK_NS) >= 2
+        )
+    )
     assert set(peer.stamps("depth")) == {TICK_NS}
-    graph.until(lambda: peer.report("clock") and peer.report("clock").message == "no command answers the last tick")
+    graph.until(
+        lambda: (
+            peer.report("clock")
+            and peer.report("clock").message == "no command answers the last tick"
+        )
+    )
     assert peer.report("clock").level == b"\x02"
     peer.command(peer.got["depth"][-1].header.stamp)
     graph.until(lambda: 2 * TICK_NS in peer.stamps("depth"))
@@ -256,7 +295,9 @@ def test_a_repeated_tick_does_not_wait_for_the_player_again(graph):
     """The player has answered it and hears nothing new."""
     peer = graph.start(speed=0.0, lockstep_timeout_s=600.0)
     ready = peer.node.create_publisher(Header, PLAYER_READY, LATEST)
-    graph.until(lambda: ready.get_subscription_count() and graph.plant.count_publishers(PLAYER_READY))
+    graph.until(
+        lambda: ready.get_subscription_count() and graph.plant.count_publishers(PLAYER_READY)
+    )
     ready.publish(Header(stamp=peer.got["depth"][-1].header.stamp))
     graph.until(lambda: graph.plant._pace.player_present)
     second = peer.node.create_publisher(WeldCommand, "fsw/command", STREAM)
@@ -268,7 +309,9 @@ def test_a_repeated_tick_does_not_wait_for_the_player_again(graph):
 
 def test_dead_lockstep_ends_with_an_error(graph):
     graph.start(speed=0.0, lockstep_timeout_s=0.1, lockstep_give_up_s=0.3)
-    with pytest.raises(SystemExit, match=r"no command for tick 1 within .* published by peer\); giving up"):
+    with pytest.raises(
+        SystemExit, match=r"no command for tick 1 within .* published by peer\); giving up"
+    ):
         graph.until(lambda: False)
 
 
@@ -277,12 +320,16 @@ def test_real_time_ticks_at_10_hz_with_one_stamp_per_tick(graph):
     begin = time.time_ns()
     heard = len(peer.got["temperature"])
     graph.until(lambda: len(peer.got["temperature"]) >= heard + 8)
-    assert (time.time_ns() - begin) * 1e-9 > 0.5  # the first of these may be overdue, and the second soon after it
+    assert (
+        time.time_ns() - begin
+    ) * 1e-9 > 0.5  # the first of these may be overdue, and the second soon after it
 
     def steps():
         return [after - before for before, after in pairwise(peer.stamps("temperature"))]
 
-    graph.until(lambda: steps().count(TICK_NS) >= 6)  # a busy machine may force jumps, which are other steps
+    graph.until(
+        lambda: steps().count(TICK_NS) >= 6
+    )  # a busy machine may force jumps, which are other steps
     stamps = peer.stamps("temperature")
     for topic in SENSOR_TOPICS:
         graph.until(lambda topic=topic: len(peer.stamps(topic)) >= len(stamps))
@@ -316,7 +363,11 @@ def test_watchdog_holds_and_ramps_until_that_is_acknowledged(graph):
     graph.until(lambda: peer.got["truth"][-1].axial_force < 65.001e3)
     assert peer.got["truth"][-1].watchdog == PlantState.WATCHDOG_SAFE
     assert rpm_from_rad_s(peer.got["truth"][-1].spindle_speed) == pytest.approx(410.0)
-    ramp = [state.axial_force for state in peer.got["truth"] if state.watchdog == PlantState.WATCHDOG_SAFE]
+    ramp = [
+        state.axial_force
+        for state in peer.got["truth"]
+        if state.watchdog == PlantState.WATCHDOG_SAFE
+    ]
     assert all(0.0 <= a - b <= 201.0 for a, b in pairwise(ramp))
     graph.until(lambda: (report := peer.report("watchdog")) and report.level == b"\x02")
     assert "force goes to 65 kN, spindle keeps turning" in peer.report("watchdog").message
@@ -346,16 +397,22 @@ def test_disturbance_and_fault_services(graph):
     peer = graph.start(speed=50.0, noise="false")
     disturb = peer.node.create_client(SetDisturbance, "fsw/plant/set_disturbance")
     fault = peer.node.create_client(SetFault, "fsw/plant/set_fault")
-    answer = graph.call(disturb, SetDisturbance.Request(channel="depth", shape="step", amplitude=1e-4))
+    answer = graph.call(
+        disturb, SetDisturbance.Request(channel="depth", shape="step", amplitude=1e-4)
+    )
     assert answer.ok and answer.message == "depth: step from the next tick on"
     graph.until(lambda: peer.got["truth"][-1].depth_disturbance == pytest.approx(1e-4))
     graph.until(lambda: peer.got["depth"][-1].depth == pytest.approx(2.76e-3))
     speed = SetDisturbance.Request(channel="spindle_speed", shape="step", amplitude=1.0)
     assert graph.call(disturb, speed).ok
     graph.until(lambda: peer.got["truth"][-1].speed_disturbance == pytest.approx(1.0))
-    answer = graph.call(disturb, SetDisturbance.Request(channel="traverse", shape="step", amplitude=1.0))
+    answer = graph.call(
+        disturb, SetDisturbance.Request(channel="traverse", shape="step", amplitude=1.0)
+    )
     assert not answer.ok and "'traverse'; one of depth" in answer.message
-    answer = graph.call(disturb, SetDisturbance.Request(channel="depth", shape="step", amplitude=1e6))
+    answer = graph.call(
+        disturb, SetDisturbance.Request(channel="depth", shape="step", amplitude=1e6)
+    )
     assert not answer.ok and "outside -1 to 1 mm" in answer.message
     assert graph.call(disturb, SetDisturbance.Request(channel="depth", shape="none")).ok
     graph.until(lambda: peer.got["truth"][-1].depth_disturbance == 0.0)
@@ -369,7 +426,9 @@ def test_disturbance_and_fault_services(graph):
     assert not answer.ok and "'odd'; one of freeze" in answer.message
     answer = graph.call(fault, SetFault.Request(sensor="depth", kind="bias", magnitude=1e6))
     assert not answer.ok and "outside -5 to 5 mm" in answer.message
-    graph.until(lambda: (report := peer.report("sensors")) and "thermocouple:nan" in report.message)
+    graph.until(
+        lambda: (report := peer.report("sensors")) and "thermocouple:nan" in report.message
+    )
 
 
 def test_reset_service(graph):
@@ -395,7 +454,10 @@ def test_sensors_are_announced_last_so_that_who_has_them_has_the_other_topics_of
 def test_first_tick_waits_for_subscribers(graph):
     peer = graph.start(speed=0.0, wait_for_subscribers=2, lockstep_timeout_s=0.1, connected=False)
     graph.until(lambda: peer.report("clock") is not None)
-    assert peer.report("clock").message == "first tick waits for subscribers" and not peer.got["depth"]
+    assert (
+        peer.report("clock").message == "first tick waits for subscribers"
+        and not peer.got["depth"]
+    )
     from sensor_msgs.msg import Temperature
 
     from fsw_msgs.msg import ShoulderDepth, SpindleTorque
@@ -418,7 +480,11 @@ def test_with_two_publishers_of_commands_only_known_sources_are_obeyed(graph):
     peer.command(peer.got["depth"][-1].header.stamp, 79.0, source="anybody")
     graph.until(lambda: peer.got["truth"][-1].axial_force == pytest.approx(79e3, abs=1.0))
     second = peer.node.create_publisher(peer.commands.msg_type, "fsw/command", 10)
-    graph.until(lambda: (report := peer.report("commands")) and "2 publishers: peer, peer" in report.message)
+    graph.until(
+        lambda: (
+            (report := peer.report("commands")) and "2 publishers: peer, peer" in report.message
+        )
+    )
     assert peer.report("commands").level == b"\x01"  # as while a standby takes over
     peer.command(peer.got["depth"][-1].header.stamp, 80.0, source="intruder")
     graph.until(lambda: peer.got["truth"][-1].refused_commands >= 1)
@@ -440,8 +506,14 @@ def test_parameters_at_runtime(graph):
         return plant.set_parameters([Parameter(name, value=value)])[0]
 
     assert set_one("noise", False).successful
-    graph.until(lambda: peer.got["depth"] and peer.got["depth"][-1].depth == pytest.approx(2.66e-3, abs=1e-10))
-    assert set_one("scenario", "[{at_s: 0, disturbance: {channel: depth, shape: step, amplitude_mm: 0.2}}]").successful
+    graph.until(
+        lambda: (
+            peer.got["depth"] and peer.got["depth"][-1].depth == pytest.approx(2.66e-3, abs=1e-10)
+        )
+    )
+    assert set_one(
+        "scenario", "[{at_s: 0, disturbance: {channel: depth, shape: step, amplitude_mm: 0.2}}]"
+    ).successful
     graph.until(lambda: peer.got["depth"][-1].depth == pytest.approx(2.86e-3, abs=1e-10))
     assert set_one("model.thermal_gain_c_per_kw", 1.2).successful
     for name, value, words in (
@@ -459,13 +531,22 @@ def test_parameters_at_runtime(graph):
 def test_namespace(graph):
     graph.start("-r", "__ns:=/left", speed=50.0, connected=False)
     names = {name for name, _ in graph.plant.get_topic_names_and_types()}
-    assert {"/left/fsw/depth", "/left/fsw/command", "/left/fsw/plant/truth", "/clock", "/diagnostics"} <= names
+    assert {
+        "/left/fsw/depth",
+        "/left/fsw/command",
+        "/left/fsw/plant/truth",
+        "/clock",
+        "/diagnostics",
+    } <= names
 
 
 def test_second_plant_is_refused(graph):
     graph.start(speed=0.0, discovery_s=0.3)  # lockstep: silent but alive
     command = [sys.executable, "-m", "fsw_plant.plant_node", "--ros-args"]
-    command += ["-p", "discovery_s:=10.0"]  # ends as soon as it hears the other's report or a repeated tick
+    command += [
+        "-p",
+        "discovery_s:=10.0",
+    ]  # ends as soon as it hears the other's report or a repeated tick
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, env=environment, **pipes) as process:

@@ -48,7 +48,10 @@ def test_actuator_without_lag():
 
 
 def test_sensors_have_streams_of_their_own():
-    streams = [[sensor.read(0.0) for _ in range(50)] for sensor in (Sensor(1, i, Noise(1.0)) for i in range(3))]
+    streams = [
+        [sensor.read(0.0) for _ in range(50)]
+        for sensor in (Sensor(1, i, Noise(1.0)) for i in range(3))
+    ]
     assert len({tuple(stream) for stream in streams}) == 3
     assert Sensor(1, 0, Noise(1.0, 0.5)).read(3.0) * 2 % 1 == 0
     assert Sensor(1, 0, Noise()).read(3.3) == 3.3
@@ -63,7 +66,9 @@ def test_noise_decays_with_its_correlation_time(correlation_s):
     assert abs(noise.mean()) < 0.15
     for ticks in (1, 5, 20):
         found = np.mean(noise[ticks:] * noise[:-ticks]) / np.mean(noise**2)
-        assert found == pytest.approx(exp(-0.1 * ticks / correlation_s) if correlation_s else 0.0, abs=0.06)
+        assert found == pytest.approx(
+            exp(-0.1 * ticks / correlation_s) if correlation_s else 0.0, abs=0.06
+        )
 
 
 def test_correlated_noise_is_stationary_from_the_first_sample():
@@ -90,7 +95,9 @@ def test_probe_follows_steps_and_ramps_exactly():
         ramp.advance(800.0 + 0.5 * tick)
         t, met_c = 0.1 * tick, 800.0 + 0.5 * tick
         assert step.read(810.0) == pytest.approx(800.0 + 10.0 * (1.0 - exp(-t / 3.0)), abs=1e-9)
-        assert ramp.read(met_c) == pytest.approx(800.0 + 5.0 * (t - 3.0 * (1.0 - exp(-t / 3.0))), abs=1e-9)
+        assert ramp.read(met_c) == pytest.approx(
+            800.0 + 5.0 * (t - 3.0 * (1.0 - exp(-t / 3.0))), abs=1e-9
+        )
 
 
 @given(st.floats(0.0, 60.0), st.lists(st.floats(500.0, 1000.0), min_size=2, max_size=30))
@@ -109,10 +116,18 @@ def disturbance(shape, amplitude, duration_s=0.0, period_s=0.0, at_s=1.0):
     "disturbance, times, values",
     [
         (disturbance("step", 2.0), (0.9, 1.0, 99.0), (0.0, 2.0, 2.0)),
-        (disturbance("step", 2.0, 0.5), (0.9, 1.0, 99.0), (0.0, 2.0, 2.0)),  # a step has no duration
+        (
+            disturbance("step", 2.0, 0.5),
+            (0.9, 1.0, 99.0),
+            (0.0, 2.0, 2.0),
+        ),  # a step has no duration
         (disturbance("ramp", 2.0, 4.0), (0.9, 1.0, 2.0, 5.0, 99.0), (0.0, 0.0, 0.5, 2.0, 2.0)),
         (disturbance("pulse", 2.0, 0.3), (0.9, 1.0, 1.2, 1.3, 99.0), (0.0, 2.0, 2.0, 0.0, 0.0)),
-        (disturbance("sine", 2.0, 0.0, 4.0), (0.9, 1.0, 2.0, 4.0, 41.5), (0, 0, 2.0, -2.0, 2 * sin(pi / 4))),
+        (
+            disturbance("sine", 2.0, 0.0, 4.0),
+            (0.9, 1.0, 2.0, 4.0, 41.5),
+            (0, 0, 2.0, -2.0, 2 * sin(pi / 4)),
+        ),
         (disturbance("sine", 2.0, 1.5, 4.0), (2.0, 2.5), (2.0, 0.0)),
         (disturbance("none", 2.0), (0.0, 9.0), (0.0, 0.0)),
     ],
@@ -127,7 +142,9 @@ def passed(kind, magnitude=0.0, duration_s=0.0, ticks=8):
     for tick in range(ticks):
         sample = Sample(tick, 100.0 + tick)
         works = tick < 3 or fault.over(tick / 10)
-        sent.append([tuple(s) for s in ([sample] if works else fault.pass_on(sample, tick / 10, last))])
+        sent.append(
+            [tuple(s) for s in ([sample] if works else fault.pass_on(sample, tick / 10, last))]
+        )
         last = sample.value
     return sent
 
@@ -140,13 +157,18 @@ def passed(kind, magnitude=0.0, duration_s=0.0, ticks=8):
         (("bias", 5.0, 0.2), [[(3, 108)], [(4, 109)], [(5, 105)], [(6, 106)], [(7, 107)]]),
         (("drift", 10.0, 0.3), [[(3, 103)], [(4, 105)], [(5, 107)], [(6, 106)], [(7, 107)]]),
         (("spike", 5.0, 0.0), [[(3, 108)], [(4, 104)], [(5, 105)], [(6, 106)], [(7, 107)]]),
-        (("duplicate", 0.0, 0.1), [[(3, 103)] * 2, [(4, 104)], [(5, 105)], [(6, 106)], [(7, 107)]]),
+        (
+            ("duplicate", 0.0, 0.1),
+            [[(3, 103)] * 2, [(4, 104)], [(5, 105)], [(6, 106)], [(7, 107)]],
+        ),
         (("delay", 0.2, 0.4), [[], [], [(3, 103)], [(4, 104)], [(7, 107)]]),
     ],
 )
 def test_faults(fault, expected):
     sent = passed(*fault)
-    assert [[(stamp, pytest.approx(value)) for stamp, value in tick] for tick in expected] == sent[3:]
+    assert [[(stamp, pytest.approx(value)) for stamp, value in tick] for tick in expected] == sent[
+        3:
+    ]
 
 
 def test_nan_fault():
@@ -154,7 +176,9 @@ def test_nan_fault():
 
 
 def test_spikes_repeat_once_a_second():
-    assert [tick[0][0] for tick in passed("spike", 50.0, 2.05, ticks=40) if tick[0][1] > 145.0] == [3, 13, 23]
+    assert [
+        tick[0][0] for tick in passed("spike", 50.0, 2.05, ticks=40) if tick[0][1] > 145.0
+    ] == [3, 13, 23]
 
 
 def test_freeze_at_the_very_first_sample():
@@ -177,7 +201,9 @@ def test_watchdog_holds_then_ramps_to_the_safe_force():
     dog.feed()
     history = drive_watchdog(dog, 78.4, 150)
     states = [state for state, _ in history]
-    assert states == [WatchdogState.OK] * 10 + [WatchdogState.HOLD] * 20 + [WatchdogState.SAFE] * 120
+    assert (
+        states == [WatchdogState.OK] * 10 + [WatchdogState.HOLD] * 20 + [WatchdogState.SAFE] * 120
+    )
     assert [force for _, force in history[:30]] == [78.4] * 30
     assert history[30][1] == pytest.approx(78.2)  # 2 kN/s
     assert history[40][1] == pytest.approx(76.2)
@@ -254,7 +280,9 @@ def test_limits_survive_the_units_of_the_wire():
 def test_stamps_are_one_tick_apart_whatever_the_jitter():
     stamps, now = TickStamps(), 1_700_000_000_000_000_000
     jitter = [0, 3_000_000, 0, 4_900_000, 200_000] * 20
-    seen = [stamps.next(now + k * TICK_NS + late, k * TICK_NS + late) for k, late in enumerate(jitter)]
+    seen = [
+        stamps.next(now + k * TICK_NS + late, k * TICK_NS + late) for k, late in enumerate(jitter)
+    ]
     assert seen == [now + k * TICK_NS for k in range(100)]
     assert stamps.jumps == 0
 
@@ -262,7 +290,9 @@ def test_stamps_are_one_tick_apart_whatever_the_jitter():
 def test_stamps_follow_the_wall_clock():
     stamps = TickStamps()
     stamps.next(0, 0)
-    seen = [stamps.next(k * TICK_NS + 20_000_000, k * TICK_NS + 20_000_000) for k in range(1, 3000)]
+    seen = [
+        stamps.next(k * TICK_NS + 20_000_000, k * TICK_NS + 20_000_000) for k in range(1, 3000)
+    ]
     assert all(TICK_NS <= b - a <= TICK_NS + NUDGE_NS for a, b in pairwise(seen))
     assert 2999 * TICK_NS + 20_000_000 - seen[-1] <= 5_010_000
     assert stamps.jumps == 0
@@ -274,7 +304,10 @@ def test_stamps_follow_the_wall_clock():
 
 @given(
     st.lists(
-        st.tuples(st.integers(0, 3 * TICK_NS), st.sampled_from([0, 0, 0, -9, 9, -36_000, 36_000, -4])), max_size=60
+        st.tuples(
+            st.integers(0, 3 * TICK_NS), st.sampled_from([0, 0, 0, -9, 9, -36_000, 36_000, -4])
+        ),
+        max_size=60,
     )
 )
 def test_no_stamp_comes_twice_however_the_wall_clock_is_set(moves):
@@ -285,7 +318,9 @@ def test_no_stamp_comes_twice_however_the_wall_clock_is_set(moves):
         wall_ns += elapsed_ns + set_by_ticks * TICK_NS
         seen.append(stamps.next(wall_ns, steady_ns))
     assert all(before < after for before, after in pairwise(seen))
-    assert seen[-1] >= wall_ns - 2 * TICK_NS, "set-points that are sent now must not lie in the future"
+    assert seen[-1] >= wall_ns - 2 * TICK_NS, (
+        "set-points that are sent now must not lie in the future"
+    )
 
 
 def test_a_clock_that_is_set_back_again_and_again_does_not_repeat_stamps():
@@ -320,7 +355,9 @@ def test_watchdog_of_a_plant_that_was_suspended_does_not_ramp_at_once():
 def test_dead_time_of_a_drive_is_the_same_motion_later(dead, targets):
     prompt, late = Actuator(78.4, 1.0, 0.02), Actuator(78.4, 1.0, 0.02, dead)
     expected = [78.4] * dead + [prompt.advance(target) for target in targets]
-    assert [late.advance(target) for target in targets] == pytest.approx(expected[: len(targets)], abs=1e-12)
+    assert [late.advance(target) for target in targets] == pytest.approx(
+        expected[: len(targets)], abs=1e-12
+    )
 
 
 def test_dead_time_of_a_drive_may_change_on_the_way():
@@ -336,9 +373,17 @@ def test_lockstep_repeats_an_unanswered_tick_in_time_and_at_once_for_a_new_write
     pace = Lockstep()
     pace.begin(10.0)
     assert not pace.must_repeat(11.9, 2.0)
-    assert pace.must_repeat(12.0, 2.0) and not pace.must_repeat(13.9, 2.0) and pace.must_repeat(14.0, 2.0)
+    assert (
+        pace.must_repeat(12.0, 2.0)
+        and not pace.must_repeat(13.9, 2.0)
+        and pace.must_repeat(14.0, 2.0)
+    )
     pace.on_new_writer()
-    assert pace.must_repeat(14.1, 2.0) and not pace.must_repeat(14.5, 2.0) and pace.must_repeat(14.6, 2.0)
+    assert (
+        pace.must_repeat(14.1, 2.0)
+        and not pace.must_repeat(14.5, 2.0)
+        and pace.must_repeat(14.6, 2.0)
+    )
     pace.answered = True
     assert not pace.must_repeat(99.0, 2.0)
     pace.begin(100.0)

@@ -49,7 +49,11 @@ def start(commands: Sequence[str], folder: Path) -> subprocess.Popen[bytes]:
         with suppress(OSError):  # a network's file system may have no locks
             fcntl.flock(lock, fcntl.LOCK_EX)  # until that process ends, which inherits it
         return subprocess.Popen(
-            words, stdin=subprocess.DEVNULL, start_new_session=True, env=environment, pass_fds=[lock]
+            words,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+            env=environment,
+            pass_fds=[lock],
         )
     finally:
         os.close(lock)
@@ -66,7 +70,9 @@ def wait(folder: Path, say: Callable[[str], object]) -> None:
     try:
         fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
-        say(f"waiting for what the recorder runs with the finished bag; {folder / LOG_NAME} will tell of it")
+        say(
+            f"waiting for what the recorder runs with the finished bag; {folder / LOG_NAME} will tell of it"
+        )
         fcntl.flock(lock, fcntl.LOCK_SH)
     except OSError:  # no locks here
         pass
@@ -87,7 +93,11 @@ def run(commands: Sequence[str], folder: Path) -> str:
         words = [word.replace(BAG, str(folder)) for word in shlex.split(command)]
         try:
             done = subprocess.run(
-                words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False
+                words,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                check=False,
             )
             code, output = f"exit code {done.returncode}", done.stdout.decode(errors="replace")
             failed = done.returncode != 0
@@ -100,7 +110,9 @@ def run(commands: Sequence[str], folder: Path) -> str:
             file.write(f"$ {shlex.join(words)}\n{output}{code}\n")
         if failed:
             last = " ".join((output.strip().splitlines() or ["it printed nothing"])[-1].split())
-            return f"on_finished: {words[0]} failed ({code}): {last}; the bag is unharmed, see {log}"
+            return (
+                f"on_finished: {words[0]} failed ({code}): {last}; the bag is unharmed, see {log}"
+            )
     return ""
 
 

@@ -23,7 +23,8 @@ CHUNK_BYTES = 1024 * 1024
 class _Committed:
     """The stream that ``mcap`` writes to: everything reaches the file in one write per `flush`, or not at all.
 
-    When a write fails (disk full, ...) the file is cut back to what was there before, so it never ends inside a record.
+    When a write fails (disk full, ...) the file is cut back to what was there before, so it never
+    ends inside a record.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -56,7 +57,8 @@ class _Committed:
 class BagFile:
     """One MCAP file that is being written, in an open folder wherever that is moved.
 
-    `added` counts all messages, `committed` those that no failure can lose; any method may raise an OSError.
+    `added` counts all messages, `committed` those that no failure can lose; any method may raise
+    an OSError.
     """
 
     def __init__(self, name: str, folder_descriptor: int, compression: str) -> None:
@@ -79,7 +81,12 @@ class BagFile:
             raise
 
     def add_message(
-        self, topic: RecordedTopic, data: bytes, log_time_ns: int, publish_time_ns: int, sequence: int
+        self,
+        topic: RecordedTopic,
+        data: bytes,
+        log_time_ns: int,
+        publish_time_ns: int,
+        sequence: int,
     ) -> bool:
         """Add a message; True when there is a chunk to be committed."""
         channel = self._channels.get(topic.name)
@@ -93,9 +100,16 @@ class BagFile:
         key = (topic.type_name, topic.definition)
         if key not in self._schemas:
             encoding = topic.definition_encoding if topic.definition else ""
-            self._schemas[key] = self._mcap.register_schema(topic.type_name, encoding, topic.definition.encode())
-        metadata = {"offered_qos_profiles": qos_text(topic.qos), "topic_type_hash": topic.type_hash}
-        return int(self._mcap.register_channel(topic.name, topic.encoding, self._schemas[key], metadata))
+            self._schemas[key] = self._mcap.register_schema(
+                topic.type_name, encoding, topic.definition.encode()
+            )
+        metadata = {
+            "offered_qos_profiles": qos_text(topic.qos),
+            "topic_type_hash": topic.type_hash,
+        }
+        return int(
+            self._mcap.register_channel(topic.name, topic.encoding, self._schemas[key], metadata)
+        )
 
     def attach(self, time_ns: int, name: str, media_type: str, data: bytes) -> None:
         """Put a file into this one."""

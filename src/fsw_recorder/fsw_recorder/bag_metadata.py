@@ -19,7 +19,8 @@ from fsw_schema.yaml_text import load_yaml
 METADATA_NAME = "metadata.yaml"
 #: what was signed of a bag, beside its manifest
 ATTESTATION_NAME = "attestation.json"
-#: custom data of the bag that says what was welded with what: ``recorder`` parameter ``custom_data``
+#: custom data of the bag that says what was welded with what: ``recorder`` parameter
+#: ``custom_data``
 IDENTITY = ("canister", "lid", "tool", "machine")
 #: what rosbag2 calls the start of a bag without messages
 NO_TIME_NS = 2**63 - 1
@@ -63,7 +64,10 @@ class BagMetadata:
 
 
 def metadata_text(
-    files: Sequence[FileSummary], topics: Iterable[RecordedTopic], custom_data: Mapping[str, str], whole: bool = True
+    files: Sequence[FileSummary],
+    topics: Iterable[RecordedTopic],
+    custom_data: Mapping[str, str],
+    whole: bool = True,
 ) -> str:
     """Text of ``metadata.yaml`` or, not ``whole``, what stands below its root, as in the MCAP record ``rosbag2``."""
     bag = FileSummary("")
@@ -97,7 +101,9 @@ def metadata_text(
         "custom_data": dict(custom_data) or None,
         "ros_distro": "jazzy",
     }
-    return str(yaml.safe_dump({_ROOT: content} if whole else content, sort_keys=False, allow_unicode=True))
+    return str(
+        yaml.safe_dump({_ROOT: content} if whole else content, sort_keys=False, allow_unicode=True)
+    )
 
 
 def read_metadata(folder: Path) -> BagMetadata:
@@ -112,7 +118,9 @@ def read_metadata(folder: Path) -> BagMetadata:
     try:
         return _metadata(load_yaml(raw.decode())[_ROOT])
     except _NO_METADATA as error:
-        raise BagError(f"{path}: not the metadata of a rosbag2 bag: {' '.join(str(error).split())[:200]}") from None
+        raise BagError(
+            f"{path}: not the metadata of a rosbag2 bag: {' '.join(str(error).split())[:200]}"
+        ) from None
 
 
 def metadata_inside(text: str) -> BagMetadata:
@@ -135,5 +143,8 @@ def _metadata(information: Any) -> BagMetadata:
         storage=str(information.get("storage_identifier") or ""),
         messages_compressed=str(information.get("compression_mode")).lower() == "message",
         ros_distro=str(information.get("ros_distro") or ""),
-        custom_data={str(key): str(value) for key, value in dict(information.get("custom_data") or {}).items()},
+        custom_data={
+            str(key): str(value)
+            for key, value in dict(information.get("custom_data") or {}).items()
+        },
     )

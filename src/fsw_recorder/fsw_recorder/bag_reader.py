@@ -32,8 +32,8 @@ _PROGRESS_STEP = 8192
 class BagInfo:
     """Summary of a bag, counted from its messages, not from its metadata.
 
-    `topics` are sorted by name, `counts` are messages by topic; `start_ns` and `end_ns` are the log times of the first
-    and the last message whose time is known (0 without such).
+    `topics` are sorted by name, `counts` are messages by topic; `start_ns` and `end_ns` are the
+    log times of the first and the last message whose time is known (0 without such).
     """
 
     path: Path
@@ -63,8 +63,8 @@ class BagInfo:
 class BagReader:
     """Reads one bag; use as a context manager.
 
-    That is a rosbag2 folder (with or without ``metadata.yaml``, which one with compressed messages needs) or one
-    storage file, see ``SUFFIXES``.
+    That is a rosbag2 folder (with or without ``metadata.yaml``, which one with compressed messages
+    needs) or one storage file, see ``SUFFIXES``.
 
     Raises
     ------
@@ -74,8 +74,9 @@ class BagReader:
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
-        #: what is wrong with the bag, as far as it was read: a recording that was never finished (kill -9, power
-        #: failure, full disk) is read up to its end, damaged places are passed over
+        #: what is wrong with the bag, as far as it was read: a recording that was never finished
+        #: (kill -9, power failure, full disk) is read up to its end, damaged places are passed
+        #: over
         self.problems: list[str] = []
         self.metadata = BagMetadata()
         self._stack = ExitStack()
@@ -107,7 +108,9 @@ class BagReader:
         kinds = ", ".join(SUFFIXES)
         if self.path.is_file():
             if not self.path.name.endswith(SUFFIXES):
-                raise BagError(f"{self.path}: not a bag, which is a folder or a file ending in {kinds}")
+                raise BagError(
+                    f"{self.path}: not a bag, which is a folder or a file ending in {kinds}"
+                )
             return [self.path]
         if not self.path.is_dir():
             raise BagError(f"{self.path}: there is no such bag")
@@ -117,12 +120,20 @@ class BagReader:
             self._add_problem(f"{error}; the files of the folder are read instead")
         if self.metadata.messages_compressed:
             return [self.path]
-        present = {file.name: file for file in self.path.iterdir() if file.name.endswith(SUFFIXES) and file.is_file()}
+        present = {
+            file.name: file
+            for file in self.path.iterdir()
+            if file.name.endswith(SUFFIXES) and file.is_file()
+        }
         if not present:
             raise BagError(f"{self.path}: no bag in this folder (no file that ends in {kinds})")
         listed = []
         for name in dict.fromkeys(self.metadata.files):
-            names = (name, name + COMPRESSED, name.removesuffix(COMPRESSED))  # compressed or decompressed since
+            names = (
+                name,
+                name + COMPRESSED,
+                name.removesuffix(COMPRESSED),
+            )  # compressed or decompressed since
             stored = next(filter(present.get, names), None)
             if stored is not None:
                 listed.append(stored)
@@ -138,7 +149,9 @@ class BagReader:
         if file.is_file() and file.name.endswith((".mcap", f".mcap{COMPRESSED}")):
             part: McapFile | RosbagsFile = McapFile(file, self._add_problem)
         else:
-            part = RosbagsFile(file, self._add_problem, self.metadata.storage if file.is_dir() else "sqlite3")
+            part = RosbagsFile(
+                file, self._add_problem, self.metadata.storage if file.is_dir() else "sqlite3"
+            )
         self._stack.callback(part.close)
         return part
 
@@ -149,7 +162,11 @@ class BagReader:
 
     def _storage(self) -> list[Path]:
         """The storage files; with compressed messages those that the metadata list, which then are read as a whole."""
-        return [self.path / name for name in self.metadata.files] if self.metadata.messages_compressed else self._paths
+        return (
+            [self.path / name for name in self.metadata.files]
+            if self.metadata.messages_compressed
+            else self._paths
+        )
 
     def records(
         self,
@@ -160,8 +177,8 @@ class BagReader:
     ) -> Iterator[BagRecord]:
         """Messages in order of log time (within each file of a split bag).
 
-        Only those of ``topics``, by default all, with ``start_ns`` <= log time < ``stop_ns``. ``progress`` is called
-        now and then with the fraction read, 0 to 1.
+        Only those of ``topics``, by default all, with ``start_ns`` <= log time < ``stop_ns``.
+        ``progress`` is called now and then with the fraction read, 0 to 1.
         """
         for position, part in enumerate(self._parts):
             for count, record in enumerate(part.records(topics, start_ns, stop_ns)):
@@ -172,11 +189,14 @@ class BagReader:
             progress(1.0)
 
     def info(
-        self, progress: Callable[[float], None] | None = None, note: Callable[[BagRecord], object] | None = None
+        self,
+        progress: Callable[[float], None] | None = None,
+        note: Callable[[BagRecord], object] | None = None,
     ) -> BagInfo:
         """Summary of the bag, which is read once, and again for ``note``.
 
-        ``progress`` is called now and then with the fraction read, 0 to 1, and ``note`` with every message.
+        ``progress`` is called now and then with the fraction read, 0 to 1, and ``note`` with every
+        message.
         """
         if self._info is not None and note is None:
             return self._info

@@ -25,7 +25,8 @@ __all__ = ["BagWriter", "RecordedTopic", "WriterOptions"]
 
 #: times of an MCAP file are unsigned
 _END_OF_TIME_NS = 2**64
-#: part of the chunk period after which a chunk is committed, so that a late wake-up does not exceed it
+#: part of the chunk period after which a chunk is committed, so that a late wake-up does not
+#: exceed it
 _EARLY = 0.9
 
 #: topic, log time, publish time, sequence, data
@@ -58,12 +59,17 @@ class BagWriter:
     """
 
     def __init__(
-        self, folder: Path, options: WriterOptions | None = None, custom_data: Mapping[str, str] | None = None
+        self,
+        folder: Path,
+        options: WriterOptions | None = None,
+        custom_data: Mapping[str, str] | None = None,
     ) -> None:
         self.options = options or WriterOptions()
         self.folder = Path(os.path.abspath(folder))
         self.custom_data = dict(custom_data or {})
-        self.error: BagError | None = None  #: why writing has failed. What was committed until then stays readable
+        self.error: BagError | None = (
+            None  #: why writing has failed. What was committed until then stays readable
+        )
         self.is_paused = False  #: messages are ignored while it is set
         self._files = _Files(self.folder, self.options, self.custom_data)
         self._queue: deque[Queued | Callable[[], None] | Future[bool]] = deque()
@@ -79,11 +85,14 @@ class BagWriter:
         """Make a topic known; its first description stays, because readers match channels with it."""
         self._files.topics.setdefault(topic.name, topic)
 
-    def write(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int, sequence: int = 0) -> bool:
+    def write(
+        self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int, sequence: int = 0
+    ) -> bool:
         """Hand in a message; never blocks on the disk and never raises.
 
-        Returns False when it will not be in the bag: paused, memory full, no receive time, or writing has failed. A
-        publish time that no MCAP file can hold (a source may claim anything) is replaced by the log time.
+        Returns False when it will not be in the bag: paused, memory full, no receive time, or
+        writing has failed. A publish time that no MCAP file can hold (a source may claim anything)
+        is replaced by the log time.
         """
         if self.is_paused:
             return False
@@ -92,7 +101,9 @@ class BagWriter:
         with self._lock:
             self._received += 1
             pending = self._put_bytes - self._taken_bytes
-            refused = self.error is not None or self._closing or not 0 <= log_time_ns < _END_OF_TIME_NS
+            refused = (
+                self.error is not None or self._closing or not 0 <= log_time_ns < _END_OF_TIME_NS
+            )
             if refused or pending + len(data) > self.options.max_cache_size:
                 self._dropped += 1
                 return False
@@ -118,7 +129,8 @@ class BagWriter:
     def statistics(self) -> dict[str, int]:
         """Counters since the start.
 
-        ``received``, ``written`` and ``dropped`` are messages: handed in while not paused, in files, and refused.
+        ``received``, ``written`` and ``dropped`` are messages: handed in while not paused, in
+        files, and refused.
         """
         with self._lock:
             files = self._files.summaries
@@ -226,7 +238,9 @@ class _Files:
         self._attachments: dict[str, str] = {}
         self._folder, self._options, self._custom_data = folder, options, custom_data
         self._file: BagFile | None = None
-        self._key = load_private(Path(options.signing_key).expanduser()) if options.signing_key else None
+        self._key = (
+            load_private(Path(options.signing_key).expanduser()) if options.signing_key else None
+        )
         self._last_sync = time.monotonic()
         self._descriptor = _make_folder(folder)
         try:
@@ -243,7 +257,9 @@ class _Files:
             self.summaries += (self._file.committed,)
         return self._file
 
-    def write(self, name: str, log_time_ns: int, publish_time_ns: int, sequence: int, data: bytes) -> None:
+    def write(
+        self, name: str, log_time_ns: int, publish_time_ns: int, sequence: int, data: bytes
+    ) -> None:
         longest_ns = self._options.max_bag_duration * 1e9
         if longest_ns and log_time_ns - self.current().added.start_ns > longest_ns:
             self.split()
@@ -332,7 +348,9 @@ class _Files:
             text = found.text()
             self._replace(MANIFEST_NAME, text)
             if last and self._key is not None:
-                signed = sign(text.encode(), MANIFEST_NAME, Purpose.MANIFEST, self._key, datetime.now(UTC))
+                signed = sign(
+                    text.encode(), MANIFEST_NAME, Purpose.MANIFEST, self._key, datetime.now(UTC)
+                )
                 self._replace(signature_path(Path(MANIFEST_NAME)).name, signed)
 
     def _replace(self, name: str, text: str) -> None:
@@ -354,9 +372,13 @@ def _make_folder(folder: Path) -> int:
     except FileExistsError:
         raise taken(folder) from None
     except OSError as error:
-        raise BagError(f"{folder}: cannot be made: {error.strerror}. Choose a folder you may write to") from None
+        raise BagError(
+            f"{folder}: cannot be made: {error.strerror}. Choose a folder you may write to"
+        ) from None
 
 
 def taken(folder: Path) -> BagError:
     """The error of a bag whose folder is there already."""
-    return BagError(f"{folder}: exists already; nothing was recorded. Choose another folder or remove this one")
+    return BagError(
+        f"{folder}: exists already; nothing was recorded. Choose another folder or remove this one"
+    )

@@ -17,7 +17,8 @@ from fsw_schema.processes import tool_environment
 _PATIENCE_S = 2.0
 _CHRONY = ("chronyc", "-c", "tracking")
 _PTP = ("pmc", "-u", "-b", "0", "GET TIME_STATUS_NP")
-#: `struct timex` of Linux (64 bit) up to the status: modes, offset, frequency, largest and estimated error, status
+#: `struct timex` of Linux (64 bit) up to the status: modes, offset, frequency, largest and
+#: estimated error, status
 _TIMEX = struct.Struct("@IqqqqI")
 _TIMEX_BYTES = 512
 #: bits of its status, `<sys/timex.h>`
@@ -43,12 +44,13 @@ UNKNOWN = ClockState(source="unknown", words="nothing tells which source the clo
 
 
 def clock_state(
-    ask: Callable[[Sequence[str]], str | None] | None = None, kernel: Callable[[], bytes | None] | None = None
+    ask: Callable[[Sequence[str]], str | None] | None = None,
+    kernel: Callable[[], bytes | None] | None = None,
 ) -> ClockState:
     """Ask chrony, then PTP, then the kernel; may take seconds.
 
-    ``ask`` runs a program and returns its output, ``kernel`` returns the kernel's `struct timex`; None where there is
-    none.
+    ``ask`` runs a program and returns its output, ``kernel`` returns the kernel's `struct timex`;
+    None where there is none.
     """
     run, timex = ask or _run, kernel or _adjtimex
     return _chrony(run(_CHRONY) or "") or _ptp(run(_PTP) or "") or _kernel(timex()) or UNKNOWN
@@ -64,7 +66,11 @@ def _chrony(text: str) -> ClockState | None:
     except ValueError:
         return None
     synchronized = values[13] != "Not synchronised" and values[0] not in ("", "00000000")
-    name = values[1] or bytes.fromhex(values[0]).decode("ascii", "replace") if synchronized else "no source"
+    name = (
+        values[1] or bytes.fromhex(values[0]).decode("ascii", "replace")
+        if synchronized
+        else "no source"
+    )
     return ClockState(
         source="chrony",
         synchronized=synchronized,
@@ -95,7 +101,9 @@ def _kernel(timex: bytes | None) -> ClockState | None:
         return None
     _, offset, _, largest, estimated, status = _TIMEX.unpack_from(timex)
     if status & _UNSYNCHRONIZED:
-        return ClockState(source="kernel", synchronized=False, words="the kernel's clock is not synchronized")
+        return ClockState(
+            source="kernel", synchronized=False, words="the kernel's clock is not synchronized"
+        )
     return ClockState(
         source="kernel",
         synchronized=True,
@@ -108,7 +116,12 @@ def _kernel(timex: bytes | None) -> ClockState | None:
 def _run(command: Sequence[str]) -> str | None:
     try:
         done = subprocess.run(
-            command, env=tool_environment(), capture_output=True, text=True, timeout=_PATIENCE_S, check=False
+            command,
+            env=tool_environment(),
+            capture_output=True,
+            text=True,
+            timeout=_PATIENCE_S,
+            check=False,
         )
     except (OSError, subprocess.SubprocessError, ValueError):
         return None

@@ -22,7 +22,8 @@ _BEGINNINGS = (b"SQLite format 3\0", MCAP0_MAGIC)
 def decompressed(path: Path) -> Iterator[Path]:
     """A decompressed copy of a file; the file itself if its name does not end in ``.zstd``.
 
-    A damaged or truncated file is decompressed up to there; what is missing is for the reader of the copy to find.
+    A damaged or truncated file is decompressed up to there; what is missing is for the reader of
+    the copy to find.
     """
     if path.suffix != SUFFIX:
         yield path

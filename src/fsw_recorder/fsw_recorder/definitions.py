@@ -23,7 +23,9 @@ class Definitions:
         try:
             return store.deserialize_cdr(data, type_name)
         except MemoryError:
-            raise BagError(f"a message of type {type_name} is damaged: it announces more data than it has") from None
+            raise BagError(
+                f"a message of type {type_name} is damaged: it announces more data than it has"
+            ) from None
         except Exception as error:  # rosbags lets any exception of its generated code through
             raise BagError(f"a message of type {type_name} is damaged: {error}") from None
 
@@ -39,9 +41,13 @@ class Definitions:
             store = get_typestore(Stores.EMPTY)
             try:
                 store.register(get_types_from_msg(definition, type_name))
-                store.generate_msgdef(type_name, ros_version=2)  # refuses names of types that are not defined
+                store.generate_msgdef(
+                    type_name, ros_version=2
+                )  # refuses names of types that are not defined
             except Exception as error:  # rosbags' parser raises many kinds
-                raise BagError(f"the definition of {type_name} in the bag cannot be parsed: {error}") from None
+                raise BagError(
+                    f"the definition of {type_name} in the bag cannot be parsed: {error}"
+                ) from None
             self._stores[key] = store
         return self._stores[key]
 

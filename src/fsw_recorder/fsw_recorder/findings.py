@@ -32,35 +32,65 @@ class Code(StrEnum):
     REORDERED = "reordered", "every piece is there, but not alone or in another order"
     OTHER_FILE = "other_file", "is another file: none of its chunks is one that was recorded"
     CHANGED = "changed", "{place}is not what was recorded"
-    NO_MANIFEST = "no_manifest", "the recorder did not write one: it was killed before, or had none to write"
+    NO_MANIFEST = (
+        "no_manifest",
+        "the recorder did not write one: it was killed before, or had none to write",
+    )
     HASHED_AFTERWARDS = "hashed_afterwards", f"hashed after the recording; {_BEFORE}"
     RECOVERED = "recovered", "the bag is a copy that 'bag recover' made of {source}"
     BAG_DAMAGED = "bag_damaged", "{problem}"
     # signatures and keys
     NOT_SIGNED = "not_signed", "has no signature"
     SIGNATURE_DAMAGED = "signature_damaged", "the signature is damaged, or not one of this kind"
-    CONTENT_CHANGED = "content_changed", "the signature does not fit: the file was changed after it was signed"
+    CONTENT_CHANGED = (
+        "content_changed",
+        "the signature does not fit: the file was changed after it was signed",
+    )
     OTHER_PURPOSE = "other_purpose", "was signed as {signed}, not as {needed}"
     KEY_UNKNOWN = "key_unknown", "signed by key {key}, which is not a trusted one ({trusted})"
     KEY_PURPOSE = "key_purpose", "signed by {name}, whose key {key} is not for {needed}"
     KEY_EARLY = "key_early", "signed by {name} at {at}, before the key {key} is valid ({limit})"
     KEY_EXPIRED = "key_expired", "signed by {name} at {at}, after the key {key} expired ({limit})"
-    KEY_REVOKED = "key_revoked", "signed by {name} at {at}, but the key {key} is revoked since {limit}"
+    KEY_REVOKED = (
+        "key_revoked",
+        "signed by {name} at {at}, but the key {key} is revoked since {limit}",
+    )
     # what is signed together must be of one weld
     RECORD_OTHER_WELD = "record_other_weld", "is the record of another weld: bag {bag}"
     RECORD_OTHER_IDENTITY = "record_other_identity", "has {field} {stated}, the bag has {actual}"
-    RECORD_OTHER_PROCEDURE = "record_other_procedure", "was judged by procedure {stated}, the weld's is {actual}"
+    RECORD_OTHER_PROCEDURE = (
+        "record_other_procedure",
+        "was judged by procedure {stated}, the weld's is {actual}",
+    )
     RECORD_EDITED = "record_edited", "is not the record that the bag gives: other {fields}"
-    OTHER_RECORD = "other_record", "was made of another record.json than the one that is attested with it"
+    OTHER_RECORD = (
+        "other_record",
+        "was made of another record.json than the one that is attested with it",
+    )
     DOCUMENT_DIFFERS = "document_differs", "does not say what its record.json says: {fields}"
     OTHER_PROCEDURE = "other_procedure", "the weld ran by procedure {actual}, not by {stated}"
-    NO_PROCEDURE = "no_procedure", "cannot be judged: give the procedure of the weld, which the bag does not have"
-    DOUBLED_NAME = "doubled_name", "two of the files to attest have this name, by which they are listed; rename one"
+    NO_PROCEDURE = (
+        "no_procedure",
+        "cannot be judged: give the procedure of the weld, which the bag does not have",
+    )
+    DOUBLED_NAME = (
+        "doubled_name",
+        "two of the files to attest have this name, by which they are listed; rename one",
+    )
     # an attested bag
-    OTHER_WELD = "other_weld", "belongs to another weld (bag {bag}{identity}): none of its files is here"
+    OTHER_WELD = (
+        "other_weld",
+        "belongs to another weld (bag {bag}{identity}): none of its files is here",
+    )
     OTHER_IDENTITY = "other_identity", "has {field} {stated}, metadata.yaml has {actual}"
-    OTHER_MANIFEST = "other_manifest", "is not the manifest that was attested; so files are compared as a whole"
-    OTHER_SIGNER = "other_signer", "is signed by key {key}, not by {stated}, which the attestation names"
+    OTHER_MANIFEST = (
+        "other_manifest",
+        "is not the manifest that was attested; so files are compared as a whole",
+    )
+    OTHER_SIGNER = (
+        "other_signer",
+        "is signed by key {key}, not by {stated}, which the attestation names",
+    )
     DOCUMENT_CHANGED = "document_changed", "is not the file that was attested with weld {number}"
     NOT_ATTESTED = "not_attested", "was not attested with weld {number}"
     TIME_ORDER = "time_order", "{later} ({later_at}) is before {earlier} ({earlier_at})"
@@ -75,16 +105,43 @@ class Code(StrEnum):
     EMPTY = "empty", "there is no attested weld in it"
     # what a verification did not check
     NO_CHAIN = "no_chain", "no chain given: whether welds are missing was not checked"
-    CHAIN_END = "chain_end", "welds removed from its end cannot be seen; compare weld {number} and {sha256} with notes"
-    ALL_KEYS = "all_keys", "single keys given: no dates of validity and no revocations were checked"
-    MANIFEST_UNSIGNED = "manifest_unsigned", f"the recorder did not sign it: until it was attested, {_BEFORE}"
+    CHAIN_END = (
+        "chain_end",
+        "welds removed from its end cannot be seen; compare weld {number} and {sha256} with notes",
+    )
+    ALL_KEYS = (
+        "all_keys",
+        "single keys given: no dates of validity and no revocations were checked",
+    )
+    MANIFEST_UNSIGNED = (
+        "manifest_unsigned",
+        f"the recorder did not sign it: until it was attested, {_BEFORE}",
+    )
     PROCEDURE_UNSIGNED = "procedure_unsigned", "procedure {id} was attested without a signature"
-    PROCEDURE_NOT_RECORDED = "procedure_not_recorded", "whether the weld ran by it is not in the bag"
-    DOCUMENT_ABSENT = "document_absent", "was attested with the bag and is not here; give it by --with"
-    DOCUMENT_FOREIGN = "document_foreign", "was attested as it was; nothing links its content to the bag"
-    NOT_JUDGED_AGAIN = "not_judged_again", "was compared with the bag when it was attested, not now"
-    NOT_COMPARED = "not_compared", "its comparison with earlier welds was not checked against their records"
-    CLOCK_UNKNOWN = "clock_unknown", "times are as stated: the recorder's clock was not known to be synchronized"
+    PROCEDURE_NOT_RECORDED = (
+        "procedure_not_recorded",
+        "whether the weld ran by it is not in the bag",
+    )
+    DOCUMENT_ABSENT = (
+        "document_absent",
+        "was attested with the bag and is not here; give it by --with",
+    )
+    DOCUMENT_FOREIGN = (
+        "document_foreign",
+        "was attested as it was; nothing links its content to the bag",
+    )
+    NOT_JUDGED_AGAIN = (
+        "not_judged_again",
+        "was compared with the bag when it was attested, not now",
+    )
+    NOT_COMPARED = (
+        "not_compared",
+        "its comparison with earlier welds was not checked against their records",
+    )
+    CLOCK_UNKNOWN = (
+        "clock_unknown",
+        "times are as stated: the recorder's clock was not known to be synchronized",
+    )
 
 
 class Place(Model):
@@ -102,7 +159,11 @@ class Place(Model):
     @property
     def words(self) -> str:
         """E.g. ``chunk 17 (bytes 1200 to 4800, 6.8 to 7.2 s after the first message)``."""
-        when = "" if self.begin_s is None else f", {self.begin_s:.1f} to {self.end_s:.1f} s after the first message"
+        when = (
+            ""
+            if self.begin_s is None
+            else f", {self.begin_s:.1f} to {self.end_s:.1f} s after the first message"
+        )
         return f"{' and '.join(self.parts)} (bytes {self.begin} to {self.end}{when})"
 
 
@@ -121,7 +182,9 @@ class Finding(Model):
         place = f"{self.place.words} " if self.place else ""
         text = self.code.words.format(**{"place": place, **self.data})
         if "bytes" in self.data:
-            text += f"; the file has {self.data['bytes']} bytes instead of {self.data['listed_bytes']}"
+            text += (
+                f"; the file has {self.data['bytes']} bytes instead of {self.data['listed_bytes']}"
+            )
         return f"{self.file}: {text}"
 
     def as_json(self) -> dict[str, Any]:
@@ -146,4 +209,6 @@ class EvidenceError(InputError):
 def summary(findings: Sequence[Finding]) -> str:
     """Findings in one line."""
     lines = [entry.line for entry in findings[:_MOST_FINDINGS]]
-    return "; ".join(lines + [f"and {len(findings) - _MOST_FINDINGS} more"] * (len(findings) > _MOST_FINDINGS))
+    return "; ".join(
+        lines + [f"and {len(findings) - _MOST_FINDINGS} more"] * (len(findings) > _MOST_FINDINGS)
+    )

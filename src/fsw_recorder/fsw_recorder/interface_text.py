@@ -33,7 +33,11 @@ def interface_hash(type_name: str) -> str:
     """``RIHS01_...`` hash of an interface; empty when unknown."""
     definition = _definition(type_name)
     try:
-        return "" if definition is None else str(Definitions().typestore(type_name, definition).hash_rihs01(type_name))
+        return (
+            ""
+            if definition is None
+            else str(Definitions().typestore(type_name, definition).hash_rihs01(type_name))
+        )
     except Exception:  # of a kind that rosbags cannot describe
         return ""
 
@@ -55,9 +59,13 @@ def definition_of(topic: RecordedTopic) -> str:
     installed = interface_definition(topic.type_name)
     if not installed:
         name = topic.type_name or "its type"
-        raise BagError(f"the bag holds no definition of {name} that can be read, and none is installed")
+        raise BagError(
+            f"the bag holds no definition of {name} that can be read, and none is installed"
+        )
     if topic.type_hash and topic.type_hash != interface_hash(topic.type_name):
-        raise BagError(f"the bag holds no definition of {topic.type_name}, and the installed one is another version")
+        raise BagError(
+            f"the bag holds no definition of {topic.type_name}, and the installed one is another version"
+        )
     return installed
 
 
@@ -79,7 +87,10 @@ def _definition(type_name: str) -> str | None:
 
 def _share(package: str) -> Path:
     """Folder with the definitions of a package: in a sourced ROS 2, or beside the wheels in this environment."""
-    prefixes = [*filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)), sys.prefix]
+    prefixes = [
+        *filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)),
+        sys.prefix,
+    ]
     folders = [Path(prefix) / "share" / package for prefix in prefixes]
     return next((folder for folder in folders if folder.is_dir()), folders[-1])
 

@@ -1,7 +1,7 @@
 """The manifest of a bag: SHA-256 of every file and of every piece of it, so that damage can be told to the chunk.
 
-The recorder hashes what it writes while it writes it; of a bag without a manifest one can be made afterwards, which
-says so: what had happened to the files before is then not known.
+The recorder hashes what it writes while it writes it; of a bag without a manifest one can be made
+afterwards, which says so: what had happened to the files before is then not known.
 """
 
 from __future__ import annotations
@@ -87,7 +87,9 @@ def record_pieces(data: Buffer, at: int = 0, offset: int = 0) -> Iterator[Piece]
 
     def piece(stop: int) -> Piece:
         found = sha256(data[begin:stop])
-        return Piece(kind=kind, end=stop + offset, sha256=found, begin_ns=times[0], end_ns=times[1])
+        return Piece(
+            kind=kind, end=stop + offset, sha256=found, begin_ns=times[0], end_ns=times[1]
+        )
 
     for opcode, body, stop in frames(data, at, size):
         if opcode == Opcode.MESSAGE_INDEX and kind == "chunk":
@@ -158,7 +160,13 @@ def mapped(path: Path) -> Buffer:
 
 def hashed(name: str, data: Buffer, when: When) -> FileManifest:
     """A file as a whole."""
-    return FileManifest(name=name, bytes=len(data), sha256=sha256(data), hashed=when, pieces=tuple(file_pieces(data)))
+    return FileManifest(
+        name=name,
+        bytes=len(data),
+        sha256=sha256(data),
+        hashed=when,
+        pieces=tuple(file_pieces(data)),
+    )
 
 
 def read_manifest(folder: Path) -> Manifest | None:

@@ -9,13 +9,23 @@ from pathlib import Path
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import SUFFIXES
 from fsw_recorder.findings import Code, Finding, Place, finding
-from fsw_recorder.manifest import FileManifest, Manifest, Piece, file_pieces, hashed, mapped, sha256
+from fsw_recorder.manifest import (
+    FileManifest,
+    Manifest,
+    Piece,
+    file_pieces,
+    hashed,
+    mapped,
+    sha256,
+)
 from fsw_recorder.mcap_frames import Buffer
 
 
 def check_files(folder: Path, manifest: Manifest) -> list[Finding]:
     """All that differs between the files of a bag and its manifest; other files, e.g. a weld's record, do not count."""
-    found = [entry for listed in manifest.files for entry in check_file(folder / listed.name, listed)]
+    found = [
+        entry for listed in manifest.files for entry in check_file(folder / listed.name, listed)
+    ]
     return found + [finding(Code.UNLISTED, path.name) for path in unlisted(folder, manifest)]
 
 
@@ -54,7 +64,10 @@ def check_file(path: Path, listed: FileManifest) -> list[Finding]:
     chunks = {row for row in pieces if listed.pieces[row].kind == "chunk"}
     if chunks and not chunks & set(proven):
         return [Finding(code=Code.OTHER_FILE, file=listed.name, data=sizes, pieces=tuple(lost))]
-    runs = [[row for _, row in run] for _, run in groupby(enumerate(lost), lambda entry: entry[1] - entry[0])]
+    runs = [
+        [row for _, row in run]
+        for _, run in groupby(enumerate(lost), lambda entry: entry[1] - entry[0])
+    ]
     return [
         Finding(
             code=Code.CHANGED,
@@ -75,7 +88,9 @@ def proven_pieces(data: Buffer, listed: FileManifest) -> dict[int, tuple[int, in
         if piece.end <= len(data) and sha256(data[begin : piece.end]) == piece.sha256:
             found[row] = (begin, piece.end)
         begin = piece.end
-    if len(found) < len(listed.pieces):  # what is behind something that was removed or put in is somewhere else
+    if len(found) < len(
+        listed.pieces
+    ):  # what is behind something that was removed or put in is somewhere else
         ends = {0: ""} | {piece.end: piece.sha256 for piece in file_pieces(data)}
         moved = {ends[end]: (begin, end) for begin, end in pairwise(ends)}
         for row, piece in enumerate(listed.pieces):
@@ -87,7 +102,9 @@ def proven_pieces(data: Buffer, listed: FileManifest) -> dict[int, tuple[int, in
 def place_of(pieces: Sequence[Piece], rows: Sequence[int]) -> Place:
     """Where consecutive pieces are."""
     start_ns = next((piece.begin_ns for piece in pieces if piece.begin_ns is not None), 0)
-    begins = [piece.begin_ns for piece in (pieces[row] for row in rows) if piece.begin_ns is not None]
+    begins = [
+        piece.begin_ns for piece in (pieces[row] for row in rows) if piece.begin_ns is not None
+    ]
     ends = [piece.end_ns for piece in (pieces[row] for row in rows) if piece.end_ns is not None]
     return Place(
         parts=tuple(_kinds(pieces, rows)),
@@ -100,13 +117,21 @@ def place_of(pieces: Sequence[Piece], rows: Sequence[int]) -> Place:
 
 def _kinds(pieces: Sequence[Piece], rows: Sequence[int]) -> Iterator[str]:
     for kind in ("chunk", "attachment", "other"):
-        numbers = [sum(one.kind == kind for one in pieces[: row + 1]) for row in rows if pieces[row].kind == kind]
+        numbers = [
+            sum(one.kind == kind for one in pieces[: row + 1])
+            for row in rows
+            if pieces[row].kind == kind
+        ]
         if not numbers:
             continue
         if kind == "other":
             first, last = rows[0] == 0, rows[-1] == len(pieces) - 1
             yield (
-                "the head" if first and not last else "the index at the end" if last and not first else "other records"
+                "the head"
+                if first and not last
+                else "the index at the end"
+                if last and not first
+                else "other records"
             )
         elif len(numbers) == 1:
             yield f"{kind} {numbers[0]}"

@@ -1,7 +1,7 @@
 """Reads one MCAP file of a bag in any state: intact, truncated or damaged.
 
-Every length is checked against the rest of the file, and a chunk never expands beyond `MAX_CHUNK_BYTES`: damaged files
-cost neither time nor memory.
+Every length is checked against the rest of the file, and a chunk never expands beyond
+`MAX_CHUNK_BYTES`: damaged files cost neither time nor memory.
 """
 
 from __future__ import annotations
@@ -27,7 +27,15 @@ from mcap.writer import MCAP0_MAGIC as MAGIC
 from fsw_recorder.bag_metadata import BagMetadata, metadata_inside
 from fsw_recorder.compressed import decompressed
 from fsw_recorder.errors import BagError
-from fsw_recorder.mcap_frames import CHUNK_HEAD, DAMAGED, HEAD_BYTES, MAX_CHUNK_BYTES, Buffer, chunk_data, frames
+from fsw_recorder.mcap_frames import (
+    CHUNK_HEAD,
+    DAMAGED,
+    HEAD_BYTES,
+    MAX_CHUNK_BYTES,
+    Buffer,
+    chunk_data,
+    frames,
+)
 from fsw_recorder.qos import read_qos
 from fsw_recorder.topic import BagRecord, RecordedTopic
 from fsw_schema.files import open_regular
@@ -58,15 +66,16 @@ class _Piece:
 class McapFile:
     """One MCAP file, walked over when it is opened; chunks are decompressed only when they are read.
 
-    ``add_problem`` is called with each problem, also repeatedly. `fraction` is the part of the file that `records` has
-    read. Raises a `BagError` when nothing of the file can be used.
+    ``add_problem`` is called with each problem, also repeatedly. `fraction` is the part of the
+    file that `records` has read. Raises a `BagError` when nothing of the file can be used.
     """
 
     storage = "mcap"
 
     def __init__(self, path: Path, add_problem: Callable[[str], None]) -> None:
         self.attachments: list[Attachment] = []
-        #: what a recorder has put into the file of the bag's metadata: nothing, if the file was not finished
+        #: what a recorder has put into the file of the bag's metadata: nothing, if the file was
+        #: not finished
         self.metadata = BagMetadata()
         self.fraction = 0.0
         self._add_problem: Callable[[str], None] = lambda text: add_problem(f"{path}: {text}")
@@ -88,7 +97,8 @@ class McapFile:
     def _scan(self) -> bool:
         """Find chunks and runs of messages, read everything else; False when the file is damaged or not finished.
 
-        The summary is walked over, too: its copies of schemas and channels stand in for damaged originals.
+        The summary is walked over, too: its copies of schemas and channels stand in for damaged
+        originals.
         """
         size = len(self._data)
         is_whole, is_finished = True, False
@@ -109,13 +119,19 @@ class McapFile:
                     run = _Piece(log_time, log_time, begin - HEAD_BYTES, end)
                     self._pieces.append(run)
                 else:
-                    run.start_ns, run.end_ns, run.end = min(run.start_ns, log_time), max(run.end_ns, log_time), end
+                    run.start_ns, run.end_ns, run.end = (
+                        min(run.start_ns, log_time),
+                        max(run.end_ns, log_time),
+                        end,
+                    )
             elif opcode == Opcode.DATA_END:
                 is_finished = self._data[-len(MAGIC) :] == MAGIC
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.ATTACHMENT, Opcode.METADATA):
                 self._take(opcode, self._data[begin:end])
         if not is_finished and is_whole:
-            self._add_problem(f"not finished (recorder killed or disk full?); read up to byte {at}")
+            self._add_problem(
+                f"not finished (recorder killed or disk full?); read up to byte {at}"
+            )
         return is_whole and is_finished
 
     def _take(self, opcode: int, body: bytes) -> None:
@@ -137,7 +153,9 @@ class McapFile:
                     raise ValueError(f"attachment '{attachment.name}' has a wrong checksum")
                 self.attachments.append(attachment)
         except _DAMAGE as error:
-            self._add_problem(f"a record of kind {Opcode(opcode).name.lower()} is damaged and left out: {error}")
+            self._add_problem(
+                f"a record of kind {Opcode(opcode).name.lower()} is damaged and left out: {error}"
+            )
 
     def _add_chunk(self, begin: int, end: int) -> None:
         size = len(self._data)
@@ -150,7 +168,16 @@ class McapFile:
         start_ns, end_ns, content_size, crc = CHUNK_HEAD.unpack_from(self._data, begin)
         cut_end = min(data_end, size)
         self._pieces.append(
-            _Piece(start_ns, end_ns, data_begin, cut_end, compression, content_size, crc, cut_end < data_end)
+            _Piece(
+                start_ns,
+                end_ns,
+                data_begin,
+                cut_end,
+                compression,
+                content_size,
+                crc,
+                cut_end < data_end,
+            )
         )
 
     def definitions(self) -> bytes:
@@ -180,10 +207,16 @@ class McapFile:
             )
         return topics
 
-    def records(self, topics: Collection[str] | None, start_ns: int, stop_ns: int) -> Iterator[BagRecord]:
+    def records(
+        self, topics: Collection[str] | None, start_ns: int, stop_ns: int
+    ) -> Iterator[BagRecord]:
         """Messages with ``start_ns`` <= log time < ``stop_ns`` by log time; equal times keep the file's order."""
         log_time = attrgetter("log_time_ns")
-        pieces = [one for one in self._pieces if one.is_cut or (one.end_ns >= start_ns and one.start_ns < stop_ns)]
+        pieces = [
+            one
+            for one in self._pieces
+            if one.is_cut or (one.end_ns >= start_ns and one.start_ns < stop_ns)
+        ]
         pieces.sort(key=attrgetter("start_ns"))
         waiting: list[BagRecord] = []
         for number, piece in enumerate(pieces, 1):
@@ -214,16 +247,22 @@ class McapFile:
         wanted = self._wanted(topics)
         for opcode, begin, end in frames(data, at, stop):
             if opcode == DAMAGED and not piece.is_cut:
-                self._add_problem(f"damaged: {end - begin} bytes of the chunk at byte {piece.begin} are left out")
+                self._add_problem(
+                    f"damaged: {end - begin} bytes of the chunk at byte {piece.begin} are left out"
+                )
             if end > stop:
                 break
             if opcode == Opcode.MESSAGE:
                 channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, begin)
                 if channel in wanted:
                     body = data[begin + _MESSAGE.size : end]
-                    records.append(BagRecord(*wanted[channel], log_time, publish_time, body, sequence))
+                    records.append(
+                        BagRecord(*wanted[channel], log_time, publish_time, body, sequence)
+                    )
                 elif channel not in self._channels:
-                    self._add_problem(f"messages of channel {channel}, which is not defined, are left out")
+                    self._add_problem(
+                        f"messages of channel {channel}, which is not defined, are left out"
+                    )
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 self._take(opcode, data[begin:end])
                 wanted = self._wanted(topics)

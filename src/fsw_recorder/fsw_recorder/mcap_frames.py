@@ -1,9 +1,10 @@
 """Finds the records of an MCAP file or chunk, also beyond damage.
 
-The libraries cannot do that: ``mcap`` and ``rosbags`` give up at the first damaged record, and ``mcap`` takes ten times
-as long for a weld. So the frames of the records (one byte of type, eight of length) are walked here; what is inside a
-frame is left to ``mcap``. Where a frame's neighbour makes no sense, the next place is searched from which frames follow
-each other again, so that damage costs only the records it hits. Layout of the records: https://mcap.dev/spec
+The libraries cannot do that: ``mcap`` and ``rosbags`` give up at the first damaged record, and
+``mcap`` takes ten times as long for a weld. So the frames of the records (one byte of type, eight
+of length) are walked here; what is inside a frame is left to ``mcap``. Where a frame's neighbour
+makes no sense, the next place is searched from which frames follow each other again, so that
+damage costs only the records it hits. Layout of the records: https://mcap.dev/spec
 """
 
 from __future__ import annotations
@@ -26,7 +27,23 @@ HEAD_BYTES = _FRAME.size
 #: chunk up to its compression: first and last log time, size and checksum of its content
 CHUNK_HEAD = struct.Struct("<QQQI")
 #: least length of every type of record, with all texts empty
-_LEAST = {1: 8, 2: 20, 3: 14, 4: 16, 5: 22, 6: 40, 7: 6, 8: 64, 9: 36, 10: 48, 11: 46, 12: 8, 13: 20, 14: 17, 15: 4}
+_LEAST = {
+    1: 8,
+    2: 20,
+    3: 14,
+    4: 16,
+    5: 22,
+    6: 40,
+    7: 6,
+    8: 64,
+    9: 36,
+    10: 48,
+    11: 46,
+    12: 8,
+    13: 20,
+    14: 17,
+    15: 4,
+}
 _NEVER = 2**64
 #: a frame of the data section with a length that is possible
 _CANDIDATE = re.compile(rb"(?=[\x03-\x07\x09\x0c\x0f].{4}\0{4})", re.DOTALL)
@@ -48,8 +65,11 @@ def frames(data: Buffer, at: int, stop: int) -> Iterator[tuple[int, int, int]]:
             yield opcode, at + HEAD_BYTES, end
             at = end
             continue
-        # The length of this frame, or the head of the next one, is damaged; or the file is cut off inside this frame.
-        trusted = possible and opcode == Opcode.CHUNK and chunk_data(data, at + HEAD_BYTES)[2] == end
+        # The length of this frame, or the head of the next one, is damaged; or the file is cut off
+        # inside this frame.
+        trusted = (
+            possible and opcode == Opcode.CHUNK and chunk_data(data, at + HEAD_BYTES)[2] == end
+        )
         further = _next_frame(data, end if trusted else at + 1, stop)
         if possible and (trusted or further is None or further >= end):
             yield opcode, at + HEAD_BYTES, end
@@ -67,7 +87,11 @@ def chunk_data(data: Buffer, begin: int) -> tuple[str, int, int]:
     name_end = name + int.from_bytes(data[name - 4 : name], "little")
     data_begin = name_end + 8
     compression = bytes(data[name : min(name_end, name + 20)]).decode("ascii", "replace")
-    return compression, data_begin, data_begin + int.from_bytes(data[name_end:data_begin], "little")
+    return (
+        compression,
+        data_begin,
+        data_begin + int.from_bytes(data[name_end:data_begin], "little"),
+    )
 
 
 def _is_frame(data: Buffer, at: int, stop: int) -> bool:

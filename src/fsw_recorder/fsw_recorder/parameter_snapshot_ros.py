@@ -19,7 +19,9 @@ class ParameterSnapshots:
     ``found`` is called with the full name and the parameters as the YAML of a ROS parameter file.
     """
 
-    def __init__(self, node: Node, found: Callable[[str, str], None], wanted: Callable[[str], bool]) -> None:
+    def __init__(
+        self, node: Node, found: Callable[[str, str], None], wanted: Callable[[str], bool]
+    ) -> None:
         self._node = node
         self._found, self._wanted = found, wanted
         self._waiting: dict[str, tuple[Any, Any, int]] = {}
@@ -54,7 +56,9 @@ class ParameterSnapshots:
 
         def got(names: list[str], future: Any) -> None:
             if future.exception() is None:
-                values = [_plain(parameter_value_to_python(value)) for value in future.result().values]
+                values = [
+                    _plain(parameter_value_to_python(value)) for value in future.result().values
+                ]
                 contents = {full_name: {"ros__parameters": dict(zip(names, values, strict=False))}}
                 self._found(full_name, yaml.safe_dump(contents, allow_unicode=True))
             self._forget(lister, getter)

@@ -16,9 +16,9 @@ MIN_RATE, MAX_RATE = 1e-3, 1e6
 class Player:
     """Plays one bag; time is handed in as ``now_ns``, so it can be driven by any clock.
 
-    The caller closes the reader; its log times are the time that is played. The other arguments are parameters of the
-    replayer, which ``replay.yaml`` describes. Raises a `BagError` when nothing is to be played, or the start is outside
-    the bag.
+    The caller closes the reader; its log times are the time that is played. The other arguments
+    are parameters of the replayer, which ``replay.yaml`` describes. Raises a `BagError` when
+    nothing is to be played, or the start is outside the bag.
     """
 
     def __init__(
@@ -61,7 +61,9 @@ class Player:
         names = {one.name for one in self.topics if any(map(is_latched, one.qos))}
         if not names or self.start_ns == self._bag_start_ns:
             return []
-        return list({one.topic: one for one in self._reader.records(names, stop_ns=self.start_ns)}.values())
+        return list(
+            {one.topic: one for one in self._reader.records(names, stop_ns=self.start_ns)}.values()
+        )
 
     def bag_time_ns(self, now_ns: int) -> int:
         """Time in the bag at a time of the clock; never beyond the end."""
@@ -87,7 +89,8 @@ class Player:
     def hold_back(self, lost_ns: int) -> None:
         """Do not catch up on the time ``lost_ns`` in which nothing could be played.
 
-        Messages that were recorded apart and are sent at once would overrun their subscribers' queues.
+        Messages that were recorded apart and are sent at once would overrun their subscribers'
+        queues.
         """
         if not self.is_paused:
             self._anchor_now_ns += lost_ns
@@ -115,7 +118,9 @@ class Player:
         """Continue from a time in the bag; False when it is outside the bag."""
         if not self._bag_start_ns <= bag_time_ns <= self.end_ns:
             return False
-        self._source: Iterator[BagRecord] = self._reader.records(self._wanted, bag_time_ns, self.end_ns + 1)
+        self._source: Iterator[BagRecord] = self._reader.records(
+            self._wanted, bag_time_ns, self.end_ns + 1
+        )
         self._next = next(self._source, None)
         self._anchor(bag_time_ns, now_ns)
         self.finished = False

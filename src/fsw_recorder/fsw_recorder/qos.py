@@ -6,7 +6,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import yaml
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 from rosbags.rosbag2.metadata import dump_qos_v9, parse_qos
 
 #: a duration that never ends, as ROS 2 writes it
@@ -51,7 +58,9 @@ def qos_text(profiles: Sequence[Qos]) -> str:
 def read_qos(text: Any) -> list[Qos]:
     """Profiles from channel metadata of any age; empty where they are damaged."""
     try:
-        return [qos for qos in parse_qos(text) if isinstance(qos.depth, int) and 0 <= qos.depth < 2**31]
+        return [
+            qos for qos in parse_qos(text) if isinstance(qos.depth, int) and 0 <= qos.depth < 2**31
+        ]
     except Exception:  # rosbags lets whatever the damage causes through
         return []
 
@@ -59,14 +68,19 @@ def read_qos(text: Any) -> list[Qos]:
 def missing_requests(offers: Sequence[Qos], present: Sequence[Qos], depth: int) -> list[Qos]:
     """QoS of the subscriptions to add to the present ones to receive from every publisher as strongly as it offers.
 
-    A reliable subscription does not match a best-effort publisher, and a best-effort one loses messages of a reliable
-    one; in the same way a latched (transient local) one does not match a volatile publisher. A publisher's larger depth
-    wins over ``depth``, so that all latched messages are received.
+    A reliable subscription does not match a best-effort publisher, and a best-effort one loses
+    messages of a reliable one; in the same way a latched (transient local) one does not match a
+    volatile publisher. A publisher's larger depth wins over ``depth``, so that all latched
+    messages are received.
     """
     requests = list(present)
-    for offer in sorted(offers, key=lambda one: (-is_reliable(one) - is_latched(one), -one.depth, repr(one))):
+    for offer in sorted(
+        offers, key=lambda one: (-is_reliable(one) - is_latched(one), -one.depth, repr(one))
+    ):
         reliable, latched = is_reliable(offer), is_latched(offer)
-        if not any(is_reliable(one) <= reliable and is_latched(one) <= latched for one in requests):
+        if not any(
+            is_reliable(one) <= reliable and is_latched(one) <= latched for one in requests
+        ):
             requests.append(profile(reliable, latched, max(depth, offer.depth)))
     return requests[len(present) :]
 

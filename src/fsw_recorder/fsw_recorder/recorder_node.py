@@ -64,8 +64,9 @@ class _Bag(NamedTuple):
 class RecorderNode(ManagedNode):
     """Node that records while it is active; see ``recorder.yaml`` for its parameters.
 
-    Services as rosbag2's recorder: ``~/pause``, ``~/resume``, ``~/is_paused`` and ``~/split_bagfile``. Each activation
-    makes a bag, which is whole once the node is deactivated; one after the first gets a number, unless it is free.
+    Services as rosbag2's recorder: ``~/pause``, ``~/resume``, ``~/is_paused`` and
+    ``~/split_bagfile``. Each activation makes a bag, which is whole once the node is deactivated;
+    one after the first gets a number, unless it is free.
 
     Raises
     ------
@@ -88,7 +89,11 @@ class RecorderNode(ManagedNode):
     def configure(self) -> None:
         """Check selection, attachments and the bag's folder."""
         values = self._values
-        rules = {field.name: values[field.name] for field in fields(TopicSelection) if field.name != "namespace"}
+        rules = {
+            field.name: values[field.name]
+            for field in fields(TopicSelection)
+            if field.name != "namespace"
+        }
         self._selection = TopicSelection(**rules, namespace=self.get_namespace())
         self._depth: int = values["queue_depth"]
         self._on_finished: list[str] = list(values["on_finished"])
@@ -120,8 +125,12 @@ class RecorderNode(ManagedNode):
         self._make_services()
         self._snapshots = None
         if values["collect_parameters"]:
-            self._snapshots = ParameterSnapshots(self, self._attach_parameters, self._selection.takes_node)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)  # also runs while simulated time stands still
+            self._snapshots = ParameterSnapshots(
+                self, self._attach_parameters, self._selection.takes_node
+            )
+        steady = Clock(
+            clock_type=ClockType.STEADY_TIME
+        )  # also runs while simulated time stands still
         self.create_timer(values["discovery_period"], self._discover, clock=steady)
         self.create_timer(_REPORT_PERIOD_S, self._report, clock=steady)
         self.create_timer(_POLL_PERIOD_S, self._poll, clock=steady)
@@ -138,9 +147,13 @@ class RecorderNode(ManagedNode):
         attachments = [("versions.json", versions_text())]
         if values["scenario"]:
             attachments.append(("scenario.yaml", read_attachment(values["scenario"])))
-        attachments += [(path.rsplit("/", 1)[-1], read_attachment(path)) for path in values["attach"]]
+        attachments += [
+            (path.rsplit("/", 1)[-1], read_attachment(path)) for path in values["attach"]
+        ]
         custom = custom_entries(values["custom_data"])
-        options = WriterOptions(**{field.name: values[field.name] for field in fields(WriterOptions)})
+        options = WriterOptions(
+            **{field.name: values[field.name] for field in fields(WriterOptions)}
+        )
         wanted = folder = output_folder(values["output"], datetime.now())
         if values["number_if_taken"] or not values["output"] or self._recorded:
             folder = free_sibling(wanted)
@@ -152,14 +165,18 @@ class RecorderNode(ManagedNode):
         bag = self._planned()
         if "continues" in bag.custom:
             wanted = bag.folder.with_name(bag.custom["continues"])
-            self.get_logger().warning(f"{wanted} exists already and is left unchanged: recording continues beside it")
+            self.get_logger().warning(
+                f"{wanted} exists already and is left unchanged: recording continues beside it"
+            )
         writer = BagWriter(bag.folder, bag.options, bag.custom)
         writer.is_paused = self._values["start_paused"]
         for name, data in bag.attachments:
             writer.attach(name, media_type(name), data)
         self._recorded = True
         if bag.options.manifest:  # the programs that tell may take seconds to answer
-            Thread(target=lambda: writer.note_clock(clock_state()), name="clock_source", daemon=True).start()
+            Thread(
+                target=lambda: writer.note_clock(clock_state()), name="clock_source", daemon=True
+            ).start()
         return writer
 
     def _make_services(self) -> None:
@@ -180,7 +197,9 @@ class RecorderNode(ManagedNode):
         serve(self, Resume, "~/resume", lambda _: set_paused(False))
         serve(self, IsPaused, "~/is_paused", lambda _: {"paused": writer.is_paused})
         # a group of its own: a callback that awaits keeps its group busy
-        self.create_service(SplitBagfile, "~/split_bagfile", split, callback_group=ReentrantCallbackGroup())
+        self.create_service(
+            SplitBagfile, "~/split_bagfile", split, callback_group=ReentrantCallbackGroup()
+        )
 
     # ------------------------------------------------------------------ topics
 
@@ -191,7 +210,9 @@ class RecorderNode(ManagedNode):
             self._report()
             raise SystemExit(1)
         found = dict(self.get_topic_names_and_types())
-        if self._awaited and all(self.get_publishers_info_by_topic(name) for name in self._awaited):
+        if self._awaited and all(
+            self.get_publishers_info_by_topic(name) for name in self._awaited
+        ):
             self._awaited = []
         for name, types in found.items():
             if self._awaited and name not in self._awaited:
@@ -199,7 +220,9 @@ class RecorderNode(ManagedNode):
             if name in self._left_out or not self._selection.takes(name):
                 self._tell_other_weld(name)
                 continue
-            offers = tuple(offered_by(one.qos_profile) for one in self.get_publishers_info_by_topic(name))
+            offers = tuple(
+                offered_by(one.qos_profile) for one in self.get_publishers_info_by_topic(name)
+            )
             known = self._subscriptions_by_topic.get(name)
             if known is None and offers:
                 self._subscribe(name, types, offers)
@@ -207,14 +230,18 @@ class RecorderNode(ManagedNode):
                 for weaker in known.update(offers):
                     offered = "reliable" if is_reliable(weaker) else "best effort"
                     offered += ", transient local" if is_latched(weaker) else ", volatile"
-                    self.get_logger().info(f"subscribed to {name} again, for a publisher that is only {offered}")
+                    self.get_logger().info(
+                        f"subscribed to {name} again, for a publisher that is only {offered}"
+                    )
 
     def _tell_other_weld(self, name: str) -> None:
         """Say once of each other weld that it is not recorded."""
         weld = self._selection.other_weld(name)
         if weld and weld not in self._other_welds:
             self._other_welds.add(weld)
-            self.get_logger().info(f"the weld in namespace {weld} is not recorded here; a recorder in it does that")
+            self.get_logger().info(
+                f"the weld in namespace {weld} is not recorded here; a recorder in it does that"
+            )
 
     def _subscribe(self, name: str, types: Sequence[str], offers: tuple[Qos, ...]) -> None:
         type_name = types[0]
@@ -226,9 +253,13 @@ class RecorderNode(ManagedNode):
             self._left_out[name] = str(error)
             self.get_logger().warning(f"{name} is not recorded: {error}")
             return
-        topic = RecordedTopic(name, type_name, interface_definition(type_name), interface_hash(type_name), offers)
+        topic = RecordedTopic(
+            name, type_name, interface_definition(type_name), interface_hash(type_name), offers
+        )
         self.writer.add_topic(topic)
-        self._subscriptions_by_topic[name] = TopicSubscription(self, name, kind, self._depth, self.writer.write)
+        self._subscriptions_by_topic[name] = TopicSubscription(
+            self, name, kind, self._depth, self.writer.write
+        )
         self._subscriptions_by_topic[name].update(offers)
         self.get_logger().info(f"subscribed to {name} [{type_name}]")
 
@@ -252,7 +283,10 @@ class RecorderNode(ManagedNode):
         if lost or counters["dropped"] or self._left_out:
             level, text = WARN, "recording, but not everything is in the bag"
         if self._awaited:
-            level, text = WARN, f"recording nothing until these topics are there: {', '.join(self._awaited)}"
+            level, text = (
+                WARN,
+                f"recording nothing until these topics are there: {', '.join(self._awaited)}",
+            )
         if error is not None:
             level, text = ERROR, str(error)
         values = {
@@ -275,10 +309,13 @@ class RecorderNode(ManagedNode):
         lost, dropped = self._lost(), self.writer.statistics()["dropped"]
         missing = sum(lost.values()) + dropped
         self.writer.custom_data["lost_messages"] = str(missing)
-        self.writer.custom_data |= {f"lost_messages {topic}": str(count) for topic, count in lost.items()}
+        self.writer.custom_data |= {
+            f"lost_messages {topic}": str(count) for topic, count in lost.items()
+        }
         self.writer.close()
         counters = self.writer.statistics()
-        # a logger that does not publish to /rosout: when a signal ends the node, its context is no more
+        # a logger that does not publish to /rosout: when a signal ends the node, its context is no
+        # more
         logger = get_logger(f"{self.get_logger().name}.bag")
         if self.writer.error is not None:
             self.failed = True
@@ -286,13 +323,21 @@ class RecorderNode(ManagedNode):
                 logger.fatal(str(self.writer.error))
         else:
             if self._awaited:
-                logger.warning(f"nothing was recorded: these topics were not there: {', '.join(self._awaited)}")
-            logger.info(f"{counters['written']} messages in {self.writer.folder} (missing: {missing})")
-        if self._on_finished and (self.writer.folder / METADATA_NAME).exists():  # else there is no finished bag
+                logger.warning(
+                    f"nothing was recorded: these topics were not there: {', '.join(self._awaited)}"
+                )
+            logger.info(
+                f"{counters['written']} messages in {self.writer.folder} (missing: {missing})"
+            )
+        if (
+            self._on_finished and (self.writer.folder / METADATA_NAME).exists()
+        ):  # else there is no finished bag
             try:
                 after_recording.start(self._on_finished, self.writer.folder)
             except OSError as error:
-                logger.error(f"on_finished cannot be started: {error.strerror}; the bag is unharmed")
+                logger.error(
+                    f"on_finished cannot be started: {error.strerror}; the bag is unharmed"
+                )
 
     def destroy_node(self) -> None:
         """Finish the bag and leave the graph."""
@@ -309,7 +354,11 @@ def main(args: Sequence[str] | None = None) -> int:
         nodes.append(RecorderNode())
         return nodes[0]
 
-    code = run(make, args, NodeArguments("fsw_recorder", __doc__ or "", load("fsw_recorder", "recorder.yaml")))
+    code = run(
+        make,
+        args,
+        NodeArguments("fsw_recorder", __doc__ or "", load("fsw_recorder", "recorder.yaml")),
+    )
     return 1 if code == 0 and any(node.failed for node in nodes) else code
 
 

@@ -18,15 +18,31 @@ from fsw_schema.files import open_regular
 
 _DISTRIBUTIONS = ("fsw-control", "ros-rclpy", "ros-fastrtps", "mcap", "numpy", "casadi", "rosbags")
 #: packages that decide what is commanded, with the suffixes of their sources
-_PACKAGES = ("fsw_control", "fsw_model", "fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_plant", "fsw_scenario")
+_PACKAGES = (
+    "fsw_control",
+    "fsw_model",
+    "fsw_nmpc",
+    "fsw_decentral",
+    "fsw_supervisor",
+    "fsw_plant",
+    "fsw_scenario",
+)
 _SOURCES = (".py", ".yaml", ".c", ".h")
 _MAX_ATTACHMENT_BYTES = 64 * 1024 * 1024
-_MEDIA_TYPES = {".yaml": "application/yaml", ".yml": "application/yaml", ".json": "application/json"}
+_MEDIA_TYPES = {
+    ".yaml": "application/yaml",
+    ".yml": "application/yaml",
+    ".json": "application/json",
+}
 
 
 def output_folder(wanted: str, now: datetime) -> Path:
     """Folder of the bag; where none is given, one named after the time at which the recording began."""
-    return Path(wanted).expanduser() if wanted else Path("out") / now.strftime("weld_%Y_%m_%d-%H_%M_%S")
+    return (
+        Path(wanted).expanduser()
+        if wanted
+        else Path("out") / now.strftime("weld_%Y_%m_%d-%H_%M_%S")
+    )
 
 
 def free_sibling(folder: Path) -> Path:
@@ -47,7 +63,9 @@ def versions_text() -> bytes:
             found[name] = version(name)
         except PackageNotFoundError:
             continue
-    found |= {f"code of {name}": _code_sha256(name) for name in _PACKAGES if find_spec(name) is not None}
+    found |= {
+        f"code of {name}": _code_sha256(name) for name in _PACKAGES if find_spec(name) is not None
+    }
     return json.dumps(found, indent=2).encode()
 
 
@@ -58,7 +76,9 @@ def _code_sha256(package: str) -> str:
     for folder in spec.submodule_search_locations or () if spec else ():
         for path in sorted(Path(folder).rglob("*")):
             if path.suffix in _SOURCES and path.is_file():
-                total.update(f"{path.relative_to(folder).as_posix()}\0{path.stat().st_size}\0".encode())
+                total.update(
+                    f"{path.relative_to(folder).as_posix()}\0{path.stat().st_size}\0".encode()
+                )
                 total.update(path.read_bytes())
     return total.hexdigest()
 
@@ -71,13 +91,17 @@ def read_attachment(path: str) -> bytes:
     except OSError as error:
         raise BagError(f"{path}: cannot be attached to the bag: {error.strerror}") from None
     if len(data) > _MAX_ATTACHMENT_BYTES:
-        raise BagError(f"{path}: more than the {_MAX_ATTACHMENT_BYTES} bytes allowed for an attachment")
+        raise BagError(
+            f"{path}: more than the {_MAX_ATTACHMENT_BYTES} bytes allowed for an attachment"
+        )
     return data
 
 
 def media_type(name: str) -> str:
     """Media type of an attachment by its name."""
-    return _MEDIA_TYPES.get(Path(name).suffix, "text/plain" if name.endswith(".txt") else "application/octet-stream")
+    return _MEDIA_TYPES.get(
+        Path(name).suffix, "text/plain" if name.endswith(".txt") else "application/octet-stream"
+    )
 
 
 def custom_entries(entries: Sequence[str]) -> dict[str, str]:

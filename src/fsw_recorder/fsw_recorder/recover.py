@@ -37,10 +37,11 @@ def recover(
 ) -> Recovery:
     """Copy all readable messages and attachments of a bag in any state into a new bag, whose folder must not exist.
 
-    Topics, types, definitions, QoS, times, sequence numbers and bytes stay as they are; also turns any readable bag
-    (split, compressed, sqlite3) into one MCAP bag. ``selection``, ``keep_attachment`` and ``stop_ns`` restrict it to
-    topics, to attachments by name, and to messages received before a time. ``progress`` is called now and then with the
-    fraction done, 0 to 1.
+    Topics, types, definitions, QoS, times, sequence numbers and bytes stay as they are; also turns
+    any readable bag (split, compressed, sqlite3) into one MCAP bag. ``selection``,
+    ``keep_attachment`` and ``stop_ns`` restrict it to topics, to attachments by name, and to
+    messages received before a time. ``progress`` is called now and then with the fraction done, 0
+    to 1.
 
     Raises
     ------
@@ -48,7 +49,11 @@ def recover(
         Nothing can be read, or the new bag cannot be written.
     """
     with BagReader(source) as reader:
-        topics = {name: topic for name, topic in reader.topics().items() if selection is None or selection.takes(name)}
+        topics = {
+            name: topic
+            for name, topic in reader.topics().items()
+            if selection is None or selection.takes(name)
+        }
         custom = {**reader.metadata.custom_data, "recovered_from": str(source)}
         with BagWriter(target, options, custom) as writer:
             for topic in topics.values():
@@ -56,10 +61,14 @@ def recover(
             for attachment in reader.attachments():
                 if keep_attachment(attachment.name):
                     writer.attach(attachment.name, attachment.media_type, attachment.data)
-            return copy(reader.records(topics, stop_ns=stop_ns, progress=progress), writer, reader.problems)
+            return copy(
+                reader.records(topics, stop_ns=stop_ns, progress=progress), writer, reader.problems
+            )
 
 
-def copy(records: Iterable[BagRecord], writer: BagWriter, problems: Sequence[str] = ()) -> Recovery:
+def copy(
+    records: Iterable[BagRecord], writer: BagWriter, problems: Sequence[str] = ()
+) -> Recovery:
     """Write records to a bag as fast as the disk takes them, and close it; a `BagError` when it is not complete."""
     topics: set[str] = set()
     waiting = 0
@@ -69,12 +78,16 @@ def copy(records: Iterable[BagRecord], writer: BagWriter, problems: Sequence[str
         if waiting > _BATCH_BYTES:
             waiting = 0
             writer.flush(_PATIENCE_S)
-        if not writer.write(record.topic, record.data, record.log_time_ns, record.publish_time_ns, record.sequence):
+        if not writer.write(
+            record.topic, record.data, record.log_time_ns, record.publish_time_ns, record.sequence
+        ):
             break
     writer.close()
     if writer.error is not None:
         raise writer.error
     written = writer.statistics()
     if written["dropped"]:
-        raise BagError(f"{writer.folder}: incomplete: the disk did not accept a message of {record.topic}")
+        raise BagError(
+            f"{writer.folder}: incomplete: the disk did not accept a message of {record.topic}"
+        )
     return Recovery(written["written"], len(topics), list(problems))

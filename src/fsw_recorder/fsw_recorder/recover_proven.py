@@ -32,13 +32,16 @@ class ProvenRecovery:
 
 
 def recover_proven(
-    source: Path, target: Path, evidence: tuple[str, ...] = (), progress: Callable[[float], None] | None = None
+    source: Path,
+    target: Path,
+    evidence: tuple[str, ...] = (),
+    progress: Callable[[float], None] | None = None,
 ) -> ProvenRecovery:
     """Copy the chunks and attachments whose hashes are in the manifest, unchanged, into a new bag.
 
-    So the manifest, which is copied beside them, still proves them; a reader finds them without an index. The
-    ``target`` must not exist. ``evidence`` are further files to copy, where there are any: signatures. ``progress`` is
-    called with the fraction done, 0 to 1.
+    So the manifest, which is copied beside them, still proves them; a reader finds them without an
+    index. The ``target`` must not exist. ``evidence`` are further files to copy, where there are
+    any: signatures. ``progress`` is called with the fraction done, 0 to 1.
 
     Raises
     ------
@@ -47,7 +50,9 @@ def recover_proven(
     """
     manifest = read_manifest(source) if source.is_dir() else None
     if manifest is None:
-        raise BagError(f"{source}: nothing can be proven without {MANIFEST_NAME}; recover without --proven")
+        raise BagError(
+            f"{source}: nothing can be proven without {MANIFEST_NAME}; recover without --proven"
+        )
     files = [one for one in manifest.files if one.name.endswith(".mcap")]
     contents, proven, lost = {}, 0, []
     for number, listed in enumerate(files, 1):
@@ -58,18 +63,24 @@ def recover_proven(
         if progress is not None:
             progress(number / len(files))
     if not proven:
-        raise BagError(f"{source}: nothing is proven: {lost[0] if lost else 'no chunk is in its manifest'}")
+        raise BagError(
+            f"{source}: nothing is proven: {lost[0] if lost else 'no chunk is in its manifest'}"
+        )
     try:
         target.mkdir(parents=True)
     except FileExistsError:
-        raise BagError(f"{target}: exists already; nothing was recovered. Choose another folder") from None
+        raise BagError(
+            f"{target}: exists already; nothing was recovered. Choose another folder"
+        ) from None
     for name, data in contents.items():
         (target / name).write_bytes(data)
     for name in (MANIFEST_NAME, MANIFEST_NAME + SUFFIX, *evidence):
         if (source / name).exists():
             shutil.copyfile(source / name, target / name)
     recorded = sum(piece.kind != "other" for one in files for piece in one.pieces)
-    return ProvenRecovery(proven, recorded, _write_metadata(target, manifest.custom_data, str(source)), lost)
+    return ProvenRecovery(
+        proven, recorded, _write_metadata(target, manifest.custom_data, str(source)), lost
+    )
 
 
 def _proven_file(path: Path, listed: FileManifest) -> tuple[bytes, int]:
@@ -97,6 +108,8 @@ def _write_metadata(folder: Path, custom_data: dict[str, str], source: str) -> i
             for record in reader.records():
                 one.note(record.topic, record.log_time_ns)
         messages += one.counts.total()
-    text = metadata_text(list(summaries.values()), topics, {**custom_data, "recovered_from": source})
+    text = metadata_text(
+        list(summaries.values()), topics, {**custom_data, "recovered_from": source}
+    )
     (folder / METADATA_NAME).write_text(text, encoding="utf-8")
     return messages

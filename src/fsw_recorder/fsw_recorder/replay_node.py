@@ -15,7 +15,18 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.time import Time
-from rosbag2_interfaces.srv import Burst, GetRate, IsPaused, Pause, PlayNext, Resume, Seek, SetRate, Stop, TogglePaused
+from rosbag2_interfaces.srv import (
+    Burst,
+    GetRate,
+    IsPaused,
+    Pause,
+    PlayNext,
+    Resume,
+    Seek,
+    SetRate,
+    Stop,
+    TogglePaused,
+)
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from fsw_control.light_node_ros import LightNode
@@ -43,8 +54,8 @@ _DELIVERY_S = 2.0
 class ReplayNode(LightNode, Node):  # type: ignore[misc]
     """Node that plays a bag; see ``replay.yaml`` for its parameters.
 
-    Services as rosbag2's player: ``~/pause``, ``~/resume``, ``~/toggle_paused``, ``~/is_paused``, ``~/get_rate``,
-    ``~/set_rate``, ``~/play_next``, ``~/burst``, ``~/seek``, ``~/stop``.
+    Services as rosbag2's player: ``~/pause``, ``~/resume``, ``~/toggle_paused``, ``~/is_paused``,
+    ``~/get_rate``, ``~/set_rate``, ``~/play_next``, ``~/burst``, ``~/seek``, ``~/stop``.
 
     Raises
     ------
@@ -56,7 +67,9 @@ class ReplayNode(LightNode, Node):  # type: ignore[misc]
         super().__init__("fsw_replay", **arguments)
         values = declare(self, "fsw_recorder", "replay.yaml").values
         if not values["bag"]:
-            raise BagError("no bag given; give its path as an argument, or set the parameter 'bag'")
+            raise BagError(
+                "no bag given; give its path as an argument, or set the parameter 'bag'"
+            )
         rules = {name: values[name] for name in ("topics", "regex", "exclude", "exclude_regex")}
         selection = TopicSelection(**rules, include_hidden=True)
         self._exit_at_end: bool = values["exit_at_end"]
@@ -65,7 +78,9 @@ class ReplayNode(LightNode, Node):  # type: ignore[misc]
             self.get_logger().warning(problem)
         topics = self._reader.topics()
         recorded_clock = "/clock" in topics
-        own_clock = values["clock"] == "bag_time" or (values["clock"] == "auto" and not recorded_clock)
+        own_clock = values["clock"] == "bag_time" or (
+            values["clock"] == "auto" and not recorded_clock
+        )
         if values["clock"] == "recorded" and not recorded_clock:
             raise BagError(f"{values['bag']}: clock is 'recorded' but the bag has no /clock")
         names = {name for name in topics if selection.takes(name)}
@@ -85,7 +100,9 @@ class ReplayNode(LightNode, Node):  # type: ignore[misc]
         )
         self._published = 0
         self._publishers_by_topic = self._make_publishers()
-        self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 1) if own_clock else None
+        self._clock_publisher = (
+            self.create_publisher(ClockMessage, "/clock", 1) if own_clock else None
+        )
         self._clock_period_ns = round(1e9 / values["clock_frequency"])
         self._last_clock_ns = self._last_tick_ns = 0
         self._wait_for: list[str] = [name for name in values["wait_for"] if name]
@@ -103,14 +120,23 @@ class ReplayNode(LightNode, Node):  # type: ignore[misc]
                 if topic.encoding != "cdr":
                     raise BagError(f"its encoding '{topic.encoding}' is not CDR")
                 kind = message_class(topic.type_name)
-                if topic.type_hash and interface_hash(topic.type_name) not in ("", topic.type_hash):
-                    raise BagError(f"{topic.type_name} was another version when the bag was recorded")
+                if topic.type_hash and interface_hash(topic.type_name) not in (
+                    "",
+                    topic.type_hash,
+                ):
+                    raise BagError(
+                        f"{topic.type_name} was another version when the bag was recorded"
+                    )
             except BagError as error:
                 self.get_logger().warning(f"{topic.name} is not played: {error}")
                 continue
-            publishers[topic.name] = self.create_publisher(kind, topic.name, profile_of(replayed_qos(topic.qos)))
+            publishers[topic.name] = self.create_publisher(
+                kind, topic.name, profile_of(replayed_qos(topic.qos))
+            )
         if not publishers:
-            raise BagError(f"{self._reader.path}: nothing to play: none of its topics' types is installed here")
+            raise BagError(
+                f"{self._reader.path}: nothing to play: none of its topics' types is installed here"
+            )
         return publishers
 
     # ------------------------------------------------------------------ playing
@@ -126,7 +152,9 @@ class ReplayNode(LightNode, Node):  # type: ignore[misc]
             paused = self.player.is_paused
             self.player.seek(self.player.start_ns, now_ns)
             self._last_tick_ns = now_ns
-            self.get_logger().info(f"playing {self._reader.path}" + (" (paused)" if paused else ""))
+            self.get_logger().info(
+                f"playing {self._reader.path}" + (" (paused)" if paused else "")
+            )
         self.player.hold_back(max(now_ns - self._last_tick_ns - _STALL_NS, 0))
         self._last_tick_ns = now_ns
         for record in self.player.take_due(now_ns):
@@ -154,7 +182,9 @@ class ReplayNode(LightNode, Node):  # type: ignore[misc]
         if missing and now < self._waits_until:
             return False
         if missing:
-            self.get_logger().warning(f"playing although no subscriber has matched on {', '.join(missing)}")
+            self.get_logger().warning(
+                f"playing although no subscriber has matched on {', '.join(missing)}"
+            )
         return True
 
     def _publish(self, record: BagRecord) -> None:
@@ -188,9 +218,19 @@ class ReplayNode(LightNode, Node):  # type: ignore[misc]
         serve(self, TogglePaused, "~/toggle_paused", toggle)
         serve(self, IsPaused, "~/is_paused", lambda _: {"paused": player.is_paused})
         serve(self, GetRate, "~/get_rate", lambda _: {"rate": player.rate})
-        serve(self, SetRate, "~/set_rate", lambda request: {"success": player.set_rate(request.rate, now())})
+        serve(
+            self,
+            SetRate,
+            "~/set_rate",
+            lambda request: {"success": player.set_rate(request.rate, now())},
+        )
         serve(self, PlayNext, "~/play_next", lambda _: {"success": self._step() == 1})
-        serve(self, Burst, "~/burst", lambda request: {"actually_burst": self._step(request.num_messages)})
+        serve(
+            self,
+            Burst,
+            "~/burst",
+            lambda request: {"actually_burst": self._step(request.num_messages)},
+        )
         serve(self, Seek, "~/seek", seek)
         serve(self, Stop, "~/stop", stop)
 
@@ -215,9 +255,13 @@ def main(args: Sequence[str] | None = None) -> int:
     """Play a bag: ``run_replay.py BAG [--ros-args ...]``."""
 
     def make(*bag: str) -> ReplayNode:
-        return ReplayNode(parameter_overrides=[Parameter("bag", Parameter.Type.STRING, path) for path in bag])
+        return ReplayNode(
+            parameter_overrides=[Parameter("bag", Parameter.Type.STRING, path) for path in bag]
+        )
 
-    arguments = NodeArguments("fsw_replay", __doc__ or "", load("fsw_recorder", "replay.yaml"), "BAG")
+    arguments = NodeArguments(
+        "fsw_replay", __doc__ or "", load("fsw_recorder", "replay.yaml"), "BAG"
+    )
     return run(make, args, arguments)
 
 

@@ -26,7 +26,8 @@ _MOST = 2**63 - 1
 def with_its_log(path: Path) -> Iterator[Path]:
     """A copy of a sqlite3 file with what is in its write-ahead log; the file itself where there is no log.
 
-    rosbag2's preset ``resilient`` writes such a log, and one that was killed leaves most of its messages in it.
+    rosbag2's preset ``resilient`` writes such a log, and one that was killed leaves most of its
+    messages in it.
     """
     log = path.with_name(f"{path.name}-wal")
     if not path.is_file() or not log.is_file() or not log.stat().st_size:
@@ -58,12 +59,18 @@ class RosbagsFile:
             plain = self._stack.enter_context(decompressed(path))
             whole = self._stack.enter_context(with_its_log(plain))
             if whole != plain:
-                self._add_problem("was not closed; the messages in its write-ahead log are read, too")
+                self._add_problem(
+                    "was not closed; the messages in its write-ahead log are read, too"
+                )
             self._reader: Any = Reader(whole)
             self._reader.open()
             self._stack.callback(self._reader.close)
             self._connections = list(self._reader.connections)
-            if not all(isinstance(text, str) for one in self._connections for text in (one.topic, one.msgtype)):
+            if not all(
+                isinstance(text, str)
+                for one in self._connections
+                for text in (one.topic, one.msgtype)
+            ):
                 raise ValueError("its table of topics has unexpected content")
         except Exception as error:  # rosbags and apsw raise many kinds on damaged files
             self._stack.close()
@@ -88,7 +95,9 @@ class RosbagsFile:
             for one in self._connections
         ]
 
-    def records(self, topics: Collection[str] | None, start_ns: int, stop_ns: int) -> Iterator[BagRecord]:
+    def records(
+        self, topics: Collection[str] | None, start_ns: int, stop_ns: int
+    ) -> Iterator[BagRecord]:
         """Messages with ``start_ns`` <= log time < ``stop_ns`` by log time."""
         wanted = [one for one in self._connections if topics is None or one.topic in topics]
         if not wanted:
@@ -96,11 +105,15 @@ class RosbagsFile:
         total = max(int(self._reader.message_count), 1)
         count = 0
         try:
-            for connection, time_ns, data in self._reader.messages(wanted, min(start_ns, _MOST), min(stop_ns, _MOST)):
+            for connection, time_ns, data in self._reader.messages(
+                wanted, min(start_ns, _MOST), min(stop_ns, _MOST)
+            ):
                 count += 1
                 self.fraction = min(count / total, 1.0)
                 if isinstance(time_ns, int) and 0 <= time_ns <= _MOST and isinstance(data, bytes):
-                    yield BagRecord(connection.topic, connection.msgtype, time_ns, time_ns, data, 0)
+                    yield BagRecord(
+                        connection.topic, connection.msgtype, time_ns, time_ns, data, 0
+                    )
                 else:
                     self._add_problem("damaged: rows that are no messages are left out")
         except Exception as error:  # apsw raises many kinds on damaged pages

@@ -8,7 +8,9 @@ from typing import Any
 from rclpy.node import Node
 
 
-def serve(node: Node, kind: Any, name: str, answer: Callable[[Any], dict[str, Any] | None]) -> None:
+def serve(
+    node: Node, kind: Any, name: str, answer: Callable[[Any], dict[str, Any] | None]
+) -> None:
     """Offer a service; ``answer`` takes the request and returns the response's fields (None: an empty response)."""
 
     def respond(request: Any, response: Any) -> Any:

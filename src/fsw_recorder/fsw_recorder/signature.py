@@ -1,8 +1,8 @@
 """Ed25519 keys, lists of trusted keys, and signatures of files.
 
-The signature of ``FILE`` is ``FILE.sig``: a DSSE envelope (https://github.com/secure-systems-lab/dsse), made and
-checked by securesystemslib, around a :class:`Statement` of what was signed as what, and when. Keys have OpenSSH's
-format.
+The signature of ``FILE`` is ``FILE.sig``: a DSSE envelope
+(https://github.com/secure-systems-lab/dsse), made and checked by securesystemslib, around a
+:class:`Statement` of what was signed as what, and when. Keys have OpenSSH's format.
 """
 
 from __future__ import annotations
@@ -109,7 +109,11 @@ class SigningKey:
 def default_key() -> Path:
     """Where the key is that is used unless another is given: in the user's configuration, in no repository."""
     configured = os.environ.get("XDG_CONFIG_HOME", "")
-    return (Path(configured) if os.path.isabs(configured) else Path.home() / ".config") / "fsw-control" / "evidence_key"
+    return (
+        (Path(configured) if os.path.isabs(configured) else Path.home() / ".config")
+        / "fsw-control"
+        / "evidence_key"
+    )
 
 
 def public_path(path: Path) -> Path:
@@ -141,7 +145,9 @@ def make_key(path: Path, comment: str = "fsw-control") -> str:
 
     key = Ed25519PrivateKey.generate()
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    write_whole(path, key.private_bytes(Encoding.PEM, PrivateFormat.OpenSSH, NoEncryption()), 0o600)
+    write_whole(
+        path, key.private_bytes(Encoding.PEM, PrivateFormat.OpenSSH, NoEncryption()), 0o600
+    )
     line = _line(key.public_key())
     write_whole(public_path(path), f"{line} {comment}\n")
     return fingerprint(line)
@@ -169,7 +175,9 @@ def load_private(path: Path) -> SigningKey:
     try:
         key = load_ssh_private_key(data, password=None)
     except Exception as error:  # cryptography raises many kinds
-        raise InputError(f"key {path}: cannot be used: {' '.join(str(error).split())[:150]}") from None
+        raise InputError(
+            f"key {path}: cannot be used: {' '.join(str(error).split())[:150]}"
+        ) from None
     if not isinstance(key, Ed25519PrivateKey):
         raise InputError(f"key {path}: is no Ed25519 key; make one with 'fsw.py bag keygen'")
     line = _line(key.public_key())
@@ -189,7 +197,9 @@ def load_trusted(paths: Sequence[Path]) -> tuple[TrustedKey, ...]:
         try:
             text = read_regular(path).decode("utf-8", "replace")
         except OSError as error:
-            raise InputError(f"trusted key {path}: {error.strerror}; give that of the signer") from None
+            raise InputError(
+                f"trusted key {path}: {error.strerror}; give that of the signer"
+            ) from None
         if text.startswith("ssh-"):
             keys.append(TrustedKey(name="", key=text))
         else:
@@ -200,7 +210,9 @@ def load_trusted(paths: Sequence[Path]) -> tuple[TrustedKey, ...]:
             except MissingExtraError:
                 raise
             except Exception:  # cryptography raises many kinds
-                raise InputError(f"trusted key {path}: {entry.name} is no line 'ssh-ed25519 AAAA...'") from None
+                raise InputError(
+                    f"trusted key {path}: {entry.name} is no line 'ssh-ed25519 AAAA...'"
+                ) from None
     return tuple(keys)
 
 
@@ -215,13 +227,21 @@ def sign(data: bytes, name: str, purpose: Purpose, key: SigningKey, now: datetim
     from securesystemslib.dsse import Envelope
 
     digest = hashlib.sha256(data).hexdigest()
-    statement = Statement(purpose=purpose, name=name, sha256=digest, signed_at=now.astimezone(UTC), key=key.public)
+    statement = Statement(
+        purpose=purpose, name=name, sha256=digest, signed_at=now.astimezone(UTC), key=key.public
+    )
     envelope = Envelope(statement.model_dump_json().encode(), PAYLOAD_TYPE, {})
     envelope.sign(key.signer)
     return json.dumps(envelope.to_dict(), indent=1) + "\n"
 
 
-def verify(data: bytes, text: str, purpose: Purpose, trusted: Sequence[TrustedKey] | None, name: object = "") -> Signer:
+def verify(
+    data: bytes,
+    text: str,
+    purpose: Purpose,
+    trusted: Sequence[TrustedKey] | None,
+    name: object = "",
+) -> Signer:
     """Check a signature of the content of file ``name``; returns its signer.
 
     Without ``trusted`` keys any will do, e.g. to see whether a file was changed.
@@ -229,7 +249,8 @@ def verify(data: bytes, text: str, purpose: Purpose, trusted: Sequence[TrustedKe
     Raises
     ------
     EvidenceError
-        It is no signature, not of these bytes, made for something else, or by a key that does not count for it.
+        It is no signature, not of these bytes, made for something else, or by a key that does not
+        count for it.
     """
     _EXTRA.need("signatures")
     try:
@@ -239,26 +260,47 @@ def verify(data: bytes, text: str, purpose: Purpose, trusted: Sequence[TrustedKe
     if statement.sha256 != hashlib.sha256(data).hexdigest():
         raise EvidenceError(finding(Code.CONTENT_CHANGED, name))
     if statement.purpose is not purpose:
-        raise EvidenceError(finding(Code.OTHER_PURPOSE, name, signed=statement.purpose, needed=purpose))
+        raise EvidenceError(
+            finding(Code.OTHER_PURPOSE, name, signed=statement.purpose, needed=purpose)
+        )
     signer = Signer(key=fingerprint(statement.key), signed_at=statement.signed_at)
     return signer if trusted is None else check_trust(signer, purpose, trusted, name)
 
 
-def check_trust(signer: Signer, purpose: Purpose, trusted: Sequence[TrustedKey], name: object) -> Signer:
+def check_trust(
+    signer: Signer, purpose: Purpose, trusted: Sequence[TrustedKey], name: object
+) -> Signer:
     """The signer with its owner's name; EvidenceError where the key does not count for this purpose at that time."""
     known = {fingerprint(entry.key): entry for entry in trusted}
     entry = known.get(signer.key)
     if entry is None:
         raise EvidenceError(
-            finding(Code.KEY_UNKNOWN, name, key=signer.key, trusted=", ".join(sorted(known)) or "none is given")
+            finding(
+                Code.KEY_UNKNOWN,
+                name,
+                key=signer.key,
+                trusted=", ".join(sorted(known)) or "none is given",
+            )
         )
     owner, day = entry.name or "the owner", signer.signed_at.astimezone(UTC).date()
-    fields = {"name": owner, "key": signer.key, "at": signer.signed_at.isoformat(timespec="seconds")}
+    fields = {
+        "name": owner,
+        "key": signer.key,
+        "at": signer.signed_at.isoformat(timespec="seconds"),
+    }
     if purpose not in entry.purposes:
         raise EvidenceError(finding(Code.KEY_PURPOSE, name, **fields, needed=purpose))
     for code, limit, broken in (
-        (Code.KEY_EARLY, entry.valid_from, entry.valid_from is not None and day < entry.valid_from),
-        (Code.KEY_EXPIRED, entry.valid_until, entry.valid_until is not None and day > entry.valid_until),
+        (
+            Code.KEY_EARLY,
+            entry.valid_from,
+            entry.valid_from is not None and day < entry.valid_from,
+        ),
+        (
+            Code.KEY_EXPIRED,
+            entry.valid_until,
+            entry.valid_until is not None and day > entry.valid_until,
+        ),
         (Code.KEY_REVOKED, entry.revoked, entry.revoked is not None and day >= entry.revoked),
     ):
         if broken:
@@ -266,13 +308,20 @@ def check_trust(signer: Signer, purpose: Purpose, trusted: Sequence[TrustedKey],
     return signer.changed(name=entry.name)
 
 
-def verify_file(path: Path, purpose: Purpose, trusted: Sequence[TrustedKey] | None, name: object = "") -> Signer:
+def verify_file(
+    path: Path, purpose: Purpose, trusted: Sequence[TrustedKey] | None, name: object = ""
+) -> Signer:
     """Check a file with its signature beside it, as :func:`verify`; also an EvidenceError where there is none."""
     name = name or path
     try:
-        data, text = read_regular(path), read_regular(signature_path(path)).decode("utf-8", errors="replace")
+        data, text = (
+            read_regular(path),
+            read_regular(signature_path(path)).decode("utf-8", errors="replace"),
+        )
     except FileNotFoundError:
-        raise EvidenceError(finding(Code.NOT_SIGNED if path.exists() else Code.MISSING, name)) from None
+        raise EvidenceError(
+            finding(Code.NOT_SIGNED if path.exists() else Code.MISSING, name)
+        ) from None
     except OSError as error:
         raise EvidenceError(finding(Code.UNREADABLE, name, reason=error.strerror)) from None
     return verify(data, text, purpose, trusted, name)

@@ -9,7 +9,9 @@ from fsw_control.sensors import SENSORS
 from fsw_control.units import NANOSECONDS
 
 _SENSORS = "|".join(row.topic for row in SENSORS.values())
-_TICKING = re.compile(rf"(/.*)?/({_SENSORS}|fsw/(drives|command|plant/truth|[^/]+/(proposal|status|prediction)))")
+_TICKING = re.compile(
+    rf"(/.*)?/({_SENSORS}|fsw/(drives|command|plant/truth|[^/]+/(proposal|status|prediction)))"
+)
 #: bytes of a stamp with the encapsulation header before it
 _STAMP_END = 12
 
@@ -22,7 +24,8 @@ def is_ticking(topic: str) -> bool:
 def stamp_ns(data: bytes) -> int | None:
     """Stamp of a serialized message that begins with a header (or is a clock); None if it has none.
 
-    The stamp is the first field: ``int32`` seconds and ``uint32`` nanoseconds behind the four bytes of the encoding.
+    The stamp is the first field: ``int32`` seconds and ``uint32`` nanoseconds behind the four
+    bytes of the encoding.
     """
     if len(data) < _STAMP_END or not data[1] & 1:  # big-endian is not decoded
         return None

@@ -12,7 +12,8 @@ from rosbags.interfaces import Qos
 from fsw_recorder.errors import BagError
 from fsw_recorder.qos import profile
 
-#: a topic of a weld or of one of its nodes, as ``/cell1/fsw/depth`` and ``/cell1/fsw_plant/transition_event``
+#: a topic of a weld or of one of its nodes, as ``/cell1/fsw/depth`` and
+#: ``/cell1/fsw_plant/transition_event``
 _WELD = re.compile(r"((?:/\w+?)*?)/fsw(?:_\w+)?/")
 
 
@@ -34,8 +35,9 @@ class RecordedTopic:
 class BagRecord(NamedTuple):
     """One recorded message.
 
-    `log_time_ns` is when it was received, `publish_time_ns` when it was published (the former, where the storage has
-    only one). `data` is CDR with its header of four bytes. `sequence` is the publisher's, where known; else 0.
+    `log_time_ns` is when it was received, `publish_time_ns` when it was published (the former,
+    where the storage has only one). `data` is CDR with its header of four bytes. `sequence` is the
+    publisher's, where known; else 0.
     """
 
     topic: str
@@ -50,7 +52,8 @@ class BagRecord(NamedTuple):
 class TopicSelection:
     """Selects topics: the parameters of these names, which ``recorder.yaml`` describes.
 
-    Without ``topics`` and ``regex``, all are selected; those of other welds are not, where a ``namespace`` is given.
+    Without ``topics`` and ``regex``, all are selected; those of other welds are not, where a
+    ``namespace`` is given.
 
     Raises
     ------
@@ -87,7 +90,9 @@ class TopicSelection:
     def _is_own(self, topic: str) -> bool:
         """Whether the topic is in the namespace, but of no weld below it, or shared by the domain, as ``/clock``."""
         home = self.namespace.rstrip("/")
-        return topic.count("/") == 1 or (topic.startswith(f"{home}/") and not self.other_weld(topic))
+        return topic.count("/") == 1 or (
+            topic.startswith(f"{home}/") and not self.other_weld(topic)
+        )
 
     def takes_node(self, name: str) -> bool:
         """Whether the parameters of the node with this full name belong to the bag."""
@@ -97,4 +102,8 @@ class TopicSelection:
     def other_weld(self, topic: str) -> str:
         """Namespace of the topic's weld, if that is another one than the node's; else empty."""
         weld = _WELD.match(topic)
-        return weld[1] or "/" if weld and self.namespace and weld[1] != self.namespace.rstrip("/") else ""
+        return (
+            weld[1] or "/"
+            if weld and self.namespace and weld[1] != self.namespace.rstrip("/")
+            else ""
+        )

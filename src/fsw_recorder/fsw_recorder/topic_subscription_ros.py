@@ -44,8 +44,8 @@ class Repeats:
 class _Polled(CallbackGroup):
     """A group that no executor waits for.
 
-    An executor of rclpy builds its wait set again for each message, at a cost that grows with the number of topics;
-    a recorder that has them all would spend most of its time on that.
+    An executor of rclpy builds its wait set again for each message, at a cost that grows with the
+    number of topics; a recorder that has them all would spend most of its time on that.
     """
 
     def can_execute(self, entity: Any) -> bool:
@@ -63,10 +63,11 @@ class _Polled(CallbackGroup):
 class TopicSubscription:
     """One subscription per strength of QoS that the publishers offer, each message taken once, when it is polled.
 
-    A weaker publisher adds a weaker subscription and leaves the stronger one as it is; what both receive is written
-    when it comes first. `lost` counts the messages that a subscription has not received between others, by their
-    numbers: none with a middleware that does not number them. Its events would report more losses, but with them Fast
-    DDS wakes the executor for each message, too.
+    A weaker publisher adds a weaker subscription and leaves the stronger one as it is; what both
+    receive is written when it comes first. `lost` counts the messages that a subscription has not
+    received between others, by their numbers: none with a middleware that does not number them.
+    Its events would report more losses, but with them Fast DDS wakes the executor for each
+    message, too.
     """
 
     def __init__(self, node: Node, name: str, kind: type, depth: int, write: Write) -> None:
@@ -99,7 +100,9 @@ class TopicSubscription:
         before = self.lost
         for subscription, sequences in self._subscriptions:
             with subscription.handle:
-                for _ in range(self._depth):  # others come meanwhile: they must not keep it from everything else
+                for _ in range(
+                    self._depth
+                ):  # others come meanwhile: they must not keep it from everything else
                     taken = subscription.handle.take_message(self._kind, True)
                     if taken is None:
                         break

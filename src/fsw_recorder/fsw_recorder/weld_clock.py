@@ -1,7 +1,8 @@
 """A bag whose time is that of its weld, not that of the wall clock at which it was recorded.
 
-A weld in simulated time runs as fast as the machine allows, so its receive times say nothing about the weld. Here every
-message gets the simulated time at which it was received, so that a replay at rate 1 takes as long as the weld did.
+A weld in simulated time runs as fast as the machine allows, so its receive times say nothing about
+the weld. Here every message gets the simulated time at which it was received, so that a replay at
+rate 1 takes as long as the weld did.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from fsw_recorder.stamps import is_ticking, stamp_ns
 
 #: ends of the topics that show the weld's time, the best first
 _CLOCKS = (*(f"/{SENSORS[name].topic}" for name in REQUIRED), "/clock")
-#: a message is received within this of its stamp, on the weld's clock; otherwise the stamp is ignored
+#: a message is received within this of its stamp, on the weld's clock; otherwise the stamp is
+#: ignored
 _DISORDER_NS = 500_000_000
 #: what answers a measurement, or has no stamp, is played this long after it
 _ANSWER_NS = 10_000_000
@@ -27,9 +29,10 @@ _ANSWER_NS = 10_000_000
 class WeldClockReader:
     """Reads a bag as `BagReader` does, with log times on the weld's clock; see `on_weld_clock`.
 
-    Measurements are played at their stamps, all of a tick together, and what answers them soon after; the order of
-    receipt is only that in which the recorder came to read its topics. What has no stamp follows the measurement
-    that was received before it. Where the stamps go back (the plant was reset), the time goes on from where it was.
+    Measurements are played at their stamps, all of a tick together, and what answers them soon
+    after; the order of receipt is only that in which the recorder came to read its topics. What
+    has no stamp follows the measurement that was received before it. Where the stamps go back (the
+    plant was reset), the time goes on from where it was.
     """
 
     def __init__(self, reader: BagReader, clock: str, first_ns: int) -> None:
@@ -56,7 +59,11 @@ class WeldClockReader:
         waiting: list[tuple[int, int, BagRecord]] = []
         now, shift, last = self._first_ns, 0, 0
         for count, record in enumerate(self._reader.records(needed)):
-            stamp = stamp_ns(record.data) if record.topic == self._clock or is_ticking(record.topic) else None
+            stamp = (
+                stamp_ns(record.data)
+                if record.topic == self._clock or is_ticking(record.topic)
+                else None
+            )
             if record.topic == self._clock and stamp is not None:
                 shift += max(last - stamp, 0)
                 last = stamp
@@ -77,7 +84,12 @@ class WeldClockReader:
 def on_weld_clock(reader: BagReader) -> BagReader | WeldClockReader:
     """The bag on its weld's clock; unchanged where its stamps are the receive times anyway, or where it has none."""
     counts = reader.info().counts
-    clocks = (name for end in _CLOCKS for name in sorted(counts) if name.endswith(end) and counts[name] > 1)
+    clocks = (
+        name
+        for end in _CLOCKS
+        for name in sorted(counts)
+        if name.endswith(end) and counts[name] > 1
+    )
     clock = next(clocks, None)
     if clock is None:
         return reader

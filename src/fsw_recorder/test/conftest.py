@@ -57,7 +57,9 @@ class Graph(Spinner):
         self.node.destroy_client(client)
         return response
 
-    def end(self, program: subprocess.Popen[str], signal_number: int | None = None) -> tuple[int, str]:
+    def end(
+        self, program: subprocess.Popen[str], signal_number: int | None = None
+    ) -> tuple[int, str]:
         """Send a signal and wait; returns exit code and output."""
         if signal_number is not None:
             program.send_signal(signal_number)

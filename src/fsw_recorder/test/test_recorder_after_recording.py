@@ -35,7 +35,10 @@ def test_commands_run_in_order_with_the_bag_in_their_words(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("command", "said"),
     [
-        (f"{PYTHON} 'print(1); print(\"no  luck\"); exit(3)'", "failed (exit code 3): no luck; the bag is unharmed"),
+        (
+            f"{PYTHON} 'print(1); print(\"no  luck\"); exit(3)'",
+            "failed (exit code 3): no luck; the bag is unharmed",
+        ),
         ("no_such_program_anywhere {bag}", "no_such_program_anywhere failed (not started): "),
         (f"{PYTHON} 'exit(1)'", "it printed nothing"),
     ],
@@ -46,7 +49,9 @@ def test_a_failure_is_one_line_and_ends_it(tmp_path: Path, command: str, said: s
     assert not (tmp_path / "late").exists()
 
 
-@pytest.mark.parametrize(("command", "said"), [("echo 'x", "No closing quotation"), (" ", "a command is empty")])
+@pytest.mark.parametrize(
+    ("command", "said"), [("echo 'x", "No closing quotation"), (" ", "a command is empty")]
+)
 def test_what_is_no_command_is_refused_at_the_start(command: str, said: str) -> None:
     with pytest.raises(BagError, match=said):
         check([command])
@@ -79,7 +84,9 @@ def test_who_reads_the_bag_waits_for_what_runs_and_within_it_does_not(
 def test_the_recorder_starts_it_and_ends_at_once(graph: Any, tmp_path: Path) -> None:
     """The bag is finished, with its manifest, when the command begins; the command outlives the recorder."""
     bag, done = tmp_path / "bag", tmp_path / "done.txt"
-    code = "import os, sys; open(sys.argv[2], chr(119)).write(str(sorted(os.listdir(sys.argv[1]))))"
+    code = (
+        "import os, sys; open(sys.argv[2], chr(119)).write(str(sorted(os.listdir(sys.argv[1]))))"
+    )
     command = f"{PYTHON} \"{code}\" {{bag}} '{done}'"
     words = [f"output:={bag}", f"on_finished:={json.dumps([command])}"]
     arguments = [word for one in words for word in ("-p", one)]

@@ -37,7 +37,9 @@ def split_weld(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 fuzz = settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+    max_examples=25,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 
 
@@ -86,7 +88,10 @@ def test_records_of_random_kind_and_length(tmp_path: Path, data: st.DataObject) 
     content = MAGIC
     for _ in range(data.draw(st.integers(1, 8))):
         body = data.draw(st.binary(max_size=60))
-        length = data.draw(st.sampled_from([len(body), len(body) - 1, 0, 2**31, 2**63, 2**64 - 1])) % 2**64
+        length = (
+            data.draw(st.sampled_from([len(body), len(body) - 1, 0, 2**31, 2**63, 2**64 - 1]))
+            % 2**64
+        )
         content += struct.pack("<BQ", data.draw(st.integers(0, 255)), length) + body
     with bounded_memory():
         read(tmp_path / "a.mcap", content)
@@ -133,12 +138,18 @@ def test_cut_bag_is_identical_up_to_the_cut(tmp_path: Path, cut: int) -> None:
     assert rest == whole[: len(rest)]
     # Each whole message before the cut is there: a message takes at most 31 bytes and its data.
     if rest and len(rest) < len(whole):
-        end_of_next = MCAP.index(whole[len(rest)].data, MCAP.index(rest[-1].data)) + len(whole[len(rest)].data)
+        end_of_next = MCAP.index(whole[len(rest)].data, MCAP.index(rest[-1].data)) + len(
+            whole[len(rest)].data
+        )
         assert end_of_next > cut
 
 
 def chunk_of(content: bytes, announced: int, compression: bytes = b"zstd") -> bytes:
-    body = struct.pack("<QQQI", 0, 1, announced, 0) + struct.pack("<I", len(compression)) + compression
+    body = (
+        struct.pack("<QQQI", 0, 1, announced, 0)
+        + struct.pack("<I", len(compression))
+        + compression
+    )
     body += struct.pack("<Q", len(content)) + content
     return MAGIC + struct.pack("<BQ", 6, len(body)) + body
 

@@ -25,7 +25,9 @@ from fsw_test_support.bags import decode, decoder
 
 def test_genuine_bags_hold_what_ros2_bag_info_says(genuine_bag: Path) -> None:
     text = (genuine_bag / "ros2_bag_info.txt").read_text()
-    counts = {name: int(n) for name, n in re.findall(r"Topic: (\S+) \| Type: \S+ \| Count: (\d+)", text)}
+    counts = {
+        name: int(n) for name, n in re.findall(r"Topic: (\S+) \| Type: \S+ \| Count: (\d+)", text)
+    }
     types = dict(re.findall(r"Topic: (\S+) \| Type: (\S+)", text))
     duration = re.search(r"Duration: +([\d.]+)s", text)
     assert duration is not None
@@ -43,10 +45,16 @@ def test_genuine_bags_hold_what_ros2_bag_info_says(genuine_bag: Path) -> None:
 def test_records_come_in_order_and_decode_from_the_bag_alone(genuine_bag: Path) -> None:
     with BagReader(genuine_bag) as reader:
         records = list(reader.records())
-        latched = next(decode(reader, record) for record in records if record.topic == "/demo/latched")
+        latched = next(
+            decode(reader, record) for record in records if record.topic == "/demo/latched"
+        )
         depth = next(decode(reader, record) for record in records if record.topic == "/demo/depth")
-        temperature = next(decode(reader, record) for record in records if record.topic == "/fsw/thermocouple")
-    assert [record.log_time_ns for record in records] == sorted(record.log_time_ns for record in records)
+        temperature = next(
+            decode(reader, record) for record in records if record.topic == "/fsw/thermocouple"
+        )
+    assert [record.log_time_ns for record in records] == sorted(
+        record.log_time_ns for record in records
+    )
     assert latched.data == "håll 816 °C"
     assert depth.data == pytest.approx(0.00266, rel=1e-2)
     assert temperature.header.frame_id == "tool"
@@ -82,8 +90,12 @@ def test_progress_ends_at_one(genuine_bag: Path) -> None:
     assert seen[-1] == 1.0 and all(0.0 <= value <= 1.0 for value in seen)
 
 
-@pytest.mark.parametrize("yaml", [None, b"", b"\x00\xff\x80", b"a: [", b"rosbag2_bagfile_information: 3"])
-def test_metadata_may_be_missing_or_broken(genuine: Path, tmp_path: Path, yaml: bytes | None) -> None:
+@pytest.mark.parametrize(
+    "yaml", [None, b"", b"\x00\xff\x80", b"a: [", b"rosbag2_bagfile_information: 3"]
+)
+def test_metadata_may_be_missing_or_broken(
+    genuine: Path, tmp_path: Path, yaml: bytes | None
+) -> None:
     bag = tmp_path / "bag"
     shutil.copytree(genuine / "mcap_split", bag)
     (bag / "metadata.yaml").unlink()
@@ -96,15 +108,21 @@ def test_metadata_may_be_missing_or_broken(genuine: Path, tmp_path: Path, yaml: 
 
 @pytest.mark.parametrize("mode", [CompressionMode.MESSAGE, CompressionMode.FILE])
 @pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
-def test_bags_compressed_by_message_or_file(tmp_path: Path, mode: CompressionMode, storage: StoragePlugin) -> None:
+def test_bags_compressed_by_message_or_file(
+    tmp_path: Path, mode: CompressionMode, storage: StoragePlugin
+) -> None:
     writer = Writer(tmp_path / "bag", version=9, storage_plugin=storage)
     writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:
-        connection = writer.add_connection("/x", "std_msgs/msg/Float64", msgdef="float64 data\n", rihs01="RIHS01_00")
+        connection = writer.add_connection(
+            "/x", "std_msgs/msg/Float64", msgdef="float64 data\n", rihs01="RIHS01_00"
+        )
         for time_ns in range(1, 100):
             writer.write(connection, time_ns, b"\0\1\0\0" + struct.pack("<d", time_ns))
     with BagReader(tmp_path / "bag") as reader:
-        assert [message.data for message in map(decoder(reader), reader.records(["/x"], 10))] == list(range(10, 100))
+        assert [
+            message.data for message in map(decoder(reader), reader.records(["/x"], 10))
+        ] == list(range(10, 100))
         info = reader.info()
     assert (info.message_count, info.storage, info.problems) == (99, storage.name.lower(), [])
     assert info.size_bytes == sum(file.stat().st_size for file in (tmp_path / "bag").glob("bag*"))
@@ -113,7 +131,10 @@ def test_bags_compressed_by_message_or_file(tmp_path: Path, mode: CompressionMod
 @pytest.mark.parametrize("kind", [".mcap", ".db3"])
 def test_compressed_files_need_no_metadata(genuine: Path, tmp_path: Path, kind: str) -> None:
     """A file alone; all of a recorder that was killed, whose last file is not compressed yet; one that is cut off."""
-    parts = {".mcap": sorted((genuine / "mcap_split").glob("*.mcap")), ".db3": [genuine / "sqlite3" / "sqlite3_0.db3"]}
+    parts = {
+        ".mcap": sorted((genuine / "mcap_split").glob("*.mcap")),
+        ".db3": [genuine / "sqlite3" / "sqlite3_0.db3"],
+    }
     *_, last = parts[kind]
     bag = tmp_path / "bag"
     bag.mkdir()
@@ -156,7 +177,10 @@ def test_messages_in_the_write_ahead_log_of_a_killed_recorder_are_read(
 ) -> None:
     """As rosbag2's preset ``resilient`` leaves them; the bag itself may be where nobody can write."""
     whole, killed = genuine / "sqlite3" / "sqlite3_0.db3", tmp_path / "killed.db3"
-    source, writer = sqlite3.connect(whole), sqlite3.connect(tmp_path / "open.db3", isolation_level=None)
+    source, writer = (
+        sqlite3.connect(whole),
+        sqlite3.connect(tmp_path / "open.db3", isolation_level=None),
+    )
     tables = [sql for (sql,) in source.execute("SELECT sql FROM sqlite_master")]
     rows = list(source.execute("SELECT * FROM messages"))
     writer.execute("PRAGMA journal_mode=WAL")
@@ -190,7 +214,9 @@ def test_missing_file_of_a_split_bag_is_told(genuine: Path, tmp_path: Path) -> N
         assert any("mcap_split_1.mcap is missing" in problem for problem in reader.problems)
 
 
-def test_a_file_that_the_metadata_do_not_list_is_no_part_of_the_bag(genuine: Path, tmp_path: Path) -> None:
+def test_a_file_that_the_metadata_do_not_list_is_no_part_of_the_bag(
+    genuine: Path, tmp_path: Path
+) -> None:
     bag = tmp_path / "bag"
     shutil.copytree(genuine / "mcap_split", bag)
     shutil.copy(genuine / "mcap_default" / "mcap_default_0.mcap", bag / "of another weld.mcap")
@@ -200,7 +226,9 @@ def test_a_file_that_the_metadata_do_not_list_is_no_part_of_the_bag(genuine: Pat
         assert [path.name for path in reader.files()] == [path.name for path in expected.files()]
 
 
-def test_compressed_rubbish_is_not_decompressed_and_a_pipe_is_no_file(genuine: Path, tmp_path: Path) -> None:
+def test_compressed_rubbish_is_not_decompressed_and_a_pipe_is_no_file(
+    genuine: Path, tmp_path: Path
+) -> None:
     bag = tmp_path / "bag"
     shutil.copytree(genuine / "mcap_default", bag)
     os.mkfifo(bag / "pipe.mcap")
@@ -221,7 +249,9 @@ def test_a_file_that_was_renamed_is_read(genuine: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("unknown_ns", [0, 2**64 - 1])
-def test_a_receive_time_that_is_not_known_is_not_the_begin_or_end_of_a_bag(tmp_path: Path, unknown_ns: int) -> None:
+def test_a_receive_time_that_is_not_known_is_not_the_begin_or_end_of_a_bag(
+    tmp_path: Path, unknown_ns: int
+) -> None:
     with BagWriter(tmp_path / "bag") as writer:
         for time_ns in (10**18, unknown_ns, 10**18 + 5):
             writer.write("/a", b"\0\1\0\0", time_ns, time_ns)

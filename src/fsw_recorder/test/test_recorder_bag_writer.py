@@ -61,8 +61,12 @@ def test_the_index_of_a_file_leaves_memory_with_the_file(tmp_path: Path) -> None
 @pytest.mark.parametrize("compression", ["", "zstd"])
 def test_other_tools_read_it(tmp_path: Path, compression: str) -> None:
     bag = tmp_path / "bag"
-    latched = RecordedTopic("/latched", "std_msgs/msg/String", "string data\n", qos=(profile(latched=True, depth=1),))
-    with BagWriter(bag, WriterOptions(compression=compression), {"who": 'me: "x" \\ #1'}) as writer:
+    latched = RecordedTopic(
+        "/latched", "std_msgs/msg/String", "string data\n", qos=(profile(latched=True, depth=1),)
+    )
+    with BagWriter(
+        bag, WriterOptions(compression=compression), {"who": 'me: "x" \\ #1'}
+    ) as writer:
         writer.add_topic(latched)
         writer.write("/latched", b"\0\1\0\0\3\0\0\0hi\0", START_NS, START_NS)
         fill(writer, 100, in_chunk=15)
@@ -76,7 +80,11 @@ def test_other_tools_read_it(tmp_path: Path, compression: str) -> None:
         assert len(list(reader.messages())) == 101
         assert reader.start_time == START_NS and reader.duration == 99_000_000 + 1
     with AnyReader([bag]) as any_reader:
-        decoded = [any_reader.deserialize(data, c.msgtype) for c, _, data in any_reader.messages() if c.topic == "/x"]
+        decoded = [
+            any_reader.deserialize(data, c.msgtype)
+            for c, _, data in any_reader.messages()
+            if c.topic == "/x"
+        ]
     assert [message.data for message in decoded] == list(range(100))  # type: ignore[attr-defined]
     with (bag / "bag_0.mcap").open("rb") as stream:
         mcap = make_reader(stream, decoder_factories=[DecoderFactory()], validate_crcs=True)
@@ -87,7 +95,9 @@ def test_other_tools_read_it(tmp_path: Path, compression: str) -> None:
             START_NS + 1_000_000 - 7,
             1,
         )
-        assert [(one.name, one.data) for one in mcap.iter_attachments()] == [("scenario.yaml", b"a: 1\n")]
+        assert [(one.name, one.data) for one in mcap.iter_attachments()] == [
+            ("scenario.yaml", b"a: 1\n")
+        ]
         assert mcap.get_header().profile == "ros2"
         summary = mcap.get_summary()
         assert summary is not None and summary.statistics is not None
@@ -104,7 +114,13 @@ def test_looks_like_a_genuine_bag(tmp_path: Path, genuine: Path) -> None:
         for topic in reader.topics().values():
             writer.add_topic(topic)
         for record in reader.records():
-            writer.write(record.topic, record.data, record.log_time_ns, record.publish_time_ns, record.sequence)
+            writer.write(
+                record.topic,
+                record.data,
+                record.log_time_ns,
+                record.publish_time_ns,
+                record.sequence,
+            )
 
     def facts(folder: Path) -> Any:
         document = yaml.safe_load((folder / "metadata.yaml").read_text())
@@ -115,7 +131,11 @@ def test_looks_like_a_genuine_bag(tmp_path: Path, genuine: Path) -> None:
             summary = make_reader(stream).get_summary()
             assert summary is not None
             channels = {
-                channel.topic: (channel.message_encoding, channel.metadata, summary.schemas[channel.schema_id])
+                channel.topic: (
+                    channel.message_encoding,
+                    channel.metadata,
+                    summary.schemas[channel.schema_id],
+                )
                 for channel in summary.channels.values()
             }
         return document, {
@@ -125,9 +145,13 @@ def test_looks_like_a_genuine_bag(tmp_path: Path, genuine: Path) -> None:
 
     assert facts(bag) == facts(source)
     with (bag / "mcap_default_0.mcap").open("rb") as stream:
-        metadata = [one.metadata["serialized_metadata"] for one in make_reader(stream).iter_metadata()][-1]
+        metadata = [
+            one.metadata["serialized_metadata"] for one in make_reader(stream).iter_metadata()
+        ][-1]
     inner = yaml.safe_load(metadata)
-    assert inner == yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert (
+        inner == yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    )
 
 
 def test_split_by_size_duration_and_request(tmp_path: Path) -> None:
@@ -149,7 +173,9 @@ def test_split_by_size_duration_and_request(tmp_path: Path) -> None:
         assert values_of(bag) == list(range(count))
         with Reader(bag) as reader:
             assert reader.message_count == count == len(list(reader.messages()))
-        document = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+        document = yaml.safe_load((bag / "metadata.yaml").read_text())[
+            "rosbag2_bagfile_information"
+        ]
         assert sum(one["message_count"] for one in document["files"]) == count
         assert [one["path"] for one in document["files"]] == document["relative_file_paths"]
     assert len(list((tmp_path / "asked").glob("*.mcap"))) == 2
@@ -205,7 +231,9 @@ class FullDisk:
         return written
 
 
-def fail_while_writing(bag: Path, options: WriterOptions, count: int = 3000, in_chunk: int = 50) -> BagWriter:
+def fail_while_writing(
+    bag: Path, options: WriterOptions, count: int = 3000, in_chunk: int = 50
+) -> BagWriter:
     writer = BagWriter(bag, options)
     writer.add_topic(TOPIC)
     for index in range(count):
@@ -237,7 +265,9 @@ def test_full_disk_leaves_a_readable_bag(
     assert counters["received"] == counters["written"] + counters["dropped"]
 
 
-def test_disk_with_room_for_the_end_gets_a_finished_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_disk_with_room_for_the_end_gets_a_finished_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The failed chunk is larger than the summary, so that there is room for the latter."""
     disk = FullDisk(70_000)
     monkeypatch.setattr("fsw_recorder.bag_file.os.write", disk)
@@ -282,7 +312,9 @@ def test_moved_folder_holds_a_finished_bag(tmp_path: Path) -> None:
 
 
 @pytest.mark.requirement("S24")
-def test_slow_disk_never_blocks_and_drops_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slow_disk_never_blocks_and_drops_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     release = threading.Event()
     original = os.write
 
@@ -309,10 +341,14 @@ def test_a_publish_time_that_no_file_can_hold_is_replaced(tmp_path: Path) -> Non
         assert not writer.write("/x", cdr(9.0), -1, START_NS)
     assert writer.error is None and writer.statistics()["dropped"] == 1
     with BagReader(tmp_path / "bag") as reader:
-        assert [record.publish_time_ns for record in reader.records()][-2:] == [START_NS + 10**9] * 2
+        assert [record.publish_time_ns for record in reader.records()][-2:] == [
+            START_NS + 10**9
+        ] * 2
 
 
-def test_any_failure_is_told_and_the_bag_is_left_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_any_failure_is_told_and_the_bag_is_left_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     writer = BagWriter(tmp_path / "bag")
     fill(writer, 10)
     assert writer.flush()
@@ -352,14 +388,20 @@ def test_topic_keeps_its_first_description(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as writer:
         fill(writer, 5)
         assert writer.flush()
-        writer.add_topic(RecordedTopic("/x", "std_msgs/msg/Float64", "float64 data\n", HASH, (profile(depth=3),)))
+        writer.add_topic(
+            RecordedTopic(
+                "/x", "std_msgs/msg/Float64", "float64 data\n", HASH, (profile(depth=3),)
+            )
+        )
         for index in range(5, 8):
             writer.write("/x", cdr(index), START_NS + index * 10**6, START_NS)
     with Reader(tmp_path / "bag") as reader:
         assert len(list(reader.messages())) == 8 and len(reader.connections) == 1
 
 
-def test_whoever_waits_for_a_flush_is_told_that_it_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_whoever_waits_for_a_flush_is_told_that_it_failed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     disk = threading.Event()
 
     def full(*_: object) -> int:
@@ -374,4 +416,8 @@ def test_whoever_waits_for_a_flush_is_told_that_it_failed(tmp_path: Path, monkey
     disk.set()
     writer.close()
     flushes.append(writer.flushed())
-    assert [one.result(0.0) for one in flushes] == [False, False, False] and writer.error is not None
+    assert [one.result(0.0) for one in flushes] == [
+        False,
+        False,
+        False,
+    ] and writer.error is not None

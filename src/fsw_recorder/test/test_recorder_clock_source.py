@@ -23,7 +23,9 @@ def timex(offset: int, status: int) -> bytes:
     return struct.pack("@IqqqqI", 0, offset, 0, 5000, 120, status) + bytes(200)
 
 
-def state(chrony: str | None = None, ptp: str | None = None, kernel: bytes | None = None) -> ClockState:
+def state(
+    chrony: str | None = None, ptp: str | None = None, kernel: bytes | None = None
+) -> ClockState:
     def ask(command: Sequence[str]) -> str | None:
         return {"chronyc": chrony, "pmc": ptp}[command[0]]
 
@@ -32,8 +34,15 @@ def state(chrony: str | None = None, ptp: str | None = None, kernel: bytes | Non
 
 def test_chrony() -> None:
     found = state(CHRONY, PTP, timex(0, 0))
-    assert found.source == "chrony" and found.synchronized and found.offset_s == pytest.approx(12.345e-6)
-    assert found.error_s == pytest.approx(0.0025) and found.words == "chrony: ntp.cell.example, stratum 2, Normal"
+    assert (
+        found.source == "chrony"
+        and found.synchronized
+        and found.offset_s == pytest.approx(12.345e-6)
+    )
+    assert (
+        found.error_s == pytest.approx(0.0025)
+        and found.words == "chrony: ntp.cell.example, stratum 2, Normal"
+    )
 
 
 def test_chrony_without_a_source() -> None:
@@ -43,7 +52,9 @@ def test_chrony_without_a_source() -> None:
 
 def test_ptp() -> None:
     found = state(None, PTP)
-    assert (found.source, found.synchronized) == ("ptp", True) and found.offset_s == pytest.approx(37e-9)
+    assert (found.source, found.synchronized) == ("ptp", True) and found.offset_s == pytest.approx(
+        37e-9
+    )
     assert "90e2ba.fffe.20c7f8" in found.words
     assert state(None, PTP.replace("true", "false")).synchronized is False
 

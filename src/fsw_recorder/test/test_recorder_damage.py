@@ -25,7 +25,13 @@ def content(tmp_path_factory: pytest.TempPathFactory) -> bytes:
         schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data")
         channel = writer.register_channel("/x", "cdr", schema, {"offered_qos_profiles": ""})
         for index in range(COUNT):
-            writer.add_message(channel, 10**9 + index, b"\0\1\0\0" + struct.pack("<d", index), 10**9 + index, index)
+            writer.add_message(
+                channel,
+                10**9 + index,
+                b"\0\1\0\0" + struct.pack("<d", index),
+                10**9 + index,
+                index,
+            )
         writer.finish()
     return path.read_bytes()
 
@@ -71,7 +77,9 @@ def test_bad_schema_loses_no_message(content: bytes, tmp_path: Path) -> None:
 @pytest.mark.parametrize("length", [0, 1, 33, 35, 1000, 2**20, 2**40, 2**64 - 1])
 def test_wrong_length_loses_itself_only(content: bytes, tmp_path: Path, length: int) -> None:
     at = frames_of(content, 5)[400]
-    found, problems = indices(tmp_path / "a.mcap", changed(content, at, struct.pack("<BQ", 5, length)))
+    found, problems = indices(
+        tmp_path / "a.mcap", changed(content, at, struct.pack("<BQ", 5, length))
+    )
     assert set(range(COUNT)) - set(found) <= {400} and len(found) <= COUNT and problems
 
 
@@ -84,9 +92,14 @@ def test_hole_loses_what_was_in_it(content: bytes, tmp_path: Path) -> None:
 
 
 @pytest.mark.requirement("S23")
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@settings(
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
 @given(data=st.data())
-def test_a_few_damaged_bytes_lose_a_few_messages(content: bytes, tmp_path: Path, data: st.DataObject) -> None:
+def test_a_few_damaged_bytes_lose_a_few_messages(
+    content: bytes, tmp_path: Path, data: st.DataObject
+) -> None:
     first, last = frames_of(content, 5)[0], frames_of(content, 5)[-1]
     damaged = content
     hits = data.draw(st.lists(st.integers(first, last), min_size=1, max_size=5))
@@ -95,7 +108,12 @@ def test_a_few_damaged_bytes_lose_a_few_messages(content: bytes, tmp_path: Path,
     messages = frames_of(content, 5)
     ends = [at + HEAD + int.from_bytes(damaged[at + 1 : at + HEAD], "little") for at in messages]
     # a length that by chance ends where another record begins cannot be told from a good one
-    assume(all(end == right or end not in messages for end, right in zip(ends, messages[1:], strict=False)))
+    assume(
+        all(
+            end == right or end not in messages
+            for end, right in zip(ends, messages[1:], strict=False)
+        )
+    )
     found, _ = indices(tmp_path / "a.mcap", damaged)
     # a hit takes at most the message that it is in and its neighbour; damaged numbers may repeat
     assert len(set(found) & set(range(COUNT))) >= COUNT - 3 * len(hits)

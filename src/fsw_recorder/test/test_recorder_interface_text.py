@@ -51,20 +51,33 @@ def test_hash_follows_from_the_definition_as_genuine_ros_2_computes_it(genuine_b
 DEPTH = "fsw_msgs/msg/ShoulderDepth"
 
 
-@pytest.mark.parametrize(("definition", "encoding"), [("", ""), ("", "ros2msg"), ("module fsw_msgs {};", "ros2idl")])
-def test_a_type_whose_definition_the_bag_lacks_is_read_by_the_installed_one(definition: str, encoding: str) -> None:
+@pytest.mark.parametrize(
+    ("definition", "encoding"), [("", ""), ("", "ros2msg"), ("module fsw_msgs {};", "ros2idl")]
+)
+def test_a_type_whose_definition_the_bag_lacks_is_read_by_the_installed_one(
+    definition: str, encoding: str
+) -> None:
     topic = RecordedTopic("/fsw/depth", DEPTH, definition, definition_encoding=encoding)
     assert definition_of(topic) == interface_definition(DEPTH) != ""
-    assert definition_of(replace(topic, type_hash=interface_hash(DEPTH))) == interface_definition(DEPTH)
+    assert definition_of(replace(topic, type_hash=interface_hash(DEPTH))) == interface_definition(
+        DEPTH
+    )
 
 
 def test_the_bags_own_definition_comes_first() -> None:
-    assert definition_of(RecordedTopic("/fsw/depth", DEPTH, "float64 depth\n")) == "float64 depth\n"
+    assert (
+        definition_of(RecordedTopic("/fsw/depth", DEPTH, "float64 depth\n")) == "float64 depth\n"
+    )
 
 
 @pytest.mark.parametrize(
     "changes",
-    [{"type_name": "no_msgs/msg/None"}, {"type_name": ""}, {"type_hash": "RIHS01_00"}, {"encoding": "json"}],
+    [
+        {"type_name": "no_msgs/msg/None"},
+        {"type_name": ""},
+        {"type_hash": "RIHS01_00"},
+        {"encoding": "json"},
+    ],
 )
 def test_a_type_that_cannot_be_known_is_refused(changes: dict[str, str]) -> None:
     with pytest.raises(BagError):

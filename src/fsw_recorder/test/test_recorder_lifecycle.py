@@ -15,7 +15,10 @@ pytestmark = pytest.mark.slow
 
 
 def recorder_of(graph: Any, **values: Any) -> RecorderNode:
-    overrides = [Parameter(name, value=value) for name, value in {"topics": ["/fsw/depth"], **values}.items()]
+    overrides = [
+        Parameter(name, value=value)
+        for name, value in {"topics": ["/fsw/depth"], **values}.items()
+    ]
     recorder = RecorderNode(context=graph.context, parameter_overrides=overrides)
     graph.executor.add_node(recorder)
     return recorder
@@ -27,7 +30,9 @@ def depths_of(bag: Path) -> list[float]:
         return [message.depth for message in map(decoder(reader), reader.records(["/fsw/depth"]))]
 
 
-def test_each_activation_makes_a_bag_that_is_whole_when_it_is_over(graph: Any, tmp_path: Path) -> None:
+def test_each_activation_makes_a_bag_that_is_whole_when_it_is_over(
+    graph: Any, tmp_path: Path
+) -> None:
     recorder = recorder_of(graph, output=str(tmp_path / "bag"), autostart=False)
     depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 100)
     assert [*tmp_path.iterdir()] == []
@@ -57,12 +62,18 @@ def test_each_activation_makes_a_bag_that_is_whole_when_it_is_over(graph: Any, t
     ],
 )
 def test_it_says_why_it_cannot_be_configured(
-    graph: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str], values: dict[str, Any], reason: str
+    graph: Any,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    values: dict[str, Any],
+    reason: str,
 ) -> None:
     recorder = recorder_of(graph, **({"output": str(tmp_path)} | values), autostart=False)
     recorder.trigger_configure()
     assert not recorder.is_configured
-    assert f"cannot configure: {tmp_path if not values else ''}" in (told := capfd.readouterr().err)
+    assert f"cannot configure: {tmp_path if not values else ''}" in (
+        told := capfd.readouterr().err
+    )
     assert reason in told
     graph.executor.remove_node(recorder)
     recorder.destroy_node()
@@ -77,7 +88,9 @@ def test_a_bag_is_whole_even_if_ctrl_c_comes_while_it_is_begun(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(RecorderNode, "_discover", interrupt)
-    monkeypatch.setattr("fsw_recorder.after_recording.start", lambda _, folder: begun.append(folder))
+    monkeypatch.setattr(
+        "fsw_recorder.after_recording.start", lambda _, folder: begun.append(folder)
+    )
     with pytest.raises(KeyboardInterrupt):
         RecorderNode(
             context=graph.context,

@@ -13,7 +13,14 @@ from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_recorder.errors import BagError
 from fsw_recorder.findings import Code, EvidenceError
-from fsw_recorder.manifest import MANIFEST_NAME, FileManifest, Manifest, hashed, mapped, read_manifest
+from fsw_recorder.manifest import (
+    MANIFEST_NAME,
+    FileManifest,
+    Manifest,
+    hashed,
+    mapped,
+    read_manifest,
+)
 from fsw_recorder.manifest_check import check_file, check_files, complete
 from fsw_recorder.recover import recover
 from fsw_recorder.recover_proven import recover_proven
@@ -25,9 +32,13 @@ START_NS = 10**18
 FILES = ("weld_0.mcap", "weld_1.mcap")
 
 
-def write_weld(folder: Path, ticks: int = 40, split: bool = True, options: WriterOptions | None = None) -> Path:
+def write_weld(
+    folder: Path, ticks: int = 40, split: bool = True, options: WriterOptions | None = None
+) -> Path:
     """A bag of two files with chunks of about ten ticks, and an attachment in each."""
-    with BagWriter(folder, options or WriterOptions(manifest=True), {"canister": "C-117"}) as writer:
+    with BagWriter(
+        folder, options or WriterOptions(manifest=True), {"canister": "C-117"}
+    ) as writer:
         for topic in sample_topics():
             writer.add_topic(topic)
         writer.attach("scenario.yaml", "application/yaml", b"name: test\n")
@@ -108,27 +119,39 @@ def test_any_flipped_bit_is_found_and_its_chunk_named(
     if listed.pieces[row].kind == "chunk":
         number = sum(piece.kind == "chunk" for piece in listed.pieces[: row + 1])
         assert found[0].place is not None and found[0].place.parts == (f"chunk {number}",)
-        assert found[0].place.begin_s is not None and found[0].place.begin <= at < found[0].place.end
+        assert (
+            found[0].place.begin_s is not None and found[0].place.begin <= at < found[0].place.end
+        )
 
 
-def test_a_removed_chunk_is_named_and_what_is_behind_it_stays_proven(bag: Path, manifest: Manifest) -> None:
+def test_a_removed_chunk_is_named_and_what_is_behind_it_stays_proven(
+    bag: Path, manifest: Manifest
+) -> None:
     listed = file_of(manifest, FILES[0])
     row, begin, end = place(listed, "chunk", 2)
     content = (bag / FILES[0]).read_bytes()
     (bag / FILES[0]).write_bytes(content[:begin] + content[end:])
     [found] = check_files(bag, manifest)
-    assert (found.code, found.pieces, found.data["listed_bytes"]) == (Code.CHANGED, (row,), listed.bytes)
+    assert (found.code, found.pieces, found.data["listed_bytes"]) == (
+        Code.CHANGED,
+        (row,),
+        listed.bytes,
+    )
     assert found.place is not None and found.place.parts == ("chunk 2",)
 
 
-def test_a_removed_message_is_told(bag: Path, recorded: Path, manifest: Manifest, tmp_path: Path) -> None:
+def test_a_removed_message_is_told(
+    bag: Path, recorded: Path, manifest: Manifest, tmp_path: Path
+) -> None:
     """Everything copied but one message: the checksums inside the file are right again."""
     with BagReader(recorded / FILES[0]) as reader, BagWriter(tmp_path / "weld_other") as writer:
         for topic in reader.topics().values():
             writer.add_topic(topic)
         for count, one in enumerate(reader.records()):
             if count != 20:
-                writer.write(one.topic, one.data, one.log_time_ns, one.publish_time_ns, one.sequence)
+                writer.write(
+                    one.topic, one.data, one.log_time_ns, one.publish_time_ns, one.sequence
+                )
     shutil.copyfile(tmp_path / "weld_other" / "weld_other_0.mcap", bag / FILES[0])
     [found] = check_files(bag, manifest)
     assert (found.file, found.code) == (FILES[0], Code.OTHER_FILE)
@@ -160,7 +183,9 @@ def test_order_and_additions_are_told(bag: Path, manifest: Manifest) -> None:
     assert [one.code for one in check_files(bag, manifest)] == [Code.REORDERED]
 
 
-def test_a_crash_before_the_manifest_loses_nothing_and_is_told(bag: Path, manifest: Manifest) -> None:
+def test_a_crash_before_the_manifest_loses_nothing_and_is_told(
+    bag: Path, manifest: Manifest
+) -> None:
     """The first file was closed, the recorder was killed in the second."""
     partial = manifest.changed(files=manifest.files[:1])
     cut = (bag / FILES[1]).read_bytes()[:-200]
@@ -182,20 +207,29 @@ def test_recovery_keeps_what_is_proven(bag: Path, manifest: Manifest, tmp_path: 
     (bag / FILES[0]).write_bytes(content)
     result = recover_proven(bag, tmp_path / "proven")
     assert result.recorded - result.proven == 1 and "chunk 2 (bytes" in result.lost[0]
-    left = {one.pieces for one in check_files(tmp_path / "proven", manifest) if one.file == FILES[0]}
+    left = {
+        one.pieces for one in check_files(tmp_path / "proven", manifest) if one.file == FILES[0]
+    }
     assert (row,) in left
     lost_ns = listed.pieces[row]
-    with BagReader(tmp_path / "proven") as after, BagReader(tmp_path / "proven" / FILES[0]) as first:
+    with (
+        BagReader(tmp_path / "proven") as after,
+        BagReader(tmp_path / "proven" / FILES[0]) as first,
+    ):
         assert after.problems == [] and after.info().message_count == result.messages
         assert after.metadata.custom_data["canister"] == "C-117"
         times = [one.log_time_ns for one in first.records()]
-    assert lost_ns.begin_ns is not None and not any(lost_ns.begin_ns < one < lost_ns.end_ns for one in times)
+    assert lost_ns.begin_ns is not None and not any(
+        lost_ns.begin_ns < one < lost_ns.end_ns for one in times
+    )
     recover(bag, tmp_path / "copy")
     with pytest.raises(BagError, match=r"without manifest\.json"):
         recover_proven(tmp_path / "copy", tmp_path / "none")
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[1", '{"format": "fsw_bag_manifest", "version": 2}', "[" * 100000])
+@pytest.mark.parametrize(
+    "text", ["", "{}", "[1", '{"format": "fsw_bag_manifest", "version": 2}', "[" * 100000]
+)
 def test_what_is_no_manifest_is_one_line(tmp_path: Path, text: str) -> None:
     (tmp_path / MANIFEST_NAME).write_text(text)
     with pytest.raises(BagError, match=r"manifest\.json"):
@@ -203,7 +237,9 @@ def test_what_is_no_manifest_is_one_line(tmp_path: Path, text: str) -> None:
 
 
 def test_the_recorder_signs_the_manifest_when_it_closes(tmp_path: Path) -> None:
-    pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/signing.lock")
+    pytest.importorskip(
+        "securesystemslib", reason="not installed: pip install -r requirements/signing.lock"
+    )
     make_key(tmp_path / "machine")
     options = WriterOptions(manifest=True, signing_key=str(tmp_path / "machine"))
     bag = write_weld(tmp_path / "weld", 3, options=options)
@@ -217,11 +253,15 @@ def test_the_recorder_signs_the_manifest_when_it_closes(tmp_path: Path) -> None:
         verify_file(bag / MANIFEST_NAME, Purpose.MANIFEST, trusted)
     assert caught.value.findings[0].code is Code.CONTENT_CHANGED
     with pytest.raises(InputError):
-        BagWriter(tmp_path / "other", WriterOptions(manifest=True, signing_key=str(tmp_path / "none")))
+        BagWriter(
+            tmp_path / "other", WriterOptions(manifest=True, signing_key=str(tmp_path / "none"))
+        )
     assert not (tmp_path / "other").exists()
 
 
-def test_a_failed_disk_leaves_a_manifest_of_what_was_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_disk_leaves_a_manifest_of_what_was_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with BagWriter(tmp_path / "weld", WriterOptions(manifest=True)) as writer:
         for name, time_ns, data in sample_messages(5):
             writer.write(name, data, time_ns, time_ns)

@@ -34,7 +34,9 @@ BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def start_recorder(graph: Any, bag: Path, *parameters: str, **options: Any) -> Any:
-    arguments = [word for parameter in (f"output:={bag}", *parameters) for word in ("-p", parameter)]
+    arguments = [
+        word for parameter in (f"output:={bag}", *parameters) for word in ("-p", parameter)
+    ]
     return graph.start(RECORDER, "--ros-args", *arguments, **options)
 
 
@@ -52,7 +54,9 @@ def until_recorded(graph: Any, bag: Path, depths: int, topic: str = "/fsw/depth"
 
     def recorded() -> bool:
         before = sizes[:]
-        sizes[:] = [path.stat().st_size for path in (bag, *sorted(bag.glob("*"))) if path.is_file()]
+        sizes[:] = [
+            path.stat().st_size for path in (bag, *sorted(bag.glob("*"))) if path.is_file()
+        ]
         try:
             return sizes != before and len(depths_of(bag, topic)) >= depths
         except (BagError, KeyError):
@@ -93,7 +97,9 @@ def test_everything_is_recorded_and_the_file_is_whole(graph: Any, tmp_path: Path
     code, output = graph.end(recorder, signal.SIGINT)
     assert code == 0, output
     assert depths_of(bag) == list(range(500))
-    assert depths_of(bag, "/new/topic") == list(range(7)) and len(depths_of(bag, "/unreliable")) == 5
+    assert (
+        depths_of(bag, "/new/topic") == list(range(7)) and len(depths_of(bag, "/unreliable")) == 5
+    )
     (early,) = records_of(bag, "/latched")
     assert b"early\0" in early.data
     for record in records_of(bag, "/fsw/depth"):
@@ -101,24 +107,40 @@ def test_everything_is_recorded_and_the_file_is_whole(graph: Any, tmp_path: Path
     with BagReader(bag) as reader:
         info = reader.info()
         topics = reader.topics()
-    assert info.problems == [] and info.custom_data["operator"] == "me" and info.custom_data["lost_messages"] == "0"
+    assert (
+        info.problems == []
+        and info.custom_data["operator"] == "me"
+        and info.custom_data["lost_messages"] == "0"
+    )
     attachments = {one.name: one.data for one in info.attachments}
     assert attachments["scenario.yaml"] == b"name: test\n"
-    assert b"gain: 2.5" in attachments["parameters/test_node.yaml"] and b"python" in attachments["versions.json"]
-    assert topics["/fsw/depth"].type_hash.startswith("RIHS01_") and "float64 depth" in topics["/fsw/depth"].definition
+    assert (
+        b"gain: 2.5" in attachments["parameters/test_node.yaml"]
+        and b"python" in attachments["versions.json"]
+    )
+    assert (
+        topics["/fsw/depth"].type_hash.startswith("RIHS01_")
+        and "float64 depth" in topics["/fsw/depth"].definition
+    )
     assert is_latched(topics["/latched"].qos[0])
     assert not is_reliable(topics["/unreliable"].qos[0])
     with Reader(bag) as reader:
         assert reader.message_count == info.message_count == len(list(reader.messages()))
 
 
-def test_nothing_is_recorded_before_the_awaited_topics_are_there(graph: Any, tmp_path: Path) -> None:
+def test_nothing_is_recorded_before_the_awaited_topics_are_there(
+    graph: Any, tmp_path: Path
+) -> None:
     """So that a plant that waits for subscribers waits for a recorder that has found all nodes."""
     bag = tmp_path / "bag"
     depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
-    recorder = start_recorder(graph, bag, 'wait_for_topics:=["fsw/late", "fsw/later"]', "discovery_period:=0.05")
+    recorder = start_recorder(
+        graph, bag, 'wait_for_topics:=["fsw/late", "fsw/later"]', "discovery_period:=0.05"
+    )
     late = graph.node.create_publisher(String, "/fsw/late", 10)
-    graph.until(lambda: late.get_subscription_count() == 1, "the first awaited topic is recorded at once")
+    graph.until(
+        lambda: late.get_subscription_count() == 1, "the first awaited topic is recorded at once"
+    )
     reports: list[DiagnosticArray] = []
     graph.node.create_subscription(DiagnosticArray, "/diagnostics", reports.append, 10)
     graph.until(lambda: len(reports) >= 2, "reports, between which the recorder has looked again")
@@ -140,8 +162,12 @@ def test_weaker_publisher_that_comes_later_is_heard(graph: Any, tmp_path: Path) 
     graph.until(lambda: latched.get_subscription_count() > 0)
     weaker = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", BEST_EFFORT)
     volatile = graph.node.create_publisher(String, "/latched", 10)
-    graph.until(lambda: weaker.get_subscription_count() > 0 and volatile.get_subscription_count() > 0)
-    graph.until(lambda: reliable.get_subscription_count() == 2 and latched.get_subscription_count() == 2)
+    graph.until(
+        lambda: weaker.get_subscription_count() > 0 and volatile.get_subscription_count() > 0
+    )
+    graph.until(
+        lambda: reliable.get_subscription_count() == 2 and latched.get_subscription_count() == 2
+    )
     for index in range(100, 200):
         (weaker if index % 2 else reliable).publish(ShoulderDepth(depth=float(index)))
         graph.until(lambda: True)
@@ -149,7 +175,9 @@ def test_weaker_publisher_that_comes_later_is_heard(graph: Any, tmp_path: Path) 
     latched.publish(String(data="later"))
     graph.until(lambda: b"later" in (bag / "bag_0.mcap").read_bytes())
     best_effort = set(range(101, 200, 2))  # a busy machine may lose some of these
-    reliable_ones = set(range(200)) - best_effort  # there is no order between topics: "later" may come first
+    reliable_ones = (
+        set(range(200)) - best_effort
+    )  # there is no order between topics: "later" may come first
     graph.until(lambda: reliable_ones <= set(depths_of(bag)))
     code, output = graph.end(recorder, signal.SIGTERM)
     assert code == 0 and "again, for a publisher that is only" in output
@@ -160,7 +188,9 @@ def test_weaker_publisher_that_comes_later_is_heard(graph: Any, tmp_path: Path) 
     assert len(records_of(bag, "/latched")) == 3
     with BagReader(bag) as reader:
         lost = int(reader.info().custom_data["lost_messages"])
-    assert (lost > 0) == any(one < max(came) for one in best_effort - came)  # known by what comes after it
+    assert (lost > 0) == any(
+        one < max(came) for one in best_effort - came
+    )  # known by what comes after it
 
 
 def test_services(graph: Any, tmp_path: Path) -> None:
@@ -236,7 +266,12 @@ def test_each_message_of_a_flood_is_recorded_or_counted_as_lost(
         commit(file)
 
     monkeypatch.setattr(BagFile, "commit", slow_commit)
-    values = {"output": str(tmp_path / "bag"), "topics": ["/flood"], "queue_depth": 100, "max_cache_size": 2**20}
+    values = {
+        "output": str(tmp_path / "bag"),
+        "topics": ["/flood"],
+        "queue_depth": 100,
+        "max_cache_size": 2**20,
+    }
     overrides = [Parameter(name, value=value) for name, value in values.items()]
     recorder = RecorderNode(context=graph.context, parameter_overrides=overrides)
     graph.executor.add_node(recorder)
@@ -248,7 +283,11 @@ def test_each_message_of_a_flood_is_recorded_or_counted_as_lost(
             for _ in range(burst):
                 flood.publish(String(data="x" * 20_000))
             sent += burst
-            graph.until(lambda: recorder.writer.statistics()["received"] + subscription.lost == sent)  # noqa: B023
+            graph.until(
+                lambda sent=sent: (
+                    recorder.writer.statistics()["received"] + subscription.lost == sent
+                )
+            )
             disk.clear()
         assert subscription.lost
         assert recorder.writer.statistics()["dropped"]
@@ -304,9 +343,13 @@ def test_kill_minus_nine_loses_at_most_a_second(graph: Any, tmp_path: Path) -> N
     graph.until(lambda: len(sent) >= 200)
     end_s = time.monotonic() + PATIENCE_S
     whole_s = time.monotonic()
-    while time.monotonic() < whole_s + 1.2:  # longer than just after it has written: so whenever it is killed
+    while (
+        time.monotonic() < whole_s + 1.2
+    ):  # longer than just after it has written: so whenever it is killed
         graph.spin()
-        assert time.monotonic() < end_s, "more than the last second is not on file, again and again"
+        assert time.monotonic() < end_s, (
+            "more than the last second is not on file, again and again"
+        )
         if lost_now():
             whole_s = time.monotonic()
     on_file = len(depths_of(bag))
@@ -361,7 +404,9 @@ def test_deleted_folder_is_told(graph: Any, tmp_path: Path) -> None:
 
 def test_a_bag_that_exists_ends_the_start_with_one_line(graph: Any, tmp_path: Path) -> None:
     (tmp_path / "existing").mkdir()
-    code, output = graph.end(graph.start(RECORDER, "--ros-args", "-p", "output:=existing", cwd=tmp_path))
+    code, output = graph.end(
+        graph.start(RECORDER, "--ros-args", "-p", "output:=existing", cwd=tmp_path)
+    )
     assert code == 2 and "exists already" in output and output.count("\n") == 1
     assert [one.name for one in tmp_path.iterdir()] == ["existing"]
 
@@ -382,7 +427,16 @@ def test_bad_parameters_are_one_line(
     text: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["recorder", "--ros-args", *(word for parameter in parameters for word in ("-p", parameter))]) == 2
+    assert (
+        main(
+            [
+                "recorder",
+                "--ros-args",
+                *(word for parameter in parameters for word in ("-p", parameter)),
+            ]
+        )
+        == 2
+    )
     told = "".join(capfd.readouterr())
     assert text in told and told.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
@@ -401,7 +455,9 @@ def test_a_recorder_that_was_killed_goes_on_beside_its_bag(graph: Any, tmp_path:
     before = {path.name: path.read_bytes() for path in bag.iterdir()}
     second = start_recorder(graph, bag, "number_if_taken:=true")
     numbers = count(100)  # the killed one counts as a subscriber until its lease ends
-    timer = graph.node.create_timer(0.01, lambda: depth.publish(ShoulderDepth(depth=float(next(numbers)))))
+    timer = graph.node.create_timer(
+        0.01, lambda: depth.publish(ShoulderDepth(depth=float(next(numbers))))
+    )
     until_recorded(graph, sibling, 50)
     graph.node.destroy_timer(timer)
     code, output = graph.end(second, signal.SIGINT)

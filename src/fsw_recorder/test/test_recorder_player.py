@@ -18,7 +18,9 @@ def reader(genuine: Path) -> Iterator[BagReader]:
         yield opened
 
 
-def played(player: Player, until_ns: int, step_ns: int = 10_000_000, start_ns: int = 0) -> list[tuple[int, int]]:
+def played(
+    player: Player, until_ns: int, step_ns: int = 10_000_000, start_ns: int = 0
+) -> list[tuple[int, int]]:
     """Clock time and log time of everything published."""
     result = []
     for now in range(start_ns, until_ns + 1, step_ns):
@@ -44,7 +46,11 @@ def test_pause_resume_and_change_of_rate(reader: BagReader) -> None:
     at = player.bag_time_ns(S)
     assert played(player, 3 * S, start_ns=S) == [] and player.bag_time_ns(3 * S) == at
     player.resume(3 * S)
-    assert player.set_rate(10.0, 3 * S) and not player.set_rate(0.0, 3 * S) and not player.set_rate(-1.0, 3 * S)
+    assert (
+        player.set_rate(10.0, 3 * S)
+        and not player.set_rate(0.0, 3 * S)
+        and not player.set_rate(-1.0, 3 * S)
+    )
     rest = played(player, 4 * S, start_ns=3 * S)
     assert len(first) + len(rest) == 177 and player.rate == 10.0
 

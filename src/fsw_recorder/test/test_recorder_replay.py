@@ -7,7 +7,18 @@ from typing import Any
 import pytest
 from builtin_interfaces.msg import Time
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rosbag2_interfaces.srv import Burst, GetRate, IsPaused, Pause, PlayNext, Resume, Seek, SetRate, Stop, TogglePaused
+from rosbag2_interfaces.srv import (
+    Burst,
+    GetRate,
+    IsPaused,
+    Pause,
+    PlayNext,
+    Resume,
+    Seek,
+    SetRate,
+    Stop,
+    TogglePaused,
+)
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64, String
 
@@ -30,10 +41,17 @@ class Listener:
         self.latched: list[str] = []
         self.clock_ns: list[int] = []
         node = graph.node
-        node.create_subscription(Float64, f"{prefix}/depth", lambda m: self.depths.append(m.data), 1000)
-        node.create_subscription(String, f"{prefix}/latched", lambda m: self.latched.append(m.data), LATEST)
         node.create_subscription(
-            Clock, "/clock", lambda m: self.clock_ns.append(m.clock.sec * 10**9 + m.clock.nanosec), CLOCK
+            Float64, f"{prefix}/depth", lambda m: self.depths.append(m.data), 1000
+        )
+        node.create_subscription(
+            String, f"{prefix}/latched", lambda m: self.latched.append(m.data), LATEST
+        )
+        node.create_subscription(
+            Clock,
+            "/clock",
+            lambda m: self.clock_ns.append(m.clock.sec * 10**9 + m.clock.nanosec),
+            CLOCK,
         )
 
 
@@ -46,10 +64,13 @@ def depths_of(bag: Path) -> list[float]:
 def test_every_message_arrives_with_its_clock(graph: Any, genuine: Path, name: str) -> None:
     genuine_bag = genuine / name
     listener = Listener(graph)
-    wait = "wait_for:=[/demo/depth, /demo/latched]"  # else, on a busy machine, it begins before they are discovered
+    # else, on a busy machine, it begins before they are discovered
+    wait = "wait_for:=[/demo/depth, /demo/latched]"
     player = graph.start(REPLAY, str(genuine_bag), "--ros-args", "-p", "rate:=10.0", "-p", wait)
     wanted = depths_of(genuine_bag)
-    graph.until(lambda: len(listener.depths) == len(wanted) and listener.latched and listener.clock_ns)
+    graph.until(
+        lambda: len(listener.depths) == len(wanted) and listener.latched and listener.clock_ns
+    )
     code, output = graph.end(player)
     assert code == 0 and "played 177 messages" in output
     assert listener.depths == wanted and listener.latched == ["håll 816 °C"]
@@ -65,8 +86,15 @@ def test_control_while_paused(graph: Any, genuine: Path) -> None:
     with BagReader(bag) as reader:
         info = reader.info()
     listener = Listener(graph)
-    parameters = ["start_paused:=true", "topics:=[/demo/depth]", "wait_settle:=0.0", "wait_for:=[/demo/depth]"]
-    arguments = [word for parameter in [*parameters, "exit_at_end:=false"] for word in ("-p", parameter)]
+    parameters = [
+        "start_paused:=true",
+        "topics:=[/demo/depth]",
+        "wait_settle:=0.0",
+        "wait_for:=[/demo/depth]",
+    ]
+    arguments = [
+        word for parameter in [*parameters, "exit_at_end:=false"] for word in ("-p", parameter)
+    ]
     player = graph.start(REPLAY, str(bag), "--ros-args", *arguments)
     assert graph.ask(IsPaused, "/fsw_replay/is_paused").paused
     graph.until(lambda: graph.ask(PlayNext, "/fsw_replay/play_next").success)
@@ -119,11 +147,14 @@ def test_a_bag_that_is_missing_ends_the_start_with_one_line(graph: Any, tmp_path
 
 @pytest.mark.usefixtures("domain_id")
 @pytest.mark.parametrize(
-    ("arguments", "text"), [([], "no bag given"), (["{bag}", "--ros-args", "-p", "clock:=recorded"], "no /clock")]
+    ("arguments", "text"),
+    [([], "no bag given"), (["{bag}", "--ros-args", "-p", "clock:=recorded"], "no /clock")],
 )
 def test_bad_arguments_are_one_line(
     genuine: Path, capfd: pytest.CaptureFixture[str], arguments: list[str], text: str
 ) -> None:
-    assert main(["replay", *(word.format(bag=genuine / "mcap_default") for word in arguments)]) == 2
+    assert (
+        main(["replay", *(word.format(bag=genuine / "mcap_default") for word in arguments)]) == 2
+    )
     told = "".join(capfd.readouterr())
     assert text in told and told.count("\n") == 1

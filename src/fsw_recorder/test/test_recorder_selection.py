@@ -8,10 +8,25 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 
 from fsw_recorder import BagError
-from fsw_recorder.qos import is_latched, is_reliable, missing_requests, profile, qos_text, read_qos, replayed_qos
+from fsw_recorder.qos import (
+    is_latched,
+    is_reliable,
+    missing_requests,
+    profile,
+    qos_text,
+    read_qos,
+    replayed_qos,
+)
 from fsw_recorder.recording import (
     custom_entries,
     free_sibling,
@@ -92,7 +107,9 @@ def test_broken_expression() -> None:
         ([], [], []),
     ],
 )
-def test_subscriptions_that_are_missing(offers: list[Qos], present: list[Qos], added: list[Qos]) -> None:
+def test_subscriptions_that_are_missing(
+    offers: list[Qos], present: list[Qos], added: list[Qos]
+) -> None:
     assert missing_requests(offers, present, 1000) == added
 
 
@@ -106,14 +123,25 @@ def test_once_every_publisher_is_heard_nothing_is_missing(offers: list[Qos]) -> 
     ("selection", "taken"),
     [
         (TopicSelection(), {*WELDS}),
-        (TopicSelection(namespace="/"), {"/fsw/depth", "/fsw/fsw_mine/proposal", "/diagnostics", "/camera/image"}),
+        (
+            TopicSelection(namespace="/"),
+            {"/fsw/depth", "/fsw/fsw_mine/proposal", "/diagnostics", "/camera/image"},
+        ),
         (TopicSelection(namespace="/cell1/b"), {"/cell1/b/fsw/depth", "/diagnostics"}),
-        (TopicSelection(namespace="/cell1"), {"/cell1/fsw/depth", "/cell1/fsw_plant/transition_event", "/diagnostics"}),
-        (TopicSelection(namespace="/cell1", regex=".*/depth"), {one for one in WELDS if one.endswith("depth")}),
+        (
+            TopicSelection(namespace="/cell1"),
+            {"/cell1/fsw/depth", "/cell1/fsw_plant/transition_event", "/diagnostics"},
+        ),
+        (
+            TopicSelection(namespace="/cell1", regex=".*/depth"),
+            {one for one in WELDS if one.endswith("depth")},
+        ),
         (TopicSelection(namespace="/cell1", topics=("/fsw/depth",)), {"/fsw/depth"}),
     ],
 )
-def test_a_recorder_leaves_the_welds_of_other_namespaces_alone(selection: TopicSelection, taken: set[str]) -> None:
+def test_a_recorder_leaves_the_welds_of_other_namespaces_alone(
+    selection: TopicSelection, taken: set[str]
+) -> None:
     assert {name for name in WELDS if selection.takes(name)} == taken
 
 
@@ -125,7 +153,9 @@ def test_a_recorder_leaves_the_welds_of_other_namespaces_alone(selection: TopicS
         ("", {"/cell1/fsw_plant", "/cell1/camera", "/cell2/fsw_plant", "/fsw_plant", "/robot"}),
     ],
 )
-def test_parameters_are_those_of_the_weld_and_of_what_all_share(namespace: str, taken: set[str]) -> None:
+def test_parameters_are_those_of_the_weld_and_of_what_all_share(
+    namespace: str, taken: set[str]
+) -> None:
     nodes = {
         "/cell1/fsw_plant",
         "/cell1/camera",
@@ -135,12 +165,19 @@ def test_parameters_are_those_of_the_weld_and_of_what_all_share(namespace: str, 
         "/_ros2cli_1",
         "/a/_hidden",
     }
-    assert {name for name in nodes if TopicSelection(namespace=namespace).takes_node(name)} == taken
+    assert {
+        name for name in nodes if TopicSelection(namespace=namespace).takes_node(name)
+    } == taken
 
 
 def test_repeats_are_recognised_as_long_as_they_are_kept() -> None:
     repeats = Repeats(kept=2)
-    assert [repeats.seen(1, b"a"), repeats.seen(1, b"b"), repeats.seen(1, b"a"), repeats.seen(2, b"a")] == [
+    assert [
+        repeats.seen(1, b"a"),
+        repeats.seen(1, b"b"),
+        repeats.seen(1, b"a"),
+        repeats.seen(2, b"a"),
+    ] == [
         False,
         False,
         True,
@@ -168,10 +205,9 @@ def test_any_qos_text_is_understood_or_left(text: str) -> None:
 
 def test_numbers_of_older_bags() -> None:
     time = "{sec: 0, nsec: 0}"
-    text = (
-        f"- {{history: 1, depth: 7, reliability: 2, durability: 1, deadline: {time}, lifespan: {time}, liveliness: 1, "
-    )
-    text += f"liveliness_lease_duration: {time}, avoid_ros_namespace_conventions: false}}"
+    text = f"- {{history: 1, depth: 7, reliability: 2, durability: 1, deadline: {time}, "
+    text += f"lifespan: {time}, liveliness: 1, liveliness_lease_duration: {time}, "
+    text += "avoid_ros_namespace_conventions: false}"
     (qos,) = read_qos(text)
     assert qos.depth == 7 and not is_reliable(qos) and is_latched(qos)
 
@@ -181,7 +217,10 @@ def test_attachments(tmp_path: Path) -> None:
     assert read_attachment(str(tmp_path / "scenario.yaml")) == b"a: 1"
     with pytest.raises(BagError, match=r"missing\.yaml"):
         read_attachment(str(tmp_path / "missing.yaml"))
-    assert media_type("a.yaml") == "application/yaml" and media_type("a.bin") == "application/octet-stream"
+    assert (
+        media_type("a.yaml") == "application/yaml"
+        and media_type("a.bin") == "application/octet-stream"
+    )
 
 
 def test_custom_data() -> None:

@@ -31,8 +31,12 @@ from fsw_recorder.signature import (
 )
 from fsw_schema.models import InputError
 
-pytest.importorskip("cryptography", reason="not installed: pip install -r requirements/signing.lock")
-pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/signing.lock")
+pytest.importorskip(
+    "cryptography", reason="not installed: pip install -r requirements/signing.lock"
+)
+pytest.importorskip(
+    "securesystemslib", reason="not installed: pip install -r requirements/signing.lock"
+)
 
 MESSAGE = b'{"number": 1}\n'
 NOW = datetime(2026, 11, 25, 12, 0, tzinfo=UTC)
@@ -55,7 +59,9 @@ def public(key: Path) -> Path:
     return key.with_name(f"{key.name}.pub")
 
 
-def code_of(data: bytes, text: str, trusted: object = None, purpose: Purpose = Purpose.MANIFEST) -> Code | None:
+def code_of(
+    data: bytes, text: str, trusted: object = None, purpose: Purpose = Purpose.MANIFEST
+) -> Code | None:
     """Of what is wrong; None: nothing."""
     try:
         verify(data, text, purpose, trusted)  # type: ignore[arg-type]
@@ -70,7 +76,9 @@ def test_a_key_is_for_its_owner_alone_and_never_replaced(key: Path) -> None:
         make_key(key)
 
 
-def test_a_signature_holds_for_its_content_its_purpose_and_its_key(key: Path, signature: str, tmp_path: Path) -> None:
+def test_a_signature_holds_for_its_content_its_purpose_and_its_key(
+    key: Path, signature: str, tmp_path: Path
+) -> None:
     trusted = load_trusted([public(key)])
     signer = verify(MESSAGE, signature, Purpose.MANIFEST, trusted)
     assert signer.key.startswith("SHA256:") and signer.signed_at == NOW
@@ -79,7 +87,9 @@ def test_a_signature_holds_for_its_content_its_purpose_and_its_key(key: Path, si
     assert code_of(MESSAGE, signature) is code_of(MESSAGE, signature, (*other, *trusted)) is None
     assert code_of(MESSAGE + b" ", signature, trusted) is Code.CONTENT_CHANGED
     assert code_of(MESSAGE, signature, trusted, Purpose.PROCEDURE) is Code.OTHER_PURPOSE
-    assert code_of(MESSAGE, signature, other) is code_of(MESSAGE, signature, ()) is Code.KEY_UNKNOWN
+    assert (
+        code_of(MESSAGE, signature, other) is code_of(MESSAGE, signature, ()) is Code.KEY_UNKNOWN
+    )
 
 
 def test_a_statement_cannot_be_edited(signature: str) -> None:
@@ -97,8 +107,14 @@ def test_a_statement_cannot_be_edited(signature: str) -> None:
 @given(data=st.data())
 def test_a_damaged_signature_has_its_code(signature: str, data: st.DataObject) -> None:
     at = data.draw(st.integers(0, len(signature) - 2))
-    for text in (signature[:at], data.draw(st.text(max_size=200)), signature[:at] + "A" + signature[at + 1 :]):
-        assert code_of(MESSAGE, text) in ({Code.SIGNATURE_DAMAGED} if text != signature else {None})
+    for text in (
+        signature[:at],
+        data.draw(st.text(max_size=200)),
+        signature[:at] + "A" + signature[at + 1 :],
+    ):
+        assert code_of(MESSAGE, text) in (
+            {Code.SIGNATURE_DAMAGED} if text != signature else {None}
+        )
 
 
 @pytest.mark.parametrize(
@@ -125,7 +141,14 @@ def test_keys_have_a_purpose_expire_and_are_revoked(
 
 
 @pytest.mark.parametrize(
-    "text", ["", "nonsense", "format: other", "ssh-ed25519 AAAA", "format: fsw_trusted_keys\nversion: 1\nkeys: []"]
+    "text",
+    [
+        "",
+        "nonsense",
+        "format: other",
+        "ssh-ed25519 AAAA",
+        "format: fsw_trusted_keys\nversion: 1\nkeys: []",
+    ],
 )
 def test_what_is_no_key_is_one_line(tmp_path: Path, text: str) -> None:
     path = tmp_path / "key"
@@ -159,7 +182,9 @@ def test_files_with_their_signatures(key: Path, tmp_path: Path) -> None:
     assert code() is Code.MISSING
     path.write_bytes(MESSAGE)
     assert code() is Code.NOT_SIGNED
-    signature_path(path).write_text(sign(MESSAGE, path.name, Purpose.MANIFEST, load_private(key), NOW))
+    signature_path(path).write_text(
+        sign(MESSAGE, path.name, Purpose.MANIFEST, load_private(key), NOW)
+    )
     assert isinstance(verify_file(path, Purpose.MANIFEST, None), Signer)
 
 
@@ -169,7 +194,9 @@ def test_openssh_s_keys_sign(tmp_path: Path) -> None:
 
     def run(*words: object) -> str:
         command = ["ssh-keygen", *map(str, words)]
-        return subprocess.run(command, capture_output=True, check=True, env=environment).stdout.decode()
+        return subprocess.run(
+            command, capture_output=True, check=True, env=environment
+        ).stdout.decode()
 
     run("-q", "-t", "ed25519", "-N", "", "-f", made)
     text = sign(MESSAGE, "message", Purpose.MANIFEST, load_private(made), NOW)

@@ -45,7 +45,10 @@ def test_measurements_have_their_stamps_and_commands_follow_soon(tmp_path: Path)
         everything = [one.log_time_ns for one in weld.records()]
         info = weld.info()
     assert depths == stamps and everything == sorted(everything) and len(everything) == 201
-    assert all(0 < later - stamp <= TICK_NS // 5 for stamp, later in zip(stamps[:-1], commands[:-1], strict=True))
+    assert all(
+        0 < later - stamp <= TICK_NS // 5
+        for stamp, later in zip(stamps[:-1], commands[:-1], strict=True)
+    )
     assert info.start_ns == stamps[0] and info.duration_s == pytest.approx(9.9, abs=0.01)
 
 
@@ -53,7 +56,10 @@ def test_a_part_is_cut_on_the_weld_clock(tmp_path: Path) -> None:
     stamps = [(tick + 1) * TICK_NS for tick in range(100)]
     with BagReader(write(tmp_path / "bag", stamps)) as reader:
         weld = paced(reader)
-        part = [one.log_time_ns for one in weld.records(["/fsw/depth"], start_ns=stamps[20], stop_ns=stamps[30])]
+        part = [
+            one.log_time_ns
+            for one in weld.records(["/fsw/depth"], start_ns=stamps[20], stop_ns=stamps[30])
+        ]
         player = Player(weld, 0, start_offset_s=2.0, duration_s=1.0)
         played = [one.log_time_ns for one in player.take_due(10**12)]
     assert part == stamps[20:30]
@@ -64,7 +70,11 @@ def test_time_goes_on_when_the_plant_is_reset(tmp_path: Path) -> None:
     stamps = [(tick + 1) * TICK_NS for tick in range(50)] * 2
     with BagReader(write(tmp_path / "bag", stamps)) as reader:
         times = [one.log_time_ns for one in paced(reader).records(["/fsw/depth"])]
-    assert times[:50] == stamps[:50] and all(np.diff(times) >= 0) and times[-1] == stamps[-1] + stamps[49] - TICK_NS
+    assert (
+        times[:50] == stamps[:50]
+        and all(np.diff(times) >= 0)
+        and times[-1] == stamps[-1] + stamps[49] - TICK_NS
+    )
 
 
 def test_weld_on_the_wall_clock_is_left_as_it_is(tmp_path: Path) -> None:
@@ -102,4 +112,6 @@ def test_order_of_receipt_does_not_part_a_tick(tmp_path: Path) -> None:
     with BagReader(tmp_path / "bag") as reader:
         played = [(one.topic, one.log_time_ns) for one in paced(reader).records()]
     assert [name for name, _ in played] == ["/fsw/depth", "/fsw/thermocouple", "/fsw/command"] * 50
-    assert [time for name, time in played if name == names[1]] == [(tick + 1) * TICK_NS for tick in range(50)]
+    assert [time for name, time in played if name == names[1]] == [
+        (tick + 1) * TICK_NS for tick in range(50)
+    ]

@@ -16,8 +16,15 @@ class Audience:
     ``publishers`` are those of ``SetPoints``, that of the set-points first.
     """
 
-    def __init__(self, node: Node, publishers: Sequence[Publisher], wanted: int, named: Sequence[str] = ()) -> None:
-        self._node, self._publishers, self._wanted, self._named = node, publishers, wanted, tuple(dict.fromkeys(named))
+    def __init__(
+        self, node: Node, publishers: Sequence[Publisher], wanted: int, named: Sequence[str] = ()
+    ) -> None:
+        self._node, self._publishers, self._wanted, self._named = (
+            node,
+            publishers,
+            wanted,
+            tuple(dict.fromkeys(named)),
+        )
         self._topic = publishers[0].topic_name
 
     def is_complete(self) -> bool:
@@ -27,8 +34,14 @@ class Audience:
             if publisher.get_subscription_count() < node.count_subscribers(publisher.topic_name):
                 return False
         infos = node.get_subscriptions_info_by_topic(self._topic)
-        proposals = [name for name, _ in node.get_topic_names_and_types() if name.endswith("/proposal")]
-        proposing = {_node_of(info) for name in proposals for info in node.get_publishers_info_by_topic(name)}
+        proposals = [
+            name for name, _ in node.get_topic_names_and_types() if name.endswith("/proposal")
+        ]
+        proposing = {
+            _node_of(info)
+            for name in proposals
+            for info in node.get_publishers_info_by_topic(name)
+        }
         return len(proposing.intersection(map(_node_of, infos))) >= self._wanted
 
     def is_alone(self) -> bool:
@@ -46,7 +59,9 @@ class Audience:
         return f"no controller {', '.join(lacking)} in the graph; there: {', '.join(present) or 'none'}"
 
     def _controllers(self) -> list[str]:
-        pattern = re.compile(rf"{re.escape(self._node.get_namespace().rstrip('/'))}/fsw/(\w+)/proposal")
+        pattern = re.compile(
+            rf"{re.escape(self._node.get_namespace().rstrip('/'))}/fsw/(\w+)/proposal"
+        )
         found = [pattern.fullmatch(name) for name, _ in self._node.get_topic_names_and_types()]
         # the supervisor also subscribes to the proposals of its fallbacks that do not run
         return sorted(one[1] for one in found if one and self._node.count_publishers(one[0]))

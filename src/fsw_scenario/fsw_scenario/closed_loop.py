@@ -47,7 +47,9 @@ _PROGRESS_TICKS = 100
 
 def plant_of(scenario: Scenario) -> PlantEmulator:
     """The plant that a scenario sets up, with its disturbances and faults."""
-    return PlantEmulator(PlantConfig.from_values(scenario.plant), PlantSchedule.of(scenario.events, scenario.path))
+    return PlantEmulator(
+        PlantConfig.from_values(scenario.plant), PlantSchedule.of(scenario.events, scenario.path)
+    )
 
 
 class _Programme:
@@ -67,7 +69,9 @@ class _Programme:
         return 0 if self._machine is None else self._machine.held
 
     def _announce(self) -> None:
-        planned = [((tick + self._held) * TICK_NS, one) for tick, one in stair(self._course.coming)]
+        planned = [
+            ((tick + self._held) * TICK_NS, one) for tick, one in stair(self._course.coming)
+        ]
         self.plan = ReferencePlan(planned) if self._announced else None
 
     def over(self, tick: int) -> bool:
@@ -114,10 +118,11 @@ class _Tick(NamedTuple):
 class ClosedLoop:
     """Runs a scenario offline, with controllers by name; an open-loop scenario needs none.
 
-    All controllers are always ready, as in the graph: each is stepped at every tick and follows the applied command.
-    The supervisor's arbiter applies one of several, with fallback, inhibition, interlocks and all else, so that the
-    trajectory is that of the graph in lockstep; and so it does with one alone when the scenario has sensor faults.
-    Otherwise one alone is studied without supervisor: its proposal is limited and applied, and the last command is held
+    All controllers are always ready, as in the graph: each is stepped at every tick and follows
+    the applied command. The supervisor's arbiter applies one of several, with fallback,
+    inhibition, interlocks and all else, so that the trajectory is that of the graph in lockstep;
+    and so it does with one alone when the scenario has sensor faults. Otherwise one alone is
+    studied without supervisor: its proposal is limited and applied, and the last command is held
     while it is unhealthy.
 
     Raises
@@ -126,7 +131,9 @@ class ClosedLoop:
         If the scenario selects a controller that is not there.
     """
 
-    def __init__(self, scenario: Scenario, controllers: Mapping[str, Controller] | None = None) -> None:
+    def __init__(
+        self, scenario: Scenario, controllers: Mapping[str, Controller] | None = None
+    ) -> None:
         self.scenario = scenario
         self.plant = plant_of(scenario)
         start = self.plant.applied
@@ -145,8 +152,9 @@ class ClosedLoop:
     def run(self, progress: Callable[[float], None] | None = None) -> WeldSignals:
         """Run to the end and return the same signals as a bag of the weld.
 
-        ``progress`` is called now and then with the share done, 0 to 1. InputError with the reason at the first tick
-        if the controller that was selected proposed nothing that could be applied: figures of a held command are none.
+        ``progress`` is called now and then with the share done, 0 to 1. InputError with the reason
+        at the first tick if the controller that was selected proposed nothing that could be
+        applied: figures of a held command are none.
         """
         scenario, plant, limits = self.scenario, self.plant, Limits()
         programme, swaps = _Programme(scenario), deque(switches(scenario).items())
@@ -181,7 +189,19 @@ class ClosedLoop:
             while supervisor is not None and swaps and swaps[0][0] <= passed + 1:
                 supervisor.switch(swaps.popleft()[1])
             truth = plant.truth()
-            row = _Tick(stamp_ns, values, drives, reference, answers, applied, source, reason, active, mode, truth)
+            row = _Tick(
+                stamp_ns,
+                values,
+                drives,
+                reference,
+                answers,
+                applied,
+                source,
+                reason,
+                active,
+                mode,
+                truth,
+            )
             ticks.append(row)
             plant.apply(applied, stamp_ns, source)
             plant.step()
@@ -189,7 +209,9 @@ class ClosedLoop:
                 progress(passed / scenario.n_ticks)
         if ticks and not any(row.answers[first][0].healthy for row in ticks):
             why = Reason.of(ticks[0].answers[first][0].reason).words
-            raise InputError(f"{scenario.name}: {first} proposed nothing usable at any of {len(ticks)} ticks: {why}")
+            raise InputError(
+                f"{scenario.name}: {first} proposed nothing usable at any of {len(ticks)} ticks: {why}"
+            )
         return self._signals(ticks)
 
     def _signals(self, ticks: Sequence[_Tick]) -> WeldSignals:
@@ -198,7 +220,11 @@ class ClosedLoop:
         for name in self._controllers:
             try:
                 statuses[name] = _status_signals(ticks, name)
-            except (TypeError, ValueError, AttributeError) as error:  # a user's diagnosis may hold anything
+            except (
+                TypeError,
+                ValueError,
+                AttributeError,
+            ) as error:  # a user's diagnosis may hold anything
                 problems.append(f"{name}: its diagnostics cannot be read: {error}")
         return WeldSignals(
             path=Path(self.scenario.name),
@@ -246,7 +272,9 @@ def _status_signals(ticks: Sequence[_Tick], name: str) -> StatusSignals:
         healthy=_numbers(proposal.healthy for proposal in proposals),
         selected=_numbers(tick.source == name for tick in ticks),
         reason=_texts(Reason.of(proposal.reason).words for proposal in proposals),
-        disturbances={key: _numbers(one.disturbances.get(key, nan) for one in diagnoses) for key in keys},
+        disturbances={
+            key: _numbers(one.disturbances.get(key, nan) for one in diagnoses) for key in keys
+        },
     )
     return status
 
@@ -259,13 +287,18 @@ def _group(kind: Any, sources: Sequence[Any], **known: Any) -> Any:
         if one.metadata["kind"] == "number":
             known[one.name] = _numbers(values)
         else:
-            known[one.name] = _texts(value if isinstance(value, str) else ",".join(value) for value in values)
+            known[one.name] = _texts(
+                value if isinstance(value, str) else ",".join(value) for value in values
+            )
     return kind(**known)
 
 
 def _sensors(ticks: Sequence[_Tick], names: Iterable[str]) -> dict[str, Any]:
     """Samples of sensors, by signal."""
-    return {SENSORS[name].signal: _numbers(tick.values.get(name, nan) for tick in ticks) for name in names}
+    return {
+        SENSORS[name].signal: _numbers(tick.values.get(name, nan) for tick in ticks)
+        for name in names
+    }
 
 
 def _numbers(values: Iterable[float]) -> FloatArray:

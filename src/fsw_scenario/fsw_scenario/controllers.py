@@ -17,7 +17,8 @@ from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.scenario import Scenario
 from fsw_schema.models import InputError
 
-#: Ours, by name: where the class is. They are entry points, too; none of another package takes their place.
+#: Ours, by name: where the class is. They are entry points, too; none of another package takes
+#: their place.
 OURS = {"decentral": "fsw_decentral:DecentralController", "nmpc": "fsw_nmpc:NmpcController"}
 
 
@@ -33,7 +34,8 @@ KNOWN = _known()
 def name_of(label: str) -> str:
     """Name of the controller of a label, as in :func:`make`.
 
-    A class that was given as ``MODULE:CLASS`` or ``FILE.py:CLASS`` is known by its name from then on.
+    A class that was given as ``MODULE:CLASS`` or ``FILE.py:CLASS`` is known by its name from then
+    on.
 
     Raises
     ------
@@ -61,7 +63,9 @@ def _parts(label: str) -> tuple[str, str]:
     place = f"{Path(first).resolve() if first.endswith('.py') else first}:{word}"
     name = str(_class_at(place).name)
     if KNOWN.setdefault(name, place) != place:
-        raise InputError(f"controller {place}: its name {name!r} is that of {KNOWN[name]}; give it another one")
+        raise InputError(
+            f"controller {place}: its name {name!r} is that of {KNOWN[name]}; give it another one"
+        )
     return name, variant
 
 
@@ -71,13 +75,21 @@ def _class_at(place: str) -> Any:
     if module.endswith(".py") and not Path(module).is_file():
         raise InputError(f"controller {place} is not available: there is no file {module}")
     try:
-        found = run_path(module).get(kind) if module.endswith(".py") else getattr(import_module(module), kind, None)
+        found = (
+            run_path(module).get(kind)
+            if module.endswith(".py")
+            else getattr(import_module(module), kind, None)
+        )
     except Exception as error:  # a user's file may fail in any way
         raise InputError(f"controller {place} is not available: {_words(error)}") from None
     if not callable(found) or not isinstance(getattr(found, "name", None), str):
-        raise InputError(f"controller {place} is not available: no class {kind} there with an attribute 'name'")
+        raise InputError(
+            f"controller {place} is not available: no class {kind} there with an attribute 'name'"
+        )
     if not re.fullmatch(r"[a-zA-Z]\w*", found.name, re.ASCII):
-        raise InputError(f"controller {place}: its name {found.name!r} has other characters than letters, digits, _")
+        raise InputError(
+            f"controller {place}: its name {found.name!r} has other characters than letters, digits, _"
+        )
     return found
 
 
@@ -119,8 +131,8 @@ def make(label: str, parameters: Mapping[str, Any] | None = None) -> Controller:
     Parameters
     ----------
     label : str
-        Name, ``MODULE:CLASS`` or ``FILE.py:CLASS``, optionally followed by ``:variant``, one of its documented tunings,
-        e.g. ``decentral:tight``.
+        Name, ``MODULE:CLASS`` or ``FILE.py:CLASS``, optionally followed by ``:variant``, one of
+        its documented tunings, e.g. ``decentral:tight``.
     parameters : mapping of str to value, optional
         Of the controller's node, by name; the others have their defaults.
 
@@ -131,7 +143,9 @@ def make(label: str, parameters: Mapping[str, Any] | None = None) -> Controller:
     """
     make_one = maker(label)
     try:
-        values = validate(load_source(described_in(label)), {**(parameters or {}), **variant_of(label)})
+        values = validate(
+            load_source(described_in(label)), {**(parameters or {}), **variant_of(label)}
+        )
         made = make_one(values)
     except InputError:
         raise
@@ -175,13 +189,17 @@ def variants_of(labels: Iterable[str]) -> dict[str, dict[str, str]]:
     return found
 
 
-def make_all(scenario: Scenario, label: str, parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Controller]:
+def make_all(
+    scenario: Scenario, label: str, parameters: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Controller]:
     """Make the controllers of a scenario by name, with their parameters; the one in ``label`` in its variant.
 
     Errors as :func:`make`, and InputError for a ``label`` that is no controller of the scenario.
     """
     name = "" if scenario.open_loop else name_of(label)
     if name and name not in scenario.controllers:
-        raise InputError(f"{scenario.name}: {name} is none of its controllers, {', '.join(scenario.controllers)}")
+        raise InputError(
+            f"{scenario.name}: {name} is none of its controllers, {', '.join(scenario.controllers)}"
+        )
     variants = {other: label if other == name else other for other in scenario.controllers}
     return {other: make(variant, parameters.get(other)) for other, variant in variants.items()}

@@ -6,7 +6,8 @@ from collections import Counter
 
 from fsw_control.weld import TICK_S
 
-#: after this time a controller that was asked for is in control, or another one is in its place (chosen)
+#: after this time a controller that was asked for is in control, or another one is in its place
+#: (chosen)
 _SWITCH_TICKS = 20
 
 
@@ -35,7 +36,10 @@ class Deviations:
         self._by_hand_tick = tick
 
     def __str__(self) -> str:
-        found = [f"; {name} was in control for {n * TICK_S:.1f} s, not asked for" for name, n in self._others.items()]
+        found = [
+            f"; {name} was in control for {n * TICK_S:.1f} s, not asked for"
+            for name, n in self._others.items()
+        ]
         if self._by_hand_tick is not None:
             found.append(f"; set-points by hand from {self._by_hand_tick * TICK_S:.1f} s on")
         return "".join(found)

@@ -34,7 +34,9 @@ class EmulatorEvents:
     def _send(self, event: PlantEvent) -> None:
         client = self._clients[isinstance(event, Disturbance)]
         if not client.service_is_ready():
-            self._node.get_logger().error(f"{event} is left out: there is no emulated plant any more")
+            self._node.get_logger().error(
+                f"{event} is left out: there is no emulated plant any more"
+            )
             return
 
         def on_answer(future: Future) -> None:

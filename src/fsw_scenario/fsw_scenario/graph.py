@@ -25,9 +25,12 @@ from fsw_schema.files import write_whole
 STANDBY = "fsw_supervisor_standby"
 #: how long the first tick may take, and how much longer than the scenario its end
 _PATIENCE_S = 240.0
-#: how long lockstep waits for controllers, so that a machine that stalls meanwhile gives the same weld
+#: how long lockstep waits for controllers, so that a machine that stalls meanwhile gives the same
+#: weld
 _LOCKSTEP_S = 30.0
-_SUPERVISOR_SECTION = re.compile(r"^(\s*[\"']?(?:[^#\s:\"']*/)?)fsw_supervisor([\"']?\s*:)", re.MULTILINE)
+_SUPERVISOR_SECTION = re.compile(
+    r"^(\s*[\"']?(?:[^#\s:\"']*/)?)fsw_supervisor([\"']?\s*:)", re.MULTILINE
+)
 
 
 def for_standby(parameter_file: str) -> str:
@@ -40,13 +43,15 @@ class WeldGraph:
     """Everything that runs for one scenario."""
 
     scenario: Scenario
-    #: gets ``scenario.yaml``, ``parameters.yaml``, ``log/`` and, with ``record``, ``bag/``; made if need be
+    #: gets ``scenario.yaml``, ``parameters.yaml``, ``log/`` and, with ``record``, ``bag/``; made
+    #: if need be
     folder: Path
     controllers: Sequence[str] = ()  #: all that run, by name; the scenario's own are added
     realtime: bool = False  #: 10 Hz on the wall clock instead of lockstep
     record: bool = True  #: whether a recorder runs
     standby: bool = False  #: whether a second supervisor stands by
-    #: parameters of the controllers' nodes, by name of the controller; the others have their defaults
+    #: parameters of the controllers' nodes, by name of the controller; the others have their
+    #: defaults
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     #: further processes, by name the module of their node; the first tick does not wait for them
     companions: Mapping[str, str] = field(default_factory=dict)
@@ -78,7 +83,9 @@ class WeldGraph:
         scenario_file = self.folder / "scenario.yaml"
         write_whole(scenario_file, self.scenario.text)
         parameter_file = self.folder / "parameters.yaml"
-        write_whole(parameter_file, yaml.safe_dump(self.parameter_file(scenario_file), sort_keys=False))
+        write_whole(
+            parameter_file, yaml.safe_dump(self.parameter_file(scenario_file), sort_keys=False)
+        )
         ros_args = ["--ros-args", "--params-file", str(parameter_file)]
         if self.record:
             launcher.start("recorder", "fsw_recorder.recorder_node", ros_args)
@@ -102,7 +109,10 @@ class WeldGraph:
             "fsw_plant": {
                 **{name: plant[name] for name in self.scenario.plant},
                 "scenario": str(scenario_file),
-                "wait_for_subscribers": len(names) + 2 + self.record + self.standby,  # and supervisor and player
+                "wait_for_subscribers": len(names)
+                + 2
+                + self.record
+                + self.standby,  # and supervisor and player
                 **({} if self.realtime else {"clock": "simulated", "speed": 0.0}),
             },
             "fsw_supervisor": {"controller": names[0]},
@@ -110,33 +120,47 @@ class WeldGraph:
             "fsw_recorder": {
                 "output": str(self.bag),
                 "scenario": str(scenario_file),
-                **({"number_if_taken": True} if self.realtime else {}),  # one that died goes on beside its bag
+                **(
+                    {"number_if_taken": True} if self.realtime else {}
+                ),  # one that died goes on beside its bag
             },
         }
         for name in names:
-            nodes[f"fsw_{name}"] = {"initial_force": start.force_kn, "initial_speed": start.speed_rpm}
+            nodes[f"fsw_{name}"] = {
+                "initial_force": start.force_kn,
+                "initial_speed": start.speed_rpm,
+            }
             nodes[f"fsw_{name}"] |= self.parameters.get(name, {})
         for name, values in self.derived.items():
             nodes[name] = nodes.get(name, {}) | dict(values)
         if self.scenario.open_loop:
-            nodes["fsw_open_loop"] |= {"scenario": str(scenario_file), "from_first_tick": self.realtime}
+            nodes["fsw_open_loop"] |= {
+                "scenario": str(scenario_file),
+                "from_first_tick": self.realtime,
+            }
         if self.standby:
             nodes[STANDBY] = nodes["fsw_supervisor"] | {"standby": True}
         if not self.realtime:
             answers = [f"fsw/{name}/{topic}" for name in names for topic in ("proposal", "status")]
-            nodes["fsw_recorder"]["wait_for_topics"] = ["fsw/command", "fsw/supervisor/state", *answers]
+            nodes["fsw_recorder"]["wait_for_topics"] = [
+                "fsw/command",
+                "fsw/supervisor/state",
+                *answers,
+            ]
             for name, values in nodes.items():
                 if name != "fsw_plant":
                     values["use_sim_time"] = True
                 if name in ("fsw_supervisor", STANDBY):
-                    values |= dict.fromkeys(("lockstep_deadline_s", "lockstep_shadow_wait_s"), _LOCKSTEP_S)
+                    values |= dict.fromkeys(
+                        ("lockstep_deadline_s", "lockstep_shadow_wait_s"), _LOCKSTEP_S
+                    )
         return {name: {"ros__parameters": values} for name, values in nodes.items()}
 
     def run(self, launcher: Launcher, progress: Callable[[float], None] | None = None) -> float:
         """Start everything, wait for the scenario's end, end everything.
 
-        Returns the wall time from the first tick to the last [s], as the player saw it. ``progress`` is called with the
-        share done, 0 to 1.
+        Returns the wall time from the first tick to the last [s], as the player saw it.
+        ``progress`` is called with the share done, 0 to 1.
 
         Raises
         ------
@@ -152,15 +176,31 @@ class WeldGraph:
                 progress(player.status()["tick"] / self.scenario.n_ticks)
             return not player.running
 
-        launcher.wait_until(over, _PATIENCE_S + 3.0 * self.scenario.duration_s, "the scenario's end", others)
+        launcher.wait_until(
+            over, _PATIENCE_S + 3.0 * self.scenario.duration_s, "the scenario's end", others
+        )
         if not player.status()["finished"]:
-            raise LaunchError(f"the scenario player failed: {player.last_lines()} (see {player.log})")
+            raise LaunchError(
+                f"the scenario player failed: {player.last_lines()} (see {player.log})"
+            )
         codes = launcher.stop("plant")  # first, so that the bag does not show how the others leave
         codes |= launcher.stop() | {"scenario": player.process.returncode}
         if codes.get("recorder", 0) > 0:  # the bag could not be written
-            raise LaunchError(f"recorder has ended with exit code {codes['recorder']}; see {launcher.log_folder}")
-        for name, code in codes.items():  # most often a process was slow, and has been ended by a signal
+            raise LaunchError(
+                f"recorder has ended with exit code {codes['recorder']}; see {launcher.log_folder}"
+            )
+        for (
+            name,
+            code,
+        ) in codes.items():  # most often a process was slow, and has been ended by a signal
             if code:
-                how = f"was ended by {Signals(-code).name}" if code < 0 else f"has ended with exit code {code}"
-                print(f"note: the weld is complete; {name} {how}; see {launcher.log_folder}", file=sys.stderr)
+                how = (
+                    f"was ended by {Signals(-code).name}"
+                    if code < 0
+                    else f"has ended with exit code {code}"
+                )
+                print(
+                    f"note: the weld is complete; {name} {how}; see {launcher.log_folder}",
+                    file=sys.stderr,
+                )
         return float(player.status()["wall_s"])

@@ -55,7 +55,9 @@ class InputSteps(Model):
         before_s = 0.0
         for i, step in enumerate(self.events):
             if step.at_s < before_s:
-                raise problem("is earlier than the step before it; list steps in order of time", "events", i)
+                raise problem(
+                    "is earlier than the step before it; list steps in order of time", "events", i
+                )
             if self.duration_s is not None and step.at_s > self.duration_s:
                 raise problem(f"is after the end at {self.duration_s:g} s", "events", i)
             before_s = step.at_s
@@ -65,7 +67,10 @@ class InputSteps(Model):
     def last_tick(self) -> int:
         """Tick at which the simulation ends."""
         latest_s = self.events[-1].at_s if self.events else 0.0
-        return round(_TICKS_PER_S * (latest_s + _AFTERWARDS_S if self.duration_s is None else self.duration_s))
+        return round(
+            _TICKS_PER_S
+            * (latest_s + _AFTERWARDS_S if self.duration_s is None else self.duration_s)
+        )
 
 
 def shipped() -> list[str]:
@@ -76,7 +81,9 @@ def shipped() -> list[str]:
 def read(source: str) -> InputSteps:
     """Input steps of a file, or of one that comes with the package, by name; InputError when something is wrong."""
     content = content_of(read_text(source, "events", _SHIPPED), source)
-    return validate(InputSteps, {"events": content} if isinstance(content, list) else content, source)
+    return validate(
+        InputSteps, {"events": content} if isinstance(content, list) else content, source
+    )
 
 
 def simulate(steps: InputSteps, model: ProcessModel) -> dict[str, Any]:
@@ -88,7 +95,10 @@ def simulate(steps: InputSteps, model: ProcessModel) -> dict[str, Any]:
         The shoulder leaves the copper.
     """
     start = model.equilibrium()
-    inputs = {name: np.full(steps.last_tick + 1, getattr(start, name)) for name in ("force_kn", "speed_rpm")}
+    inputs = {
+        name: np.full(steps.last_tick + 1, getattr(start, name))
+        for name in ("force_kn", "speed_rpm")
+    }
     for step in steps.events:
         for name, values in inputs.items():
             if getattr(step, name) is not None:

@@ -20,7 +20,8 @@ _POLL_S = 0.02
 REFUSED = 2
 #: exit code of the scenario player after the programme of a weld was aborted
 ABORTED = 3
-#: pause before a process is started again, doubled each time that it ended sooner than _SOON_S; how often (chosen)
+#: pause before a process is started again, doubled each time that it ended sooner than _SOON_S;
+#: how often (chosen)
 RESPAWN_DELAY_S, _SOON_S, _MOST_SOON = 0.5, 10.0, 6
 
 
@@ -62,9 +63,9 @@ class Child:
 class Launcher:
     """Context in which processes run; leaving it ends them: SIGINT, then SIGTERM, then SIGKILL, ``patience_s`` apart.
 
-    All are in one ROS domain, and each has its ``<name>.log`` in ``log_folder``, which is made if necessary. Children
-    that outlive the launcher because it was killed get SIGTERM from the kernel (Linux). A discovery server is not used:
-    it joins the nodes of all domains into one graph.
+    All are in one ROS domain, and each has its ``<name>.log`` in ``log_folder``, which is made if
+    necessary. Children that outlive the launcher because it was killed get SIGTERM from the kernel
+    (Linux). A discovery server is not used: it joins the nodes of all domains into one graph.
     """
 
     def __init__(self, log_folder: Path, domain: int, patience_s: float = 15.0) -> None:
@@ -99,7 +100,14 @@ class Launcher:
         """
         if name in self.children and self.children[name].running:
             raise LaunchError(f"{name} is running already")
-        command = [sys.executable, "-m", "fsw_scenario.child_process", str(os.getpid()), module, *arguments]
+        command = [
+            sys.executable,
+            "-m",
+            "fsw_scenario.child_process",
+            str(os.getpid()),
+            module,
+            *arguments,
+        ]
         log = self.log_folder / f"{name}.log"
         status = log.with_suffix(".status")
         status.unlink(missing_ok=True)
@@ -111,7 +119,8 @@ class Launcher:
                 stdin=subprocess.DEVNULL,
                 stdout=file,
                 stderr=subprocess.STDOUT,
-                # a session of its own: Ctrl-C reaches the launcher alone, which then ends its children in order
+                # a session of its own: Ctrl-C reaches the launcher alone, which then ends its
+                # children in order
                 start_new_session=True,
             )
         self.children[name] = child = Child(name, process, log, module, tuple(arguments), begin)
@@ -123,10 +132,16 @@ class Launcher:
             child = self.children[name]
             if not child.running:
                 code = child.process.returncode
-                raise LaunchError(f"{name} has ended with exit code {code}: {child.last_lines()} (see {child.log})")
+                raise LaunchError(
+                    f"{name} has ended with exit code {code}: {child.last_lines()} (see {child.log})"
+                )
 
     def wait_until(
-        self, condition: Callable[[], object], timeout_s: float, what: str, watch: Sequence[str] | None = None
+        self,
+        condition: Callable[[], object],
+        timeout_s: float,
+        what: str,
+        watch: Sequence[str] | None = None,
     ) -> None:
         """Wait until ``condition`` is true while the processes run; ``what`` names it in the error message.
 
@@ -139,12 +154,18 @@ class Launcher:
         while not condition():
             self.check(watch)
             if time.monotonic() > end:
-                raise LaunchError(f"waited {timeout_s:g} s without success for {what}; logs are in {self.log_folder}")
+                raise LaunchError(
+                    f"waited {timeout_s:g} s without success for {what}; logs are in {self.log_folder}"
+                )
             time.sleep(_POLL_S)
 
     def stop(self, *names: str) -> dict[str, int]:
         """End processes (all by default, the last started first) and return their exit codes."""
-        chosen = [self.children[name] for name in names] if names else list(reversed(self.children.values()))
+        chosen = (
+            [self.children[name] for name in names]
+            if names
+            else list(reversed(self.children.values()))
+        )
         for sign in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
             for child in chosen:
                 child.process.send_signal(sign)  # nothing happens to one that has ended
@@ -167,7 +188,8 @@ class _Restarts:
 class Respawn:
     """Restarts processes that have ended, as the launch file does, and says so.
 
-    ``names`` are running processes; ``report`` gets a line for the person at the console; ``clock`` is monotonic.
+    ``names`` are running processes; ``report`` gets a line for the person at the console;
+    ``clock`` is monotonic.
     """
 
     def __init__(
@@ -186,7 +208,8 @@ class Respawn:
         Raises
         ------
         LaunchError
-            When a process refuses its very first start. A later refusal may pass, as a full disk does.
+            When a process refuses its very first start. A later refusal may pass, as a full disk
+            does.
         """
         now_s = self._clock()
         for name, restarts in self._restarts.items():

@@ -19,14 +19,21 @@ _PATIENCE_S = 120.0
 def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
     """Weld to the scenario's end; Ctrl-C ends everything. Returns the exit code.
 
-    Processes that die are restarted, except for plant and player: a weld cannot be started half-way. Without its player
-    it continues until Ctrl-C, so that the operator sees why it has stopped or can stop it.
+    Processes that die are restarted, except for plant and player: a weld cannot be started
+    half-way. Without its player it continues until Ctrl-C, so that the operator sees why it has
+    stopped or can stop it.
     """
     graph.folder.mkdir(parents=True, exist_ok=True)
     token, token_file = secrets.token_urlsafe(12), graph.folder / "token"
     _write_secret(token_file, token)
-    kept = ["--ros-args", "-p", f"state_folder:={json.dumps(tempfile.mkdtemp(prefix='page_', dir=graph.folder))}"]
-    hmi = launcher.start("hmi", "fsw_hmi.main", ["--port", str(port), "--token-file", str(token_file), *kept])
+    kept = [
+        "--ros-args",
+        "-p",
+        f"state_folder:={json.dumps(tempfile.mkdtemp(prefix='page_', dir=graph.folder))}",
+    ]
+    hmi = launcher.start(
+        "hmi", "fsw_hmi.main", ["--port", str(port), "--token-file", str(token_file), *kept]
+    )
     launcher.wait_until(hmi.status, _PATIENCE_S, "the operator's page")
     url = hmi.status()["url"]
     # the same port when it is started again
@@ -34,12 +41,19 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
     print(f"operator's page: {url}")
     print(f"token: {token}")
     minutes = graph.scenario.duration_s / 60.0
-    print(f"{graph.scenario.name} takes {minutes:.0f} min and continues if the page is closed; Ctrl-C ends it")
+    print(
+        f"{graph.scenario.name} takes {minutes:.0f} min and continues if the page is closed; Ctrl-C ends it"
+    )
     print(f"bag: {graph.bag}")
     # a domain of its own keeps the weld apart from others on this machine; fsw.py needs to know it
-    print(f"ROS domain: {launcher.domain}; in another terminal: export ROS_DOMAIN_ID={launcher.domain}", flush=True)
+    print(
+        f"ROS domain: {launcher.domain}; in another terminal: export ROS_DOMAIN_ID={launcher.domain}",
+        flush=True,
+    )
     player = graph.start(launcher)
-    respawn = Respawn(launcher, [name for name in launcher.children if name not in ("plant", "scenario")])
+    respawn = Respawn(
+        launcher, [name for name in launcher.children if name not in ("plant", "scenario")]
+    )
     player_ended = False
 
     def over() -> bool:
@@ -51,17 +65,28 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
         if status.get("finished"):
             return True
         if not status:
-            raise LaunchError(f"the scenario player has ended before the first tick: {player.last_lines()}")
+            raise LaunchError(
+                f"the scenario player has ended before the first tick: {player.last_lines()}"
+            )
         player_ended = True
         code = player.process.returncode
-        print(f"the scenario player has ended with exit code {code}: {player.last_lines()}", file=sys.stderr)
-        print("the other processes keep running, also the page; Ctrl-C ends them", file=sys.stderr, flush=True)
+        print(
+            f"the scenario player has ended with exit code {code}: {player.last_lines()}",
+            file=sys.stderr,
+        )
+        print(
+            "the other processes keep running, also the page; Ctrl-C ends them",
+            file=sys.stderr,
+            flush=True,
+        )
         return False
 
     # the programme may be held for any length of time
     launcher.wait_until(over, float("inf"), "the end of the weld", ["plant"])
     print("the weld is over; look at it:")
-    page = "fsw node hmi" if Path(sys.argv[0]).name == "fsw" else "python3 scripts/run_hmi.py"  # installed, or here
+    page = (
+        "fsw node hmi" if Path(sys.argv[0]).name == "fsw" else "python3 scripts/run_hmi.py"
+    )  # installed, or here
     for bag in sorted(graph.folder.glob("bag*")):
         print(f"  {page} --bag {bag}")
     return 0
@@ -69,5 +94,7 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
 
 def _write_secret(path: Path, text: str) -> None:
     """Write a file that its owner alone may read."""
-    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
+    with os.fdopen(
+        os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8"
+    ) as file:
         file.write(text + "\n")

@@ -14,17 +14,21 @@ from fsw_supervisor import Arbiter, ArbiterSettings, Decision, ProposalInput
 class OfflineSupervisor:
     """Decides every tick as the supervisor does in a lockstep graph, with its default parameters.
 
-    It starts with the controller ``selected``. Controllers that its parameter ``fallbacks`` does not name come after
-    those that it does.
+    It starts with the controller ``selected``. Controllers that its parameter ``fallbacks`` does
+    not name come after those that it does.
     """
 
     def __init__(self, controllers: Mapping[str, Controller], selected: str) -> None:
         values = defaults(load("fsw_supervisor", "supervisor.yaml"))
         fallbacks = dict.fromkeys([*values["fallbacks"], *controllers])
-        settings = ArbiterSettings.from_values(values | {"controller": selected, "fallbacks": list(fallbacks)})
+        settings = ArbiterSettings.from_values(
+            values | {"controller": selected, "fallbacks": list(fallbacks)}
+        )
         self._arbiter = Arbiter(settings, lockstep=True)
         self._switch_timeout_s: float = values["switch_request_timeout_s"]
-        self._unheard = {name: controller.tolerated_sensors for name, controller in controllers.items()}
+        self._unheard = {
+            name: controller.tolerated_sensors for name, controller in controllers.items()
+        }
         self._now_s = 0.0
 
     @property
@@ -34,19 +38,29 @@ class OfflineSupervisor:
 
     def switch(self, name: str) -> None:
         """Ask for a controller from the next tick on."""
-        self._arbiter.operator.ask_switch(name, False, self._switch_timeout_s, "scenario", self._now_s)
+        self._arbiter.operator.ask_switch(
+            name, False, self._switch_timeout_s, "scenario", self._now_s
+        )
 
     def decide(
-        self, stamp_ns: int, values: Mapping[str, float], drives: Command, proposals: Mapping[str, Proposal]
+        self,
+        stamp_ns: int,
+        values: Mapping[str, float],
+        drives: Command,
+        proposals: Mapping[str, Proposal],
     ) -> Decision:
         """The command that answers the measurement of a tick, given the samples by sensor (mm, N m, degC)."""
         arbiter = self._arbiter
         self._now_s += TICK_S
         decisions = arbiter.on_drives(stamp_ns, drives, self._now_s)
         assert arbiter.ticks.present is not None
-        arbiter.ticks.present.samples.update(values)  # all at once: half the time of on_sample for each
+        arbiter.ticks.present.samples.update(
+            values
+        )  # all at once: half the time of on_sample for each
         for name, proposal in proposals.items():
-            offer = ProposalInput(stamp_ns, name, proposal.command, proposal.healthy, Reason.of(proposal.reason))
+            offer = ProposalInput(
+                stamp_ns, name, proposal.command, proposal.healthy, Reason.of(proposal.reason)
+            )
             decisions += arbiter.on_proposal(name, offer, self._now_s)
             if name in self._unheard:
                 decisions += arbiter.on_status(name, self._unheard.pop(name), False, self._now_s)

@@ -12,9 +12,9 @@ from fsw_scenario.timeline import commands
 class OpenLoopController:
     """Proposes what a scenario with ``controller: none`` commands, whatever is measured.
 
-    ``start`` is proposed before the first event; a step larger than a move limit takes several ticks. With
-    ``from_first_tick`` the scenario's time counts from the first measurement (wall clock), otherwise from stamp 0
-    (simulated time).
+    ``start`` is proposed before the first event; a step larger than a move limit takes several
+    ticks. With ``from_first_tick`` the scenario's time counts from the first measurement (wall
+    clock), otherwise from stamp 0 (simulated time).
     """
 
     name = "open_loop"
@@ -27,7 +27,9 @@ class OpenLoopController:
         self._begin_s: float | None = None if from_first_tick else 0.0
         self._next_tick = 0
 
-    def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
+    def step(
+        self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float
+    ) -> Proposal:
         """Return the proposal of this tick; see ``fsw_control.Controller``."""
         if self._begin_s is None:
             self._begin_s = measurement.time_s

@@ -14,12 +14,19 @@ from fsw_scenario.scenario_file import load
 
 def _make(values: Mapping[str, Any]) -> OpenLoopController:
     scenario = load(values["scenario"])
-    return OpenLoopController(scenario, plant_of(scenario).applied, from_first_tick=values["from_first_tick"])
+    return OpenLoopController(
+        scenario, plant_of(scenario).applied, from_first_tick=values["from_first_tick"]
+    )
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run_controller(_make, name=OpenLoopController.name, parameters=("fsw_scenario", "open_loop.yaml"), args=args)
+    return run_controller(
+        _make,
+        name=OpenLoopController.name,
+        parameters=("fsw_scenario", "open_loop.yaml"),
+        args=args,
+    )
 
 
 if __name__ == "__main__":

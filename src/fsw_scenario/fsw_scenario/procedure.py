@@ -11,7 +11,17 @@ from fsw_analysis.procedure import Identity, Procedure, digest
 from fsw_recorder.signature import Signer, TrustedKey, load_trusted
 from fsw_schema.models import content_of, read_text, shipped_names, validate
 
-__all__ = ["Identity", "Procedure", "check_signed", "differences", "digest", "load", "path_of", "shipped", "signer_of"]
+__all__ = [
+    "Identity",
+    "Procedure",
+    "check_signed",
+    "differences",
+    "digest",
+    "load",
+    "path_of",
+    "shipped",
+    "signer_of",
+]
 _SHIPPED = Path(__file__).parent / "procedures"
 
 
@@ -23,7 +33,11 @@ def shipped() -> list[str]:
 def path_of(source: str | Path) -> Path:
     """The file that `load` reads."""
     path = Path(source).expanduser()
-    return _SHIPPED / f"{source}.yaml" if str(source) in shipped() and not path.is_file() else path.absolute()
+    return (
+        _SHIPPED / f"{source}.yaml"
+        if str(source) in shipped() and not path.is_file()
+        else path.absolute()
+    )
 
 
 def load(source: str | Path) -> Procedure:
@@ -35,10 +49,14 @@ def load(source: str | Path) -> Procedure:
         It cannot be read, something in it is wrong, or it was changed after it was signed.
     """
     signer_of(source, None)
-    return validate(Procedure, content_of(read_text(source, "procedure", _SHIPPED), str(source)), str(source))
+    return validate(
+        Procedure, content_of(read_text(source, "procedure", _SHIPPED), str(source)), str(source)
+    )
 
 
-def signer_of(source: str | Path, trusted: Sequence[TrustedKey] | None, required: bool = False) -> Signer | None:
+def signer_of(
+    source: str | Path, trusted: Sequence[TrustedKey] | None, required: bool = False
+) -> Signer | None:
     """Who signed a procedure that `load` reads; as ``fsw_analysis.procedure.signer_of``."""
     return procedure.signer_of(path_of(source), trusted, required)
 
@@ -56,9 +74,15 @@ def check_signed(source: str | Path, trusted: Sequence[Path], required: bool) ->
 
 def differences(old: Procedure, new: Procedure) -> list[tuple[str, str, str]]:
     """Path, former and present value of all that differs; ``-`` for what is only in one of them."""
-    before, after = (dict(_leaves("", one.model_dump(mode="json", exclude_none=True))) for one in (old, new))
+    before, after = (
+        dict(_leaves("", one.model_dump(mode="json", exclude_none=True))) for one in (old, new)
+    )
     keys = dict.fromkeys([*before, *after])
-    return [(key, before.get(key, "-"), after.get(key, "-")) for key in keys if before.get(key) != after.get(key)]
+    return [
+        (key, before.get(key, "-"), after.get(key, "-"))
+        for key in keys
+        if before.get(key) != after.get(key)
+    ]
 
 
 def _leaves(path: str, value: Any) -> Iterator[tuple[str, str]]:
@@ -69,7 +93,11 @@ def _leaves(path: str, value: Any) -> Iterator[tuple[str, str]]:
     elif isinstance(value, list):
         seen: dict[str, int] = {}
         for row, inner in enumerate(value):
-            name = str(inner.get("name") or inner.get("variable")) if isinstance(inner, dict) else str(row)
+            name = (
+                str(inner.get("name") or inner.get("variable"))
+                if isinstance(inner, dict)
+                else str(row)
+            )
             seen[name] = seen.get(name, 0) + 1
             yield from _leaves(f"{path}[{name}{f' {seen[name]}' * (seen[name] > 1)}]", inner)
     else:

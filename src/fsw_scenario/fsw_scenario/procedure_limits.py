@@ -27,16 +27,23 @@ _HIGH: dict[Variable, str] = {
     "torque_nm": "torque_high",
     "power_kw": "power_high",
 }
-#: bounds of the supervisor's commands: those of the drives, which a procedure may narrow, not widen
-_COMMANDS: dict[Variable, str] = {"force_kn": "limits.force_{}_kn", "speed_rpm": "limits.speed_{}_rpm"}
+#: bounds of the supervisor's commands: those of the drives, which a procedure may narrow, not
+#: widen
+_COMMANDS: dict[Variable, str] = {
+    "force_kn": "limits.force_{}_kn",
+    "speed_rpm": "limits.speed_{}_rpm",
+}
 
 
-def node_parameters(procedure: Procedure, supervisor: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+def node_parameters(
+    procedure: Procedure, supervisor: Mapping[str, Any]
+) -> dict[str, dict[str, Any]]:
     """Parameters that follow from a procedure, by node: the supervisor's; the operator's page reads the file itself.
 
-    Only limits that hold in every phase count: the supervisor does not know the phase. Trips are the essential limits;
-    warnings are the ends of the permitted set-points or, where there are none, as far from the trip as by the
-    ``supervisor``'s default parameters. What does not follow from the procedure is left out.
+    Only limits that hold in every phase count: the supervisor does not know the phase. Trips are
+    the essential limits; warnings are the ends of the permitted set-points or, where there are
+    none, as far from the trip as by the ``supervisor``'s default parameters. What does not follow
+    from the procedure is left out.
 
     Raises
     ------
@@ -49,7 +56,8 @@ def node_parameters(procedure: Procedure, supervisor: Mapping[str, Any]) -> dict
 def graph_parameters(source: str, supervisor: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Parameters of all nodes of a weld by a procedure: also of the recorder, which then runs the hooks.
 
-    ``source`` is a YAML file or the name of a shipped procedure, ``supervisor`` the supervisor's default parameters.
+    ``source`` is a YAML file or the name of a shipped procedure, ``supervisor`` the supervisor's
+    default parameters.
 
     Raises
     ------
@@ -58,7 +66,9 @@ def graph_parameters(source: str, supervisor: Mapping[str, Any]) -> dict[str, di
     """
     file = str(path_of(source))
     # what is signed may lie anywhere: the file itself is read, beside its signature
-    commands = [shlex.join(command_of(BAG, file)) for command_of in all_loaded("fsw.record_hooks").values()]
+    commands = [
+        shlex.join(command_of(BAG, file)) for command_of in all_loaded("fsw.record_hooks").values()
+    ]
     nodes = node_parameters(load(file), supervisor)
     return nodes | {
         "fsw_hmi": {"procedure": file},
@@ -73,14 +83,19 @@ def check_possible(procedure: Procedure) -> None:
     Raises
     ------
     fsw_schema.models.InputError
-        A weld at its set-points would be outside an essential limit, or the model has no equilibrium there.
+        A weld at its set-points would be outside an essential limit, or the model has no
+        equilibrium there.
     """
     points = procedure.set_points
     at = f"{points.depth_mm.value:g} mm and {points.temperature_c.value:g} °C"
     try:
-        needed = ProcessModel(nominal()).equilibrium(points.depth_mm.value, points.temperature_c.value)
+        needed = ProcessModel(nominal()).equilibrium(
+            points.depth_mm.value, points.temperature_c.value
+        )
     except OperatingPointError as error:
-        raise InputError(f"procedure {procedure.id}: its set-points cannot be held: {error}") from None
+        raise InputError(
+            f"procedure {procedure.id}: its set-points cannot be held: {error}"
+        ) from None
     torque_nm = needed.outputs.motor_torque_nm
     values: dict[Variable, float] = {
         "force_kn": needed.force_kn,
@@ -92,7 +107,11 @@ def check_possible(procedure: Procedure) -> None:
     for limit in procedure.essential:
         value = values.get(limit.variable)
         if value is not None and not limit.holds(value):
-            whose = "the machine has" if limit.variable == "traverse_mm_per_min" else f"the model needs at {at}"
+            whose = (
+                "the machine has"
+                if limit.variable == "traverse_mm_per_min"
+                else f"the model needs at {at}"
+            )
             raise InputError(
                 f"procedure {procedure.id}: essential limit {limit.words} is impossible: {value:.4g} is what {whose}"
             )
@@ -101,7 +120,9 @@ def check_possible(procedure: Procedure) -> None:
 def _always(procedure: Procedure, variable: Variable) -> list[Limit]:
     phases = {phase.name for phase in procedure.phases}
     return [
-        one for one in procedure.essential if one.variable == variable and (not one.phases or set(one.phases) == phases)
+        one
+        for one in procedure.essential
+        if one.variable == variable and (not one.phases or set(one.phases) == phases)
     ]
 
 
@@ -130,7 +151,9 @@ def _supervisor(procedure: Procedure, default: Mapping[str, Any]) -> dict[str, A
             found[pattern.format("min")] = max(low, default[pattern.format("min")])
         if high is not None:
             found[pattern.format("max")] = min(high, default[pattern.format("max")])
-        bounds = [found.get(key, default[key]) for key in (pattern.format("min"), pattern.format("max"))]
+        bounds = [
+            found.get(key, default[key]) for key in (pattern.format("min"), pattern.format("max"))
+        ]
         if bounds[0] >= bounds[1]:
             ends = [default[pattern.format(end)] for end in ("min", "max")]
             raise InputError(

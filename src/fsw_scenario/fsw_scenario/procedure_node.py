@@ -47,11 +47,15 @@ class ProcedureNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no type
         self._tunings: dict[str, dict[str, Any]] = {}
         self._diagnostics = DiagnosticsPublisher(self)
         self._snapshots = ParameterSnapshots(self, self._on_parameters, self._is_of_this_weld)
-        self.create_subscription(WeldReference, "fsw/supervisor/reference", self._on_reference, LATCHED)
+        self.create_subscription(
+            WeldReference, "fsw/supervisor/reference", self._on_reference, LATCHED
+        )
         self.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_state, LATCHED)
         self.create_subscription(ParameterEvent, "/parameter_events", self._on_event, STREAM)
         self.create_timer(_REPORT_S, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self.get_logger().info(f"welding by {self._procedure.id} revision {self._procedure.revision}")
+        self.get_logger().info(
+            f"welding by {self._procedure.id} revision {self._procedure.revision}"
+        )
 
     def _on_reference(self, message: WeldReference) -> None:
         try:
@@ -75,7 +79,9 @@ class ProcedureNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no type
     def _on_event(self, message: ParameterEvent) -> None:
         changed = [*message.new_parameters, *message.changed_parameters]
         if message.node in self._tunings:
-            self._take(message.node, {one.name: parameter_value_to_python(one.value) for one in changed})
+            self._take(
+                message.node, {one.name: parameter_value_to_python(one.value) for one in changed}
+            )
 
     def _take(self, node: str, values: Mapping[str, Any]) -> None:
         self._tunings[node] = self._tunings.get(node, {}) | dict(values)

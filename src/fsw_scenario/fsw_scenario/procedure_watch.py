@@ -53,7 +53,9 @@ class ProcedureWatch:
         acceptance = self._procedure.acceptance
         if controller != self._first and not acceptance.permits_swap(cause):
             # stays: a swap back does not undo it
-            self._found.setdefault("swap", f"swap to {controller} ({cause.words}); permitted: {acceptance.swap_words}")
+            self._found.setdefault(
+                "swap", f"swap to {controller} ({cause.words}); permitted: {acceptance.swap_words}"
+            )
 
     def tuning(self, controller: str, parameters: Mapping[str, Any]) -> None:
         """Parameters of a controller's node as they are now."""

@@ -37,4 +37,6 @@ def with_programme(signals: WeldSignals, scenario: Scenario) -> WeldSignals:
     events += [WeldEvent(time_s, "weld", str(State.DONE)) for time_s in done[:1]]
     events.sort(key=lambda event: event.time_s)
     places = np.array([(report.angle_deg, report.length_mm) for _, report in reports])
-    return replace(signals, phases=phases, angle_deg=places[:, 0], travel_mm=places[:, 1], events=events)
+    return replace(
+        signals, phases=phases, angle_deg=places[:, 0], travel_mm=places[:, 1], events=events
+    )

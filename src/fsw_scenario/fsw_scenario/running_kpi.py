@@ -17,7 +17,9 @@ class RunningKpi:
     depth_max_error: float = 0.0
     temperature_max_error: float = 0.0
 
-    def add(self, lasted_s: float, wanted: Reference, depth_mm: float, temperature_c: float) -> None:
+    def add(
+        self, lasted_s: float, wanted: Reference, depth_mm: float, temperature_c: float
+    ) -> None:
         """Take what is shown at the end of a time; a value that is not finite is left out."""
         for name, error in (
             ("depth", abs(depth_mm - wanted.depth_mm)),

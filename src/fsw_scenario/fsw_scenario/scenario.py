@@ -37,7 +37,8 @@ def tick_of(at_s: float) -> int:
 def start_reference(plant: Mapping[str, Any]) -> Reference:
     """Set-points in force before the first reference event: those that a plant with such parameters starts from."""
     return Reference(
-        float(plant.get("start.depth_mm", weld.DEPTH_MM)), float(plant.get("start.temperature_c", weld.TEMPERATURE_C))
+        float(plant.get("start.depth_mm", weld.DEPTH_MM)),
+        float(plant.get("start.temperature_c", weld.TEMPERATURE_C)),
     )
 
 
@@ -103,8 +104,8 @@ class _PlantParameters:
 class Scenario(Model):
     """A weld experiment: ticks 1 (stamp 0.1 s) to ``n_ticks``.
 
-    Once read, it is complete: all events have ``at_s``, and the set-points of phases are among them; ``plant`` has
-    dotted names.
+    Once read, it is complete: all events have ``at_s``, and the set-points of phases are among
+    them; ``plant`` has dotted names.
     """
 
     name: Name
@@ -148,7 +149,10 @@ class Scenario(Model):
             whole_s = sum(phase.duration_s for phase in phases)
             duration_s = self.duration_s or round(whole_s, 1)
             if abs(duration_s - whole_s) > TICK_S:
-                raise problem(f"= {duration_s:g}, but the phases take {whole_s:.1f} s; leave it out", "duration_s")
+                raise problem(
+                    f"= {duration_s:g}, but the phases take {whole_s:.1f} s; leave it out",
+                    "duration_s",
+                )
         elif "duration_s" in self.model_fields_set:
             phases, duration_s = (), self.duration_s
             check_order(self.path)
@@ -156,7 +160,8 @@ class Scenario(Model):
             raise ValueError("lacks duration_s")
         if not self.on_canister and any(phase.until_c is not None for phase in phases):
             raise problem(
-                "has until_c, which needs plant: {process: canister}; the paper's process starts warm", "phases"
+                "has until_c, which needs plant: {process: canister}; the paper's process starts warm",
+                "phases",
             )
         own = [
             Event(at_s=at_s, reference=ReferenceEntry(**one.model_dump(exclude={"at_s"})))
@@ -191,9 +196,15 @@ class Scenario(Model):
             if complaint := latest.complaint(event.at_s):
                 raise problem(f"= {complaint}", "events", i, "at_s")
             if event.at_s < before_s:
-                raise problem("is earlier than the event before it; list events in order of time", "events", i)
+                raise problem(
+                    "is earlier than the event before it; list events in order of time",
+                    "events",
+                    i,
+                )
             if event.switch is not None and self.open_loop:
-                raise problem(f"switches the controller, but controller is {OPEN_LOOP}", "events", i)
+                raise problem(
+                    f"switches the controller, but controller is {OPEN_LOOP}", "events", i
+                )
             if event.command is not None and not self.open_loop:
                 raise problem(f"has a command, which needs controller: {OPEN_LOOP}", "events", i)
             if self.phases and (event.reference or event.command):
@@ -220,4 +231,8 @@ class Scenario(Model):
     def controllers(self) -> tuple[str, ...]:
         """Names of the controllers that are selected at some time, the first first."""
         names = [] if self.open_loop else [self.controller]
-        return tuple(dict.fromkeys(names + [event.switch for event in self.events if event.switch is not None]))
+        return tuple(
+            dict.fromkeys(
+                names + [event.switch for event in self.events if event.switch is not None]
+            )
+        )

@@ -15,7 +15,8 @@ from fsw_schema import models
 from fsw_schema.models import InputError, read_text, shipped_names, validate
 
 _SHIPPED = Path(__file__).parent / "scenarios"
-#: a step of a path such as ``events[2].disturbance.amplitude_mm``: a key or the number of a list's entry
+#: a step of a path such as ``events[2].disturbance.amplitude_mm``: a key or the number of a list's
+#: entry
 _STEP = re.compile(r"\.?([^.\[\]]+)|\[(\d+)\]")
 
 
@@ -32,8 +33,8 @@ def load(source: str | Path, overrides: Sequence[str] = ()) -> Scenario:
     source : str or Path
         Path of a YAML file, or the name of a shipped scenario.
     overrides : sequence of str
-        ``key=value`` with dotted keys, e.g. ``plant.noise=false`` or ``events[2].disturbance.amplitude_mm=0.2``;
-        values are YAML.
+        ``key=value`` with dotted keys, e.g. ``plant.noise=false`` or
+        ``events[2].disturbance.amplitude_mm=0.2``; values are YAML.
 
     Raises
     ------
@@ -114,8 +115,14 @@ def put(content: dict[str, Any], path: str, value: Any, where: str = "override")
     for i, step in enumerate(steps):
         if isinstance(step, int):
             if not isinstance(inside, list) or step >= len(inside):
-                have = f"{len(inside)} entries, counted from 0" if isinstance(inside, list) else "no list"
-                raise InputError(f"{where}: there is no [{step}] in {path}: {steps[i - 1]} has {have}")
+                have = (
+                    f"{len(inside)} entries, counted from 0"
+                    if isinstance(inside, list)
+                    else "no list"
+                )
+                raise InputError(
+                    f"{where}: there is no [{step}] in {path}: {steps[i - 1]} has {have}"
+                )
         elif not isinstance(inside, dict):
             whole = f"give {steps[i - 1]} as a whole, in YAML, or change the scenario file"
             raise InputError(f"{where}: {steps[i - 1]} has no named values; {whole}")

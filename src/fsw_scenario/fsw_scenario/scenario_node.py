@@ -1,7 +1,8 @@
 """Plays scenarios and weld programmes in the graph: one given at start, or as goals of the action ``fsw/run_weld``.
 
-Without a scenario the player waits for goals. The plant plays its own part of a scenario (disturbances, faults) that it
-was given at start, too; see its parameter ``scenario``. Those of a goal it gets by its services.
+Without a scenario the player waits for goals. The plant plays its own part of a scenario
+(disturbances, faults) that it was given at start, too; see its parameter ``scenario``. Those of a
+goal it gets by its services.
 """
 
 from __future__ import annotations
@@ -42,16 +43,17 @@ from fsw_schema.models import InputError
 ACTION = "fsw/run_weld"
 #: how long this node may take to answer its own goal, on a machine that stands still (chosen)
 _OWN_GOAL_S = 60.0
-#: for so long a player must have seen no other before it begins, so that two that start together see each other; the
-#: plant looks for another one as long (chosen)
+#: for so long a player must have seen no other before it begins, so that two that start together
+#: see each other; the plant looks for another one as long (chosen)
 ALONE_S = 0.5
 
 
 class ScenarioNode(LightNode, Node):
     """The player; ``source`` is a scenario in place of the parameter ``scenario``.
 
-    A scenario given at start is a goal that the node sends to itself; when it is over the process ends. At most one
-    player begins a weld in a namespace: of two that see each other none does, until one of them has left.
+    A scenario given at start is a goal that the node sends to itself; when it is over the process
+    ends. At most one player begins a weld in a namespace: of two that see each other none does,
+    until one of them has left.
 
     Raises
     ------
@@ -64,7 +66,9 @@ class ScenarioNode(LightNode, Node):
         self._settings = declare(self, "fsw_scenario", "player.yaml")
         given = self._settings["scenario"] if source is None else source
         #: the goal that this node sends to itself
-        self._own = RunWeld.Goal(scenario=given, overrides=self._settings["overrides"]) if given else None
+        self._own = (
+            RunWeld.Goal(scenario=given, overrides=self._settings["overrides"]) if given else None
+        )
         self._start = load(given, self._settings["overrides"]) if given else None
         self.weld: WeldPlayer | None = None
         self._goal: Any = None
@@ -105,11 +109,16 @@ class ScenarioNode(LightNode, Node):
             silence_s = self._settings["silence_timeout_s"]
             if not alone:
                 self.get_logger().warning(
-                    f"another scenario player runs; this one waits {silence_s:g} s for it to end", once=True
+                    f"another scenario player runs; this one waits {silence_s:g} s for it to end",
+                    once=True,
                 )
             patience_s = max(silence_s, _OWN_GOAL_S) if alone else silence_s
             if time.monotonic() - self._began_s > patience_s:
-                missing = "its own goal is not answered" if alone else "another scenario player in the graph"
+                missing = (
+                    "its own goal is not answered"
+                    if alone
+                    else "another scenario player in the graph"
+                )
                 self._ended = Outcome(FAILED, f"{missing} for {patience_s:g} s")
 
     def _is_alone(self) -> bool:
@@ -137,7 +146,8 @@ class ScenarioNode(LightNode, Node):
         """End; a scenario that was not played to its end is reported."""
         if self.weld is not None or (self._own is not None and self._ended is None):
             print("scenario: stopped before the end of the scenario", file=sys.stderr)
-        self._server.destroy()  # rclpy leaves actions to their owner, and a node lives as long as they do
+        # rclpy leaves actions to their owner, and a node lives as long as they do
+        self._server.destroy()
         if self._client is not None:
             self._client.destroy()
         super().destroy_node()
@@ -147,7 +157,9 @@ class ScenarioNode(LightNode, Node):
     def _scenario_of(self, goal: Any) -> Scenario:
         """The scenario of a goal; InputError with the reason why it cannot be played."""
         if self.weld is not None:
-            raise InputError(f"{self.weld.scenario.name} is under way ({self.weld.describe()}); abort it first")
+            raise InputError(
+                f"{self.weld.scenario.name} is under way ({self.weld.describe()}); abort it first"
+            )
         if self._start is not None:
             if goal != self._own or self._ended is not None:
                 raise InputError(f"this player has been started for {self._start.name}")
@@ -162,10 +174,14 @@ class ScenarioNode(LightNode, Node):
         scenario = (parse if as_text else load)(goal.scenario, overrides=list(goal.overrides))
         if scenario.open_loop or scenario.on_canister:
             what = "controls by hand" if scenario.open_loop else "conducts heat in a canister"
-            raise InputError(f"{scenario.name} {what}: controllers and plant must be started with it")
+            raise InputError(
+                f"{scenario.name} {what}: controllers and plant must be started with it"
+            )
         if PlantSchedule.of(scenario.events).events and not emulator_listens(self):
             what = "has disturbances or faults, which need the emulated plant, and none is found"
-            raise InputError(f"{scenario.name} {what}; where it has just been started, send the goal again in a second")
+            raise InputError(
+                f"{scenario.name} {what}; where it has just been started, send the goal again in a second"
+            )
         return scenario
 
     def _on_accepted(self, handle: Any) -> None:
@@ -178,7 +194,9 @@ class ScenarioNode(LightNode, Node):
             handle.execute(lambda refused: _refuse(refused, why))
             return
         options = PlayerOptions(
-            self._settings["wait_for_controllers"], self._settings["silence_timeout_s"], self._start is not None
+            self._settings["wait_for_controllers"],
+            self._settings["silence_timeout_s"],
+            self._start is not None,
         )
         if scenario.plant and self._start is None:
             self.get_logger().warning(
@@ -199,13 +217,17 @@ class ScenarioNode(LightNode, Node):
 
     def _on_progress(self, progress: WeldProgress) -> None:
         if self.weld is not None and self._goal is not None:
-            self._goal.publish_feedback(RunWeld.Feedback(progress=progress, kpi=_kpi(self.weld.kpi)))
+            self._goal.publish_feedback(
+                RunWeld.Feedback(progress=progress, kpi=_kpi(self.weld.kpi))
+            )
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         """Note the bag that the weld's recorder writes."""
         for status in message.status:
             if status.name == self._recorder:
-                self._bag = next((pair.value for pair in status.values if pair.key == "bag"), self._bag)
+                self._bag = next(
+                    (pair.value for pair in status.values if pair.key == "bag"), self._bag
+                )
 
     async def _execute(self, handle: Any) -> Any:
         weld = self.weld
@@ -223,7 +245,12 @@ class ScenarioNode(LightNode, Node):
         weld.destroy()
         if self._start is None:
             self.get_logger().info(f"{outcome.verdict}: {outcome.message}")
-        return RunWeld.Result(verdict=str(outcome.verdict), message=outcome.message, bag=self._bag, kpi=_kpi(weld.kpi))
+        return RunWeld.Result(
+            verdict=str(outcome.verdict),
+            message=outcome.message,
+            bag=self._bag,
+            kpi=_kpi(weld.kpi),
+        )
 
 
 def _refuse(handle: Any, why: str) -> Any:
@@ -246,11 +273,13 @@ def main(args: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 when the scenario was played to its end, or stopped before (which is reported); 1 when it cannot go on, 2
-        when an argument is wrong, 3 when the programme was aborted.
+        0 when the scenario was played to its end, or stopped before (which is reported); 1 when it
+        cannot go on, 2 when an argument is wrong, 3 when the programme was aborted.
     """
     parameters = load_parameters("fsw_scenario", "player.yaml")
-    return run(ScenarioNode, args, NodeArguments("fsw_scenario", __doc__ or "", parameters, "[SCENARIO]"))
+    return run(
+        ScenarioNode, args, NodeArguments("fsw_scenario", __doc__ or "", parameters, "[SCENARIO]")
+    )
 
 
 if __name__ == "__main__":

@@ -19,10 +19,11 @@ from fsw_scenario.scenario import Scenario, start_reference
 from fsw_scenario.timeline import references
 from fsw_scenario.weld_programme_course import Course
 
-#: References are sent ahead with their time in the stamp, so that none comes late however fast the ticks are; half of
-#: what the topic keeps.
+#: References are sent ahead with their time in the stamp, so that none comes late however fast the
+#: ticks are; half of what the topic keeps.
 _AHEAD = LATCHED.depth // 2
-#: On the wall clock a reference is sent this long before it holds, whichever machine's clock is ahead.
+#: On the wall clock a reference is sent this long before it holds, whichever machine's clock is
+#: ahead.
 _AHEAD_REAL_NS = 5_000_000_000
 #: mark by which the player recognises its own set-points
 _MARK = "programme {}"
@@ -39,17 +40,32 @@ class ScenarioTime:
 
     def ns(self, tick: int) -> int:
         """Stamp of a tick of the scenario."""
-        return (tick + self.held) * TICK_NS + (0 if self.first_ns is None else self.first_ns - TICK_NS)
+        return (tick + self.held) * TICK_NS + (
+            0 if self.first_ns is None else self.first_ns - TICK_NS
+        )
 
 
 class SetPoints:
     """Sends the set-points of a scenario; knows those that the controllers follow, whoever has sent them.
 
-    ``synchronous``: the player is part of the first tick in simulated time, so that all that is known goes out before.
+    ``synchronous``: the player is part of the first tick in simulated time, so that all that is
+    known goes out before.
     """
 
-    def __init__(self, node: Node, scenario: Scenario, time: ScenarioTime, from_start: bool, synchronous: bool) -> None:
-        self._node, self._scenario, self._time, self._synchronous = node, scenario, time, synchronous
+    def __init__(
+        self,
+        node: Node,
+        scenario: Scenario,
+        time: ScenarioTime,
+        from_start: bool,
+        synchronous: bool,
+    ) -> None:
+        self._node, self._scenario, self._time, self._synchronous = (
+            node,
+            scenario,
+            time,
+            synchronous,
+        )
         self.course = Course(references(scenario, start_reference(scenario.plant)))
         #: what the controllers follow, by the same rule, including what this node sends
         self.received = reference_queue(node)
@@ -125,7 +141,9 @@ class SetPoints:
     def announce(self) -> None:
         """Publish the plan of all set-points, where the scenario has one."""
         if self._scenario.announced:
-            planned = [(self._time.ns(tick), reference) for tick, reference in stair(self.course.coming)]
+            planned = [
+                (self._time.ns(tick), reference) for tick, reference in stair(self.course.coming)
+            ]
             self._plan.publish(convert.reference_plan_message(planned, self._time.ns(0)))
 
     def send_ahead(self) -> None:
@@ -141,4 +159,8 @@ class SetPoints:
         if not self._synchronous:
             return self._time.tick + _AHEAD_REAL_NS // TICK_NS
         # Steps are few and all go out at the start; a ramp or a sine has a reference per tick.
-        return self._time.tick + _AHEAD if len(self.course.coming) > _AHEAD else self._scenario.n_ticks
+        return (
+            self._time.tick + _AHEAD
+            if len(self.course.coming) > _AHEAD
+            else self._scenario.n_ticks
+        )

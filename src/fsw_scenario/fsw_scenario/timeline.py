@@ -15,7 +15,9 @@ def references(scenario: Scenario, start: Reference) -> dict[int, Reference]:
 
     A tick that is not a key keeps the last set-points.
     """
-    events = [(event.at_s, event.reference) for event in scenario.events if event.reference is not None]
+    events = [
+        (event.at_s, event.reference) for event in scenario.events if event.reference is not None
+    ]
     begins = [tick_of(at_s) for at_s, _ in events]
     changes: dict[int, Reference] = {0: start}
     depth_mm, temperature_c = start.depth_mm, start.temperature_c
@@ -39,9 +41,12 @@ def references(scenario: Scenario, start: Reference) -> dict[int, Reference]:
                 break
             swing = sin(2.0 * pi * (since_s - event.over_s) / event.sine.period_s)
             changes[tick] = Reference(
-                depth_mm + event.sine.depth_mm * swing, temperature_c + event.sine.temperature_c * swing
+                depth_mm + event.sine.depth_mm * swing,
+                temperature_c + event.sine.temperature_c * swing,
             )
-    return {0: changes[0]} | {tick: new for (_, old), (tick, new) in pairwise(changes.items()) if new != old}
+    return {0: changes[0]} | {
+        tick: new for (_, old), (tick, new) in pairwise(changes.items()) if new != old
+    }
 
 
 def commands(scenario: Scenario, start: Command) -> dict[int, Command]:
@@ -60,4 +65,6 @@ def commands(scenario: Scenario, start: Command) -> dict[int, Command]:
 
 def switches(scenario: Scenario) -> dict[int, str]:
     """Newly selected controller by tick."""
-    return {tick_of(event.at_s): event.switch for event in scenario.events if event.switch is not None}
+    return {
+        tick_of(event.at_s): event.switch for event in scenario.events if event.switch is not None
+    }

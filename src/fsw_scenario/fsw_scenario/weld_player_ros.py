@@ -31,14 +31,22 @@ from fsw_scenario.scenario import Scenario
 from fsw_scenario.set_points_ros import ScenarioTime, SetPoints
 from fsw_scenario.timeline import switches
 from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine, State
-from fsw_scenario.weld_programme_ros import TICKS_PER_REPORT, NoProgramme, ProgrammeServer, SafeStop
+from fsw_scenario.weld_programme_ros import (
+    TICKS_PER_REPORT,
+    NoProgramme,
+    ProgrammeServer,
+    SafeStop,
+)
 
 #: a controller that a goal names must be found within this time
 _CONTROLLER_S = 5.0
-#: in lockstep a request may take so long to arrive on a busy machine; a dead supervisor costs no more (chosen)
+#: in lockstep a request may take so long to arrive on a busy machine; a dead supervisor costs no
+#: more (chosen)
 _DELIVERY = Duration(seconds=2)
 FAILED, REFUSED = "failed", "refused"
-_TIME_JUMPED = "the measurements' time has jumped: the scenario continues from its present position"
+_TIME_JUMPED = (
+    "the measurements' time has jumped: the scenario continues from its present position"
+)
 
 
 class Outcome(NamedTuple):
@@ -54,16 +62,17 @@ class PlayerOptions:
 
     wait_for_controllers: int
     silence_timeout_s: float
-    #: whether the plant and the controllers were started for this scenario: the player then is part of the first tick
-    #: in simulated time, and the plant plays its own part of the scenario
+    #: whether the plant and the controllers were started for this scenario: the player then is
+    #: part of the first tick in simulated time, and the plant plays its own part of the scenario
     from_start: bool
 
 
 class WeldPlayer:
     """Plays a scenario from the next tick on; ``over`` gets the outcome, ``report`` the progress once a second.
 
-    It subscribes to the sensors only when the controllers listen and the first set-points have been sent, in lockstep
-    also received, so a plant that waits for its subscribers starts when everything is ready.
+    It subscribes to the sensors only when the controllers listen and the first set-points have
+    been sent, in lockstep also received, so a plant that waits for its subscribers starts when
+    everything is ready.
     """
 
     def __init__(
@@ -74,29 +83,47 @@ class WeldPlayer:
         report: Callable[[WeldProgress], object],
         over: Callable[[Outcome], object],
     ) -> None:
-        self._node, self.scenario, self._options, self._tell, self._over = node, scenario, options, report, over
+        self._node, self.scenario, self._options, self._tell, self._over = (
+            node,
+            scenario,
+            options,
+            report,
+            over,
+        )
         self._simulated = bool(node.get_parameter("use_sim_time").value)
         self._synchronous = self._simulated and options.from_start
         self.kpi = RunningKpi()
         self.time = ScenarioTime()
-        self.set_points = SetPoints(node, scenario, self.time, options.from_start, self._synchronous)
+        self.set_points = SetPoints(
+            node, scenario, self.time, options.from_start, self._synchronous
+        )
         self._stamps = StampFilter(lockstep=self._simulated)
         self._switches = deque(switches(scenario).items())
         if not options.from_start and "controller" in scenario.model_fields_set:
             self._switches.appendleft((0, scenario.controller))
         named = [name for _, name in self._switches]
         self._deviations = Deviations()
-        self._shown: deque[tuple[int, float]] = deque(maxlen=10 * READING_AGE_TICKS)  #: by the thermocouple
+        self._shown: deque[tuple[int, float]] = deque(
+            maxlen=10 * READING_AGE_TICKS
+        )  #: by the thermocouple
         self._reported = -scenario.n_ticks  # the first tick is reported
-        self._fed = self._judged = 0  #: ticks of the last feedback and of the last figures of merit
+        self._fed = self._judged = (
+            0  #: ticks of the last feedback and of the last figures of merit
+        )
         self._last_sample_s = self._began_s = time.monotonic()
         self.finished = self._aborted = False
         self._requests = node.create_publisher(String, "fsw/switch_request", SENT)
-        self._ready = node.create_publisher(Header, PLAYER_READY, REPLACED) if self._simulated else None
+        self._ready = (
+            node.create_publisher(Header, PLAYER_READY, REPLACED) if self._simulated else None
+        )
         self._emulator = None if options.from_start else EmulatorEvents(node, scenario)
-        self._audience = Audience(node, self.set_points.publishers, options.wait_for_controllers, named)
+        self._audience = Audience(
+            node, self.set_points.publishers, options.wait_for_controllers, named
+        )
         self._stop = SafeStop(node)
-        self._watch = node.create_timer(0.05, self._on_watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._watch = node.create_timer(
+            0.05, self._on_watch, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
         self._programme: ProgrammeServer | None = None
         self._refusing: NoProgramme | None = None
         self._subscriptions: list[Subscription] = []
@@ -120,7 +147,10 @@ class WeldPlayer:
         if self._programme is not None:
             ok, answer = self._programme.abort()
         else:
-            ok, answer = not (self.finished or self._aborted), f"aborted at {self.time.tick * TICK_S:.1f} s"
+            ok, answer = (
+                not (self.finished or self._aborted),
+                f"aborted at {self.time.tick * TICK_S:.1f} s",
+            )
             if ok and self._begun:
                 self.set_points.leave()
         self._aborted = self._aborted or ok
@@ -136,11 +166,21 @@ class WeldPlayer:
         if self.finished:
             return
         absent = "" if self._begun else self._audience.absent()
-        if not (self._begun or absent) and self._audience.is_complete() and self._audience.is_alone():
+        if (
+            not (self._begun or absent)
+            and self._audience.is_complete()
+            and self._audience.is_alone()
+        ):
             self._begin()
-        if self._begun and not self._listening and (not self._synchronous or self.set_points.have_arrived()):
+        if (
+            self._begun
+            and not self._listening
+            and (not self._synchronous or self.set_points.have_arrived())
+        ):
             self._listen()
-        if self._aborted or (self._programme is not None and self._programme.machine.state is State.ABORTED):
+        if self._aborted or (
+            self._programme is not None and self._programme.machine.state is State.ABORTED
+        ):
             self._stop.ask()
             if self._stop.answer:
                 if self._programme is not None:
@@ -151,13 +191,20 @@ class WeldPlayer:
         if absent and not self._options.from_start and silent_s > _CONTROLLER_S:
             self._end(FAILED, f"{absent}; start it, or name another one")
         elif silent_s > silence_s:
-            self._end(FAILED, f"{self._missing()} for {silence_s:g} s; is the graph running, on the same domain?")
+            self._end(
+                FAILED,
+                f"{self._missing()} for {silence_s:g} s; is the graph running, on the same domain?",
+            )
 
     def _missing(self) -> str:
         if not self._begun:
             return self._audience.missing()
         topic = self.set_points.publishers[0].topic_name
-        return "no measurement on fsw/depth" if self._listening else f"no acknowledgement of {topic} by all subscribers"
+        return (
+            "no measurement on fsw/depth"
+            if self._listening
+            else f"no acknowledgement of {topic} by all subscribers"
+        )
 
     def _begin(self) -> None:
         self._begun = True
@@ -165,7 +212,9 @@ class WeldPlayer:
         self.set_points.begin()
         if self.scenario.phases:
             machine, ours = PhaseMachine(self.scenario.phases), self.set_points
-            self._programme = ProgrammeServer(self._node, machine, ours.course, ours.in_force, ours.restart, self._tell)
+            self._programme = ProgrammeServer(
+                self._node, machine, ours.course, ours.in_force, ours.restart, self._tell
+            )
         else:
             self._refusing = NoProgramme(self._node, self.scenario.name)
         if self._programme is not None or not self._options.from_start:
@@ -175,7 +224,9 @@ class WeldPlayer:
         self._listening = True
         self._last_sample_s = time.monotonic()
         self._subscriptions += subscribe_sensors(self._node, self._on_sample)
-        self._node.get_logger().info(f"playing {self.scenario.name}: {self.scenario.duration_s:g} s")
+        self._node.get_logger().info(
+            f"playing {self.scenario.name}: {self.scenario.duration_s:g} s"
+        )
 
     def _on_sample(self, sensor: str, stamp_ns: int, value: float) -> None:
         if sensor == "thermocouple":
@@ -190,7 +241,12 @@ class WeldPlayer:
         accepted = self._stamps.offer(sensor, stamp_ns, value, time.monotonic())
         if accepted is None:
             return
-        if accepted.jumped and self.time.first_ns is not None and before_ns is not None and stamp_ns > before_ns:
+        if (
+            accepted.jumped
+            and self.time.first_ns is not None
+            and before_ns is not None
+            and stamp_ns > before_ns
+        ):
             self._node.get_logger().warning(_TIME_JUMPED)
             self.time.first_ns += stamp_ns - before_ns - TICK_NS
             self.set_points.resume(self.set_points.planned())
@@ -204,7 +260,10 @@ class WeldPlayer:
             if not self._synchronous:
                 self.set_points.announce()
         self._last_sample_s = time.monotonic()
-        self.time.tick, self.time.stamp_ns = 1 + round((stamp_ns - self.time.first_ns) / TICK_NS), stamp_ns
+        self.time.tick, self.time.stamp_ns = (
+            1 + round((stamp_ns - self.time.first_ns) / TICK_NS),
+            stamp_ns,
+        )
         if self._programme is not None:
             machine = self._programme.machine
             jumped = machine.follow(self.time.tick, _reading_c(self._shown, stamp_ns))
@@ -218,7 +277,9 @@ class WeldPlayer:
         self._judge(depth_mm)
         if self._programme is None:
             self._feed_back(stamp_ns)
-        if self._aborted or (self._programme and self._programme.machine.state in (State.HELD, State.ABORTED)):
+        if self._aborted or (
+            self._programme and self._programme.machine.state in (State.HELD, State.ABORTED)
+        ):
             return
         self.set_points.send_ahead()
         if self._emulator is not None:
@@ -227,7 +288,9 @@ class WeldPlayer:
             _, controller = self._switches.popleft()
             self._deviations.ask(controller, self.time.tick)
             self._requests.publish(String(data=controller))
-            if self._ready is not None:  # the plant takes its next step after that: the request must be there first
+            if (
+                self._ready is not None
+            ):  # the plant takes its next step after that: the request must be there first
                 self._requests.wait_for_all_acked(_DELIVERY)
         if (self.time.tick - self._reported) * 100 >= self.scenario.n_ticks:
             self._reported = self.time.tick
@@ -242,7 +305,9 @@ class WeldPlayer:
         if not self.set_points.are_by_hand():
             return
         what = "no more in this scenario" if self._programme is None else "after a resume"
-        self._node.get_logger().warning(f"manual set-points are in force; those planned follow {what}")
+        self._node.get_logger().warning(
+            f"manual set-points are in force; those planned follow {what}"
+        )
         self.set_points.course.leave()
         self.set_points.announce()
         if self._programme is None:
@@ -250,7 +315,10 @@ class WeldPlayer:
 
     def _judge(self, depth_mm: float) -> None:
         """Keep the figures of merit, and who is in control."""
-        ticks, self._judged = self.time.tick + self.time.held - self._judged, self.time.tick + self.time.held
+        ticks, self._judged = (
+            self.time.tick + self.time.held - self._judged,
+            self.time.tick + self.time.held,
+        )
         self._deviations.count(self._stop.controller, self.time.tick, ticks)
         planned = self._programme is None and self.set_points.course.followed
         wanted = self.set_points.planned() if planned else self.set_points.in_force()
@@ -284,7 +352,9 @@ def _reading_c(shown: Iterable[tuple[int, float]], stamp_ns: int) -> float:
     return next((value for at_ns, value in reversed([*shown]) if at_ns <= known_ns), nan)
 
 
-def _progress(stamp_ns: int, state: State, ticks_left: int, planned: Reference, left: bool) -> WeldProgress:
+def _progress(
+    stamp_ns: int, state: State, ticks_left: int, planned: Reference, left: bool
+) -> WeldProgress:
     """The progress of a scenario without phases."""
     return WeldProgress(
         header=convert.header(stamp_ns),

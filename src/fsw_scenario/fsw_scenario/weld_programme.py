@@ -17,7 +17,8 @@ from fsw_plant.event_schema import DURATION_S, TIME_S
 from fsw_schema.models import Many, Model, needs_one, without_default
 from fsw_schema.ranges import Range
 
-#: Diameter of the joint line: about 1 m in the paper; 1.05 m at 86 mm/min gives the published 38 to 40 min per turn.
+#: Diameter of the joint line: about 1 m in the paper; 1.05 m at 86 mm/min gives the published 38
+#: to 40 min per turn.
 CANISTER_DIAMETER_MM = 1050.0
 #: Arc of one degree.
 MM_PER_DEG = pi * CANISTER_DIAMETER_MM / 360.0
@@ -75,14 +76,20 @@ class Phase(Model):
 
     @model_validator(mode="after")
     def _check_travel(self) -> Self:
-        moving = [key for key in ("from_deg", "length_mm", "speed_mm_per_min") if key in self.model_fields_set]
+        moving = [
+            key
+            for key in ("from_deg", "length_mm", "speed_mm_per_min")
+            if key in self.model_fields_set
+        ]
         duration, travel = (key in self.model_fields_set for key in ("duration_s", "to_deg"))
         if moving and not travel:
             raise ValueError(f"has {', '.join(moving)} but no to_deg")
         if self.until_c is not None and (travel or self.name != "dwell"):
             raise ValueError("has until_c; only a dwell without travel waits for a temperature")
         if duration and travel:
-            raise ValueError("has duration_s and to_deg; the duration of a path follows from its speed")
+            raise ValueError(
+                "has duration_s and to_deg; the duration of a path follows from its speed"
+            )
         if not duration and not travel:
             raise ValueError("lacks duration_s or, with travel, to_deg")
         return self
@@ -114,23 +121,28 @@ def spans(phases: Sequence[Phase], whole_s: float | None = None) -> list[tuple[s
     if whole_s is not None and phases[0].until_c is not None:
         lengths[0] -= max(sum(lengths) - whole_s, 0.0)
     ends = list(accumulate(lengths))
-    return [(phase.name, end - length, end) for phase, length, end in zip(phases, lengths, ends, strict=True)]
+    return [
+        (phase.name, end - length, end)
+        for phase, length, end in zip(phases, lengths, ends, strict=True)
+    ]
 
 
 def time_at(phases: Sequence[Phase], angle_deg: float) -> float:
     """When the tool first passes an angle of the path [s]."""
     for phase, (_, begin_s, end_s) in zip(phases, spans(phases), strict=True):
         if phase.from_deg <= angle_deg <= phase.to_deg > phase.from_deg:
-            return begin_s + (end_s - begin_s) * (angle_deg - phase.from_deg) / (phase.to_deg - phase.from_deg)
+            return begin_s + (end_s - begin_s) * (angle_deg - phase.from_deg) / (
+                phase.to_deg - phase.from_deg
+            )
     return 0.0  # a weld that stands still
 
 
 class PhaseMachine:
     """Runs through the phases (at least one) in order, tick by tick; can be held and resumed in any, and aborted.
 
-    ``tick`` counts the ticks of the programme that have passed; ``held`` is by how much the number of the process's
-    tick is larger: the ticks of holds and jumps of the clock, less those by which phases ended early because their
-    temperature was reached.
+    ``tick`` counts the ticks of the programme that have passed; ``held`` is by how much the number
+    of the process's tick is larger: the ticks of holds and jumps of the clock, less those by which
+    phases ended early because their temperature was reached.
     """
 
     def __init__(self, phases: Sequence[Phase]) -> None:
@@ -143,8 +155,8 @@ class PhaseMachine:
     def follow(self, number: int, temperature_c: float = nan) -> bool:
         """Take the number of the process's tick, 1 at the first, and the thermocouple's reading.
 
-        Returns whether the programme has jumped to the end of a phase because its temperature is reached. A number that
-        is old or of another clock does no harm.
+        Returns whether the programme has jumped to the end of a phase because its temperature is
+        reached. A number that is old or of another clock does no harm.
         """
         passed = number - self.tick - self.held
         if abs(passed) > _CLOCK_JUMP_TICKS:
@@ -162,7 +174,11 @@ class PhaseMachine:
     def _jump(self, temperature_c: float) -> bool:
         """Go to the end of a phase whose temperature is reached."""
         phase, begin_s, end_s = self._present()
-        warm = begin_s < self.tick * TICK_S and phase.until_c is not None and temperature_c >= phase.until_c
+        warm = (
+            begin_s < self.tick * TICK_S
+            and phase.until_c is not None
+            and temperature_c >= phase.until_c
+        )
         self._warm_ticks = self._warm_ticks + 1 if warm else 0
         if self._warm_ticks < _WARM_TICKS:
             return False
@@ -209,4 +225,6 @@ class PhaseMachine:
             length_mm += phase.length_mm
         angle_deg = phase.from_deg + share * (phase.to_deg - phase.from_deg)
         left_s = (self._n_ticks - self.tick) * TICK_S
-        return Progress(self.state, phase.name, angle_deg, length_mm + share * phase.length_mm, left_s)
+        return Progress(
+            self.state, phase.name, angle_deg, length_mm + share * phase.length_mm, left_s
+        )

@@ -27,16 +27,20 @@ class WayBack(NamedTuple):
     def __str__(self) -> str:
         if self.start == self.goal and not self.changes:
             return "the programme's set-points are in force"
-        start, goal = (f"{one.depth_mm:.4g} mm, {one.temperature_c:.5g} degC" for one in (self.start, self.goal))
+        start, goal = (
+            f"{one.depth_mm:.4g} mm, {one.temperature_c:.5g} degC"
+            for one in (self.start, self.goal)
+        )
         return f"set-points from {start} back to the programme's {goal} by a ramp over {self.duration_s:.1f} s"
 
 
 class Course:
     """Sends the set-points of a programme, given as its changes by tick, in order, with one at tick 0.
 
-    As long as it is *followed*, its set-points are sent as planned. A hold, or manual set-points, *leave* it: the
-    set-points then in force stay. A resume ramps back to the programme at the permitted rates while its time continues,
-    so that no part of it is skipped and nothing jumps that does not jump in the programme.
+    As long as it is *followed*, its set-points are sent as planned. A hold, or manual set-points,
+    *leave* it: the set-points then in force stay. A resume ramps back to the programme at the
+    permitted rates while its time continues, so that no part of it is skipped and nothing jumps
+    that does not jump in the programme.
     """
 
     def __init__(self, programme: Mapping[int, Reference]) -> None:

@@ -1,6 +1,7 @@
 """Results of the phases of a whole weld: durations, and set-points over time.
 
-All errors are for a validator of the scenario: they say at which of its ``phases`` something is wrong.
+All errors are for a validator of the scenario: they say at which of its ``phases`` something is
+wrong.
 """
 
 from __future__ import annotations
@@ -11,7 +12,14 @@ from math import sqrt
 from fsw_control.contract import Reference
 from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S
 from fsw_plant.tool_path import Waypoint
-from fsw_scenario.weld_programme import ANGLE_DEG, LENGTH_MM, MM_PER_DEG, PHASES, Phase, PhaseSetPoint
+from fsw_scenario.weld_programme import (
+    ANGLE_DEG,
+    LENGTH_MM,
+    MM_PER_DEG,
+    PHASES,
+    Phase,
+    PhaseSetPoint,
+)
 from fsw_schema.models import problem
 from fsw_schema.ranges import Range
 
@@ -30,20 +38,29 @@ def joined(entries: Sequence[Phase]) -> tuple[Phase, ...]:
     for i, entry in enumerate(entries):
         at = ("phases", i)
         if phases and PHASES.index(entry.name) <= PHASES.index(phases[-1].name):
-            raise problem(f"{entry.name} cannot follow {phases[-1].name}; the order is {', '.join(PHASES)}", *at)
+            raise problem(
+                f"{entry.name} cannot follow {phases[-1].name}; the order is {', '.join(PHASES)}",
+                *at,
+            )
         here_deg = phases[-1].to_deg if phases else 0.0
         given = entry.model_fields_set
         if "to_deg" not in given:
             phases.append(entry.model_copy(update={"from_deg": here_deg, "to_deg": here_deg}))
             continue
         if "from_deg" in given and entry.from_deg != here_deg:
-            raise problem(f"= {entry.from_deg:g} jumps: the previous phase ends at {here_deg:g} deg", *at, "from_deg")
+            raise problem(
+                f"= {entry.from_deg:g} jumps: the previous phase ends at {here_deg:g} deg",
+                *at,
+                "from_deg",
+            )
         _check(entry.to_deg, Range(here_deg, ANGLE_DEG.high, "deg"), *at, "to_deg")
         arc_mm = (entry.to_deg - here_deg) * MM_PER_DEG
         length_mm = entry.length_mm if "length_mm" in given else arc_mm
         _check(length_mm, Range(arc_mm, LENGTH_MM.high, "mm"), *at, "length_mm")
         if length_mm <= 0.0:
-            raise problem("has a path without length; give duration_s for a phase without travel", *at)
+            raise problem(
+                "has a path without length; give duration_s for a phase without travel", *at
+            )
         duration_s = length_mm / entry.speed_mm_per_min * 60.0
         complete = {"from_deg": here_deg, "length_mm": length_mm, "duration_s": duration_s}
         phases.append(entry.model_copy(update=complete))
@@ -53,7 +70,8 @@ def joined(entries: Sequence[Phase]) -> tuple[Phase, ...]:
 def tool_path(phases: Sequence[Phase]) -> tuple[Waypoint, ...]:
     """The tool's places at the ends of the phases.
 
-    Where the path of ``downward`` or ``parking`` is longer than its arc, the rest leads down to the joint line or up.
+    Where the path of ``downward`` or ``parking`` is longer than its arc, the rest leads down to
+    the joint line or up.
     """
     climb = {"downward": -1.0, "parking": 1.0}
     points, time_s, arc_mm, axial_mm = [(0.0, 0.0, 0.0)], 0.0, 0.0, 0.0
@@ -80,10 +98,19 @@ def set_points(phases: Sequence[Phase], start: Reference) -> Iterator[tuple[floa
         for k, one in enumerate(phase.set_points):
             at = ("phases", i, "set_points", k)
             left_s = phase.duration_s - one.at_s
-            _check(one.at_s, Range(0.0, phase.duration_s, f"s, the duration of {phase.name}"), *at, "at_s")
+            _check(
+                one.at_s,
+                Range(0.0, phase.duration_s, f"s, the duration of {phase.name}"),
+                *at,
+                "at_s",
+            )
             _check(one.over_s, Range(0.0, left_s, "s, what is left of the phase"), *at, "over_s")
             if one.at_s < free_s:
-                raise problem(f"= {one.at_s:g} is before the end of the previous set-point, {free_s:g} s", *at, "at_s")
+                raise problem(
+                    f"= {one.at_s:g} is before the end of the previous set-point, {free_s:g} s",
+                    *at,
+                    "at_s",
+                )
             free_s = one.at_s + one.over_s
             for name, (unit, step, rate) in LIMITS.items():
                 value = getattr(one, name)

@@ -46,9 +46,13 @@ class SafeStop:
         def on_state(message: SupervisorState) -> None:
             self.controller = message.actual_controller
             if message.actual_mode == Mode.SAFE_STOP and abort()[0]:
-                self.answer = f"safe stop by the supervisor: {Reason.of_messages(message.why).words}"
+                self.answer = (
+                    f"safe stop by the supervisor: {Reason.of_messages(message.why).words}"
+                )
 
-        self._states = self._node.create_subscription(SupervisorState, "fsw/supervisor/state", on_state, LATEST)
+        self._states = self._node.create_subscription(
+            SupervisorState, "fsw/supervisor/state", on_state, LATEST
+        )
 
     def ask(self) -> None:
         """Ask, again and again until the supervisor has answered; to be called often."""
@@ -106,8 +110,8 @@ class NoProgramme:
 class ProgrammeServer:
     """Publishes ``fsw/weld_progress`` and serves ``fsw/weld/hold|resume``.
 
-    ``in_force`` returns the set-points in force; ``restart`` sends set-points that take effect at once, and the future
-    ones of the course; ``published`` gets every report.
+    ``in_force`` returns the set-points in force; ``restart`` sends set-points that take effect at
+    once, and the future ones of the course; ``published`` gets every report.
     """
 
     def __init__(
@@ -125,7 +129,10 @@ class ProgrammeServer:
         self._reported: tuple[object, ...] | None = None
         self._ticks_since_report = 0
         self._publisher = node.create_publisher(WeldProgress, "fsw/weld_progress", REPLACED)
-        self._services = [_serve(node, name, ask) for name, ask in (("hold", self._hold), ("resume", self._resume))]
+        self._services = [
+            _serve(node, name, ask)
+            for name, ask in (("hold", self._hold), ("resume", self._resume))
+        ]
 
     def destroy(self) -> None:
         """Leave the graph, once its last message, the end of the weld, has arrived."""
@@ -172,7 +179,9 @@ class ProgrammeServer:
     def _state(self) -> tuple[object, ...]:
         """The fields that are reported at once when they change."""
         now = self.machine.progress()
-        left_for = None if self._course.followed else self._in_force()  # the way back depends on it
+        left_for = (
+            None if self._course.followed else self._in_force()
+        )  # the way back depends on it
         return now.state, now.phase, left_for, self._course.programme_at(self.machine.tick)
 
     def publish(self, stamp_ns: int) -> None:
@@ -180,7 +189,9 @@ class ProgrammeServer:
         now = self.machine.progress()
         planned = self._course.programme_at(self.machine.tick)
         left = not self._course.followed
-        way_s = self._course.way_back(self._in_force(), self.machine.tick).duration_s if left else 0.0
+        way_s = (
+            self._course.way_back(self._in_force(), self.machine.tick).duration_s if left else 0.0
+        )
         self._reported, self._ticks_since_report = self._state(), 0
         message = WeldProgress(
             header=convert.header(stamp_ns),

@@ -40,7 +40,9 @@ class Caller(PlayerGraph):
         self.reports = self.peer.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
         self.client = ActionClient(self.peer, RunWeld, "fsw/run_weld")
         self.until(self.client.server_is_ready, "the action")
-        self.until(lambda: self.reports.get_subscription_count(), "the player to listen to diagnostics")
+        self.until(
+            lambda: self.reports.get_subscription_count(), "the player to listen to diagnostics"
+        )
 
     def on_disturbance(self, request, response):
         self.asked.append((self.weld.time.tick, request.channel, round(request.amplitude, 9)))
@@ -50,7 +52,9 @@ class Caller(PlayerGraph):
     def send(self, content, overrides=()):
         text = content if isinstance(content, str) else json.dumps(content)
         goal = RunWeld.Goal(scenario=text, overrides=list(overrides))
-        future = self.client.send_goal_async(goal, feedback_callback=lambda one: self.feedback.append(one.feedback))
+        future = self.client.send_goal_async(
+            goal, feedback_callback=lambda one: self.feedback.append(one.feedback)
+        )
         self.until(future.done, "the answer to the goal")
         return future.result()
 
@@ -87,7 +91,9 @@ def caller():
 
 def test_goals_are_played_one_after_the_other_and_leave_nothing(caller):
     pair = KeyValue(key="bag", value="out/weld_7")
-    caller.reports.publish(DiagnosticArray(status=[DiagnosticStatus(name="fsw_recorder: recording", values=[pair])]))
+    caller.reports.publish(
+        DiagnosticArray(status=[DiagnosticStatus(name="fsw_recorder: recording", values=[pair])])
+    )
     caller.until(lambda: caller.player._bag)
     for _ in range(2):
         caller.asked.clear()
@@ -103,11 +109,17 @@ def test_goals_are_played_one_after_the_other_and_leave_nothing(caller):
         assert answer.result.kpi.depth_max_error == pytest.approx(0.1e-3)
         assert answer.result.kpi.depth_iae == pytest.approx(2.1 * 0.1e-3)
         [(tick, *what)] = caller.asked
-        assert (tick >= 19, what) == (True, ["depth", 0.1e-3])  # what is asked for begins with the next tick
+        assert (tick >= 19, what) == (
+            True,
+            ["depth", 0.1e-3],
+        )  # what is asked for begins with the next tick
         assert caller.weld is None
-        caller.until(lambda: caller.peer.count_publishers("fsw/reference") == 1, "its publishers' end")
         caller.until(
-            lambda: not any(one.get_subscription_count() for one in caller.sensors.values()), "its subscriptions' end"
+            lambda: caller.peer.count_publishers("fsw/reference") == 1, "its publishers' end"
+        )
+        caller.until(
+            lambda: not any(one.get_subscription_count() for one in caller.sensors.values()),
+            "its subscriptions' end",
         )
     assert caller.feedback[-1].progress.state == "done"
     assert caller.feedback[0].progress.time_left == pytest.approx(2.0)
@@ -116,7 +128,9 @@ def test_goals_are_played_one_after_the_other_and_leave_nothing(caller):
 def test_one_weld_at_a_time_and_a_second_goal_gets_the_reason(caller):
     caller.begin(LONG)
     caller.tick()
-    assert caller.refusal(SHORT).startswith("long is under way (running in phase dwell at 0.0 deg)")
+    assert caller.refusal(SHORT).startswith(
+        "long is under way (running in phase dwell at 0.0 deg)"
+    )
     caller.tick()
     assert not caller.weld.finished
 
@@ -141,13 +155,22 @@ def test_disturbances_need_the_emulated_plant(domain_id):
     caller = Caller()
     [service] = [one for one in caller.peer.services if one.srv_name.endswith("set_disturbance")]
     caller.peer.destroy_service(service)
-    caller.until(lambda: not any("set_disturbance" in name for name, _ in caller.player.get_service_names_and_types()))
+    caller.until(
+        lambda: (
+            not any(
+                "set_disturbance" in name
+                for name, _ in caller.player.get_service_names_and_types()
+            )
+        )
+    )
     assert "need the emulated plant" in caller.refusal(SHORT)
     caller.end()
 
 
 @pytest.mark.parametrize("content", [LONG, SHORT], ids=["programme", "scenario"])
-def test_a_cancelled_weld_is_canceling_until_the_safe_stop_and_a_new_one_may_follow(caller, content):
+def test_a_cancelled_weld_is_canceling_until_the_safe_stop_and_a_new_one_may_follow(
+    caller, content
+):
     handle = caller.begin(content)
     caller.tick()
     cancelled = handle.cancel_goal_async()
@@ -170,15 +193,21 @@ def test_a_safe_stop_by_the_supervisor_aborts_the_goal(caller, content):
     handle = caller.begin(content)
     caller.tick()
     caller.states.publish(
-        SupervisorState(actual_mode="safe_stop", why=[Reason(code=Reason.OTHER, detail="an interlock")])
+        SupervisorState(
+            actual_mode="safe_stop", why=[Reason(code=Reason.OTHER, detail="an interlock")]
+        )
     )
     answer = caller.result(handle)
     assert (answer.status, answer.result.verdict) == (GoalStatus.STATUS_ABORTED, "aborted")
     assert answer.result.message.endswith("safe stop by the supervisor: an interlock")
 
 
-@pytest.mark.parametrize("change", [{"controller": "unknown"}, {"events": [{"at_s": 1.0, "switch": "unknown"}]}])
-def test_a_weld_whose_controller_is_not_there_fails_before_its_first_tick(caller, change, monkeypatch):
+@pytest.mark.parametrize(
+    "change", [{"controller": "unknown"}, {"events": [{"at_s": 1.0, "switch": "unknown"}]}]
+)
+def test_a_weld_whose_controller_is_not_there_fails_before_its_first_tick(
+    caller, change, monkeypatch
+):
     monkeypatch.setattr("fsw_scenario.weld_player_ros._CONTROLLER_S", 0.2)
     here = caller.peer.create_publisher(WeldCommand, "fsw/decentral/proposal", STREAM)
     caller.until(lambda: caller.player.count_publishers(here.topic_name), "the other controller")
@@ -192,7 +221,9 @@ def test_a_weld_whose_controller_is_not_there_fails_before_its_first_tick(caller
     assert not requests and not caller.follows and not caller.feedback
 
 
-def test_a_weld_begins_once_its_controller_has_joined_and_tells_who_was_in_control(caller, monkeypatch):
+def test_a_weld_begins_once_its_controller_has_joined_and_tells_who_was_in_control(
+    caller, monkeypatch
+):
     monkeypatch.setattr("fsw_scenario.weld_player_ros._CONTROLLER_S", PATIENCE_S)
     sent = caller.send(SHORT, ["controller=unknown"])
     caller.until(lambda: caller.weld is not None and "'unknown'" in caller.weld._audience.absent())
@@ -206,7 +237,10 @@ def test_a_weld_begins_once_its_controller_has_joined_and_tells_who_was_in_contr
     caller.number += 1
     caller.depth(caller.number)
     answer = caller.result(sent)
-    assert answer.result.message == "short is over after 3 s; decentral was in control for 0.9 s, not asked for"
+    assert (
+        answer.result.message
+        == "short is over after 3 s; decentral was in control for 0.9 s, not asked for"
+    )
 
 
 def test_set_points_by_hand_stay_in_force_in_a_scenario_and_are_told(caller):
@@ -215,14 +249,22 @@ def test_set_points_by_hand_stay_in_force_in_a_scenario_and_are_told(caller):
         caller.tick()
     caller.by_hand.publish(convert.reference_message(Reference(2.65, 815.0), 0))
     # ticks follow each other faster than a message travels: it has arrived before the next one
-    caller.until(lambda: caller.in_force == Reference(2.65, 815.0) and caller.weld.set_points.are_by_hand())
-    caller.until(lambda: caller.tick() == Reference(2.65, 815.0) and not caller.weld.set_points.course.followed)
+    caller.until(
+        lambda: caller.in_force == Reference(2.65, 815.0) and caller.weld.set_points.are_by_hand()
+    )
+    caller.until(
+        lambda: (
+            caller.tick() == Reference(2.65, 815.0) and not caller.weld.set_points.course.followed
+        )
+    )
     while caller.number < 29:
         assert caller.tick() == Reference(2.65, 815.0)
     caller.number += 1
     caller.depth(caller.number)
     answer = caller.result(handle)
-    assert answer.result.verdict == "done" and "; set-points by hand from " in answer.result.message
+    assert (
+        answer.result.verdict == "done" and "; set-points by hand from " in answer.result.message
+    )
     assert caller.feedback[-1].progress.left
 
 

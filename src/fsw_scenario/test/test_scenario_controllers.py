@@ -26,7 +26,9 @@ def test_a_controller_of_an_installed_package_is_known(tmp_path, monkeypatch):
     information = tmp_path / "theirs-1.0.dist-info"
     information.mkdir()
     (information / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
-    (information / "entry_points.txt").write_text("[fsw.controllers]\ntheirs = theirs:Own\nnmpc = theirs:Own\n")
+    (information / "entry_points.txt").write_text(
+        "[fsw.controllers]\ntheirs = theirs:Own\nnmpc = theirs:Own\n"
+    )
     (tmp_path / "theirs.py").write_text(OWN.format(step="return Proposal(applied)"))
     monkeypatch.syspath_prepend(tmp_path)
     assert controllers._known() == controllers.OURS | {"theirs": "theirs:Own"}
@@ -69,21 +71,34 @@ def test_a_name_stands_for_one_class(tmp_path):
 
 
 def test_a_controller_of_a_graph_is_named_once():
-    assert variants_of(["decentral:tight", "nmpc"]) == {"decentral": {"tuning": "tight"}, "nmpc": {}}
+    assert variants_of(["decentral:tight", "nmpc"]) == {
+        "decentral": {"tuning": "tight"},
+        "nmpc": {},
+    }
     with pytest.raises(InputError, match="decentral is named twice"):
         variants_of(["decentral:tight", "nmpc", "decentral:smith"])
 
 
 def test_a_class_that_is_no_controller_is_told(tmp_path):
-    (tmp_path / "other.py").write_text("class Other:\n    name = 'other'\n    def step(self): ...\n")
+    (tmp_path / "other.py").write_text(
+        "class Other:\n    name = 'other'\n    def step(self): ...\n"
+    )
     with pytest.raises(InputError, match="it has no tolerated_sensors, reset"):
         make(f"{tmp_path}/other.py:Other")
 
 
 def test_a_diagnosis_that_cannot_be_read_ends_no_weld(tmp_path):
-    label = own(tmp_path, "return Proposal(applied, diagnosis=Diagnosis(depth_estimate_mm='deep'))")
-    signals = ClosedLoop(scenario_file.load("quick", ["controller=own"]), {"own": make(label)}).run()
-    assert signals.statuses == {} and "deep" in signals.problems[0] and signals.proposals["own"].healthy.all()
+    label = own(
+        tmp_path, "return Proposal(applied, diagnosis=Diagnosis(depth_estimate_mm='deep'))"
+    )
+    signals = ClosedLoop(
+        scenario_file.load("quick", ["controller=own"]), {"own": make(label)}
+    ).run()
+    assert (
+        signals.statuses == {}
+        and "deep" in signals.problems[0]
+        and signals.proposals["own"].healthy.all()
+    )
 
 
 @pytest.mark.parametrize(("words", "code"), [([], 2), (["--help"], 0), (["-h"], 0)])

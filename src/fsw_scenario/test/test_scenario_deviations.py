@@ -19,4 +19,7 @@ def test_who_was_in_control_and_set_points_by_hand_are_told():
     one.count("decentral", 25, 25)
     one.count("decentral", 30, 5)
     one.note_by_hand(42)
-    assert str(one) == "; decentral was in control for 1.0 s, not asked for; set-points by hand from 4.2 s on"
+    assert (
+        str(one)
+        == "; decentral was in control for 1.0 s, not asked for; set-points by hand from 4.2 s on"
+    )

@@ -23,17 +23,27 @@ def test_shipped_scenarios_are_valid(name):
 
 
 def test_every_paper_figure_has_a_scenario():
-    figures = {number for name in scenario_file.shipped() for number in scenario_file.load(name).figures}
+    figures = {
+        number for name in scenario_file.shipped() for number in scenario_file.load(name).figures
+    }
     assert figures == {4, 5, 6, 7, 8, 9}
 
 
 def _scenario(events, controller="decentral", duration=10.0):
-    return scenario_file.parse(f"{{name: t, duration_s: {duration}, controller: {controller}, events: {events}}}")
+    return scenario_file.parse(
+        f"{{name: t, duration_s: {duration}, controller: {controller}, events: {events}}}"
+    )
 
 
 def test_step_holds_from_the_first_tick_that_is_not_before_it():
-    scenario = _scenario("[{at_s: 2.0, reference: {depth_mm: 2.8}}, {at_s: 3.05, reference: {temperature_c: 860}}]")
-    assert timeline.references(scenario, START) == {0: START, 20: Reference(2.8, 850.0), 31: Reference(2.8, 860.0)}
+    scenario = _scenario(
+        "[{at_s: 2.0, reference: {depth_mm: 2.8}}, {at_s: 3.05, reference: {temperature_c: 860}}]"
+    )
+    assert timeline.references(scenario, START) == {
+        0: START,
+        20: Reference(2.8, 850.0),
+        31: Reference(2.8, 860.0),
+    }
 
 
 def test_ramp_is_linear_begins_at_its_event_and_ends_exactly():
@@ -68,7 +78,10 @@ def test_sine_swings_about_the_set_point_until_the_next_event():
 
 def test_commands_and_switches():
     scenario = _scenario("[{at_s: 2.0, command: {force_kn: 80}}]", "none")
-    assert timeline.commands(scenario, Command(78.4, 400.0)) == {0: Command(78.4, 400.0), 20: Command(80.0, 400.0)}
+    assert timeline.commands(scenario, Command(78.4, 400.0)) == {
+        0: Command(78.4, 400.0),
+        20: Command(80.0, 400.0),
+    }
     switching = _scenario("[{at_s: 2.0, switch: nmpc}]")
     assert timeline.switches(switching) == {20: "nmpc"}
     assert switching.controllers == ("decentral", "nmpc")
@@ -93,16 +106,37 @@ BAD = [
     ("name: x\nduration_s: 5\nevents: [3]", "events[0] is 3, not a mapping"),
     ("name: x\nduration_s: 5\nevents: [{at_s: 1}]", "exactly one of"),
     ("name: x\nduration_s: 5\nevents: [{at_s: 9, switch: a}]", "outside 0 to 5 s"),
-    ("name: x\nduration_s: 5\nevents: [{at_s: 2, switch: a}, {at_s: 1, switch: b}]", "events[1] is earlier"),
+    (
+        "name: x\nduration_s: 5\nevents: [{at_s: 2, switch: a}, {at_s: 1, switch: b}]",
+        "events[1] is earlier",
+    ),
     ("name: x\nduration_s: 5\nevents: [{at_s: 1, reference: {depth_mm: 9}}]", "1.5 to 4 mm"),
     ("name: x\nduration_s: 5\nevents: [{at_s: 1, reference: {depth: 2.7}}]", "known: depth_mm"),
     ("name: x\nduration_s: 5\nevents: [{at_s: 1, reference: {}}]", "needs depth_mm"),
-    ("name: x\nduration_s: 5\nevents: [{at_s: 1, disturbance: {channel: depth, shape: step}}]", "lacks amplitude_mm"),
-    ("name: x\nduration_s: 5\nevents: [{at_s: 1, disturbance: {channel: z}}]", "one of depth, temperature"),
-    ("name: x\nduration_s: 5\nevents: [{at_s: 1, fault: {sensor: depth, kind: bias}}]", "lacks magnitude_mm"),
-    ("name: x\nduration_s: 5\nevents: [{at_s: 1, fault: {sensor: depth, kind: nan, magnitude_mm: 1}}]", "does not use"),
-    ("name: x\nduration_s: 5\nevents: [{at_s: 1, command: {force_kn: 80}}]", "needs controller: none"),
-    ("name: x\nduration_s: 5\ncontroller: none\nevents: [{at_s: 1, switch: a}]", "controller is none"),
+    (
+        "name: x\nduration_s: 5\nevents: [{at_s: 1, disturbance: {channel: depth, shape: step}}]",
+        "lacks amplitude_mm",
+    ),
+    (
+        "name: x\nduration_s: 5\nevents: [{at_s: 1, disturbance: {channel: z}}]",
+        "one of depth, temperature",
+    ),
+    (
+        "name: x\nduration_s: 5\nevents: [{at_s: 1, fault: {sensor: depth, kind: bias}}]",
+        "lacks magnitude_mm",
+    ),
+    (
+        "name: x\nduration_s: 5\nevents: [{at_s: 1, fault: {sensor: depth, kind: nan, magnitude_mm: 1}}]",
+        "does not use",
+    ),
+    (
+        "name: x\nduration_s: 5\nevents: [{at_s: 1, command: {force_kn: 80}}]",
+        "needs controller: none",
+    ),
+    (
+        "name: x\nduration_s: 5\ncontroller: none\nevents: [{at_s: 1, switch: a}]",
+        "controller is none",
+    ),
     ("name: x\nduration_s: 5\nfigures: [3]", "figures[0] is 3; one of 4"),
     ("name: x\nduration_s: 5\nplant: {seed: -1}", "plant is wrong"),
     ("name: x\nduration_s: 5\nplant: {model: {thermal: 1.1}}", "model.thermal"),
@@ -126,7 +160,9 @@ def test_any_text_is_a_scenario_or_a_scenario_error(text):
 
 
 def test_overrides_reach_nested_values_and_the_text():
-    scenario = scenario_file.load("quick", ["plant.noise=false", "controller=nmpc", "plant.start.depth_mm=2.7"])
+    scenario = scenario_file.load(
+        "quick", ["plant.noise=false", "controller=nmpc", "plant.start.depth_mm=2.7"]
+    )
     assert scenario.plant == {"seed": 7, "noise": False, "start.depth_mm": 2.7}
     assert scenario_file.parse(scenario.text) == scenario
 
@@ -154,5 +190,7 @@ def test_the_documentation_is_right():
     events = [line for line in lines if line.startswith("  - ")]
     head = "\n".join(line for line in lines if line not in events)
     events.sort(key=lambda line: float(line.split("at_s: ")[1].split(",")[0]))
-    scenario = scenario_file.parse(head.replace("figures:", "\n".join(events) + "\nfigures:"), "scenarios.md")
+    scenario = scenario_file.parse(
+        head.replace("figures:", "\n".join(events) + "\nfigures:"), "scenarios.md"
+    )
     assert len(scenario.events) == 6

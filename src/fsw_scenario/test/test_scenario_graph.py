@@ -13,10 +13,14 @@ from fsw_scenario.scenario_file import parse
 SECTION = "{ros__parameters: {deadline_s: 0.07}}"
 
 
-@pytest.mark.parametrize("key", ["fsw_supervisor", "/fsw_supervisor", "/**/fsw_supervisor", "/cell_1/fsw_supervisor"])
+@pytest.mark.parametrize(
+    "key", ["fsw_supervisor", "/fsw_supervisor", "/**/fsw_supervisor", "/cell_1/fsw_supervisor"]
+)
 @pytest.mark.parametrize("quote", ["", '"', "'"])
 def test_what_a_file_says_to_the_supervisor_it_says_to_the_standby(key, quote):
-    text = for_standby(f"# of fsw_supervisor: all\n{quote}{key}{quote}: {SECTION}\n/**: {SECTION}\n")
+    text = for_standby(
+        f"# of fsw_supervisor: all\n{quote}{key}{quote}: {SECTION}\n/**: {SECTION}\n"
+    )
     assert list(yaml.safe_load(text)) == [key.replace("fsw_supervisor", STANDBY), "/**"]
 
 
@@ -30,19 +34,34 @@ def test_sections_by_namespace_are_found_and_others_left_alone():
 
 @pytest.mark.parametrize("standby", [False, True])
 def test_the_first_tick_waits_for_the_standby_which_is_configured_as_the_supervisor_is(standby):
-    graph = WeldGraph(parse("{name: short, duration_s: 5.0}"), Path("weld"), ("decentral", "nmpc"), standby=standby)
-    nodes = {name: section["ros__parameters"] for name, section in graph.parameter_file(Path("s.yaml")).items()}
+    graph = WeldGraph(
+        parse("{name: short, duration_s: 5.0}"),
+        Path("weld"),
+        ("decentral", "nmpc"),
+        standby=standby,
+    )
+    nodes = {
+        name: section["ros__parameters"]
+        for name, section in graph.parameter_file(Path("s.yaml")).items()
+    }
     assert nodes["fsw_plant"]["wait_for_subscribers"] == 5 + standby
     if standby:
         assert nodes[STANDBY] == nodes["fsw_supervisor"] | {"standby": True}
 
 
-def test_further_parameters_are_added_to_those_of_the_nodes_and_the_plant_does_not_wait_for_companions(tmp_path):
+def test_further_parameters_are_added_to_those_of_the_nodes_and_the_plant_does_not_wait_for_companions(
+    tmp_path,
+):
     scenario = parse("{name: short, duration_s: 5.0}")
     further = {"fsw_recorder": {"attach": ["limits.yaml"]}, "fsw_watch": {"process": "canister"}}
     graph = WeldGraph(scenario, tmp_path, companions={"watch": "watch_node"}, derived=further)
-    nodes, usual = (one.parameter_file(tmp_path / "s.yaml") for one in (graph, WeldGraph(scenario, tmp_path)))
-    assert nodes.pop("fsw_watch")["ros__parameters"] == {"process": "canister", "use_sim_time": True}
+    nodes, usual = (
+        one.parameter_file(tmp_path / "s.yaml") for one in (graph, WeldGraph(scenario, tmp_path))
+    )
+    assert nodes.pop("fsw_watch")["ros__parameters"] == {
+        "process": "canister",
+        "use_sim_time": True,
+    }
     assert nodes["fsw_recorder"]["ros__parameters"].pop("attach") == ["limits.yaml"]
     assert nodes == usual
 
@@ -56,7 +75,9 @@ class EndedWeld:
 
     def start(self, name, module, arguments=()):
         status = {"tick": 50, "finished": self.finished, "wall_s": 1.5}
-        child = SimpleNamespace(running=False, process=SimpleNamespace(returncode=self.codes.get(name, 0)))
+        child = SimpleNamespace(
+            running=False, process=SimpleNamespace(returncode=self.codes.get(name, 0))
+        )
         child.status, child.last_lines, child.log = lambda: status, lambda: "", Path("log")
         self.children[name] = child
         return child
@@ -73,12 +94,20 @@ def test_however_a_process_ends_after_the_weld_is_a_note(tmp_path, capsys):
     assert graph.run(EndedWeld(recorder=-9, supervisor=1, scenario=-14)) == 1.5
     notes = capsys.readouterr().err.splitlines()
     assert len(notes) == 3
-    for name, how in (("recorder", "SIGKILL"), ("supervisor", "exit code 1"), ("scenario", "SIGALRM")):
+    for name, how in (
+        ("recorder", "SIGKILL"),
+        ("supervisor", "exit code 1"),
+        ("scenario", "SIGALRM"),
+    ):
         assert any(name in note and how in note for note in notes)
 
 
 def test_a_weld_is_lost_if_it_was_not_finished_or_its_bag_could_not_be_written(tmp_path):
     graph = WeldGraph(parse("{name: short, duration_s: 5.0}"), tmp_path)
-    for launcher in (EndedWeld(recorder=1), EndedWeld(finished=False), EndedWeld(finished=False, scenario=1)):
+    for launcher in (
+        EndedWeld(recorder=1),
+        EndedWeld(finished=False),
+        EndedWeld(finished=False, scenario=1),
+    ):
         with pytest.raises(LaunchError):
             graph.run(launcher)

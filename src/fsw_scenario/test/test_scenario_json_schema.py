@@ -12,7 +12,14 @@ from fsw_scenario.scenario import Scenario
 from fsw_schema.models import json_schema
 
 SCHEMA = json_schema(Scenario)
-TYPES = {"object": dict, "array": list, "string": str, "number": (int, float), "integer": int, "boolean": bool}
+TYPES = {
+    "object": dict,
+    "array": list,
+    "string": str,
+    "number": (int, float),
+    "integer": int,
+    "boolean": bool,
+}
 
 
 def problems(value: Any, schema: dict[str, Any]) -> Iterator[str]:
@@ -20,7 +27,9 @@ def problems(value: Any, schema: dict[str, Any]) -> Iterator[str]:
     if "$ref" in schema:
         schema = SCHEMA["$defs"][schema["$ref"].rpartition("/")[2]]
     kind = schema.get("type")
-    if kind and (not isinstance(value, TYPES[kind]) or (isinstance(value, bool) and kind != "boolean")):
+    if kind and (
+        not isinstance(value, TYPES[kind]) or (isinstance(value, bool) and kind != "boolean")
+    ):
         yield f"{value!r} is no {kind}"
     elif isinstance(value, dict):
         yield from (f"{key} is missing" for key in schema.get("required", ()) if key not in value)
@@ -35,9 +44,13 @@ def problems(value: Any, schema: dict[str, Any]) -> Iterator[str]:
     elif isinstance(value, list):
         for entry in value:
             yield from problems(entry, schema["items"])
-    elif value not in schema.get("enum", [value]) or not re.search(schema.get("pattern", ""), str(value)):
+    elif value not in schema.get("enum", [value]) or not re.search(
+        schema.get("pattern", ""), str(value)
+    ):
         yield f"{value!r} is none of those allowed"
-    elif kind in ("number", "integer") and not schema.get("minimum", value) <= value <= schema.get("maximum", value):
+    elif kind in ("number", "integer") and not schema.get("minimum", value) <= value <= schema.get(
+        "maximum", value
+    ):
         yield f"{value!r} is out of range"
 
 

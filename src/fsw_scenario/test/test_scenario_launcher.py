@@ -77,7 +77,8 @@ def test_a_discovery_server_is_not_used(modules, tmp_path, monkeypatch):
 
 def test_arguments_environment_and_exit_code(modules, tmp_path):
     modules(
-        "child_a", "import os, sys\ndef main():\n    print(sys.argv[1:], os.environ['ROS_DOMAIN_ID'])\n    return 3\n"
+        "child_a",
+        "import os, sys\ndef main():\n    print(sys.argv[1:], os.environ['ROS_DOMAIN_ID'])\n    return 3\n",
     )
     with Launcher(tmp_path / "log", 77) as launcher:
         child = launcher.start("a", "child_a", ["x", "y"])
@@ -137,7 +138,10 @@ def test_whoever_ignores_everything_is_killed(modules, tmp_path, patient):
 
 def test_an_error_in_the_context_ends_the_children(modules, tmp_path):
     modules("child_d", STUBBORN.format(term="signal.SIG_DFL"))
-    with pytest.raises(RuntimeError, match="on purpose"), Launcher(tmp_path, 77, patience_s=0.2) as launcher:
+    with (
+        pytest.raises(RuntimeError, match="on purpose"),
+        Launcher(tmp_path, 77, patience_s=0.2) as launcher,
+    ):
         child = launcher.start("d", "child_d")
         wait_for_text(launcher, "d", "ready")
         raise RuntimeError("on purpose")
@@ -175,7 +179,9 @@ def test_what_is_killed_is_told_and_started_again_and_the_others_go_on(modules, 
         first.process.kill()
         again = kept.ends("f")
         launcher.wait_until(
-            lambda: again.log.read_text().count("ready") == 2, PATIENCE_S, "the second start in the same log"
+            lambda: again.log.read_text().count("ready") == 2,
+            PATIENCE_S,
+            "the second start in the same log",
         )
         assert (again.running, other.running, launcher.children["g"]) == (True, True, other)
         assert len(kept.told) == 1
@@ -202,7 +208,10 @@ def test_what_ends_now_and_then_is_always_started_again(modules, tmp_path):
         kept = Kept(launcher, "i")
         with pytest.raises(LaunchError, match=f"exit code {REFUSED}"):
             kept.respawn.update()  # its first start
-    modules("child_j", f"import os\ndef main():\n    return {REFUSED} if os.path.exists('{tmp_path}/j') else 1\n")
+    modules(
+        "child_j",
+        f"import os\ndef main():\n    return {REFUSED} if os.path.exists('{tmp_path}/j') else 1\n",
+    )
     with Launcher(tmp_path, 77) as launcher:
         launcher.start("j", "child_j").process.wait()
         kept = Kept(launcher, "j")
@@ -213,7 +222,9 @@ def test_what_ends_now_and_then_is_always_started_again(modules, tmp_path):
             assert kept.ends("j") is not before
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells a child that its parent has died")
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="only Linux tells a child that its parent has died"
+)
 def test_no_orphans_when_the_parent_is_killed(modules, tmp_path):
     modules("child_e", STUBBORN.format(term="signal.SIG_DFL"))
     script = f"""
@@ -228,7 +239,9 @@ def test_no_orphans_when_the_parent_is_killed(modules, tmp_path):
             print(child.process.pid, flush=True)
             child.process.wait()
     """
-    parent = subprocess.Popen([sys.executable, "-c", textwrap.dedent(script)], stdout=subprocess.PIPE, text=True)
+    parent = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(script)], stdout=subprocess.PIPE, text=True
+    )
     try:
         child = int(parent.stdout.readline())
         assert not has_ended(child, 0.0), "the child runs"

@@ -17,7 +17,11 @@ def run(name, controllers=None, overrides=()):
 
 
 def test_set_points_are_reached_and_limits_hold():
-    signals = run("reference_tracking", {"decentral": DecentralController({"tuning": "tight"})}, ["plant.noise=false"])
+    signals = run(
+        "reference_tracking",
+        {"decentral": DecentralController({"tuning": "tight"})},
+        ["plant.noise=false"],
+    )
     assert signals.n_ticks == 2400
     assert signals.stamp_ns[0] == 100_000_000
     assert abs(signals.truth.depth_mm[595] - signals.reference_depth_mm[595]) < 0.01
@@ -55,7 +59,9 @@ def test_open_loop_follows_the_commands_within_the_move_limits():
 
 
 def test_disturbance_acts_at_its_tick():
-    signals = run("output_disturbances", {"decentral": DecentralController()}, ["plant.noise=false"])
+    signals = run(
+        "output_disturbances", {"decentral": DecentralController()}, ["plant.noise=false"]
+    )
     steps = np.flatnonzero(np.diff(signals.truth.depth_disturbance_mm))
     assert steps.tolist() == [198]  # from tick 199 to tick 200
     assert signals.depth_mm[199] - signals.depth_mm[198] == pytest.approx(0.1, abs=1e-4)
@@ -109,9 +115,13 @@ def test_several_controllers_stop_safely_when_all_have_failed():
 
 def test_switch_takes_place_at_its_tick(tmp_path):
     path = tmp_path / "switch.yaml"
-    path.write_text("{name: s, duration_s: 5.0, controller: decentral, events: [{at_s: 2.0, switch: other}]}")
+    path.write_text(
+        "{name: s, duration_s: 5.0, controller: decentral, events: [{at_s: 2.0, switch: other}]}"
+    )
     other = make("decentral:tight")
-    signals = ClosedLoop(scenario_file.load(path), {"decentral": make("decentral"), "other": other}).run()
+    signals = ClosedLoop(
+        scenario_file.load(path), {"decentral": make("decentral"), "other": other}
+    ).run()
     assert signals.command_source[18] == "decentral"
     assert signals.command_source[19] == "other"
 
@@ -167,7 +177,9 @@ def test_announcement_that_is_withdrawn_or_unused_is_no_bump():
     for k in range(300):
         coming = plans.get(k, coming)
         shown = model.outputs(state, applied.force_kn, applied.speed_rpm)
-        measurement = Measurement(0.1 * k, shown.depth_mm, shown.motor_torque_nm, shown.temperature_c)
+        measurement = Measurement(
+            0.1 * k, shown.depth_mm, shown.motor_torque_nm, shown.temperature_c
+        )
         proposal = controller.step(measurement, Reference(2.66, 816.4, coming), applied, 0.1)
         assert proposal.healthy
         moves.append(abs(proposal.command.force_kn - applied.force_kn))
@@ -183,6 +195,8 @@ def test_decentralized_controller_ignores_announcements():
     overrides, text = announced_steps()
     runs = []
     for extra in ("announced=true", "announced=false"):
-        scenario = scenario_file.parse(text, "announced", [*overrides, "controller=decentral", extra])
+        scenario = scenario_file.parse(
+            text, "announced", [*overrides, "controller=decentral", extra]
+        )
         runs.append(ClosedLoop(scenario, {"decentral": make("decentral")}).run())
     assert np.array_equal(runs[0].force_kn, runs[1].force_kn)

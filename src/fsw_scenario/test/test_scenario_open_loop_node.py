@@ -44,7 +44,9 @@ def test_it_proposes_what_its_scenario_commands(tmp_path):
         (peer.create_publisher(Temperature, "/fsw/thermocouple", STREAM), "thermocouple", 850.0),
     ]
     references = peer.create_publisher(WeldReference, "/fsw/reference", LATCHED)
-    references.publish(convert.reference_message(Reference(2.66, 850.0), 0))  # without one, no controller is asked
+    references.publish(
+        convert.reference_message(Reference(2.66, 850.0), 0)
+    )  # without one, no controller is asked
     parameters = ["-p", f"scenario:={scenario}", "-p", "from_first_tick:=true"]
     command = [sys.executable, "-m", "fsw_scenario.open_loop_node", "--ros-args", *parameters]
     node = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
@@ -62,11 +64,17 @@ def test_it_proposes_what_its_scenario_commands(tmp_path):
         return heard and heard[-1].healthy
 
     try:
-        spinner.until(lambda: all(publisher.get_subscription_count() for publisher, *_ in sensors), "its sensors")
+        spinner.until(
+            lambda: all(publisher.get_subscription_count() for publisher, *_ in sensors),
+            "its sensors",
+        )
         spinner.until(proposes, "a proposal")
         for _ in range(21):
             stamp = send()
-            spinner.until(lambda stamp=stamp: convert.stamp_ns(heard[-1].header.stamp) == stamp, f"tick {stamp}")
+            spinner.until(
+                lambda stamp=stamp: convert.stamp_ns(heard[-1].header.stamp) == stamp,
+                f"tick {stamp}",
+            )
         node.send_signal(signal.SIGINT)
         _, said = node.communicate(timeout=PATIENCE_S)
     finally:

@@ -28,7 +28,11 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
 WELD = {
     "name": "short",
     "phases": [
-        {"name": "dwell", "duration_s": 60.0, "set_points": [{"at_s": 1.0, "temperature_c": 818.4, "over_s": 2.0}]}
+        {
+            "name": "dwell",
+            "duration_s": 60.0,
+            "set_points": [{"at_s": 1.0, "temperature_c": 818.4, "over_s": 2.0}],
+        }
     ],
 }
 
@@ -62,16 +66,28 @@ def test_held_programme_stands_still_until_it_is_resumed(graph):
     assert graph.ask("hold").success
     graph.until(lambda: graph.progress[-1].state == "held", "the hold")
     held = graph.progress[-1]
-    graph.until(lambda: graph.in_force and graph.follows.mark == "programme 1", "the set-points of the hold")
+    graph.until(
+        lambda: graph.in_force and graph.follows.mark == "programme 1",
+        "the set-points of the hold",
+    )
     for _ in range(60):
         assert graph.tick() == before, "the set-points that were sent ahead are void"
     refused = graph.ask("hold")
     assert (refused.success, refused.message) == (False, "the weld is held; it must be running")
     graph.until(
-        lambda: graph.tick() and convert.stamp_ns(graph.progress[-1].header.stamp) > START_NS + 60 * STEP_NS, "a report"
+        lambda: (
+            graph.tick()
+            and convert.stamp_ns(graph.progress[-1].header.stamp) > START_NS + 60 * STEP_NS
+        ),
+        "a report",
     )
     now = graph.progress[-1]
-    assert (now.state, now.angle, now.length, now.time_left) == ("held", held.angle, held.length, held.time_left)
+    assert (now.state, now.angle, now.length, now.time_left) == (
+        "held",
+        held.angle,
+        held.length,
+        held.time_left,
+    )
     assert graph.ask("resume").success
     graph.until(lambda: graph.tick().temperature_c == 818.4, "the set-point that was put off")
     assert graph.progress[-1].state == "running"
@@ -89,11 +105,15 @@ def test_a_scenario_without_phases_refuses_to_be_held(verb):
     assert (refused.success, refused.message[:20]) == (False, "quick has no phases,")
 
 
-def test_a_weld_of_longer_than_a_minute_ends_as_it_did_however_late_its_result_arrives(graph, monkeypatch):
+def test_a_weld_of_longer_than_a_minute_ends_as_it_did_however_late_its_result_arrives(
+    graph, monkeypatch
+):
     graph.tick()
     player = graph.player
     player._began_s -= 3600.0
-    monkeypatch.setattr(ScenarioNode, "_on_result", lambda *_: None, raising=False)  # it never arrives
+    monkeypatch.setattr(
+        ScenarioNode, "_on_result", lambda *_: None, raising=False
+    )  # it never arrives
     player._over.set_result(Outcome("done", "played to its end"))
     graph.until(lambda: player._ended is not None, "the end")
     assert player._ended == Outcome("done", "played to its end")
@@ -119,7 +139,10 @@ def test_aborted_programme_asks_for_the_safe_stop_until_it_has_one(graph, first,
     assert ended.value.code == ABORTED
     assert asked == ["safe_stop", "safe_stop"]
     last = capsys.readouterr().err.strip().splitlines()[-1]
-    assert last.startswith("scenario: the weld is aborted in phase dwell at 0.") and "safe_stop" in last
+    assert (
+        last.startswith("scenario: the weld is aborted in phase dwell at 0.")
+        and "safe_stop" in last
+    )
 
 
 def test_resume_goes_back_to_the_programme_and_the_next_hold_steps_nothing(graph):
@@ -129,19 +152,33 @@ def test_resume_goes_back_to_the_programme_and_the_next_hold_steps_nothing(graph
     graph.until(lambda: graph.in_force == programme)
     assert graph.ask("hold").success
     graph.by_hand.publish(convert.reference_message(Reference(2.65, 815.0), 0))
-    graph.until(lambda: graph.in_force.temperature_c == 815.0 and graph.weld.set_points.received.at(0) != programme)
+    graph.until(
+        lambda: (
+            graph.in_force.temperature_c == 815.0
+            and graph.weld.set_points.received.at(0) != programme
+        )
+    )
     graph.until(lambda: graph.tick().temperature_c == 815.0 and graph.progress[-1].way_back > 3.0)
     assert graph.progress[-1].left and graph.progress[-1].temperature == 818.4
     answer = graph.ask("resume")
-    assert answer.success and "815 degC back to the programme's 2.66 mm, 818.4 degC" in answer.message
+    assert (
+        answer.success and "815 degC back to the programme's 2.66 mm, 818.4 degC" in answer.message
+    )
     before = graph.in_force
     for _ in range(60):
         after = graph.tick()
         assert abs(after.depth_mm - before.depth_mm) <= 3 * 0.1 * WELD_RATE_DEPTH_MM_PER_S
-        assert abs(after.temperature_c - before.temperature_c) <= 3 * 0.1 * WELD_RATE_TEMPERATURE_C_PER_S
+        assert (
+            abs(after.temperature_c - before.temperature_c)
+            <= 3 * 0.1 * WELD_RATE_TEMPERATURE_C_PER_S
+        )
         before = after
     # the player keeps what it has received itself, also of its own set-points
-    graph.until(lambda: graph.in_force.temperature_c == graph.weld.set_points.in_force().temperature_c == 818.4)
+    graph.until(
+        lambda: (
+            graph.in_force.temperature_c == graph.weld.set_points.in_force().temperature_c == 818.4
+        )
+    )
     before = graph.in_force
     assert graph.ask("hold").success
     assert graph.tick() == graph.in_force == before
@@ -182,7 +219,9 @@ def test_in_lockstep_nothing_is_measured_before_the_set_points_have_arrived(tmp_
 def test_in_lockstep_the_plant_goes_on_when_a_switch_has_arrived(tmp_path, monkeypatch):
     path = tmp_path / "scenario.yaml"
     path.write_text(
-        yaml.safe_dump({"name": "swap", "duration_s": 5.0, "events": [{"at_s": 0.3, "switch": "decentral"}]})
+        yaml.safe_dump(
+            {"name": "swap", "duration_s": 5.0, "events": [{"at_s": 0.3, "switch": "decentral"}]}
+        )
     )
     seen, publish, wait = [], Publisher.publish, Publisher.wait_for_all_acked
 
@@ -200,14 +239,19 @@ def test_in_lockstep_the_plant_goes_on_when_a_switch_has_arrived(tmp_path, monke
     try:
         monkeypatch.setattr(Publisher, "publish", note)
         monkeypatch.setattr(Publisher, "wait_for_all_acked", waited)
-        graph.until(lambda: graph.tick() and any(isinstance(message, String) for _, message in seen))
+        graph.until(
+            lambda: graph.tick() and any(isinstance(message, String) for _, message in seen)
+        )
         graph.until(lambda: isinstance(seen[-1][1], Header))
     finally:
         graph.end()
     at = next(number for number, (_, message) in enumerate(seen) if isinstance(message, String))
     later = [(topic.rpartition("/")[2], message) for topic, message in seen[at + 1 :]]
     assert ("switch_request", "arrived") in later
-    assert not any(isinstance(message, Header) for _, message in later[: later.index(("switch_request", "arrived"))])
+    assert not any(
+        isinstance(message, Header)
+        for _, message in later[: later.index(("switch_request", "arrived"))]
+    )
 
 
 @pytest.mark.parametrize("unmatched", ["/fsw/reference", "/fsw/reference_plan"])
@@ -262,4 +306,9 @@ def test_second_player_says_that_it_waits_for_the_first_one(monkeypatch, capfd):
         player.destroy_node()
     finally:
         rclpy.try_shutdown()
-    assert capfd.readouterr().err.count("another scenario player runs; this one waits 60 s for it to end") == 1
+    assert (
+        capfd.readouterr().err.count(
+            "another scenario player runs; this one waits 60 s for it to end"
+        )
+        == 1
+    )

@@ -16,7 +16,9 @@ from fsw_schema.models import InputError
 
 
 def content() -> dict[str, Any]:
-    values: dict[str, Any] = procedure.load("copper_lid").model_dump(mode="json", exclude_none=True)
+    values: dict[str, Any] = procedure.load("copper_lid").model_dump(
+        mode="json", exclude_none=True
+    )
     return values
 
 
@@ -30,22 +32,40 @@ def written(folder: Path, values: dict[str, Any]) -> Path:
     ("path", "value", "said"),
     [
         ("essential.0.min", 920.0, "essential[0] is impossible: min 920 is not below max 910"),
-        ("essential.0.max", 890.0, "essential[0] is impossible: set-points from 800 to 900 are permitted outside it"),
+        (
+            "essential.0.max",
+            890.0,
+            "essential[0] is impossible: set-points from 800 to 900 are permitted outside it",
+        ),
         ("essential.0.phases", ["lid"], "names phase lid, which is not one of dwell"),
         ("essential.0.variable", "colour", "essential[0].variable is 'colour'; one of depth_mm"),
-        ("set_points.depth_mm.value", 9.0, "set_points.depth_mm is impossible: min 1.7, value 9, max 3.4 must ascend"),
+        (
+            "set_points.depth_mm.value",
+            9.0,
+            "set_points.depth_mm is impossible: min 1.7, value 9, max 3.4 must ascend",
+        ),
         ("set_points.depth_mm.max", 5.0, "set_points.depth_mm.max = 5 is outside 1.5 to 4 mm"),
         ("phases.2.to_deg", 5.0, "phases do not ascend in to_deg"),
         ("phases.1.name", "dwell", "phases names dwell twice"),
         ("controllers.0.parameters_sha256", "abc", "is not a SHA-256"),
-        ("sensors.0.calibration_due", "tomorrow", "calibration_due is 'tomorrow': must be a valid date"),
-        ("quality.0.min", 0.05, "quality[0] is impossible: a weld at its set-points, error 0, is outside"),
+        (
+            "sensors.0.calibration_due",
+            "tomorrow",
+            "calibration_due is 'tomorrow': must be a valid date",
+        ),
+        (
+            "quality.0.min",
+            0.05,
+            "quality[0] is impossible: a weld at its set-points, error 0, is outside",
+        ),
         ("sensors.0.name", "smell", "is 'smell', not a sensor; known: depth"),
         ("revison", "B", "revison is an unknown key; did you mean revision?"),
         ("format", "other", "format is 'other'"),
     ],
 )
-def test_what_cannot_be_is_refused_in_one_line(tmp_path: Path, path: str, value: object, said: str) -> None:
+def test_what_cannot_be_is_refused_in_one_line(
+    tmp_path: Path, path: str, value: object, said: str
+) -> None:
     values = content()
     *steps, last = path.split(".")
     inside: Any = values
@@ -54,7 +74,11 @@ def test_what_cannot_be_is_refused_in_one_line(tmp_path: Path, path: str, value:
     inside[last] = value
     with pytest.raises(InputError) as refused:
         procedure.load(written(tmp_path, values))
-    assert said in str(refused.value) and "procedure.yaml" in str(refused.value) and "\n" not in str(refused.value)
+    assert (
+        said in str(refused.value)
+        and "procedure.yaml" in str(refused.value)
+        and "\n" not in str(refused.value)
+    )
 
 
 def test_the_hash_is_of_what_is_said_not_of_how(tmp_path: Path) -> None:
@@ -67,7 +91,9 @@ def test_the_hash_is_of_what_is_said_not_of_how(tmp_path: Path) -> None:
 def test_dates_may_be_written_without_quotes(tmp_path: Path) -> None:
     values = content()
     values["date"] = date.fromisoformat(values["date"])
-    assert procedure.load(written(tmp_path, values)).identity == procedure.load("copper_lid").identity
+    assert (
+        procedure.load(written(tmp_path, values)).identity == procedure.load("copper_lid").identity
+    )
 
 
 def test_differences_name_what_changed() -> None:
@@ -87,15 +113,24 @@ def test_figures_of_the_shipped_procedure_are_those_of_their_sources() -> None:
     limits = {one.variable: one for _, one in found.limits()}
     interlocks = defaults(load_parameters("fsw_supervisor", "supervisor.yaml"))
     temperature = limits["temperature_c"]
-    assert (temperature.min, temperature.max) == (weld.QUALITY_TEMPERATURE_MIN_C, weld.QUALITY_TEMPERATURE_MAX_C)
+    assert (temperature.min, temperature.max) == (
+        weld.QUALITY_TEMPERATURE_MIN_C,
+        weld.QUALITY_TEMPERATURE_MAX_C,
+    )
     for variable in ("depth_mm", "force_kn", "torque_nm", "power_kw"):
         name = f"interlocks.{variable.partition('_')[0]}_high.trip"
         assert limits[variable].max == interlocks[name], variable
-    assert (limits["speed_rpm"].min, limits["speed_rpm"].max) == (weld.SPEED_MIN_RPM, weld.SPEED_MAX_RPM)
+    assert (limits["speed_rpm"].min, limits["speed_rpm"].max) == (
+        weld.SPEED_MIN_RPM,
+        weld.SPEED_MAX_RPM,
+    )
     assert limits["force_kn"].min == weld.FORCE_MIN_KN
     assert limits["depth_error_mm"].max == weld.QUALITY_DEPTH_MM
     points = found.set_points
-    assert (points.depth_mm.value, points.temperature_c.value) == (weld.DEPTH_MM, weld.TEMPERATURE_C)
+    assert (points.depth_mm.value, points.temperature_c.value) == (
+        weld.DEPTH_MM,
+        weld.TEMPERATURE_C,
+    )
     assert points.depth_mm.max == interlocks["interlocks.depth_high.warn"]
     assert points.temperature_c.min == interlocks["interlocks.temperature_low.warn"]
     assert points.temperature_c.max == interlocks["interlocks.temperature_high.warn"]

@@ -35,15 +35,23 @@ class Cell(Spinner):
         self.node = ProcedureNode(context=self.context, parameter_overrides=override)
         self.controller = Node("fsw_decentral", context=self.context)
         self.controller.declare_parameter("gain", 2.0)
-        self.states = self.controller.create_publisher(SupervisorState, "fsw/supervisor/state", LATCHED)
-        self.references = self.controller.create_publisher(WeldReference, "fsw/supervisor/reference", LATCHED)
+        self.states = self.controller.create_publisher(
+            SupervisorState, "fsw/supervisor/state", LATCHED
+        )
+        self.references = self.controller.create_publisher(
+            WeldReference, "fsw/supervisor/reference", LATCHED
+        )
         self.text = ""
-        self.controller.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, STREAM)
+        self.controller.create_subscription(
+            DiagnosticArray, "/diagnostics", self._on_diagnostics, STREAM
+        )
         for one in (self.node, self.controller):
             self.executor.add_node(one)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        self.text = next(one.message for one in message.status if one.name == "fsw_procedure: deviations")
+        self.text = next(
+            one.message for one in message.status if one.name == "fsw_procedure: deviations"
+        )
 
     def close(self) -> None:
         for one in (self.node, self.controller):
@@ -66,14 +74,23 @@ def test_deviations_are_told(domain_id: int, tmp_path: Path) -> None:
         cell.told("set-point depth_mm 3.5 is in force; permitted: 1.7 to 3.4")
         cell.references.publish(WeldReference(depth=0.0026, temperature=816.4))
         cell.until(lambda: "set-point" not in cell.text, "the set-point to be back")
-        cell.states.publish(SupervisorState(actual_controller="decentral", actual_mode="auto", cause=Cause.READY))
         cell.states.publish(
-            SupervisorState(actual_controller="mine", actual_mode="manual", cause=Cause.OPERATOR_MANUAL)
+            SupervisorState(actual_controller="decentral", actual_mode="auto", cause=Cause.READY)
         )
-        cell.told("mine is in command; permitted: decentral, nmpc; mode manual (operator) instead of auto")
+        cell.states.publish(
+            SupervisorState(
+                actual_controller="mine", actual_mode="manual", cause=Cause.OPERATOR_MANUAL
+            )
+        )
+        cell.told(
+            "mine is in command; permitted: decentral, nmpc; mode manual (operator) instead of auto"
+        )
         before = cell.text
         cell.controller.set_parameters([Parameter("gain", value=3.0)])
-        cell.until(lambda: cell.text != before and "decentral has parameters" in cell.text, "the changed tuning")
+        cell.until(
+            lambda: cell.text != before and "decentral has parameters" in cell.text,
+            "the changed tuning",
+        )
         nodes = ("/fsw_decentral", "/cell2/fsw_decentral", "/fsw/decentral", "/decentral")
         assert [node for node in nodes if cell.node._is_of_this_weld(node)] == ["/fsw_decentral"]
     finally:

@@ -31,16 +31,21 @@ def with_limits(*limits: dict[str, Any], **more: Any) -> Procedure:
 def test_the_shipped_procedure_changes_no_default() -> None:
     """So the reference weld has its limits from one place, and nothing else is new."""
     found = node_parameters(SHIPPED, SUPERVISOR)
-    assert found == {"fsw_supervisor": {name: SUPERVISOR[name] for name in found["fsw_supervisor"]}}
+    assert found == {
+        "fsw_supervisor": {name: SUPERVISOR[name] for name in found["fsw_supervisor"]}
+    }
     assert len(found["fsw_supervisor"]) == 7 * 2 + 4
 
 
 def test_limits_follow_the_procedure() -> None:
-    asked = with_limits(essential("temperature_c", min=795.0, max=905.0), essential("torque_nm", max=1500.0))
+    asked = with_limits(
+        essential("temperature_c", min=795.0, max=905.0), essential("torque_nm", max=1500.0)
+    )
     found = node_parameters(asked, SUPERVISOR)
     supervisor = found["fsw_supervisor"]
     assert (
-        supervisor["interlocks.temperature_low.trip"] == 795.0 and supervisor["interlocks.torque_high.trip"] == 1500.0
+        supervisor["interlocks.temperature_low.trip"] == 795.0
+        and supervisor["interlocks.torque_high.trip"] == 1500.0
     )
     assert supervisor["interlocks.torque_high.warn"] == 1300.0  # 200 below the trip, as by default
     assert supervisor["interlocks.temperature_high.warn"] == SHIPPED.set_points.temperature_c.max
@@ -48,7 +53,9 @@ def test_limits_follow_the_procedure() -> None:
 
 
 @pytest.mark.parametrize("hooked", [True, False])
-def test_a_weld_by_a_procedure_has_its_limits_and_runs_the_hooks(monkeypatch: pytest.MonkeyPatch, hooked: bool) -> None:
+def test_a_weld_by_a_procedure_has_its_limits_and_runs_the_hooks(
+    monkeypatch: pytest.MonkeyPatch, hooked: bool
+) -> None:
     hooks = {"judge": lambda bag, file: ["judge", bag, "a file", file]} if hooked else {}
     monkeypatch.setattr(procedure_limits, "all_loaded", {"fsw.record_hooks": hooks}.__getitem__)
     found = graph_parameters("copper_lid", SUPERVISOR)
@@ -56,20 +63,34 @@ def test_a_weld_by_a_procedure_has_its_limits_and_runs_the_hooks(monkeypatch: py
     assert found["fsw_recorder"]["attach"] == [found["fsw_procedure"]["procedure"]]
     assert found["fsw_hmi"] == found["fsw_procedure"], "it has its limits from the file itself"
     file = found["fsw_procedure"]["procedure"]
-    commands = found["fsw_recorder"].get("on_finished", [])  # an empty list would have no type in ROS
-    assert [shlex.split(command) for command in commands] == ([["judge", "{bag}", "a file", file]] if hooked else [])
+    commands = found["fsw_recorder"].get(
+        "on_finished", []
+    )  # an empty list would have no type in ROS
+    assert [shlex.split(command) for command in commands] == (
+        [["judge", "{bag}", "a file", file]] if hooked else []
+    )
     assert ("on_finished" in found["fsw_recorder"]) is hooked
 
 
 def test_commands_are_narrowed_never_widened() -> None:
-    asked = with_limits(essential("force_kn", min=70.0, max=150.0), essential("speed_rpm", min=100.0, max=450.0))
+    asked = with_limits(
+        essential("force_kn", min=70.0, max=150.0), essential("speed_rpm", min=100.0, max=450.0)
+    )
     found = node_parameters(asked, SUPERVISOR)["fsw_supervisor"]
     default = SUPERVISOR
-    assert found["limits.force_min_kn"] == 70.0 and found["limits.force_max_kn"] == default["limits.force_max_kn"]
-    assert found["limits.speed_min_rpm"] == default["limits.speed_min_rpm"] and found["limits.speed_max_rpm"] == 450.0
+    assert (
+        found["limits.force_min_kn"] == 70.0
+        and found["limits.force_max_kn"] == default["limits.force_max_kn"]
+    )
+    assert (
+        found["limits.speed_min_rpm"] == default["limits.speed_min_rpm"]
+        and found["limits.speed_max_rpm"] == 450.0
+    )
 
 
-@pytest.mark.parametrize(("variable", "limits"), [("force_kn", {"max": 20.0}), ("speed_rpm", {"min": 600.0})])
+@pytest.mark.parametrize(
+    ("variable", "limits"), [("force_kn", {"max": 20.0}), ("speed_rpm", {"min": 600.0})]
+)
 def test_limits_outside_of_the_drives_are_refused(variable: str, limits: dict[str, float]) -> None:
     with pytest.raises(InputError, match=f"{variable} leave nothing of what the drives can do"):
         node_parameters(with_limits(essential(variable, **limits)), SUPERVISOR)
@@ -130,7 +151,10 @@ def test_swaps(allowed: bool, cause: Cause, told: bool) -> None:
 
 def test_another_tuning_is_told() -> None:
     good = {"gain": 2.0, "use_sim_time": False}
-    controllers = [{"name": "decentral", "parameters_sha256": tuning_sha256(good)}, {"name": "nmpc"}]
+    controllers = [
+        {"name": "decentral", "parameters_sha256": tuning_sha256(good)},
+        {"name": "nmpc"},
+    ]
     watch = ProcedureWatch(short_procedure(controllers=controllers))
     watch.tuning("decentral", good | {"use_sim_time": True})
     watch.tuning("nmpc", {"anything": 1})

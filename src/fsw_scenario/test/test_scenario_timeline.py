@@ -28,5 +28,8 @@ def test_a_ramp_comes_true(c_per_s, ticks):
 
 @given(st.floats(0.1, 20.0), st.floats(0.01, 1.0))
 def test_a_sine_comes_true_but_for_its_ends_where_it_may_be_steep(amplitude_c, rad_per_s):
-    sine = {tick: Reference(2.66, 816.4 + amplitude_c * sin(0.1 * rad_per_s * tick)) for tick in range(1, 400)}
+    sine = {
+        tick: Reference(2.66, 816.4 + amplitude_c * sin(0.1 * rad_per_s * tick))
+        for tick in range(1, 400)
+    }
     assert set(list(sine)[10:-11]) <= set(believed(sine))

@@ -19,12 +19,18 @@ from fsw_schema.models import InputError
 WELD = [
     {"name": "dwell", "duration_s": 5.0},
     {"name": "start", "to_deg": 2.0, "set_points": [{"at_s": 1.0, "depth_mm": 2.7}]},
-    {"name": "joint_line", "to_deg": 4.0, "set_points": [{"at_s": 2.0, "temperature_c": 819.4, "over_s": 3.0}]},
+    {
+        "name": "joint_line",
+        "to_deg": 4.0,
+        "set_points": [{"at_s": 2.0, "temperature_c": 819.4, "over_s": 3.0}],
+    },
 ]
 
 
 def parse(phases, **others):
-    return scenario_file.parse(yaml.safe_dump({"name": "t", "phases": phases} | others), "weld.yaml")
+    return scenario_file.parse(
+        yaml.safe_dump({"name": "t", "phases": phases} | others), "weld.yaml"
+    )
 
 
 def changed(number, **values):
@@ -74,11 +80,23 @@ BAD = [
         changed(1, set_points=[{"depth_mm": 2.9}]),
         "depth_mm = 2.9 jumps by 0.24 mm, more than 0.2; give over_s: 12 or more",
     ),
-    (changed(1, set_points=[{"temperature_c": 830, "over_s": 12.0}]), "jumps by 13.6 degC, more than 12"),
-    (changed(1, set_points=[{"depth_mm": 5.0}]), "set_points[0].depth_mm = 5 is outside 1.5 to 4 mm"),
+    (
+        changed(1, set_points=[{"temperature_c": 830, "over_s": 12.0}]),
+        "jumps by 13.6 degC, more than 12",
+    ),
+    (
+        changed(1, set_points=[{"depth_mm": 5.0}]),
+        "set_points[0].depth_mm = 5 is outside 1.5 to 4 mm",
+    ),
     (changed(1, set_points=[{"at_s": 20.0, "depth_mm": 2.7}]), "at_s = 20 is outside 0 to 12.7"),
-    (changed(1, set_points=[{"at_s": 9.0, "over_s": 9.0, "depth_mm": 2.7}]), "over_s = 9 is outside 0 to 3.7"),
-    (changed(1, set_points=[{"over_s": 5.0, "depth_mm": 2.7}, {"at_s": 4.0, "depth_mm": 2.7}]), "at_s = 4 is before"),
+    (
+        changed(1, set_points=[{"at_s": 9.0, "over_s": 9.0, "depth_mm": 2.7}]),
+        "over_s = 9 is outside 0 to 3.7",
+    ),
+    (
+        changed(1, set_points=[{"over_s": 5.0, "depth_mm": 2.7}, {"at_s": 4.0, "depth_mm": 2.7}]),
+        "at_s = 4 is before",
+    ),
     (changed(1, set_points=[{"at_s": 4.0}]), "set_points[0] needs depth_mm or temperature_c"),
 ]
 
@@ -94,22 +112,33 @@ def test_a_bad_programme_is_one_clear_error(phases, part):
 
 def test_a_ramp_is_announced_as_a_stair_about_it_and_steps_as_they_are():
     ramp = [(100 + i, Reference(2.66, 800.0 + 0.1 * i)) for i in range(101)]
-    steps = [(10, Reference(2.7, 800.0)), (11, Reference(2.66, 800.0)), (300, Reference(2.7, 810.0))]
+    steps = [
+        (10, Reference(2.7, 800.0)),
+        (11, Reference(2.66, 800.0)),
+        (300, Reference(2.7, 810.0)),
+    ]
     plan = stair([*steps[:2], *ramp, steps[2]])
     assert [tick for tick, _ in plan] == [10, 11, *range(100, 201, 10), 300]
     assert (plan[:2], plan[-2:]) == (steps[:2], [ramp[-1], steps[2]])
-    assert [one.temperature_c for _, one in plan[2:-2]] == pytest.approx([800.5 + i for i in range(10)])
+    assert [one.temperature_c for _, one in plan[2:-2]] == pytest.approx(
+        [800.5 + i for i in range(10)]
+    )
     assert stair([]) == []
 
 
 def test_an_event_at_an_angle_has_the_time_at_which_the_tool_first_passes():
     edge = {"disturbance": {"channel": "depth", "shape": "step", "amplitude_mm": 0.1}}
-    scenario = parse(WELD, events=[edge | {"at_deg": 0.0}, edge | {"at_deg": 2.0}, edge | {"at_deg": 3.0}])
+    scenario = parse(
+        WELD, events=[edge | {"at_deg": 0.0}, edge | {"at_deg": 2.0}, edge | {"at_deg": 3.0}]
+    )
     per_deg = pi * 1050.0 / 360.0 / 86.0 * 60.0
     times = [event.at_s for event in scenario.events if event.at_s != 6.0 and event.disturbance]
     assert times == pytest.approx([5.0, 5.0 + 2.0 * per_deg, 5.0 + 3.0 * per_deg], abs=0.051)
     assert "at_deg" not in scenario.text, "the plant does not know angles"
-    for wrong, words in (({"at_deg": 4.1}, "at_deg = 4.1 is outside 0 to 4 deg"), ({"at_deg": 1, "at_s": 1}, "one of")):
+    for wrong, words in (
+        ({"at_deg": 4.1}, "at_deg = 4.1 is outside 0 to 4 deg"),
+        ({"at_deg": 1, "at_s": 1}, "one of"),
+    ):
         with pytest.raises(InputError, match=words):
             parse(WELD, events=[edge | wrong])
 
@@ -123,7 +152,9 @@ def test_what_contradicts_the_phases_is_an_error():
 
 durations = st.lists(st.floats(0.1, 30.0), min_size=1, max_size=len(PHASES))
 #: what happens; a number: so much later is the next tick of the process
-events = st.sampled_from([1, 1, 1, 15, 0, -3, 36_000, -36_000, "hold", "resume", "hold", "resume", "abort"])
+events = st.sampled_from(
+    [1, 1, 1, 15, 0, -3, 36_000, -36_000, "hold", "resume", "hold", "resume", "abort"]
+)
 actions = st.lists(events, max_size=200)
 
 
@@ -132,7 +163,11 @@ def test_phases_come_in_order_and_nothing_moves_unless_it_runs(durations, action
     angles = itertools.pairwise(itertools.accumulate(durations, initial=0.0))
     phases = [
         Phase.model_construct(
-            name=name, duration_s=duration_s, from_deg=angle[0], to_deg=angle[1], length_mm=duration_s
+            name=name,
+            duration_s=duration_s,
+            from_deg=angle[0],
+            to_deg=angle[1],
+            length_mm=duration_s,
         )
         for name, duration_s, angle in zip(PHASES, durations, angles, strict=False)
     ]
@@ -145,12 +180,18 @@ def test_phases_come_in_order_and_nothing_moves_unless_it_runs(durations, action
             number += 0 if late else action
         else:
             done, words = getattr(machine, action)()
-            allowed = {"hold": [State.RUNNING], "resume": [State.HELD], "abort": [State.RUNNING, State.HELD]}[action]
+            allowed = {
+                "hold": [State.RUNNING],
+                "resume": [State.HELD],
+                "abort": [State.RUNNING, State.HELD],
+            }[action]
             assert done == (state in allowed)
             assert words and "\n" not in words
         now = machine.progress()
         assert PHASES.index(now.phase) >= PHASES.index(last.phase)
-        assert now.angle_deg == pytest.approx(now.length_mm), "both follow the path, across the phases"
+        assert now.angle_deg == pytest.approx(now.length_mm), (
+            "both follow the path, across the phases"
+        )
         moved = now.length_mm - last.length_mm
         if isinstance(action, int) and not late and state is State.RUNNING:
             assert 0.0 < moved <= 1.5 + 1e-9, "also when the clock jumps"

@@ -52,7 +52,9 @@ class Weld:
             self.restart(present)
 
     def resume(self):
-        if self.machine.resume()[0] or (not self.course.followed and self.machine.state == "running"):
+        if self.machine.resume()[0] or (
+            not self.course.followed and self.machine.state == "running"
+        ):
             way = self.course.resume(present := self.in_force, self.machine.tick)
             self.restart(present)
             return way
@@ -78,8 +80,14 @@ class Weld:
 
 
 def moved_too_fast(before, after):
-    depth, temperature = abs(after.depth_mm - before.depth_mm), abs(after.temperature_c - before.temperature_c)
-    return depth > 0.1 * WELD_RATE_DEPTH_MM_PER_S + 1e-9 or temperature > 0.1 * WELD_RATE_TEMPERATURE_C_PER_S + 1e-9
+    depth, temperature = (
+        abs(after.depth_mm - before.depth_mm),
+        abs(after.temperature_c - before.temperature_c),
+    )
+    return (
+        depth > 0.1 * WELD_RATE_DEPTH_MM_PER_S + 1e-9
+        or temperature > 0.1 * WELD_RATE_TEMPERATURE_C_PER_S + 1e-9
+    )
 
 
 @pytest.mark.requirement("S29")
@@ -114,7 +122,11 @@ def test_what_the_programme_does_meanwhile_is_not_lost():
     for _ in range(1000):
         assert weld.tick() == START
     way = weld.resume()
-    assert (way.changes, way.duration_s, str(way)) == ({}, 0.0, "the programme's set-points are in force")
+    assert (way.changes, way.duration_s, str(way)) == (
+        {},
+        0.0,
+        "the programme's set-points are in force",
+    )
     for _ in range(600):
         assert weld.tick() == weld.programme
 
@@ -128,7 +140,9 @@ actions = st.one_of(
 
 @pytest.mark.requirement("S29")
 @given(st.lists(actions, max_size=12))
-@example([81, 150, 150, 150, 150, (2.5, 800.0, False)])  # the way back is longer than what is left of the programme
+@example(
+    [81, 150, 150, 150, 150, (2.5, 800.0, False)]
+)  # the way back is longer than what is left of the programme
 def test_set_points_in_force_move_at_the_permitted_rates_unless_by_a_step_by_hand(sequence):
     weld, stepped = Weld(), False
     before = weld.in_force

@@ -1,7 +1,8 @@
 """Entry points of programs that take long to import: Ctrl-C or SIGTERM meanwhile ends them quietly.
 
-Every name of this module stands for a package: ``fsw_schema.entry:fsw_plant.plant_node.main`` is an entry point that
-imports ``fsw_plant.plant_node`` when it is called and then calls its ``main``. This package imports next to nothing.
+Every name of this module stands for a package: ``fsw_schema.entry:fsw_plant.plant_node.main`` is
+an entry point that imports ``fsw_plant.plant_node`` when it is called and then calls its ``main``.
+This package imports next to nothing.
 """
 
 from __future__ import annotations
@@ -48,7 +49,9 @@ class Program:
             with quiet_start():
                 program = getattr(import_module(module), function)
             return int(program() or 0)
-        except KeyboardInterrupt:  # between the imports and what takes care of signals from then on
+        except (
+            KeyboardInterrupt
+        ):  # between the imports and what takes care of signals from then on
             for sign in _SIGNALS:
                 signal.signal(sign, signal.SIG_IGN)
             return 0

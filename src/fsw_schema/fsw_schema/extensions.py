@@ -2,11 +2,13 @@
 
 Groups:
 
-- ``fsw.commands``: modules with commands, by their first word (``bag.info``: another module with commands of ``bag``)
+- ``fsw.commands``: modules with commands, by their first word (``bag.info``: another module with
+  commands of ``bag``)
 - ``fsw.nodes``: functions that run a node
 - ``fsw.controllers``: classes of controllers
 - ``fsw.processes``: functions that make the heat model of a plant's process
-- ``fsw.record_hooks``: functions of bag and procedure, which give the command that runs after a recording
+- ``fsw.record_hooks``: functions of bag and procedure, which give the command that runs after a
+  recording
 - ``fsw.schemas``: models of files, by their kind
 - ``fsw.api``: public names of ``import fsw``
 """
@@ -30,10 +32,14 @@ def extensions(group: str) -> dict[str, metadata.EntryPoint]:
         Two distributions give a name two meanings.
     """
     found: dict[str, metadata.EntryPoint] = {}
-    for point in sorted(metadata.entry_points(group=group), key=lambda point: (point.name, point.value)):
+    for point in sorted(
+        metadata.entry_points(group=group), key=lambda point: (point.name, point.value)
+    ):
         other = found.setdefault(point.name, point)
         if other.value != point.value:
-            raise InputError(f"{group}: {point.name} is both {_words(other)} and {_words(point)}; uninstall one")
+            raise InputError(
+                f"{group}: {point.name} is both {_words(other)} and {_words(point)}; uninstall one"
+            )
     return found
 
 
@@ -53,7 +59,9 @@ def loaded(group: str, name: str) -> Any:
     except InputError:
         raise
     except Exception as error:  # a user's module may fail in any way
-        raise InputError(f"{group}: {name} of {_words(point)}: {type(error).__name__}: {error}") from error
+        raise InputError(
+            f"{group}: {name} of {_words(point)}: {type(error).__name__}: {error}"
+        ) from error
 
 
 def all_loaded(group: str) -> dict[str, Any]:

@@ -10,7 +10,8 @@ from typing import Any
 
 from fsw_schema.models import InputError
 
-#: installs the extra of a name into this environment; a clone of the repository sets it (scripts/_bootstrap.py)
+#: installs the extra of a name into this environment; a clone of the repository sets it
+#: (scripts/_bootstrap.py)
 install: Callable[[str], None] | None = None
 
 

@@ -14,7 +14,12 @@ from typing import BinaryIO
 
 #: most bytes of a file that is read at once; as JSON that is at most some 400 MB in memory
 LONGEST_BYTES = 16 * 2**20
-_KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}
+_KINDS = {
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
 
 
 def open_regular(path: str | Path) -> BinaryIO:
@@ -25,7 +30,9 @@ def open_regular(path: str | Path) -> BinaryIO:
     OSError
         It cannot be opened, or is no regular file; ``strerror`` says what to do.
     """
-    _check_regular(path, os.stat(path).st_mode)  # opening a pipe or a device would already act on it
+    _check_regular(
+        path, os.stat(path).st_mode
+    )  # opening a pipe or a device would already act on it
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         _check_regular(path, os.fstat(descriptor).st_mode)
@@ -37,10 +44,16 @@ def open_regular(path: str | Path) -> BinaryIO:
 
 def _check_regular(path: str | Path, mode: int) -> None:
     if stat.S_ISDIR(mode):
-        raise IsADirectoryError(errno.EISDIR, f"{os.strerror(errno.EISDIR)}; give a file", str(path))
+        raise IsADirectoryError(
+            errno.EISDIR, f"{os.strerror(errno.EISDIR)}; give a file", str(path)
+        )
     if not stat.S_ISREG(mode):
         kind = _KINDS.get(stat.S_IFMT(mode), "something else")
-        raise OSError(errno.EINVAL, f"{kind} and not a file; save its content in a file and give that", str(path))
+        raise OSError(
+            errno.EINVAL,
+            f"{kind} and not a file; save its content in a file and give that",
+            str(path),
+        )
 
 
 def read_regular(path: str | Path, longest_bytes: int = LONGEST_BYTES) -> bytes:
@@ -55,7 +68,9 @@ def read_regular(path: str | Path, longest_bytes: int = LONGEST_BYTES) -> bytes:
         size_bytes = os.fstat(file.fileno()).st_size
         content = file.read(longest_bytes + 1) if size_bytes <= longest_bytes else b""
     if max(size_bytes, len(content)) > longest_bytes:
-        raise OSError(errno.EINVAL, f"larger than {longest_bytes} bytes; give a smaller file", str(path))
+        raise OSError(
+            errno.EINVAL, f"larger than {longest_bytes} bytes; give a smaller file", str(path)
+        )
     return content
 
 
@@ -75,9 +90,9 @@ def user_cache(name: str) -> Path:
 def replacing(path: Path, mode: int = 0o666) -> Iterator[Path]:
     """A new, empty file beside ``path`` to be written, which takes its place at the end, or is removed after an error.
 
-    So nobody ever reads half a file, and several processes may write it at once. It has the suffix of ``path``.
-    A link is followed; what is no file, as ``/dev/stdout``, is never replaced but written itself. The new file has the
-    ``mode``, less the umask.
+    So nobody ever reads half a file, and several processes may write it at once. It has the suffix
+    of ``path``. A link is followed; what is no file, as ``/dev/stdout``, is never replaced but
+    written itself. The new file has the ``mode``, less the umask.
 
     Raises
     ------
@@ -101,7 +116,9 @@ def replacing(path: Path, mode: int = 0o666) -> Iterator[Path]:
         scratch.unlink(missing_ok=True)
 
 
-def write_whole(path: Path, content: str | bytes, mode: int = 0o666, durable: bool = False) -> None:
+def write_whole(
+    path: Path, content: str | bytes, mode: int = 0o666, durable: bool = False
+) -> None:
     """Write a file as :func:`replacing` does, text in UTF-8; ``durable``: it is on the disk before it takes its place.
 
     Raises

@@ -1,8 +1,9 @@
 """Declarative checks of user input, in files and requests: one base model, one kind of error, one text format.
 
-A model is a subclass of :class:`Model`. A number with a range is ``Annotated[float, RANGE]``, RANGE a
-:class:`fsw_schema.ranges.Range`, which brings the unit; a docstring below a field says what it is. From the same
-definition come the check, the error texts, the JSON Schema and the reference pages.
+A model is a subclass of :class:`Model`. A number with a range is ``Annotated[float, RANGE]``,
+RANGE a :class:`fsw_schema.ranges.Range`, which brings the unit; a docstring below a field says
+what it is. From the same definition come the check, the error texts, the JSON Schema and the
+reference pages.
 """
 
 from __future__ import annotations
@@ -37,12 +38,15 @@ from fsw_schema.yaml_text import content_of as content_of
 from fsw_schema.yaml_text import json_content_of as json_content_of
 
 _MOST_PROBLEMS = 10
-#: similar names are searched for in so many errors; a large file of another kind has tens of thousands
+#: similar names are searched for in so many errors; a large file of another kind has tens of
+#: thousands
 _MOST_COMPARED = 200
 _NAME = "^[A-Za-z0-9_]+$"
 #: what a value is not, by pydantic's type of error
 _KINDS = {
-    **dict.fromkeys(("model_type", "dict_type", "mapping_type", "model_attributes_type"), "a mapping"),
+    **dict.fromkeys(
+        ("model_type", "dict_type", "mapping_type", "model_attributes_type"), "a mapping"
+    ),
     **dict.fromkeys(("list_type", "tuple_type"), "a list"),
     "float_type": "a number",
     "finite_number": "a finite number",
@@ -131,7 +135,9 @@ def problem(text: str, *path: str | int) -> ValidationError:
     """The error for a validator to raise when something is wrong further inside, at ``path``."""
     # braces would be taken for the names of a template
     error = PydanticCustomError("problem", "{text}", {"text": text})
-    return ValidationError.from_exception_data("", [InitErrorDetails(type=error, loc=path, input=None)])
+    return ValidationError.from_exception_data(
+        "", [InitErrorDetails(type=error, loc=path, input=None)]
+    )
 
 
 def needs_one(entry: M, *keys: str) -> M:
@@ -193,13 +199,21 @@ def read_text(source: str | Path, what: str, shipped: Path | None = None) -> str
 def descriptions(model: type[BaseModel]) -> dict[str, str]:
     """What the docstrings below the fields of a model say, by field; of a field without one, its own description.
 
-    They are read when they are asked for: ``use_attribute_docstrings`` of pydantic reads the source of every model when
-    it is imported, which took up to a fifth of the time in which a node starts.
+    They are read when they are asked for: ``use_attribute_docstrings`` of pydantic reads the
+    source of every model when it is imported, which took up to a fifth of the time in which a node
+    starts.
     """
-    found = {name: field.description for name, field in model.model_fields.items() if field.description}
+    found = {
+        name: field.description for name, field in model.model_fields.items() if field.description
+    }
     for one in reversed(model.__mro__):
-        if not issubclass(one, Model) or one is Model or one.__pydantic_generic_metadata__["origin"]:
-            continue  # a generic model with its types has no source but that of the generic one, its base
+        if (
+            not issubclass(one, Model)
+            or one is Model
+            or one.__pydantic_generic_metadata__["origin"]
+        ):
+            # a generic model with its types has no source but that of the generic one, its base
+            continue
         try:
             (definition,) = ast.parse(dedent(inspect.getsource(one))).body
         except OSError:  # made from a table by `create_model`
@@ -207,7 +221,9 @@ def descriptions(model: type[BaseModel]) -> dict[str, str]:
         assert isinstance(definition, ast.ClassDef)
         for field, text in pairwise(definition.body):
             match field, text:
-                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(words))):
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(
+                    value=ast.Constant(value=str(words))
+                ):
                     found[name] = inspect.cleandoc(words)
     return found
 
@@ -221,7 +237,9 @@ def json_schema(model: type[Model]) -> dict[str, Any]:
 def range_of(model: type[Model], field: str) -> Range:
     """Range of a number in a model."""
     info = model.model_fields[field]
-    inside = (one for kind in get_args(info.annotation) for one in get_args(kind)[1:])  # of one that may be left out
+    inside = (
+        one for kind in get_args(info.annotation) for one in get_args(kind)[1:]
+    )  # of one that may be left out
     return next(one for one in (*info.metadata, *inside) if isinstance(one, Range))
 
 
@@ -245,7 +263,11 @@ class _GenerateJsonSchema(GenerateJsonSchema):
 
     def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
         found = super().default_schema(schema)
-        return {key: value for key, value in found.items() if key != "default" or value not in (None, [])}
+        return {
+            key: value
+            for key, value in found.items()
+            if key != "default" or value not in (None, [])
+        }
 
     def field_title_should_be_set(self, schema: Any) -> bool:
         return False

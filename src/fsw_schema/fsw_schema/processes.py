@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import sys
 
-#: set by the wheels of ROS 2 when they start the interpreter again with their libraries in LD_LIBRARY_PATH
+#: set by the wheels of ROS 2 when they start the interpreter again with their libraries in
+#: LD_LIBRARY_PATH
 _WHEELS_READY = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 _PATH = "LD_LIBRARY_PATH"
 
@@ -19,6 +20,10 @@ def tool_environment() -> dict[str, str]:
     if environment.pop(_WHEELS_READY, None) is None:
         return environment
     own = os.path.join(sys.prefix, "lib")
-    kept = [path for path in environment.get(_PATH, "").split(os.pathsep) if path and not path.startswith(own)]
+    kept = [
+        path
+        for path in environment.get(_PATH, "").split(os.pathsep)
+        if path and not path.startswith(own)
+    ]
     environment.pop(_PATH, None)
     return environment | ({_PATH: os.pathsep.join(kept)} if kept else {})

@@ -30,7 +30,9 @@ class Range:
 
         def check(value: Any) -> Any:
             if isinstance(value, bool) or not isinstance(value, int | float):
-                raise PydanticCustomError("problem", "{text}", {"text": f"is {value!r:.60}, not a number ({self})"})
+                raise PydanticCustomError(
+                    "problem", "{text}", {"text": f"is {value!r:.60}, not a number ({self})"}
+                )
             if complaint := self.complaint(value):
                 raise PydanticCustomError("problem", "{text}", {"text": f"= {complaint}"})
             return value

@@ -1,8 +1,9 @@
 """Reads YAML and JSON that people write, within bounds: no text takes more than a second or two, or much memory.
 
-``1e300`` is a number, no key is given twice, and every error is one line. Bounded are the length of the text, the
-number of values and the depth of nesting. An alias (``*name``) counts as all the values that it stands for: a few of
-them in each other stand for more than fits into memory. :mod:`fsw_schema.files` bounds what is read from a path.
+``1e300`` is a number, no key is given twice, and every error is one line. Bounded are the length
+of the text, the number of values and the depth of nesting. An alias (``*name``) counts as all the
+values that it stands for: a few of them in each other stand for more than fits into memory.
+:mod:`fsw_schema.files` bounds what is read from a path.
 """
 
 from __future__ import annotations
@@ -23,17 +24,20 @@ MOST_VALUES = 100_000
 DEEPEST = 50
 _LONGEST_NUMBER = 1_000
 _LONGEST_PROBLEM = 200
-#: errors in shorter texts come from PyYAML's own parser: it names the character in question, but takes 8 times as long
+#: errors in shorter texts come from PyYAML's own parser: it names the character in question, but
+#: takes 8 times as long
 _SHORT = 20_000
 _INT, _FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
-#: what PyYAML lets through for a value that does not fit its tag, e.g. ``!!bool 3`` or the 31st of June
+#: what PyYAML lets through for a value that does not fit its tag, e.g. ``!!bool 3`` or the 31st of
+#: June
 _OF_A_VALUE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError)
 
 
 class _Bounded(yaml.composer.Composer):
     """Composes a document while its parser reads it, and stops at the first value beyond a bound.
 
-    An alias counts as all that it stands for, so that what comes out is bounded for everyone who walks through it.
+    An alias counts as all that it stands for, so that what comes out is bounded for everyone who
+    walks through it.
     """
 
     peek_event: Callable[[], yaml.Event]  # the parser's
@@ -169,7 +173,9 @@ def content_of(text: str, where: str) -> Any:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         line = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        raise InputError(f"{where}{line}: not valid YAML: {_one_line(error.problem or 'broken')}") from None
+        raise InputError(
+            f"{where}{line}: not valid YAML: {_one_line(error.problem or 'broken')}"
+        ) from None
     except yaml.YAMLError as error:
         raise InputError(f"{where}: not valid YAML: {_one_line(str(error))}") from None
 

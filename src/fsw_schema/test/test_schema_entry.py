@@ -28,7 +28,12 @@ QUIET = (0, "", "")
 
 @pytest.mark.parametrize(
     ("words", "expected"),
-    [([], (3, "begins True\n", "")), (["interrupted"], QUIET), (["terminated"], QUIET), (["later"], QUIET)],
+    [
+        ([], (3, "begins True\n", "")),
+        (["interrupted"], QUIET),
+        (["terminated"], QUIET),
+        (["later"], QUIET),
+    ],
 )
 def test_a_program_is_called_or_ends_quietly_while_it_is_imported(tmp_path, words, expected):
     (tmp_path / "slow").mkdir()
@@ -36,5 +41,7 @@ def test_a_program_is_called_or_ends_quietly_while_it_is_imported(tmp_path, word
     path = [str(tmp_path), *filter(None, sys.path)]
     # as the scripts do that setuptools makes of entry points
     code = f"import sys; sys.path[:] = {path!r}; from fsw_schema.entry import slow; sys.exit(slow.node.main())"
-    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words], capture_output=True, text=True, timeout=60
+    )
     assert (done.returncode, done.stdout, done.stderr) == expected

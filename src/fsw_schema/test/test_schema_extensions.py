@@ -54,7 +54,9 @@ def test_the_same_one_twice_is_one_and_another_of_its_name_is_refused(site: Path
     assert all(name in str(caught.value) for name in (GROUP, "length", "third", "builtins:max"))
 
 
-@pytest.mark.parametrize("value", ["no_such_module_of_a_test:f", "builtins:no_such_name", "broken_module_of_a_test"])
+@pytest.mark.parametrize(
+    "value", ["no_such_module_of_a_test:f", "builtins:no_such_name", "broken_module_of_a_test"]
+)
 def test_one_that_cannot_be_loaded_names_its_distribution(site: Path, value: str) -> None:
     (site / "broken_module_of_a_test.py").write_text("1 / 0\n")
     install(site, "broken", f"bad = {value}")
@@ -63,11 +65,15 @@ def test_one_that_cannot_be_loaded_names_its_distribution(site: Path, value: str
     assert "(broken)" in str(caught.value) and value in str(caught.value)
 
 
-def test_an_extra_is_installed_at_first_use_where_that_is_possible(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_extra_is_installed_at_first_use_where_that_is_possible(
+    site: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     extra = Extra("some-distribution", "some_extra", ("module_of_some_extra",))
     with pytest.raises(MissingExtraError) as caught:
         extra.need("it")
-    assert "some-distribution[some_extra]" in str(caught.value) and "module_of_some_extra" in str(caught.value)
+    assert "some-distribution[some_extra]" in str(caught.value) and "module_of_some_extra" in str(
+        caught.value
+    )
     asked = []
 
     def installed(name: str) -> None:
@@ -81,4 +87,6 @@ def test_an_extra_is_installed_at_first_use_where_that_is_possible(site: Path, m
 
 def test_an_extra_that_cannot_be_installed_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(extras, "install", lambda name: None)
-    assert Extra("some-distribution", "some_extra", ("os", "no_module_at_all")).missing() == ["no_module_at_all"]
+    assert Extra("some-distribution", "some_extra", ("os", "no_module_at_all")).missing() == [
+        "no_module_at_all"
+    ]

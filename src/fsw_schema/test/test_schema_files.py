@@ -14,7 +14,11 @@ from fsw_schema.files import locked, open_regular, read_regular, replacing, user
 
 @pytest.mark.parametrize(
     ("variable", "folder"),
-    [("/var/kept", "/var/kept/fsw_x"), ("relative", "/home/anna/.cache/fsw_x"), ("", "/home/anna/.cache/fsw_x")],
+    [
+        ("/var/kept", "/var/kept/fsw_x"),
+        ("relative", "/home/anna/.cache/fsw_x"),
+        ("", "/home/anna/.cache/fsw_x"),
+    ],
 )
 def test_cache_is_where_the_user_says_if_that_is_absolute(monkeypatch, variable, folder):
     monkeypatch.setenv("HOME", "/home/anna")
@@ -66,7 +70,11 @@ def test_what_is_no_file_is_not_replaced_and_a_link_is_followed(tmp_path):
         assert scratch == pipe
     link.symlink_to(tmp_path / "weld.csv")
     write_whole(link, "new")
-    assert (link.is_symlink(), (tmp_path / "weld.csv").read_text(), pipe.is_fifo()) == (True, "new", True)
+    assert (link.is_symlink(), (tmp_path / "weld.csv").read_text(), pipe.is_fifo()) == (
+        True,
+        "new",
+        True,
+    )
 
 
 @pytest.mark.parametrize("content", ["30 °C\n", b"30 \xc2\xb0C\n"])
@@ -92,7 +100,10 @@ def test_only_one_at_a_time_works_in_a_folder(tmp_path):
 def test_only_regular_files_are_opened_and_nothing_waits(tmp_path, read):
     pipe, socket_path = tmp_path / "pipe", tmp_path / "socket"
     os.mkfifo(pipe)
-    places = [(pipe, "a pipe and not a file; save"), ("/dev/zero", "a device and not a file; save")]
+    places = [
+        (pipe, "a pipe and not a file; save"),
+        ("/dev/zero", "a device and not a file; save"),
+    ]
     places += [(tmp_path, "Is a directory; give a file"), (tmp_path / "none", "No such file")]
     with socket.socket(socket.AF_UNIX) as server:
         server.bind(str(socket_path))
@@ -109,5 +120,7 @@ def test_file_is_read_up_to_a_bound(tmp_path):
     assert read_regular(path, 4) == read_regular(str(tmp_path / "link")) == b"a: 1"
     with pytest.raises(OSError, match="larger than 3 bytes; give a smaller file"):
         read_regular(path, 3)
-    with pytest.raises(OSError, match="larger than 3 bytes"):  # files of /proc have no size before they are read
+    with pytest.raises(
+        OSError, match="larger than 3 bytes"
+    ):  # files of /proc have no size before they are read
         read_regular("/proc/self/status", 3)

@@ -50,7 +50,11 @@ def read(text: str) -> Part:
 def test_what_fits():
     assert read("{name: a, marks: , count: }") == Part(name="a")
     part = read("{name: a_1, marks: [{kind: bump, height_mm: 2}, {kind: hole}], count: 1e1}")
-    assert part == Part(name="a_1", marks=(Bump(kind="bump", height_mm=2.0), Dent(kind="hole", share=0.5)), count=10)
+    assert part == Part(
+        name="a_1",
+        marks=(Bump(kind="bump", height_mm=2.0), Dent(kind="hole", share=0.5)),
+        count=10,
+    )
     with pytest.raises(ValidationError):
         part.count = 3  # it is immutable
 
@@ -73,27 +77,54 @@ def test_what_fits():
         ("{name: a, marks: [{}]}", "marks[0] lacks kind"),
         ("{name: a, marks: [{kind: wave}]}", "marks[0] has kind 'wave'; one of bump, dent, hole"),
         ("{name: a, marks: [{kind: bump}]}", "marks[0] lacks height_mm"),
-        ("{name: a, marks: [{kind: dent, share: .inf}]}", "marks[0].share is inf, not a finite number"),
+        (
+            "{name: a, marks: [{kind: dent, share: .inf}]}",
+            "marks[0].share is inf, not a finite number",
+        ),
         ("{name: a, marks: [{kind: dent, share: true}]}", "marks[0].share is True, not a number"),
         ("{name: a, marks: [{kind: dent, share: '1'}]}", "marks[0].share is '1', not a number"),
-        ("{name: a, marks: [{kind: bump, height_mm: 5}]}", "marks[0].height_mm = 5 is outside 1.5 to 4 mm"),
-        ("{name: a, marks: [{kind: bump, height_mm: x}]}", "marks[0].height_mm is 'x', not a number (1.5 to 4 mm)"),
-        ("{name: a, marks: [{kind: bump, height_mm: 2, low_mm: 3}]}", "marks[0].low_mm = 3 is above {height_mm}"),
+        (
+            "{name: a, marks: [{kind: bump, height_mm: 5}]}",
+            "marks[0].height_mm = 5 is outside 1.5 to 4 mm",
+        ),
+        (
+            "{name: a, marks: [{kind: bump, height_mm: x}]}",
+            "marks[0].height_mm is 'x', not a number (1.5 to 4 mm)",
+        ),
+        (
+            "{name: a, marks: [{kind: bump, height_mm: 2, low_mm: 3}]}",
+            "marks[0].low_mm = 3 is above {height_mm}",
+        ),
         ("{name: a, marks: [{kind: bump, height_mm: 2, low_mm: 2}]}", "marks[0] is flat"),
-        ("{name: a, bumps: {x: {kind: dent, height_mm: 2}}}", "bumps.x.kind is 'dent'; one of bump"),
+        (
+            "{name: a, bumps: {x: {kind: dent, height_mm: 2}}}",
+            "bumps.x.kind is 'dent'; one of bump",
+        ),
         (
             "{name: a, marks: [{kind: bump, height_mm: 2, hight_mm: 2}]}",
             "marks[0].hight_mm is an unknown key; did you mean height_mm? known: kind, height_mm, low_mm",
         ),
-        ("{name: a, 1: 2}", "part.yaml: 1 is an unknown key; known: name, marks, bumps, count, sound"),
-        ("name: a\nname: b", "part.yaml, line 2, column 1: not valid YAML: key 'name' is given twice"),
+        (
+            "{name: a, 1: 2}",
+            "part.yaml: 1 is an unknown key; known: name, marks, bumps, count, sound",
+        ),
+        (
+            "name: a\nname: b",
+            "part.yaml, line 2, column 1: not valid YAML: key 'name' is given twice",
+        ),
         (
             "name:\n\ta",
             "part.yaml, line 2, column 1: not valid YAML: found character '\\t' that cannot start any token",
         ),
         ("[" * 900, "part.yaml, line 1, column 51: not valid YAML: nested deeper than 50 levels"),
-        ("[" * 200_000, "part.yaml, line 1, column 51: not valid YAML: nested deeper than 50 levels"),
-        ("&a [*a]", "part.yaml, line 1, column 5: not valid YAML: alias *a is part of what it stands for"),
+        (
+            "[" * 200_000,
+            "part.yaml, line 1, column 51: not valid YAML: nested deeper than 50 levels",
+        ),
+        (
+            "&a [*a]",
+            "part.yaml, line 1, column 5: not valid YAML: alias *a is part of what it stands for",
+        ),
         ("a: [", "part.yaml, line 1, column 5: not valid YAML"),
         (f"name: {'x y ' * 1000}", "x y, not a name"),
     ],
@@ -109,11 +140,14 @@ def test_all_problems_are_listed_but_not_hundreds():
     with pytest.raises(InputError) as caught:
         read("{count: 0, sound: maybe, marks: [{kind: bump}]}")
     assert all(
-        part in str(caught.value) for part in ("lacks name; ", "marks[0] lacks height_mm; ", "count = 0", "sound")
+        part in str(caught.value)
+        for part in ("lacks name; ", "marks[0] lacks height_mm; ", "count = 0", "sound")
     )
     with pytest.raises(InputError, match=r"and 91 more$"):
         read(f"{{name: a, marks: [{'3, ' * 101}]}}")
-    with pytest.raises(InputError, match=r"known: name, .*, sound; mark is an unknown key; did you mean marks\?$"):
+    with pytest.raises(
+        InputError, match=r"known: name, .*, sound; mark is an unknown key; did you mean marks\?$"
+    ):
         read("{name: a, 1: 2, mark: 3}")
 
 
@@ -134,7 +168,10 @@ def test_json_schema_has_range_unit_and_meaning():
         "maximum": 4.0,
         "unit": "mm",
     }
-    assert "anyOf" not in bump["properties"]["low_mm"] and bump["required"] == ["kind", "height_mm"]
+    assert "anyOf" not in bump["properties"]["low_mm"] and bump["required"] == [
+        "kind",
+        "height_mm",
+    ]
     assert json.loads(json.dumps(found)) == found
 
 
@@ -146,7 +183,11 @@ def test_the_range_of_a_field():
 def test_text_of_a_file_or_a_shipped_one(tmp_path):
     (tmp_path / "one.yaml").write_text("a: 1", encoding="utf-8")
     (tmp_path / "bad.yaml").write_bytes(b"\xff")
-    assert models.read_text("one", "part", tmp_path) == models.read_text(tmp_path / "one.yaml", "part") == "a: 1"
+    assert (
+        models.read_text("one", "part", tmp_path)
+        == models.read_text(tmp_path / "one.yaml", "part")
+        == "a: 1"
+    )
     with pytest.raises(InputError, match=r"cannot read part two: .*one of bad, one"):
         models.read_text("two", "part", tmp_path)
     with pytest.raises(InputError, match=r"cannot read part onne: .*did you mean one\?$"):

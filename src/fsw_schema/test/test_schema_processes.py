@@ -12,7 +12,10 @@ def test_wheels_are_left_out_and_the_users_path_is_kept(monkeypatch: pytest.Monk
     monkeypatch.setenv("_ROS_WHEELS_BOOTSTRAP_COMPLETE", "1")
     monkeypatch.setenv("LD_LIBRARY_PATH", os.pathsep.join([f"{sys.prefix}/lib", "/opt/mine"]))
     environment = tool_environment()
-    assert environment["LD_LIBRARY_PATH"] == "/opt/mine" and "_ROS_WHEELS_BOOTSTRAP_COMPLETE" not in environment
+    assert (
+        environment["LD_LIBRARY_PATH"] == "/opt/mine"
+        and "_ROS_WHEELS_BOOTSTRAP_COMPLETE" not in environment
+    )
     monkeypatch.setenv("LD_LIBRARY_PATH", f"{sys.prefix}/lib")
     assert "LD_LIBRARY_PATH" not in tool_environment()
 

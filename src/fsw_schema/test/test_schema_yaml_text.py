@@ -12,16 +12,65 @@ from fsw_schema.errors import InputError
 from fsw_schema.models import Model, validate
 from fsw_schema.yaml_text import DEEPEST, LONGEST_TEXT, MOST_VALUES, content_of, json_content_of
 
-SCALARS = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(max_size=20)
-TREES = st.recursive(
-    SCALARS, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=4)
+SCALARS = (
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(max_size=20)
 )
-#: pieces that stand for everything that YAML can do: anchors, aliases, tags, merges, nesting in both styles, documents
+TREES = st.recursive(
+    SCALARS,
+    lambda inner: (
+        st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=4)
+    ),
+)
+#: pieces that stand for everything that YAML can do: anchors, aliases, tags, merges, nesting in
+#: both styles, documents
 PIECES = st.sampled_from(
     [
-        *("&a ", "*a", "a: ", "? ", "- ", "\n", "  ", "[", "]", "{", "}", ", ", "<<: ", "---", "...", "%YAML 9.9\n"),
-        *("!!int ", "!!bool ", "!!float ", "!!set ", "!!timestamp ", "!!binary ", "!!omap ", "!x ", "'", '"', "|\n"),
-        *("x", "1", "-", ":", "1e5", "1:" * 400, "9" * 1500, "[" * 60, "2001-99-99", "\0", "\ud800", "\t", "# "),
+        *(
+            "&a ",
+            "*a",
+            "a: ",
+            "? ",
+            "- ",
+            "\n",
+            "  ",
+            "[",
+            "]",
+            "{",
+            "}",
+            ", ",
+            "<<: ",
+            "---",
+            "...",
+            "%YAML 9.9\n",
+        ),
+        *(
+            "!!int ",
+            "!!bool ",
+            "!!float ",
+            "!!set ",
+            "!!timestamp ",
+            "!!binary ",
+            "!!omap ",
+            "!x ",
+            "'",
+            '"',
+            "|\n",
+        ),
+        *(
+            "x",
+            "1",
+            "-",
+            ":",
+            "1e5",
+            "1:" * 400,
+            "9" * 1500,
+            "[" * 60,
+            "2001-99-99",
+            "\0",
+            "\ud800",
+            "\t",
+            "# ",
+        ),
     ]
 )
 
@@ -43,12 +92,24 @@ def merge_bomb(levels: int) -> str:
 
 
 def depth(content: object) -> int:
-    inner = content.values() if isinstance(content, dict) else content if isinstance(content, list) else None
+    inner = (
+        content.values()
+        if isinstance(content, dict)
+        else content
+        if isinstance(content, list)
+        else None
+    )
     return 0 if inner is None else 1 + max(map(depth, inner), default=0)
 
 
 def size(content: object) -> int:
-    inner = content.values() if isinstance(content, dict) else content if isinstance(content, list) else ()
+    inner = (
+        content.values()
+        if isinstance(content, dict)
+        else content
+        if isinstance(content, list)
+        else ()
+    )
     return 1 + sum(map(size, inner))
 
 
@@ -64,16 +125,28 @@ def one_line(read, text: str) -> str:
     ("text", "problem"),
     [
         (merge_bomb(9), "values with those of aliases; write less"),
-        (bomb(9), "line 6, column 10: not valid YAML: more than 100000 values with those of aliases; write less"),
+        (
+            bomb(9),
+            "line 6, column 10: not valid YAML: more than 100000 values with those of aliases; write less",
+        ),
         ("a: &a {b: *a}", "alias *a is part of what it stands for; write the value out"),
         ("a: *b", "found undefined alias"),
-        ("\n".join(["- &a0 [x]", *(f"- &a{n} [*a{n - 1}]" for n in range(1, 3000))]), "nested deeper than 50 levels"),
-        ("[" * 3000 + "]" * 3000, f"column {DEEPEST + 1}: not valid YAML: nested deeper than {DEEPEST} levels"),
+        (
+            "\n".join(["- &a0 [x]", *(f"- &a{n} [*a{n - 1}]" for n in range(1, 3000))]),
+            "nested deeper than 50 levels",
+        ),
+        (
+            "[" * 3000 + "]" * 3000,
+            f"column {DEEPEST + 1}: not valid YAML: nested deeper than {DEEPEST} levels",
+        ),
         ("{a: " * 3000 + "}" * 3000, f"nested deeper than {DEEPEST} levels"),
         ("\n".join(" " * n + "a:" for n in range(1500)), f"nested deeper than {DEEPEST} levels"),
         ("- " * 3000, f"nested deeper than {DEEPEST} levels"),
         (f"[{'x,' * MOST_VALUES}]", f"more than {MOST_VALUES} values; write less into one file"),
-        ("x" * (LONGEST_TEXT + 1), f"longer than {LONGEST_TEXT} characters; write less into one file"),
+        (
+            "x" * (LONGEST_TEXT + 1),
+            f"longer than {LONGEST_TEXT} characters; write less into one file",
+        ),
         ("a: " + "9" * 5000, "a number of more than 1000 characters"),
         ("a: " + "1:" * 100_000 + "1", "a number of more than 1000 characters"),
         ("a: " + "1:" * 300 + "1.5", "not valid YAML"),
@@ -90,7 +163,9 @@ def test_yaml_beyond_a_bound_is_one_line(text, problem):
     assert problem in one_line(content_of, text)
 
 
-@pytest.mark.parametrize("text", ["[" * 3000 + "]" * 3000, '{"a":' * 51 + "1" + "}" * 51, "[" * 100_000])
+@pytest.mark.parametrize(
+    "text", ["[" * 3000 + "]" * 3000, '{"a":' * 51 + "1" + "}" * 51, "[" * 100_000]
+)
 def test_json_nested_too_deep_is_one_line(text):
     assert f"nested deeper than {DEEPEST} levels" in one_line(json_content_of, text)
 
@@ -112,7 +187,9 @@ def test_reading_stops_where_a_bound_is_reached(monkeypatch):
     monkeypatch.setattr(yaml_text._Bounded, "compose_node", counting)
     for text in (bomb(12), "[" * 15_000, "- " * 9_000):
         one_line(content_of, text)
-        assert len(counts) < 2 * (DEEPEST + 10)  # by libyaml, then by PyYAML, which words the error
+        assert len(counts) < 2 * (
+            DEEPEST + 10
+        )  # by libyaml, then by PyYAML, which words the error
         counts.clear()
 
 
@@ -134,7 +211,9 @@ def test_as_deep_and_as_many_as_permitted():
 @example({"0E0": None})
 @given(TREES)
 def test_what_is_written_is_read(tree):
-    quoted = yaml.safe_dump(tree, default_style='"')  # plain, PyYAML writes the text 0E0, which is a number here
+    quoted = yaml.safe_dump(
+        tree, default_style='"'
+    )  # plain, PyYAML writes the text 0E0, which is a number here
     assert content_of(quoted, "") == tree
     assert json_content_of(json.dumps(tree), "") == tree
 

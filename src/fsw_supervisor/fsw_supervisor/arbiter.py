@@ -1,18 +1,20 @@
 """The arbiter: one command per tick, under all conditions.
 
-Pure: no middleware, times are arguments (steady seconds), every input is a method, and commands to send are returned as
-a list of decisions. The modes and their transitions are the table in ``state_machine.py``.
+Pure: no middleware, times are arguments (steady seconds), every input is a method, and commands to
+send are returned as a list of decisions. The modes and their transitions are the table in
+``state_machine.py``.
 
 Invariants:
 
 - Each tick gets one command, or is counted as lost: before the first command, and in a gap.
-- Each command is finite, inside the limits and one move at most from the command in force; after a start or a gap, from
+- Each command is finite, inside the limits and one move at most from the command in force; after a
+  start or a gap, from
 the drives' actual values.
-- While an interlock is tripped the mode is safe stop, from the tick in which it is judged: interlocks act by level. A
-  safe stop is left only by the operator, with valid sensors, after an acknowledgement that no cause has followed. A
-  restart goes on with it.
-- No state without control lasts indefinitely: start, hold and manual with an invalid sensor have time-outs that lead to
-  safe stop.
+- While an interlock is tripped the mode is safe stop, from the tick in which it is judged:
+  interlocks act by level. A safe stop is left only by the operator, with valid sensors, after an
+  acknowledgement that no cause has followed. A restart goes on with it.
+- No state without control lasts indefinitely: start, hold and manual with an invalid sensor have
+  time-outs that lead to safe stop.
 - Each request is answered once, with the reason if it is refused.
 """
 
@@ -56,7 +58,10 @@ class Arbiter:
         self.operator = OperatorRequests(self.machine, self.registry, self.safety, lockstep)
         self.watch = CommandWatch()  #: tells own commands from foreign ones
         self.in_force = CommandInForce()  #: the command that the drives follow
-        self._knew: tuple[bool, bool] = (False, False)  #: whether the actuator end knew a leader, and what acts
+        self._knew: tuple[bool, bool] = (
+            False,
+            False,
+        )  #: whether the actuator end knew a leader, and what acts
         self._end_restarted = False  #: it does not any more
         self._start_up = StartUp(self.machine, self.registry, self.operator, self.in_force)
         #: the present tick and counts of those before
@@ -118,7 +123,9 @@ class Arbiter:
         self._end_restarted, before = False, self.in_force.applied or self.in_force.seen
         acting = self.in_force.commanded(feedback)
         if before is not None and refusal(acting, self.settings.limits, before) is not None:
-            self.machine.merge_stop(self.machine.register.next_stop(StopCause.WATCHDOG, "plant", stamp_ns))
+            self.machine.merge_stop(
+                self.machine.register.next_stop(StopCause.WATCHDOG, "plant", stamp_ns)
+            )
 
     def on_proposal(self, name: str, proposal: ProposalInput, now_s: float) -> list[Decision]:
         """Take a proposal that arrived on the topic of controller ``name``."""
@@ -127,7 +134,12 @@ class Arbiter:
         return self.ticks.decide()
 
     def on_status(
-        self, name: str, tolerated_sensors: tuple[str, ...], selected: bool, now_s: float, applied_source: str = ""
+        self,
+        name: str,
+        tolerated_sensors: tuple[str, ...],
+        selected: bool,
+        now_s: float,
+        applied_source: str = "",
     ) -> list[Decision]:
         """Take a controller's status, and the source of the command that it has seen applied last."""
         self.ticks.pass_time(now_s)
@@ -144,7 +156,9 @@ class Arbiter:
         self.ticks.note_silence()
         return decisions
 
-    def on_command(self, stamp_ns: int, source: str, command: Command, by_supervisor: bool = False) -> bool:
+    def on_command(
+        self, stamp_ns: int, source: str, command: Command, by_supervisor: bool = False
+    ) -> bool:
         """Take a message from the command topic; returns whether this supervisor sent it, not a foreign writer.
 
         ``by_supervisor``: another supervisor has signed it.
@@ -161,7 +175,8 @@ class Arbiter:
     def on_source(self, source: str) -> None:
         """Take the source of the command in force, as others have seen it: a safe stop outlasts a restart.
 
-        Before the first command, sent here or by a leader, it can only be a command of the supervisor before.
+        Before the first command, sent here or by a leader, it can only be a command of the
+        supervisor before.
         """
         if source == Mode.SAFE_STOP and self.ticks.last is None:
             self.machine.fire(Cause.RESTARTED, Reason(ReasonCode.STOPPED_BEFORE), "start")
@@ -169,13 +184,17 @@ class Arbiter:
     def on_actuator(self, state: ActuatorState) -> None:
         """Take what the actuator end reports with a measurement: it remembers what supervisors before this one did."""
         self.machine.reported = state.stop
-        self.ticks.moved_itself, self.ticks.unheard = not state.source, state.unanswered >= LOST_COMMANDS
+        self.ticks.moved_itself, self.ticks.unheard = (
+            not state.source,
+            state.unanswered >= LOST_COMMANDS,
+        )
         knows = bool(state.leader), bool(state.source)
         self._end_restarted |= knows < self._knew and not state.stop.stopped
         self._knew = knows
         self.on_stop(state.stop)
         self.on_source(state.source)
-        # Of a controller whose topics have not been found yet, too: a restart waits some ticks for it.
+        # Of a controller whose topics have not been found yet, too: a restart waits some ticks for
+        # it.
         self._start_up.on_status(state.source, may_be_controller(state.source))
 
     def on_stop(self, stop: Stop) -> None:
@@ -191,18 +210,26 @@ class Arbiter:
         """On standby: take over what the leader has commanded."""
         applied = self.settings.limits.clip(command, None)
         self.in_force.on_sent(applied)
-        self.ticks.last, self.ticks.commanded_s = Decision(stamp_ns, applied, source), self.ticks.now_s
+        self.ticks.last, self.ticks.commanded_s = (
+            Decision(stamp_ns, applied, source),
+            self.ticks.now_s,
+        )
         tick = self.ticks.present
         if tick is not None and stamp_ns == tick.stamp_ns:
             tick.answered = True
         elif tick is not None:
             tick.previous = applied
         if not self.safety.tripped:
-            # A cause that is seen here keeps this supervisor in the safe stop, whatever the leader has missed.
+            # A cause that is seen here keeps this supervisor in the safe stop, whatever the leader
+            # has missed.
             self.machine.mirror(source)
 
     def follow_operator(
-        self, controller: str, mode: str, inhibited: Mapping[str, Reason], actual: Standing | None = None
+        self,
+        controller: str,
+        mode: str,
+        inhibited: Mapping[str, Reason],
+        actual: Standing | None = None,
     ) -> None:
         """On standby: copy the operator's requests to the leader, and which controllers are inhibited there and why.
 
@@ -236,10 +263,12 @@ class Arbiter:
         self.ticks.take_back([])
         self.ticks.leading = False
         self.watch.change_role()
-        # The last decision may not have been obeyed: the command in force comes from the leader or the drives.
+        # The last decision may not have been obeyed: the command in force comes from the leader or
+        # the drives.
         self.in_force.forget()
         if (tick := self.ticks.present) is not None:
-            # In lockstep a tick that nobody has been heard to answer may stand: it is decided here, too.
+            # In lockstep a tick that nobody has been heard to answer may stand: it is decided
+            # here, too.
             tick.answered, tick.previous = tick.answered or not self.lockstep, None
         self.operator.drop(reason)
         self.machine.log(Level.WARN, "failover", f"on standby: {reason}")
@@ -260,4 +289,8 @@ def problem(values: Mapping[str, Any]) -> str | None:
         return str(error)
     names = (values["controller"], *values["fallbacks"])
     wrong = [name for name in names if not may_be_controller(name)]
-    return f"controller, fallbacks: {wrong[0]!r} cannot be the name of a controller" if wrong else None
+    return (
+        f"controller, fallbacks: {wrong[0]!r} cannot be the name of a controller"
+        if wrong
+        else None
+    )

@@ -62,11 +62,26 @@ class Arbitration:
         if machine.mode is Mode.HOLD and machine.target_mode is Mode.AUTO:
             name = "" if machine.storming() else self.registry.first_ready()
             if name:
-                machine.fire(Cause.CONTROLLER_BACK, Reason(ReasonCode.READY_AGAIN, subject=name), "failover", name)
-        elif machine.mode is Mode.AUTO and settings.return_to_target and machine.active != machine.target:
+                machine.fire(
+                    Cause.CONTROLLER_BACK,
+                    Reason(ReasonCode.READY_AGAIN, subject=name),
+                    "failover",
+                    name,
+                )
+        elif (
+            machine.mode is Mode.AUTO
+            and settings.return_to_target
+            and machine.active != machine.target
+        ):
             name = machine.target
-            if not self.operator.waiting and not self.registry.why_not_ready(name) and not machine.storming():
-                machine.swap(name, Cause.SWAP_BACK, Reason(ReasonCode.READY_AGAIN, subject=name), "failover")
+            if (
+                not self.operator.waiting
+                and not self.registry.why_not_ready(name)
+                and not machine.storming()
+            ):
+                machine.swap(
+                    name, Cause.SWAP_BACK, Reason(ReasonCode.READY_AGAIN, subject=name), "failover"
+                )
         self._time_out()
 
     def _time_out(self) -> None:
@@ -86,7 +101,9 @@ class Arbitration:
         else:
             return
         if machine.elapsed(since_ns, limit_s):
-            reason = Reason(ReasonCode.TIMEOUT, limit_s=limit_s, subject=str(machine.mode), because=why)
+            reason = Reason(
+                ReasonCode.TIMEOUT, limit_s=limit_s, subject=str(machine.mode), because=why
+            )
             machine.fire(trigger, reason, "failover")
 
     # ---------------------------------------------------------------- the decision
@@ -109,7 +126,8 @@ class Arbitration:
             return
         if not self.start_up.may_command(tick, now_s, final):
             if final:
-                # A command now would deselect every controller; the command in force may still change.
+                # A command now would deselect every controller; the command in force may still
+                # change.
                 tick.settle()
                 self.in_force.forget()
             return
@@ -123,22 +141,30 @@ class Arbitration:
     def _inputs_complete(self, tick: Tick) -> bool:
         """Whether all inputs have arrived whose timing must not matter for the decision."""
         mode, active = self.machine.mode, self.machine.active
-        missing = () if tick.judged else tuple(name for name in REQUIRED if name not in tick.samples)
+        missing = (
+            () if tick.judged else tuple(name for name in REQUIRED if name not in tick.samples)
+        )
         if missing:
             proposed = active in tick.candidates
             in_grace = self._now_s < tick.started_s + self._grace_s
             known, held = self.safety.sensor_reasons, self.safety.held_sensors
             lost = all(known[name] == Flaw.MISSING and name not in held for name in missing)
-            # A sensor known to be lost is not waited for once the proposal has arrived; it may still come back. Before
-            # that nothing can be decided, and a sample that is only late on a busy machine is not missing.
+            # A sensor known to be lost is not waited for once the proposal has arrived; it may
+            # still come back. Before that nothing can be decided, and a sample that is only late
+            # on a busy machine is not missing.
             if (in_grace and not (lost and proposed)) or (mode is Mode.AUTO and not proposed):
                 return False
             if mode is Mode.START and self.start_up.controller not in tick.candidates:
                 return False
-        if not self.lockstep or self._now_s >= tick.started_s + self.machine.settings.lockstep_shadow_wait_s:
+        if (
+            not self.lockstep
+            or self._now_s >= tick.started_s + self.machine.settings.lockstep_shadow_wait_s
+        ):
             return True
         return not any(
-            record.silent_ticks == 0 and record.last_stamp_ns >= 0 and record.name not in tick.candidates
+            record.silent_ticks == 0
+            and record.last_stamp_ns >= 0
+            and record.name not in tick.candidates
             for record in self.registry
             if record.name != active
         )
@@ -165,7 +191,11 @@ class Arbitration:
             self._fail(tick, blind, inhibit=False)
         elif candidate is not None and not candidate.refusal:
             self._follow(tick, candidate.command)
-        elif candidate is not None and candidate.jump and machine.tick - self.watch.foreign_tick <= 1:
+        elif (
+            candidate is not None
+            and candidate.jump
+            and machine.tick - self.watch.foreign_tick <= 1
+        ):
             # Controllers follow the command topic, also a foreign command, for one tick.
             self._hold(tick, Reason(ReasonCode.FOREIGN))
         elif candidate is not None:
@@ -194,15 +224,23 @@ class Arbitration:
     def _fall_back(self, tick: Tick, final: bool) -> None:
         machine, settings = self.machine, self.machine.settings
         if machine.storming():
-            reason = Reason(ReasonCode.STORM, limit_s=settings.storm_window_s, because=tick.failure)
+            reason = Reason(
+                ReasonCode.STORM, limit_s=settings.storm_window_s, because=tick.failure
+            )
             machine.fire(Cause.STORM, reason, "failover")
             return
         for name in settings.fallbacks:
             if name == machine.active or name not in tick.ready or self.registry.blind(name):
                 continue
             candidate = tick.candidates.get(name)
-            if candidate is None and self.lockstep and final and not (tick.extended or tick.drained or tick.stalled):
-                # The plant waits: a slow fallback is given the time that the active controller had.
+            if (
+                candidate is None
+                and self.lockstep
+                and final
+                and not (tick.extended or tick.drained or tick.stalled)
+            ):
+                # The plant waits: a slow fallback is given the time that the active controller
+                # had.
                 tick.extended = True
                 tick.deadline_s = self._now_s + settings.lockstep_deadline_s
                 return
@@ -212,7 +250,9 @@ class Arbitration:
                 machine.swap(name, Cause.SWAP_FAILED, tick.failure, "failover")
                 self._follow(tick, candidate.command)
                 return
-        machine.fire(Cause.NO_CONTROLLER, Reason(ReasonCode.NO_FALLBACK, because=tick.failure), "failover")
+        machine.fire(
+            Cause.NO_CONTROLLER, Reason(ReasonCode.NO_FALLBACK, because=tick.failure), "failover"
+        )
 
     def _follow(self, tick: Tick, proposed: Command) -> None:
         """Apply a proposal; just after a swap within the transition limits."""
@@ -238,7 +278,8 @@ class Arbitration:
         if machine.mode is Mode.MANUAL and self.operator.manual is not None:
             wanted = self.operator.manual
         elif machine.mode is Mode.SAFE_STOP:
-            # Between slow measurements the ramp needs more than one move: it is cut to one, as every command is.
+            # Between slow measurements the ramp needs more than one move: it is cut to one, as
+            # every command is.
             step_kn = settings.safe_rate_kn_per_s * machine.step_s
             ramp_kn = max(settings.safe_force_kn, applied.force_kn - step_kn)
             wanted = Command(min(ramp_kn, applied.force_kn), applied.speed_rpm)
@@ -248,7 +289,14 @@ class Arbitration:
         assert self.in_force.applied is not None
         self._commit(tick, self.in_force.applied, "hold", reason, excuse)
 
-    def _commit(self, tick: Tick, wanted: Command, source: str, reason: Reason, excuse: Reason | None = None) -> None:
+    def _commit(
+        self,
+        tick: Tick,
+        wanted: Command,
+        source: str,
+        reason: Reason,
+        excuse: Reason | None = None,
+    ) -> None:
         """Settle the tick with its one command, within bounds and rates whatever the source."""
         latency_s = max(0.0, self._now_s - tick.started_s)
         command = self.machine.settings.limits.clip(wanted, self.in_force.applied)

@@ -10,7 +10,8 @@ from fsw_control.stop import Stop
 from fsw_supervisor.failover import Failover, Role
 from fsw_supervisor.state_machine import Mode
 
-#: time within which the actuator end has to report the effect of a request [s] (chosen: twenty ticks)
+#: time within which the actuator end has to report the effect of a request [s] (chosen: twenty
+#: ticks)
 CONFIRM_S = 2.0
 
 
@@ -28,35 +29,49 @@ class Confirmation:
 class Confirmations:
     """Waits for the effects of requests; :meth:`look` is to be called a few times a second.
 
-    A report may have been under way since before the request. So it counts only if it can come of nothing else than
-    the request: it shows the stop register as the request has made it, or a command that was decided after it.
+    A report may have been under way since before the request. So it counts only if it can come of
+    nothing else than the request: it shows the stop register as the request has made it, or a
+    command that was decided after it.
     """
 
     def __init__(self, failover: Failover, lockstep_wait_s: float) -> None:
         self._failover = failover
-        self.wait_s = max(CONFIRM_S, lockstep_wait_s)  #: time within which an effect must be reported
+        self.wait_s = max(
+            CONFIRM_S, lockstep_wait_s
+        )  #: time within which an effect must be reported
         self._waiting: list[Confirmation] = []
-        self._asked = Stop()  # the safe stop of this supervisor's last request, which covers those before
+        self._asked = (
+            Stop()
+        )  # the safe stop of this supervisor's last request, which covers those before
 
     def of_stop(self, now_s: float) -> Confirmation:
         """The safe stop of this supervisor's register is in force, and not acknowledged meanwhile."""
         machine = self._failover.machine
         self._asked = machine.register.value
-        waiting = self._add(lambda state: machine.register.stopped and state.stop == self._asked, now_s)
+        waiting = self._add(
+            lambda state: machine.register.stopped and state.stop == self._asked, now_s
+        )
         waiting.is_stop = True
         return waiting
 
     def of_acknowledgement(self, now_s: float) -> Confirmation:
         """The acknowledgement of this supervisor's register is known, and no safe stop has been heard since.
 
-        Of a stop that was acknowledged before, any report shows that; then a later command has to act.
+        Of a stop that was acknowledged before, any report shows that; then a later command has to
+        act.
         """
         machine, state = self._failover.machine, self._failover.actuator
         value = machine.register.value
-        is_later = self._later() if state is not None and state.stop >= value else lambda state: True
+        is_later = (
+            self._later() if state is not None and state.stop >= value else lambda state: True
+        )
 
         def shows(state: ActuatorState) -> bool:
-            return state.stop >= value and not (state.stop.stopped or machine.register.stopped) and is_later(state)
+            return (
+                state.stop >= value
+                and not (state.stop.stopped or machine.register.stopped)
+                and is_later(state)
+            )
 
         return self._add(shows, now_s)
 

@@ -1,13 +1,16 @@
 """Whether the sensors agree with each other and with the drives, by the paper's model: three residuals for interlocks.
 
-- Torque with depth and force, (19)-(22) and the friction (23): a level. The ratio of measured and expected torque is
-  learnt slowly, so that wear and the plant's own coefficients do not count, and not at all while it is off.
-- Depth with force and temperature, (17) and (27): a movement. What the drives explain is subtracted, and what is left
-  is compared with its own slow mean.
-- Temperature with power, (16) and (24): likewise, with a wide band, because the copper is only roughly known.
+- Torque with depth and force, (19)-(22) and the friction (23): a level. The ratio of measured and
+  expected torque is learnt slowly, so that wear and the plant's own coefficients do not count, and
+  not at all while it is off.
+- Depth with force and temperature, (17) and (27): a movement. What the drives explain is
+  subtracted, and what is left is compared with its own slow mean.
+- Temperature with power, (16) and (24): likewise, with a wide band, because the copper is only
+  roughly known.
 
-A residual is NaN where one of its measurements is missing. A movement begins again after such a loss, because a sensor
-that was away may come back elsewhere (``validity.*.max_jump``); the learnt ratio outlasts it.
+A residual is NaN where one of its measurements is missing. A movement begins again after such a
+loss, because a sensor that was away may come back elsewhere (``validity.*.max_jump``); the learnt
+ratio outlasts it.
 """
 
 from __future__ import annotations
@@ -21,19 +24,24 @@ from fsw_control.sensors import REQUIRED
 from fsw_model import ModelParameters, nominal
 from fsw_model.equations import depth_modes, friction_torque_nm, power_kw, process_torque_nm
 
-#: time constant with which the ratio of measured and expected torque is learnt (chosen: far slower than a slip)
+#: time constant with which the ratio of measured and expected torque is learnt (chosen: far slower
+#: than a slip)
 _RATIO_S = 60.0
 #: the ratio is learnt faster at a start, as a mean of what has been measured since
 _LEAST_RATIO_S = 1.0
-#: largest share by which a plant's torque may differ from the model's for good (chosen: wear and coefficients)
+#: largest share by which a plant's torque may differ from the model's for good (chosen: wear and
+#: coefficients)
 _LARGEST_SHARE = 0.3
-#: share by which the ratio may change once it has been learnt (chosen: twice the tool wear of a whole weld)
+#: share by which the ratio may change once it has been learnt (chosen: twice the tool wear of a
+#: whole weld)
 _LARGEST_DRIFT = 0.05
 #: deviation of the torque from which it is not learnt any more [%] (chosen: half of the trip)
 _LEARNT_PERCENT = 4.0
-#: time constants of the slow means of depth and temperature (chosen: the model's errors grow with them)
+#: time constants of the slow means of depth and temperature (chosen: the model's errors grow with
+#: them)
 _DEPTH_MEAN_S, _TEMPERATURE_MEAN_S = 10.0, 20.0
-#: rate at which the copper's temperature can change; a faster thermocouple does not move the expected depth (chosen)
+#: rate at which the copper's temperature can change; a faster thermocouple does not move the
+#: expected depth (chosen)
 _FASTEST_C_PER_S = 5.0
 #: longest time between two ticks that the movements bridge
 _GAP_S = 1.0
@@ -63,7 +71,9 @@ class TorqueRatio:
         friction_nm: float = friction_torque_nm(self._model, m.speed_rpm)  # type: ignore[arg-type,assignment]
         if isnan(self._process_nm):
             self._process_nm = now_nm
-        self._process_nm += (now_nm - self._process_nm) * (1.0 - exp(-dt_s / self._model.motor_lag_s))
+        self._process_nm += (now_nm - self._process_nm) * (
+            1.0 - exp(-dt_s / self._model.motor_lag_s)
+        )
         if self._process_nm <= 0.0:
             return nan
         measured = (m.torque_nm - friction_nm) / self._process_nm
@@ -80,7 +90,10 @@ class TorqueRatio:
         share = dt_s / min(max(self._learnt_s, _LEAST_RATIO_S), _RATIO_S)
         self._ratio = self._bounded(self._ratio + (measured - self._ratio) * min(share, 1.0))
         if is_new and self._learnt_s >= _RATIO_S:
-            self._bounds = self._ratio * (1.0 - _LARGEST_DRIFT), self._ratio * (1.0 + _LARGEST_DRIFT)
+            self._bounds = (
+                self._ratio * (1.0 - _LARGEST_DRIFT),
+                self._ratio * (1.0 + _LARGEST_DRIFT),
+            )
 
     def _bounded(self, ratio: float) -> float:
         return min(max(ratio, self._bounds[0]), self._bounds[1])
@@ -110,7 +123,9 @@ class DepthMovement:
         if isfinite(m.temperature_c):
             change_c = m.temperature_c - model.operating_temperature_c - self._softening_c
             most_c = _FASTEST_C_PER_S * dt_s
-            self._softening_c += change_c if isnan(self._mean) else min(max(change_c, -most_c), most_c)
+            self._softening_c += (
+                change_c if isnan(self._mean) else min(max(change_c, -most_c), most_c)
+            )
         depth_mm = self._creep + self._slow + model.operating_depth_mm
         off = m.depth_mm - depth_mm * (1.0 + model.softening_per_c * self._softening_c)
         if isnan(self._mean):
@@ -141,7 +156,9 @@ class TemperatureMovement:
         power: float = power_kw(m.torque_nm - friction_nm, m.speed_rpm) - model.operating_power_kw
         if isfinite(power):
             self._power_kw.append((time_s + model.dead_time_s, power))
-            if isnan(self._copper_c):  # it is taken for an equilibrium; the slow mean takes the rest
+            if isnan(
+                self._copper_c
+            ):  # it is taken for an equilibrium; the slow mean takes the rest
                 self._arriving_kw = power
                 self._copper_c = self._tool_c = model.thermal_gain_c_per_kw * power
         while self._power_kw and self._power_kw[0][0] <= time_s + 1e-6:
@@ -174,7 +191,10 @@ class Consistency:
     def forget_time(self) -> None:
         """The clock went back: the learnt torque is kept."""
         self._last_s = nan
-        self._depth, self._temperature = DepthMovement(self._model), TemperatureMovement(self._model)
+        self._depth, self._temperature = (
+            DepthMovement(self._model),
+            TemperatureMovement(self._model),
+        )
 
     def update(self, m: Measurement) -> Residuals:
         """Take the measurement of a tick; a value that is held is none."""
@@ -185,7 +205,9 @@ class Consistency:
             self._temperature.restart()
         has_depth, has_torque, has_temperature = (
             valid and name not in m.held
-            for name, valid in zip(REQUIRED, (m.depth_valid, m.torque_valid, m.temperature_valid), strict=True)
+            for name, valid in zip(
+                REQUIRED, (m.depth_valid, m.torque_valid, m.temperature_valid), strict=True
+            )
         )
         torque = depth = temperature = nan
         driven = isfinite(m.force_kn) and isfinite(m.speed_rpm)

@@ -18,11 +18,13 @@ from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.state_machine import Level, Machine
 from fsw_supervisor.tick import Candidate, ProposalInput, Tick, check, same
 
-#: names of controllers, and those that none may have: of other sources, and of the supervisor's topics
+#: names of controllers, and those that none may have: of other sources, and of the supervisor's
+#: topics
 NAME, RESERVED = "[A-Za-z][A-Za-z0-9_]*", (*BUILT_IN_SOURCES, "supervisor", UNKNOWN)
 #: ticks that a proposal may lag behind in lockstep before its controller counts as silent
 LOCKSTEP_LAG = 20
-#: proposals of a controller kept for measurements that have not arrived yet; more than a burst after a stall
+#: proposals of a controller kept for measurements that have not arrived yet; more than a burst
+#: after a stall
 _KEPT_EARLY = 8
 #: controllers at most
 _CAPACITY = 32
@@ -54,7 +56,9 @@ class ControllerRecord:
     tolerated_sensors: tuple[str, ...] = ()  #: that may be invalid for a while, as it declares
     status_seen: bool = False
     last_stamp_ns: int = -1  #: of its newest proposal
-    early: dict[int, ProposalInput] = field(default_factory=dict)  #: by stamp; their measurements have not arrived yet
+    early: dict[int, ProposalInput] = field(
+        default_factory=dict
+    )  #: by stamp; their measurements have not arrived yet
     latencies_s: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT_LATENCIES))
 
     def bad(self, problem: Reason) -> None:
@@ -71,8 +75,8 @@ class ControllerRecord:
 class ControllerRegistry:
     """All controllers ever seen, and their candidate commands, tick by tick.
 
-    It is bounded, so that flooding nodes cannot fill the memory. In lockstep, where the wall clock is irrelevant, a
-    shadow controller that lags behind does not count as failed.
+    It is bounded, so that flooding nodes cannot fill the memory. In lockstep, where the wall clock
+    is irrelevant, a shadow controller that lags behind does not count as failed.
     """
 
     def __init__(self, machine: Machine, safety: SafetyMonitor, lockstep: bool) -> None:
@@ -113,7 +117,9 @@ class ControllerRegistry:
         if not record.present and not record.consecutive_good:
             return Readiness(Lack.LEFT)
         if record.consecutive_good < settings.warm_ticks:
-            return Readiness(Lack.WARMING, good=record.consecutive_good, required=settings.warm_ticks)
+            return Readiness(
+                Lack.WARMING, good=record.consecutive_good, required=settings.warm_ticks
+            )
         return self.sight(name)
 
     def why_not_ready(self, name: str) -> str:
@@ -123,7 +129,9 @@ class ControllerRegistry:
     def sight(self, name: str) -> Readiness:
         """Whether controller ``name`` requires a sensor that is invalid."""
         tolerated = self._records[name].tolerated_sensors
-        needed = tuple(sensor for sensor in self._safety.invalid_sensors if sensor not in tolerated)
+        needed = tuple(
+            sensor for sensor in self._safety.invalid_sensors if sensor not in tolerated
+        )
         return Readiness(Lack.BLIND, sensors=needed) if needed else Readiness()
 
     def blind(self, name: str) -> Reason:
@@ -162,7 +170,9 @@ class ControllerRegistry:
         """Take a controller's status; returns whether the controller is known."""
         record = self.get(name)
         if record is not None:
-            record.tolerated_sensors = tuple(sensor for sensor in tolerated_sensors if sensor in SENSORS)
+            record.tolerated_sensors = tuple(
+                sensor for sensor in tolerated_sensors if sensor in SENSORS
+            )
             record.status_seen = True
         return record is not None
 
@@ -185,7 +195,9 @@ class ControllerRegistry:
         self._past.clear()
         for record in self:
             record.last_stamp_ns = -1
-            record.early = {stamp: item for stamp, item in record.early.items() if stamp == stamp_ns}
+            record.early = {
+                stamp: item for stamp, item in record.early.items() if stamp == stamp_ns
+            }
 
     def take(self, name: str, proposal: ProposalInput, tick: Tick | None, now_s: float) -> None:
         """Take a proposal of ``name``: to the present tick, to one that is over, or to one that has not begun here."""
@@ -193,9 +205,14 @@ class ControllerRegistry:
         record = self.get(name)
         if record is None:
             return
-        # An answer to a time far back may follow a clock that has gone back; then its measurement arrives later.
+        # An answer to a time far back may follow a clock that has gone back; then its measurement
+        # arrives later.
         far_back = tick is not None and proposal.stamp_ns < tick.stamp_ns - JUMP_NS
-        if tick is None or proposal.stamp_ns > tick.stamp_ns or (far_back and proposal.stamp_ns not in self._past):
+        if (
+            tick is None
+            or proposal.stamp_ns > tick.stamp_ns
+            or (far_back and proposal.stamp_ns not in self._past)
+        ):
             record.early.setdefault(proposal.stamp_ns, proposal)
             if len(record.early) > _KEPT_EARLY:
                 del record.early[next(iter(record.early))]
@@ -208,7 +225,9 @@ class ControllerRegistry:
         """Take the proposals that arrived before their measurement."""
         for record in self:
             early = record.early.pop(tick.stamp_ns, None)
-            record.early = {stamp: item for stamp, item in record.early.items() if stamp > tick.stamp_ns}
+            record.early = {
+                stamp: item for stamp, item in record.early.items() if stamp > tick.stamp_ns
+            }
             if early is not None:
                 self._take_present(record, early, tick, now_s)
 
@@ -216,7 +235,11 @@ class ControllerRegistry:
         """Check the candidates that arrived before the command in force was known."""
         for name, candidate in tick.candidates.items():
             if not candidate.refusal:
-                checked = self._check(self._records[name], ProposalInput(tick.stamp_ns, name, candidate.command), tick)
+                checked = self._check(
+                    self._records[name],
+                    ProposalInput(tick.stamp_ns, name, candidate.command),
+                    tick,
+                )
                 if checked.refusal:
                     tick.candidates[name] = checked
                     self._count(self._records[name], checked)
@@ -242,16 +265,22 @@ class ControllerRegistry:
         if record.present:
             record.missed += 1
         if record.consecutive_good:
-            self._machine.log(Level.WARN, record.name, f"controller {record.name} has not proposed in time")
+            self._machine.log(
+                Level.WARN, record.name, f"controller {record.name} has not proposed in time"
+            )
         if record.consecutive_good or not record.problem:
             record.bad(Reason(ReasonCode.NO_PROPOSAL))
 
-    def _take_present(self, record: ControllerRecord, proposal: ProposalInput, tick: Tick, now_s: float) -> None:
+    def _take_present(
+        self, record: ControllerRecord, proposal: ProposalInput, tick: Tick, now_s: float
+    ) -> None:
         if record.last_stamp_ns == tick.stamp_ns:
             record.duplicates += 1
             earlier = tick.candidates.get(record.name)
             differs = earlier is not None and not same(earlier.command, proposal.command)
-            if differs or not self._lockstep:  # in lockstep a controller answers a repeated tick again
+            if (
+                differs or not self._lockstep
+            ):  # in lockstep a controller answers a repeated tick again
                 tick.duplicates[record.name] = differs or tick.duplicates.get(record.name, False)
             return
         record.last_stamp_ns = tick.stamp_ns
@@ -278,7 +307,11 @@ class ControllerRegistry:
             return
         record.late += 1
         if past is None or not past.excuse:
-            record.bad(Reason(ReasonCode.OUTDATED, limit_s=(tick.stamp_ns - proposal.stamp_ns) / NANOSECONDS))
+            record.bad(
+                Reason(
+                    ReasonCode.OUTDATED, limit_s=(tick.stamp_ns - proposal.stamp_ns) / NANOSECONDS
+                )
+            )
 
     def _check(self, record: ControllerRecord, proposal: ProposalInput, tick: Tick) -> Candidate:
         return check(record.name, proposal, tick.previous, self._machine.settings.limits)
@@ -290,7 +323,11 @@ class ControllerRegistry:
             if candidate.malformed:
                 record.rejected += 1
             if record.consecutive_good or not record.problem:
-                machine.log(Level.WARN, record.name, f"proposal of {record.name} refused: {candidate.refusal.words}")
+                machine.log(
+                    Level.WARN,
+                    record.name,
+                    f"proposal of {record.name} refused: {candidate.refusal.words}",
+                )
             record.bad(candidate.refusal)
             return
         record.consecutive_good += 1
@@ -300,4 +337,8 @@ class ControllerRegistry:
             machine.log(Level.INFO, record.name, f"controller {record.name} is ready")
         if record.inhibited and 0 < machine.settings.readmit_ticks <= record.consecutive_good:
             record.inhibited = Reason()
-            machine.log(Level.INFO, record.name, f"controller {record.name} is readmitted after good shadow ticks")
+            machine.log(
+                Level.INFO,
+                record.name,
+                f"controller {record.name} is readmitted after good shadow ticks",
+            )

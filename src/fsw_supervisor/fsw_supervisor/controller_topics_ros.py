@@ -16,8 +16,8 @@ from fsw_supervisor.controller_registry import NAME, RESERVED, ControllerRegistr
 class ControllerTopics:
     """Proposals and status of every controller, that is, of every node that publishes proposals.
 
-    ``registry`` records those that join and leave; ``on_proposal`` and ``on_status`` get the controller's name and its
-    message, ``on_controller`` the name of each new one.
+    ``registry`` records those that join and leave; ``on_proposal`` and ``on_status`` get the
+    controller's name and its message, ``on_controller`` the name of each new one.
     """
 
     def __init__(
@@ -30,7 +30,11 @@ class ControllerTopics:
     ) -> None:
         self.ignored: set[str] = set()  #: names of publishers that cannot be controllers
         self._node, self._registry = node, registry
-        self._on_proposal, self._on_status, self._on_controller = on_proposal, on_status, on_controller
+        self._on_proposal, self._on_status, self._on_controller = (
+            on_proposal,
+            on_status,
+            on_controller,
+        )
         self._subscribed: set[str] = set()
         self._prefix = node.resolve_topic_name("fsw/command").removesuffix("command")
         self._proposal_topic = re.compile(re.escape(self._prefix) + rf"({NAME})/proposal\Z")

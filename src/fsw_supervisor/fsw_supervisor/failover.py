@@ -19,13 +19,16 @@ from fsw_supervisor.tick import Decision, Tick
 LISTEN_S = 0.25
 #: the same while another node publishes commands of which none has arrived yet [s]
 _LISTEN_LONG_S = 1.0
-#: on standby in lockstep: how long the leader may take to send what was decided here; it has the same inputs [s]
+#: on standby in lockstep: how long the leader may take to send what was decided here; it has the
+#: same inputs [s]
 _LOCKSTEP_WAIT_S = 1.0
 #: on standby, after a stall: how long the queues may take to drain, in tick periods
 _DRAIN_TICKS = 0.3
-#: each takeover within this time doubles the patience of a standby, so that two slow ones do not alternate [s] (chosen)
+#: each takeover within this time doubles the patience of a standby, so that two slow ones do not
+#: alternate [s] (chosen)
 _RECENT_S = 30.0
-#: largest factor of the patience: 2 ticks become 1.6 s, well before the plant's watchdog lowers the force (chosen)
+#: largest factor of the patience: 2 ticks become 1.6 s, well before the plant's watchdog lowers
+#: the force (chosen)
 _LARGEST_FACTOR = 8
 
 
@@ -40,25 +43,31 @@ class Role(StrEnum):
 class Failover:
     """Stands between the arbiter and the command topic.
 
-    The actuator end decides who leads (``fsw_control/fence.py``): it takes commands of the greatest term only, and
-    reports that term and its leader with every measurement. A supervisor sends nothing before it has heard such a
-    report; its term is above all that were reported. It leads no more when the report names another leader of the same
-    or a greater term. So commands of a leader that was stalled, cut off or outvoted have no effect, whatever it knows.
+    The actuator end decides who leads (``fsw_control/fence.py``): it takes commands of the
+    greatest term only, and reports that term and its leader with every measurement. A supervisor
+    sends nothing before it has heard such a report; its term is above all that were reported. It
+    leads no more when the report names another leader of the same or a greater term. So commands
+    of a leader that was stalled, cut off or outvoted have no effect, whatever it knows.
 
-    On standby the arbiter decides every tick, sends nothing and takes over what the leader has commanded. When
-    ``takeover_ticks`` ticks in a row went unanswered, as the actuator end counts them, the decision on the present one
-    is sent under a new term.
+    On standby the arbiter decides every tick, sends nothing and takes over what the leader has
+    commanded. When ``takeover_ticks`` ticks in a row went unanswered, as the actuator end counts
+    them, the decision on the present one is sent under a new term.
 
-    ``identity`` differs from that of every other supervisor. With ``standby`` it begins as standby; otherwise it leads
-    unless another one does.
+    ``identity`` differs from that of every other supervisor. With ``standby`` it begins as
+    standby; otherwise it leads unless another one does.
     """
 
     def __init__(self, arbiter: Arbiter, identity: str, standby: bool, now_s: float) -> None:
         self.role = Role.STANDBY if standby else Role.LISTENING
         self.term = 0  #: of this supervisor's present lead; 0 until it begins to send
-        self.actuator: ActuatorState | None = None  #: last report of the actuator end; None before the first
-        self.asserting = False  #: another supervisor leads, too, and must receive the state of this one
-        self.rival_writer = False  #: other nodes publish commands, perhaps a leader whose commands have not arrived
+        self.actuator: ActuatorState | None = (
+            None  #: last report of the actuator end; None before the first
+        )
+        self.asserting = (
+            False  #: another supervisor leads, too, and must receive the state of this one
+        )
+        #: other nodes publish commands, perhaps a leader whose commands have not arrived
+        self.rival_writer = False
         self._arbiter, self._identity = arbiter, identity
         self._heard_term = 0
         self._started_s = self._called_s = self._reported_s = now_s
@@ -84,7 +93,9 @@ class Failover:
         times = [] if arbiter_s is None else [arbiter_s]
         if self.role is Role.LISTENING:
             times.append(self._listening_ends_s)
-        waiting = self.role is not Role.ACTIVE and self._tick is not None and not self._tick.answered
+        waiting = (
+            self.role is not Role.ACTIVE and self._tick is not None and not self._tick.answered
+        )
         if waiting and self._due_s > self._called_s:
             times.append(self._due_s)
         return min(times, default=None)
@@ -126,7 +137,9 @@ class Failover:
         if self.role is not Role.ACTIVE:
             if not self._takes_over(now_s):
                 return []
-            why = f"{self.unanswered + 1} ticks went unanswered" if self.role is Role.STANDBY else ""
+            why = (
+                f"{self.unanswered + 1} ticks went unanswered" if self.role is Role.STANDBY else ""
+            )
             self.role, self.term, self._confirmed = Role.ACTIVE, 0, False
             decisions = self._arbiter.lead(why)
         if decisions and self.actuator is None:
@@ -148,7 +161,9 @@ class Failover:
         self._arbiter.on_actuator(state)
         if self.role is Role.ACTIVE and self._is_other(state):
             self._step_down("another supervisor leads")
-        elif self.role is Role.LISTENING and state.leader and state.unanswered < self._needed(now_s):
+        elif (
+            self.role is Role.LISTENING and state.leader and state.unanswered < self._needed(now_s)
+        ):
             self.role = Role.STANDBY
         if self.role is not Role.ACTIVE and state.answered_ns > self.last_decided_ns:
             # The command that acts has not been heard here: the drives show what is in force.
@@ -158,7 +173,9 @@ class Failover:
         """Take another part's copy of the stop register."""
         self._arbiter.on_stop(stop)
 
-    def on_command(self, signature: Signature, stamp_ns: int, source: str, command: Command) -> None:
+    def on_command(
+        self, signature: Signature, stamp_ns: int, source: str, command: Command
+    ) -> None:
         """Take a message seen on the command topic, with the signature of its writer."""
         term, leader, stop = signature
         by_supervisor = leader not in ("", self._identity)
@@ -182,8 +199,8 @@ class Failover:
     def on_leader_state(self, signature: Signature) -> bool:
         """Take the state of another supervisor that leads; returns whether its state has to be followed.
 
-        Before the actuator end has reported anything, of two that lead the one with the greater term stays, then the
-        one with the greater identity.
+        Before the actuator end has reported anything, of two that lead the one with the greater
+        term stays, then the one with the greater identity.
         """
         term, leader, stop = signature
         if leader in ("", self._identity):
@@ -193,7 +210,8 @@ class Failover:
             self.role = Role.STANDBY
         if self.role is Role.ACTIVE:
             if self.leads or (term, leader) < (self.term, self._identity):
-                # Not at every message: two that lead, each as far as it knows, would answer each other for ever.
+                # Not at every message: two that lead, each as far as it knows, would answer each
+                # other for ever.
                 if self._called_s - self._asserted_s >= self._arbiter.settings.tick_period_s:
                     self.asserting, self._asserted_s = True, self._called_s
                 return False
@@ -222,7 +240,9 @@ class Failover:
         if self._arbiter.lockstep and tick is not None and not self._drained:
             decision = None if tick.outcome is None else tick.outcome.decision
             if decision is not None:
-                self._due_s = min(self._due_s, tick.started_s + decision.latency_s + _LOCKSTEP_WAIT_S)
+                self._due_s = min(
+                    self._due_s, tick.started_s + decision.latency_s + _LOCKSTEP_WAIT_S
+                )
         if self.role is Role.LISTENING:
             return now_s >= self._listening_ends_s
         if tick is None or now_s < self._due_s or self.actuator is None:
@@ -246,7 +266,9 @@ class Failover:
             early, self._early = self._early, None
             if early[0] == tick.stamp_ns:
                 self._follow(*early)
-            else:  # a measurement has been missed here that the leader has answered: the drives show what is in force
+            # a measurement has been missed here that the leader has answered: the drives show what
+            # is in force
+            else:
                 self._arbiter.in_force.forget()
 
     def _follow(self, stamp_ns: int, source: str, command: Command) -> None:
@@ -260,17 +282,26 @@ class Failover:
     def _lease_s(self) -> float:
         """Another supervisor may have taken over after such a stall of this one."""
         settings = self._arbiter.settings
-        return settings.takeover_s(True) / 2.0 if self._arbiter.lockstep else SILENT_PERIODS * settings.tick_period_s
+        return (
+            settings.takeover_s(True) / 2.0
+            if self._arbiter.lockstep
+            else SILENT_PERIODS * settings.tick_period_s
+        )
 
     def _is_other(self, state: ActuatorState) -> bool:
         """Whether the actuator end follows another leader.
 
-        A term of this one that it has not seen yet may be ahead; but it is not asserted against a leader that answers.
+        A term of this one that it has not seen yet may be ahead; but it is not asserted against a
+        leader that answers.
         """
         other = state.leader not in ("", self._identity)
-        if not self.term:  # it took over, has sent nothing yet, and the leader before answers again
+        if (
+            not self.term
+        ):  # it took over, has sent nothing yet, and the leader before answers again
             return other and state.unanswered == 0
-        return other and (state.term >= self.term or (state.unanswered == 0 and not self._confirmed))
+        return other and (
+            state.term >= self.term or (state.unanswered == 0 and not self._confirmed)
+        )
 
     def _step_down(self, reason: str) -> None:
         self.role, self.term, self.asserting = Role.STANDBY, 0, False

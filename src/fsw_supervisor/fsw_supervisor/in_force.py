@@ -17,8 +17,9 @@ _DRIFT = 0.05
 _LARGEST_OFFSET = 10.0
 #: time for which a foreign command counts as recent [s]
 _FOREIGN_S = 5.0
-#: so many commands of another supervisor belong to a takeover, and are no foreign writer's: however busy the computer,
-#: by then one of the two has heard the other and stands by (chosen: 2 s)
+#: so many commands of another supervisor belong to a takeover, and are no foreign writer's:
+#: however busy the computer, by then one of the two has heard the other and stands by (chosen: 2
+#: s)
 _TAKEOVER_COMMANDS = 20
 
 
@@ -36,13 +37,20 @@ class CommandWatch:
         """Record a decision that is sent."""
         self._sent.append(decision)
 
-    def is_own(self, stamp_ns: int, source: str, command: Command, by_supervisor: bool = False) -> bool:
+    def is_own(
+        self, stamp_ns: int, source: str, command: Command, by_supervisor: bool = False
+    ) -> bool:
         """Whether a command was sent here; each counts once.
 
-        One ``by_supervisor``, signed by another, may say the same; the own one is then still to come.
+        One ``by_supervisor``, signed by another, may say the same; the own one is then still to
+        come.
         """
         for decision in self._sent:
-            if decision.stamp_ns == stamp_ns and decision.source == source and same(decision.command, command):
+            if (
+                decision.stamp_ns == stamp_ns
+                and decision.source == source
+                and same(decision.command, command)
+            ):
                 if not by_supervisor:
                     self._sent.remove(decision)
                 return True
@@ -51,7 +59,8 @@ class CommandWatch:
     def note_foreign(self, now_s: float, tick: int, by_supervisor: bool = False) -> bool:
         """Record a foreign command; returns whether it is the first for a while that is to be reported.
 
-        One ``by_supervisor``, signed by another supervisor, is only reported if they go on while this one leads.
+        One ``by_supervisor``, signed by another supervisor, is only reported if they go on while
+        this one leads.
         """
         first = not self.seen_lately(now_s)
         self.foreign_commands += 1
@@ -77,11 +86,12 @@ class CommandWatch:
 class DriveOffset:
     """Offset between one drive's feedback and its command (kN or rpm): a load cell sees disturbances, too.
 
-    A difference may also mean that the machine does not obey: a PLC ramps down on its own, a drive stands still. So it
-    counts as an offset only where the drive has followed the command: if the difference set in from one tick to the
-    next by more than any command or safe ramp moves, and has stayed; or if it has drifted more slowly than a safe
-    ramp. Otherwise control begins again where the drive is; so it does if the drive has not followed since the gap
-    before, as after a takeover that was refused.
+    A difference may also mean that the machine does not obey: a PLC ramps down on its own, a drive
+    stands still. So it counts as an offset only where the drive has followed the command: if the
+    difference set in from one tick to the next by more than any command or safe ramp moves, and
+    has stayed; or if it has drifted more slowly than a safe ramp. Otherwise control begins again
+    where the drive is; so it does if the drive has not followed since the gap before, as after a
+    takeover that was refused.
     """
 
     def __init__(self) -> None:
@@ -132,7 +142,9 @@ class CommandInForce:
 
     def __init__(self) -> None:
         self.applied: Command | None = None  #: the command in force; None until it is known
-        self.before_first = True  #: neither this supervisor nor a leader that it follows has sent a command yet
+        self.before_first = (
+            True  #: neither this supervisor nor a leader that it follows has sent a command yet
+        )
         self.seen: Command | None = None  #: last command known from before the start or gap
         self._drives: tuple[int, Command] | None = None
         self._force_offset, self._speed_offset = DriveOffset(), DriveOffset()
@@ -170,12 +182,16 @@ class CommandInForce:
 
     def feedback(self, stamp_ns: int) -> Command | None:
         """What the drives have reported at a stamp."""
-        return self._drives[1] if self._drives is not None and self._drives[0] == stamp_ns else None
+        return (
+            self._drives[1] if self._drives is not None and self._drives[0] == stamp_ns else None
+        )
 
     def learn_offsets(self, tick: Tick, limits: Limits) -> None:
         """Compare the drives' feedback of a tick with the command in force."""
         drives, command = tick.drives, tick.previous
-        if drives is None or command is None or self._just_begun:  # where control has just begun, the two agree anyway
+        if (
+            drives is None or command is None or self._just_begun
+        ):  # where control has just begun, the two agree anyway
             self._force_offset.learn(None, limits.force_step_kn)
             self._speed_offset.learn(None, limits.speed_step_rpm)
         else:
@@ -185,11 +201,17 @@ class CommandInForce:
 
     def commanded(self, drives: Command) -> Command:
         """The command that the drives obey when they report ``drives``."""
-        return Command(drives.force_kn - self._force_offset.value, drives.speed_rpm - self._speed_offset.value)
+        return Command(
+            drives.force_kn - self._force_offset.value, drives.speed_rpm - self._speed_offset.value
+        )
 
     def acting(self, tick: Tick, hold_s: float) -> Command | None:
         """Actual force and speed: as the drives report, or have reported within ``hold_s``; else as commanded."""
         if tick.drives is not None or self._drives is None:
             return tick.drives or self.applied
         stamp_ns, feedback = self._drives
-        return feedback if 0 <= tick.stamp_ns - stamp_ns <= round(hold_s * NANOSECONDS) else self.applied
+        return (
+            feedback
+            if 0 <= tick.stamp_ns - stamp_ns <= round(hold_s * NANOSECONDS)
+            else self.applied
+        )

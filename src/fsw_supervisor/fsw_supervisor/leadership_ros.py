@@ -13,8 +13,9 @@ from fsw_supervisor.failover import Failover, Role
 class Leadership:
     """Answers whether this supervisor leads.
 
-    After a stall requests may be handled before the messages that say that another supervisor has taken over. One that
-    no longer leads must not accept them: nobody would follow it. So they wait for the next report or timer.
+    After a stall requests may be handled before the messages that say that another supervisor has
+    taken over. One that no longer leads must not accept them: nobody would follow it. So they wait
+    for the next report or timer.
     """
 
     def __init__(self, node: Node, failover: Failover) -> None:

@@ -23,7 +23,9 @@ class SwitchRequest:
     name: str  #: of the controller
     strict: bool  #: refuse unless it is ready
     expires_s: float  #: steady time at which a best-effort request gives up
-    expires_ns: int  #: likewise on the clock of ``Machine.time_ns`` (in lockstep, where the steady clock only guards)
+    #: likewise on the clock of ``Machine.time_ns`` (in lockstep, where the steady clock only
+    #: guards)
+    expires_ns: int
     who: str  #: asked
     done: bool = False  #: answered
     ok: bool = False
@@ -56,11 +58,14 @@ class OperatorRequests:
         """Whether a requested switch is pending."""
         return self._pending is not None
 
-    def ask_switch(self, name: str, strict: bool, timeout_s: float, who: str, now_s: float) -> SwitchRequest:
+    def ask_switch(
+        self, name: str, strict: bool, timeout_s: float, who: str, now_s: float
+    ) -> SwitchRequest:
         """Ask for a controller; the answer is in the request returned, at once or later.
 
-        A ``strict`` request is refused unless the controller is ready now; otherwise it is waited for up to
-        ``timeout_s``. With a time-out of 0 the answer comes at once. ``who`` asks, for the log.
+        A ``strict`` request is refused unless the controller is ready now; otherwise it is waited
+        for up to ``timeout_s``. With a time-out of 0 the answer comes at once. ``who`` asks, for
+        the log.
         """
         machine = self.machine
         timeout_s = timeout_s if isfinite(timeout_s) and timeout_s > 0.0 else 0.0
@@ -68,7 +73,9 @@ class OperatorRequests:
         request = SwitchRequest(name, strict, now_s + timeout_s, expires_ns, who)
         if self.registry.get(name) is None:
             known = ", ".join(record.name for record in self.registry) or "none"
-            return self._answer(request, False, f"unknown controller {name[:40]!r}; known: {known}")
+            return self._answer(
+                request, False, f"unknown controller {name[:40]!r}; known: {known}"
+            )
         self.drop(f"superseded by a request for {name}")
         if machine.mode is Mode.AUTO and name == machine.active:
             machine.set_target(name)
@@ -78,7 +85,9 @@ class OperatorRequests:
             return self._answer(request, False, f"{why_not}")
         machine.set_target(name)
         if machine.mode is not Mode.AUTO:
-            text = f"{name} is selected; the mode is {machine.mode}: it is applied when auto begins"
+            text = (
+                f"{name} is selected; the mode is {machine.mode}: it is applied when auto begins"
+            )
             return self._answer(request, True, text)
         self._pending = request
         if timeout_s == 0.0:
@@ -99,7 +108,11 @@ class OperatorRequests:
         wanted = Mode(mode)
         if wanted is not Mode.SAFE_STOP and (why_stop := self.safety.why_stop()):
             return False, f"{why_stop}"
-        if wanted is not Mode.SAFE_STOP and machine.mode is Mode.SAFE_STOP and not machine.acknowledged:
+        if (
+            wanted is not Mode.SAFE_STOP
+            and machine.mode is Mode.SAFE_STOP
+            and not machine.acknowledged
+        ):
             return False, "acknowledge the safe stop first (fsw/acknowledge, fsw.py acknowledge)"
         if wanted is Mode.MANUAL:
             manual = manual or Command(nan, nan)
@@ -120,15 +133,23 @@ class OperatorRequests:
             return True, f"{wanted} already"
         if wanted is not Mode.AUTO:
             self.drop(f"the mode has become {wanted}")
-        machine.fire(OPERATOR_TRIGGERS[wanted], Reason(ReasonCode.REQUESTED, subject=str(wanted)), who, controller)
-        return True, f"{wanted} from the next command on" + (f", with {controller}" if controller else "")
+        machine.fire(
+            OPERATOR_TRIGGERS[wanted],
+            Reason(ReasonCode.REQUESTED, subject=str(wanted)),
+            who,
+            controller,
+        )
+        return True, f"{wanted} from the next command on" + (
+            f", with {controller}" if controller else ""
+        )
 
     def acknowledge(self, who: str) -> tuple[bool, str]:
         """Acknowledge the safe stop, so that it may be left; returns success and the reason in words.
 
-        It also acknowledges what a sensor shows that has jumped. Refused while a cause is there, or a sensor is invalid
-        that could show it. Either voids it later, and so does another safe stop. Refused as well until the actuator end
-        reports the same safe stop: it may have one of its own that nobody has seen yet.
+        It also acknowledges what a sensor shows that has jumped. Refused while a cause is there,
+        or a sensor is invalid that could show it. Either voids it later, and so does another safe
+        stop. Refused as well until the actuator end reports the same safe stop: it may have one of
+        its own that nobody has seen yet.
         """
         if self.machine.mode is not Mode.SAFE_STOP:
             return False, "there is no safe stop to acknowledge"
@@ -165,10 +186,20 @@ class OperatorRequests:
         if request is None or request.done:
             return
         swapped = request.name == self.machine.active
-        guard_s = settings.lockstep_deadline_s if self.lockstep else settings.deadline_s if swapped else 0.0
+        guard_s = (
+            settings.lockstep_deadline_s
+            if self.lockstep
+            else settings.deadline_s
+            if swapped
+            else 0.0
+        )
         late = self.lockstep and self.machine.elapsed(request.expires_ns, settings.tick_period_s)
         if late or now_s > request.expires_s + guard_s:
-            why_not = f"swapped, but {request.name} is not applied yet" if swapped else self._why_not(request.name)
+            why_not = (
+                f"swapped, but {request.name} is not applied yet"
+                if swapped
+                else self._why_not(request.name)
+            )
             self.drop(f"timed out: {why_not or 'no measurement has arrived for the swap'}")
 
     def on_applied(self, source: str) -> None:
@@ -195,7 +226,12 @@ class OperatorRequests:
     def _why_not(self, name: str) -> str:
         """Why a swap to ``name`` cannot be made now; empty when it can."""
         machine, why_not = self.machine, self.registry.why_not_ready(name)
-        if why_not or machine.mode is not Mode.AUTO or name == machine.active or self._swapped_ns is None:
+        if (
+            why_not
+            or machine.mode is not Mode.AUTO
+            or name == machine.active
+            or self._swapped_ns is None
+        ):
             return why_not
         recent = not machine.elapsed(self._swapped_ns, machine.settings.switch_interval_s)
         elapsed_s = (machine.time_ns - self._swapped_ns) / NANOSECONDS

@@ -93,13 +93,20 @@ def diagnostics(
 ) -> list[Report]:
     """Diagnostics of the arbiter, its inputs and every controller.
 
-    ``writers`` counts the publishers of the command topic, this one included, ``namesakes`` those of each controller's
-    proposal topic; ``limits`` are the 99 % latencies [s] to warn of and to call an error.
+    ``writers`` counts the publishers of the command topic, this one included, ``namesakes`` those
+    of each controller's proposal topic; ``limits`` are the 99 % latencies [s] to warn of and to
+    call an error.
     """
     controllers = [
-        _controller_status(arbiter, record, namesakes.get(record.name, 0), limits) for record in arbiter.registry
+        _controller_status(arbiter, record, namesakes.get(record.name, 0), limits)
+        for record in arbiter.registry
     ]
-    return [_arbiter_status(arbiter), _writer_status(arbiter, writers), _process_status(arbiter), *controllers]
+    return [
+        _arbiter_status(arbiter),
+        _writer_status(arbiter, writers),
+        _process_status(arbiter),
+        *controllers,
+    ]
 
 
 def _arbiter_status(arbiter: Arbiter) -> Report:
@@ -108,7 +115,9 @@ def _arbiter_status(arbiter: Arbiter) -> Report:
     absent = [name for name in arbiter.settings.fallbacks if arbiter.registry.get(name) is None]
     if machine.mode is not Mode.START and not _SHIPPED.issuperset(absent):
         level, text = WARN, f"{text}; fallbacks that are not in the graph: {', '.join(absent)}"
-    if machine.mode is not machine.target_mode or (machine.active and machine.active != machine.target):
+    if machine.mode is not machine.target_mode or (
+        machine.active and machine.active != machine.target
+    ):
         level, text = WARN, f"{text} instead of {machine.target_mode} with {machine.target}"
     if machine.mode is Mode.SAFE_STOP:
         level = ERROR
@@ -132,23 +141,33 @@ def _writer_status(arbiter: Arbiter, writers: int) -> Report:
     if arbiter.watch.seen_lately(arbiter.ticks.now_s):
         level, text = ERROR, "a foreign writer sends commands"
     foreign = arbiter.watch.foreign_commands
-    return Report("command topic", level, text, {"publishers": writers, "foreign commands": foreign})
+    return Report(
+        "command topic", level, text, {"publishers": writers, "foreign commands": foreign}
+    )
 
 
 def _process_status(arbiter: Arbiter) -> Report:
     safety, level, parts = arbiter.safety, OK, list[str]()
     if not arbiter.ticks.measuring:
         level = WARN
-        parts.append("stamps do not advance" if arbiter.ticks.silence is Silence.CLOCK else "no measurements")
+        parts.append(
+            "stamps do not advance"
+            if arbiter.ticks.silence is Silence.CLOCK
+            else "no measurements"
+        )
     if safety.invalid_sensors:
         level = WARN
         parts.append(f"invalid sensors: {', '.join(safety.invalid_sensors)}")
     if safety.active:
         level = ERROR if safety.tripped else WARN
         parts.append(", ".join(safety.active))
-    reasons: dict[str, object] = {f"{name} state": why or "good" for name, why in safety.sensor_reasons.items()}
+    reasons: dict[str, object] = {
+        f"{name} state": why or "good" for name, why in safety.sensor_reasons.items()
+    }
     reasons["held"] = ", ".join(safety.held_sensors) or "none"
-    return Report("process", level, "; ".join(parts) or "sensors valid, all values within limits", reasons)
+    return Report(
+        "process", level, "; ".join(parts) or "sensors valid, all values within limits", reasons
+    )
 
 
 def _controller_status(
@@ -164,7 +183,10 @@ def _controller_status(
         level = ERROR if p99_s >= limits[1] else WARN
         text = f"{text}; slow: 99 % within {p99_s * 1e3:.1f} ms"
     if record.doubled:
-        level, text = ERROR, f"proposes more than once per tick: two controllers called {record.name}?"
+        level, text = (
+            ERROR,
+            f"proposes more than once per tick: two controllers called {record.name}?",
+        )
     elif publishers > 1:
         level = max(level, WARN)
         text = f"{text}; {publishers} publishers of its proposals"

@@ -1,9 +1,11 @@
 """Limits of the process whichever controller is active: sensors that may be used, interlocks that trip.
 
-Causes of a safe stop act by level. There are three kinds, which share a list of names (``tripped``):
+Causes of a safe stop act by level. There are three kinds, which share a list of names
+(``tripped``):
 
 - an interlock, a limit on a measured value or on a residual of :mod:`fsw_supervisor.consistency`,
-- ``<sensor>_jump``: it has moved further than the drives can explain, and has not been acknowledged,
+- ``<sensor>_jump``: it has moved further than the drives can explain, and has not been
+  acknowledged,
 - ``<sensor>_blind``: under automatic control it has been invalid for too long, summed over time.
 """
 
@@ -80,7 +82,9 @@ class Interlock:
 
     def __post_init__(self) -> None:
         if not (self.warn > self.trip if self.name.endswith("_low") else self.warn < self.trip):
-            raise ValueError(f"interlock {self.name}: warn {self.warn} must come before trip {self.trip}")
+            raise ValueError(
+                f"interlock {self.name}: warn {self.warn} must come before trip {self.trip}"
+            )
 
     def level(self, value: float, present: Severity) -> Severity:
         """Level that ``value`` means when the level is ``present``."""
@@ -96,7 +100,11 @@ class Interlock:
 def interlocks_from(values: Mapping[str, Any]) -> tuple[Interlock, ...]:
     """Table of the interlocks from the parameters; ValueError when they contradict each other."""
     return tuple(
-        Interlock(name, quantity, *(values[f"interlocks.{name}.{key}"] for key in ("warn", "trip", "hysteresis")))
+        Interlock(
+            name,
+            quantity,
+            *(values[f"interlocks.{name}.{key}"] for key in ("warn", "trip", "hysteresis")),
+        )
         for name, quantity in _QUANTITIES.items()
     )
 
@@ -135,7 +143,8 @@ class SafetyMonitor:
 
     def __init__(self, machine: Machine) -> None:
         self.invalid_sensors: tuple[str, ...] = ()  #: those that may not be used at present
-        #: since when there is one of them (``Machine.time_ns``), each of which an interlock needs; None: there is none
+        #: since when there is one of them (``Machine.time_ns``), each of which an interlock needs;
+        #: None: there is none
         self.blind_since_ns: int | None = None
         self.hold_s = 0.0  #: time for which the last good sample replaces a bad one
         self.judged = False  #: any tick has been judged; before, nothing is known
@@ -143,7 +152,9 @@ class SafetyMonitor:
         self._guard = SensorGuard()
         self._consistency = Consistency()
         self._blindness = Blindness()
-        self._standing: dict[str, str] = {}  # jumps and blindness that are there, with the cause in words
+        self._standing: dict[
+            str, str
+        ] = {}  # jumps and blindness that are there, with the cause in words
         self.configure(defaults(load("fsw_supervisor", "supervisor.yaml")))
         self._levels = dict.fromkeys(_QUANTITIES, Severity.OK)
         self._runs = {name: {level: Persistence() for level in _ORDER} for name in _QUANTITIES}
@@ -170,8 +181,12 @@ class SafetyMonitor:
         readmitted = self._guard.readmit()
         for name, value in readmitted.items():
             self._standing.pop(f"{name}_jump", None)
-            self._machine.log(Level.WARN, who, f"{who} has acknowledged that sensor {name} shows {value:.4g}")
-        self.invalid_sensors = tuple(name for name in self.invalid_sensors if name not in readmitted)
+            self._machine.log(
+                Level.WARN, who, f"{who} has acknowledged that sensor {name} shows {value:.4g}"
+            )
+        self.invalid_sensors = tuple(
+            name for name in self.invalid_sensors if name not in readmitted
+        )
 
     @property
     def sensor_reasons(self) -> dict[str, str]:
@@ -186,13 +201,18 @@ class SafetyMonitor:
     @property
     def active(self) -> tuple[str, ...]:
         """Active warnings and trips, e.g. ``temperature_high:warn``."""
-        levels = tuple(f"{name}:{level}" for name, level in self._levels.items() if level is not Severity.OK)
+        levels = tuple(
+            f"{name}:{level}" for name, level in self._levels.items() if level is not Severity.OK
+        )
         return levels + tuple(f"{name}:{Severity.TRIP}" for name in self._standing)
 
     @property
     def tripped(self) -> tuple[str, ...]:
         """Names of the tripped interlocks, jumps and blindness."""
-        return (*(name for name, level in self._levels.items() if level is Severity.TRIP), *self._standing)
+        return (
+            *(name for name, level in self._levels.items() if level is Severity.TRIP),
+            *self._standing,
+        )
 
     def _words(self, tripped: Iterable[str]) -> str:
         return "; ".join((self._causes | self._standing)[name] for name in tripped)
@@ -203,7 +223,9 @@ class SafetyMonitor:
         With ``acknowledged``, as if sensors that have jumped and are steady were readmitted.
         """
         steady = self._guard.steady if acknowledged else ()
-        tripped = [name for name in self.tripped if name not in {f"{sensor}_jump" for sensor in steady}]
+        tripped = [
+            name for name in self.tripped if name not in {f"{sensor}_jump" for sensor in steady}
+        ]
         if tripped:
             return f"the cause is still present: {self._words(tripped)}"
         blind = self._blind(steady)
@@ -215,13 +237,17 @@ class SafetyMonitor:
         if not self.judged:
             return "nothing has been measured yet"
         invalid = (name for name in self.invalid_sensors if name not in but)
-        return "; ".join(f"sensor {name} is invalid ({self.sensor_reasons[name]})" for name in invalid)
+        return "; ".join(
+            f"sensor {name} is invalid ({self.sensor_reasons[name]})" for name in invalid
+        )
 
     def judge(self, tick: Tick, acting: Command | None) -> None:
         """Judge the samples of a tick; ``acting``: force and speed that act. A trip leads to a safe stop."""
         before, reasons = self.invalid_sensors, self._guard.reasons
         tick.judged = self.judged = True
-        tick.dropouts = tuple(name for name in REQUIRED if name not in tick.samples and not reasons[name])
+        tick.dropouts = tuple(
+            name for name in REQUIRED if name not in tick.samples and not reasons[name]
+        )
         measurement = self._guard.measure(tick.stamp_ns / NANOSECONDS, tick.samples, acting)
         self.invalid_sensors = measurement.invalid_sensors()
         if not self.invalid_sensors:
@@ -230,7 +256,9 @@ class SafetyMonitor:
             self.blind_since_ns = self._machine.time_ns
         for name in self.invalid_sensors:
             if name not in before:
-                self._machine.log(Level.WARN, "sensors", f"sensor {name} is invalid: {reasons[name]}")
+                self._machine.log(
+                    Level.WARN, "sensors", f"sensor {name} is invalid: {reasons[name]}"
+                )
         for name in before:
             if name not in self.invalid_sensors:
                 self._machine.log(Level.INFO, "sensors", f"sensor {name} is valid again")
@@ -248,13 +276,19 @@ class SafetyMonitor:
             "temperature_residual_c": residuals.temperature_c,
         }
         rejected = {
-            SENSORS[name].signal: value for name, value in tick.samples.items() if reasons[name] and not isnan(value)
+            SENSORS[name].signal: value
+            for name, value in tick.samples.items()
+            if reasons[name] and not isnan(value)
         }
         if "torque_nm" in rejected:
-            rejected["power_kw"] = kw_from_w(rejected["torque_nm"] * rad_s_from_rpm(measurement.speed_rpm))
+            rejected["power_kw"] = kw_from_w(
+                rejected["torque_nm"] * rad_s_from_rpm(measurement.speed_rpm)
+            )
         self.watch(known, measurement.held, rejected, self._since_judged_s())
         if self.invalid_sensors and self._machine.acknowledged:
-            self._machine.renew(StopCause.BLIND, "sensors")  # from now on it is unknown whether a cause is present
+            self._machine.renew(
+                StopCause.BLIND, "sensors"
+            )  # from now on it is unknown whether a cause is present
 
     @property
     def _is_automatic(self) -> bool:
@@ -266,14 +300,15 @@ class SafetyMonitor:
         before, self._standing = self._standing, {}
         for name, last_good in self._guard.jumped.items():
             cause, shown = f"{name}_jump", samples.get(name, nan)
-            text = f"{cause} is trip: {SENSORS[name].signal} {shown:.4g}, last good {last_good:.4g}"
+            text = (
+                f"{cause} is trip: {SENSORS[name].signal} {shown:.4g}, last good {last_good:.4g}"
+            )
             self._standing[cause] = before.get(cause, text)
         if self._is_automatic or self._machine.mode is Mode.SAFE_STOP:
             for name in self._blindness.exceeded:
                 cause = f"{name}_blind"
-                text = (
-                    f"{cause} is trip: invalid ({self.sensor_reasons[name]}) for {self._blindness.limit_s:g} s in sum"
-                )
+                why, limit_s = self.sensor_reasons[name], self._blindness.limit_s
+                text = f"{cause} is trip: invalid ({why}) for {limit_s:g} s in sum"
                 self._standing[cause] = before.get(cause, text)
         for cause, text in self._standing.items():
             if cause not in before:
@@ -297,13 +332,14 @@ class SafetyMonitor:
     ) -> None:
         """Compare values by quantity with the interlocks; a missing or non-finite value changes nothing.
 
-        ``rejected`` are samples that are not valid: one beyond a trip, infinity too, counts as such, any other changes
-        nothing.
+        ``rejected`` are samples that are not valid: one beyond a trip, infinity too, counts as
+        such, any other changes nothing.
 
-        A level takes effect when the values of the last ``interlocks.persistence_s``, two at least, were each at that
-        level or worse: a spike does not trip. A trip is gone after as long without it. Values of sensors that are
-        ``held`` are no new ones: they neither trip nor clear. A trip acts for as long as it lasts, in every mode, not
-        only when it begins. ``elapsed_s`` is the time since the values before.
+        A level takes effect when the values of the last ``interlocks.persistence_s``, two at
+        least, were each at that level or worse: a spike does not trip. A trip is gone after as
+        long without it. Values of sensors that are ``held`` are no new ones: they neither trip nor
+        clear. A trip acts for as long as it lasts, in every mode, not only when it begins.
+        ``elapsed_s`` is the time since the values before.
         """
         for item in self._interlocks:
             value, bad = values.get(item.quantity, nan), (rejected or {}).get(item.quantity, nan)
@@ -323,7 +359,11 @@ class SafetyMonitor:
     def _judge(self, item: Interlock, value: float, elapsed_s: float) -> None:
         """Determine the level of an interlock."""
         present, runs = self._levels[item.name], self._runs[item.name]
-        period_s, limit_s, leaving = self._machine.settings.tick_period_s, self._persistence_s, self._leaving[item.name]
+        period_s, limit_s, leaving = (
+            self._machine.settings.tick_period_s,
+            self._persistence_s,
+            self._leaving[item.name],
+        )
         shown = item.level(value, present)
         for level in _ORDER:
             runs[level].note(_ORDER.index(shown) >= _ORDER.index(level), elapsed_s, period_s)
@@ -331,7 +371,9 @@ class SafetyMonitor:
         leaving.note(leaves, elapsed_s, period_s)
         if leaves and not leaving.reaches(limit_s, period_s):
             return
-        lasting = (level for level in _ORDER if level is present or runs[level].reaches(limit_s, period_s))
+        lasting = (
+            level for level in _ORDER if level is present or runs[level].reaches(limit_s, period_s)
+        )
         level = min(shown, max(lasting, key=_ORDER.index), key=_ORDER.index)
         if level is present:
             return

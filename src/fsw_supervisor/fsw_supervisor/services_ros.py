@@ -26,8 +26,9 @@ from fsw_supervisor.tick import Decision
 class OperatorServices:
     """Services for switching controllers, listing them, setting the mode and acknowledging a safe stop.
 
-    ``leads`` is awaited before a request is acted on: whether this supervisor leads. Success is answered when the
-    actuator end reports the effect. ``publish`` publishes the consequences of a request.
+    ``leads`` is awaited before a request is acted on: whether this supervisor leads. Success is
+    answered when the actuator end reports the effect. ``publish`` publishes the consequences of a
+    request.
     """
 
     def __init__(
@@ -40,7 +41,8 @@ class OperatorServices:
     ) -> None:
         self._node, self._arbiter, self._leads, self._publish = node, arbiter, leads, publish
         self._confirmations = confirmations
-        # An answer may come ticks later; a group of their own keeps the services from holding up the topics.
+        # An answer may come ticks later; a group of their own keeps the services from holding up
+        # the topics.
         self._group = ReentrantCallbackGroup()
         self._services: list[Service] = []
 
@@ -64,16 +66,23 @@ class OperatorServices:
     async def _on_switch(
         self, request: SwitchController.Request, response: SwitchController.Response
     ) -> SwitchController.Response:
-        if request.strictness not in (SwitchController.Request.BEST_EFFORT, SwitchController.Request.STRICT):
+        if request.strictness not in (
+            SwitchController.Request.BEST_EFFORT,
+            SwitchController.Request.STRICT,
+        ):
             response.ok = False
-            response.message = f"strictness {request.strictness} is neither BEST_EFFORT (1) nor STRICT (2)"
+            response.message = (
+                f"strictness {request.strictness} is neither BEST_EFFORT (1) nor STRICT (2)"
+            )
             return response
         if not await self._leads():
             response.ok, response.message = ON_STANDBY
             return response
         timeout_s = request.timeout.sec + request.timeout.nanosec * 1e-9
         strict = request.strictness == SwitchController.Request.STRICT
-        switch = self._arbiter.operator.ask_switch(request.name, strict, timeout_s, "operator", time.monotonic())
+        switch = self._arbiter.operator.ask_switch(
+            request.name, strict, timeout_s, "operator", time.monotonic()
+        )
         self._publish([])
         if not switch.done:
             answered: Future = Future(executor=self._node.executor)
@@ -90,11 +99,17 @@ class OperatorServices:
     ) -> ListControllers.Response:
         response.active = self._arbiter.machine.active
         response.mode = self._arbiter.machine.standing.mode
-        response.controllers = [reports.health(self._arbiter, record) for record in self._arbiter.registry]
+        response.controllers = [
+            reports.health(self._arbiter, record) for record in self._arbiter.registry
+        ]
         return response
 
-    async def _on_set_mode(self, request: SetMode.Request, response: SetMode.Response) -> SetMode.Response:
-        manual = Command(units.kn_from_n(request.axial_force), units.rpm_from_rad_s(request.spindle_speed))
+    async def _on_set_mode(
+        self, request: SetMode.Request, response: SetMode.Response
+    ) -> SetMode.Response:
+        manual = Command(
+            units.kn_from_n(request.axial_force), units.rpm_from_rad_s(request.spindle_speed)
+        )
         response.ok, response.message = await self._ask(
             lambda: self._arbiter.operator.ask_mode(request.mode, manual, "operator"),
             lambda now_s: (
@@ -105,9 +120,13 @@ class OperatorServices:
         )
         return response
 
-    async def _on_acknowledge(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    async def _on_acknowledge(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
         ask = partial(self._arbiter.operator.acknowledge, "operator")
-        response.success, response.message = await self._ask(ask, self._confirmations.of_acknowledgement)
+        response.success, response.message = await self._ask(
+            ask, self._confirmations.of_acknowledgement
+        )
         return response
 
     async def _ask(
@@ -130,4 +149,7 @@ class OperatorServices:
             return True, message
         if not await self._leads():
             return ON_STANDBY
-        return False, f"requested, but not confirmed by the machine within {self._confirmations.wait_s:g} s ({message})"
+        return (
+            False,
+            f"requested, but not confirmed by the machine within {self._confirmations.wait_s:g} s ({message})",
+        )

@@ -9,7 +9,8 @@ from typing import Any
 from fsw_control.contract import Limits
 from fsw_control.parameters import load, validate
 
-#: share of the time from the deadline to the next measurement after which a tick counts as unanswered: 95 ms (chosen)
+#: share of the time from the deadline to the next measurement after which a tick counts as
+#: unanswered: 95 ms (chosen)
 _UNANSWERED_SHARE = 0.75
 
 
@@ -58,11 +59,17 @@ class ArbiterSettings:
                 f"deadline_s is {self.deadline_s} s; it must be between 0 and tick_period_s ({period_s} s)"
             )
         if self.force_transition_kn > lim.force_step_kn:
-            raise ValueError(f"force_transition_kn must not exceed the step of {lim.force_step_kn} kN")
+            raise ValueError(
+                f"force_transition_kn must not exceed the step of {lim.force_step_kn} kN"
+            )
         if self.speed_transition_rpm > lim.speed_step_rpm:
-            raise ValueError(f"speed_transition_rpm must not exceed the step of {lim.speed_step_rpm} rpm")
+            raise ValueError(
+                f"speed_transition_rpm must not exceed the step of {lim.speed_step_rpm} rpm"
+            )
         if not lim.force_min_kn <= self.safe_force_kn <= lim.force_max_kn:
-            raise ValueError(f"safe_force_kn must be within {lim.force_min_kn} to {lim.force_max_kn} kN")
+            raise ValueError(
+                f"safe_force_kn must be within {lim.force_min_kn} to {lim.force_max_kn} kN"
+            )
         if not self.controller:
             raise ValueError("controller must name the controller to start with, e.g. 'decentral'")
 

@@ -15,12 +15,16 @@ from fsw_supervisor.tick import ProposalInput, Tick, check
 class StartUp:
     """Finds out which command is in force and which controller was active, and decides the mode ``start``.
 
-    Before this supervisor's first command, a controller that reports itself as selected refers to the previous
-    supervisor.
+    Before this supervisor's first command, a controller that reports itself as selected refers to
+    the previous supervisor.
     """
 
     def __init__(
-        self, machine: Machine, registry: ControllerRegistry, operator: OperatorRequests, in_force: CommandInForce
+        self,
+        machine: Machine,
+        registry: ControllerRegistry,
+        operator: OperatorRequests,
+        in_force: CommandInForce,
     ) -> None:
         self.was_active = ""  #: controller that was active before; empty when unknown
         self._machine, self._registry, self._operator = machine, registry, operator
@@ -103,14 +107,17 @@ class StartUp:
     def may_command(self, tick: Tick, now_s: float, final: bool) -> bool:
         """Whether a first command may be sent in any mode, as a safe stop may have been in force before.
 
-        Only the controllers know. A status comes after the proposal that it belongs to; while nobody has proposed,
-        the tick is waited out, for without measurements the time to listen passes in silence.
+        Only the controllers know. A status comes after the proposal that it belongs to; while
+        nobody has proposed, the tick is waited out, for without measurements the time to listen
+        passes in silence.
         """
         if not self._in_force.before_first or self._machine.mode is Mode.SAFE_STOP:
             return True
         if final:
             return self._heard(now_s)
-        reported = [record.status_seen for record in self._registry if record.name in tick.candidates]
+        reported = [
+            record.status_seen for record in self._registry if record.name in tick.candidates
+        ]
         return self._listened(now_s) and bool(reported) and all(reported)
 
     # ---------------------------------------------------------------- the mode start
@@ -118,7 +125,8 @@ class StartUp:
     def decide(self, tick: Tick, final: bool) -> Reason:
         """Begin with the controller that was active before, else with the configured one.
 
-        Returns why the tick's command is held instead; none when the mode has changed, or nothing is decided yet.
+        Returns why the tick's command is held instead; none when the mode has changed, or nothing
+        is decided yet.
         """
         machine, name = self._machine, self.controller
         if not final and name not in tick.candidates:
@@ -130,19 +138,24 @@ class StartUp:
             why_not = candidate.refusal or self._registry.blind(name)
         if not why_not:
             code = ReasonCode.ACTIVE_BEFORE if self.was_active else ReasonCode.CONFIGURED
-            if self._in_force.before_first:  # after a gap the target is known, and stays though a fallback was active
+            if (
+                self._in_force.before_first
+            ):  # after a gap the target is known, and stays though a fallback was active
                 machine.set_target(name)
             self.was_active = ""
             machine.fire(Cause.READY, Reason(code, subject=name), "start", name)
             return Reason()
         if not tick.excuse:
-            # Who was active in mid-weld gets some ticks: after a gap one sensor may be back later than the others.
+            # Who was active in mid-weld gets some ticks: after a gap one sensor may be back later
+            # than the others.
             if self.was_active and machine.ticks_in_mode > machine.settings.warm_ticks:
                 self.was_active = ""
                 machine.fire(Cause.ABANDONED, Reason(ReasonCode.ABANDONED, subject=name), "start")
                 return Reason()
             if not self.was_active and (substitute := self._substitute(tick)):
-                machine.fire(Cause.READY, Reason(ReasonCode.SUBSTITUTED, subject=name), "start", substitute)
+                machine.fire(
+                    Cause.READY, Reason(ReasonCode.SUBSTITUTED, subject=name), "start", substitute
+                )
                 return Reason()
         machine.explain(Reason(ReasonCode.WAITING_FOR_CONTROLLER, subject=name, because=why_not))
         return machine.reason
@@ -150,18 +163,32 @@ class StartUp:
     def _correct_command(self, tick: Tick) -> None:
         """After a restart: distinguish the command in force from a disturbance that the drives also report.
 
-        Who was active proposes at most one move away from the command in force. The plant by itself only lowers the
-        force and keeps the speed; so where the drives report another speed or more force, it is a disturbance.
+        Who was active proposes at most one move away from the command in force. The plant by
+        itself only lowers the force and keeps the speed; so where the drives report another speed
+        or more force, it is a disturbance.
         """
         name, applied = self.was_active, self._in_force.applied
         candidate = tick.candidates.get(name)
-        if not self._in_force.before_first or candidate is None or not candidate.jump or applied is None:
+        if (
+            not self._in_force.before_first
+            or candidate is None
+            or not candidate.jump
+            or applied is None
+        ):
             return
-        limits, proposed, force_kn = self._machine.settings.limits, candidate.command, applied.force_kn
+        limits, proposed, force_kn = (
+            self._machine.settings.limits,
+            candidate.command,
+            applied.force_kn,
+        )
         if force_kn - proposed.force_kn > limits.force_step_kn:
             force_kn = proposed.force_kn
-        applied = self._begin_from(tick, Command(force_kn, proposed.speed_rpm), f"the drives and {name}")
-        tick.candidates[name] = check(name, ProposalInput(tick.stamp_ns, name, proposed), applied, limits)
+        applied = self._begin_from(
+            tick, Command(force_kn, proposed.speed_rpm), f"the drives and {name}"
+        )
+        tick.candidates[name] = check(
+            name, ProposalInput(tick.stamp_ns, name, proposed), applied, limits
+        )
 
     def _substitute(self, tick: Tick) -> str:
         """Fallback whose proposals have been good for long enough not to wait for the configured controller."""
@@ -171,7 +198,8 @@ class StartUp:
             record = self._registry.get(name)
             if record is None or self._registry.why_not_ready(name):
                 continue
-            # Counted without this tick, so that it does not matter which of its messages have arrived.
+            # Counted without this tick, so that it does not matter which of its messages have
+            # arrived.
             if record.consecutive_good - (name in tick.candidates) >= patience:
                 return name
         return ""

@@ -1,7 +1,8 @@
 """The supervisor's state machine: modes, the transitions between them as data, and how they came about.
 
-A pair of mode and trigger that is not in ``TRANSITIONS`` changes nothing; ``scripts/draw_state_machine.py`` draws them.
-A safe stop is latched by the stop register (``fsw_control/stop.py``): no row leads out while it says stopped.
+A pair of mode and trigger that is not in ``TRANSITIONS`` changes nothing;
+``scripts/draw_state_machine.py`` draws them. A safe stop is latched by the stop register
+(``fsw_control/stop.py``): no row leads out while it says stopped.
 """
 
 from __future__ import annotations
@@ -51,22 +52,46 @@ _HEARD = "another part of the weld holds a safe_stop"
 
 TRANSITIONS: tuple[Transition, ...] = (
     Transition(Mode.START, Cause.READY, Mode.AUTO, "first good proposal"),
-    Transition(Mode.START, Cause.ABANDONED, Mode.HOLD, "in mid-weld, the previously active controller sends nothing"),
+    Transition(
+        Mode.START,
+        Cause.ABANDONED,
+        Mode.HOLD,
+        "in mid-weld, the previously active controller sends nothing",
+    ),
     Transition(Mode.AUTO, Cause.INTERRUPTED, Mode.START, "measurements are back after a gap"),
-    *(Transition(m, Cause.OPERATOR_AUTO, Mode.AUTO, f"{_FREE}, a controller is ready") for m in _but(Mode.AUTO)),
-    *(Transition(m, Cause.OPERATOR_MANUAL, Mode.MANUAL, f"{_FREE}, values in limits") for m in _but(Mode.MANUAL)),
+    *(
+        Transition(m, Cause.OPERATOR_AUTO, Mode.AUTO, f"{_FREE}, a controller is ready")
+        for m in _but(Mode.AUTO)
+    ),
+    *(
+        Transition(m, Cause.OPERATOR_MANUAL, Mode.MANUAL, f"{_FREE}, values in limits")
+        for m in _but(Mode.MANUAL)
+    ),
     *(Transition(m, Cause.OPERATOR_HOLD, Mode.HOLD, _FREE) for m in _but(Mode.HOLD)),
-    *(Transition(m, Cause.OPERATOR_SAFE_STOP, Mode.SAFE_STOP, "operator") for m in _but(Mode.SAFE_STOP)),
+    *(
+        Transition(m, Cause.OPERATOR_SAFE_STOP, Mode.SAFE_STOP, "operator")
+        for m in _but(Mode.SAFE_STOP)
+    ),
     Transition(Mode.AUTO, Cause.NO_CONTROLLER, Mode.HOLD, "no usable controller left"),
     Transition(Mode.AUTO, Cause.STORM, Mode.HOLD, "too many automatic swaps"),
-    Transition(Mode.HOLD, Cause.CONTROLLER_BACK, Mode.AUTO, "target auto, a controller is ready again"),
+    Transition(
+        Mode.HOLD, Cause.CONTROLLER_BACK, Mode.AUTO, "target auto, a controller is ready again"
+    ),
     Transition(Mode.HOLD, Cause.HOLD_TIMEOUT, Mode.SAFE_STOP, "held too long"),
     Transition(Mode.START, Cause.START_TIMEOUT, Mode.SAFE_STOP, "no controller available"),
-    Transition(Mode.MANUAL, Cause.BLIND_TIMEOUT, Mode.SAFE_STOP, "a sensor is invalid for too long"),
+    Transition(
+        Mode.MANUAL, Cause.BLIND_TIMEOUT, Mode.SAFE_STOP, "a sensor is invalid for too long"
+    ),
     *(Transition(m, Cause.RESTARTED, Mode.SAFE_STOP, _BEFORE) for m in _but(Mode.SAFE_STOP)),
     *(Transition(m, Cause.STOP_HEARD, Mode.SAFE_STOP, _HEARD) for m in _but(Mode.SAFE_STOP)),
-    *(Transition(m, Cause.CLOCK_STOPPED, Mode.SAFE_STOP, "stamps do not advance") for m in _but(Mode.SAFE_STOP)),
-    *(Transition(m, Cause.INTERLOCK_TRIP, Mode.SAFE_STOP, "an interlock is tripped") for m in _but(Mode.SAFE_STOP)),
+    *(
+        Transition(m, Cause.CLOCK_STOPPED, Mode.SAFE_STOP, "stamps do not advance")
+        for m in _but(Mode.SAFE_STOP)
+    ),
+    *(
+        Transition(m, Cause.INTERLOCK_TRIP, Mode.SAFE_STOP, "an interlock is tripped")
+        for m in _but(Mode.SAFE_STOP)
+    ),
 )
 
 #: by trigger that begins a safe stop here, its cause; ``STOP_HEARD`` brings the cause with it
@@ -80,7 +105,9 @@ STOP_CAUSES = {
     Cause.CLOCK_STOPPED: StopCause.CLOCK,
 }
 
-_TABLE: dict[tuple[Mode, Cause], Mode] = {(row.source, row.trigger): row.target for row in TRANSITIONS}
+_TABLE: dict[tuple[Mode, Cause], Mode] = {
+    (row.source, row.trigger): row.target for row in TRANSITIONS
+}
 
 
 def next_mode(mode: Mode, trigger: Cause) -> Mode | None:
@@ -117,7 +144,8 @@ class Standing(NamedTuple):
 class Machine:
     """State of the arbiter as an operator sees it; changes only by the table above and by swaps in auto.
 
-    ``mode`` and ``active`` are the actual mode and controller, ``target_mode`` and ``target`` the requested ones.
+    ``mode`` and ``active`` are the actual mode and controller, ``target_mode`` and ``target`` the
+    requested ones.
     """
 
     def __init__(self, settings: ArbiterSettings) -> None:
@@ -126,22 +154,32 @@ class Machine:
         self.target_mode = Mode.AUTO
         self.active = ""  #: controller whose proposals are applied; empty unless in auto
         self.target = settings.controller
-        self.reason = Reason(ReasonCode.NO_MEASUREMENT)  #: why the present state was entered or lasts
+        self.reason = Reason(
+            ReasonCode.NO_MEASUREMENT
+        )  #: why the present state was entered or lasts
         self.cause = Cause.STARTED  #: what it was entered by
         self.who = ""  #: the operator who asked for it
         self.since_ns = 0  #: stamp of the tick at which it was entered
         self.transitions = 0  #: changes of mode or controller since the start
         self.revision = 0  #: changes whenever something that an operator sees has changed
         self.tick = 0  #: number of the present tick
-        #: time of the present tick, on the clock of all time-outs: the steady clock, in lockstep that of the stamps
+        #: time of the present tick, on the clock of all time-outs: the steady clock, in lockstep
+        #: that of the stamps
         self.time_ns = 0
         self.mode_since_ns = 0  #: time on that clock at which the mode was entered
-        #: time from the tick before to the present one, in whole tick periods, so that jitter does not add up
+        #: time from the tick before to the present one, in whole tick periods, so that jitter does
+        #: not add up
         self.step_s = 0.0
         self.slewing = 0  #: ticks left in which the transition limits hold after a swap
-        self.register = StopRegister()  #: this supervisor's copy; while it says stopped, the mode is safe stop
-        self.reported: Stop | None = None  #: the actuator end's copy, as reported last; None: there is no such end
-        self.events: deque[Event] = deque(maxlen=200)  #: the latest, removed when they are published
+        self.register = (
+            StopRegister()
+        )  #: this supervisor's copy; while it says stopped, the mode is safe stop
+        self.reported: Stop | None = (
+            None  #: the actuator end's copy, as reported last; None: there is no such end
+        )
+        self.events: deque[Event] = deque(
+            maxlen=200
+        )  #: the latest, removed when they are published
         self._stamp_ns = 0
         self._mode_tick = 0
         self._automatic: deque[int] = deque(maxlen=100)  # times of automatic swaps
@@ -154,7 +192,9 @@ class Machine:
         self._stamp_ns = stamp_ns
         period_ns = round(self.settings.tick_period_s * NANOSECONDS)
         time_ns = self.time_ns + period_ns if time_ns is None else time_ns
-        if self.tick == 1:  # the time in a mode counts from the first measurement, which covers one period
+        if (
+            self.tick == 1
+        ):  # the time in a mode counts from the first measurement, which covers one period
             self.mode_since_ns = self._origin_ns = time_ns - period_ns
         self.time_ns = max(time_ns, self.time_ns)
         before, self._periods = self._periods, round((self.time_ns - self._origin_ns) / period_ns)
@@ -166,7 +206,9 @@ class Machine:
 
     def elapsed(self, since_ns: int, limit_s: float) -> bool:
         """Whether ``limit_s`` has passed since a time; to the nearest tick, so that jitter does not matter."""
-        return (self.time_ns - since_ns) / NANOSECONDS >= limit_s - self.settings.tick_period_s / 2.0
+        return (
+            self.time_ns - since_ns
+        ) / NANOSECONDS >= limit_s - self.settings.tick_period_s / 2.0
 
     @property
     def standing(self) -> Standing:
@@ -181,7 +223,9 @@ class Machine:
 
     def storming(self) -> bool:
         """Whether there were too many automatic swaps lately."""
-        recent = sum(not self.elapsed(time_ns, self.settings.storm_window_s) for time_ns in self._automatic)
+        recent = sum(
+            not self.elapsed(time_ns, self.settings.storm_window_s) for time_ns in self._automatic
+        )
         return recent >= self.settings.storm_swaps > 0
 
     def fire(self, trigger: Cause, reason: Reason, who: str, controller: str = "") -> None:
@@ -201,7 +245,12 @@ class Machine:
         self.slewing = self.settings.transition_ticks if target is Mode.AUTO else 0
         if trigger is Cause.CONTROLLER_BACK:
             self._automatic.append(self.time_ns)
-        self._note(trigger, reason, who, f"{before} -> {target}" + (f" ({controller})" if self.active else ""))
+        self._note(
+            trigger,
+            reason,
+            who,
+            f"{before} -> {target}" + (f" ({controller})" if self.active else ""),
+        )
 
     def _enter(self, mode: Mode) -> None:
         """Be in a mode from this tick on."""
@@ -297,4 +346,8 @@ class Machine:
         self.cause, self.reason, self.since_ns = cause, reason, self._stamp_ns
         self.who = who if cause.on_request else ""
         self.transitions += 1
-        self.log(Level.ERROR if self.mode is Mode.SAFE_STOP else Level.INFO, who, f"{text}: {reason.words}")
+        self.log(
+            Level.ERROR if self.mode is Mode.SAFE_STOP else Level.INFO,
+            who,
+            f"{text}: {reason.words}",
+        )

@@ -43,9 +43,10 @@ _REPORT_S = 1.0
 class SupervisorNode(LightNode, Node):
     """The only writer of ``fsw/command``, or the standby of the one that is.
 
-    Every message is handed to the pure :class:`Arbiter` at once; what it decides is published from the same
-    callback, so the hop costs no wait. A timer on the steady clock, armed for the arbiter's next wake-up, does the
-    deadlines. The leader's publishers and services exist only while this node leads.
+    Every message is handed to the pure :class:`Arbiter` at once; what it decides is published from
+    the same callback, so the hop costs no wait. A timer on the steady clock, armed for the
+    arbiter's next wake-up, does the deadlines. The leader's publishers and services exist only
+    while this node leads.
     """
 
     def __init__(self) -> None:
@@ -57,12 +58,16 @@ class SupervisorNode(LightNode, Node):
         lockstep = values["lockstep"]
         self._arbiter = Arbiter(
             ArbiterSettings.from_values(values),
-            lockstep=bool(self.get_parameter("use_sim_time").value) if lockstep == "auto" else lockstep == "on",
+            lockstep=bool(self.get_parameter("use_sim_time").value)
+            if lockstep == "auto"
+            else lockstep == "on",
         )
         self._arbiter.configure(values)
         self._values.add_check(problem)
         self._values.on_change(self._arbiter.configure)
-        self._failover = Failover(self._arbiter, uuid.uuid4().hex[:12], values["standby"], time.monotonic())
+        self._failover = Failover(
+            self._arbiter, uuid.uuid4().hex[:12], values["standby"], time.monotonic()
+        )
         self._role: Role | None = None
         self._commands: Publisher | None = None
         self._states: Publisher | None = None
@@ -80,16 +85,24 @@ class SupervisorNode(LightNode, Node):
         self._kept_reference = KeptReference(
             self,
             self._leadership.certain,
-            lambda depth_mm, temperature_c: beyond_trip(depth_mm, temperature_c, self._values.values),
+            lambda depth_mm, temperature_c: beyond_trip(
+                depth_mm, temperature_c, self._values.values
+            ),
         )
         self._controllers = ControllerTopics(
-            self, self._arbiter.registry, self._on_proposal, self._on_status, self._kept_reference.listen_to
+            self,
+            self._arbiter.registry,
+            self._on_proposal,
+            self._on_status,
+            self._kept_reference.listen_to,
         )
         self.create_subscription(DriveFeedback, "fsw/drives", self._on_drives, STREAM)
         subscribe_sensors(self, self._on_sample)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         self.create_subscription(String, "fsw/switch_request", self._on_switch_topic, STREAM)
-        self.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_leader_state, LATEST)
+        self.create_subscription(
+            SupervisorState, "fsw/supervisor/state", self._on_leader_state, LATEST
+        )
         for name in (values["controller"], *values["fallbacks"]):
             self._controllers.subscribe(name)
         self._wakeup = DeadlineTimer(self, self._on_wakeup)
@@ -132,16 +145,26 @@ class SupervisorNode(LightNode, Node):
 
     def _on_leader_state(self, message: SupervisorState) -> None:
         if self._failover.on_leader_state(convert.signature(message)):
-            inhibited = {item.name: Reason.of_messages(item.why) for item in message.controllers if item.latched_out}
+            inhibited = {
+                item.name: Reason.of_messages(item.why)
+                for item in message.controllers
+                if item.latched_out
+            }
             cause, why = Cause(message.cause), Reason.of_messages(message.why)
-            actual = Standing(message.actual_mode, message.actual_controller, cause, why, message.who)
-            self._arbiter.follow_operator(message.target_controller, message.target_mode, inhibited, actual)
+            actual = Standing(
+                message.actual_mode, message.actual_controller, cause, why, message.who
+            )
+            self._arbiter.follow_operator(
+                message.target_controller, message.target_mode, inhibited, actual
+            )
         self._publish([])
 
     def _on_switch_topic(self, message: String) -> None:
         if self._role is Role.ACTIVE:
             timeout_s = self._values["switch_request_timeout_s"]
-            self._arbiter.operator.ask_switch(message.data, False, timeout_s, "operator (topic)", time.monotonic())
+            self._arbiter.operator.ask_switch(
+                message.data, False, timeout_s, "operator (topic)", time.monotonic()
+            )
             self._publish([])
 
     def _on_wakeup(self) -> None:
@@ -217,7 +240,9 @@ class SupervisorNode(LightNode, Node):
                 self.get_logger().debug(text)
         if self._states is not None and self._role is Role.ACTIVE:
             self._states.publish(
-                reports.state(self._arbiter, self.get_clock().now().to_msg(), self._failover.signature)
+                reports.state(
+                    self._arbiter, self.get_clock().now().to_msg(), self._failover.signature
+                )
             )
 
     # ---------------------------------------------------------------- graph
@@ -237,13 +262,18 @@ class SupervisorNode(LightNode, Node):
             self._diagnose()
 
     def _diagnose(self) -> None:
-        if self._role is Role.LISTENING:  # for a second at most; whoever watches would miss the report afterwards
+        if (
+            self._role is Role.LISTENING
+        ):  # for a second at most; whoever watches would miss the report afterwards
             return
         if self._role is not Role.ACTIVE:
             line = reports.standby(str(self._role), self._failover.unanswered, self.get_name())
             self._diagnostics.publish([line])
             return
-        namesakes = {record.name: self._controllers.proposers(record.name) for record in self._arbiter.registry}
+        namesakes = {
+            record.name: self._controllers.proposers(record.name)
+            for record in self._arbiter.registry
+        }
         limits = (self._values["latency_warn_s"], self._values["latency_error_s"])
         writers = self.count_publishers(self._command_topic)
         lines = reports.diagnostics(self._arbiter, writers, namesakes, limits)

@@ -31,15 +31,21 @@ class Candidate:
 
     command: Command
     refusal: Reason = Reason()  # noqa: RUF009  # why it may not be applied; none when it may; immutable
-    malformed: bool = False  #: refused for its content, not because the controller calls itself unhealthy
+    malformed: bool = (
+        False  #: refused for its content, not because the controller calls itself unhealthy
+    )
     jump: bool = False  #: refused for its distance from the command before
 
 
-def check(name: str, proposal: ProposalInput, previous: Command | None, limits: Limits) -> Candidate:
+def check(
+    name: str, proposal: ProposalInput, previous: Command | None, limits: Limits
+) -> Candidate:
     """Check a proposal on the topic of controller ``name``; without ``previous`` the rate is not checked."""
     command = proposal.command
     if proposal.source != name:
-        return Candidate(command, Reason(ReasonCode.OTHER_SOURCE, subject=proposal.source[:40]), malformed=True)
+        return Candidate(
+            command, Reason(ReasonCode.OTHER_SOURCE, subject=proposal.source[:40]), malformed=True
+        )
     if not proposal.healthy:
         return Candidate(command, proposal.reason or Reason(ReasonCode.UNHEALTHY))
     refused = refusal(command, limits, previous)
@@ -51,7 +57,9 @@ def check(name: str, proposal: ProposalInput, previous: Command | None, limits: 
 
 def same(one: Command, other: Command) -> bool:
     """Whether two commands differ by no more than the rounding of the unit conversion."""
-    return isclose(one.force_kn, other.force_kn, rel_tol=1e-9) and isclose(one.speed_rpm, other.speed_rpm, rel_tol=1e-9)
+    return isclose(one.force_kn, other.force_kn, rel_tol=1e-9) and isclose(
+        one.speed_rpm, other.speed_rpm, rel_tol=1e-9
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +77,12 @@ class Decision:
 class Outcome:
     """How a tick was settled."""
 
-    decision: Decision | None  #: the tick's command; None: it is lost, or another supervisor has answered it
-    excuse: Reason  #: why a controller that has not proposed does not count as failed; none if it does
+    decision: (
+        Decision | None
+    )  #: the tick's command; None: it is lost, or another supervisor has answered it
+    excuse: (
+        Reason  #: why a controller that has not proposed does not count as failed; none if it does
+    )
 
 
 @dataclass(slots=True)
@@ -84,8 +96,12 @@ class Tick:
     ready: frozenset[str] = frozenset()  #: controllers that were ready when it began
     samples: dict[str, float] = field(default_factory=dict)  #: by sensor [mm, N m, degC]
     drives: Command | None = None  #: actual force and speed, as the drives report them
-    candidates: dict[str, Candidate] = field(default_factory=dict)  #: by controller, those that arrived in time
-    duplicates: dict[str, bool] = field(default_factory=dict)  #: by controller with several proposals: they differ
+    candidates: dict[str, Candidate] = field(
+        default_factory=dict
+    )  #: by controller, those that arrived in time
+    duplicates: dict[str, bool] = field(
+        default_factory=dict
+    )  #: by controller with several proposals: they differ
     judged: bool = False  #: by the safety monitor
     dropouts: tuple[str, ...] = ()  #: sensors without a sample that had one in the tick before
     failure: Reason = Reason()  # noqa: RUF009  #: why the active controller has failed in this tick

@@ -14,7 +14,8 @@ from fsw_supervisor.arbitration import Arbitration
 from fsw_supervisor.state_machine import Level
 from fsw_supervisor.tick import GAP_S, Decision, Tick
 
-#: in real time, time without a usable stamp after which a safe stop begins, as with the drives' watchdog [s]
+#: in real time, time without a usable stamp after which a safe stop begins, as with the drives'
+#: watchdog [s]
 CLOCK_STOP_S = 3.0
 #: a report that comes so long after a command may not know it yet [s] (chosen)
 _FLIGHT_S = 0.01
@@ -35,7 +36,9 @@ class Ticks:
         self.last: Decision | None = None  #: the last command sent, here or by the leader
         #: counts since the start: commands sent, ticks without one, delays of this process
         self.commands = self.lost = self.stalls = 0
-        self.moved_itself = False  #: the actuator end reports that no command acts: it moves the drives by itself
+        self.moved_itself = (
+            False  #: the actuator end reports that no command acts: it moves the drives by itself
+        )
         self.unheard = False  #: it reports that the last commands have not arrived
         self.commanded_s = -inf  #: when a command was sent or heard last
         self.leading = True  #: otherwise on standby: every tick is decided, nothing is sent
@@ -47,7 +50,9 @@ class Ticks:
         self._stamps = StampFilter(self._lockstep)
         self.silence: Silence | None = None  #: why no tick begins; None while ticks begin
         self._heard_s = -inf  # last arrival of a sample, whatever its stamp
-        self._optional: dict[str, tuple[int, float]] = {}  # stamp and value of the last sample of each
+        self._optional: dict[
+            str, tuple[int, float]
+        ] = {}  # stamp and value of the last sample of each
         self._outbox: list[Decision] = []
 
     @property
@@ -65,8 +70,9 @@ class Ticks:
     def on_stamp(self, source: str, stamp_ns: int, value: float, now_s: float) -> None:
         """Let a stamp begin a tick, or enter the sample (of a sensor, or of the drives) in the tick it belongs to.
 
-        The controllers' ``MessageSynchronizer`` hands over a tick once it is complete; here it begins with its first
-        sample, because proposals to it arrive meanwhile and the deadline counts from there.
+        The controllers' ``MessageSynchronizer`` hands over a tick once it is complete; here it
+        begins with its first sample, because proposals to it arrive meanwhile and the deadline
+        counts from there.
         """
         self.pass_time(now_s)
         if source in OPTIONAL:  # begins no tick
@@ -84,8 +90,16 @@ class Ticks:
             self._begin(stamp_ns)
         tick = self.present
         if tick is not None and stamp_ns == tick.stamp_ns:
-            known, tick.drives = tick.drives is not None, self._in_force.feedback(stamp_ns) or tick.drives
-            if self._begins_anew and not known and tick.drives is not None and not (tick.settled or tick.answered):
+            known, tick.drives = (
+                tick.drives is not None,
+                self._in_force.feedback(stamp_ns) or tick.drives,
+            )
+            if (
+                self._begins_anew
+                and not known
+                and tick.drives is not None
+                and not (tick.settled or tick.answered)
+            ):
                 self._in_force.forget()
             for name, sample in accepted.samples.items():
                 if name in REQUIRED:
@@ -100,8 +114,8 @@ class Ticks:
     def pass_time(self, now_s: float) -> None:
         """Note the time, and whether this process was itself stalled: then the queues get time to drain.
 
-        In real time no controller counts as failed then. In lockstep the plant waits meanwhile, so that whoever has not
-        answered by then has failed, stall or not.
+        In real time no controller counts as failed then. In lockstep the plant waits meanwhile, so
+        that whoever has not answered by then has failed, stall or not.
         """
         if 0.0 < self.now_s < now_s - GAP_S:
             self._stalled_s = now_s
@@ -117,7 +131,9 @@ class Ticks:
             drain_s = settings.stall_tolerance_s if tick.stalled else settings.lockstep_deadline_s
             tick.deadline_s = now_s + drain_s / 2.0
             self.stalls += 1
-            self._machine.log(Level.WARN, "arbiter", f"was stalled for {now_s - tick.started_s:.3f} s")
+            self._machine.log(
+                Level.WARN, "arbiter", f"was stalled for {now_s - tick.started_s:.3f} s"
+            )
 
     def note_silence(self) -> None:
         """Report, once, that measurements have stopped, or that their stamps have; the latter lead to a safe stop."""
@@ -130,7 +146,11 @@ class Ticks:
             self._machine.log(Level.ERROR, who, f"{silence} for {GAP_S:g} s")
         silent_s = self.now_s - self.present.started_s
         if silence is Silence.CLOCK and silent_s >= CLOCK_STOP_S:
-            self._machine.fire(Cause.CLOCK_STOPPED, Reason(ReasonCode.CLOCK_STOPPED, limit_s=CLOCK_STOP_S), "clock")
+            self._machine.fire(
+                Cause.CLOCK_STOPPED,
+                Reason(ReasonCode.CLOCK_STOPPED, limit_s=CLOCK_STOP_S),
+                "clock",
+            )
 
     @property
     def _begins_anew(self) -> bool:
@@ -168,7 +188,9 @@ class Ticks:
         self._add_optional(tick)
         if gap:
             self.interrupt(Reason(ReasonCode.GAP))
-        self._arbitration.start_up.begin(now_s)  # after a gap before the first command listening begins anew
+        self._arbitration.start_up.begin(
+            now_s
+        )  # after a gap before the first command listening begins anew
         self._arbitration.change_between_ticks(now_s)
         # Before any proposal to it, so that it does not matter which comes first.
         tick.ready = self._registry.all_ready()
@@ -178,8 +200,13 @@ class Ticks:
         """Time of a tick that begins, on the clock of all time-outs; None: one tick period after the one before."""
         if not self._lockstep:
             return round(self.now_s * NANOSECONDS)
-        # In lockstep the wall clock means nothing. Where simulated time starts again, the time-outs continue.
-        return self._machine.time_ns + stamp_ns - past.stamp_ns if past and stamp_ns > past.stamp_ns else None
+        # In lockstep the wall clock means nothing. Where simulated time starts again, the
+        # time-outs continue.
+        return (
+            self._machine.time_ns + stamp_ns - past.stamp_ns
+            if past and stamp_ns > past.stamp_ns
+            else None
+        )
 
     def _end(self, tick: Tick, gap: bool) -> None:
         """Settle a tick that is over: with a command, or after a gap without one."""
@@ -193,7 +220,8 @@ class Ticks:
             self._advance(final=True)
         self._registry.close(tick)
         if not self._arbitration.watch.seen_lately(self.now_s):
-            # Only now, so that it does not depend on the order in which the tick's messages arrive.
+            # Only now, so that it does not depend on the order in which the tick's messages
+            # arrive.
             self._in_force.learn_offsets(tick, self._machine.settings.limits)
 
     def interrupt(self, reason: Reason) -> None:
@@ -216,7 +244,12 @@ class Ticks:
         tick = self.present
         if tick is None or tick.settled:
             return
-        if self._begins_anew and tick.drives is None and not final and self.now_s < tick.deadline_s:
+        if (
+            self._begins_anew
+            and tick.drives is None
+            and not final
+            and self.now_s < tick.deadline_s
+        ):
             return
         self._arbitration.decide(tick, self.now_s, final)
         if tick.outcome is not None and tick.outcome.decision is None and not tick.answered:

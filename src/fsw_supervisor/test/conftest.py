@@ -37,12 +37,15 @@ class Rig:
     edit : dict of str to callable
         Changes a controller's proposal.
     values : dict of str to float
-        What the sensors show; one that is absent does not publish. The torque is that at the start's force, and follows
-        the force that acts.
+        What the sensors show; one that is absent does not publish. The torque is that at the
+        start's force, and follows the force that acts.
     """
 
     def __init__(self, settings: ArbiterSettings | None = None, lockstep: bool = False) -> None:
-        self.arbiter = Arbiter(settings if settings is not None else ArbiterSettings.from_values({}), lockstep=lockstep)
+        self.arbiter = Arbiter(
+            settings if settings is not None else ArbiterSettings.from_values({}),
+            lockstep=lockstep,
+        )
         self.names = ["decentral", "nmpc"]
         self.silent: set[str] = set()
         self.delays_s: dict[str, float] = {}
@@ -99,14 +102,18 @@ class Rig:
             out += self._until(at_s)
             out += arbiter.on_proposal(name, proposal, at_s)
             source = out[-1].source if out else self.seen_source
-            out += arbiter.on_status(name, self.tolerated.get(name, ()), source == name, at_s, source)
+            out += arbiter.on_status(
+                name, self.tolerated.get(name, ()), source == name, at_s, source
+            )
         out += self._until(deadline_s)
         for decision in out:
             arbiter.on_command(decision.stamp_ns, decision.source, decision.command)
         if before is not None and out:
             limits = arbiter.settings.limits
             assert abs(out[-1].command.force_kn - before.force_kn) <= limits.force_step_kn + 1e-9
-            assert abs(out[-1].command.speed_rpm - before.speed_rpm) <= limits.speed_step_rpm + 1e-9
+            assert (
+                abs(out[-1].command.speed_rpm - before.speed_rpm) <= limits.speed_step_rpm + 1e-9
+            )
         self.ticks.append(out)
         self.seen_source = out[-1].source if out else self.seen_source
         return out
@@ -171,7 +178,9 @@ class Leader:
         """Send what the failover lets pass."""
         for decision in self.failover.pass_on(decisions, self.now_s):
             self.sent.append(decision)
-            if self.fence is not None and self.fence.check(self.failover.signature, decision.source) == ("", ""):
+            if self.fence is not None and self.fence.check(
+                self.failover.signature, decision.source
+            ) == ("", ""):
                 self.fence.take(decision.source, decision.stamp_ns)
 
     def run(self, seconds: float) -> Leader:
@@ -202,7 +211,11 @@ class Leader:
         for name in ("decentral", "nmpc"):
             before = self.arbiter.applied or self.drives or self.wish
             command = self.arbiter.settings.limits.clip(self.wish, before)
-            self.call(self.arbiter.on_proposal(name, ProposalInput(self.stamp_ns, name, command), self.now_s))
+            self.call(
+                self.arbiter.on_proposal(
+                    name, ProposalInput(self.stamp_ns, name, command), self.now_s
+                )
+            )
             self.call(self.arbiter.on_status(name, (), False, self.now_s))
 
     def tick(self, count: int = 1) -> Leader:
@@ -220,7 +233,10 @@ class Leader:
     def ticks_accounted_for(self) -> bool:
         """Whether each tick counts as answered or as lost."""
         arbiter = self.arbiter
-        return arbiter.ticks.commands == len(self.sent) and arbiter.ticks.commands + arbiter.ticks.lost == self.measured
+        return (
+            arbiter.ticks.commands == len(self.sent)
+            and arbiter.ticks.commands + arbiter.ticks.lost == self.measured
+        )
 
 
 @pytest.fixture

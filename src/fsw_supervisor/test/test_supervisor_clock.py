@@ -31,7 +31,9 @@ class Stream:
         """Let time pass, as the node's timers do."""
         while self.now_s < until_s:
             wakeup_s = self.arbiter.wakeup_s
-            due_s = until_s if wakeup_s is None or wakeup_s <= self.now_s else min(wakeup_s, until_s)
+            due_s = (
+                until_s if wakeup_s is None or wakeup_s <= self.now_s else min(wakeup_s, until_s)
+            )
             self.now_s = min(due_s, self.now_s + 0.05)
             self.take(self.arbiter.on_time(self.now_s))
 
@@ -41,7 +43,12 @@ class Stream:
         else:
             self.take(self.arbiter.on_sample(source, stamp_ns, VALUES[source], self.now_s))
         tick = self.arbiter.ticks.present
-        if tick is not None and tick.stamp_ns == stamp_ns and not tick.settled and source == "thermocouple":
+        if (
+            tick is not None
+            and tick.stamp_ns == stamp_ns
+            and not tick.settled
+            and source == "thermocouple"
+        ):
             proposal = ProposalInput(stamp_ns, "decentral", self.arbiter.applied or ACTING)
             self.take(self.arbiter.on_proposal("decentral", proposal, self.now_s))
             self.take(self.arbiter.on_status("decentral", (), True, self.now_s))
@@ -118,7 +125,9 @@ def disturbed_streams(draw):
             ready_s[source] = max(ready_s[source], count * 0.1 + late_s)
             samples.append((ready_s[source], source, clock_ns))
             if draw(st.integers(0, 9)) == 0:
-                samples.append((ready_s[source] + draw(st.sampled_from([0.0, 0.1, 0.3])), source, clock_ns))
+                samples.append(
+                    (ready_s[source] + draw(st.sampled_from([0.0, 0.1, 0.3])), source, clock_ns)
+                )
     return sorted(samples, key=lambda sample: sample[0])
 
 
@@ -136,8 +145,14 @@ def test_each_stamp_is_answered_once_and_no_silence_is_without_a_cause(samples):
         stream.sample(source, stamp_ns)
     for time_s, decision in stream.answers:
         earlier_s = answered.get(decision.stamp_ns, -1.0)
-        assert time_s - earlier_s >= 0.4, "answered twice, and not because the clock has repeated the stamp"
+        assert time_s - earlier_s >= 0.4, (
+            "answered twice, and not because the clock has repeated the stamp"
+        )
         answered[decision.stamp_ns] = time_s
-    times_s = [begin_s, *(time_s for time_s, _ in stream.answers if time_s > begin_s), stream.now_s]
+    times_s = [
+        begin_s,
+        *(time_s for time_s, _ in stream.answers if time_s > begin_s),
+        stream.now_s,
+    ]
     if max(after - earlier for earlier, after in pairwise(times_s)) > 1.1:
         assert {who for who, _ in stream.events()} & {"clock", "sensors"}

@@ -75,7 +75,9 @@ def test_a_stop_in_a_pause_of_the_measurements_is_not_confirmed_and_stays(asked)
 
 @pytest.mark.requirement("S25", "S38")
 @pytest.mark.parametrize("heard_before", [False, True])
-def test_safe_stop_outlasts_an_acknowledgement_of_another_stop_given_before_it(asked, heard_before):
+def test_safe_stop_outlasts_an_acknowledgement_of_another_stop_given_before_it(
+    asked, heard_before
+):
     leader, fence = asked.leader, asked.leader.fence
     fence.stop(StopCause.WATCHDOG, 0)
     elsewhere = StopRegister()

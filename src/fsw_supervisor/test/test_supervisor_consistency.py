@@ -14,7 +14,9 @@ FORCE_KN, SPEED_RPM, DEPTH_MM, TEMPERATURE_C = 78.4, 407.576, 2.66, 816.4
 
 
 def torque_nm(force_kn=FORCE_KN, depth_mm=DEPTH_MM, share=1.0):
-    return share * process_torque_nm(MODEL, force_kn, depth_mm) + friction_torque_nm(MODEL, SPEED_RPM)
+    return share * process_torque_nm(MODEL, force_kn, depth_mm) + friction_torque_nm(
+        MODEL, SPEED_RPM
+    )
 
 
 class Weld:
@@ -83,7 +85,9 @@ def test_force_that_moves_the_torque_and_the_depth_does_not_count():
     process_nm, force_kn, worst = process_torque_nm(MODEL, FORCE_KN, DEPTH_MM), FORCE_KN, 0.0
     for tick in range(100):
         force_kn += 1.0 if tick < 15 else 0.0
-        process_nm += (process_torque_nm(MODEL, force_kn, DEPTH_MM) - process_nm) * (1.0 - math.exp(-0.1 / 0.27))
+        process_nm += (process_torque_nm(MODEL, force_kn, DEPTH_MM) - process_nm) * (
+            1.0 - math.exp(-0.1 / 0.27)
+        )
         measured = process_nm + friction_torque_nm(MODEL, SPEED_RPM)
         worst = max(worst, abs(weld.tick(force_kn=force_kn, torque_nm=measured).torque_percent))
     assert worst < 0.5
@@ -94,7 +98,9 @@ def test_force_that_moves_the_torque_and_the_depth_does_not_count():
 def test_a_depth_that_moves_by_itself_shows(rate_mm_per_s):
     weld = Weld()
     weld.run(100)
-    residuals = [weld.tick(depth_mm=DEPTH_MM + 0.1 * k * rate_mm_per_s).depth_mm for k in range(60)]
+    residuals = [
+        weld.tick(depth_mm=DEPTH_MM + 0.1 * k * rate_mm_per_s).depth_mm for k in range(60)
+    ]
     assert max(map(abs, residuals)) > 0.4
     assert residuals[-1] * rate_mm_per_s > 0.0
 
@@ -103,11 +109,17 @@ def test_a_depth_that_follows_the_force_does_not_count():
     """+15 kN for half a minute sink the shoulder by (17)."""
     weld, depth_mm, slow, worst = Weld(), DEPTH_MM, 0.0, 0.0
     weld.run(100)
-    gain, pole_s, zero_s = MODEL.depth_gain_mm_per_kn_s, MODEL.depth_pole_slow_s, MODEL.depth_zero_s
+    gain, pole_s, zero_s = (
+        MODEL.depth_gain_mm_per_kn_s,
+        MODEL.depth_pole_slow_s,
+        MODEL.depth_zero_s,
+    )
     for _ in range(300):
         depth_mm += 0.1 * gain * 15.0
         slow += 0.1 / pole_s * (gain * 15.0 * (zero_s - pole_s) - slow)
-        residual = weld.tick(force_kn=FORCE_KN + 15.0, depth_mm=depth_mm + slow, torque_nm=math.nan).depth_mm
+        residual = weld.tick(
+            force_kn=FORCE_KN + 15.0, depth_mm=depth_mm + slow, torque_nm=math.nan
+        ).depth_mm
         worst = max(worst, abs(residual))
     assert depth_mm + slow > DEPTH_MM + 0.9
     assert worst < 0.02
@@ -118,7 +130,10 @@ def test_a_depth_that_follows_the_force_does_not_count():
 def test_a_temperature_that_moves_by_itself_shows(rate_c_per_s):
     weld = Weld()
     weld.run(100)
-    residuals = [weld.tick(temperature_c=TEMPERATURE_C + 0.1 * k * rate_c_per_s).temperature_c for k in range(300)]
+    residuals = [
+        weld.tick(temperature_c=TEMPERATURE_C + 0.1 * k * rate_c_per_s).temperature_c
+        for k in range(300)
+    ]
     assert max(map(abs, residuals)) > 90.0
 
 

@@ -30,14 +30,20 @@ class Counted:
             self.registry.close(self.ticks[-1])
         self.now_s += 0.1
         self.stamp_ns += after_ns
-        self.ticks.append(Tick(self.stamp_ns, self.now_s, self.now_s + 0.08, STEADY, samples={"depth": 2.6}))
+        self.ticks.append(
+            Tick(self.stamp_ns, self.now_s, self.now_s + 0.08, STEADY, samples={"depth": 2.6})
+        )
         self.registry.take_early(self.ticks[-1], self.now_s)
         return self
 
     def propose(self, behind=0, after_s=0.01, force_kn=80.0, name="a", **changes):
         """Propose to the tick so many ticks ago."""
-        proposal = ProposalInput(self.stamp_ns - behind * STEP_NS, name, Command(force_kn, 410.0), **changes)
-        self.registry.take(name, proposal, self.ticks[-1] if self.ticks else None, self.now_s + after_s)
+        proposal = ProposalInput(
+            self.stamp_ns - behind * STEP_NS, name, Command(force_kn, 410.0), **changes
+        )
+        self.registry.take(
+            name, proposal, self.ticks[-1] if self.ticks else None, self.now_s + after_s
+        )
         return self.record
 
     @property
@@ -51,7 +57,14 @@ class Counted:
 def counts(record):
     return {
         name: value
-        for name in ("late", "missed", "rejected", "duplicates", "consecutive_good", "silent_ticks")
+        for name in (
+            "late",
+            "missed",
+            "rejected",
+            "duplicates",
+            "consecutive_good",
+            "silent_ticks",
+        )
         if (value := getattr(record, name))
     }
 
@@ -100,8 +113,16 @@ def test_an_answer_to_an_older_measurement_is_late(counted):
 
 def test_an_old_answer_that_was_given_before_is_a_duplicate_and_refused(counted):
     counted.propose()
-    assert counts(counted.propose(behind=1)) == {"duplicates": 1, "rejected": 1, "consecutive_good": 6}
-    assert counts(counted.propose(behind=3)) == {"duplicates": 2, "rejected": 2, "consecutive_good": 6}
+    assert counts(counted.propose(behind=1)) == {
+        "duplicates": 1,
+        "rejected": 1,
+        "consecutive_good": 6,
+    }
+    assert counts(counted.propose(behind=3)) == {
+        "duplicates": 2,
+        "rejected": 2,
+        "consecutive_good": 6,
+    }
     counted.begin()
     assert counts(counted.propose(behind=1))["duplicates"] == 3
 
@@ -136,7 +157,9 @@ def test_in_lockstep_an_answer_is_checked_against_what_was_applied_then():
 def test_in_lockstep_an_answer_to_what_was_never_measured_is_late():
     counted = Counted(lockstep=True).begin().begin()
     stamp_ns = counted.stamp_ns - STEP_NS // 2
-    counted.registry.take("a", ProposalInput(stamp_ns, "a", STEADY), counted.ticks[-1], counted.now_s)
+    counted.registry.take(
+        "a", ProposalInput(stamp_ns, "a", STEADY), counted.ticks[-1], counted.now_s
+    )
     assert counts(counted.record) == {"late": 1}
     assert counted.record.problem == Reason(ReasonCode.OUTDATED, limit_s=0.05)
 
@@ -178,7 +201,10 @@ def test_who_never_proposed_is_told_to_be_silent_without_a_warning(counted):
 def test_in_a_tick_that_blames_nobody_silence_is_no_failure(counted):
     counted.ticks[-1].stalled = True
     counted.begin()
-    assert (counted.record.problem, counts(counted.record)) == (Reason(), {"consecutive_good": 5, "silent_ticks": 1})
+    assert (counted.record.problem, counts(counted.record)) == (
+        Reason(),
+        {"consecutive_good": 5, "silent_ticks": 1},
+    )
     counted.ticks[-1].settle(Decision(counted.stamp_ns, STEADY, "hold"), "an excuse")
     assert counted.propose().consecutive_good == 5, "an answer to it is neither good nor bad"
     assert counted.ticks[-1].candidates == {}
@@ -237,7 +263,9 @@ def test_where_the_clock_goes_back_proposals_count_anew(counted):
     back_ns = -3600 * 10**9
     early_ns = counted.stamp_ns + back_ns
     for stamp_ns in (early_ns, counted.stamp_ns + STEP_NS):
-        counted.registry.take("a", ProposalInput(stamp_ns, "a", STEADY), counted.ticks[-1], counted.now_s)
+        counted.registry.take(
+            "a", ProposalInput(stamp_ns, "a", STEADY), counted.ticks[-1], counted.now_s
+        )
     assert counts(counted.record) == {"consecutive_good": 6}, "the measurement may come later"
     counted.registry.forget_time(early_ns)
     counted.begin(after_ns=back_ns)
@@ -248,7 +276,9 @@ def test_where_the_clock_goes_back_proposals_count_anew(counted):
 
 
 @pytest.mark.parametrize(("behind", "early"), [(10, False), (11, True)])
-def test_only_an_answer_to_a_time_more_than_a_second_ago_may_be_one_of_a_clock_that_went_back(counted, behind, early):
+def test_only_an_answer_to_a_time_more_than_a_second_ago_may_be_one_of_a_clock_that_went_back(
+    counted, behind, early
+):
     counted.registry.forget_time(0)
     counted.record.last_stamp_ns = -1
     record = counted.propose(behind=behind)
@@ -273,7 +303,9 @@ def test_two_equal_answers_are_no_conflict(counted):
 
 
 @pytest.mark.requirement("S6")
-def test_a_name_that_two_controllers_use_is_ambiguous_after_some_ticks_in_a_row_and_told_once(counted):
+def test_a_name_that_two_controllers_use_is_ambiguous_after_some_ticks_in_a_row_and_told_once(
+    counted,
+):
     ticks = counted.machine.settings.duplicate_ticks
     words = "a proposes more than once per tick: are there two controllers of this name?"
     for count in range(1, ticks + 3):
@@ -357,7 +389,9 @@ def test_who_has_failed_is_readmitted_after_so_many_good_proposals_or_never(read
         counted.begin().propose()
         assert (counted.record.inhibited == Reason()) == (0 < readmit_ticks <= count)
     told = counted.events()
-    assert told.count("controller a is readmitted after good shadow ticks") == int(readmit_ticks > 0)
+    assert told.count("controller a is readmitted after good shadow ticks") == int(
+        readmit_ticks > 0
+    )
     assert "controller a is ready" not in told
 
 
@@ -413,7 +447,11 @@ def test_who_is_readmitted_is_usable_only_after_good_proposals(counted):
     warm_ticks = counted.machine.settings.warm_ticks
     for count in range(1, warm_ticks + 1):
         counted.begin().propose()
-        words = "" if count == warm_ticks else f"a is not ready: {count} of {warm_ticks} good proposals in a row"
+        words = (
+            ""
+            if count == warm_ticks
+            else f"a is not ready: {count} of {warm_ticks} good proposals in a row"
+        )
         assert counted.registry.why_not_ready("a") == words
 
 

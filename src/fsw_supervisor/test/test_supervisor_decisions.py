@@ -34,7 +34,9 @@ class Hand:
         self.wait(after_s)
         for name in names or REQUIRED:
             value = self.rig.values[name]
-            self.out += self.arbiter.on_sample(name, self.rig.stamp_ns, value, self.rig.now_s + after_s)
+            self.out += self.arbiter.on_sample(
+                name, self.rig.stamp_ns, value, self.rig.now_s + after_s
+            )
         return self
 
     def proposal(self, name="decentral", after_s=0.001, **changes):
@@ -98,7 +100,9 @@ def test_a_sensor_that_is_known_to_be_lost_is_not_waited_for_once_the_proposal_i
 def test_after_the_grace_the_active_proposal_is_still_waited_for(rig):
     hand = Hand(rig).drives().samples("depth", "torque").wait(0.03)
     assert hand.out == []
-    assert not rig.arbiter.ticks.present.judged, "the thermocouple may be late, too, on a busy machine"
+    assert not rig.arbiter.ticks.present.judged, (
+        "the thermocouple may be late, too, on a busy machine"
+    )
     assert hand.proposal(after_s=0.04).sources == ["decentral"]
 
 
@@ -127,7 +131,9 @@ def test_in_lockstep_shadows_that_keep_up_are_waited_for_and_others_are_not(make
     hand = Hand(rig).drives().samples().proposal()
     assert hand.wait(0.499).out == []
     assert hand.wait(0.501).sources == ["decentral"]
-    assert Hand(rig).drives().samples().proposal().sources == ["decentral"], "nmpc has fallen silent"
+    assert Hand(rig).drives().samples().proposal().sources == ["decentral"], (
+        "nmpc has fallen silent"
+    )
 
 
 # ---------------------------------------------------------------- the first command
@@ -196,7 +202,9 @@ def test_the_operators_values_are_a_start_when_nothing_else_is_known(make_rig):
 
 
 def test_the_controllers_are_given_time_to_tell_who_was_selected(make_rig):
-    rig = make_rig(ArbiterSettings.from_values({"takeover_wait_s": 0.25, "first_report_wait_s": 0.0}))
+    rig = make_rig(
+        ArbiterSettings.from_values({"takeover_wait_s": 0.25, "first_report_wait_s": 0.0})
+    )
     for _ in range(3):
         Hand(rig).drives().samples().proposal().wait(0.099)
     assert rig.arbiter.ticks.commands == 1
@@ -218,10 +226,13 @@ def test_drives_beyond_the_limits_are_no_start_beyond_them(make_rig):
 @pytest.mark.parametrize(
     ("values", "patience"), [({"readmit_ticks": 8}, 8), ({"readmit_ticks": 3, "warm_ticks": 6}, 6)]
 )
-def test_a_fallback_replaces_the_configured_controller_after_so_many_good_proposals(make_rig, values, patience):
+def test_a_fallback_replaces_the_configured_controller_after_so_many_good_proposals(
+    make_rig, values, patience
+):
     rig = make_rig(
         ArbiterSettings.from_values(
-            values | {"takeover_wait_s": 0.0, "first_report_wait_s": 0.0, "fallbacks": ("nobody", "nmpc")}
+            values
+            | {"takeover_wait_s": 0.0, "first_report_wait_s": 0.0, "fallbacks": ("nobody", "nmpc")}
         )
     )
     rig.names = ["nmpc"]
@@ -234,7 +245,9 @@ def test_a_fallback_replaces_the_configured_controller_after_so_many_good_propos
 
 
 def test_at_a_start_a_sample_that_is_late_on_a_busy_machine_is_not_missing(make_rig):
-    rig = make_rig(ArbiterSettings.from_values({"takeover_wait_s": 0.0, "first_report_wait_s": 0.0}))
+    rig = make_rig(
+        ArbiterSettings.from_values({"takeover_wait_s": 0.0, "first_report_wait_s": 0.0})
+    )
     hand = Hand(rig).drives().samples("depth", "torque").wait(0.03)
     hand.samples("thermocouple", after_s=0.04).proposal(after_s=0.05).status(after_s=0.05)
     assert hand.sources == ["decentral"]
@@ -243,7 +256,9 @@ def test_at_a_start_a_sample_that_is_late_on_a_busy_machine_is_not_missing(make_
 
 
 def test_a_fallback_that_does_not_cope_with_a_lost_sensor_is_passed_over_at_a_start(make_rig):
-    rig = make_rig(ArbiterSettings.from_values({"readmit_ticks": 6, "fallbacks": ("nmpc", "third")}))
+    rig = make_rig(
+        ArbiterSettings.from_values({"readmit_ticks": 6, "fallbacks": ("nmpc", "third")})
+    )
     rig.names = ["nmpc", "third"]
     rig.tolerated = {"third": ("torque",)}
     del rig.values["torque"]
@@ -265,16 +280,24 @@ def test_who_was_active_is_waited_for_some_ticks(make_rig):
     assert rig.arbiter.machine.mode is not Mode.START
     rig.run(1)
     told = [event for event in rig.arbiter.machine.events if "start -> hold" in event.text]
-    assert [(event.who, "decentral was active before and has no" in event.text) for event in told] == [("start", True)]
+    assert [
+        (event.who, "decentral was active before and has no" in event.text) for event in told
+    ] == [("start", True)]
 
 
 def test_the_start_is_told_with_the_reason(rig):
     machine = rig.arbiter.machine
-    assert (machine.reason, machine.cause) == (Reason(ReasonCode.CONFIGURED, subject="decentral"), Cause.READY)
+    assert (machine.reason, machine.cause) == (
+        Reason(ReasonCode.CONFIGURED, subject="decentral"),
+        Cause.READY,
+    )
     rig.now_s += 5.0
     rig.stamp_ns += 50 * STEP_NS
     rig.run(1)
-    assert (machine.reason, machine.cause) == (Reason(ReasonCode.ACTIVE_BEFORE, subject="decentral"), Cause.READY)
+    assert (machine.reason, machine.cause) == (
+        Reason(ReasonCode.ACTIVE_BEFORE, subject="decentral"),
+        Cause.READY,
+    )
 
 
 def test_a_wait_before_the_start_is_told_with_the_controller_that_is_waited_for(make_rig):
@@ -282,11 +305,17 @@ def test_a_wait_before_the_start_is_told_with_the_controller_that_is_waited_for(
     rig.names = []
     for _ in range(25):
         rig.tick()
-    waiting = Reason(ReasonCode.WAITING_FOR_CONTROLLER, subject="decentral", because=Reason(ReasonCode.NO_PROPOSAL_YET))
+    waiting = Reason(
+        ReasonCode.WAITING_FOR_CONTROLLER,
+        subject="decentral",
+        because=Reason(ReasonCode.NO_PROPOSAL_YET),
+    )
     assert rig.arbiter.machine.reason == waiting
     rig.arbiter.registry.join("decentral")
     rig.run(3)
-    assert rig.arbiter.registry.get("decentral").missed == 3, "that it is waited for does not excuse its silence"
+    assert rig.arbiter.registry.get("decentral").missed == 3, (
+        "that it is waited for does not excuse its silence"
+    )
     assert (rig.last.source, rig.last.reason) == ("hold", waiting.head)
 
 
@@ -347,7 +376,9 @@ def test_who_only_cannot_see_is_replaced_and_not_inhibited(rig, blind):
     assert rig.arbiter.registry.get("decentral").inhibited == Reason()
     if blind:
         required = Reason(ReasonCode.SENSOR_REQUIRED, ("torque",))
-        assert rig.arbiter.machine.reason == Reason(ReasonCode.FAILED, subject="decentral", because=required)
+        assert rig.arbiter.machine.reason == Reason(
+            ReasonCode.FAILED, subject="decentral", because=required
+        )
 
 
 @pytest.mark.requirement("S6")
@@ -385,7 +416,9 @@ def test_in_lockstep_a_supervisor_that_was_held_up_itself_gives_no_more_time(mak
 
 
 def test_a_swap_storm_ends_when_the_swaps_are_long_ago(make_rig):
-    rig = make_rig(ArbiterSettings.from_values({"storm_swaps": 1, "storm_window_s": 3.0, "warm_ticks": 1})).run(5)
+    rig = make_rig(
+        ArbiterSettings.from_values({"storm_swaps": 1, "storm_window_s": 3.0, "warm_ticks": 1})
+    ).run(5)
     rig.spoil("decentral", healthy=False, reason=Reason.of("x"))
     rig.run(1)
     assert rig.last.source == "nmpc"
@@ -413,7 +446,12 @@ def test_a_swap_storm_ends_when_the_swaps_are_long_ago(make_rig):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_after_a_swap_force_and_speed_slew_to_the_new_controllers_values(make_rig, sign):
     settings = ArbiterSettings.from_values(
-        {"force_transition_kn": 0.2, "speed_transition_rpm": 0.5, "transition_ticks": 4, "warm_ticks": 2}
+        {
+            "force_transition_kn": 0.2,
+            "speed_transition_rpm": 0.5,
+            "transition_ticks": 4,
+            "warm_ticks": 2,
+        }
     )
     rig = make_rig(settings).run(30)
     wanted = Command(78.4 + sign * 0.3, 407.5 + sign * 1.2)
@@ -429,7 +467,9 @@ def test_after_a_swap_force_and_speed_slew_to_the_new_controllers_values(make_ri
     assert (rig.last.command, rig.last.reason.words) == (wanted, "")
     rig.spoil("nmpc", command=Command(wanted.force_kn + 0.9, wanted.speed_rpm))
     rig.run(1)
-    assert rig.last.command.force_kn == pytest.approx(wanted.force_kn + 0.9), "it has arrived: the limits are over"
+    assert rig.last.command.force_kn == pytest.approx(wanted.force_kn + 0.9), (
+        "it has arrived: the limits are over"
+    )
 
 
 @pytest.mark.requirement("S12")
@@ -437,7 +477,9 @@ def test_the_slew_after_a_swap_ends_after_so_many_ticks(make_rig):
     settings = ArbiterSettings.from_values({"force_transition_kn": 0.1, "transition_ticks": 3})
     rig = make_rig(settings).run(30)
     rig.edit["nmpc"] = lambda p: ProposalInput(
-        p.stamp_ns, p.source, Command((rig.arbiter.applied or p.command).force_kn + 0.9, p.command.speed_rpm)
+        p.stamp_ns,
+        p.source,
+        Command((rig.arbiter.applied or p.command).force_kn + 0.9, p.command.speed_rpm),
     )
     rig.silent.add("decentral")
     steps = []
@@ -449,7 +491,9 @@ def test_the_slew_after_a_swap_ends_after_so_many_ticks(make_rig):
 
 
 @pytest.mark.requirement("S3")
-@pytest.mark.parametrize(("force_kn", "after"), [(66.0, [65.8, 65.6, 65.4, 65.2, 65.0, 65.0]), (63.0, [63.0] * 6)])
+@pytest.mark.parametrize(
+    ("force_kn", "after"), [(66.0, [65.8, 65.6, 65.4, 65.2, 65.0, 65.0]), (63.0, [63.0] * 6)]
+)
 def test_a_safe_stop_ramps_down_to_the_safe_force_and_never_up(make_rig, force_kn, after):
     rig = make_rig()
     rig.drives = Command(force_kn, 400.0)

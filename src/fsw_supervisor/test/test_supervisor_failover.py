@@ -42,7 +42,9 @@ def test_a_refused_proposal_is_replaced_in_the_same_tick(rig, changes, words):
     assert rig.last.source == "nmpc"
     record = rig.arbiter.registry.get("decentral")
     assert words in record.inhibited.words
-    assert rig.arbiter.machine.reason == Reason(ReasonCode.FAILED, subject="decentral", because=record.inhibited)
+    assert rig.arbiter.machine.reason == Reason(
+        ReasonCode.FAILED, subject="decentral", because=record.inhibited
+    )
     assert rig.arbiter.machine.cause is Cause.SWAP_FAILED
     assert rig.arbiter.machine.target == "decentral"
     assert record.rejected == (0 if changes.get("healthy") is False else 1)
@@ -209,7 +211,10 @@ def test_two_controllers_of_one_name_are_distrusted_and_reported(rig):
         for _ in range(count):
             rig.run(1)
             proposal = rig.proposal("decentral")
-            other = replace(proposal, command=Command(proposal.command.force_kn + 0.2, proposal.command.speed_rpm))
+            other = replace(
+                proposal,
+                command=Command(proposal.command.force_kn + 0.2, proposal.command.speed_rpm),
+            )
             assert rig.arbiter.on_proposal("decentral", other, rig.now_s + 0.09) == []
 
     second_voice(3)

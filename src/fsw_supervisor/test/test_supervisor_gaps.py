@@ -26,7 +26,9 @@ class Feed:
 
     def samples(self, *sensors, ahead=0):
         for sensor in sensors or self.rig.values:
-            self.out += self.arbiter.on_sample(sensor, self.stamp_ns + ahead, self.rig.values[sensor], self.now_s)
+            self.out += self.arbiter.on_sample(
+                sensor, self.stamp_ns + ahead, self.rig.values[sensor], self.now_s
+            )
 
     def proposal(self, name, ahead=0, **changes):
         changes = {"command": self.acting} | changes
@@ -55,7 +57,10 @@ class Feed:
 @pytest.fixture(params=["decentral", "nmpc"])
 def feed(rig, request):
     """A weld that has run for long under one of two controllers, just before its next tick."""
-    rig.tolerated = {"decentral": ("torque", "thermocouple"), "nmpc": ("depth", "torque", "thermocouple")}
+    rig.tolerated = {
+        "decentral": ("torque", "thermocouple"),
+        "nmpc": ("depth", "torque", "thermocouple"),
+    }
     rig.run(40)
     rig.arbiter.operator.ask_switch(request.param, True, 0.0, "operator", rig.now_s)
     rig.run(40)
@@ -168,7 +173,9 @@ def test_a_sensor_is_back_later_than_the_others(feed, late, delay_s):
     assert {decision.source for decision in feed.out} <= {"hold", feed.active}
 
 
-@pytest.mark.parametrize("changes", [{"healthy": False, "reason": Reason.of("waiting")}, {"command": None}])
+@pytest.mark.parametrize(
+    "changes", [{"healthy": False, "reason": Reason.of("waiting")}, {"command": None}]
+)
 def test_the_first_proposal_after_the_gap_cannot_be_applied(feed, changes):
     """The plant begins anew elsewhere, or the controller has not all sensors yet."""
     feed.pause(3.0)
@@ -193,7 +200,12 @@ def test_a_second_gap_before_the_first_is_over(feed, order):
         feed.next(15)
         feed.drives()
         feed.samples()
-    calls = [feed.drives, lambda: feed.samples("depth"), lambda: feed.proposal(feed.other), lambda: feed.pause(0.02)]
+    calls = [
+        feed.drives,
+        lambda: feed.samples("depth"),
+        lambda: feed.proposal(feed.other),
+        lambda: feed.pause(0.02),
+    ]
     for number in order:
         calls[number]()
     feed.pause(0.09)
@@ -208,7 +220,9 @@ def test_who_was_active_and_does_not_come_back_is_replaced(feed):
     assert f"{feed.active} was active before and has no usable proposal" in feed.rig.events()
 
 
-def test_a_controller_that_dies_is_replaced_in_the_same_tick_and_with_a_sensor_lost_in_the_next(rig):
+def test_a_controller_that_dies_is_replaced_in_the_same_tick_and_with_a_sensor_lost_in_the_next(
+    rig,
+):
     rig.run(40)
     rig.silent.add("decentral")
     del rig.values["torque"]

@@ -31,7 +31,9 @@ SENT = Decision(STAMP_NS, Command(80.0, 410.0), "nmpc")
         (STAMP_NS + 1, "nmpc", Command(80.0, 410.0), False),
     ],
 )
-def test_a_command_is_its_own_if_stamp_source_and_values_are_those_sent(stamp_ns, source, command, own):
+def test_a_command_is_its_own_if_stamp_source_and_values_are_those_sent(
+    stamp_ns, source, command, own
+):
     watch = CommandWatch()
     watch.sent(Decision(STAMP_NS - 1, Command(79.0, 409.0), "hold"))
     watch.sent(SENT)
@@ -61,11 +63,18 @@ def test_a_foreign_writer_is_remembered_for_five_seconds():
 
 def test_commands_of_another_supervisor_are_foreign_only_when_the_takeover_does_not_end():
     watch = CommandWatch()
-    assert not any(watch.note_foreign(10.0 + 0.1 * tick, tick, by_supervisor=True) for tick in range(20))
+    assert not any(
+        watch.note_foreign(10.0 + 0.1 * tick, tick, by_supervisor=True) for tick in range(20)
+    )
     assert (watch.foreign_commands, watch.foreign_tick, watch.seen_lately(12.0)) == (20, 19, False)
     assert not watch.note_foreign(20.0, 100, by_supervisor=True), "the next takeover"
-    assert not any(watch.note_foreign(20.0 + 0.1 * tick, 100 + tick, by_supervisor=True) for tick in range(1, 20))
-    assert watch.note_foreign(22.1, 121, by_supervisor=True), "it does not end: two supervisors lead"
+    assert not any(
+        watch.note_foreign(20.0 + 0.1 * tick, 100 + tick, by_supervisor=True)
+        for tick in range(1, 20)
+    )
+    assert watch.note_foreign(22.1, 121, by_supervisor=True), (
+        "it does not end: two supervisors lead"
+    )
     assert watch.seen_lately(22.1)
 
 
@@ -73,7 +82,9 @@ def test_takeovers_to_and_fro_on_a_busy_computer_are_no_foreign_writer() -> None
     watch = CommandWatch()
     for takeover in range(20):  # one after the other, each noticed a second late
         for late in range(10):
-            assert not watch.note_foreign(2.0 * takeover + 0.1 * late, takeover, by_supervisor=True)
+            assert not watch.note_foreign(
+                2.0 * takeover + 0.1 * late, takeover, by_supervisor=True
+            )
         watch.change_role()
     assert not watch.seen_lately(40.0)
     assert watch.note_foreign(40.0, 400), "one that is not signed is"
@@ -112,7 +123,9 @@ def learnt(*differences, follows=20):
         ((4.0, 4.0, 4.0, 8.0, 8.0), 4.0),
     ],
 )
-def test_a_difference_is_an_offset_if_it_sets_in_at_once_and_stays_for_three_ticks(differences, value):
+def test_a_difference_is_an_offset_if_it_sets_in_at_once_and_stays_for_three_ticks(
+    differences, value
+):
     offset = learnt(*differences)
     assert offset.value == pytest.approx(value, abs=0.06)
 
@@ -137,7 +150,9 @@ def test_what_is_further_off_than_half_a_move_is_under_way_and_not_learnt():
 
 
 @pytest.mark.parametrize(("follows", "kept"), [(0, True), (1, False), (2, False), (3, True)])
-def test_an_offset_outlasts_a_gap_only_if_the_drive_has_followed_for_three_ticks_since_the_gap_before(follows, kept):
+def test_an_offset_outlasts_a_gap_only_if_the_drive_has_followed_for_three_ticks_since_the_gap_before(
+    follows, kept
+):
     offset = learnt(4.0, 4.0, 4.0)
     offset.interrupt()
     assert offset.value == 4.0
@@ -184,7 +199,13 @@ def test_where_the_command_or_the_drives_are_not_known_nothing_is_learnt(what):
     told, pushed = Command(80.0, 410.0), Command(84.0, 419.0)
     if what == "begun":
         in_force.begin_from(told)
-    gap = Tick(99, 0.0, 0.08, None if what == "previous" else told, drives=None if what == "drives" else pushed)
+    gap = Tick(
+        99,
+        0.0,
+        0.08,
+        None if what == "previous" else told,
+        drives=None if what == "drives" else pushed,
+    )
     in_force.learn_offsets(gap, limits)
     for count in range(5):
         in_force.learn_offsets(Tick(100 + count, 0.0, 0.08, told, drives=pushed), limits)
@@ -215,7 +236,11 @@ def test_until_its_first_command_it_takes_who_was_selected_and_what_was_commande
     in_force.on_sent(Command(80.0, 410.0))
     start_up.on_status("decentral", True)
     in_force.on_foreign(Command(60.0, 310.0))
-    assert (start_up.was_active, in_force.seen, in_force.before_first) == ("nmpc", Command(81.0, 411.0), False)
+    assert (start_up.was_active, in_force.seen, in_force.before_first) == (
+        "nmpc",
+        Command(81.0, 411.0),
+        False,
+    )
 
 
 def test_the_time_to_listen_counts_from_the_first_measurement():
@@ -263,7 +288,9 @@ def test_a_feedback_of_the_drives_that_is_not_finite_is_ignored():
 
 def test_a_proposal_is_checked_for_its_name_then_its_health_then_its_values():
     limits, before = Limits(), Command(80.0, 410.0)
-    wrong = ProposalInput(1, "x" * 60, Command(120.0, 410.0), healthy=False, reason=Reason.of("ill"))
+    wrong = ProposalInput(
+        1, "x" * 60, Command(120.0, 410.0), healthy=False, reason=Reason.of("ill")
+    )
     refused = check("a", wrong, before, limits)
     assert (refused.refusal, refused.malformed, refused.jump) == (
         Reason(ReasonCode.OTHER_SOURCE, subject="x" * 40),
@@ -272,14 +299,25 @@ def test_a_proposal_is_checked_for_its_name_then_its_health_then_its_values():
     )
     ill = check("a", ProposalInput(1, "a", Command(120.0, 410.0), healthy=False), before, limits)
     assert (ill.refusal, ill.malformed) == (Reason(ReasonCode.UNHEALTHY), False)
-    ill = check("a", ProposalInput(1, "a", Command(80.0, 410.0), False, Reason.of("ill")), before, limits)
+    ill = check(
+        "a", ProposalInput(1, "a", Command(80.0, 410.0), False, Reason.of("ill")), before, limits
+    )
     assert ill.refusal == Reason.of("ill")
     for command, jump in ((Command(120.0, 410.0), False), (Command(82.0, 410.0), True)):
         candidate = check("a", ProposalInput(1, "a", command), before, limits)
-        assert (candidate.command, bool(candidate.refusal), candidate.malformed) == (command, True, True)
+        assert (candidate.command, bool(candidate.refusal), candidate.malformed) == (
+            command,
+            True,
+            True,
+        )
         assert candidate.jump == jump
     good = check("a", ProposalInput(1, "a", Command(82.0, 410.0)), None, limits)
-    assert (good.refusal, good.malformed, good.jump, good.command) == (Reason(), False, False, Command(82.0, 410.0))
+    assert (good.refusal, good.malformed, good.jump, good.command) == (
+        Reason(),
+        False,
+        False,
+        Command(82.0, 410.0),
+    )
 
 
 def test_commands_are_the_same_but_for_rounding():
@@ -291,7 +329,9 @@ def test_commands_are_the_same_but_for_rounding():
 
 @pytest.mark.parametrize("stalled", [True, False])
 @pytest.mark.parametrize("sampled", [True, False])
-def test_faults_are_excused_if_the_supervisor_was_held_up_or_no_sensor_sample_has_arrived(stalled, sampled):
+def test_faults_are_excused_if_the_supervisor_was_held_up_or_no_sensor_sample_has_arrived(
+    stalled, sampled
+):
     tick = Tick(1, 0.0, 0.08, None, samples={"depth": 2.6} if sampled else {}, stalled=stalled)
     assert bool(tick.excuse) == (stalled or not sampled)
     reason = tick.excuse

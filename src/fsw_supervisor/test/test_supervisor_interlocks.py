@@ -41,7 +41,11 @@ def monitor():
 
 def last_told(monitor):
     """The last event about an interlock, but not of the safe stop that it led to."""
-    return [event for event in monitor._machine.events if event.who == "interlock" and "->" not in event.text][-1]
+    return [
+        event
+        for event in monitor._machine.events
+        if event.who == "interlock" and "->" not in event.text
+    ][-1]
 
 
 @pytest.mark.requirement("S26")
@@ -69,7 +73,9 @@ def test_a_level_begins_at_its_limit_and_ends_a_hysteresis_before_it(excess, pre
     assert item.level(sign * (900.0 + excess), present) is level
 
 
-@pytest.mark.parametrize(("name", "warn", "trip"), [("a_high", 5.0, 5.0), ("a_low", 5.0, 5.0), ("a_high", 6.0, 5.0)])
+@pytest.mark.parametrize(
+    ("name", "warn", "trip"), [("a_high", 5.0, 5.0), ("a_low", 5.0, 5.0), ("a_high", 6.0, 5.0)]
+)
 def test_a_warning_comes_before_its_trip(name, warn, trip):
     with pytest.raises(ValueError, match="must come before trip"):
         Interlock(name, "depth_mm", warn, trip, 0.0)
@@ -87,7 +93,9 @@ def test_every_parameter_of_an_interlock_reaches_it():
 
 @pytest.mark.requirement("S26")
 @pytest.mark.parametrize("name", CASES)
-def test_each_interlock_warns_and_trips_after_three_values_and_it_is_told_with_the_value(monitor, name):
+def test_each_interlock_warns_and_trips_after_three_values_and_it_is_told_with_the_value(
+    monitor, name
+):
     quantity, warning, trip, _ = CASES[name]
     for value, level in ((warning, "warn"), (trip, "trip")):
         for count in range(1, 4):
@@ -169,7 +177,9 @@ GOOD = {"depth": 2.66, "torque": 1050.0, "thermocouple": 850.0}
         (GOOD | {"thermocouple": 780.0}, Command(80.0, 410.0), ("temperature_low",)),
     ],
 )
-def test_measurements_of_a_tick_and_what_acts_are_held_against_the_interlocks(monitor, samples, acting, tripped):
+def test_measurements_of_a_tick_and_what_acts_are_held_against_the_interlocks(
+    monitor, samples, acting, tripped
+):
     assert judged(monitor, 3, acting, **samples).judged
     assert monitor.tripped == tripped
     assert (monitor._machine.mode is Mode.SAFE_STOP) == bool(tripped)
@@ -189,7 +199,9 @@ def test_a_sensor_that_becomes_invalid_and_valid_again_is_told_once_each(monitor
     assert monitor.invalid_sensors == ("thermocouple",) and monitor.blind_since_ns is not None
     judged(monitor, 4, **GOOD)
     assert (monitor.invalid_sensors, monitor.blind_since_ns) == ((), None)
-    told = [(event.level, event.text) for event in monitor._machine.events if event.who == "sensors"]
+    told = [
+        (event.level, event.text) for event in monitor._machine.events if event.who == "sensors"
+    ]
     assert told == [
         (Level.WARN, "sensor thermocouple is invalid: missing"),
         (Level.INFO, "sensor thermocouple is valid again"),
@@ -209,7 +221,9 @@ def test_where_time_goes_back_sensors_are_judged_anew(monitor):
 # ---------------------------------------------------------------- what acts
 
 
-@pytest.mark.parametrize(("age_ns", "is_feedback"), [(0, True), (300_000_000, True), (300_000_001, False), (-1, False)])
+@pytest.mark.parametrize(
+    ("age_ns", "is_feedback"), [(0, True), (300_000_000, True), (300_000_001, False), (-1, False)]
+)
 def test_what_the_drives_have_reported_lately_acts_else_what_was_commanded(age_ns, is_feedback):
     in_force, stamp_ns = CommandInForce(), 10**12
     tick = Tick(stamp_ns, 0.0, 0.08, None)
@@ -217,6 +231,8 @@ def test_what_the_drives_have_reported_lately_acts_else_what_was_commanded(age_n
     in_force.on_sent(Command(80.0, 410.0))
     assert in_force.acting(tick, 0.3) == Command(80.0, 410.0)
     in_force.on_drives(stamp_ns - age_ns, Command(82.0, 412.0))
-    assert in_force.acting(tick, 0.3) == (Command(82.0, 412.0) if is_feedback else Command(80.0, 410.0))
+    assert in_force.acting(tick, 0.3) == (
+        Command(82.0, 412.0) if is_feedback else Command(80.0, 410.0)
+    )
     tick.drives = Command(83.0, 413.0)
     assert in_force.acting(tick, 0.3) == Command(83.0, 413.0)

@@ -82,7 +82,11 @@ def test_a_safe_stop_that_was_acknowledged_but_not_left_outlasts_a_restart(make_
 @pytest.mark.parametrize("ticks", [1, 2, 5])
 def test_a_standby_takes_over_with_the_last_of_the_ticks_that_nobody_answers(make_leader, ticks):
     standby = make_leader(standby=True, takeover_ticks=ticks).run(3.0)
-    assert (standby.failover.role, standby.sent, standby.failover.asserting) == (Role.STANDBY, [], False)
+    assert (standby.failover.role, standby.sent, standby.failover.asserting) == (
+        Role.STANDBY,
+        [],
+        False,
+    )
     for _ in range(ticks - 1):
         standby.tick()
         assert standby.failover.role is Role.STANDBY
@@ -121,7 +125,9 @@ def test_each_recent_takeover_doubles_the_patience_of_a_standby(make_leader):
 
 
 @pytest.mark.requirement("S11")
-@pytest.mark.parametrize("signature", [Signature(), Signature(5, ""), Signature(0, "m"), Signature(9, "m")])
+@pytest.mark.parametrize(
+    "signature", [Signature(), Signature(5, ""), Signature(0, "m"), Signature(9, "m")]
+)
 def test_a_state_that_no_other_supervisor_has_signed_moves_nobody(leader, signature):
     assert not leader.failover.on_leader_state(signature)
     assert leader.failover.role is Role.ACTIVE
@@ -167,9 +173,15 @@ def test_commands_of_its_own_are_not_foreign(leader):
     leader.failover.on_command(leader.failover.signature, own.stamp_ns, own.source, own.command)
     assert leader.arbiter.watch.foreign_commands == 0
     leader.failover.on_command(Signature(0, "other"), own.stamp_ns, own.source, own.command)
-    assert (leader.arbiter.watch.foreign_commands, leader.events().count("foreign writer")) == (1, 0)
+    assert (leader.arbiter.watch.foreign_commands, leader.events().count("foreign writer")) == (
+        1,
+        0,
+    )
     leader.failover.on_command(Signature(), own.stamp_ns, own.source, own.command)
-    assert (leader.arbiter.watch.foreign_commands, leader.events().count("foreign writer")) == (2, 1)
+    assert (leader.arbiter.watch.foreign_commands, leader.events().count("foreign writer")) == (
+        2,
+        1,
+    )
 
 
 def test_the_same_command_of_the_leader_before_does_not_make_the_own_one_foreign(leader):
@@ -177,7 +189,10 @@ def test_the_same_command_of_the_leader_before_does_not_make_the_own_one_foreign
     own = leader.sent[-1]
     for signature in (Signature(0, "other"), leader.failover.signature):
         leader.failover.on_command(signature, own.stamp_ns, own.source, own.command)
-    assert (leader.arbiter.watch.foreign_commands, leader.events().count("foreign writer")) == (0, 0)
+    assert (leader.arbiter.watch.foreign_commands, leader.events().count("foreign writer")) == (
+        0,
+        0,
+    )
     leader.failover.on_command(leader.failover.signature, own.stamp_ns, own.source, own.command)
     assert leader.events().count("foreign writer") == 1, "repeated, it is another writer's"
 
@@ -187,9 +202,13 @@ def test_the_same_command_of_the_leader_before_does_not_make_the_own_one_foreign
 def test_a_standby_takes_over_what_the_leader_has_commanded_lately(make_leader, age_ticks):
     standby = make_leader(standby=True)
     standby.measure()
-    standby.failover.on_command(OTHER, standby.stamp_ns - age_ticks * TICK_NS, "nmpc", Command(81.0, 412.0))
+    standby.failover.on_command(
+        OTHER, standby.stamp_ns - age_ticks * TICK_NS, "nmpc", Command(81.0, 412.0)
+    )
     assert standby.arbiter.applied == Command(81.0, 412.0)
-    standby.failover.on_command(OTHER, standby.stamp_ns - 11 * TICK_NS, "nmpc", Command(60.0, 310.0))
+    standby.failover.on_command(
+        OTHER, standby.stamp_ns - 11 * TICK_NS, "nmpc", Command(60.0, 310.0)
+    )
     assert standby.arbiter.applied == Command(81.0, 412.0)
 
 
@@ -198,7 +217,9 @@ def test_a_standby_does_not_follow_a_leader_of_an_earlier_term(make_leader):
     standby = make_leader(standby=True)
     standby.measure()
     answer(standby, signature=Signature(3, "new"))
-    standby.failover.on_command(Signature(2, "old"), standby.stamp_ns, "nmpc", Command(70.0, 350.0))
+    standby.failover.on_command(
+        Signature(2, "old"), standby.stamp_ns, "nmpc", Command(70.0, 350.0)
+    )
     assert standby.arbiter.applied == HELD
 
 
@@ -222,7 +243,9 @@ def test_a_command_to_a_measurement_that_never_came_answers_no_other(make_leader
     standby.measure()
     answer(standby)
     standby.run(0.1)
-    standby.failover.on_command(OTHER, standby.stamp_ns + TICK_NS // 2, "nmpc", Command(60.0, 310.0))
+    standby.failover.on_command(
+        OTHER, standby.stamp_ns + TICK_NS // 2, "nmpc", Command(60.0, 310.0)
+    )
     standby.tick(6)
     assert standby.failover.role is Role.ACTIVE
     assert standby.sent[0].command == HELD
@@ -261,7 +284,8 @@ def test_a_standby_is_woken_when_the_leaders_answer_is_overdue(make_leader, lock
     assert standby.failover.wakeup_s is None
     standby.measure()
     assert standby.sent == []
-    # In lockstep it decides when the controllers had 0.3 s to report, and gives the leader one more second.
+    # In lockstep it decides when the controllers had 0.3 s to report, and gives the leader one
+    # more second.
     due_s = standby.now_s + (1.3 if lockstep else standby.arbiter.settings.takeover_s(lockstep))
     while standby.sent == []:
         at_s = standby.failover.wakeup_s
@@ -295,7 +319,9 @@ def test_a_standby_that_was_held_up_hears_what_is_in_its_queues_before_it_takes_
     assert standby.failover.role is Role.STANDBY, "the answer was in the queue"
 
 
-def test_in_lockstep_a_standby_does_not_wait_out_the_deadlines_for_what_it_has_decided(make_leader):
+def test_in_lockstep_a_standby_does_not_wait_out_the_deadlines_for_what_it_has_decided(
+    make_leader,
+):
     """With those of a graph it took over after 60 s, when the plant gave up."""
     patient = {"lockstep_deadline_s": 30.0, "lockstep_shadow_wait_s": 30.0}
     standby = make_leader(standby=True, lockstep=True, **patient)
@@ -328,7 +354,9 @@ def test_in_lockstep_the_first_unanswered_tick_is_taken_over(make_leader):
 @pytest.mark.requirement("S9")
 def test_in_lockstep_an_answer_that_reached_the_standby_alone_is_given_again(make_leader):
     """Of a leader that was killed between the one and the other: the plant sends its tick again."""
-    standby = make_leader(standby=True, lockstep=True, lockstep_deadline_s=30.0, lockstep_shadow_wait_s=30.0)
+    standby = make_leader(
+        standby=True, lockstep=True, lockstep_deadline_s=30.0, lockstep_shadow_wait_s=30.0
+    )
     for _ in range(3):
         standby.measure()
         standby.run(0.05)
@@ -364,12 +392,16 @@ def test_in_lockstep_the_tick_that_stood_when_a_leader_was_killed_is_answered(ma
 
 
 @pytest.mark.requirement("S9")
-def test_commands_that_do_not_arrive_for_three_ticks_begin_again_from_the_drives(leader, monkeypatch):
+def test_commands_that_do_not_arrive_for_three_ticks_begin_again_from_the_drives(
+    leader, monkeypatch
+):
     """Not one move further per lost command: the first that arrives would be a jump."""
     monkeypatch.setattr(leader.fence, "check", lambda signature, source: ("lost", ""))
     leader.wish = Command(90.0, 410.0)
     leader.tick(10)
-    assert max(decision.command.force_kn for decision in leader.sent) <= leader.drives.force_kn + 4.0
+    assert (
+        max(decision.command.force_kn for decision in leader.sent) <= leader.drives.force_kn + 4.0
+    )
     assert leader.sent[-1].command.force_kn == leader.drives.force_kn + 1.0
     assert leader.events().count("taking over at") <= 2, "one message for the ticks in a row"
 

@@ -20,7 +20,9 @@ def started(settings=None):
     """An arbiter after its first tick, which waits for what the controllers tell."""
     arbiter = Arbiter(settings or ArbiterSettings.from_values({}), lockstep=True)
     begin(arbiter, STEP_NS, 9.0)
-    assert propose(arbiter, "nmpc", STEP_NS, 9.0) + propose(arbiter, "decentral", STEP_NS, 9.0) == []
+    assert (
+        propose(arbiter, "nmpc", STEP_NS, 9.0) + propose(arbiter, "decentral", STEP_NS, 9.0) == []
+    )
     assert [d.source for d in arbiter.on_time(9.3)] == ["decentral"]
     return arbiter
 
@@ -43,7 +45,9 @@ def test_a_dead_active_controller_is_replaced_at_the_guard():
     arbiter = started()
     for count in range(2, 8):
         begin(arbiter, count * STEP_NS, 10.0)
-        out = propose(arbiter, "decentral", count * STEP_NS, 10.0) + propose(arbiter, "nmpc", count * STEP_NS, 10.0)
+        out = propose(arbiter, "decentral", count * STEP_NS, 10.0) + propose(
+            arbiter, "nmpc", count * STEP_NS, 10.0
+        )
         assert len(out) == 1
     begin(arbiter, 8 * STEP_NS, 10.0)
     assert propose(arbiter, "nmpc", 8 * STEP_NS, 10.0) == []
@@ -117,7 +121,9 @@ def test_the_applied_commands_do_not_depend_on_the_shadows_timing():
         for count in range(1, 30):
             now_s = 10.0 + 2.0 * count
             out = begin(arbiter, count * STEP_NS, now_s)
-            out += propose(arbiter, "decentral", count * STEP_NS, now_s + 0.001, change_kn=(-1) ** count * 0.3)
+            out += propose(
+                arbiter, "decentral", count * STEP_NS, now_s + 0.001, change_kn=(-1) ** count * 0.3
+            )
             while (wakeup_s := arbiter.wakeup_s) is not None and wakeup_s <= now_s + delay:
                 out += arbiter.on_time(wakeup_s)
             out += propose(arbiter, "nmpc", count * STEP_NS, now_s + delay)

@@ -58,7 +58,9 @@ class Peer(Node):
         self.voices = {}
         self.wild = set()
         self.create_subscription(WeldCommand, "fsw/command", self.on_command, 10)
-        self.create_subscription(SupervisorState, "fsw/supervisor/state", self.states.append, LATEST)
+        self.create_subscription(
+            SupervisorState, "fsw/supervisor/state", self.states.append, LATEST
+        )
         self.create_subscription(DiagnosticArray, "/diagnostics", self.reports.append, 10)
         self.switching = self.create_client(SwitchController, "fsw/switch_controller")
         self.listing = self.create_client(ListControllers, "fsw/list_controllers")
@@ -99,9 +101,13 @@ class Peer(Node):
             force = float("nan") if name in self.wild else self.applied.force_kn
             command = Command(force, self.applied.speed_rpm)
             reason = self.reasons.get(name, "")
-            proposals.publish(convert.command_message(command, self.stamp_ns, name, not reason, reason))
+            proposals.publish(
+                convert.command_message(command, self.stamp_ns, name, not reason, reason)
+            )
             seen = self.commands[-1].source if self.commands else self.seen_before
-            status = ControllerStatus(header=header, controller=name, applied_source=seen, tolerated_sensors=["depth"])
+            status = ControllerStatus(
+                header=header, controller=name, applied_source=seen, tolerated_sensors=["depth"]
+            )
             statuses.publish(status)
 
     def report(self, part):
@@ -132,8 +138,14 @@ class Bench(Spinner):
             peer.add(name)
         topics = (peer.depths, peer.torques, peer.temperatures, peer.drives)
         voices = [publisher for pair in peer.voices.values() for publisher in pair]
-        self.until(lambda: all(publisher.get_subscription_count() for publisher in [*topics, *voices]))
-        self.until(lambda: peer.count_publishers(peer.resolve_topic_name("fsw/command")) == 1 and peer.states)
+        self.until(
+            lambda: all(publisher.get_subscription_count() for publisher in [*topics, *voices])
+        )
+        self.until(
+            lambda: (
+                peer.count_publishers(peer.resolve_topic_name("fsw/command")) == 1 and peer.states
+            )
+        )
         peer.tick()
         self.until(lambda: len(peer.commands) > 8)
 
@@ -198,7 +210,11 @@ def test_forwards_the_selected_controller_and_answers_each_tick_once(bench):
     assert {message.source for message in bench.peer.commands} == {"decentral"}
     assert all(message.healthy for message in bench.peer.commands)
     state = bench.peer.states[-1]
-    assert (state.actual_controller, state.actual_mode, state.target_mode) == ("decentral", "auto", "auto")
+    assert (state.actual_controller, state.actual_mode, state.target_mode) == (
+        "decentral",
+        "auto",
+        "auto",
+    )
 
 
 def test_the_state_is_latched_for_those_who_come_later(bench):
@@ -216,7 +232,10 @@ def test_switches_by_service_and_says_what_happened(bench):
     bench.until(lambda: bench.peer.states[-1].actual_controller == "nmpc")
     assert Cause(bench.peer.states[-1].cause) is Cause.SWAP_REQUESTED
     refused = bench.switch("nobody")
-    assert (refused.ok, refused.message) == (False, "unknown controller 'nobody'; known: decentral, nmpc")
+    assert (refused.ok, refused.message) == (
+        False,
+        "unknown controller 'nobody'; known: decentral, nmpc",
+    )
     assert "strictness" in bench.switch("nmpc", strictness=7).message
 
 
@@ -247,10 +266,17 @@ def test_lists_controllers_with_their_health(bench):
     answer = bench.call(bench.peer.listing, ListControllers.Request())
     assert (answer.active, answer.mode) == ("decentral", "auto")
     decentral, nmpc = answer.controllers
-    assert (decentral.name, decentral.warm, decentral.lack) == ("decentral", True, ControllerHealth.NONE)
+    assert (decentral.name, decentral.warm, decentral.lack) == (
+        "decentral",
+        True,
+        ControllerHealth.NONE,
+    )
     assert list(decentral.tolerated_sensors) == ["depth"]
     assert (nmpc.healthy, nmpc.warm) == (False, False)
-    assert (nmpc.lack, "not finite" in Reason.of_messages(nmpc.why).words) == (ControllerHealth.UNUSABLE, True)
+    assert (nmpc.lack, "not finite" in Reason.of_messages(nmpc.why).words) == (
+        ControllerHealth.UNUSABLE,
+        True,
+    )
 
 
 def test_fails_over_within_the_tick(bench):
@@ -263,11 +289,15 @@ def test_fails_over_within_the_tick(bench):
 
 
 def test_modes_by_service(bench):
-    answer = bench.call(bench.peer.modes, SetMode.Request(mode="manual", axial_force=80e3, spindle_speed=42.0))
+    answer = bench.call(
+        bench.peer.modes, SetMode.Request(mode="manual", axial_force=80e3, spindle_speed=42.0)
+    )
     assert answer.ok, answer.message
     bench.until(lambda: bench.peer.commands[-1].axial_force == pytest.approx(80e3))
     assert bench.peer.commands[-1].source == "manual"
-    assert not bench.call(bench.peer.modes, SetMode.Request(mode="manual", axial_force=80.0, spindle_speed=42.0)).ok
+    assert not bench.call(
+        bench.peer.modes, SetMode.Request(mode="manual", axial_force=80.0, spindle_speed=42.0)
+    ).ok
     assert bench.call(bench.peer.modes, SetMode.Request(mode="hold")).ok
     bench.until(lambda: bench.peer.commands[-1].source == "hold")
     assert bench.call(bench.peer.modes, SetMode.Request(mode="auto")).ok
@@ -300,9 +330,18 @@ def test_a_foreign_writer_is_an_error_in_diagnostics(bench):
 def test_diagnostics_tell_the_timing_of_each_controller(bench):
     bench.until(lambda: bench.peer.report("controller decentral") is not None)
     keys = {pair.key for pair in bench.peer.report("controller decentral").values}
-    assert {"latency mean [ms]", "latency 99 % [ms]", "latency max [ms]", "jitter [ms]", "missed", "late"} <= keys
+    assert {
+        "latency mean [ms]",
+        "latency 99 % [ms]",
+        "latency max [ms]",
+        "jitter [ms]",
+        "missed",
+        "late",
+    } <= keys
     bench.until(lambda: bench.peer.report("arbiter").message.startswith("auto: decentral"))
-    bench.until(lambda: bench.peer.report("process").message == "sensors valid, all values within limits")
+    bench.until(
+        lambda: bench.peer.report("process").message == "sensors valid, all values within limits"
+    )
 
 
 def test_parameters_can_be_changed_while_running_and_are_checked(bench):

@@ -19,7 +19,9 @@ class Ticks:
 
     def __init__(self):
         self.arbiter = Arbiter(
-            ArbiterSettings.from_values({"warm_ticks": 3, "takeover_wait_s": 0.0, "first_report_wait_s": 0.0})
+            ArbiterSettings.from_values(
+                {"warm_ticks": 3, "takeover_wait_s": 0.0, "first_report_wait_s": 0.0}
+            )
         )
         self.now_s, self.stamp_ns = 50.0, 10**15
 
@@ -28,9 +30,13 @@ class Ticks:
         self.now_s, self.stamp_ns = now_s + 0.1, self.stamp_ns + after_ns
         stamp_ns = self.stamp_ns
         measured = [lambda: arbiter.on_drives(stamp_ns, STEADY, now_s)]
-        measured += [lambda s=s, v=v: arbiter.on_sample(s, stamp_ns, v, now_s) for s, v in SAMPLES.items()]
+        measured += [
+            lambda s=s, v=v: arbiter.on_sample(s, stamp_ns, v, now_s) for s, v in SAMPLES.items()
+        ]
         proposed = [
-            lambda n=n: arbiter.on_proposal(n, ProposalInput(stamp_ns, n, commands.get(n, STEADY)), now_s)
+            lambda n=n: arbiter.on_proposal(
+                n, ProposalInput(stamp_ns, n, commands.get(n, STEADY)), now_s
+            )
             for n in ("nmpc", "decentral")
         ]
         messages = [*proposed, *measured] if proposals_first else [*measured, *reversed(proposed)]

@@ -27,7 +27,9 @@ DOCUMENT = WORKSPACE / "docs" / "concepts" / "arbiter.md"
 @pytest.fixture(scope="module")
 def drawing():
     """The script that draws the state machine into the documentation."""
-    spec = importlib.util.spec_from_file_location("drawing", WORKSPACE / "scripts" / "draw_state_machine.py")
+    spec = importlib.util.spec_from_file_location(
+        "drawing", WORKSPACE / "scripts" / "draw_state_machine.py"
+    )
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -84,7 +86,10 @@ def test_rounding_of_the_unit_conversion_is_no_violation():
     before = Command(94.0 - 1e-12, 407.0)
     proposal = ProposalInput(0, "a", Command(95.0 + 1e-9, 410.0 + 1e-9))
     assert check("a", proposal, before, Limits()).refusal == Reason()
-    assert check("a", replace(proposal, command=Command(95.001, 410.0)), before, Limits()).refusal != Reason()
+    assert (
+        check("a", replace(proposal, command=Command(95.001, 410.0)), before, Limits()).refusal
+        != Reason()
+    )
 
 
 def test_each_pair_of_mode_and_trigger_leads_to_one_mode():
@@ -138,7 +143,11 @@ def test_only_the_first_answer_to_a_request_counts():
 
 def test_new_interlock_limits_hold_at_once():
     values = defaults(load("fsw_supervisor", "supervisor.yaml"))
-    changes = {"persistence_s": 0.2, "temperature_high.warn": 840.0, "temperature_high.trip": 845.0}
+    changes = {
+        "persistence_s": 0.2,
+        "temperature_high.warn": 840.0,
+        "temperature_high.trip": 845.0,
+    }
     safety = SafetyMonitor(Machine(ArbiterSettings.from_values({})))
     safety.configure(values | {f"interlocks.{key}": value for key, value in changes.items()})
     for _ in range(2):

@@ -43,7 +43,10 @@ def test_a_controller_that_does_not_cope_gives_way_to_one_that_does(make_rig, fa
     rig.values["depth"] = 2.66
     rig.run(5)
     assert rig.arbiter.safety.invalid_sensors == ()
-    assert rig.arbiter.operator.ask_switch("decentral", True, 1.0, "operator", rig.now_s).message == ""
+    assert (
+        rig.arbiter.operator.ask_switch("decentral", True, 1.0, "operator", rig.now_s).message
+        == ""
+    )
 
 
 @pytest.mark.requirement("S7")
@@ -158,10 +161,35 @@ def monitor():
 
 def test_hysteresis_of_warning_and_trip(monitor):
     seen = []
-    for value in (899.9, 900.0, 900.0, 900.0, 898.1, 897.9, 910.0, 910.0, 910.0, 908.1, 908.0, 899.0, 898.0):
+    for value in (
+        899.9,
+        900.0,
+        900.0,
+        900.0,
+        898.1,
+        897.9,
+        910.0,
+        910.0,
+        910.0,
+        908.1,
+        908.0,
+        899.0,
+        898.0,
+    ):
         monitor.watch({"temperature_c": value})
         seen.append(monitor.active[0].rpartition(":")[2] if monitor.active else "ok")
-    assert seen == ["ok"] * 3 + ["warn", "warn", "ok", "ok", "ok", "trip", "trip", "trip", "trip", "ok"]
+    assert seen == ["ok"] * 3 + [
+        "warn",
+        "warn",
+        "ok",
+        "ok",
+        "ok",
+        "trip",
+        "trip",
+        "trip",
+        "trip",
+        "ok",
+    ]
 
 
 @pytest.mark.requirement("S1")

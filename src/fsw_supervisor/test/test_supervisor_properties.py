@@ -25,10 +25,24 @@ TRIPPING = {"depth": 3.8, "torque": 1700.0, "thermocouple": 920.0}
 GOOD = {"depth": 2.66, "torque": 1050.0, "thermocouple": 850.0}
 
 numbers = st.one_of(
-    st.floats(55.0, 100.0), st.sampled_from([math.nan, math.inf, -math.inf, 0.0, -1e308, 60.0, 95.0, 1e308])
+    st.floats(55.0, 100.0),
+    st.sampled_from([math.nan, math.inf, -math.inf, 0.0, -1e308, 60.0, 95.0, 1e308]),
 )
 behaviours = st.sampled_from(
-    ["good"] * 6 + ["silent", "wild", "late", "old", "future", "jump", "unhealthy", "liar", "twice", "early", "edge"]
+    ["good"] * 6
+    + [
+        "silent",
+        "wild",
+        "late",
+        "old",
+        "future",
+        "jump",
+        "unhealthy",
+        "liar",
+        "twice",
+        "early",
+        "edge",
+    ]
 )
 samples = st.sampled_from(["good"] * 8 + ["nan", "missing", "wild", "old", "trip", "trip"])
 delays = st.sampled_from([0.0, 0.001, 0.02, 0.05, 0.0799, 0.08, 0.09, 0.15])
@@ -60,7 +74,9 @@ class ArbiterMachine(RuleBasedStateMachine):
     def start(self, transition, lockstep, returning, storm, warm, drives, persistence):
         """Make an arbiter with some settings."""
         drawn = {"force_transition_kn": transition, "return_to_target": returning}
-        self.settings = ArbiterSettings.from_values(SETTINGS | drawn | {"storm_swaps": storm, "warm_ticks": warm})
+        self.settings = ArbiterSettings.from_values(
+            SETTINGS | drawn | {"storm_swaps": storm, "warm_ticks": warm}
+        )
         self.arbiter = Arbiter(self.settings, lockstep=lockstep)
         values = defaults(load("fsw_supervisor", "supervisor.yaml"))
         self.arbiter.safety.configure(values | {"interlocks.persistence_s": persistence})
@@ -100,7 +116,9 @@ class ArbiterMachine(RuleBasedStateMachine):
             self._take(self.arbiter.on_drives(self.stamp_ns, acting, start_s))
         for sensor, kind in zip(REQUIRED, seen, strict=True):
             if kind != "missing":
-                value = {"nan": math.nan, "wild": force, "trip": TRIPPING[sensor]}.get(kind, GOOD[sensor])
+                value = {"nan": math.nan, "wild": force, "trip": TRIPPING[sensor]}.get(
+                    kind, GOOD[sensor]
+                )
                 stamp = self.stamp_ns - (STEP_NS if kind == "old" else 0)
                 self._take(self.arbiter.on_sample(sensor, stamp, value, start_s))
         # A tick that no input has announced does not exist for the arbiter.
@@ -127,20 +145,32 @@ class ArbiterMachine(RuleBasedStateMachine):
 
     def _proposals(self, name, behaviour, at_s, force, speed):
         before = self.arbiter.applied or Command(78.4, 407.5)
-        good = ProposalInput(self.stamp_ns, name, Command(min(before.force_kn + 0.5, 95.0), before.speed_rpm))
+        good = ProposalInput(
+            self.stamp_ns, name, Command(min(before.force_kn + 0.5, 95.0), before.speed_rpm)
+        )
         edits = {
             "wild": lambda: [replace(good, command=Command(force, speed))],
             "late": lambda: [replace(good, stamp_ns=self.stamp_ns - STEP_NS)],
             "old": lambda: [replace(good, stamp_ns=self.stamp_ns - 5 * STEP_NS)],
             "future": lambda: [replace(good, stamp_ns=self.stamp_ns + 50 * STEP_NS)],
             "early": lambda: [good, replace(good, stamp_ns=self.stamp_ns + STEP_NS)],
-            "jump": lambda: [replace(good, command=Command(before.force_kn - 1.5, before.speed_rpm))],
+            "jump": lambda: [
+                replace(good, command=Command(before.force_kn - 1.5, before.speed_rpm))
+            ],
             "edge": lambda: [
-                replace(good, command=Command(max(before.force_kn - 1.0, 60.0), max(before.speed_rpm - 3.0, 300.0)))
+                replace(
+                    good,
+                    command=Command(
+                        max(before.force_kn - 1.0, 60.0), max(before.speed_rpm - 3.0, 300.0)
+                    ),
+                )
             ],
             "unhealthy": lambda: [replace(good, healthy=False, reason=Reason.of("x"))],
             "liar": lambda: [replace(good, source="decentral")],
-            "twice": lambda: [good, replace(good, command=Command(before.force_kn, before.speed_rpm))],
+            "twice": lambda: [
+                good,
+                replace(good, command=Command(before.force_kn, before.speed_rpm)),
+            ],
             "silent": lambda: [],
             "good": lambda: [good],
         }
@@ -163,7 +193,8 @@ class ArbiterMachine(RuleBasedStateMachine):
         assert math.isfinite(command.speed_rpm)
         assert limits.force_min_kn <= command.force_kn <= limits.force_max_kn
         assert limits.speed_min_rpm <= command.speed_rpm <= limits.speed_max_rpm
-        # After a gap or a jump of the clock the drives' feedback counts, which a command may have overtaken.
+        # After a gap or a jump of the clock the drives' feedback counts, which a command may have
+        # overtaken.
         starts = [self.decisions[-1].command] if self.decisions else []
         if self.decisions and self.calm < 3:
             starts += self.feedback
@@ -171,7 +202,8 @@ class ArbiterMachine(RuleBasedStateMachine):
         if decision.source == "manual":
             assert self.manual is not None
         elif decision.source in NAMES:
-            # The source shown did propose for this very tick, and these values unless a transition is named.
+            # The source shown did propose for this very tick, and these values unless a transition
+            # is named.
             answers = self.offered[decision.source, decision.stamp_ns]
             exact = any(
                 math.isclose(answer.command.force_kn, command.force_kn, abs_tol=2e-6)
@@ -185,7 +217,8 @@ class ArbiterMachine(RuleBasedStateMachine):
         else:
             assert decision.source == "safe_stop"
             assert not starts or any(
-                command.speed_rpm == start.speed_rpm and command.force_kn <= start.force_kn for start in starts
+                command.speed_rpm == start.speed_rpm and command.force_kn <= start.force_kn
+                for start in starts
             )
 
     def _in_rate(self, command, start):
@@ -207,7 +240,10 @@ class ArbiterMachine(RuleBasedStateMachine):
         request = self.arbiter.operator.ask_switch(name, strict, timeout_s, "operator", self.now_s)
         assert not request.done or request.message
 
-    @rule(mode=st.sampled_from(["auto", "auto", "manual", "hold", "safe_stop", "start", ""]), force=numbers)
+    @rule(
+        mode=st.sampled_from(["auto", "auto", "manual", "hold", "safe_stop", "start", ""]),
+        force=numbers,
+    )
     def ask_mode(self, mode, force):
         """The operator asks for a mode."""
         wanted = Command(force, 400.0)

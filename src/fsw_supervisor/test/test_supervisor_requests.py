@@ -34,7 +34,9 @@ def test_without_a_time_to_wait_the_answer_comes_at_once(rig, timeout_s, ready):
     request = ask(rig, timeout_s=timeout_s)
     assert (request.done, request.ok) == (True, ready)
     words = "accepted: nmpc is applied from the next tick on"
-    assert request.message == (words if ready else "nmpc is not usable: no proposal at the deadline")
+    assert request.message == (
+        words if ready else "nmpc is not usable: no proposal at the deadline"
+    )
     assert rig.arbiter.operator.waiting == ready
     assert rig.arbiter.machine.target == ("nmpc" if ready else "decentral")
     rig.run(1)

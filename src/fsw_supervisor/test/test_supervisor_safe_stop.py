@@ -190,7 +190,9 @@ def test_no_trigger_leads_out_of_a_safe_stop_that_is_not_acknowledged(mode, trig
 
 @pytest.mark.requirement("S27")
 def test_a_hold_of_the_operator_ends_in_a_safe_stop_unless_it_is_renewed(make_rig):
-    rig = make_rig(ArbiterSettings.from_values({"operator_hold_timeout_s": 2.0, "hold_timeout_s": 0.5})).run(10)
+    rig = make_rig(
+        ArbiterSettings.from_values({"operator_hold_timeout_s": 2.0, "hold_timeout_s": 0.5})
+    ).run(10)
     ask(rig, "hold")
     rig.run(18)
     assert ask(rig, "hold")[0]
@@ -243,7 +245,9 @@ def test_a_level_is_believed_after_as_many_values_at_it_or_worse(monitor, values
 def test_more_persistence_clears_no_trip(monitor):
     for _ in range(3):
         monitor.watch({"temperature_c": 911.0})
-    monitor.configure(defaults(load("fsw_supervisor", "supervisor.yaml")) | {"interlocks.persistence_s": 5.0})
+    monitor.configure(
+        defaults(load("fsw_supervisor", "supervisor.yaml")) | {"interlocks.persistence_s": 5.0}
+    )
     monitor.watch({"temperature_c": 911.0})
     assert monitor.tripped == ("temperature_high",)
 
@@ -311,7 +315,9 @@ def test_a_restart_goes_on_with_the_safe_stop(make_rig, why, drives, lockstep):
 
 @pytest.mark.requirement("S25")
 @pytest.mark.parametrize("silent_ticks", [1, 2, 3])
-def test_controllers_that_come_late_still_tell_a_new_supervisor_of_the_safe_stop(rig, silent_ticks):
+def test_controllers_that_come_late_still_tell_a_new_supervisor_of_the_safe_stop(
+    rig, silent_ticks
+):
     """A controller's status comes just after its proposal; the first command waits for it."""
     ask(rig, "safe_stop")
     rig.run(2).restart()
@@ -325,7 +331,9 @@ def test_controllers_that_come_late_still_tell_a_new_supervisor_of_the_safe_stop
 
 @pytest.mark.requirement("S25")
 @pytest.mark.parametrize("proposing", [True, False])
-def test_a_new_supervisor_that_finds_the_controllers_late_still_hears_of_the_safe_stop(rig, proposing):
+def test_a_new_supervisor_that_finds_the_controllers_late_still_hears_of_the_safe_stop(
+    rig, proposing
+):
     """On a busy machine, their status is heard more than a second after the measurements, and after their proposals."""
     ask(rig, "safe_stop")
     rig.run(2).restart()
@@ -355,7 +363,9 @@ def test_a_new_supervisor_listens_also_after_a_gap_before_its_first_command(rig,
 
 @pytest.mark.requirement("S25")
 @pytest.mark.parametrize("mode", ["manual", "hold"])
-def test_what_is_asked_of_a_new_supervisor_before_it_has_heard_of_the_safe_stop_does_not_lead_out(rig, mode):
+def test_what_is_asked_of_a_new_supervisor_before_it_has_heard_of_the_safe_stop_does_not_lead_out(
+    rig, mode
+):
     ask(rig, "safe_stop")
     rig.run(2).restart()
     ask(rig, mode)  # nothing is measured yet, so nobody has told anything

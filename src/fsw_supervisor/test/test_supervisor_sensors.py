@@ -73,7 +73,9 @@ def test_a_value_beyond_the_trip_stops_whatever_is_missing_between(value, betwee
     monitor = SafetyMonitor(machine)
 
     def show(torque):
-        samples = {name: value for name, value in (GOOD | {"torque": torque}).items() if value is not None}
+        samples = {
+            name: value for name, value in (GOOD | {"torque": torque}).items() if value is not None
+        }
         stamp_ns = next(count) * 10**8
         machine.advance(stamp_ns)
         monitor.judge(Tick(stamp_ns, 0.0, 0.08, None, samples=samples), START)
@@ -88,7 +90,9 @@ def test_a_value_beyond_the_trip_stops_whatever_is_missing_between(value, betwee
 
 
 @pytest.mark.requirement("S2")
-@pytest.mark.parametrize(("sensor", "value"), [("torque", 3500.0), ("thermocouple", 1100.0), ("depth", 50.0)])
+@pytest.mark.parametrize(
+    ("sensor", "value"), [("torque", 3500.0), ("thermocouple", 1100.0), ("depth", 50.0)]
+)
 def test_a_spike_out_of_range_trips_nothing(rig, sensor, value):
     good = rig.values[sensor]
     for _ in range(20):
@@ -169,7 +173,9 @@ def test_a_refused_acknowledgement_readmits_nothing(rig, slip_mm, cause):
 
 
 @pytest.mark.requirement("S35")
-@pytest.mark.parametrize(("slip_mm", "cause"), [(-1.0, "torque_model_high"), (0.9, "torque_model_low")])
+@pytest.mark.parametrize(
+    ("slip_mm", "cause"), [(-1.0, "torque_model_high"), (0.9, "torque_model_low")]
+)
 def test_a_slip_that_was_acknowledged_is_still_caught(rig, slip_mm, cause):
     """By the torque."""
     rig.values["depth"] = 2.66 + slip_mm

@@ -136,20 +136,35 @@ class World:
             value = VALUES[sensor]
             if sensor == "torque":
                 value += TORQUE_NM_PER_KN * (self.acting.force_kn - 78.4)
-            self.later(0.0, lambda member, s=sensor, v=value: member.arbiter.on_sample(s, stamp, v, self.now_s))
+            self.later(
+                0.0,
+                lambda member, s=sensor, v=value: member.arbiter.on_sample(
+                    s, stamp, v, self.now_s
+                ),
+            )
         force = acting.force_kn + min(max(self.wish_kn - acting.force_kn, -0.7), 0.7)
         for name in self.names:
             proposal = ProposalInput(stamp, name, Command(force, acting.speed_rpm))
-            self.later(0.005, lambda member, n=name, p=proposal: member.arbiter.on_proposal(n, p, self.now_s))
+            self.later(
+                0.005,
+                lambda member, n=name, p=proposal: member.arbiter.on_proposal(n, p, self.now_s),
+            )
             source = self.source
-            self.later(0.006, lambda member, n=name, s=source: member.arbiter.on_status(n, (), s == n, self.now_s, s))
+            self.later(
+                0.006,
+                lambda member, n=name, s=source: member.arbiter.on_status(
+                    n, (), s == n, self.now_s, s
+                ),
+            )
         start_s = self.now_s
         for step in range(100):
             self.now_s = start_s + step * 1e-3
             self._wires()
             for member in self.members:
                 wakeup_s = member.failover.wakeup_s
-                if member.running and (step % 50 == 49 or (wakeup_s is not None and wakeup_s <= self.now_s)):
+                if member.running and (
+                    step % 50 == 49 or (wakeup_s is not None and wakeup_s <= self.now_s)
+                ):
                     member.hear(lambda member: member.arbiter.on_time(self.now_s))
         self.now_s = start_s + 0.1
 
@@ -221,7 +236,9 @@ def test_it_stays_in_the_mode_that_the_operator_chose(world, mode):
         (Mode.SAFE_STOP, Cause.STOP_HEARD),
     ],
 )
-def test_mode_that_was_accepted_by_a_leader_that_dies_before_its_next_command_is_not_lost(world, mode, cause):
+def test_mode_that_was_accepted_by_a_leader_that_dies_before_its_next_command_is_not_lost(
+    world, mode, cause
+):
     a, b = world.members
 
     def ask(member):
@@ -246,7 +263,9 @@ def test_an_acknowledgement_outlasts_a_failover_and_the_safe_stop_is_left_on_req
     world.tick(3)
     a.running = False
     world.tick(5)
-    assert (b.failover.role, world.source) == (Role.ACTIVE, "safe_stop"), "an acknowledgement alone changes nothing"
+    assert (b.failover.role, world.source) == (Role.ACTIVE, "safe_stop"), (
+        "an acknowledgement alone changes nothing"
+    )
     assert b.arbiter.operator.ask_mode("auto", None, "operator")[0]
     world.tick(2)
     assert world.source == "decentral"
@@ -269,7 +288,10 @@ def test_a_safe_stop_that_has_been_acknowledged_does_not_come_back_with_the_lead
     world.tick(3)
     a.running = False
     world.tick(5)
-    assert b.arbiter.operator.acknowledge("operator")[0] and b.arbiter.operator.ask_mode("auto", None, "operator")[0]
+    assert (
+        b.arbiter.operator.acknowledge("operator")[0]
+        and b.arbiter.operator.ask_mode("auto", None, "operator")[0]
+    )
     world.tick(3)
     a.lag_s = 0.4  # it hears late that it no longer leads, and tells of its safe stop before
     a.queue.clear()
@@ -297,7 +319,9 @@ def test_the_one_that_was_stopped_becomes_the_standby(world, ticks):
 @pytest.mark.parametrize("lag_s", [0.03, 0.09, 0.19, 0.6])
 @pytest.mark.parametrize("ticks", [2, 3, 9])
 @pytest.mark.parametrize("names", ["ab", "ba"])
-def test_the_one_that_was_stopped_never_wins_however_late_it_hears_of_the_other(names, ticks, lag_s):
+def test_the_one_that_was_stopped_never_wins_however_late_it_hears_of_the_other(
+    names, ticks, lag_s
+):
     world = World()
     a = world.add(names[0])
     world.tick(5)
@@ -393,7 +417,9 @@ def test_wild_commands_do_not_move_the_standby(world):
 def test_a_wild_command_of_a_later_term_does_not_move_the_leader(world):
     a = world.members[0]
     before = a.arbiter.applied
-    a.failover.on_command(Signature(9, "z"), world.stamp_ns, "decentral", Command(float("nan"), 400.0))
+    a.failover.on_command(
+        Signature(9, "z"), world.stamp_ns, "decentral", Command(float("nan"), 400.0)
+    )
     assert (a.arbiter.applied, a.failover.role) == (before, Role.ACTIVE)
     world.tick(5)
     assert (world.active, world.lost(5)) == (["a"], 0)
@@ -438,7 +464,9 @@ def test_whatever_stops_and_goes_on_one_leads_in_the_end_without_a_bump(steps, t
             member.go_on()
         elif verb == "kill":
             world.members.remove(member)
-            world.members.insert(which == "b", fresh := Member(world, f"n{next(serial)}", False, world.settings))
+            world.members.insert(
+                which == "b", fresh := Member(world, f"n{next(serial)}", False, world.settings)
+            )
             assert fresh.failover.role is Role.LISTENING
         world.tick(ticks)
     for member in world.members:

@@ -28,7 +28,9 @@ def test_a_restart_goes_on_with_the_controller_that_was_active(make_rig):
         for sensor, value in rig.values.items():
             out += arbiter.on_sample(sensor, tick, value, now_s)
         for other in ("decentral", "nmpc"):
-            out += arbiter.on_proposal(other, ProposalInput(tick, other, Command(83.2, 420.0)), now_s + 0.004)
+            out += arbiter.on_proposal(
+                other, ProposalInput(tick, other, Command(83.2, 420.0)), now_s + 0.004
+            )
             out += arbiter.on_status(other, (), name.get(other, False), now_s + 0.005)
         out += arbiter.on_time(now_s + 0.08)
         assert [decision.source for decision in out] == ["nmpc"]
@@ -47,12 +49,16 @@ def test_a_restart_waits_for_the_controller_that_acts_and_has_not_been_found_yet
     for count in range(6):
         tick += SECOND_NS // 10
         now_s = 100.0 + 0.1 * count
-        arbiter.on_actuator(ActuatorState(1, "before", min(count, 3), "nmpc", answered_ns=rig.stamp_ns))
+        arbiter.on_actuator(
+            ActuatorState(1, "before", min(count, 3), "nmpc", answered_ns=rig.stamp_ns)
+        )
         out = arbiter.on_drives(tick, rig.drives, now_s)
         for sensor, value in rig.values.items():
             out += arbiter.on_sample(sensor, tick, value, now_s)
         for other in ("decentral", "nmpc")[: 1 + (count > 3)]:
-            out += arbiter.on_proposal(other, ProposalInput(tick, other, Command(83.2, 420.0)), now_s + 0.004)
+            out += arbiter.on_proposal(
+                other, ProposalInput(tick, other, Command(83.2, 420.0)), now_s + 0.004
+            )
             out += arbiter.on_status(other, (), False, now_s + 0.005)
         out += arbiter.on_time(now_s + 0.08)
         sources += [decision.source for decision in out]
@@ -103,7 +109,9 @@ def test_an_unhealthy_configured_controller_is_waited_for(make_rig):
     assert rig.last.source == "hold"
     waiting, own = rig.arbiter.machine.reason.chain
     assert waiting == Reason(ReasonCode.WAITING_FOR_CONTROLLER, subject="decentral")
-    assert (own.words, rig.last.reason) == ("no set-point yet", waiting), "which is what an operator sees"
+    assert (own.words, rig.last.reason) == ("no set-point yet", waiting), (
+        "which is what an operator sees"
+    )
     rig.edit.clear()
     rig.run(1)
     assert rig.last.source == "decentral"
@@ -144,7 +152,9 @@ def test_after_a_gap_it_starts_from_what_acts_then(rig):
     for sensor, value in rig.values.items():
         out += rig.arbiter.on_sample(sensor, rig.stamp_ns, value, rig.now_s)
     assert out == []
-    out = rig.arbiter.on_proposal("decentral", ProposalInput(rig.stamp_ns, "decentral", before), rig.now_s + 0.004)
+    out = rig.arbiter.on_proposal(
+        "decentral", ProposalInput(rig.stamp_ns, "decentral", before), rig.now_s + 0.004
+    )
     assert [(decision.source, decision.command) for decision in out] == [("hold", acting)]
     rig.now_s += 0.001
     rig.run(1)
@@ -173,7 +183,9 @@ def test_one_sensor_with_a_broken_clock_stops_nobody(rig):
 @pytest.mark.requirement("S5")
 def test_a_repeated_or_old_sample_begins_no_tick(rig):
     assert rig.arbiter.on_sample("depth", rig.stamp_ns, 2.6, rig.now_s + 0.09) == []
-    assert rig.arbiter.on_sample("depth", rig.stamp_ns - SECOND_NS // 10, 2.6, rig.now_s + 0.09) == []
+    assert (
+        rig.arbiter.on_sample("depth", rig.stamp_ns - SECOND_NS // 10, 2.6, rig.now_s + 0.09) == []
+    )
     assert rig.arbiter.machine.tick == 10
 
 
@@ -203,7 +215,9 @@ def test_a_queue_of_ticks_after_a_hold_up_is_worked_off_one_command_each(rig):
             out += arbiter.on_sample(sensor, stamp, value, now_s)
     for stamp in stamps:
         for name in rig.names:
-            proposal = ProposalInput(stamp, name, Command(arbiter.applied.force_kn, arbiter.applied.speed_rpm))
+            proposal = ProposalInput(
+                stamp, name, Command(arbiter.applied.force_kn, arbiter.applied.speed_rpm)
+            )
             out += arbiter.on_proposal(name, proposal, now_s + 0.001)
     assert [decision.stamp_ns for decision in out] == stamps
     assert out[-1].source == "decentral"

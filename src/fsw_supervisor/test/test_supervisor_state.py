@@ -7,13 +7,25 @@ from fsw_control.contract import Command
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.stop import Stop
 from fsw_supervisor.settings import ArbiterSettings
-from fsw_supervisor.state_machine import TRANSITIONS, Event, Level, Machine, Mode, Standing, next_mode
+from fsw_supervisor.state_machine import (
+    TRANSITIONS,
+    Event,
+    Level,
+    Machine,
+    Mode,
+    Standing,
+    next_mode,
+)
 
 
 @pytest.fixture
 def machine():
     """A machine at tick 1, before its first transition."""
-    machine = Machine(ArbiterSettings.from_values({"transition_ticks": 7, "storm_swaps": 2, "storm_window_s": 1.0}))
+    machine = Machine(
+        ArbiterSettings.from_values(
+            {"transition_ticks": 7, "storm_swaps": 2, "storm_window_s": 1.0}
+        )
+    )
     machine.advance(100)
     return machine
 
@@ -26,9 +38,24 @@ def ticks(machine, count):
 
 def test_it_begins_in_start_with_what_is_configured():
     machine = Machine(ArbiterSettings.from_values({"controller": "nmpc"}))
-    assert (machine.mode, machine.target_mode, machine.active, machine.target) == (Mode.START, Mode.AUTO, "", "nmpc")
-    assert (machine.transitions, machine.revision, machine.tick, machine.slewing, machine.since_ns) == (0, 0, 0, 0, 0)
-    assert (machine.acknowledged, machine.cause, list(machine.events)) == (False, Cause.STARTED, [])
+    assert (machine.mode, machine.target_mode, machine.active, machine.target) == (
+        Mode.START,
+        Mode.AUTO,
+        "",
+        "nmpc",
+    )
+    assert (
+        machine.transitions,
+        machine.revision,
+        machine.tick,
+        machine.slewing,
+        machine.since_ns,
+    ) == (0, 0, 0, 0, 0)
+    assert (machine.acknowledged, machine.cause, list(machine.events)) == (
+        False,
+        Cause.STARTED,
+        [],
+    )
     assert machine.reason.code is ReasonCode.NO_MEASUREMENT
     assert not machine.storming()
 
@@ -38,7 +65,11 @@ def test_a_transition_is_told_with_who_why_when_and_the_controller(machine):
     machine.advance(4200)
     machine.fire(Cause.READY, Reason.of("it is ready"), "start", "nmpc")
     assert (machine.mode, machine.active, machine.slewing) == (Mode.AUTO, "nmpc", 7)
-    assert (machine.reason, machine.cause, machine.since_ns) == (Reason.of("it is ready"), Cause.READY, 4200)
+    assert (machine.reason, machine.cause, machine.since_ns) == (
+        Reason.of("it is ready"),
+        Cause.READY,
+        4200,
+    )
     assert (machine.transitions, machine.ticks_in_mode) == (1, 0)
     assert machine.events[-1] == Event(Level.INFO, "start", "start -> auto (nmpc): it is ready")
     assert machine.revision == 1
@@ -141,7 +172,11 @@ def test_what_an_operator_sees_changes_the_revision_only_when_it_changes(machine
         before = machine.revision
         call()
         assert (machine.revision > before) == changes
-    assert (machine.target, machine.target_mode, machine.mode) == ("nmpc", Mode.HOLD, Mode.SAFE_STOP)
+    assert (machine.target, machine.target_mode, machine.mode) == (
+        "nmpc",
+        Mode.HOLD,
+        Mode.SAFE_STOP,
+    )
 
 
 def test_to_renew_a_mode_begins_its_time_anew(machine):
@@ -189,7 +224,13 @@ def test_a_standby_notes_the_leaders_swap_without_beginning_the_mode_anew(machin
 
 def test_a_standby_that_leads_tells_so_and_slews(machine):
     machine.mirror_standing(
-        Standing("auto", "nmpc", Cause.SWAP_REQUESTED, Reason(ReasonCode.REQUESTED, subject="nmpc"), "anna")
+        Standing(
+            "auto",
+            "nmpc",
+            Cause.SWAP_REQUESTED,
+            Reason(ReasonCode.REQUESTED, subject="nmpc"),
+            "anna",
+        )
     )
     machine.mirror("nmpc")
     machine.lead("3 ticks went unanswered")
@@ -208,7 +249,9 @@ def test_takeovers_again_and_again_leave_the_reason_as_it_is(machine):
         assert (machine.cause, machine.reason) == (told.cause, told.reason)
     machine.mirror("nmpc")
     machine.lead("2 ticks went unanswered")
-    assert (machine.cause, machine.reason) == (Cause.UNKNOWN, Reason()), "the leader died before it told why"
+    assert (machine.cause, machine.reason) == (Cause.UNKNOWN, Reason()), (
+        "the leader died before it told why"
+    )
 
 
 # ---------------------------------------------------------------- settings
@@ -244,9 +287,16 @@ def test_settings_at_the_edge_of_what_makes_sense_are_taken(values):
 
 
 def test_limits_that_are_set_are_the_ones_that_hold():
-    values = {"force_min_kn": 61.0, "force_max_kn": 94.0, "speed_min_rpm": 310.0, "speed_max_rpm": 490.0}
+    values = {
+        "force_min_kn": 61.0,
+        "force_max_kn": 94.0,
+        "speed_min_rpm": 310.0,
+        "speed_max_rpm": 490.0,
+    }
     values |= {"force_step_kn": 2.0, "speed_step_rpm": 4.0}
-    limits = ArbiterSettings.from_values({f"limits.{name}": value for name, value in values.items()}).limits
+    limits = ArbiterSettings.from_values(
+        {f"limits.{name}": value for name, value in values.items()}
+    ).limits
     assert {name: getattr(limits, name) for name in values} == values
     assert limits.clip(Command(0.0, 0.0), None) == Command(61.0, 310.0)
 

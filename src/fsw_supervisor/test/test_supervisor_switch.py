@@ -143,8 +143,12 @@ def test_a_third_controller_that_joins_later_can_be_selected(rig):
 
 @pytest.mark.requirement("S12")
 def test_after_a_swap_the_output_slews_within_the_transition_limit(make_rig):
-    rig = make_rig(ArbiterSettings.from_values({"force_transition_kn": 0.1, "speed_transition_rpm": 0.5})).run(10)
-    rig.edit["nmpc"] = lambda p: replace(p, command=Command(min(p.command.force_kn + 0.8, 80.0), p.command.speed_rpm))
+    rig = make_rig(
+        ArbiterSettings.from_values({"force_transition_kn": 0.1, "speed_transition_rpm": 0.5})
+    ).run(10)
+    rig.edit["nmpc"] = lambda p: replace(
+        p, command=Command(min(p.command.force_kn + 0.8, 80.0), p.command.speed_rpm)
+    )
     ask(rig, "nmpc")
     rig.run(1)
     assert rig.last.command.force_kn == pytest.approx(78.5)
@@ -169,7 +173,10 @@ def test_modes_an_operator_can_ask_for(rig):
     assert (rig.last.source, rig.last.command) == ("manual", Command(79.4, 404.5))
     rig.run(5)
     assert rig.last.command == Command(82.0, 400.0)
-    assert desk.ask_mode("auto", None, "operator") == (True, "auto from the next command on, with decentral")
+    assert desk.ask_mode("auto", None, "operator") == (
+        True,
+        "auto from the next command on, with decentral",
+    )
     rig.run(1)
     assert rig.last.source == "decentral"
     assert desk.ask_mode("safe_stop", None, "operator")[0]

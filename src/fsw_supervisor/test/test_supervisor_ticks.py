@@ -19,7 +19,9 @@ STEP_NS = SECOND_NS // 10
 def samples(rig, stamp_ns, now_s):
     """All sensors at a stamp; returns what is decided."""
     return [
-        one for sensor, value in rig.values.items() for one in rig.arbiter.on_sample(sensor, stamp_ns, value, now_s)
+        one
+        for sensor, value in rig.values.items()
+        for one in rig.arbiter.on_sample(sensor, stamp_ns, value, now_s)
     ]
 
 
@@ -95,7 +97,10 @@ def test_after_a_gap_a_proposal_is_held_against_what_acts_then(rig):
     acting = Command(73.0, 407.5)
     out = arbiter.on_sample("depth", rig.stamp_ns, rig.values["depth"], rig.now_s)
     assert arbiter.machine.mode is Mode.START
-    assert (arbiter.machine.reason, arbiter.machine.cause) == (Reason(ReasonCode.GAP), Cause.INTERRUPTED)
+    assert (arbiter.machine.reason, arbiter.machine.cause) == (
+        Reason(ReasonCode.GAP),
+        Cause.INTERRUPTED,
+    )
     for name in rig.names:
         out += arbiter.on_proposal(name, ProposalInput(rig.stamp_ns, name, acting), rig.now_s)
     out += arbiter.on_drives(rig.stamp_ns, acting, rig.now_s)
@@ -115,11 +120,16 @@ def test_each_tick_in_which_a_gap_begins_is_lost(rig):
 def test_a_tick_that_is_not_decided_when_the_next_one_begins_is_decided_then(rig):
     arbiter, commands = rig.arbiter, rig.arbiter.ticks.commands
     rig.now_s += 0.1
-    out = [one for ahead in (1, 2) for one in samples(rig, rig.stamp_ns + ahead * STEP_NS, rig.now_s)]
+    out = [
+        one for ahead in (1, 2) for one in samples(rig, rig.stamp_ns + ahead * STEP_NS, rig.now_s)
+    ]
     assert out == [arbiter.ticks.last]
     assert arbiter.ticks.commands == commands + 1
     assert arbiter.ticks.last.stamp_ns == rig.stamp_ns + STEP_NS
-    assert (arbiter.ticks.last.source, arbiter.ticks.last.reason.words) == ("hold", "the arbiter was stalled")
+    assert (arbiter.ticks.last.source, arbiter.ticks.last.reason.words) == (
+        "hold",
+        "the arbiter was stalled",
+    )
 
 
 @pytest.mark.parametrize("held_up_s", [0.12, 0.14])
@@ -157,7 +167,10 @@ def test_it_is_woken_at_the_end_of_the_grace_and_at_the_deadline(rig):
 
 
 def test_in_lockstep_it_is_woken_for_the_shadows_and_at_the_start_for_the_controllers(make_rig):
-    rig = make_rig(ArbiterSettings.from_values({"takeover_wait_s": 0.2, "first_report_wait_s": 0.0}), lockstep=True)
+    rig = make_rig(
+        ArbiterSettings.from_values({"takeover_wait_s": 0.2, "first_report_wait_s": 0.0}),
+        lockstep=True,
+    )
     begun_s, woken = rig.now_s, []
     rig.arbiter.on_drives(rig.stamp_ns, rig.drives, begun_s)
     samples(rig, rig.stamp_ns, begun_s)
@@ -184,7 +197,11 @@ def test_each_time_out_is_told_with_the_mode_and_the_reason(make_rig, mode):
     desk, machine = rig.arbiter.operator, rig.arbiter.machine
     if mode == "start":
         rig.names = []
-        ticks, limit_s, why = 29, 3.0, [ReasonCode.WAITING_FOR_CONTROLLER, ReasonCode.NO_PROPOSAL_YET]
+        ticks, limit_s, why = (
+            29,
+            3.0,
+            [ReasonCode.WAITING_FOR_CONTROLLER, ReasonCode.NO_PROPOSAL_YET],
+        )
     else:
         rig.run(10)
         if mode == "hold":
@@ -194,13 +211,19 @@ def test_each_time_out_is_told_with_the_mode_and_the_reason(make_rig, mode):
             desk.ask_mode("manual", Command(78.4, 407.5), "operator")
             rig.values["depth"] = float("nan")
             rig.run(5)
-            assert (machine.time_ns - rig.arbiter.safety.blind_since_ns) / 1e9 == pytest.approx(0.1)
+            assert (machine.time_ns - rig.arbiter.safety.blind_since_ns) / 1e9 == pytest.approx(
+                0.1
+            )
             ticks, limit_s, why = 38, 4.0, [ReasonCode.INVALID_SENSOR]
         else:
             rig.silent |= set(rig.names)
             rig.run(1)
             assert machine.mode is Mode.HOLD
-            ticks, limit_s, why = 19, 2.0, [ReasonCode.NO_FALLBACK, ReasonCode.FAILED, ReasonCode.NO_PROPOSAL]
+            ticks, limit_s, why = (
+                19,
+                2.0,
+                [ReasonCode.NO_FALLBACK, ReasonCode.FAILED, ReasonCode.NO_PROPOSAL],
+            )
     before = str(machine.mode)
     for _ in range(ticks):
         rig.tick()
@@ -213,7 +236,9 @@ def test_each_time_out_is_told_with_the_mode_and_the_reason(make_rig, mode):
 
 
 def test_auto_never_times_out(make_rig):
-    rig = make_rig(ArbiterSettings.from_values({"hold_timeout_s": 1.0, "start_timeout_s": 1.0})).run(50)
+    rig = make_rig(
+        ArbiterSettings.from_values({"hold_timeout_s": 1.0, "start_timeout_s": 1.0})
+    ).run(50)
     assert rig.last.source == "decentral"
 
 
@@ -241,8 +266,15 @@ def test_a_hold_of_the_operator_is_not_ended_by_a_controller_that_is_ready(rig):
 
 @pytest.mark.parametrize("why", ["storm", "request", "not ready", "not asked for"])
 def test_the_target_is_not_returned_to_while_something_speaks_against_it(make_rig, why):
-    values = {"return_to_target": why != "not asked for", "readmit_ticks": 3, "warm_ticks": 2, "storm_window_s": 5.0}
-    rig = make_rig(ArbiterSettings.from_values(values | {"storm_swaps": 1 if why == "storm" else 0}))
+    values = {
+        "return_to_target": why != "not asked for",
+        "readmit_ticks": 3,
+        "warm_ticks": 2,
+        "storm_window_s": 5.0,
+    }
+    rig = make_rig(
+        ArbiterSettings.from_values(values | {"storm_swaps": 1 if why == "storm" else 0})
+    )
     rig.names.append("third")
     rig.run(10)
     rig.silent.add("decentral")
@@ -277,7 +309,9 @@ def test_the_return_to_the_target_is_told_and_counts_as_an_automatic_swap(make_r
 # ---------------------------------------------------------------- what the plant asks for again
 
 
-def test_in_lockstep_a_measurement_that_is_sent_again_is_answered_again_by_the_leader_only(make_rig):
+def test_in_lockstep_a_measurement_that_is_sent_again_is_answered_again_by_the_leader_only(
+    make_rig,
+):
     rig = make_rig(lockstep=True)
     for _ in range(15):
         rig.tick()
@@ -324,9 +358,15 @@ def test_a_standby_knows_what_the_leader_has_commanded_last(standby):
 def test_an_answer_to_the_present_tick_settles_it_and_an_older_one_is_what_it_starts_from(standby):
     standby.on_drives(10**12, Command(80.0, 410.0), 50.0)
     standby.follow(10**12 - STEP_NS, "nmpc", Command(80.5, 410.0))
-    assert (standby.ticks.present.answered, standby.ticks.present.previous) == (False, Command(80.5, 410.0))
+    assert (standby.ticks.present.answered, standby.ticks.present.previous) == (
+        False,
+        Command(80.5, 410.0),
+    )
     standby.follow(10**12, "nmpc", Command(81.0, 410.0))
-    assert (standby.ticks.present.answered, standby.ticks.present.previous) == (True, Command(80.5, 410.0))
+    assert (standby.ticks.present.answered, standby.ticks.present.previous) == (
+        True,
+        Command(80.5, 410.0),
+    )
     assert standby.wakeup_s is not None, "what the leader decided is still checked"
 
 
@@ -336,15 +376,21 @@ def test_in_lockstep_a_standby_gives_slow_controllers_as_much_time_as_the_leader
     arbiter.on_drives(10**12, Command(80.0, 410.0), 50.0)
     for sensor, value in {"depth": 2.66, "torque": 1052.0, "thermocouple": 850.0}.items():
         arbiter.on_sample(sensor, 10**12, value, 50.0)
-    assert arbiter.ticks.present.deadline_s == pytest.approx(50.0 + arbiter.settings.takeover_s(lockstep=True))
+    assert arbiter.ticks.present.deadline_s == pytest.approx(
+        50.0 + arbiter.settings.takeover_s(lockstep=True)
+    )
     arbiter.on_time(52.9)
     assert not arbiter.ticks.present.settled
-    arbiter.on_proposal("decentral", ProposalInput(10**12, "decentral", Command(80.5, 410.0)), 52.95)
+    arbiter.on_proposal(
+        "decentral", ProposalInput(10**12, "decentral", Command(80.5, 410.0)), 52.95
+    )
     arbiter.on_time(53.0)
     assert [one.source for one in arbiter.lead("took over")] == ["decentral"]
 
 
-@pytest.mark.parametrize(("mode", "wanted"), [("hold", "hold"), ("start", "auto"), ("nonsense", "auto")])
+@pytest.mark.parametrize(
+    ("mode", "wanted"), [("hold", "hold"), ("start", "auto"), ("nonsense", "auto")]
+)
 def test_a_standby_takes_over_only_modes_that_an_operator_can_ask_for(standby, mode, wanted):
     standby.registry.join("nmpc")
     standby.follow_operator("nmpc", mode, {"nmpc": Reason.of("it failed there")})

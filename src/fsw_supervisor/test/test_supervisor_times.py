@@ -75,7 +75,9 @@ def test_hold_ends_after_its_time_limit(make_rig, period_s):
     rig.silent |= set(rig.names)
     machine = rig.arbiter.machine
     seconds_until(rig, period_s, lambda: machine.mode is Mode.HOLD)
-    assert seconds_until(rig, period_s, lambda: machine.mode is Mode.SAFE_STOP) == pytest.approx(10.0, abs=period_s)
+    assert seconds_until(rig, period_s, lambda: machine.mode is Mode.SAFE_STOP) == pytest.approx(
+        10.0, abs=period_s
+    )
 
 
 @pytest.mark.requirement("S7")
@@ -86,7 +88,9 @@ def test_blind_manual_mode_ends_after_its_time_limit(make_rig, period_s):
     rig.values["depth"] = float("nan")
     machine = rig.arbiter.machine
     seconds_until(rig, period_s, lambda: rig.arbiter.safety.invalid_sensors == ("depth",))
-    assert seconds_until(rig, period_s, lambda: machine.mode is Mode.SAFE_STOP) == pytest.approx(20.0, abs=period_s)
+    assert seconds_until(rig, period_s, lambda: machine.mode is Mode.SAFE_STOP) == pytest.approx(
+        20.0, abs=period_s
+    )
 
 
 @pytest.mark.requirement("S7")
@@ -152,7 +156,8 @@ def test_a_trip_takes_effect_after_its_time_and_never_by_a_single_sample(make_ri
 
 
 @pytest.mark.parametrize(
-    ("elapsed_s", "limit_s", "values"), [(0.1, 0.3, 3), (0.1, 0.2, 2), (0.1, 0.1, 2), (0.9, 0.3, 2), (0.05, 0.3, 4)]
+    ("elapsed_s", "limit_s", "values"),
+    [(0.1, 0.3, 3), (0.1, 0.2, 2), (0.1, 0.1, 2), (0.9, 0.3, 2), (0.05, 0.3, 4)],
 )
 def test_persistence_is_a_time_in_at_least_two_values(elapsed_s, limit_s, values):
     persistence = Persistence()

@@ -43,7 +43,9 @@ def decoder(reader: BagReader) -> Callable[[BagRecord], Any]:
     topics, definitions = reader.topics(), Definitions()
 
     def message(record: BagRecord) -> Any:
-        return definitions.decode(record.type_name, definition_of(topics[record.topic]), record.data)
+        return definitions.decode(
+            record.type_name, definition_of(topics[record.topic]), record.data
+        )
 
     return message
 

@@ -12,7 +12,9 @@ from playwright.sync_api import sync_playwright
 
 CHROMIUM = Path("/usr/bin/chromium")
 #: screenshots of the tests are kept here
-SHOTS = Path(os.environ.get("FSW_SCREENSHOTS", Path(__file__).resolve().parents[3] / "out" / "hmi_page"))
+SHOTS = Path(
+    os.environ.get("FSW_SCREENSHOTS", Path(__file__).resolve().parents[3] / "out" / "hmi_page")
+)
 _ARGUMENTS = [
     "--headless",
     "--no-sandbox",

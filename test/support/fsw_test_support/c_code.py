@@ -9,11 +9,27 @@ from pathlib import Path
 from fsw_control import c_library
 from fsw_control.c_library import CLibrary
 
-STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Werror")
-SANITIZE = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
+STRICT = (
+    "-std=c99",
+    "-pedantic",
+    "-Wall",
+    "-Wextra",
+    "-Wconversion",
+    "-Wsign-conversion",
+    "-Werror",
+)
+SANITIZE = (
+    "-g",
+    "-O1",
+    "-fsanitize=address,undefined",
+    "-fno-sanitize-recover=all",
+    "-fno-omit-frame-pointer",
+)
 
 
-def compile_c(arguments: Sequence[str], command: Sequence[str] | None = None) -> subprocess.CompletedProcess[str]:
+def compile_c(
+    arguments: Sequence[str], command: Sequence[str] | None = None
+) -> subprocess.CompletedProcess[str]:
     """Run ``command``, by default the compiler that builds the libraries."""
     compiler = command or c_library.compiler() or ["cc"]
     return subprocess.run([*compiler, *arguments], capture_output=True, text=True, check=False)
@@ -22,7 +38,10 @@ def compile_c(arguments: Sequence[str], command: Sequence[str] | None = None) ->
 def has_sanitizers(folder: Path) -> bool:
     """Whether the compiler links with the sanitizers; ``folder`` is for scratch files."""
     (folder / "probe.c").write_text("int main(void) { return 0; }\n", encoding="utf-8")
-    return compile_c([*SANITIZE, str(folder / "probe.c"), "-o", str(folder / "probe")]).returncode == 0
+    return (
+        compile_c([*SANITIZE, str(folder / "probe.c"), "-o", str(folder / "probe")]).returncode
+        == 0
+    )
 
 
 def check_layout(library: CLibrary, folder: Path) -> None:
@@ -37,10 +56,17 @@ def check_layout(library: CLibrary, folder: Path) -> None:
             layout.append(found.offset)
         lines.append(f'printf("%zu\\n", sizeof({name}));')
         layout.append(ffi.sizeof(kind))
-    head = ["#include <stddef.h>", "#include <stdio.h>", f'#include "{library.package}.h"', "int main(void) {"]
+    head = [
+        "#include <stddef.h>",
+        "#include <stdio.h>",
+        f'#include "{library.package}.h"',
+        "int main(void) {",
+    ]
     (folder / "sizes.c").write_text("\n".join([*head, *lines, "return 0; }"]), encoding="utf-8")
     program = str(folder / "sizes")
-    built = compile_c(["-std=c99", "-I", str(library.folder), str(folder / "sizes.c"), "-o", program])
+    built = compile_c(
+        ["-std=c99", "-I", str(library.folder), str(folder / "sizes.c"), "-o", program]
+    )
     assert built.returncode == 0, built.stderr
     printed = subprocess.run([program], capture_output=True, text=True, check=True).stdout
     assert [int(word) for word in printed.split()] == layout

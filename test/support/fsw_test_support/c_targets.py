@@ -13,14 +13,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 _QEMU_M7 = [
-    *("qemu-system-arm", "-M", "mps2-an500", "-display", "none", "-monitor", "none", "-serial", "none"),
+    *(
+        "qemu-system-arm",
+        "-M",
+        "mps2-an500",
+        "-display",
+        "none",
+        "-monitor",
+        "none",
+        "-serial",
+        "none",
+    ),
     *("-icount", "shift=0", "-semihosting-config"),
     *("enable=on,target=native,arg=fsw_example,arg=vectors/weld.csv", "-kernel"),
 ]
 #: instructions of QEMU's virtual time (1 ns each) in a tick of the board's clock (25 MHz)
 _PER_TICK = 40
 _COUNTER = 1 << 24
-_NODE = re.compile(r'node: \{ title: "([^"]+)" label: "[^"]*?(\d+) bytes \((?:static|dynamic,bounded)\)"')
+_NODE = re.compile(
+    r'node: \{ title: "([^"]+)" label: "[^"]*?(\d+) bytes \((?:static|dynamic,bounded)\)"'
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +78,9 @@ _M7_PACKAGES = "gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
 TARGETS = {
     "gcc": Target("x86-64, gcc", ("gcc",), "gcc", ("-DCMAKE_C_COMPILER=gcc",)),
     "clang": Target("x86-64, clang", ("clang",), "clang", ("-DCMAKE_C_COMPILER=clang",)),
-    "cortex_m7": Target("Cortex-M7", ("arm-none-eabi-gcc", "qemu-system-arm"), _M7_PACKAGES, _M7, True),
+    "cortex_m7": Target(
+        "Cortex-M7", ("arm-none-eabi-gcc", "qemu-system-arm"), _M7_PACKAGES, _M7, True
+    ),
     "cortex_m7_sp": Target(
         "Cortex-M7, FPU of single precision only",
         ("arm-none-eabi-gcc", "qemu-system-arm"),
@@ -90,7 +104,9 @@ TARGETS = {
 
 
 def _command(command: list[str], cwd: Path) -> str:
-    ran = subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, timeout=600)
+    ran = subprocess.run(
+        command, cwd=cwd, capture_output=True, text=True, check=False, timeout=600
+    )
     if ran.returncode:
         raise AssertionError(f"{' '.join(command)}:\n{ran.stdout[-2000:]}{ran.stderr[-2000:]}")
     return ran.stdout
@@ -98,7 +114,19 @@ def _command(command: list[str], cwd: Path) -> str:
 
 def build(folder: Path, target: Target, build_folder: Path, *options: str) -> None:
     """Build an exported folder."""
-    _command(["cmake", "-S", str(folder), "-B", str(build_folder), "-DFSW_STRICT=1", *target.options, *options], folder)
+    _command(
+        [
+            "cmake",
+            "-S",
+            str(folder),
+            "-B",
+            str(build_folder),
+            "-DFSW_STRICT=1",
+            *target.options,
+            *options,
+        ],
+        folder,
+    )
     _command(["cmake", "--build", str(build_folder)], folder)
 
 
@@ -109,7 +137,9 @@ def check_vectors(folder: Path, build_folder: Path) -> None:
 
 def run_vectors(folder: Path, build_folder: Path) -> None:
     """Run the test vectors, whether they pass or not; see :func:`largest_difference`."""
-    subprocess.run(["ctest", "--test-dir", str(build_folder)], cwd=folder, capture_output=True, check=False)
+    subprocess.run(
+        ["ctest", "--test-dir", str(build_folder)], cwd=folder, capture_output=True, check=False
+    )
 
 
 def largest_difference(folder: Path, build_folder: Path) -> float:
@@ -126,7 +156,11 @@ def instructions(folder: Path, build_folder: Path) -> tuple[NDArray[np.int64], N
 
     The build must have ``FSW_COUNTER``.
     """
-    rows = list(csv.DictReader(_command([*_QEMU_M7, str(build_folder / "fsw_example")], folder).splitlines()))
+    rows = list(
+        csv.DictReader(
+            _command([*_QEMU_M7, str(build_folder / "fsw_example")], folder).splitlines()
+        )
+    )
     ticks = np.array([int(row["count"]) for row in rows]) % _COUNTER
     return ticks * _PER_TICK, np.array([int(row.get("iterations", 0)) for row in rows])
 
@@ -141,16 +175,21 @@ def stack_bytes(build_folder: Path, function: str) -> int:
     for file in build_folder.rglob("*.ci"):
         text = file.read_text(encoding="utf-8")
         for title, size in re.findall(
-            r'node: \{ title: "([^"]+)" label: "[^"]*?(\d+) bytes \((?:static|dynamic,bounded)\)"', text
+            r'node: \{ title: "([^"]+)" label: "[^"]*?(\d+) bytes \((?:static|dynamic,bounded)\)"',
+            text,
         ):
             own[title] = int(size)
-        for source, called in re.findall(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"', text):
+        for source, called in re.findall(
+            r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"', text
+        ):
             calls.setdefault(source, []).append(called)
 
     def deepest(name: str, above: tuple[str, ...]) -> int:
         if name in above:
             raise AssertionError(f"recursion: {' > '.join((*above, name))}")
-        return own.get(name, 0) + max((deepest(one, (*above, name)) for one in calls.get(name, ())), default=0)
+        return own.get(name, 0) + max(
+            (deepest(one, (*above, name)) for one in calls.get(name, ())), default=0
+        )
 
     return deepest(function, ())
 
@@ -166,6 +205,9 @@ def state_bytes(build_folder: Path) -> int:
 
 def sizes(build_folder: Path) -> tuple[int, int]:
     """Bytes of code and constants, and of initialised and zeroed data, of the library alone."""
-    lines = _command(["arm-none-eabi-size", "--totals", *map(str, build_folder.glob("libfsw_*.a"))], build_folder)
+    lines = _command(
+        ["arm-none-eabi-size", "--totals", *map(str, build_folder.glob("libfsw_*.a"))],
+        build_folder,
+    )
     text, data, bss = (int(word) for word in lines.splitlines()[-1].split()[:3])
     return text, data + bss

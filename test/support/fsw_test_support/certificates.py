@@ -19,7 +19,12 @@ _KEY_BITS = 2048
 
 
 def make(
-    folder: Path, name: str, uri: str, hosts: Sequence[str], days: int = 365, start: datetime | None = None
+    folder: Path,
+    name: str,
+    uri: str,
+    hosts: Sequence[str],
+    days: int = 365,
+    start: datetime | None = None,
 ) -> tuple[Path, Path]:
     """Make a key and a self-signed certificate for tests: ``<name>.der`` and ``<name>_key.pem`` in ``folder``.
 
@@ -46,7 +51,13 @@ def make(
     key = rsa.generate_private_key(public_exponent=65537, key_size=_KEY_BITS)
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
     begin = now() - timedelta(hours=1) if start is None else start
-    usages = {"digital_signature", "content_commitment", "key_encipherment", "data_encipherment", "key_cert_sign"}
+    usages = {
+        "digital_signature",
+        "content_commitment",
+        "key_encipherment",
+        "data_encipherment",
+        "key_cert_sign",
+    }
     every = ("key_agreement", "crl_sign", "encipher_only", "decipher_only", *usages)
     purposes = [ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH]
     certificate = (
@@ -54,7 +65,10 @@ def make(
         .not_valid_before(begin)
         .not_valid_after(begin + timedelta(days=days))
         .add_extension(
-            x509.SubjectAlternativeName([x509.UniformResourceIdentifier(uri), *map(_general_name, hosts)]), False
+            x509.SubjectAlternativeName(
+                [x509.UniformResourceIdentifier(uri), *map(_general_name, hosts)]
+            ),
+            False,
         )
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), True)
         .add_extension(x509.KeyUsage(**{usage: usage in usages for usage in every}), True)
@@ -64,7 +78,11 @@ def make(
     )
     files = folder / f"{name}.der", folder / f"{name}_key.pem"
     files[0].write_bytes(der(certificate))
-    pem = (serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
+    pem = (
+        serialization.Encoding.PEM,
+        serialization.PrivateFormat.PKCS8,
+        serialization.NoEncryption(),
+    )
     with open(os.open(files[1], os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:
         file.write(key.private_bytes(*pem))
     return files

@@ -22,13 +22,23 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int | str 
     return code, captured.out, captured.err
 
 
-def replaces_nothing(capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: Sequence[str]) -> None:
+def replaces_nothing(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: Sequence[str]
+) -> None:
     """A command refuses to replace files without --force; ``{bag}``, ``{file}`` ... in its words stand for paths."""
     write_sample_weld(tmp_path / "bag", 50)
-    files = [tmp_path / name for name in ("precious", "precious.csv", "precious.png", "precious.md", "overview.png")]
+    files = [
+        tmp_path / name
+        for name in ("precious", "precious.csv", "precious.png", "precious.md", "overview.png")
+    ]
     for file in files:
         file.write_text("x")
-    places = {"file": files[0], "new": tmp_path / "new", "bag": tmp_path / "bag", "folder": tmp_path}
+    places = {
+        "file": files[0],
+        "new": tmp_path / "new",
+        "bag": tmp_path / "bag",
+        "folder": tmp_path,
+    }
     code, _, error = run(capsys, *(word.format(**places) for word in arguments))
     assert code == 1
     assert "exists" in error.splitlines()[-1] and "--force" in error.splitlines()[-1]

@@ -9,7 +9,11 @@ from importlib import import_module
 
 def examples(modules: Iterable[str]) -> list[doctest.DocTest]:
     """Those of modules, sorted."""
-    found = (test for name in sorted(set(modules)) for test in doctest.DocTestFinder().find(import_module(name)))
+    found = (
+        test
+        for name in sorted(set(modules))
+        for test in doctest.DocTestFinder().find(import_module(name))
+    )
     return [test for test in found if test.examples]
 
 

@@ -47,7 +47,9 @@ def c_objects(factory: pytest.TempPathFactory, controller: str, *flags: str) -> 
             built = compile_c([*options, "-o", str(out / f"{source.stem}.o")])
             assert built.returncode == 0, built.stderr
 
-    folder = made_once(factory, "_".join([controller, "objects", *flags]).replace("/", "_"), compile_all)
+    folder = made_once(
+        factory, "_".join([controller, "objects", *flags]).replace("/", "_"), compile_all
+    )
     return [str(path) for path in sorted(folder.glob("*.o"))]
 
 

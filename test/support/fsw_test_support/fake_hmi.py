@@ -1,6 +1,7 @@
 """A small server of the operator's page without a graph: a synthetic weld, and answers a test can foresee.
 
-``python -m fsw_test_support.fake_hmi`` shows the page at http://127.0.0.1:8089 for working on it; the token is "token".
+``python -m fsw_test_support.fake_hmi`` shows the page at http://127.0.0.1:8089 for working on it;
+the token is "token".
 """
 
 from __future__ import annotations
@@ -57,15 +58,35 @@ def weld_row(time_s: float) -> list[float]:
     """One tick of the synthetic weld: waves about the paper's operating point, a set-point step every 40 s."""
     high = (time_s // 40.0) % 2
     aim = 2.66 + 0.08 * high
-    depth = aim - 0.08 * (2 * high - 1) * math.exp(-(time_s % 40.0) / 3.0) + 0.006 * math.sin(3.1 * time_s)
+    depth = (
+        aim
+        - 0.08 * (2 * high - 1) * math.exp(-(time_s % 40.0) / 3.0)
+        + 0.006 * math.sin(3.1 * time_s)
+    )
     temperature = 816.4 + 1.2 * math.sin(time_s / 9.0) + 0.15 * math.sin(4.7 * time_s)
     force = 78.4 + 0.5 * math.sin(time_s / 7.0) + 0.8 * high
     speed = 407.6 + 2.0 * math.cos(time_s / 11.0)
     torque = 1065.0 + 6.0 * math.sin(time_s / 5.0)
     power = torque * speed * 2.0 * math.pi / 60_000.0
     return [
-        *(time_s, depth, temperature, torque, force, speed, power, aim, 816.4, force + 0.1, speed + 0.3),
-        *(14.0 + math.sin(time_s), 9.0 + 2.0 * math.sin(time_s / 3.0), 143.0 * min(time_s / 600.0, 1.0)),
+        *(
+            time_s,
+            depth,
+            temperature,
+            torque,
+            force,
+            speed,
+            power,
+            aim,
+            816.4,
+            force + 0.1,
+            speed + 0.3,
+        ),
+        *(
+            14.0 + math.sin(time_s),
+            9.0 + 2.0 * math.sin(time_s / 3.0),
+            143.0 * min(time_s / 600.0, 1.0),
+        ),
     ]
 
 
@@ -93,7 +114,9 @@ class FakeHmi:
         self.local_stop = False
         self.alarms: list[dict[str, Any]] = []
         self.account = good_account()
-        self.attainable: dict[str, float] | None = None  #: what stands in for set-points out of reach
+        self.attainable: dict[str, float] | None = (
+            None  #: what stands in for set-points out of reach
+        )
         self.actions: list[dict[str, Any]] = []
         self.refusals: dict[str, str] = {}  #: request -> reason
         self.requests: list[dict[str, Any]] = []
@@ -121,7 +144,9 @@ class FakeHmi:
             lifespan=self._run_ticks,
         )
         self._server = uvicorn.Server(
-            uvicorn.Config(Security(app), port=self.port, log_level="warning", ws="websockets-sansio")
+            uvicorn.Config(
+                Security(app), port=self.port, log_level="warning", ws="websockets-sansio"
+            )
         )
         self._thread = threading.Thread(target=self._server.run, daemon=True)
 
@@ -150,7 +175,9 @@ class FakeHmi:
         """Somebody on another page takes control that is free."""
         session = self._room.join()
         session.name, session.role, session.active_s = name, "operate", time.monotonic()
-        self._room.handle(session, json.dumps({"id": 1, "do": "take_control", "from": None}), session.active_s)
+        self._room.handle(
+            session, json.dumps({"id": 1, "do": "take_control", "from": None}), session.active_s
+        )
 
     def log_out(self) -> None:
         """Let nobody have touched any page for a long time."""
@@ -169,8 +196,19 @@ class FakeHmi:
     async def _tell(self, socket: WebSocket, session: Session) -> None:
         control = {"t": "control", **self._room.control(session, time.monotonic())}
         reach = {"ok": True, "text": "Commands reach the machine"}
-        alarms = {"t": "alarms", "alarms": self.alarms, "reach": reach, "attainable": self.attainable}
-        frames = [{"t": "state", **self.state}, alarms, {"t": "account", **self.account}, control, self._headline()]
+        alarms = {
+            "t": "alarms",
+            "alarms": self.alarms,
+            "reach": reach,
+            "attainable": self.attainable,
+        }
+        frames = [
+            {"t": "state", **self.state},
+            alarms,
+            {"t": "account", **self.account},
+            control,
+            self._headline(),
+        ]
         frames.append({"t": "actions", "actions": self.actions[-50:]})
         if self.progress:
             frames.append({"t": "progress", **self.progress})
@@ -192,15 +230,28 @@ class FakeHmi:
             count += 1
             frames = []
             self._room.tick(time.monotonic())
-            if any([self._room.news(session, time.monotonic()) for _, session in self._sessions.values()]):
+            if any(
+                [
+                    self._room.news(session, time.monotonic())
+                    for _, session in self._sessions.values()
+                ]
+            ):
                 await self._push()
             if self.measuring:
                 self._last_tick_s = time.time()
                 row = self._row(self._time_s())
-                self._flags = flags_now(dict(zip(COLUMNS[1:], row[1:], strict=True)), self.progress, default(), LIMITS)
+                self._flags = flags_now(
+                    dict(zip(COLUMNS[1:], row[1:], strict=True)), self.progress, default(), LIMITS
+                )
                 values = dict(zip(COLUMNS, row, strict=True))
                 stop = self._stopping.at(self.state["actual_mode"] == "safe_stop", values, SAFE)
-                tick = {"t": "tick", "server_s": self._last_tick_s, "row": row, "flags": self._flags, "stop": stop}
+                tick = {
+                    "t": "tick",
+                    "server_s": self._last_tick_s,
+                    "row": row,
+                    "flags": self._flags,
+                    "stop": stop,
+                }
                 frames.append(tick)
             if count % 3 == 0:
                 now = time.time()
@@ -247,7 +298,9 @@ class FakeHmi:
         now_s = time.time() - self.start_s
         for newest in range(0, 600, 60):
             times = [now_s - newest - (600 - i) * TICK_S for i in range(600)]
-            rows = [[round(value, 4) for value in weld_row(time_s)] for time_s in times if time_s > 0.0]
+            rows = [
+                [round(value, 4) for value in weld_row(time_s)] for time_s in times if time_s > 0.0
+            ]
             await socket.send_text(json.dumps({"t": "history", "rows": rows}))
         await self._tell(socket, session)
         self._sessions[session.id] = (socket, session)
@@ -259,7 +312,12 @@ class FakeHmi:
                 else:
                     self.requests.append(request)
                 outcome, message = self._answer(request, session)
-                answer = {"t": "answer", "id": request["id"], "outcome": outcome, "message": message}
+                answer = {
+                    "t": "answer",
+                    "id": request["id"],
+                    "outcome": outcome,
+                    "message": message,
+                }
                 await socket.send_text(json.dumps(answer))
                 await self._push()
         except WebSocketDisconnect:
@@ -276,12 +334,19 @@ class FakeHmi:
         verdict = self._room.handle(session, json.dumps(request), now_s)
         if verdict.credentials:
             user = self._room.check(*verdict.credentials)
-            verdict = self._room.on_checked(session, request["id"], verdict.credentials, user, now_s)
+            verdict = self._room.on_checked(
+                session, request["id"], verdict.credentials, user, now_s
+            )
         if verdict.action:
             self._act(what, request)
             verdict = Verdict(request["id"], DONE, asked=verdict.asked)
         if verdict.asked:
-            done = {"who": session.who, "action": verdict.asked, "outcome": verdict.outcome, "message": verdict.message}
+            done = {
+                "who": session.who,
+                "action": verdict.asked,
+                "outcome": verdict.outcome,
+                "message": verdict.message,
+            }
             self.actions.append({"server_s": time.time(), **done})
         return verdict.outcome, verdict.message
 
@@ -289,7 +354,9 @@ class FakeHmi:
         if what == "safe_stop":
             self.state.update(actual_mode="safe_stop", target_mode="safe_stop", reason="operator")
         elif what == "switch":
-            self.state.update(target_controller=request["controller"], actual_controller=request["controller"])
+            self.state.update(
+                target_controller=request["controller"], actual_controller=request["controller"]
+            )
 
     def _hello(self, session: str) -> dict[str, Any]:
         return {
@@ -326,11 +393,14 @@ class FakeHmi:
 
     async def _bag(self, request: Request) -> Response:
         bag = self.bags[request.path_params["n"]]
-        return JSONResponse({"columns": [*COLUMNS, "mode", "controller", "flags"], "rows": bag["rows"]})
+        return JSONResponse(
+            {"columns": [*COLUMNS, "mode", "controller", "flags"], "rows": bag["rows"]}
+        )
 
 
 SAFE_STOP = (
-    "Safe stop: hold for 10 s: too many swaps in 30 s; nmpc failed: no proposal at the deadline, for the third time"
+    "Safe stop: hold for 10 s: too many swaps in 30 s; "
+    "nmpc failed: no proposal at the deadline, for the third time"
 )
 
 
@@ -343,24 +413,75 @@ PLACE = {
 
 def good_account(*marks: dict[str, Any]) -> dict[str, Any]:
     """The judgement of a weld that keeps its limits, or of one that left them at some places."""
-    good = {"verdict": "accept", "level": "good", "rule": "all", "text": "Good", "detail": "every limit is kept"}
-    bad = {"verdict": "review", "level": "medium", "rule": "quality", "text": "Depth error outside", "detail": "once"}
+    good = {
+        "verdict": "accept",
+        "level": "good",
+        "rule": "all",
+        "text": "Good",
+        "detail": "every limit is kept",
+    }
+    bad = {
+        "verdict": "review",
+        "level": "medium",
+        "rule": "quality",
+        "text": "Depth error outside",
+        "detail": "once",
+    }
     return (bad if marks else good) | {"marks": [*marks]}
 
 
 def sample_alarms(now_s: float) -> list[dict[str, Any]]:
     """Alarms of all priorities and states."""
     return [
-        _alarm("safe_stop", SAFE_STOP, "high", "active", now_s - 9, first="Sensor thermocouple: no samples come"),
-        _alarm("depth:stale", "Depth sensor invalid: frozen", "high", "active", now_s - 15, count=3),
-        _alarm("temperature_high:warn", "Temperature above 900 °C", "medium", "active", now_s - 20, first_out=True),
-        _alarm("failover", "decentral commands in place of nmpc: nmpc was late 3 times", "medium", "active", now_s - 9),
-        _alarm("force_kn", "Axial force does not follow the command", "medium", "acknowledged", now_s - 120),
+        _alarm(
+            "safe_stop",
+            SAFE_STOP,
+            "high",
+            "active",
+            now_s - 9,
+            first="Sensor thermocouple: no samples come",
+        ),
+        _alarm(
+            "depth:stale", "Depth sensor invalid: frozen", "high", "active", now_s - 15, count=3
+        ),
+        _alarm(
+            "temperature_high:warn",
+            "Temperature above 900 °C",
+            "medium",
+            "active",
+            now_s - 20,
+            first_out=True,
+        ),
+        _alarm(
+            "failover",
+            "decentral commands in place of nmpc: nmpc was late 3 times",
+            "medium",
+            "active",
+            now_s - 9,
+        ),
+        _alarm(
+            "force_kn",
+            "Axial force does not follow the command",
+            "medium",
+            "acknowledged",
+            now_s - 120,
+        ),
         _alarm("nmpc:late", "nmpc answers late", "low", "acknowledged", now_s - 200),
         _alarm(
-            "force_high:warn", "Force near the limit of the drive and its load cell", "medium", "cleared", now_s - 90
+            "force_high:warn",
+            "Force near the limit of the drive and its load cell",
+            "medium",
+            "cleared",
+            now_s - 90,
         ),
-        _alarm("node:x", "x no longer reports", "low", "shelved", now_s - 300, shelved_until_s=now_s + 300),
+        _alarm(
+            "node:x",
+            "x no longer reports",
+            "low",
+            "shelved",
+            now_s - 300,
+            shelved_until_s=now_s + 300,
+        ),
     ]
 
 
@@ -370,8 +491,19 @@ def sample_bag(n: int, duration_s: float = 240.0, shift_mm: float = 0.0) -> dict
     for i in range(int(duration_s / TICK_S)):
         row = weld_row(i * TICK_S)
         row[1] += shift_mm
-        rows.append([*(round(value, 4) for value in row), "auto", "nmpc" if i * TICK_S > 60.0 else "decentral", {}])
-    kpis = [("depth IAE", "mm s", 1.2 + n), ("temperature IAE", "°C s", 80.0 - n), ("missed ticks", "", 0.0)]
+        rows.append(
+            [
+                *(round(value, 4) for value in row),
+                "auto",
+                "nmpc" if i * TICK_S > 60.0 else "decentral",
+                {},
+            ]
+        )
+    kpis = [
+        ("depth IAE", "mm s", 1.2 + n),
+        ("temperature IAE", "°C s", 80.0 - n),
+        ("missed ticks", "", 0.0),
+    ]
     return {
         "n": n,
         "name": f"weld_{n}",
@@ -379,7 +511,10 @@ def sample_bag(n: int, duration_s: float = 240.0, shift_mm: float = 0.0) -> dict
         "start_s": 1_790_000_000.0,
         "controllers": ["decentral", "nmpc"],
         "phases": [_phase("start", 0.0, 60.0), _phase("joint_line", 60.0, 240.0)],
-        "events": [{"time_s": 60.0, "text": "swap to nmpc"}, {"time_s": 120.0, "text": "disturbance depth +0.1 mm"}],
+        "events": [
+            {"time_s": 60.0, "text": "swap to nmpc"},
+            {"time_s": 120.0, "text": "disturbance depth +0.1 mm"},
+        ],
         "kpis": [{"name": name, "unit": unit, "value": value} for name, unit, value in kpis],
         "account": good_account(),
         "problems": [] if n == 0 else ["3 ticks without a command"],
@@ -387,10 +522,20 @@ def sample_bag(n: int, duration_s: float = 240.0, shift_mm: float = 0.0) -> dict
     }
 
 
-def _alarm(name: str, text: str, priority: str, state: str, raised_s: float, **changed: Any) -> dict[str, Any]:
+def _alarm(
+    name: str, text: str, priority: str, state: str, raised_s: float, **changed: Any
+) -> dict[str, Any]:
     what, _, why = text.partition(": ")
     return {
-        **{"id": name, "text": text, "what": what, "why": why, "priority": priority, "state": state, "count": 1},
+        **{
+            "id": name,
+            "text": text,
+            "what": what,
+            "why": why,
+            "priority": priority,
+            "state": state,
+            "count": 1,
+        },
         "consequence": "The controllers do without it for a short time only",
         "advice": "Check the sensor, then swap the controller or stop",
         **{"chatters": False, "first_out": False, "first": "", "raised_s": raised_s},
@@ -402,11 +547,23 @@ def _alarm(name: str, text: str, priority: str, state: str, raised_s: float, **c
 
 def _phase(name: str, begin_s: float, end_s: float) -> dict[str, Any]:
     error = {"mean": 0.1, "sigma": 0.3, "low": -1.0, "high": 0.9}
-    return {"name": name, "begin_s": begin_s, "end_s": end_s, "temperature_error_c": error, "depth_error_mm": None}
+    return {
+        "name": name,
+        "begin_s": begin_s,
+        "end_s": end_s,
+        "temperature_error_c": error,
+        "depth_error_mm": None,
+    }
 
 
 def _state() -> dict[str, Any]:
-    health = {"ready": True, "healthy": True, "inhibited": False, "reason": "", "latency_max_ms": 31.0}
+    health = {
+        "ready": True,
+        "healthy": True,
+        "inhibited": False,
+        "reason": "",
+        "latency_max_ms": 31.0,
+    }
     counts = {"missed": 0, "late": 1, "rejected": 0}
     return {
         "known": True,
@@ -424,7 +581,8 @@ def _state() -> dict[str, Any]:
         ],
         "interlocks": [],
         "parts": [
-            {"name": name, "level": "ok", "text": "running"} for name in ("arbiter", "process", "recorder", "plant")
+            {"name": name, "level": "ok", "text": "running"}
+            for name in ("arbiter", "process", "recorder", "plant")
         ],
     }
 

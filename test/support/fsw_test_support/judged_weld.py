@@ -56,7 +56,10 @@ def good_weld() -> WeldSignals:
         drives=DriveSignals(constant(FORCE_KN), constant(SPEED_RPM)),
         counts={"/fsw/supervisor/state": 6},
         phases=[("dwell", 0.1), ("joint_line", 0.1 * DWELL)],
-        events=[WeldEvent(0.1 * DWELL, "phase", "joint_line"), WeldEvent(0.1 * TICKS, "weld", "done")],
+        events=[
+            WeldEvent(0.1 * DWELL, "phase", "joint_line"),
+            WeldEvent(0.1 * TICKS, "weld", "done"),
+        ],
         angle_deg=0.02 * travelled,
         travel_mm=0.2 * travelled,
     )

@@ -1,8 +1,9 @@
 """A machine to test with: an OPC UA server on top of the plant emulator, which keeps the contract of a PLC.
 
-Ten times a second it measures, writes the values and then the cycle counter. It takes force and speed when the
-heartbeat is written after them. It refuses what is out of its own limits, what it has not permitted and what does not
-answer one of its last cycles. Without commands its watchdog holds and then lowers the force.
+Ten times a second it measures, writes the values and then the cycle counter. It takes force and
+speed when the heartbeat is written after them. It refuses what is out of its own limits, what it
+has not permitted and what does not answer one of its last cycles. Without commands its watchdog
+holds and then lowers the force.
 """
 
 from __future__ import annotations
@@ -46,7 +47,11 @@ SWITCH = "s=Weld.PermissiveSwitch"
 MACHINE_FILE = Path(str(resources.files("fsw_machine") / "machine.yaml"))
 SERVER_URI = "urn:fsw-control:machine-server"
 CLIENT_URI = "urn:fsw-control:fsw_machine"
-_TYPES = {"cycle": ua.VariantType.UInt32, "heartbeat": ua.VariantType.UInt32, "permissive": ua.VariantType.Boolean}
+_TYPES = {
+    "cycle": ua.VariantType.UInt32,
+    "heartbeat": ua.VariantType.UInt32,
+    "permissive": ua.VariantType.Boolean,
+}
 #: cycles of which stamp and time of writing are known
 _KEPT = 50
 
@@ -121,14 +126,26 @@ class MachineServer:
         server.set_endpoint(self.endpoint)
         await server.set_application_uri(SERVER_URI)
         await self._secure()
-        server.set_identity_tokens([ua.AnonymousIdentityToken if machine.user is None else ua.UserNameIdentityToken])
+        server.set_identity_tokens(
+            [ua.AnonymousIdentityToken if machine.user is None else ua.UserNameIdentityToken]
+        )
         index = await server.register_namespace(machine.namespace) if machine.namespace else 0
         self._ids = {name: node_id(spec, index) for name, spec in machine.nodes.given.items()}
         self._ids["switch"] = ua.NodeId.from_string(f"ns={index};{SWITCH}")
         for name, identifier in self._ids.items():
-            kind = _TYPES.get(name, ua.VariantType.Boolean if name == "switch" else ua.VariantType.Double)
-            start = self.permissive if name == "switch" else False if kind is ua.VariantType.Boolean else 0
-            node = await server.nodes.objects.add_variable(identifier, str(identifier.Identifier), start, kind)
+            kind = _TYPES.get(
+                name, ua.VariantType.Boolean if name == "switch" else ua.VariantType.Double
+            )
+            start = (
+                self.permissive
+                if name == "switch"
+                else False
+                if kind is ua.VariantType.Boolean
+                else 0
+            )
+            node = await server.nodes.objects.add_variable(
+                identifier, str(identifier.Identifier), start, kind
+            )
             if name in (*WRITTEN, "switch"):
                 await node.set_writable()
         self._setter = server.iserver.aspace.write_attribute_value
@@ -141,7 +158,9 @@ class MachineServer:
         security, key = self._machine.security, self._server_key
         if security is None:
             if key is not None:
-                raise SecurityError("--server-key: useless, because the machine file says security: none")
+                raise SecurityError(
+                    "--server-key: useless, because the machine file says security: none"
+                )
             return
         if key is None:
             raise SecurityError("--server-key: needed, because the machine file asks for security")
@@ -189,7 +208,10 @@ class MachineServer:
         for name, samples in reading.samples.items():
             if (stem := SENSORS[name].stem) not in self._ids:
                 continue
-            for sample_ns, value in samples:  # none while a sensor drops out: the node keeps its old timestamp
+            for (
+                sample_ns,
+                value,
+            ) in samples:  # none while a sensor drops out: the node keeps its old timestamp
                 await self._show(stem, value, stamp_ns - (reading.stamp_ns - sample_ns))
         await self._show("permissive", self.permissive, stamp_ns)
         acting, in_force = reading.drives, self.plant.applied
@@ -211,12 +233,16 @@ class MachineServer:
         kind = _TYPES.get(name, ua.VariantType.Double)
         number = inside if name in _TYPES else self._machine.nodes[name].number(inside)
         stamp = datetime.fromtimestamp(stamp_ns / 1e9, UTC)
-        value = ua.DataValue(ua.Variant(number, kind), SourceTimestamp=stamp, ServerTimestamp=stamp)
+        value = ua.DataValue(
+            ua.Variant(number, kind), SourceTimestamp=stamp, ServerTimestamp=stamp
+        )
         await self._setter(self._ids[name], ua.AttributeIds.Value, value)
 
     # ---------------------------------------------------------------- what clients write
 
-    async def _on_write(self, node: ua.NodeId, attribute: ua.AttributeIds, value: ua.DataValue) -> ua.StatusCode:
+    async def _on_write(
+        self, node: ua.NodeId, attribute: ua.AttributeIds, value: ua.DataValue
+    ) -> ua.StatusCode:
         status: ua.StatusCode = await self._setter(node, attribute, value)
         name = next((name for name, one in self._ids.items() if one == node), "")
         if not status.is_good() or attribute != ua.AttributeIds.Value or value.Value is None:
@@ -234,7 +260,11 @@ class MachineServer:
         self._wanted.pop(name, None)
         inside = self._machine.nodes[name].inside(number)
         other = self.plant.applied
-        wanted = Command(inside, other.speed_rpm) if name == "force_setpoint" else Command(other.force_kn, inside)
+        wanted = (
+            Command(inside, other.speed_rpm)
+            if name == "force_setpoint"
+            else Command(other.force_kn, inside)
+        )
         if refusal(wanted, self.plant.config.limits) is not None:
             return ua.StatusCode(ua.StatusCodes.BadOutOfRange)
         self._wanted[name] = inside
@@ -277,7 +307,9 @@ class _Users:
         self._name = "" if machine.user is None else machine.user.name
         self._password = "" if machine.user is None else password(machine.user)
 
-    def get_user(self, server: Any, username: str | None = None, password: str | None = None, **_: Any) -> Role | None:
+    def get_user(
+        self, server: Any, username: str | None = None, password: str | None = None, **_: Any
+    ) -> Role | None:
         """The role of who logs in; None: refused."""
         if self._name and (username != self._name or password != self._password):
             return None
@@ -288,22 +320,47 @@ def make_certificates(folder: Path, hosts: Sequence[str] = ("localhost", "127.0.
     """Make test certificates of both sides; returns the lines for the machine file."""
     make(folder, "client", CLIENT_URI, hosts)
     make(folder, "server", SERVER_URI, hosts)
-    names = {"certificate": "client.der", "private_key": "client_key.pem", "server_certificate": "server.der"}
+    names = {
+        "certificate": "client.der",
+        "private_key": "client_key.pem",
+        "server_certificate": "server.der",
+    }
     lines = [f"  {key}: {(folder / name).resolve()}" for key, name in names.items()]
     return "\n".join(["security:", "  policy: Basic256Sha256", *lines])
 
 
 def parser() -> argparse.ArgumentParser:
     """Command line of the test machine."""
-    made = argparse.ArgumentParser(prog="run_machine_server.py", description=(__doc__ or "").partition("\n")[0])
-    made.add_argument("--machine-file", type=Path, metavar="FILE", help="nodes, units, security; default: machine.yaml")
-    made.add_argument("--port", type=int, help="instead of the port of the machine file's endpoint")
-    made.add_argument("--server-key", type=Path, metavar="FILE", help="key of the server certificate, with security")
+    made = argparse.ArgumentParser(
+        prog="run_machine_server.py", description=(__doc__ or "").partition("\n")[0]
+    )
     made.add_argument(
-        "--scenario", default="", metavar="FILE", help="timed disturbances and faults of the emulated plant"
+        "--machine-file",
+        type=Path,
+        metavar="FILE",
+        help="nodes, units, security; default: machine.yaml",
+    )
+    made.add_argument(
+        "--port", type=int, help="instead of the port of the machine file's endpoint"
+    )
+    made.add_argument(
+        "--server-key",
+        type=Path,
+        metavar="FILE",
+        help="key of the server certificate, with security",
+    )
+    made.add_argument(
+        "--scenario",
+        default="",
+        metavar="FILE",
+        help="timed disturbances and faults of the emulated plant",
     )
     made.add_argument("--seed", type=int, default=1, help="of the sensor noise")
-    made.add_argument("--not-permissive", action="store_true", help=f"start with the operator's switch ({SWITCH}) off")
+    made.add_argument(
+        "--not-permissive",
+        action="store_true",
+        help=f"start with the operator's switch ({SWITCH}) off",
+    )
     made.add_argument(
         "--clock-step-s",
         type=float,
@@ -312,9 +369,14 @@ def parser() -> argparse.ArgumentParser:
         help="at SIGUSR1 the clock of the stamps steps by this, and back",
     )
     made.add_argument(
-        "--report", type=Path, metavar="FILE", help="at the end, write begin and latency of each cycle as JSON"
+        "--report",
+        type=Path,
+        metavar="FILE",
+        help="at the end, write begin and latency of each cycle as JSON",
     )
-    made.add_argument("--make-certificates", type=Path, metavar="DIR", help="make test certificates, and end")
+    made.add_argument(
+        "--make-certificates", type=Path, metavar="DIR", help="make test certificates, and end"
+    )
     return made
 
 
@@ -323,16 +385,25 @@ async def serve(arguments: argparse.Namespace) -> None:
     file = arguments.machine_file or MACHINE_FILE
     machine = MachineFile.load(file)
     parts = urlsplit(machine.endpoint)
-    endpoint = urlunsplit(parts._replace(netloc=f"{parts.hostname}:{arguments.port or parts.port}"))
+    endpoint = urlunsplit(
+        parts._replace(netloc=f"{parts.hostname}:{arguments.port or parts.port}")
+    )
     config = PlantConfig.from_values({"seed": arguments.seed})
     plant = PlantEmulator(config, PlantSchedule.from_text_or_file(arguments.scenario))
-    server = MachineServer(machine, plant, arguments.server_key, endpoint, not arguments.not_permissive)
+    server = MachineServer(
+        machine, plant, arguments.server_key, endpoint, not arguments.not_permissive
+    )
     await server.open()
-    print(f"machine serves {endpoint}, {'plain' if machine.security is None else machine.security.policy}", flush=True)
+    print(
+        f"machine serves {endpoint}, {'plain' if machine.security is None else machine.security.policy}",
+        flush=True,
+    )
     task = asyncio.ensure_future(server.run())
 
     def step_clock() -> None:
-        server.clock_offset_ns = 0 if server.clock_offset_ns else round(arguments.clock_step_s * NANOSECONDS)
+        server.clock_offset_ns = (
+            0 if server.clock_offset_ns else round(arguments.clock_step_s * NANOSECONDS)
+        )
 
     asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, step_clock)
     for number in (signal.SIGINT, signal.SIGTERM):

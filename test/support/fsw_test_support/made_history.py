@@ -27,7 +27,9 @@ NORMAL = {
 def rows(n: int, wear_nm: float = 1.0, seed: int = 1) -> list[dict[str, Any]]:
     """Rows of ``n`` welds whose torque rises by ``wear_nm`` from one to the next, ± 1."""
     random = np.random.default_rng(seed)
-    columns = {name: random.normal(mean, sigma, n).tolist() for name, (mean, sigma) in NORMAL.items()}
+    columns = {
+        name: random.normal(mean, sigma, n).tolist() for name, (mean, sigma) in NORMAL.items()
+    }
     columns["torque_nm"] = (1021.5 + wear_nm * np.arange(n) + random.normal(0.0, 1.0, n)).tolist()
     software = {"welded": {"numpy": "2.0"}, "judged": {"fsw-control": "1.0"}}
     settings = {
@@ -36,8 +38,22 @@ def rows(n: int, wear_nm: float = 1.0, seed: int = 1) -> list[dict[str, Any]]:
         "tuning": json.dumps({"decentral": {"tuning": "tight"}}),
         "software": json.dumps(software),
     }
-    texts = {"canister": "", "lid": "", "tool": "T1", "machine": "M", "controllers": "decentral", "operators": ""}
-    none = {"verdict": "accept", "alarm_kinds": "", "alarm_texts": "", "alarms": 0, "swaps": 0, "operator_actions": 0}
+    texts = {
+        "canister": "",
+        "lid": "",
+        "tool": "T1",
+        "machine": "M",
+        "controllers": "decentral",
+        "operators": "",
+    }
+    none = {
+        "verdict": "accept",
+        "alarm_kinds": "",
+        "alarm_texts": "",
+        "alarms": 0,
+        "swaps": 0,
+        "operator_actions": 0,
+    }
     return [
         {
             "weld": f"W{i:05d}",

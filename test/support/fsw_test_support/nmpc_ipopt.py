@@ -25,7 +25,9 @@ def cumulation(horizon: Horizon) -> Vector:
 def input_bounds(problem: Any, tuning: Any, horizon: Horizon) -> tuple[Vector, Vector]:
     """Bounds (2 n_blocks,) on the inputs' change at the end of every block, relaxed to what can be reached."""
     share = KERNEL.lib.FSW_RETURN_PERCENT / 100.0
-    reach = share * np.outer(np.cumsum(horizon.block_sizes * horizon.block_reach), largest_moves(tuning))
+    reach = share * np.outer(
+        np.cumsum(horizon.block_sizes * horizon.block_reach), largest_moves(tuning)
+    )
     now = np.array([problem.start.force_kn, problem.start.speed_rpm])
     low, high = np.array(input_ranges(tuning)).T - now
     return np.minimum(low, reach).ravel(), np.maximum(high, -reach).ravel()
@@ -33,7 +35,10 @@ def input_bounds(problem: Any, tuning: Any, horizon: Horizon) -> tuple[Vector, V
 
 def input_ranges(tuning: Any) -> list[tuple[float, float]]:
     """Bounds of force and speed."""
-    return [(tuning.force_min_kn, tuning.force_max_kn), (tuning.speed_min_rpm, tuning.speed_max_rpm)]
+    return [
+        (tuning.force_min_kn, tuning.force_max_kn),
+        (tuning.speed_min_rpm, tuning.speed_max_rpm),
+    ]
 
 
 def largest_moves(tuning: Any) -> list[float]:
@@ -58,7 +63,9 @@ def move_squares(tuning: Any) -> list[float]:
 
 def squares(problem: Any, tuning: Any) -> tuple[float, float]:
     """Quadratic costs of depth and temperature."""
-    depth, temperature = (1.0 / s**2 if s > 0.0 else 0.0 for s in (tuning.depth_scale_mm, tuning.temperature_scale_c))
+    depth, temperature = (
+        1.0 / s**2 if s > 0.0 else 0.0 for s in (tuning.depth_scale_mm, tuning.temperature_scale_c)
+    )
     return depth, temperature * problem.temp_cost
 
 
@@ -79,15 +86,17 @@ def objective(
         bent = 0.5 * square[q] * (output - 0.5 * (low + high)) ** 2
         total += float((weights(tuning)[q] * outside + bent)[reached].sum())
     pairs = np.abs(moves.reshape(-1, 2))
-    each = pairs @ move_weights(tuning) + 0.5 * pairs**2 @ move_squares(tuning) / horizon.block_reach
+    each = (
+        pairs @ move_weights(tuning) + 0.5 * pairs**2 @ move_squares(tuning) / horizon.block_reach
+    )
     return total + float(horizon.block_sizes @ each)
 
 
 class ReferenceSolver:
     """Solves the problem with all slacks, to the optimum and from nothing; too slow for real time.
 
-    Variables are the moves, the violation of every dead-band and the size of every move, so that the L1 costs are
-    smooth. Unlike in the library's solver, nothing is linearised.
+    Variables are the moves, the violation of every dead-band and the size of every move, so that
+    the L1 costs are smooth. Unlike in the library's solver, nothing is linearised.
 
     Parameters
     ----------
@@ -114,13 +123,26 @@ class ReferenceSolver:
         predict = prediction_function(parameters, h)
         n, r = 2 * h.n_blocks, 2 * h.n_out
         z, over, size = ca.SX.sym("z", n), ca.SX.sym("violation", r), ca.SX.sym("size", n)
-        start, history = ca.SX.sym("start", predict.size1_in(1)), ca.SX.sym("history", predict.size1_in(2))
-        lengths = {"largest": n, "weight": r, "square": r, "low": r, "high": r, "move": n, "move_square": n}
+        start, history = (
+            ca.SX.sym("start", predict.size1_in(1)),
+            ca.SX.sym("history", predict.size1_in(2)),
+        )
+        lengths = {
+            "largest": n,
+            "weight": r,
+            "square": r,
+            "low": r,
+            "high": r,
+            "move": n,
+            "move_square": n,
+        }
         p = {name: ca.SX.sym(name, length) for name, length in lengths.items()}
         scale = ca.SX.sym("scale")  # brings the cost to about 1, which the tolerance is for
         outputs = ca.vertcat(*predict(z * p["largest"], start, history))
         middle = 0.5 * (p["low"] + p["high"])
-        bent = 0.5 * ca.dot(p["square"], (outputs - middle) ** 2) + 0.5 * ca.dot(p["move_square"], z**2)
+        bent = 0.5 * ca.dot(p["square"], (outputs - middle) ** 2) + 0.5 * ca.dot(
+            p["move_square"], z**2
+        )
         used = p["weight"] > 0  # what has no weight has no use for its violation
         constraints = ca.vertcat(
             ca.if_else(used, outputs - p["high"], -1.0) - over,
@@ -130,7 +152,14 @@ class ReferenceSolver:
             ca.DM(cumulation(h)) @ (z * p["largest"]),
         )
         if options is None:
-            options = {"ipopt": {"print_level": 0, "sb": "yes", "tol": tolerance, "max_iter": _LONGEST_ITERATIONS}}
+            options = {
+                "ipopt": {
+                    "print_level": 0,
+                    "sb": "yes",
+                    "tol": tolerance,
+                    "max_iter": _LONGEST_ITERATIONS,
+                }
+            }
         program = {
             "x": ca.vertcat(z, over, size),
             "f": scale * (ca.dot(p["weight"], over) + ca.dot(p["move"], size) + bent),
@@ -146,11 +175,17 @@ class ReferenceSolver:
         h, t = self._library.horizon, self._library.state.tuning
         n, r, n_out = 2 * h.n_blocks, 2 * h.n_out, h.n_out
         nothing = np.full(n_out, np.nan)
-        largest, sizes = np.outer(h.block_reach, largest_moves(t)).ravel(), np.repeat(h.block_sizes, 2)
+        largest, sizes = (
+            np.outer(h.block_reach, largest_moves(t)).ravel(),
+            np.repeat(h.block_sizes, 2),
+        )
         reached = np.concatenate([h.depth_width > 0, h.temperature_width > 0])
         weight = np.repeat(weights(t), n_out) * reached
         input_low, input_high = input_bounds(problem, t, h)
-        start, history = start_vector(problem.start, h), list(problem.start.history[0 : 3 * h.n_history])
+        start, history = (
+            start_vector(problem.start, h),
+            list(problem.start.history[0 : 3 * h.n_history]),
+        )
         parameter = np.concatenate(
             [
                 start, history, largest,
@@ -183,5 +218,7 @@ class ReferenceSolver:
 
     def _outputs(self, problem: Any, moves: Vector) -> tuple[Vector, Vector]:
         history = list(problem.start.history[0 : 3 * self._library.horizon.n_history])
-        depth, temperature = self._predict(moves, start_vector(problem.start, self._library.horizon), history)
+        depth, temperature = self._predict(
+            moves, start_vector(problem.start, self._library.horizon), history
+        )
         return depth.full().ravel(), temperature.full().ravel()

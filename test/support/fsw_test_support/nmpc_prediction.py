@@ -12,7 +12,8 @@ from fsw_model.equations import depth_modes, friction_torque_nm, power_kw, proce
 from fsw_nmpc.horizon import Horizon
 from fsw_nmpc.library import Vector
 
-#: Length of the vector that holds everything a prediction starts from, apart from the drifts and the power history.
+#: Length of the vector that holds everything a prediction starts from, apart from the drifts and
+#: the power history.
 N_START = 15
 
 
@@ -41,9 +42,10 @@ def start_vector(start: Any, horizon: Horizon) -> Vector:
 def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Function:
     """CasADi function (moves, start (n_start,), history (3 n_history,)) -> (depth (n_out,), temperature (n_out,)).
 
-    ``start`` holds the state (5), the applied force and speed, the offsets of force and heat, the torque scale, the
-    offsets of depth, temperature and speed, the factors on the gains of depth and power, and how far the offsets
-    of depth and temperature drift until each output point; ``history`` the power's coefficients, oldest first.
+    ``start`` holds the state (5), the applied force and speed, the offsets of force and heat, the
+    torque scale, the offsets of depth, temperature and speed, the factors on the gains of depth
+    and power, and how far the offsets of depth and temperature drift until each output point;
+    ``history`` the power's coefficients, oldest first.
     """
     p = parameters
     moves = ca.SX.sym("moves", 2 * horizon.n_blocks)
@@ -51,7 +53,9 @@ def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Fun
     history = ca.SX.sym("history_kw", 3 * horizon.n_history)
     creep, slow, copper, tool, motor = ca.vertsplit(start[:5])
     force, speed = start[5], start[6]
-    force_offset, heat_offset, scale, depth_offset, temperature_offset, *others = ca.vertsplit(start[7:N_START])
+    force_offset, heat_offset, scale, depth_offset, temperature_offset, *others = ca.vertsplit(
+        start[7:N_START]
+    )
     speed_offset, depth_gain, thermal_gain = others
     depth_drift, temperature_drift = ca.vertsplit(start[N_START:], horizon.n_out)
     segments = [history[3 * j : 3 * j + 3] for j in range(horizon.n_history)]
@@ -66,13 +70,18 @@ def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Fun
             interval = int(horizon.step_interval[k])
             block = int(horizon.interval_block[interval])
             force, speed = force + moves[2 * block], speed + moves[2 * block + 1]
-        creep_gain, decay, gain, motor_decay, lag, cc, tc, tt, heat_copper, heat_tool = horizon.modes[k].tolist()
+        creep_gain, decay, gain, motor_decay, lag, cc, tc, tt, heat_copper, heat_tool = (
+            horizon.modes[k].tolist()
+        )
         acting = force + force_offset
         pushed = acting - p.operating_force_kn
         settled = p.operating_depth_mm + fast_gain * pushed
         depth = (settled + creep + slow) * (1.0 + p.softening_per_c * tool)
         left = scale * process_torque_nm(p, acting, depth)
-        creep, slow = creep + depth_gain * creep_gain * pushed, decay * slow + depth_gain * gain * pushed
+        creep, slow = (
+            creep + depth_gain * creep_gain * pushed,
+            decay * slow + depth_gain * gain * pushed,
+        )
         heat = thermal_gain * heat_offset
         copper, tool = cc * copper + heat_copper * heat, tc * copper + tt * tool + heat_tool * heat
         for e in range(horizon.weight_start[k], horizon.weight_start[k + 1]):
@@ -84,7 +93,10 @@ def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Fun
         turning = speed + speed_offset
         friction = friction_torque_nm(p, turning)
         rest = motor - friction - begin
-        segments.append(power_kw(ca.vertcat(begin, rise, rest), turning) - ca.DM([p.operating_power_kw, 0.0, 0.0]))
+        segments.append(
+            power_kw(ca.vertcat(begin, rise, rest), turning)
+            - ca.DM([p.operating_power_kw, 0.0, 0.0])
+        )
         motor = begin + rise + friction + motor_decay * rest
         if horizon.out_step[interval] == k:
             depths.append(depth + depth_offset + depth_drift[len(depths)])

@@ -73,15 +73,26 @@ def predict(library: Library, start: Any, moves: Vector) -> tuple[Vector, Vector
         If the prediction is not finite.
     """
     n = library.horizon.n_out
-    found = np.zeros(n), np.zeros(n), np.zeros((n, 2 * library.horizon.n_blocks)), np.zeros((n, len(moves)))
-    if library.lib.fsw_predict(library.state, start, *(pointer(a) for a in (np.ascontiguousarray(moves), *found))):
+    found = (
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros((n, 2 * library.horizon.n_blocks)),
+        np.zeros((n, len(moves))),
+    )
+    if library.lib.fsw_predict(
+        library.state, start, *(pointer(a) for a in (np.ascontiguousarray(moves), *found))
+    ):
         raise FloatingPointError("the prediction is not finite")
     return found
 
 
 def solve(library: Library, problem: Any, moves: Vector) -> tuple[int, Vector, Vector, Vector]:
     """One real-time iteration about ``moves`` (2 n_blocks,): status, moves, outputs; the rest is in ``output``."""
-    found = np.array(moves, dtype=np.float64), np.zeros(library.horizon.n_out), np.zeros(library.horizon.n_out)
+    found = (
+        np.array(moves, dtype=np.float64),
+        np.zeros(library.horizon.n_out),
+        np.zeros(library.horizon.n_out),
+    )
     status = library.lib.fsw_solve(library.state, problem, *map(pointer, found), library.output)
     return SolveStatus(status), *found
 
@@ -125,7 +136,13 @@ def random_start(rng: np.random.Generator, horizon: Horizon, parameters: ModelPa
     history[:, 1:] = rng.normal(0.0, 0.3, (n, 2))
     start = KERNEL.new(
         "fsw_start",
-        x=(rng.uniform(-0.4, 0.4), rng.normal(0.0, 0.05), rise[0], rise[0] + rng.normal(), rng.uniform(900.0, 1200.0)),
+        x=(
+            rng.uniform(-0.4, 0.4),
+            rng.normal(0.0, 0.05),
+            rise[0],
+            rise[0] + rng.normal(),
+            rng.uniform(900.0, 1200.0),
+        ),
         force_kn=rng.uniform(LIMITS.force_min_kn, LIMITS.force_max_kn),
         speed_rpm=rng.uniform(LIMITS.speed_min_rpm, LIMITS.speed_max_rpm),
         force_offset_kn=rng.normal(0.0, 0.5),
@@ -138,18 +155,25 @@ def random_start(rng: np.random.Generator, horizon: Horizon, parameters: ModelPa
         thermal_gain=rng.uniform(0.6, 2.0),
     )
     for q, rate in enumerate(rng.normal(0.0, (2e-3, 0.2))):
-        start.drift[q][0 : horizon.n_out] = (30.0 * rate * -np.expm1(-horizon.time_s / 30.0)).tolist()
+        start.drift[q][0 : horizon.n_out] = (
+            30.0 * rate * -np.expm1(-horizon.time_s / 30.0)
+        ).tolist()
     start.history[0 : 3 * n] = history.ravel().tolist()
     return start
 
 
 def random_problem(
-    rng: np.random.Generator, library: Library, parameters: ModelParameters, tuning: Tuning | None = None
+    rng: np.random.Generator,
+    library: Library,
+    parameters: ModelParameters,
+    tuning: Tuning | None = None,
 ) -> Any:
     """A problem from a random start to a random set-point; gives the library a random tuning unless one is given."""
     p, h = parameters, library.horizon
     tuning = tuning or random_tuning(rng)
-    library.configure(tuning_of(Settings(p, tuning, LIMITS, max_iterations=library.state.tuning.max_iterations)))
+    library.configure(
+        tuning_of(Settings(p, tuning, LIMITS, max_iterations=library.state.tuning.max_iterations))
+    )
     start = random_start(rng, h, p)
     problem = KERNEL.new("fsw_problem", start=start[0], temp_cost=rng.uniform(1.0, 12.5))
     temperature = p.operating_temperature_c + start.x[3] + start.temp_offset_c
@@ -171,4 +195,6 @@ def random_problem(
 def random_moves(rng: np.random.Generator, horizon: Horizon) -> Vector:
     """Moves (2 n_blocks,) anywhere within their limits."""
     largest = np.tile([LIMITS.force_step_kn, LIMITS.speed_step_rpm], horizon.n_blocks)
-    return np.asarray(largest * rng.uniform(-1.0, 1.0, 2 * horizon.n_blocks) * 10.0 ** rng.uniform(-2.0, 0.0))
+    return np.asarray(
+        largest * rng.uniform(-1.0, 1.0, 2 * horizon.n_blocks) * 10.0 ** rng.uniform(-2.0, 0.0)
+    )

@@ -18,7 +18,9 @@ Frame = dict[str, Any]
 
 def _may_be_taken(control: Frame) -> bool:
     request = control["request"]
-    return not control["holder"] or (request is not None and request["you"] and not request["left_s"])
+    return not control["holder"] or (
+        request is not None and request["you"] and not request["left_s"]
+    )
 
 
 def build_of(url: str, trusting: ssl.SSLContext | None = None) -> str:
@@ -43,9 +45,15 @@ class Page:
     """
 
     def __init__(self, url: str, build: str | None = None, **options: Any) -> None:
-        given = {"origin": url.rstrip("/"), "max_size": None, "compression": None, "ping_interval": None} | options
+        given = {
+            "origin": url.rstrip("/"),
+            "max_size": None,
+            "compression": None,
+            "ping_interval": None,
+        } | options
         self._connection = connect(
-            f"{url.replace('http', 'ws')}ws?build={build or build_of(url, options.get('ssl'))}", **given
+            f"{url.replace('http', 'ws')}ws?build={build or build_of(url, options.get('ssl'))}",
+            **given,
         )
         self.socket = self._connection.__enter__()
         self.frames: dict[str, Frame] = {}

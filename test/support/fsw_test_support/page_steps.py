@@ -13,7 +13,8 @@ from fsw_test_support.waiting import PATIENCE_S
 
 T = TypeVar("T")
 
-#: script: for each trend whether what Resume will do is drawn in it, which nothing else there is as blue as
+#: script: for each trend whether what Resume will do is drawn in it, which nothing else there is
+#: as blue as
 DRAWN_AHEAD = """[...document.querySelectorAll(".plot canvas")].map((one) => {
     const { data } = one.getContext("2d").getImageData(0, 0, one.width, one.height);
     return data.some((red, i) => i % 4 === 0 && red === 31 && data[i + 1] === 95 && data[i + 2] === 158);

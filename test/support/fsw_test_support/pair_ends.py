@@ -13,16 +13,24 @@ from fsw_machine.gateway import Order
 from fsw_plant.tick_stamps import TickStamps
 from fsw_plant.watchdog import Watchdog, WatchdogState
 from fsw_test_support.pair_parts import Holder
-from fsw_test_support.pair_settings import CONFIG, DEPTH_MM, HOME, SETTINGS, TORQUE_NM, TORQUE_NM_PER_KN
+from fsw_test_support.pair_settings import (
+    CONFIG,
+    DEPTH_MM,
+    HOME,
+    SETTINGS,
+    TORQUE_NM,
+    TORQUE_NM_PER_KN,
+)
 from fsw_test_support.plc import Plc, new_gateway
 from fsw_test_support.supervisor_pair import SUPERVISORS, Process, World
 
-#: states of the link between gateway and PLC; ``deaf``: writes do not arrive, ``mute``: the answers do not, ``slow``:
-#: they are late
+#: states of the link between gateway and PLC; ``deaf``: writes do not arrive, ``mute``: the
+#: answers do not, ``slow``: they are late
 PLC_LINKS = ("well", "lost", "deaf", "mute", "slow")
 #: time of a read or write, of a slow answer, and after which a write counts as failed [s]
 _FLIGHT_S, _SLOW_S, _TIMEOUT_S = 0.002, 0.15, 0.4
-#: what a machine moves by itself and is not noticed: within a move, or, by the gateway, within a node's rounding [kN]
+#: what a machine moves by itself and is not noticed: within a move, or, by the gateway, within a
+#: node's rounding [kN]
 _MOVE_KN = SETTINGS.limits.force_step_kn
 _ROUNDED_KN = 0.6 * _MOVE_KN
 
@@ -103,7 +111,9 @@ class PlantEnd(ActuatorEnd):
                 self.world.rules.reacted(now_s)
             self.fence.stop(StopCause.WATCHDOG, stamp_ns)
 
-    def on_command(self, signature: Signature, stamp_ns: int, source: str, command: Command) -> None:
+    def on_command(
+        self, signature: Signature, stamp_ns: int, source: str, command: Command
+    ) -> None:
         """Take or refuse a command."""
         rules = self.world.rules
         refused, _ = self.fence.check(signature, source)
@@ -152,7 +162,9 @@ class MachineProcess(Process):
         if self.link == "lost":
             return
         if self.link == "deaf" or not self.permissive:
-            failure, answer_s = ("no answer", _TIMEOUT_S) if self.permissive else ("not permitted", _FLIGHT_S)
+            failure, answer_s = (
+                ("no answer", _TIMEOUT_S) if self.permissive else ("not permitted", _FLIGHT_S)
+            )
         else:
             self.plc.take(order.command)
             self.world.rules.in_force(order.source)
@@ -214,7 +226,9 @@ class GatewayEnd(ActuatorEnd):
         self._notice_reaction()
         clock_ns, acting = world.clock_ns + round(world.now_s * NANOSECONDS), machine.plc.in_force
         sensors, permissive = self._sensors(acting), machine.permissive
-        out = self.gateway.on_read(machine.plc.read(clock_ns, world.now_s, acting, sensors, steps, permissive))
+        out = self.gateway.on_read(
+            machine.plc.read(clock_ns, world.now_s, acting, sensors, steps, permissive)
+        )
         if out is not None:
             self._report(out.stamp_ns, out.drives, tuple(out.values.values()))
             self.look()
@@ -225,12 +239,19 @@ class GatewayEnd(ActuatorEnd):
         A fresh process does not know what was in force before; its leader sees more than one move.
         """
         machine, waits = self.machine, self._has_written and not self.fence.state.source
-        if machine.moved_kn > (_ROUNDED_KN if self._has_written else _MOVE_KN) and not machine.noticed:
+        if (
+            machine.moved_kn > (_ROUNDED_KN if self._has_written else _MOVE_KN)
+            and not machine.noticed
+        ):
             machine.noticed = True
             if not waits:
-                self.world.rules.reacted(self.world.now_s, None if self._has_written else machine.plc.in_force)
+                self.world.rules.reacted(
+                    self.world.now_s, None if self._has_written else machine.plc.in_force
+                )
 
-    def on_command(self, signature: Signature, stamp_ns: int, source: str, command: Command) -> None:
+    def on_command(
+        self, signature: Signature, stamp_ns: int, source: str, command: Command
+    ) -> None:
         """Take or refuse a command."""
         gateway, now_s = self.gateway, self.world.now_s
         answered_ns = gateway.gate.last_stamp_ns

@@ -114,15 +114,23 @@ class Supervisor(Holder):
 
     def on_proposal(self, name: str, stamp_ns: int, command: Command, source: str) -> None:
         """A controller has proposed, and has seen a command of ``source`` before."""
-        self.publish(self.arbiter.on_proposal(name, ProposalInput(stamp_ns, name, command), self.world.now_s))
+        self.publish(
+            self.arbiter.on_proposal(
+                name, ProposalInput(stamp_ns, name, command), self.world.now_s
+            )
+        )
         self.publish(self.arbiter.on_status(name, (), source == name, self.world.now_s, source))
 
-    def on_command(self, signature: Signature, stamp_ns: int, source: str, command: Command) -> None:
+    def on_command(
+        self, signature: Signature, stamp_ns: int, source: str, command: Command
+    ) -> None:
         """A command was seen on the topic."""
         self.failover.on_command(signature, stamp_ns, source, command)
         self.publish([])
 
-    def on_leader_state(self, signature: Signature, target: tuple[str, str], actual: Standing) -> None:
+    def on_leader_state(
+        self, signature: Signature, target: tuple[str, str], actual: Standing
+    ) -> None:
         """The other one has reported its state."""
         if self.failover.on_leader_state(signature):
             self.arbiter.follow_operator(*target, {}, actual)
@@ -185,7 +193,9 @@ class Supervisor(Holder):
     def _tell(self, name: str) -> None:
         machine = self.arbiter.machine
         target = (machine.target, str(machine.target_mode))
-        self.world.send(self.name, name, "on_leader_state", self.failover.signature, target, machine.standing)
+        self.world.send(
+            self.name, name, "on_leader_state", self.failover.signature, target, machine.standing
+        )
 
     def greet(self, name: str) -> None:
         """Hand the latched messages to a process that has begun."""
@@ -250,7 +260,9 @@ class Supervisor(Holder):
         return Command(80.0, applied.speed_rpm)
 
     def _take(self, request: Request, source: str) -> None:
-        self.world.rules.taken(request, source, self.register.value, self.world.end.fence, self.world.now_s)
+        self.world.rules.taken(
+            request, source, self.register.value, self.world.end.fence, self.world.now_s
+        )
 
     def _switched(self, request: Request, switch: Any) -> None:
         if switch.ok and self.arbiter.machine.active == switch.name:
@@ -290,7 +302,9 @@ class Page(Holder):
         if not self.alive or self.frozen:
             return []
         if not self.register.stopped:
-            self.register.stop(StopCause.OPERATOR, "operator", round(self.world.now_s * NANOSECONDS))
+            self.register.stop(
+                StopCause.OPERATOR, "operator", round(self.world.now_s * NANOSECONDS)
+            )
             self.look()
         return [self.ask("safe_stop", name) for name in SUPERVISORS]
 
@@ -307,7 +321,9 @@ class Controllers(Process):
         self._newest_ns: int | None = None
         self._heard_s = self.world.now_s
 
-    def on_command(self, signature: Signature, stamp_ns: int, source: str, command: Command) -> None:
+    def on_command(
+        self, signature: Signature, stamp_ns: int, source: str, command: Command
+    ) -> None:
         """A command was seen on the topic."""
         seen = AppliedCommand(stamp_ns, command, source, signature.leader, True, signature.term)
         if self.applied.add(seen, self._newest_ns, self.world.now_s):
@@ -325,4 +341,6 @@ class Controllers(Process):
         latest = self.applied.latest
         command = SETTINGS.limits.clip(Command(self.wish_kn, HOME.speed_rpm), latest.command)
         for name in NAMES:
-            self.world.broadcast(self.name, SUPERVISORS, "on_proposal", name, stamp_ns, command, latest.source)
+            self.world.broadcast(
+                self.name, SUPERVISORS, "on_proposal", name, stamp_ns, command, latest.source
+            )

@@ -1,24 +1,30 @@
 """What must hold of a pair of supervisors, judged by what acts at the actuator end and by what operators are answered.
 
-I1  A safe stop that was answered with success stays: no other command acts before an acknowledgement was given later.
-I2  Terms of commands that act never fall, and a term has one leader; the actuator's stop register never falls.
-I3  While the actuator's register says stopped, or after its watchdog has reacted, only a safe stop acts, until an
-    acknowledgement that was given later. If no gateway was there to see that its machine has moved by more than one
-    move, only the leader before has to stop, and only if it is more than a move from where that leader has put it; a
-    gateway takes less than 0.6 moves for rounding.
+I1 A safe stop that was answered with success stays: no other command acts before an
+acknowledgement was given later. I2 Terms of commands that act never fall, and a term has one
+leader; the actuator's stop register never falls. I3 While the actuator's register says stopped, or
+after its watchdog has reacted, only a safe stop acts, until an
+    acknowledgement that was given later. If no gateway was there to see that its machine has moved
+    by more than one move, only the leader before has to stop, and only if it is more than a move
+    from where that leader has put it; a gateway takes less than 0.6 moves for rounding.
 I4  A request answered with success has been in force at the actuator end since it was asked for.
-I5  Of each stamp one command acts at most; it is inside the bounds, and one move at most from what acted before,
-    or at one of the last three measurements. At the plant, one for each tick since the command before, but three at
-    most, if that was lost or came after another leader's; six where commands are under way for longer than a tick.
-I6  A cause that a supervisor in command can see and answer leads to a safe stop within ``CAUSE_S``.
-I7  Once all is well, within ``HEAL_S`` one supervisor leads, all ticks are answered, and, after the operator's
-    acknowledgement, a controller commands. Two that live do not lead in turns more than ``SWAPS`` times in ``SWAPS_S``.
-I8  A request that has reached a running supervisor is answered within ``ANSWER_S``, a switch ``SWITCH_S`` later.
+I5 Of each stamp one command acts at most; it is inside the bounds, and one move at most from what
+acted before,
+    or at one of the last three measurements. At the plant, one for each tick since the command
+    before, but three at most, if that was lost or came after another leader's; six where commands
+    are under way for longer than a tick.
+I6 A cause that a supervisor in command can see and answer leads to a safe stop within ``CAUSE_S``.
+I7 Once all is well, within ``HEAL_S`` one supervisor leads, all ticks are answered, and, after the
+operator's
+    acknowledgement, a controller commands. Two that live do not lead in turns more than ``SWAPS``
+    times in ``SWAPS_S``.
+I8 A request that has reached a running supervisor is answered within ``ANSWER_S``, a switch
+``SWITCH_S`` later.
 
-Fault model: any message may be lost, delayed, doubled or overtaken; any process may be suspended or die at any moment,
-several at once, as long as one part that lives holds the newest value of the stop register. The actuator end begins
-again only where that part reaches it while it listens, before it measures, and no supervisor lives that has missed that
-value. Clocks may step.
+Fault model: any message may be lost, delayed, doubled or overtaken; any process may be suspended
+or die at any moment, several at once, as long as one part that lives holds the newest value of the
+stop register. The actuator end begins again only where that part reaches it while it listens,
+before it measures, and no supervisor lives that has missed that value. Clocks may step.
 """
 
 from __future__ import annotations
@@ -33,7 +39,8 @@ from fsw_control.stop import Stop
 from fsw_control.weld import TICK_NS
 from fsw_supervisor.confirmation import CONFIRM_S
 
-#: a cause has to last three ticks to count, and a tick takes 0.1 s; the rest is the way of messages
+#: a cause has to last three ticks to count, and a tick takes 0.1 s; the rest is the way of
+#: messages
 CAUSE_S = 0.65
 #: a switch waits for its controller before it is confirmed
 SWITCH_S = 0.5
@@ -42,7 +49,8 @@ HEAL_S = 12.0
 SWAPS, SWAPS_S = 9, 10.0
 #: where single commands to the plant were lost, the next one is at most so many moves away
 MOVES = 3
-#: the same so long after a pause or a message that took longer than a tick: as many more may be on their way
+#: the same so long after a pause or a message that took longer than a tick: as many more may be on
+#: their way
 DELAYED_MOVES, DELAYED_S = 6, 0.6
 
 
@@ -76,7 +84,9 @@ class PairRules:
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self.most_moves = MOVES  #: of a command
-        self.forgiven: frozenset[str] = frozenset()  #: invariants that are not checked, to see what else is broken
+        self.forgiven: frozenset[str] = (
+            frozenset()
+        )  #: invariants that are not checked, to see what else is broken
         self.open: list[Request] = []
         self.accepted = 0  #: commands that acted
         self.source = ""  #: of the last of them
@@ -93,14 +103,18 @@ class PairRules:
         self._stopped_s: float | None = None  #: of a safe stop that nobody has acknowledged
         self._acknowledged = Stop()  #: the greatest acknowledgement that was given
         self._in_stop_s = -1.0  #: when the actuator's register has said stopped last
-        self._unseen_of = ""  #: leader of the command before a reaction that no actuator end has seen
+        self._unseen_of = (
+            ""  #: leader of the command before a reaction that no actuator end has seen
+        )
         self._sent: dict[str, Command] = {}  #: the last command of each supervisor
         self._free_s = -1.0  #: when it has said last that there is none
         self._answered_stop: Request | None = None
         self._answered_stop_s = 0.0
         self._acknowledgements: deque[Request] = deque(maxlen=16)
         self._swaps: deque[float] = deque(maxlen=SWAPS + 1)
-        self.cause_s: float | None = None  #: since when a leader that runs can see a cause and answer it
+        self.cause_s: float | None = (
+            None  #: since when a leader that runs can see a cause and answer it
+        )
 
     # ---------------------------------------------------------------- the actuator end
 
@@ -129,7 +143,9 @@ class PairRules:
         if value.stopped and value > self._acknowledged:
             self._stopped_s = now_s if self._stopped_s is None else self._stopped_s
         for request in self.open:
-            if (request.kind == "safe_stop" and value.stopped) or (request.kind == "acknowledge" and not value.stopped):
+            if (request.kind == "safe_stop" and value.stopped) or (
+                request.kind == "acknowledge" and not value.stopped
+            ):
                 request.shown = True
 
     def sent(self, leader: str, command: Command) -> None:
@@ -139,7 +155,8 @@ class PairRules:
     def reacted(self, now_s: float, unseen: Command | None = None) -> None:
         """The watchdog has begun to lower the force; ``unseen``: where it is, while no actuator end was there.
 
-        Then the leader before is the only one that can know what was in force: what it has sent, as far as it knows.
+        Then the leader before is the only one that can know what was in force: what it has sent,
+        as far as it knows.
         """
         if unseen is None:
             self._stopped_s = now_s if self._stopped_s is None else self._stopped_s
@@ -159,7 +176,9 @@ class PairRules:
         """A command acts from now on; ``before`` acted until now, ``late``: ticks since its measurement."""
         self.accepted += 1
         if self._unseen_of == signature.leader and source != "safe_stop":
-            self._broken("I3", f"{source} of {signature.leader} acts after a reaction of the machine's own")
+            self._broken(
+                "I3", f"{source} of {signature.leader} acts after a reaction of the machine's own"
+            )
         self._unseen_of = ""
         self._check_leader(signature, now_s)
         if stamp_ns in self._stamps:
@@ -212,25 +231,37 @@ class PairRules:
         if signature.term < self._term:
             self._broken("I2", f"term {signature.term} acts after {self._term}")
         if self._leaders.setdefault(signature.term, signature.leader) != signature.leader:
-            self._broken("I2", f"term {signature.term} is of {self._leaders[signature.term]} and {signature.leader}")
+            self._broken(
+                "I2",
+                f"term {signature.term} is of {self._leaders[signature.term]} and {signature.leader}",
+            )
         self._term = signature.term
         if signature.leader != self.leader:
             self.leader = signature.leader
             self._swaps.append(now_s)
             if len(self._swaps) > SWAPS and now_s - self._swaps[0] < SWAPS_S:
-                self._broken("I7", f"{SWAPS} changes of the leader in {now_s - self._swaps[0]:.1f} s")
+                self._broken(
+                    "I7", f"{SWAPS} changes of the leader in {now_s - self._swaps[0]:.1f} s"
+                )
 
     def _check_control(self, source: str, signature: Signature, now_s: float) -> None:
         if self._stopped_s is not None:
             since_s = now_s - self._stopped_s
-            self._broken("I3", f"{source} of {signature.leader} acts {since_s:.2f} s into a safe stop, unacknowledged")
+            self._broken(
+                "I3",
+                f"{source} of {signature.leader} acts {since_s:.2f} s into a safe stop, unacknowledged",
+            )
         stop = self._answered_stop
         if stop is not None and not self._acknowledged_since(stop):
             self._broken(
-                "I1", f"{source} of {signature.leader} acts {now_s - self._answered_stop_s:.2f} s after a safe stop"
+                "I1",
+                f"{source} of {signature.leader} acts {now_s - self._answered_stop_s:.2f} s after a safe stop",
             )
         if self.cause_s is not None and now_s - self.cause_s > CAUSE_S:
-            self._broken("I6", f"{source} acts {now_s - self.cause_s:.2f} s after a cause has become visible")
+            self._broken(
+                "I6",
+                f"{source} acts {now_s - self.cause_s:.2f} s after a cause has become visible",
+            )
 
     def _acknowledged_since(self, stop: Request) -> bool:
         """Whether an acknowledgement was acted on after a stop was asked for.
@@ -239,13 +270,19 @@ class PairRules:
         """
         return any(
             (item.taken_s or 0.0) >= stop.asked_s
-            and (item.by != stop.by or item.answered_s is None or item.answered_s >= self._answered_stop_s)
+            and (
+                item.by != stop.by
+                or item.answered_s is None
+                or item.answered_s >= self._answered_stop_s
+            )
             for item in self._acknowledgements
         )
 
     # ---------------------------------------------------------------- operators
 
-    def taken(self, request: Request, source: str, value: Stop, fence: Fence | None, now_s: float) -> None:
+    def taken(
+        self, request: Request, source: str, value: Stop, fence: Fence | None, now_s: float
+    ) -> None:
         """A supervisor has acted on a request, without refusing it; ``value``: its copy of the register after that."""
         request.taken_s, request.source = now_s, source
         self.open.append(request)
@@ -268,7 +305,8 @@ class PairRules:
             self.open.remove(request)
         if ok and not request.shown:
             self._broken(
-                "I4", f"{request.kind} was answered with success {now_s - request.asked_s:.2f} s after it was asked"
+                "I4",
+                f"{request.kind} was answered with success {now_s - request.asked_s:.2f} s after it was asked",
             )
         if ok and request.kind == "safe_stop":
             self._answered_stop, self._answered_stop_s = request, now_s

@@ -13,7 +13,9 @@ PATIENT: dict[str, Any] = {
     **{"storm_swaps": 0, "readmit_ticks": 1, "return_to_target": True},
 }
 #: the same as ROS arguments
-PATIENT_ARGUMENTS = [word for name, value in PATIENT.items() for word in ("-p", f"{name}:={str(value).lower()}")]
+PATIENT_ARGUMENTS = [
+    word for name, value in PATIENT.items() for word in ("-p", f"{name}:={str(value).lower()}")
+]
 
 
 class PatientWeld(WeldGraph):

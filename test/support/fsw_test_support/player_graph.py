@@ -36,7 +36,9 @@ class PlayerGraph(Spinner):
         self.follows = reference_queue(self.peer)
         subscribe_references(self.peer, self.follows)
         self.progress: list[Any] = []
-        self.peer.create_subscription(WeldProgress, "fsw/weld_progress", self.progress.append, LATEST)
+        self.peer.create_subscription(
+            WeldProgress, "fsw/weld_progress", self.progress.append, LATEST
+        )
         self.sensors = sensor_publishers(self.peer)
         self.cancel = self.peer.create_client(CancelGoal, "fsw/run_weld/_action/cancel_goal")
         self.by_hand = self.peer.create_publisher(WeldReference, "fsw/reference", LATCHED)
@@ -63,18 +65,25 @@ class PlayerGraph(Spinner):
 
     def depth(self, number: int) -> None:
         """Publish a depth."""
-        self.sensors["depth"].publish(convert.sensor_message("depth", 2.66, START_NS + number * STEP_NS))
+        self.sensors["depth"].publish(
+            convert.sensor_message("depth", 2.66, START_NS + number * STEP_NS)
+        )
 
     def tick(self) -> Any:
         """One tick, which the player has seen at its end; returns what is then in force."""
         self.number += 1
         stamp_ns = START_NS + self.number * STEP_NS
         self.sensors["torque"].publish(convert.sensor_message("torque", 1050.0, stamp_ns))
-        self.sensors["thermocouple"].publish(convert.sensor_message("thermocouple", 816.4, stamp_ns))
+        self.sensors["thermocouple"].publish(
+            convert.sensor_message("thermocouple", 816.4, stamp_ns)
+        )
         self.depth(self.number)
         weld = self.weld
         self.until(
-            lambda: weld._stamps.newest_ns == stamp_ns and weld.time.tick + weld.time.held >= self.number - self.before
+            lambda: (
+                weld._stamps.newest_ns == stamp_ns
+                and weld.time.tick + weld.time.held >= self.number - self.before
+            )
         )
         return self.in_force
 

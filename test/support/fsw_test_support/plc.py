@@ -32,7 +32,9 @@ class Plc:
     def cycle(self) -> None:
         """Let one cycle pass: without commands the machine goes to its own safe state."""
         self.counter += 1
-        self.in_force = self.in_force._replace(force_kn=self.watchdog.advance(self.in_force.force_kn))
+        self.in_force = self.in_force._replace(
+            force_kn=self.watchdog.advance(self.in_force.force_kn)
+        )
 
     def take(self, command: Command) -> None:
         """Put a command in force."""
@@ -51,7 +53,10 @@ class Plc:
         """The cycle as the gateway reads it; ``sensors``: depth, torque and temperature [mm, N m, degC]."""
         numbers = dict(zip(("depth", "torque", "temperature"), sensors, strict=True))
         numbers |= {"force_acting": acting.force_kn, "speed_acting": acting.speed_rpm}
-        numbers |= {"force_in_force": self.in_force.force_kn, "speed_in_force": self.in_force.speed_rpm}
+        numbers |= {
+            "force_in_force": self.in_force.force_kn,
+            "speed_in_force": self.in_force.speed_rpm,
+        }
         values = {name: RawValue(value, source_ns=clock_ns) for name, value in numbers.items()}
         values["permissive"] = RawValue(permissive, source_ns=clock_ns)
         return CycleRead(self.counter, values, clock_ns, now_s, clock_ns, steps)

@@ -14,10 +14,23 @@ from fsw_recorder.interface_text import interface_definition, interface_hash
 from fsw_recorder.qos import profile
 from fsw_test_support.sample_weld import START_NS, SampleTypes, sample_messages, sample_topics
 
-_TOPICS = {"/fsw/weld_progress": "fsw_msgs/msg/WeldProgress", "/fsw/operator_action": "fsw_msgs/msg/OperatorAction"}
+_TOPICS = {
+    "/fsw/weld_progress": "fsw_msgs/msg/WeldProgress",
+    "/fsw/operator_action": "fsw_msgs/msg/OperatorAction",
+}
 #: second, state and phase
-PROGRESS = ((0, "running", "dwell"), (10, "running", "start"), (20, "held", "start"), (21, "running", "start"))
-ACTION = {"who": "anna (3f2a)", "action": "weld resume", "outcome": "done", "message": "running in phase start"}
+PROGRESS = (
+    (0, "running", "dwell"),
+    (10, "running", "start"),
+    (20, "held", "start"),
+    (21, "running", "start"),
+)
+ACTION = {
+    "who": "anna (3f2a)",
+    "action": "weld resume",
+    "outcome": "done",
+    "message": "running in phase start",
+}
 
 
 def write_programme_weld(
@@ -36,15 +49,31 @@ def write_programme_weld(
         messages.append((topic, START_NS + second * 10**9 + 300_000, data))
 
     for second, state, phase in PROGRESS if phases > 1 else PROGRESS[:1]:
-        add("/fsw/weld_progress", second, {"state": state, "phase": phase, "angle": radians(second)})
+        add(
+            "/fsw/weld_progress",
+            second,
+            {"state": state, "phase": phase, "angle": radians(second)},
+        )
     add("/fsw/operator_action", 25, ACTION)
     with BagWriter(folder, options, custom_data) as writer:
         for topic in sample_topics():
             writer.add_topic(topic)
         for name, kind in _TOPICS.items():
-            writer.add_topic(RecordedTopic(name, kind, interface_definition(kind), interface_hash(kind), (profile(),)))
-        parameters = {"/fsw_supervisor": {"ros__parameters": defaults(load("fsw_supervisor", "supervisor.yaml"))}}
-        writer.attach("parameters/fsw_supervisor.yaml", "application/yaml", yaml.safe_dump(parameters).encode())
+            writer.add_topic(
+                RecordedTopic(
+                    name, kind, interface_definition(kind), interface_hash(kind), (profile(),)
+                )
+            )
+        parameters = {
+            "/fsw_supervisor": {
+                "ros__parameters": defaults(load("fsw_supervisor", "supervisor.yaml"))
+            }
+        }
+        writer.attach(
+            "parameters/fsw_supervisor.yaml",
+            "application/yaml",
+            yaml.safe_dump(parameters).encode(),
+        )
         for name, data in (attachments or {}).items():
             writer.attach(name, "application/yaml", data)
         for name, time_ns, data in sorted(messages, key=lambda one: one[1]):

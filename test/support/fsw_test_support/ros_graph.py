@@ -42,11 +42,18 @@ class Spinner:
         """What a test that has waited in vain should show."""
         return ""
 
-    def until(self, condition: Callable[[], Any], what: str = "the condition", timeout_s: float = PATIENCE_S) -> None:
+    def until(
+        self,
+        condition: Callable[[], Any],
+        what: str = "the condition",
+        timeout_s: float = PATIENCE_S,
+    ) -> None:
         """Spin until a condition holds; AssertionError when it takes too long."""
         end_s = time.monotonic() + timeout_s
         while not condition():
-            assert time.monotonic() < end_s, f"waited {timeout_s:g} s in vain for {what}; {self.seen()}"
+            assert time.monotonic() < end_s, (
+                f"waited {timeout_s:g} s in vain for {what}; {self.seen()}"
+            )
             self.spin()
 
     def call(self, client: Any, request: Any) -> Any:

@@ -67,7 +67,10 @@ def sample_messages(ticks: int) -> Iterator[tuple[str, int, bytes]]:
         time_ns = START_NS + tick * TICK_NS
         stamp = {"sec": time_ns // 1_000_000_000, "nanosec": time_ns % 1_000_000_000}
         phase = tick / 50.0
-        drives = {"axial_force": 78400.0 + 500.0 * math.sin(phase), "spindle_speed": 42.68 + 0.1 * math.cos(phase)}
+        drives = {
+            "axial_force": 78400.0 + 500.0 * math.sin(phase),
+            "spindle_speed": 42.68 + 0.1 * math.cos(phase),
+        }
         for topic, values, delay_ns in (
             *_now_and_then(tick, ticks),
             *_of_the_plant(tick, ticks, drives),
@@ -84,7 +87,11 @@ def _outputs(tick: int) -> tuple[float, float, float]:
 
 def _now_and_then(tick: int, ticks: int) -> Iterator[_Sample]:
     if tick % 600 == 0:
-        yield "/fsw/reference", {"depth": 0.00266 + 1e-4 * (tick // 600 % 2), "temperature": 816.0}, 100_000
+        yield (
+            "/fsw/reference",
+            {"depth": 0.00266 + 1e-4 * (tick // 600 % 2), "temperature": 816.0},
+            100_000,
+        )
     if tick % 10 == 0:
         controller = "decentral" if tick < ticks // 2 else "nmpc"
         state = {
@@ -93,7 +100,10 @@ def _now_and_then(tick: int, ticks: int) -> Iterator[_Sample]:
             "actual_mode": "auto",
             "target_mode": "auto",
             "reason": "",
-            "controllers": [{"name": "nmpc", "healthy": True}, {"name": "decentral", "healthy": True}],
+            "controllers": [
+                {"name": "nmpc", "healthy": True},
+                {"name": "decentral", "healthy": True},
+            ],
         }
         yield "/fsw/supervisor/state", state, 200_000
         level = 1 if ticks // 3 <= tick < ticks // 3 + 50 else 0
@@ -137,7 +147,13 @@ def _of_the_controllers(tick: int, ticks: int, drives: dict[str, float]) -> Iter
         }
         yield f"/fsw/{name}/status", status, delay_ns + 100_000
     times = [0.5 * step for step in range(60)]
-    prediction = {"time": times, "depth": times, "temperature": times, "axial_force": times, "spindle_speed": times}
+    prediction = {
+        "time": times,
+        "depth": times,
+        "temperature": times,
+        "axial_force": times,
+        "spindle_speed": times,
+    }
     yield "/fsw/nmpc/prediction", prediction, 9_200_000
     source = "decentral" if tick < ticks // 2 else "nmpc"
     yield "/fsw/command", {**drives, "source": source, "healthy": True}, 9_500_000
@@ -158,7 +174,9 @@ def sample_topics() -> list[RecordedTopic]:
     ]
 
 
-def write_sample_weld(folder: Path, ticks: int, in_chunk: int = 5000, scenario: bytes = SCENARIO) -> int:
+def write_sample_weld(
+    folder: Path, ticks: int, in_chunk: int = 5000, scenario: bytes = SCENARIO
+) -> int:
     """Write a made-up weld to a bag, in chunks of ``in_chunk`` messages at most; returns the number of messages."""
     count = 0
     with BagWriter(folder) as writer:

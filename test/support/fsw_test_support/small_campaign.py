@@ -16,16 +16,24 @@ from fsw_campaign.welds import Row, run_batch
 SMALL: dict[str, Any] = {
     "name": "small",
     "scenario": "quick",
-    "controllers": ["decentral:tight", {"controller": "decentral", "parameters": {"depth_gain": 9.0}, "label": "mine"}],
+    "controllers": [
+        "decentral:tight",
+        {"controller": "decentral", "parameters": {"depth_gain": 9.0}, "label": "mine"},
+    ],
     "welds": 4,
     "seed": 3,
     "distributions": {
         "plant.model.copper_lag_s": {"uniform": [0.8, 1.2]},
         "plant.sensors.depth_noise_mm": {"loguniform": [1e-7, 1e-3]},
-        "events[2].disturbance.amplitude_mm": {"normal": {"mean": 0.05, "deviation": 0.1, "low": -0.1, "high": 0.2}},
+        "events[2].disturbance.amplitude_mm": {
+            "normal": {"mean": 0.05, "deviation": 0.1, "low": -0.1, "high": 0.2}
+        },
         "plant.noise": {"choice": [True, False]},
     },
-    "limits": {"depth_error_mm": {"min": -0.09, "max": 0.09, "at_most_s": 1.0}, "temperature_c": {"max": 910.0}},
+    "limits": {
+        "depth_error_mm": {"min": -0.09, "max": 0.09, "at_most_s": 1.0},
+        "temperature_c": {"max": 910.0},
+    },
 }
 
 
@@ -58,5 +66,10 @@ def folder(small: tuple[Campaign, list[Row]], tmp_path_factory: pytest.TempPathF
     made, rows = small
     path = tmp_path_factory.mktemp("results") / "data"
     with Dataset(path, made) as written:
-        written.write([row | {"status": "diverged", "reason": "lost"} if row["index"] == 2 else row for row in rows])
+        written.write(
+            [
+                row | {"status": "diverged", "reason": "lost"} if row["index"] == 2 else row
+                for row in rows
+            ]
+        )
     return path

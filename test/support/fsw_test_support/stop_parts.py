@@ -1,7 +1,8 @@
 """The parts of the stop register's model: values to enumerate, and what the real classes make of them.
 
-Each function rebuilds the real objects from a value, calls them, and returns the value of their new state. What they do
-not read is constant: stamps, times, the words of events. The search is in ``test/invariants/stop_model.py``.
+Each function rebuilds the real objects from a value, calls them, and returns the value of their
+new state. What they do not read is constant: stamps, times, the words of events. The search is in
+``test/invariants/stop_model.py``.
 """
 
 from __future__ import annotations
@@ -49,7 +50,9 @@ class Supervisor(NamedTuple):
     agrees: bool = True  #: the last report had this copy's value
     safe: bool = False  #: its mode is safe stop; else it commands by a controller
     fresh: bool = True  #: it has neither sent a command nor followed one
-    asked: Stop | None = None  #: of a safe stop that is not answered yet, the copy's value after the request
+    asked: Stop | None = (
+        None  #: of a safe stop that is not answered yet, the copy's value after the request
+    )
     acknowledged: bool = False  #: not known to it: somebody has acknowledged since that request
 
 
@@ -66,7 +69,12 @@ class Message(NamedTuple):
 def _fence(end: End) -> Fence:
     fence = Fence()
     fence.register.value = end.value
-    fence._term, fence._leader, fence._source, fence._reacted = end.term, end.leader, end.source, end.reacted
+    fence._term, fence._leader, fence._source, fence._reacted = (
+        end.term,
+        end.leader,
+        end.source,
+        end.reacted,
+    )
     return fence
 
 
@@ -129,10 +137,15 @@ class _Arbiter:
 
     def __init__(self) -> None:
         self.machine = Machine(SETTINGS)
-        self.safety = SimpleNamespace(readmit=lambda who: None, tripped=False, why_stop=lambda acknowledged=False: "")
+        self.safety = SimpleNamespace(
+            readmit=lambda who: None, tripped=False, why_stop=lambda acknowledged=False: ""
+        )
         self.registry = SimpleNamespace(get=lambda name: None)
         self.ticks = SimpleNamespace(
-            leading=False, last=None, present=SimpleNamespace(stamp_ns=0, answered=False), now_s=0.0
+            leading=False,
+            last=None,
+            present=SimpleNamespace(stamp_ns=0, answered=False),
+            now_s=0.0,
         )
         self._knew, self._end_restarted = (False, False), False
         self.in_force = SimpleNamespace(on_sent=lambda command: None)
@@ -150,7 +163,9 @@ class _Arbiter:
     def follow(self, stamp_ns: int, source: str, command: Command) -> None:
         Arbiter.follow(cast(Arbiter, self), stamp_ns, source, command)
 
-    def on_command(self, stamp_ns: int, source: str, command: Command, by_supervisor: bool) -> None:
+    def on_command(
+        self, stamp_ns: int, source: str, command: Command, by_supervisor: bool
+    ) -> None:
         self.on_source(source)
 
     def lead(self, reason: str) -> list[Decision]:
@@ -175,7 +190,11 @@ class Rebuilt:
         machine = self.machine = self.arbiter.machine
         failover = self.failover = _Failover(cast(Any, self.arbiter), before.identity, True, 0.0)
         failover.role = Role.ACTIVE if before.active else Role.STANDBY
-        failover.term, failover._heard_term, failover._confirmed = before.term, before.heard_term, before.confirmed
+        failover.term, failover._heard_term, failover._confirmed = (
+            before.term,
+            before.heard_term,
+            before.confirmed,
+        )
         failover.actuator = ActuatorState() if before.reported else None
         machine.mode = Mode.SAFE_STOP if before.safe else Mode.AUTO
         self.waiting = None
@@ -203,7 +222,11 @@ class Rebuilt:
             safe=machine.mode is Mode.SAFE_STOP,
             fresh=self.arbiter.ticks.last is None,
         )._replace(**changes)
-        return after if after.active and after.asked else after._replace(asked=None, acknowledged=False)
+        return (
+            after
+            if after.active and after.asked
+            else after._replace(asked=None, acknowledged=False)
+        )
 
 
 def command(supervisor: Supervisor) -> Message | None:
@@ -253,7 +276,10 @@ def hear_stop(before: Supervisor, value: Stop) -> Supervisor:
 
 def _operator(rebuilt: Rebuilt) -> OperatorRequests:
     return OperatorRequests(
-        rebuilt.machine, cast(Any, rebuilt.arbiter.registry), cast(Any, rebuilt.arbiter.safety), False
+        rebuilt.machine,
+        cast(Any, rebuilt.arbiter.registry),
+        cast(Any, rebuilt.arbiter.safety),
+        False,
     )
 
 

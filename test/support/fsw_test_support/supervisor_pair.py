@@ -1,7 +1,8 @@
 """Two supervisors, an actuator end, controllers and an operator's page on a network that loses, delays and repeats.
 
-A world of pure cores, driven by events: no threads, no clock but its own, the same sequence of letters gives the same
-events. The parts that do something are in ``pair_parts.py``, what must hold is in ``pair_rules.py``.
+A world of pure cores, driven by events: no threads, no clock but its own, the same sequence of
+letters gives the same events. The parts that do something are in ``pair_parts.py``, what must hold
+is in ``pair_rules.py``.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from fsw_test_support.pair_rules import HEAL_S, PairRules
 
 #: a message takes so long on a link that is well [s]
 _FLIGHT_S = 0.001
-#: by kind of a disturbed link, the delays of a message and of its copies, in turn; empty: it is lost
+#: by kind of a disturbed link, the delays of a message and of its copies, in turn; empty: it is
+#: lost
 LINKS: dict[str, tuple[tuple[float, ...], ...]] = {
     "cut": ((),),
     "lossy": ((_FLIGHT_S,), (), (_FLIGHT_S,), (_FLIGHT_S,), ()),
@@ -102,7 +104,9 @@ class World:
         self.temperature_c = 885.0
         self.slowest_s = 0.0  #: time until control was back
         self.rules = PairRules(SETTINGS.limits)
-        self.answers: list[Any] = []  #: requests of operators, in the order in which they were answered
+        self.answers: list[
+            Any
+        ] = []  #: requests of operators, in the order in which they were answered
         self._events: list[tuple[float, int, Process, int, str, tuple[Any, ...], bool]] = []
         self._serial = 0
         self._sent: dict[tuple[str, str], int] = {}
@@ -131,11 +135,18 @@ class World:
     # ---------------------------------------------------------------- events
 
     def at(
-        self, due_s: float, process: Process, method: str, args: tuple[Any, ...] = (), is_timer: bool = False
+        self,
+        due_s: float,
+        process: Process,
+        method: str,
+        args: tuple[Any, ...] = (),
+        is_timer: bool = False,
     ) -> None:
         """Let an event happen at a process as it is now; one that is begun meanwhile does not get it."""
         self._serial += 1
-        heapq.heappush(self._events, (due_s, self._serial, process, process.life, method, args, is_timer))
+        heapq.heappush(
+            self._events, (due_s, self._serial, process, process.life, method, args, is_timer)
+        )
 
     def send(self, source: str, target: str, method: str, *args: Any) -> None:
         """Send a message over a link, which may be disturbed."""
@@ -193,7 +204,10 @@ class World:
         for supervisor in self.supervisors:
             if supervisor.alive and not supervisor.frozen:
                 self.rules.waits(supervisor.requests, self.now_s)
-        leader = next((one for one in self.supervisors if one.alive and one.identity == self.rules.leader), None)
+        leader = next(
+            (one for one in self.supervisors if one.alive and one.identity == self.rules.leader),
+            None,
+        )
         runs = [self.end, self.controllers, *([leader] if leader is not None else [])]
         runs_all = leader is not None and all(item.alive and not item.frozen for item in runs)
         if not (runs_all and not self.links and self.end.is_well and self.temperature_c >= TRIP_C):
@@ -229,7 +243,9 @@ class World:
     def _do_network(self, kind: str) -> None:
         self.links.clear()
         if kind != "well":
-            self.links = {(source, target): kind for source in PARTS for target in PARTS if source != target}
+            self.links = {
+                (source, target): kind for source in PARTS for target in PARTS if source != target
+            }
 
     def _do_freeze(self, name: str) -> None:
         self.parts[name].frozen = self.parts[name].alive
@@ -259,7 +275,11 @@ class World:
 
     def _copy_survives(self, name: str) -> bool:
         """Whether the fault model allows a death: another part that lives has the newest value of the register."""
-        held = {item.name: item.register.value for item in self.parts.values() if item.alive and item.register}
+        held = {
+            item.name: item.register.value
+            for item in self.parts.values()
+            if item.alive and item.register
+        }
         values = [value for holder, value in held.items() if holder != name]
         return max(values, default=None) == max(held.values()) if values else False
 
@@ -280,7 +300,8 @@ class World:
     def _is_reachable(self, name: str) -> bool:
         """Whether the fault model allows a start.
 
-        A fresh actuator end hears the newest value of the register, and no supervisor lives that has missed it.
+        A fresh actuator end hears the newest value of the register, and no supervisor lives that
+        has missed it.
         """
         if name != "end":
             return True
@@ -289,7 +310,9 @@ class World:
         if any(item.register.value < newest for item in self.supervisors if item.alive):
             return False
         return newest == Stop() or any(
-            item.register.value == newest for item in self.parts.values() if self._is_holder_near(item)
+            item.register.value == newest
+            for item in self.parts.values()
+            if self._is_holder_near(item)
         )
 
     def _is_holder_near(self, part: Any) -> bool:
@@ -337,21 +360,34 @@ class World:
         while answered < STEADY_TICKS:
             if self.now_s > until_s:
                 self.rules.fail("I7", self._state())
-            leader = next((item for item in self.supervisors if item.identity == self.rules.leader), None)
+            leader = next(
+                (item for item in self.supervisors if item.identity == self.rules.leader), None
+            )
             before = self.rules.accepted
-            if leader is not None and self.rules.source in ("safe_stop", "hold", "manual") and not leader.requests:
+            if (
+                leader is not None
+                and self.rules.source in ("safe_stop", "hold", "manual")
+                and not leader.requests
+            ):
                 stopped = self.end.register.stopped
                 self.page.ask("acknowledge" if stopped else "auto", leader.name)
             self.tick()
             one_leads = [item.leads for item in self.supervisors].count(True) == 1
-            steady = self.rules.accepted > before and self.rules.source not in ("safe_stop", "hold", "manual")
+            steady = self.rules.accepted > before and self.rules.source not in (
+                "safe_stop",
+                "hold",
+                "manual",
+            )
             answered = answered + 1 if one_leads and steady else 0
         self.slowest_s = max(self.slowest_s, self.now_s - until_s + heal_s)
         return self
 
     def _state(self) -> str:
         """What each part is doing, in words."""
-        members = [f"{item.identity}: {item.failover.role} in {item.arbiter.machine.mode}" for item in self.supervisors]
+        members = [
+            f"{item.identity}: {item.failover.role} in {item.arbiter.machine.mode}"
+            for item in self.supervisors
+        ]
         reasons = [item.arbiter.machine.reason.words for item in self.supervisors]
         seen = f"leader {self.rules.leader}, {self.rules.source}; {members}; {reasons}"
         return f"no control; {seen}; {self.end.register.value}"

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fsw_scenario.launcher import Launcher
 
-#: For what comes within seconds on an idle machine; the start of a process takes a minute on one with twenty to run.
+#: For what comes within seconds on an idle machine; the start of a process takes a minute on one
+#: with twenty to run.
 PATIENCE_S = 240.0
 
 
@@ -38,7 +39,9 @@ def has_ended(pid: int, timeout_s: float = PATIENCE_S) -> bool:
         os.close(process)
 
 
-def wait_for_text(launcher: Launcher, name: str, pattern: str, timeout_s: float = PATIENCE_S) -> str:
+def wait_for_text(
+    launcher: Launcher, name: str, pattern: str, timeout_s: float = PATIENCE_S
+) -> str:
     """Wait until a process has printed something that matches; returns what matched."""
     found: list[str] = []
 

@@ -15,7 +15,11 @@ from fsw_quality.monitor import Sample
 def inputs(seconds: float, excited: bool) -> tuple[np.ndarray, np.ndarray]:
     """Force and speed of each tick: pulses around the operating point, so that gains and dead time show."""
     time_s = 0.1 * np.arange(round(10 * seconds))
-    push = np.where(time_s % 60.0 < 8.0, 1.5, np.where((time_s % 60.0 >= 30.0) & (time_s % 60.0 < 38.0), -1.5, 0.0))
+    push = np.where(
+        time_s % 60.0 < 8.0,
+        1.5,
+        np.where((time_s % 60.0 >= 30.0) & (time_s % 60.0 < 38.0), -1.5, 0.0),
+    )
     turn = np.where(time_s % 80.0 < 40.0, 4.0, -4.0)
     if not excited:
         push, turn = 0.0 * push, 0.0 * turn
@@ -33,10 +37,14 @@ def noise(random: np.random.Generator, n: int, correlation_s: float = 0.0) -> np
     return np.array(found)
 
 
-def samples(seconds: float = 300.0, excited: bool = True, correlation_s: float = 0.0, **factors: float) -> list[Sample]:
+def samples(
+    seconds: float = 300.0, excited: bool = True, correlation_s: float = 0.0, **factors: float
+) -> list[Sample]:
     """A weld whose model has its parameters multiplied by ``factors``; its noise may be correlated."""
     force, speed = inputs(seconds, excited)
-    shown = ProcessModel(ModelParameters().scaled(**factors)).simulate(force.tolist(), speed.tolist())
+    shown = ProcessModel(ModelParameters().scaled(**factors)).simulate(
+        force.tolist(), speed.tolist()
+    )
     random = np.random.default_rng(1)
     n = force.size
     # row k of the simulation is at the begin of step k, before its inputs act
@@ -49,7 +57,9 @@ def samples(seconds: float = 300.0, excited: bool = True, correlation_s: float =
     return [Sample(0.1 * (k + 1), *row) for k, row in enumerate(rows)]
 
 
-def drifting(weld: list[Sample], name: str, per_s: float, from_s: float = 120.0) -> Iterator[Sample]:
+def drifting(
+    weld: list[Sample], name: str, per_s: float, from_s: float = 120.0
+) -> Iterator[Sample]:
     """A value that drifts from a time on."""
     for one in weld:
         yield one._replace(**{name: getattr(one, name) + per_s * max(0.0, one.time_s - from_s)})

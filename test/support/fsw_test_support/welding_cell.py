@@ -1,8 +1,8 @@
 """A welding cell of pure cores: arbiter, gateway and watchdog, with small models of machine, controllers and operator.
 
-A *letter* changes one condition of the cell or is one request of the operator; then one tick passes. What must hold
-after every tick, whatever the letters before, is checked in
-:class:`Rules`; a broken rule raises :class:`BrokenRuleError`.
+A *letter* changes one condition of the cell or is one request of the operator; then one tick
+passes. What must hold after every tick, whatever the letters before, is checked in :class:`Rules`;
+a broken rule raises :class:`BrokenRuleError`.
 """
 
 from __future__ import annotations
@@ -43,16 +43,19 @@ TEMPERATURES_C: dict[str, float | None] = {
     "beyond": 1100.0,
     "missing": None,
 }
-#: what is wrong with the candidate command of the first controller; with ``none`` no controller answers
+#: what is wrong with the candidate command of the first controller; with ``none`` no controller
+#: answers
 CANDIDATES = ("well", "late", "nan", "jump", "none")
 REQUESTS = ("auto", "manual", "hold", "safe_stop", "switch", "acknowledge")
 LINKS = ("lost", "restored", "dropped", "delivered", "forward", "back", "push", "released")
-#: another supervisor in place of this one, which knows only what it hears: drives, sensors and the controllers' status
+#: another supervisor in place of this one, which knows only what it hears: drives, sensors and the
+#: controllers' status
 RESTART = "restart"
 ALPHABET = ("tick", *TEMPERATURES_C, *CANDIDATES, *REQUESTS, *LINKS, RESTART)
 #: what a load cell sees besides the set-points when something pushes: three moves
 _PUSH_KN = 3.0
-#: ticks of a switch request until it must be answered: its time-out, and the tick in which that is noticed
+#: ticks of a switch request until it must be answered: its time-out, and the tick in which that is
+#: noticed
 _ANSWER_TICKS = 5
 _SWITCH_TIMEOUT_S = 0.3
 _SUPERVISOR = SUPERVISOR | {
@@ -62,9 +65,20 @@ _SUPERVISOR = SUPERVISOR | {
     "storm_swaps": 3,
     "storm_window_s": 1.0,
 }
-_PLANT = {"watchdog": {"timeout_s": 0.2, "hold_s": 0.1, "safe_force_kn": 70.0, "safe_rate_kn_per_s": 20.0}}
+_PLANT = {
+    "watchdog": {
+        "timeout_s": 0.2,
+        "hold_s": 0.1,
+        "safe_force_kn": 70.0,
+        "safe_rate_kn_per_s": 20.0,
+    }
+}
 SETTINGS = ArbiterSettings.from_values(_SUPERVISOR)
-_VALUES = defaults(load("fsw_supervisor", "supervisor.yaml")) | _SUPERVISOR | {"validity.frozen_samples": 0}
+_VALUES = (
+    defaults(load("fsw_supervisor", "supervisor.yaml"))
+    | _SUPERVISOR
+    | {"validity.frozen_samples": 0}
+)
 #: after this, to the nearest tick, a manual mode without a valid sensor ends
 _BLIND_S = SETTINGS.operator_hold_timeout_s - SETTINGS.tick_period_s / 2.0
 _BLIND_TICKS = round(SETTINGS.operator_hold_timeout_s / SETTINGS.tick_period_s)
@@ -86,8 +100,8 @@ def _shared(index: int) -> object:
     return _SHARED[index]
 
 
-# A copy of a cell shares what never changes. Signals without noise are never judged to be frozen, so that what has
-# been learnt of their noise does not matter.
+# A copy of a cell shares what never changes. Signals without noise are never judged to be frozen,
+# so that what has been learnt of their noise does not matter.
 for _kind in {type(one) for one in _SHARED}:
     copyreg.pickle(_kind, lambda one: (_shared, (_SHARED.index(one),)))
 copyreg.pickle(Frozen, lambda _: (Frozen, ()))
@@ -126,10 +140,14 @@ class Cell:
         self.temperature, self.candidate = "good", "well"
         self.linked = self.delivering = True
         self.pushed_kn = 0.0
-        # No later: in seconds, stamps of today's date are off by 0.1 us, and whether 0.3 s are over would be chance.
+        # No later: in seconds, stamps of today's date are off by 0.1 us, and whether 0.3 s are
+        # over would be chance.
         self.now_s, self.clock_ns = 100.0, 10**15
         self.stamp_ns = 0
-        self.followed, self.source = HOME, ""  #: the last command that the controllers have seen, and whose it was
+        self.followed, self.source = (
+            HOME,
+            "",
+        )  #: the last command that the controllers have seen, and whose it was
         self.control = 0
         self.rules = Rules()
 
@@ -148,7 +166,11 @@ class Cell:
         self._change(letter)
         self.plc.cycle()
         published = self._read()
-        decisions = self._tick(*published, rank) if published is not None else self._wait(self.now_s + 0.0999)
+        decisions = (
+            self._tick(*published, rank)
+            if published is not None
+            else self._wait(self.now_s + 0.0999)
+        )
         self._deliver(decisions)
         self.rules.after_tick(self, decisions, published is not None)
         return decisions[-1] if decisions else None
@@ -256,13 +278,17 @@ class Cell:
         messages: list[_Message] = [partial(arbiter.on_drives, stamp_ns, drives)]
         late: list[_Message] = []
         torque_nm = 980.0 + TORQUE_NM_PER_KN * (drives.force_kn - HOME.force_kn)
-        for sensor, value in zip(REQUIRED, (2.66, torque_nm, TEMPERATURES_C[self.temperature]), strict=True):
+        for sensor, value in zip(
+            REQUIRED, (2.66, torque_nm, TEMPERATURES_C[self.temperature]), strict=True
+        ):
             if value is not None:
                 messages.append(partial(arbiter.on_sample, sensor, stamp_ns, value))
         for name in NAMES if self.candidate != "none" else ():
             kind = self.candidate if name == NAMES[0] else "well"
             proposal = ProposalInput(stamp_ns, name, self._proposed(kind))
-            (late if kind == "late" else messages).append(partial(arbiter.on_proposal, name, proposal))
+            (late if kind == "late" else messages).append(
+                partial(arbiter.on_proposal, name, proposal)
+            )
             messages.append(partial(self._tell_status, name))
         decisions, at_s = list[Decision](), self.now_s
         if self.gateway is not None:
@@ -324,10 +350,13 @@ def permuted(items: list[Any], rank: int) -> list[Any]:
 class Rules:
     """What must hold in every cell after every tick; it judges by what the cell shows, not by the arbiter's books."""
 
-    forgiven: frozenset[str] = frozenset()  #: rules that are not checked, to see what else is broken
+    forgiven: frozenset[str] = (
+        frozenset()
+    )  #: rules that are not checked, to see what else is broken
 
     def __init__(self) -> None:
-        self.cause = False  #: a trip has lasted, and as many good samples without it have not been seen since
+        #: a trip has lasted, and as many good samples without it have not been seen since
+        self.cause = False
         self.to_acknowledge = False  #: a safe stop has begun and nobody has acknowledged it
         self._trips = 0  #: ticks that good samples in a row beyond the trip cover
         self._free = 0  #: the same without it
@@ -371,7 +400,9 @@ class Rules:
     def written(self, command: Command, in_force: Command) -> None:
         wrong = refusal(command, SETTINGS.limits, in_force)
         if wrong is not None:
-            self._broken("one move from what acts", f"the gateway writes {command}, in force is {in_force}")
+            self._broken(
+                "one move from what acts", f"the gateway writes {command}, in force is {in_force}"
+            )
 
     def after_tick(self, cell: Cell, decisions: list[Decision], measured: bool) -> None:
         arbiter = cell.arbiter
@@ -388,32 +419,47 @@ class Rules:
         self._check_blind(arbiter.machine.mode, measured)
         self._asked_for = ""
         if len(decisions) > 1 or any(one.stamp_ns != cell.stamp_ns for one in decisions):
-            self._broken("one command per tick", f"{[(one.stamp_ns, one.source) for one in decisions]}")
-        if measured and not decisions and self._command is not None and arbiter.applied is not None:
+            self._broken(
+                "one command per tick", f"{[(one.stamp_ns, one.source) for one in decisions]}"
+            )
+        if (
+            measured
+            and not decisions
+            and self._command is not None
+            and arbiter.applied is not None
+        ):
             self._broken("one command per tick", f"none, {arbiter.machine.reason.words}")
         for one in decisions:
             self._check_command(one, cell)
         for request, age in self._waiting:
             if age > _ANSWER_TICKS and not request.done:
-                self._broken("every request is answered", f"switch to {request.name} was asked {age} ticks ago")
+                self._broken(
+                    "every request is answered",
+                    f"switch to {request.name} was asked {age} ticks ago",
+                )
         self._waiting = [(one, age + 1) for one, age in self._waiting if not one.done]
 
     def _check_command(self, one: Decision, cell: Cell) -> None:
         if refusal(one.command, SETTINGS.limits) is not None:
             self._broken("inside the bounds", f"{one.command}")
-        near = [before for before in (self._command, cell.in_force, cell.acting) if before is not None]
+        near = [
+            before for before in (self._command, cell.in_force, cell.acting) if before is not None
+        ]
         if cell.gateway is not None or cell.arbiter.in_force._just_begun:
-            # After a pause a push may be taken off the set-points once, or after it has ended in a gap: what drives
-            # report cannot tell. A gateway then refuses the command.
+            # After a pause a push may be taken off the set-points once, or after it has ended in a
+            # gap: what drives report cannot tell. A gateway then refuses the command.
             near.append(cell.in_force._replace(force_kn=cell.in_force.force_kn - _PUSH_KN))
-        # Of commands that do not arrive, only the actuator end can tell a fresh supervisor: see supervisor_pair.py.
+        # Of commands that do not arrive, only the actuator end can tell a fresh supervisor: see
+        # supervisor_pair.py.
         arrives = cell.gateway is not None or cell.delivering
         if arrives and all(refusal(one.command, SETTINGS.limits, before) for before in near):
             self._broken("one move from what acts", f"{one.source} {one.command}, before: {near}")
         if self.cause and one.source != "safe_stop":
             self._broken("a cause leads to the safe state", f"the command is of {one.source}")
         if self._told and one.source != "safe_stop":
-            self._broken("a restart goes on with a safe stop", f"the first command is of {one.source}")
+            self._broken(
+                "a restart goes on with a safe stop", f"the first command is of {one.source}"
+            )
         self._command, self._source = one.command, one.source
         self._new = self._told = False
 
@@ -422,12 +468,22 @@ class Rules:
         value = TEMPERATURES_C[cell.temperature]
         ticks = self._covered_ticks(cell.now_s) if measured else 0
         known = measured and not cell.arbiter.safety.sensor_reasons["thermocouple"]
-        beyond = value is not None and isfinite(value) and value >= _VALUES["interlocks.temperature_high.trip"]
+        beyond = (
+            value is not None
+            and isfinite(value)
+            and value >= _VALUES["interlocks.temperature_high.trip"]
+        )
         if known or (measured and beyond):
             lasting = _LASTING_TICKS
-            self._trips = min(self._trips + (ticks if self._trips else 1), lasting) if beyond else 0
-            self._perhaps = min(self._perhaps + (ticks if self._perhaps else 1), lasting) if beyond else 0
-            self._free = self._free + (ticks if self._free else 1) if self.cause and not beyond else 0
+            self._trips = (
+                min(self._trips + (ticks if self._trips else 1), lasting) if beyond else 0
+            )
+            self._perhaps = (
+                min(self._perhaps + (ticks if self._perhaps else 1), lasting) if beyond else 0
+            )
+            self._free = (
+                self._free + (ticks if self._free else 1) if self.cause and not beyond else 0
+            )
             self.cause = self._free < lasting if self.cause else self._trips >= lasting
             self.to_acknowledge |= self.cause
         elif measured:
@@ -450,12 +506,16 @@ class Rules:
         elif measured:
             self._blind_manual += 1
             if self._blind_manual > _BLIND_TICKS + 1:
-                self._broken("a blind manual mode ends", f"it has lasted for {self._blind_manual} ticks")
+                self._broken(
+                    "a blind manual mode ends", f"it has lasted for {self._blind_manual} ticks"
+                )
 
     def _check_mode(self, mode: Mode, was_blind_for_long: bool) -> None:
         before, self._mode = self._mode, mode
         if self.cause and mode is not Mode.SAFE_STOP:
-            self._broken("a cause leads to the safe state", f"the mode is {mode} ({before} before)")
+            self._broken(
+                "a cause leads to the safe state", f"the mode is {mode} ({before} before)"
+            )
         if before is Mode.SAFE_STOP and mode is not before and self.to_acknowledge:
             self._broken("leaving a safe stop needs an acknowledgement", f"{mode} without one")
         if mode is Mode.SAFE_STOP and before is not mode:
@@ -465,7 +525,9 @@ class Rules:
             resumed = self._told or (self._new and self._source == mode)
             expected = timed_out or resumed or self._reacted or self._asked_for == mode
             if not (expected or self._perhaps >= _LASTING_TICKS):
-                self._broken("only a lasting trip stops", f"after {self._perhaps} ticks beyond the trip")
+                self._broken(
+                    "only a lasting trip stops", f"after {self._perhaps} ticks beyond the trip"
+                )
 
     def _broken(self, rule: str, words: str) -> None:
         if rule not in self.forgiven:

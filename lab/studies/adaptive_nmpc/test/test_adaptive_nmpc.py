@@ -11,19 +11,40 @@ from fsw_tuning.standard_runs import JUDGED
 
 def runs(**values):
     """One plant's figures: a value for all of a column's figures."""
-    return {column: {**dict.fromkeys(JUDGED, values.get(name, 1.0)), "swings": False} for name, column in NAMES.items()}
+    return {
+        column: {**dict.fromkeys(JUDGED, values.get(name, 1.0)), "swings": False}
+        for name, column in NAMES.items()
+    }
 
 
-NAMES = dict(zip(("conservative", "tight", "smith", "default", "fixed", "adaptive"), study.COLUMNS, strict=True))
+NAMES = dict(
+    zip(
+        ("conservative", "tight", "smith", "default", "fixed", "adaptive"),
+        study.COLUMNS,
+        strict=True,
+    )
+)
 
 
 def test_shares_and_ratios_are_those_of_the_plants():
     plants = [runs(tight=2.0, adaptive=1.5), runs(fixed=0.5, adaptive=1.2)]
     header, *rows = report.shares(plants, [study.TIGHT])
     assert header[1:] == list(JUDGED.values())
-    assert {row[0]: row[1] for row in rows} == {"nmpc:default": "100 %", study.FIXED: "100 %", study.ADAPTIVE: "50 %"}
-    assert {row[0]: row[1] for row in report.shares(plants, study.RIVALS)[1:]}[study.ADAPTIVE] == "0 %"
-    assert report.against(plants, study.FIXED)[1][1:] == ["1.95", "2.35", "2.40", "0.5 → 1.2", "2 of 2"]
+    assert {row[0]: row[1] for row in rows} == {
+        "nmpc:default": "100 %",
+        study.FIXED: "100 %",
+        study.ADAPTIVE: "50 %",
+    }
+    assert {row[0]: row[1] for row in report.shares(plants, study.RIVALS)[1:]}[
+        study.ADAPTIVE
+    ] == "0 %"
+    assert report.against(plants, study.FIXED)[1][1:] == [
+        "1.95",
+        "2.35",
+        "2.40",
+        "0.5 → 1.2",
+        "2 of 2",
+    ]
 
 
 def test_a_figure_is_lost_beyond_its_noise():
@@ -32,16 +53,23 @@ def test_a_figure_is_lost_beyond_its_noise():
 
 
 def test_the_noise_of_a_figure_and_what_it_makes_worse_by_chance():
-    noise = [[{"a": 1.0, "b": 1.0}, {"a": 3.0, "b": 1.05}], [{"a": 10.0, "b": 2.0}, {"a": 30.0, "b": 2.0}]]
+    noise = [
+        [{"a": 1.0, "b": 1.0}, {"a": 3.0, "b": 1.05}],
+        [{"a": 10.0, "b": 2.0}, {"a": 30.0, "b": 2.0}],
+    ]
     assert report.scatter(noise, "a") == pytest.approx(2.0**0.5 / 2.0)
-    assert report.by_chance(noise, ["a", "b"]) == pytest.approx(0.25)  # of both plants and figures, one way
+    assert report.by_chance(noise, ["a", "b"]) == pytest.approx(
+        0.25
+    )  # of both plants and figures, one way
 
 
 def test_all_figures_count_movement_against_the_tight_one_alone():
     key = "tracking total_variation_force_kn"
     plants = [{name: {key: 5.0} for name in study.COLUMNS} | {study.CONSERVATIVE: {key: 1.0}}]
     rows = report.all_figures(plants)
-    assert rows[1][1:] == ["100 %", "100 %", "100 %"] and rows[1][0].startswith("set-points, total variation force")
+    assert rows[1][1:] == ["100 %", "100 %", "100 %"] and rows[1][0].startswith(
+        "set-points, total variation force"
+    )
     assert rows[-1][1:] == ["**100.0 %**"] * 3
 
 
@@ -52,7 +80,11 @@ def test_the_figures_of_a_plant_are_those_of_both_cases():
             "disturbances": {"iae_depth_mm_s": 2.0, "swings": True},
         }
     )
-    assert found == {"tracking iae_depth_mm_s": 1.0, "disturbances iae_depth_mm_s": 2.0, "swings": True}
+    assert found == {
+        "tracking iae_depth_mm_s": 1.0,
+        "disturbances iae_depth_mm_s": 2.0,
+        "swings": True,
+    }
     assert study.figures({"tracking": {"error": "stopped"}}) == {"error": "stopped"}
 
 
@@ -70,7 +102,9 @@ def test_a_plant_that_cannot_run_is_left_out():
 
 def test_the_columns_differ_only_in_what_they_are_named_for():
     with study.controllers() as made:
-        fixed, adaptive = (make(*made[name]).settings.tuning for name in (study.FIXED, study.ADAPTIVE))
+        fixed, adaptive = (
+            make(*made[name]).settings.tuning for name in (study.FIXED, study.ADAPTIVE)
+        )
     still = {"thermal_gain_walk": 0.0, "delay_walk_s": 0.0, "heat_sigmas": 0.0}
     assert adaptive.estimator.changed(**still) == fixed.estimator != adaptive.estimator
     assert adaptive.changed(estimator=fixed.estimator) == fixed
@@ -92,11 +126,16 @@ def test_page_and_figure(tmp_path):
     data["search"] = [[found_plant(10.0, 100.0, 90.0)]]
     page = report.page(data)
     assert "2000 welds" in page and "99.5 % are inside" in page
-    assert "2 plants" in page and "| set-points, IAE depth [mm s]|1.10|1.19|1.20|1 → 1.2|1 of 2|5.0 %|1 |" in page
+    assert (
+        "2 plants" in page
+        and "| set-points, IAE depth [mm s]|1.10|1.19|1.20|1 → 1.2|1 of 2|5.0 %|1 |" in page
+    )
     report.draw(welds, tmp_path / "priority.png")
     assert (tmp_path / "priority.png").read_bytes().startswith(b"\x89PNG")
     depth = {name: found["iae_depth_mm_s"] for name, found in data["saturated"].items()}
-    by = [depth[f"{study.ADAPTIVE}, priority {name}"] for name in ("depth", "balance", "temperature")]
+    by = [
+        depth[f"{study.ADAPTIVE}, priority {name}"] for name in ("depth", "balance", "temperature")
+    ]
     assert by == sorted(by) and by[0] < 0.5 * depth[study.DEFAULT]
 
 
@@ -115,15 +154,26 @@ def test_late_responses_are_counted_where_the_tuning_itself_does_not_swing():
 def found_plant(fixed_c, fixed, adaptive):
     """A row of the search."""
     both = {
-        study.FIXED: {"peak_temperature_error_c": fixed_c, "iae_temperature_c_s": fixed, "iae_depth_mm_s": 1.0},
-        study.ADAPTIVE: {"peak_temperature_error_c": 10.0, "iae_temperature_c_s": adaptive, "iae_depth_mm_s": 1.0},
+        study.FIXED: {
+            "peak_temperature_error_c": fixed_c,
+            "iae_temperature_c_s": fixed,
+            "iae_depth_mm_s": 1.0,
+        },
+        study.ADAPTIVE: {
+            "peak_temperature_error_c": 10.0,
+            "iae_temperature_c_s": adaptive,
+            "iae_depth_mm_s": 1.0,
+        },
     }
     plant = {name: 1.0 for name in (*search.UNIFORM, *search.FACTORS)}
     return {"plant": plant, "tracking": both, "disturbances": both}
 
 
 def test_a_search_counts_the_plants_that_do_not_swing_without_adaptation():
-    rounds = [[found_plant(10.0, 100.0, 90.0), found_plant(30.0, 100.0, 300.0)], [found_plant(11.0, 100.0, 120.0)]]
+    rounds = [
+        [found_plant(10.0, 100.0, 90.0), found_plant(30.0, 100.0, 300.0)],
+        [found_plant(11.0, 100.0, 120.0)],
+    ]
     assert [row[:3] for row in report.found_rows(rounds)[1:]] == [
         ["random", "1 of 2", "0.90/0.90/0"],
         ["near the worst", "1 of 1", "1.20/1.20/1"],

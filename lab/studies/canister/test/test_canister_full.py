@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock")
+pytest.importorskip(
+    "skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock"
+)
 
 from canister.full import FullCanister, exact_stir_zone_c
 from scipy.sparse.linalg import eigsh
@@ -28,7 +30,11 @@ def inputs(second: float) -> tuple[float, float, float]:
     """Power kW, traverse mm/s and axial position mm of a weld with dwell, descent, a stop and changing power."""
     power = (6.0 if second < 40.0 else 4.0) + 0.8 * np.sign(np.sin(0.35 * second))
     speed = 0.0 if second < 20.0 or 100.0 < second < 120.0 else 1.43
-    return power, speed, float(np.interp(second, [30.0, 60.0, 280.0, 300.0], [30.0, 0.0, 0.0, 20.0]))
+    return (
+        power,
+        speed,
+        float(np.interp(second, [30.0, 60.0, 280.0, 300.0], [30.0, 0.0, 0.0, 20.0])),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -77,13 +83,20 @@ def test_reduced_thermocouples_follow_all_finite_elements() -> None:
     one, other = full.initial(axial_mm=30.0), reduced.initial(axial_mm=30.0)
     places = ([100.0, 90.0, 80.0, 5.0], [0.2, 1.0, 3.0, 0.0], [-50.0, 20.0, 50.0, 25.0])
     for k in range(400):
-        one, other = full.step(one, *inputs(0.25 * k)), reduced.step(other, *inputs(0.25 * k), 0.25)
+        one, other = (
+            full.step(one, *inputs(0.25 * k)),
+            reduced.step(other, *inputs(0.25 * k), 0.25),
+        )
         if k % 8 == 7:
-            assert reduced.temperature_c(other, *places) == pytest.approx(full.temperature_c(one, *places), abs=1.0)
+            assert reduced.temperature_c(other, *places) == pytest.approx(
+                full.temperature_c(one, *places), abs=1.0
+            )
 
 
 def test_energy_is_kept_without_losses() -> None:
-    tight = SMALL.changed(convection_w_per_m2_k=0.0, emissivity=0.0, clamp_w_per_m2_k=0.0, tool_share=0.0)
+    tight = SMALL.changed(
+        convection_w_per_m2_k=0.0, emissivity=0.0, clamp_w_per_m2_k=0.0, tool_share=0.0
+    )
     full = FullCanister(tight, 1.0)
     state, brought = full.initial(), 0.0
     for k in range(60):
@@ -135,7 +148,9 @@ def test_a_basis_made_for_typical_copper_serves_other_copper(course: ToolCourse)
         convection_w_per_m2_k=40.0,
         clamp_w_per_m2_k=1500.0,
     )
-    short = ToolCourse(course.power_kw[:480], course.traverse_mm_per_s[:480], course.axial_mm[:480])
+    short = ToolCourse(
+        course.power_kw[:480], course.traverse_mm_per_s[:480], course.axial_mm[:480]
+    )
     reduced = ReducedCanister(other, project(SMALL))
     history = heat_history(reduced, reduced.initial(axial_mm=30.0), short, 0.25)
     assert np.abs(history.stir_zone_c - exact_stir_zone_c(other, short, 0.25)).max() < 0.2

@@ -1,7 +1,8 @@
 """A small source that moves on the surface of a copper body: Green's function in time, Rosenthal where it is steady.
 
-At the speed of a weld the field near the tool is not steady after a minute: at rest a point source still lacks
-``distance / sqrt(pi alpha t)``, 12 % at 15 mm after 50 s. Ten times as fast, it is within seconds.
+At the speed of a weld the field near the tool is not steady after a minute: at rest a point source
+still lacks ``distance / sqrt(pi alpha t)``, 12 % at 15 mm after 50 s. Ten times as fast, it is
+within seconds.
 """
 
 from math import pi
@@ -9,7 +10,9 @@ from math import pi
 import numpy as np
 import pytest
 
-pytest.importorskip("skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock")
+pytest.importorskip(
+    "skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock"
+)
 
 from canister.full import FullCanister
 from scipy.special import erf
@@ -49,7 +52,11 @@ def source() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     x, weight = np.polynomial.legendre.leggauss(4)
     rho, turn = 0.5 * RADIUS_M * (x + 1.0), (np.arange(12) + 0.5) * pi / 6.0
     share = np.repeat(weight * rho, 12)
-    return np.outer(rho, np.cos(turn)).ravel(), np.outer(rho, np.sin(turn)).ravel(), share / share.sum()
+    return (
+        np.outer(rho, np.cos(turn)).ravel(),
+        np.outer(rho, np.sin(turn)).ravel(),
+        share / share.sum(),
+    )
 
 
 def green_k(after_s: float, place: tuple[float, float, float], speed: float) -> float:
@@ -68,7 +75,9 @@ def green_k(after_s: float, place: tuple[float, float, float], speed: float) -> 
         total += share * around * across
     below = images(depth, 2.0 * WALL_M)[None] / width[:, None]
     half = DEPTH_M / width[:, None]
-    inward = (erf(below + half) - erf(below - half)).sum(axis=1) * width / DEPTH_M * np.sqrt(pi) / 4.0
+    inward = (
+        (erf(below + half) - erf(below - half)).sum(axis=1) * width / DEPTH_M * np.sqrt(pi) / 4.0
+    )
     rate = 2.0 * total * inward / (RHO_C * pi**1.5 * width**3)
     return float(1e3 * np.trapezoid(rate * age, log_age))
 
@@ -91,7 +100,10 @@ def rosenthal_k(place: tuple[float, float, float], speed: float) -> float:
 
 def rises(state, full: FullCanister) -> np.ndarray:
     ahead, aside, depth = np.array(PLACES).T
-    return full.temperature_c(state, 50.0 - 1e3 * depth, state.angle_rad + ahead / 0.05, 1e3 * aside) - 20.0
+    return (
+        full.temperature_c(state, 50.0 - 1e3 * depth, state.angle_rad + ahead / 0.05, 1e3 * aside)
+        - 20.0
+    )
 
 
 def test_a_moving_point_source_heats_a_body_as_greens_function_in_time() -> None:
@@ -101,7 +113,9 @@ def test_a_moving_point_source_heats_a_body_as_greens_function_in_time() -> None
         for _ in range(round(10.0 * (after - seconds))):
             state = full.step(state, 1.0, 1e3 * speed, 0.0)
         seconds = after
-        assert rises(state, full) == pytest.approx([green_k(after, place, speed) for place in PLACES], rel=0.02)
+        assert rises(state, full) == pytest.approx(
+            [green_k(after, place, speed) for place in PLACES], rel=0.02
+        )
 
 
 def test_a_fast_point_source_reaches_the_steady_field_of_rosenthal() -> None:

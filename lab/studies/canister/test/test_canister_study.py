@@ -62,14 +62,22 @@ def made(index, controller, good, phase="joint_line"):
 
 
 def test_the_summary_counts_welds_that_are_good_in_all_phases_and_those_that_stopped():
-    rows = [made(0, "nmpc:default", True), made(0, "nmpc:default", False, "parking"), made(1, "nmpc:default", True)]
-    rows.append({"index": 2, "controller": "nmpc:default", "phase": "", "stopped": "out of the copper"})
+    rows = [
+        made(0, "nmpc:default", True),
+        made(0, "nmpc:default", False, "parking"),
+        made(1, "nmpc:default", True),
+    ]
+    rows.append(
+        {"index": 2, "controller": "nmpc:default", "phase": "", "stopped": "out of the copper"}
+    )
     found = report.summary(rows)
     assert found["welds"]["nmpc:default"] == {"welds": 3, "good": 1, "nearly": 2}
     assert found["stopped"]["nmpc:default"] == 1
     assert found["phases"]["joint_line"]["nmpc:default"]["share_good"] == 1.0
     assert found["phases"]["parking"]["nmpc:default"]["share_good"] == 0.0
-    assert found["phases"]["joint_line"]["nmpc:default"]["moved_kn"] == pytest.approx(0.1)  # per second
+    assert found["phases"]["joint_line"]["nmpc:default"]["moved_kn"] == pytest.approx(
+        0.1
+    )  # per second
 
 
 def test_canisters_beyond_the_drives_and_those_on_which_the_nmpc_goes_astray_are_named():
@@ -97,8 +105,16 @@ def test_a_controller_is_the_best_where_its_figure_is_the_smallest():
 
 def test_the_best_of_a_canister_has_the_smallest_error_of_the_whole_weld_and_slow_ones_do_not_count():
     names = [name for name in report.CONTROLLERS if name != "nmpc:paper"]
-    rows = [made(index, name, True, phase) for index in (0, 1) for name in names for phase in ("start", "overlap")]
-    rows += [made(0, "nmpc:paper", True) | {"temperature_sigma_c": 0.1}, made(2, "nmpc:default", True)]
+    rows = [
+        made(index, name, True, phase)
+        for index in (0, 1)
+        for name in names
+        for phase in ("start", "overlap")
+    ]
+    rows += [
+        made(0, "nmpc:paper", True) | {"temperature_sigma_c": 0.1},
+        made(2, "nmpc:default", True),
+    ]
     for row in rows[:4]:  # of canister 0: the default one is good in a phase and bad in the other
         row["temperature_sigma_c"] = {"start": 20.0, "overlap": 0.0}[row["phase"]]
     rows[2]["temperature_sigma_c"] = rows[3]["temperature_sigma_c"] = 5.0
@@ -111,7 +127,9 @@ def test_a_controller_that_has_welded_nothing_has_no_column():
     names = [name for name in report.CONTROLLERS if name != "nmpc:paper"]
     found = report.summary([made(0, name, True) for name in names])
     for table in (report.shares(found), report.figures(found, "joint_line")):
-        assert table[0][1:] == [f"`{name}`" for name in names] and not any("-" in row for row in table)
+        assert table[0][1:] == [f"`{name}`" for name in names] and not any(
+            "-" in row for row in table
+        )
 
 
 def test_rows_of_several_versions_are_refused(tmp_path):
@@ -123,13 +141,19 @@ def test_rows_of_several_versions_are_refused(tmp_path):
 
 def test_the_line_source_is_that_of_the_table():
     """Of the gain from first principles: rise at 25 mm after 5 to 600 s, without an edge and with one."""
-    assert validation.line_source(1e6) == pytest.approx([3.73, 6.14, 10.3, 12.7, 14.6, 16.1, 16.4], rel=0.005)
-    assert validation.line_source(60.0) == pytest.approx([3.73, 6.15, 10.8, 14.1, 17.3, 19.9, 20.5], rel=0.02)
+    assert validation.line_source(1e6) == pytest.approx(
+        [3.73, 6.14, 10.3, 12.7, 14.6, 16.1, 16.4], rel=0.005
+    )
+    assert validation.line_source(60.0) == pytest.approx(
+        [3.73, 6.15, 10.8, 14.1, 17.3, 19.9, 20.5], rel=0.02
+    )
 
 
 def test_a_single_lag_is_found_again():
     time_s = 0.1 * np.arange(1, 3001)
-    assert validation.one_lag(18.1 * (1.0 - np.exp(-time_s / 30.5)), 120.0) == pytest.approx((18.1, 30.5))
+    assert validation.one_lag(18.1 * (1.0 - np.exp(-time_s / 30.5)), 120.0) == pytest.approx(
+        (18.1, 30.5)
+    )
 
 
 def test_an_experiment_begins_after_the_welding_before_it():
@@ -141,7 +165,11 @@ def test_an_experiment_begins_after_the_welding_before_it():
 
 def copper():
     """Of welds at constant temperatures, the joint line from 4 s on."""
-    courses = {"real": [800.0] * 4, "kirchhoff": [815.0, 810.0, 812.0, 820.0], "constant": [795.0] * 4}
+    courses = {
+        "real": [800.0] * 4,
+        "kirchhoff": [815.0, 810.0, 812.0, 820.0],
+        "constant": [795.0] * 4,
+    }
     phases = ["dwell", "downward", "joint_line", "joint_line"]
     return {
         "power_kw": 47.0,
@@ -156,16 +184,24 @@ def test_what_linear_copper_costs_is_told_by_phase():
     assert report.worst_copper(copper(), "kirchhoff", "joint_line") == [12.0, 20.0]
     header, real, transformed, constant = report.coppers(copper())
     assert header == ["stir zone [°C]", "end of the dwell", "end of the downward"]
-    assert real[1:] == ["800", "800"] and transformed[1:] == ["+15.0", "+10.0"] and constant[1:] == ["-5.0", "-5.0"]
+    assert (
+        real[1:] == ["800", "800"]
+        and transformed[1:] == ["+15.0", "+10.0"]
+        and constant[1:] == ["-5.0", "-5.0"]
+    )
 
 
 @pytest.mark.slow
 def test_the_linear_models_of_copper_are_put_beside_copper_as_it_is():
     """On a small canister, a minute from cold: what k(T), c(T) and radiation change grows with the temperature."""
-    pytest.importorskip("skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock")
+    pytest.importorskip(
+        "skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock"
+    )
     small = {"outer_radius_mm": 250.0, "tube_mm": 400.0, "modes": 25, "element_mm": 12.5}
     found = properties.properties(0.5, changes=small)
-    real, transformed, constant = (np.array(found["stir_zone_c"][name]) for name in properties.MODELS)
+    real, transformed, constant = (
+        np.array(found["stir_zone_c"][name]) for name in properties.MODELS
+    )
     assert found["at_s"][-1] == 28.0 or found["at_s"][-1] == 32.0
     assert set(found["phase"]) == {"dwell"}
     assert 300.0 < real[-1] < 700.0 and (np.diff(real) > 0.0).all()
@@ -175,12 +211,17 @@ def test_the_linear_models_of_copper_are_put_beside_copper_as_it_is():
 
 def test_a_missing_part_of_the_study_is_told_in_one_line(tmp_path):
     (tmp_path / "welds_0.jsonl").write_text("")
-    with pytest.raises(InputError, match=r"validation.json: not there or damaged; run the part validate first"):
+    with pytest.raises(
+        InputError, match=r"validation.json: not there or damaged; run the part validate first"
+    ):
         command.main(["page", "--out", str(tmp_path)])
 
 
 def test_the_page_is_written(tmp_path):
-    lags = {"rise_c": dict.fromkeys(("5", "10", "30", "60", "120", "300", "600"), 1.0), "lags": {"120": (18.1, 30.5)}}
+    lags = {
+        "rise_c": dict.fromkeys(("5", "10", "30", "60", "120", "300", "600"), 1.0),
+        "lags": {"120": (18.1, 30.5)},
+    }
     weld = {
         "minutes_kw": [50.0] * 45,
         "phases_kw": {"start": 43.0, "joint_line": 50.0},
@@ -210,14 +251,19 @@ def test_the_page_is_written(tmp_path):
         "properties": copper(),
         "verdict": report.summary(json.loads(json.dumps(rows))),
     }
-    data["verdict"]["phases"] |= {name: data["verdict"]["phases"]["joint_line"] for name in report.PHASES}
+    data["verdict"]["phases"] |= {
+        name: data["verdict"]["phases"]["joint_line"] for name in report.PHASES
+    }
     first, figure, verdict_page, shares = report.write(data, tmp_path)
     assert "| **all phases** | 1 of 1, 21 to 100 % | 1 of 1, 21" in verdict_page.read_text()
     assert "stir zone | 0.30" in first.read_text()
     assert figure.stat().st_size > 10_000 and shares.stat().st_size > 5_000
     folder = tmp_path / "verdict"  # the plant was not validated
     folder.mkdir()
-    assert report.write({"validation": {}, "verdict": data["verdict"]}, folder)[0] == folder / "canister-verdict.md"
+    assert (
+        report.write({"validation": {}, "verdict": data["verdict"]}, folder)[0]
+        == folder / "canister-verdict.md"
+    )
     data["verdict"], folder = report.summary([]), tmp_path / "plant"  # nothing was welded
     folder.mkdir()
     assert report.write(data, folder) == [folder / "canister.md", folder / "canister.png"]

@@ -23,7 +23,10 @@ def test_courses_of_the_events_follow_each_other():
     assert courses["z up"] == (REST, Reference(DEPTH_MM + 0.2, TEMPERATURE_C))
     assert courses["T up"] == (courses["z up"][1], Reference(DEPTH_MM + 0.2, TEMPERATURE_C + 10.0))
     assert courses["T down"][1] == REST
-    assert courses["dT"] == (REST, Reference(DEPTH_MM, TEMPERATURE_C + 5.0))  # to show what it showed before
+    assert courses["dT"] == (
+        REST,
+        Reference(DEPTH_MM, TEMPERATURE_C + 5.0),
+    )  # to show what it showed before
 
 
 @pytest.mark.full
@@ -36,7 +39,9 @@ def test_clairvoyant_optimum_is_what_the_process_does(clairvoyant):
     for k in range(60):
         shown = model.outputs(state, force[k], speed[k])
         assert shown.depth_mm - goal.depth_mm == pytest.approx(best.depth_error_mm[k], abs=1e-6)
-        assert shown.temperature_c - goal.temperature_c == pytest.approx(best.temperature_error_c[k], abs=1e-4)
+        assert shown.temperature_c - goal.temperature_c == pytest.approx(
+            best.temperature_error_c[k], abs=1e-4
+        )
         model.step(state, force[k], speed[k])
     moves = np.abs(np.diff(np.concatenate([[held.force_kn], force])))
     assert moves.max() <= 1.0 + 1e-6

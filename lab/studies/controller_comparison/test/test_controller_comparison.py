@@ -51,7 +51,10 @@ def test_default_nmpc_beats_both_pi_tunings_in_every_event(nominal):
         for name, own in nominal[DEFAULT][kind]["events"].items():
             for rival in DECENTRALIZED:
                 other = nominal[rival][kind]["events"][name]
-                costs = [100.0 * run["iae_depth_mm_s"] + run["iae_temperature_c_s"] for run in (own, other)]
+                costs = [
+                    100.0 * run["iae_depth_mm_s"] + run["iae_temperature_c_s"]
+                    for run in (own, other)
+                ]
                 assert costs[0] < costs[1], (kind, name, rival)
 
 
@@ -66,9 +69,14 @@ def test_no_controller_beats_the_clairvoyant_optimum(nominal, clairvoyant, event
 
 @pytest.mark.full
 def test_a_plant_that_cannot_run_is_named_on_the_page(nominal):
-    data = study.sweep({"too weak": {"model.sliding_friction": 2.0, "model.sticking_stress_pa": 2.0}})
+    data = study.sweep(
+        {"too weak": {"model.sliding_friction": 2.0, "model.sticking_stress_pa": 2.0}}
+    )
     assert all("error" in run for run in data["too weak"].values())
-    assert "- too weak: not run: start" in report.pages({"nominal": nominal, "sweep": data})["other-processes.md"]
+    assert (
+        "- too weak: not run: start"
+        in report.pages({"nominal": nominal, "sweep": data})["other-processes.md"]
+    )
 
 
 def test_random_plants_are_the_same_each_time():
@@ -91,18 +99,33 @@ def test_pages_say_what_was_measured(nominal):
     plants = {"nominal": SWEEP["nominal"]}
     data = {"nominal": nominal, "sweep": study.sweep(plants)}
     data["margins"] = {
-        DEFAULT: {"depth_gain": math.inf, "temperature_gain": 2.0, "depth_delay_s": 1.0, "temperature_delay_s": 2.0}
+        DEFAULT: {
+            "depth_gain": math.inf,
+            "temperature_gain": 2.0,
+            "depth_delay_s": 1.0,
+            "temperature_delay_s": 2.0,
+        }
     }
     figures = ("tracking", "disturbances", "speed_rpm", "temperature_delay_s")
     peaks = ("peak_temperature_in_depth_step_up_c", "peak_temperature_in_depth_step_down_c")
-    data["corridors"] = {"recentred": dict.fromkeys((*figures, *peaks), 7.0) | {"temperature_gain": math.inf}}
+    data["corridors"] = {
+        "recentred": dict.fromkeys((*figures, *peaks), 7.0) | {"temperature_gain": math.inf}
+    }
     keys = (f"{case} {key}" for case in ("disturbed", "rest") for key in KEYS)
     data["below_noise"] = {DEFAULT: dict.fromkeys(keys, 2.5)}
-    data["aggressiveness"] = {"0.5": {"temperature_gain": 2.64, "tracking": 138.0, "disturbances": 33.2}}
+    data["aggressiveness"] = {
+        "0.5": {"temperature_gain": 2.64, "tracking": 138.0, "disturbances": 33.2}
+    }
     data["other_models"] = {"1": data["sweep"]["nominal"]}
-    data["wins"] = {"tuning": [1, 2], "validation": [2, 2], "losses": [["nominal", "tracking", True, "IAE", 1.5]]}
+    data["wins"] = {
+        "tuning": [1, 2],
+        "validation": [2, 2],
+        "losses": [["nominal", "tracking", True, "IAE", 1.5]],
+    }
     run = dict.fromkeys((*JUDGED, *study.VARIATIONS, *(f"rest {key}" for key in KEYS)), 1.5)
-    runs = {DEFAULT: run | {"swings": 1}} | dict.fromkeys(("nmpc:adaptive", TIGHT), run | {"swings": 0})
+    runs = {DEFAULT: run | {"swings": 1}} | dict.fromkeys(
+        ("nmpc:adaptive", TIGHT), run | {"swings": 0}
+    )
     margins = {DEFAULT: {"temperature_gain": 2.1, "temperature_delay_s": 3.9}}
     random = {"plants": 3, "ratios": {}, "smith": {}, "swings": {DEFAULT: 2}}
     sensed = dict.fromkeys(("lag 3 s", "correlated 5 s, lag 3 s"), runs)
@@ -114,11 +137,20 @@ def test_pages_say_what_was_measured(nominal):
     assert "1 of 2 won (50.0 %)" in pages["losses.md"]
     assert "| IAE | 1 | 1.50 | 1.50 | tracking, noise, plant nominal |" in pages["losses.md"]
     assert "| > 8 | 2 |" in page and f"| {DEFAULT} | 2.5 | 2.5 | 2.5 | 2.5 |" in page
-    assert "| recentred | 7.00, 7.00 °C | 7 °C s | 7 °C s | 7 rpm | > 8 | 7.0 s |" in pages["corridors.md"]
+    assert (
+        "| recentred | 7.00, 7.00 °C | 7 °C s | 7 °C s | 7 rpm | > 8 | 7.0 s |"
+        in pages["corridors.md"]
+    )
     assert "| 0.5 | 2.64 | 138 | 33.2 |" in page
-    assert f"| {DEFAULT} | 2.1, 3.9 s |" in (sensors := pages["sensors.md"]) and f"| {DEFAULT} | 1.5 / 1.5 |" in sensors
+    assert (
+        f"| {DEFAULT} | 2.1, 3.9 s |" in (sensors := pages["sensors.md"])
+        and f"| {DEFAULT} | 1.5 / 1.5 |" in sensors
+    )
     assert f"- lag 3 s: {DEFAULT} (1 of 4 welds)" in sensors and f"{DEFAULT}: 2." in sensors
-    assert "1 models with other gains" in (text := pages["other-models.md"]) and "on 0 of these models" in text
+    assert (
+        "1 models with other gains" in (text := pages["other-models.md"])
+        and "on 0 of these models" in text
+    )
 
 
 def test_a_lag_of_the_probe_takes_margin():
@@ -134,7 +166,10 @@ def test_sensors_are_compared_in_means_of_welds():
     assert list(found) == list(SENSING)
     white, slow = (found[kind][TIGHT] for kind in ("white, no lag", "lag 3 s"))
     key = "tracking iae_temperature_c_s"
-    seeds = [figures(Job(TIGHT, "tracking", True, {**study.LATENCY, "seed": seed}))[key.split()[1]] for seed in (1, 2)]
+    seeds = [
+        figures(Job(TIGHT, "tracking", True, {**study.LATENCY, "seed": seed}))[key.split()[1]]
+        for seed in (1, 2)
+    ]
     assert white[key] == pytest.approx(np.mean(seeds))
     assert slow[key] > 1.3 * white[key] and found["correlated 1 s"][TIGHT][key] != white[key]
 
@@ -153,15 +188,24 @@ def test_figures_say_whether_something_swings():
     strong = {"model.thermal_gain_c_per_kw": 8.0}
     assert figures(Job(DECENTRALIZED[0], "tracking", plant=strong))["swings"]
     assert not figures(Job(DEFAULT, "tracking"))["swings"]
-    noisy = weld(job := Job(TIGHT, "tracking", True, {**study.LATENCY, **SENSING["correlated 5 s, lag 3 s"]})).truth
-    assert np.ptp(noisy.temperature_c[-150:]) > 1.0 and not figures(job)["swings"]  # it follows the noise
+    noisy = weld(
+        job := Job(
+            TIGHT, "tracking", True, {**study.LATENCY, **SENSING["correlated 5 s, lag 3 s"]}
+        )
+    ).truth
+    assert (
+        np.ptp(noisy.temperature_c[-150:]) > 1.0 and not figures(job)["swings"]
+    )  # it follows the noise
 
 
 @pytest.mark.parametrize("plant", [{}, {"actuators.lag_s": 0.3}], ids=["nominal", "drive lag"])
 def test_what_the_drives_add_leaves_no_offset(plant):
     """+1 kN and -4 rpm behind the drives: the load cell and the speed sensor see them."""
     truth = weld(Job(DEFAULT, INPUT_DISTURBANCES, plant=plant)).truth
-    depth_um, temperature_c = 1e3 * (truth.depth_mm - DEPTH_MM), truth.temperature_c - TEMPERATURE_C
+    depth_um, temperature_c = (
+        1e3 * (truth.depth_mm - DEPTH_MM),
+        truth.temperature_c - TEMPERATURE_C,
+    )
     assert np.abs(depth_um).max() < 2.0 and np.abs(temperature_c).max() < 0.1
     assert np.abs(depth_um[-100:]).max() < 0.05 and np.abs(temperature_c[-100:]).max() < 0.01
 

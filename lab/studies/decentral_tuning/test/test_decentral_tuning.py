@@ -26,7 +26,11 @@ def test_the_command_checks_the_shipped_gains(capsys):
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
-    [(["--evaluations", "many"], "many"), (["--tuning", "loose"], "loose"), (["--write", "--check"], "--check")],
+    [
+        (["--evaluations", "many"], "many"),
+        (["--tuning", "loose"], "loose"),
+        (["--write", "--check"], "--check"),
+    ],
 )
 def test_bad_input_is_one_line(capsys, arguments, said):
     with pytest.raises(SystemExit, match="2"):

@@ -25,7 +25,11 @@ SHORT = {
     "name": "short",
     "phases": [
         {"name": "dwell", "duration_s": 3.0},
-        {"name": "joint_line", "to_deg": 1.0, "set_points": [{"at_s": 1.0, "depth_mm": 2.7, "over_s": 2.0}]},
+        {
+            "name": "joint_line",
+            "to_deg": 1.0,
+            "set_points": [{"at_s": 1.0, "depth_mm": 2.7, "over_s": 2.0}],
+        },
     ],
     "events": [
         {"at_s": 2.0, "fault": {"sensor": "depth", "kind": "dropout", "duration_s": 0.5}},
@@ -37,23 +41,42 @@ SHORT = {
 def test_a_bag_holds_what_was_welded(tmp_path):
     scenario = parse(yaml.safe_dump(SHORT), "test")
     welded = ClosedLoop(scenario, make_all(scenario, "decentral", {})).run()
-    action = {"who": "Ada", "holder": "Ada", "action": "take control", "outcome": "done", "message": ""}
+    action = {
+        "who": "Ada",
+        "holder": "Ada",
+        "action": "take control",
+        "outcome": "done",
+        "message": "",
+    }
     parameters = {"decentral": {"tuning": "tight"}}
     bag.write(tmp_path / "bag", scenario, welded, {"canister": "C1"}, parameters, {40: action})
     read = load_weld(tmp_path / "bag")
     assert read.problems == []
-    for name in ("depth_mm", "torque_nm", "temperature_c", "reference_depth_mm", "force_kn", "speed_rpm"):
+    for name in (
+        "depth_mm",
+        "torque_nm",
+        "temperature_c",
+        "reference_depth_mm",
+        "force_kn",
+        "speed_rpm",
+    ):
         np.testing.assert_allclose(getattr(read, name), getattr(welded, name), rtol=1e-12)
     assert np.isnan(read.depth_mm).sum() == np.isnan(welded.depth_mm).sum() > 0
     np.testing.assert_allclose(read.truth.depth_mm, welded.truth.depth_mm, rtol=1e-12)
     for name in ("command_source", "actual_controller", "actual_mode"):
         assert getattr(read, name).tolist() == getattr(welded, name).tolist()
     assert read.phases == [("dwell", pytest.approx(0.1)), ("joint_line", pytest.approx(3.0))]
-    assert read.angle_deg[-1] == pytest.approx(1.0) and read.travel_mm[-1] == pytest.approx(9.16, abs=0.01)
+    assert read.angle_deg[-1] == pytest.approx(1.0) and read.travel_mm[-1] == pytest.approx(
+        9.16, abs=0.01
+    )
     told = [(one.kind, one.text) for one in read.events]
     assert ("operator", "Ada: take control: done") in told and ("weld", "weld done") in told
     assert any(kind == "swap" and "nmpc commands (operator" in text for kind, text in told)
-    assert {"scenario.yaml", "versions.json", "parameters/fsw_decentral.yaml"} <= read.attachments.keys()
+    assert {
+        "scenario.yaml",
+        "versions.json",
+        "parameters/fsw_decentral.yaml",
+    } <= read.attachments.keys()
     assert check_files(tmp_path / "bag", read_manifest(tmp_path / "bag")) == []
 
 
@@ -69,8 +92,12 @@ def test_what_an_operator_sets_is_none_of_the_programme():
 
 @pytest.mark.slow
 @pytest.mark.full
-def test_a_short_series_has_bags_records_chain_and_history_and_goes_on_where_it_was(tmp_path, capsys):
-    pytest.importorskip("skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock")
+def test_a_short_series_has_bags_records_chain_and_history_and_goes_on_where_it_was(
+    tmp_path, capsys
+):
+    pytest.importorskip(
+        "skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock"
+    )
     folder = tmp_path / "series"
     arguments = ["--welds", "1", "--workers", "1", "--joint-line", "10", "--out", str(folder)]
     assert command.main(arguments) == 0
@@ -85,7 +112,11 @@ def test_a_short_series_has_bags_records_chain_and_history_and_goes_on_where_it_
     for name in ("C001", "C002"):
         place = folder / "welds" / name
         result = verify_bag(
-            place / "bag", Policy(trusted), datetime.now(UTC), chain, [place / "record" / "record.json"]
+            place / "bag",
+            Policy(trusted),
+            datetime.now(UTC),
+            chain,
+            [place / "record" / "record.json"],
         )
         assert not result.findings and result.attested.identity["canister"] == name
         made = json.loads((place / "record" / "record.json").read_text())
@@ -98,6 +129,8 @@ def test_a_short_series_has_bags_records_chain_and_history_and_goes_on_where_it_
 def test_a_folder_that_is_not_of_a_series_is_left_alone(tmp_path, capsys):
     (tmp_path / "mine").write_text("keep")
     assert command.main(["--out", str(tmp_path)]) == 1
-    assert "is not empty" in capsys.readouterr().err and [one.name for one in tmp_path.iterdir()] == ["mine"]
+    assert "is not empty" in capsys.readouterr().err and [
+        one.name for one in tmp_path.iterdir()
+    ] == ["mine"]
     assert command.main(["--out", str(tmp_path / "new"), "--joint-line", "5"]) == 1
     assert "give 10 to 360 deg" in capsys.readouterr().err

@@ -26,7 +26,10 @@ _MOST_FINDINGS = 10
     "bag keygen",
     "make the pair of keys that signs manifests, attestations and procedures",
     option(  # the same for all users, for the documentation
-        "file", type=Path, nargs="?", help=f"private key (default: ~/.config/fsw-control/{default_key().name})"
+        "file",
+        type=Path,
+        nargs="?",
+        help=f"private key (default: ~/.config/fsw-control/{default_key().name})",
     ),
     description="Make an Ed25519 key pair in the format of OpenSSH: FILE, for its owner alone and without a "
     "passphrase, and FILE.pub, for everyone who verifies.",
@@ -48,12 +51,23 @@ def keygen(arguments: argparse.Namespace) -> int:
         "--procedure",
         help=f"procedure of the weld: YAML file, or one of {', '.join(shipped())} (default: that in the bag)",
     ),
-    repeated("--with", "FILE", "also sign for this file, e.g. the record of the weld", type=Path, dest="documents"),
+    repeated(
+        "--with",
+        "FILE",
+        "also sign for this file, e.g. the record of the weld",
+        type=Path,
+        dest="documents",
+    ),
     PRIVATE_KEY,
     TRUSTED,
     REQUIRE_SIGNED,
-    switch("--afterwards", "also attest a bag whose recorder did not hash all of it; the attestation notes it"),
-    switch("--repeat", "also attest a second weld of a canister and lid; the attestation notes it"),
+    switch(
+        "--afterwards",
+        "also attest a bag whose recorder did not hash all of it; the attestation notes it",
+    ),
+    switch(
+        "--repeat", "also attest a second weld of a canister and lid; the attestation notes it"
+    ),
     description="Check that bag, manifest, procedure and documents are of one weld, judge the weld again where its "
     "record is among them, sign for all, and add it to the chain of welds. What does not fit is not attested.",
 )
@@ -69,7 +83,9 @@ def attested(arguments: argparse.Namespace) -> int:
         with ProgressBar(f"judging {bag}") as bar:
             made = attest(subject, arguments.chain, key, datetime.now(UTC), policy, bar)
         print_notes(entry.line for entry in made.notes)
-        print(f"{bag}: attested as weld {made.number} of {arguments.chain}, {len(made.files_sha256)} files")
+        print(
+            f"{bag}: attested as weld {made.number} of {arguments.chain}, {len(made.files_sha256)} files"
+        )
     return 0
 
 
@@ -78,7 +94,13 @@ def attested(arguments: argparse.Namespace) -> int:
     "whether bags are what was recorded and signed, to the chunk",
     bag_argument("folder of an attested bag; none: only the chain", "*"),
     file("--chain", "folder of the chain of welds; left out: it is not checked", "DIR"),
-    repeated("--with", "FILE", "an attested file that is not in the bag's folder", type=Path, dest="documents"),
+    repeated(
+        "--with",
+        "FILE",
+        "an attested file that is not in the bag's folder",
+        type=Path,
+        dest="documents",
+    ),
     TRUSTED,
     REQUIRE_SIGNED,
     file("--json", "also write what was found"),
@@ -92,7 +114,9 @@ def verified(arguments: argparse.Namespace) -> int:
         raise CommandError("verify-evidence: give bags, or --chain, or both")
     if arguments.documents and len(arguments.bag) != 1:
         raise CommandError("verify-evidence: --with needs exactly one bag")
-    policy = Policy(trusted_keys(arguments, [public_path(default_key())]), arguments.require_signed)
+    policy = Policy(
+        trusted_keys(arguments, [public_path(default_key())]), arguments.require_signed
+    )
     chain = read_chain(arguments.chain, policy.trusted) if arguments.chain else None
     broken = _print_chain(chain) if chain else []
     now = datetime.now(UTC)
@@ -132,9 +156,13 @@ def _print_bag(result: Verification) -> None:
     if attested is not None:
         state = "not proven" if result.findings else "proven"
         parts = [f"weld {attested.number}", f"{len(attested.files_sha256)} files"]
-        parts += [f"{len(attested.documents_sha256)} documents"] if attested.documents_sha256 else []
+        parts += (
+            [f"{len(attested.documents_sha256)} documents"] if attested.documents_sha256 else []
+        )
         if attested.procedure is not None:
-            parts.append(f"procedure {attested.procedure.id} revision {attested.procedure.revision}")
+            parts.append(
+                f"procedure {attested.procedure.id} revision {attested.procedure.revision}"
+            )
         parts += [identity_words(attested.identity)] if attested.identity else []
         print(f"{result.bag}: {state}: {'; '.join(parts)}")
     for purpose, signer in result.signers.items():
@@ -150,7 +178,9 @@ def _as_json(result: Verification) -> dict[str, object]:
         "bag": str(result.bag),
         "proven": result.attested is not None and not result.findings,
         "attestation": result.attested.model_dump(mode="json") if result.attested else None,
-        "signed_by": {str(key): signer.model_dump(mode="json") for key, signer in result.signers.items()},
+        "signed_by": {
+            str(key): signer.model_dump(mode="json") for key, signer in result.signers.items()
+        },
         "findings": [entry.as_json() for entry in result.findings],
         "not_checked": [entry.as_json() for entry in result.not_checked],
     }

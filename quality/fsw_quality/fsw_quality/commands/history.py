@@ -38,10 +38,14 @@ def _judgement(file: Path, files: Sequence[str], bag: Path) -> tuple[str, Identi
     try:
         record = json_content_of(read_text(file, "record"), str(file))
         verdict = str(record["verdict"])
-        procedure = validate(Identity, record["procedure"], str(file)) if "procedure" in record else None
+        procedure = (
+            validate(Identity, record["procedure"], str(file)) if "procedure" in record else None
+        )
         judged = {one["sha256"] for one in record["files"] if one["name"] != METADATA_NAME}
     except (ValueError, KeyError, TypeError):
-        raise CommandError(f"{file}: not the record of a weld; fsw.py record writes record.json") from None
+        raise CommandError(
+            f"{file}: not the record of a weld; fsw.py record writes record.json"
+        ) from None
     if judged and not judged & set(files):
         raise CommandError(f"{file}: is the record of another weld; none of its files is in {bag}")
     return verdict, procedure
@@ -52,7 +56,11 @@ def _judgement(file: Path, files: Sequence[str], bag: Path) -> tuple[str, Identi
     "add recorded welds",
     option("folder", type=Path, metavar="DIR", help="folder of the history, made if need be"),
     option("bag", type=Path, nargs="+", help=DAMAGED_TOO),
-    option("--record", type=Path, help="record.json of the weld, for its verdict and procedure; with one bag"),
+    option(
+        "--record",
+        type=Path,
+        help="record.json of the weld, for its verdict and procedure; with one bag",
+    ),
     description="Run the monitor over bags and add a row for each to the history in a folder.",
     needs=_EXTRA,
 )
@@ -120,8 +128,13 @@ def diff(arguments: argparse.Namespace) -> int:
 
     found = history.difference(history.load(arguments.folder), arguments.first, arguments.second)
     if not found:
-        print("nothing: the same texts, and no number differs by more than three standard deviations")
+        print(
+            "nothing: the same texts, and no number differs by more than three standard deviations"
+        )
         return 0
-    rows = [(what, before, after, f"{size:+.1f}" if isfinite(size) else "") for what, before, after, size in found]
+    rows = [
+        (what, before, after, f"{size:+.1f}" if isfinite(size) else "")
+        for what, before, after, size in found
+    ]
     print_table(rows, ("what", arguments.first, arguments.second, "σ"))
     return 0

@@ -22,9 +22,16 @@ from fsw_quality.monitor_run import Interval, Watched, process_of, watch
     "monitor",
     "alarms and trends of the monitor on a recorded weld: cause, size, advice",
     option("bag", type=Path, help=DAMAGED_TOO),
-    option("--process", choices=PROCESSES, help="what the model knows (default: that of the bag's scenario)"),
+    option(
+        "--process",
+        choices=PROCESSES,
+        help="what the model knows (default: that of the bag's scenario)",
+    ),
     file("--model", "YAML file of the model's parameters (default: the paper's)"),
-    file("--covariance", "YAML file of the parameters' covariance, of identify --covariance (default: within 10 %%)"),
+    file(
+        "--covariance",
+        "YAML file of the parameters' covariance, of identify --covariance (default: within 10 %%)",
+    ),
     file("--figure", "PNG file of disturbances, likelihood and alarms"),
     file("--json", "write alarms, trends and gains as JSON"),
     FORCE,
@@ -36,13 +43,18 @@ def monitor(arguments: argparse.Namespace) -> int:
     process = arguments.process or process_of(signals)
     model = ModelParameters.from_file(arguments.model) if arguments.model else None
     with ProgressBar("monitor") as bar:
-        watched = watch(Monitor(process, model, covariance_from(arguments.covariance or "")), signals, bar)
+        watched = watch(
+            Monitor(process, model, covariance_from(arguments.covariance or "")), signals, bar
+        )
     _print(watched, process)
     if arguments.figure is not None:
         arguments.figure.parent.mkdir(parents=True, exist_ok=True)
         draw(watched, f"{arguments.bag} ({process})", arguments.figure)
         print(f"written: {arguments.figure}")
-    gains = {name: {"gain": gain, "standard_error": error} for name, (gain, error) in watched.gains.items()}
+    gains = {
+        name: {"gain": gain, "standard_error": error}
+        for name, (gain, error) in watched.gains.items()
+    }
     intervals = {"alarms": watched.alarms, "others": watched.others}
     found = {name: [_json(one) for one in some] for name, some in intervals.items()}
     write_json(arguments.json, {"process": process, **found, "gains": gains})
@@ -51,7 +63,11 @@ def monitor(arguments: argparse.Namespace) -> int:
 
 def _json(one: Interval) -> dict[str, object]:
     finding = one.finding
-    numbers = {"size": finding.size, "error": finding.error, "log_likelihood": finding.log_likelihood}
+    numbers = {
+        "size": finding.size,
+        "error": finding.error,
+        "log_likelihood": finding.log_likelihood,
+    }
     return {
         "begin_s": one.begin_s,
         "end_s": one.end_s,
@@ -65,7 +81,10 @@ def _print(watched: Watched, process: str) -> None:
     for title, intervals in (("alarms", watched.alarms), ("no alarms, but shown", watched.others)):
         print(f"{title}: {len(intervals) or 'none'} in {len(watched.time_s)} s, process {process}")
         if intervals:
-            rows = [(f"{a.begin_s:.0f}", f"{a.end_s:.0f}", a.finding.text, a.finding.advice) for a in intervals]
+            rows = [
+                (f"{a.begin_s:.0f}", f"{a.end_s:.0f}", a.finding.text, a.finding.advice)
+                for a in intervals
+            ]
             print_table(rows, ("from [s]", "to [s]", "cause", "advice"))
     for name, (gain, error) in watched.gains.items():
         print(f"gain of {name}: {gain:.1%} ± {2.0 * error:.1%} of the model's")

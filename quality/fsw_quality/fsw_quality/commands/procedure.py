@@ -36,7 +36,9 @@ _NAME = f"YAML file, or one of {', '.join(shipped())}"
 )
 def check(arguments: argparse.Namespace) -> int:
     procedure = load(arguments.procedure)
-    signer = signer_of(arguments.procedure, trusted_keys(arguments) or None, arguments.require_signed)
+    signer = signer_of(
+        arguments.procedure, trusted_keys(arguments) or None, arguments.require_signed
+    )
     node_parameters(procedure, defaults(load_parameters("fsw_supervisor", "supervisor.yaml")))
     check_possible(procedure)
     print(_identity(procedure))
@@ -58,8 +60,12 @@ def signed(arguments: argparse.Namespace) -> int:
     target = signature_path(path)
     check_new([target], arguments.force)
     data = read_regular(path)
-    procedure = validate(Procedure, content_of(data.decode("utf-8", "replace"), str(path)), str(path))
-    write_text(target, sign(data, path.name, Purpose.PROCEDURE, private_key(arguments), datetime.now(UTC)))
+    procedure = validate(
+        Procedure, content_of(data.decode("utf-8", "replace"), str(path)), str(path)
+    )
+    write_text(
+        target, sign(data, path.name, Purpose.PROCEDURE, private_key(arguments), datetime.now(UTC))
+    )
     print(f"{_identity(procedure)}\nsignature: {target}")
     return 0
 
@@ -68,15 +74,27 @@ def _identity(procedure: Procedure) -> str:
     return f"{procedure.id} revision {procedure.revision} of {procedure.date}, SHA-256 {procedure.sha256}"
 
 
-@command("procedure show", "all of a procedure, with the source of each figure", option("procedure", help=_NAME))
+@command(
+    "procedure show",
+    "all of a procedure, with the source of each figure",
+    option("procedure", help=_NAME),
+)
 def show(arguments: argparse.Namespace) -> int:
     procedure = load(arguments.procedure)
     print(f"{procedure.title}\n{_identity(procedure)}\n")
     tool, machine = procedure.tool, procedure.machine
     shape = f"probe {tool.probe_length_mm:g} mm, shoulder {tool.shoulder_diameter_mm:g} mm, {tool.shoulder}"
     rows = [
-        ("material", f"{procedure.material.name}, {procedure.material.thickness_mm:g} mm", procedure.material.source),
-        ("joint", f"{procedure.geometry.joint}, {procedure.geometry.diameter_mm:g} mm", procedure.geometry.source),
+        (
+            "material",
+            f"{procedure.material.name}, {procedure.material.thickness_mm:g} mm",
+            procedure.material.source,
+        ),
+        (
+            "joint",
+            f"{procedure.geometry.joint}, {procedure.geometry.diameter_mm:g} mm",
+            procedure.geometry.source,
+        ),
         ("tool", f"{tool.id or 'any'}: {shape}", tool.source),
         ("machine", f"{machine.name}, {machine.traverse_mm_per_min:g} mm/min", machine.source),
     ]
@@ -84,13 +102,25 @@ def show(arguments: argparse.Namespace) -> int:
         ("depth_mm", procedure.set_points.depth_mm),
         ("temperature_c", procedure.set_points.temperature_c),
     ):
-        rows.append((f"set-point {name}", f"{point.value:g}, permitted {point.min:g} to {point.max:g}", point.source))
+        rows.append(
+            (
+                f"set-point {name}",
+                f"{point.value:g}, permitted {point.min:g} to {point.max:g}",
+                point.source,
+            )
+        )
     rows += [(kind, limit.words, limit.source) for kind, limit in procedure.limits()]
     for phase in procedure.phases:
         end = f"{phase.duration_s:g} s" if phase.to_deg is None else f"to {phase.to_deg:g} deg"
         rows.append((f"phase {phase.name}", end, phase.source))
-    rows += [("controller", one.name, f"parameters {one.parameters_sha256 or 'any'}") for one in procedure.controllers]
-    rows += [("sensor", one.name, f"calibration due {one.calibration_due or 'not given'}") for one in procedure.sensors]
+    rows += [
+        ("controller", one.name, f"parameters {one.parameters_sha256 or 'any'}")
+        for one in procedure.controllers
+    ]
+    rows += [
+        ("sensor", one.name, f"calibration due {one.calibration_due or 'not given'}")
+        for one in procedure.sensors
+    ]
     accepted = procedure.acceptance
     swaps = "swaps on request allowed" if accepted.swaps_allowed else "a swap is for review"
     rows.append(("acceptance", f"tolerated {accepted.tolerated_s:g} s; {swaps}", accepted.source))

@@ -47,17 +47,32 @@ def record(arguments: argparse.Namespace) -> int:
         after_recording.wait(bag, lambda text: print_notes([text]))
     several = len(bags) > 1
     folders = {
-        name: arguments.out / name.replace("/", "_").replace(" ", "_") if several else arguments.out for name in bags
+        name: arguments.out / name.replace("/", "_").replace(" ", "_")
+        if several
+        else arguments.out
+        for name in bags
     }
     if len(set(folders.values())) < len(folders):
-        raise CommandError("record: two of the bags would be written into one folder; give them one by one")
+        raise CommandError(
+            "record: two of the bags would be written into one folder; give them one by one"
+        )
     check_new(
-        [folder / name for folder in folders.values() for name in (report.JSON, report.PAGE, report.PDF)],
+        [
+            folder / name
+            for folder in folders.values()
+            for name in (report.JSON, report.PAGE, report.PDF)
+        ],
         arguments.force,
     )
     for name, bag in bags.items():
         with ProgressBar(f"reading {bag}") as bar:
-            found = fsw.record(bag, arguments.procedure, folders[name], compare_with=arguments.compare, progress=bar)
+            found = fsw.record(
+                bag,
+                arguments.procedure,
+                folders[name],
+                compare_with=arguments.compare,
+                progress=bar,
+            )
         print_notes(found.cannot_say)
         print(
             f"{name}: {found.verdict.upper()} ({found.deciding.name}: {found.deciding.words}: {found.deciding.figure})"
@@ -76,5 +91,6 @@ def _unusual(record: Record) -> list[str]:
         return []
     of = f"{len(comparison.welds)} accepted welds"
     return [
-        f"{one.phase}: {one.name}: {one.value:.4g}, in {of} {one.low:.4g} to {one.high:.4g}" for one in comparison.far
+        f"{one.phase}: {one.name}: {one.value:.4g}, in {of} {one.low:.4g} to {one.high:.4g}"
+        for one in comparison.far
     ]
