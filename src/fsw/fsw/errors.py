@@ -40,6 +40,14 @@ def _said(error: BaseException) -> str:
     return " ".join(str(error).split()).replace("fsw.py ", f"{program()} ")
 
 
+def _without_ros(error: BaseException) -> str:
+    """What is said where a module of ROS 2 is missing, also to a module that was found by its entry point."""
+    missing = error if isinstance(error, ModuleNotFoundError) else error.__cause__
+    if not isinstance(missing, ModuleNotFoundError):
+        return ""
+    return f"needs ROS 2, which is not installed ({missing}): {HOW}"
+
+
 @contextmanager
 def _termination_as_ctrl_c() -> Iterator[None]:
     """SIGTERM raises KeyboardInterrupt, so that a file half written is removed; where it is ignored it stays so."""
@@ -62,13 +70,11 @@ def exit_code(action: Callable[[], int]) -> int:
         if sys.stdout is not None:  # closed by the parent process
             sys.stdout.flush()
         return code
-    except SHOWN as error:
-        print(f"error: {_said(error)}", file=sys.stderr)
-        return 1
-    except ModuleNotFoundError as error:
-        if middleware_is_here():
+    except (*SHOWN, ModuleNotFoundError) as error:
+        said = _without_ros(error) if not middleware_is_here() else ""
+        if not said and isinstance(error, ModuleNotFoundError):
             raise
-        print(f"error: needs ROS 2, which is not installed ({error}): {HOW}", file=sys.stderr)
+        print(f"error: {said or _said(error)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as interrupt:
         print(f"interrupted{f': {_said(interrupt)}' if interrupt.args else ''}", file=sys.stderr)
