@@ -173,10 +173,9 @@ class ModelResiduals:
     def gains(self) -> Gains:
         """What the signatures of faults need at this tick."""
         p, force, depth = self._p, self._force, self._sunk
-        small = np.array([0.0, 0.1, 0.0]), np.array([0.0, 0.0, 0.01])
-        here, by_force, by_depth = equations.process_torque_nm(
-            p, force + small[0], depth + small[1]
-        )  # type: ignore[arg-type]
+        forces, depths = force + np.array([0.0, 0.1, 0.0]), depth + np.array([0.0, 0.0, 0.01])
+        torques = equations.process_torque_nm(p, forces, depths)  # type: ignore[arg-type]
+        here, by_force, by_depth = torques
         return Gains(
             float(here),
             float(by_force - here) / 0.1,
