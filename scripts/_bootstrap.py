@@ -381,7 +381,9 @@ def _make(home, locks):
         _run_with_progress([*pip, "--no-binary", SOURCE_ONLY, *names], lock.name)
     _install_from_source(home)
     if any(lock.stem == ROS for lock in locks[old:]):
-        _build_interfaces(home)
+        _build_interfaces(
+            home
+        )  # where it fails welds run in one process: the next start does not try again
     for lock in locks[old:]:
         (home / f"{lock.stem}.installed").write_text(_stamp(lock))
 
@@ -409,7 +411,12 @@ def _build_interfaces(home):
     failed = [process.communicate()[1] for process in running]
     print("", file=sys.stderr)
     if any(process.returncode for process in running):
-        sys.exit("".join(failed) + "[set-up] could not build the messages")
+        again = home / f"{ROS}.installed"
+        print(
+            "".join(failed) + "[set-up] could not build the messages: welds run in one process; "
+            f"mend the compiler, then delete {again} to try again",
+            file=sys.stderr,
+        )
 
 
 def _packages(lock):
