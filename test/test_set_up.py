@@ -157,3 +157,16 @@ def test_a_compiler_that_fails_is_one_error(tmp_path):
     )
     assert ran.returncode == 1 and "false" in ran.stderr and "Traceback" not in ran.stderr
     assert not (tmp_path / "prefix").exists()
+
+
+def test_messages_that_cannot_be_built_do_not_end_the_set_up(tmp_path):
+    (tmp_path / "small_msgs" / "msg").mkdir(parents=True)
+    (tmp_path / "small_msgs" / "msg" / "Empty.msg").write_text("")
+    ran = in_python(
+        "_bootstrap._python = lambda home: sys.executable\n"
+        "_bootstrap.INTERFACES = [_bootstrap.Path(sys.argv[1]) / 'small_msgs']\n"
+        "_bootstrap._build_interfaces(_bootstrap.Path(sys.argv[1]))",
+        tmp_path,
+        CXX="false",
+    )
+    assert ran.returncode == 0 and str(tmp_path / "ros.installed") in ran.stderr
