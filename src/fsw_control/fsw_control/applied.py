@@ -1,4 +1,4 @@
-"""Which command was in force when a measurement was taken."""
+"""The command in force when a measurement was taken, reconstructed from the command topic."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command
 
-#: Periods of the measurements without a command after which its writer counts as silent.
+#: A writer is silent once this many measurement periods have passed without a command.
 SILENT_PERIODS = 1.5
-#: More than a controller ever lags behind.
+#: Upper bound on a controller's lag, in commands.
 _KEPT = 100
 _BEFORE_ALL_NS = -1
 #: A command further than this from the newest measurement belongs to another time base.
@@ -21,9 +21,9 @@ _REACH_NS = 1_000_000_000
 class AppliedCommand:
     """A message seen on the command topic.
 
-    ``stamp_ns`` is that of the measurement that it answers, ``source`` who computed it, ``writer``
-    which supervisor sent it (empty where that is not given), and ``term`` the number of that
-    supervisor's lead.
+    ``stamp_ns`` is the stamp of the measurement that the command answers, ``source`` the
+    controller that computed it, ``writer`` the supervisor that sent it (empty if unknown), and
+    ``term`` the number of that supervisor's lead.
     """
 
     stamp_ns: int
@@ -35,16 +35,17 @@ class AppliedCommand:
 
 
 class AppliedCommands:
-    """Commands by the stamp of the measurement that each answers; as in the plant, the first of each stamp counts.
+    """Accepted commands, ordered by the stamp of the measurement that each one answers.
 
-    While another controller is in command, the command that answers a tick may arrive before this
-    controller has seen all of the tick's samples. The one to follow is the command before that.
+    The first command of each stamp counts, as it does in the plant. While another controller is
+    in command, the answer to a tick may arrive before this controller has all samples of the
+    tick. The command to track is then the one before that answer.
 
-    Any node can write to the topic. So one writer is followed. One of a greater term (a standby
-    that takes over) is followed at once, one of a smaller term never, another one only after the
-    first has fallen silent.
+    Any node can publish on the topic, so commands are accepted from one writer only. A writer
+    with a higher term (a standby that takes over) replaces it at once, a writer with a lower term
+    never does, and any other writer only after the first one has fallen silent.
 
-    Until the first command ``initial`` is taken as applied.
+    Until the first command arrives, ``initial`` counts as applied.
     """
 
     def __init__(self, initial: Command, period_s: float = 0.1) -> None:
@@ -54,7 +55,7 @@ class AppliedCommands:
         )
         self._heard_s = 0.0
         self.ignored = 0  #: commands rejected since start, not counting repetitions
-        self.complaint = ""  #: why the last one was rejected; empty if it was accepted or repeated
+        self.complaint = ""  #: why the last one was rejected; empty if accepted or repeated
 
     @property
     def latest(self) -> AppliedCommand:
@@ -62,9 +63,9 @@ class AppliedCommands:
         return self._kept[-1]
 
     def add(self, seen: AppliedCommand, newest_ns: int | None, now_s: float) -> bool:
-        """Take a command seen at ``now_s`` on a steady clock; return whether it is accepted.
+        """Take a command received at ``now_s`` (steady clock); return whether it is accepted.
 
-        ``newest_ns`` is the newest stamp of a measurement, None before the first.
+        ``newest_ns`` is the stamp of the newest measurement, None before the first one.
         """
         last = self.latest
         self.complaint = self._complaint(seen, last, newest_ns, now_s)
@@ -106,13 +107,13 @@ class AppliedCommands:
         return ""
 
     def restart(self) -> None:
-        """After a jump of time: keep the values in force, forget the stamps."""
+        """After a jump of time: keep the values in force and drop the stamps."""
         self._kept = deque([replace(self.latest, stamp_ns=_BEFORE_ALL_NS)], maxlen=_KEPT)
 
     def before(self, tick_ns: int) -> Command:
-        """The command in force until the tick of ``tick_ns``; the oldest known one if all are newer."""
+        """Return the command in force until ``tick_ns``, or the oldest known one."""
         while len(self._kept) > 1 and self._kept[-1].stamp_ns > tick_ns + _REACH_NS:
-            self._kept.pop()  # came before there was a measurement to compare it with
+            self._kept.pop()  # received before there was a measurement to compare it with
         for seen in reversed(self._kept):
             if seen.stamp_ns < tick_ns:
                 return seen.command

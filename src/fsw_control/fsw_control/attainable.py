@@ -1,4 +1,4 @@
-"""Set-points out of reach: what is asked, what is attainable, which bound stands in the way."""
+"""Set-points out of reach: the request, the attainable values, and the bound that limits them."""
 
 from __future__ import annotations
 
@@ -6,25 +6,25 @@ from collections.abc import Mapping
 
 from fsw_control.contract import Reference
 
-#: what is nearer to the set-points is the noise of the estimates that decide it (chosen)
+#: differences below these values are within the noise of the estimates (chosen)
 _NEAR_MM, _NEAR_C = 0.005, 0.5
 
 
 def attainable_of(quantities: Mapping[str, float]) -> Reference | None:
-    """The attainable set-points among what a controller reports; None where it reports none."""
+    """Attainable set-points among a controller's quantities; None if it reports none."""
     found = [quantities.get(name) for name in ("attainable_depth_mm", "attainable_temperature_c")]
     return None if found[0] is None or found[1] is None else Reference(found[0], found[1])
 
 
 def out_of_reach(asked: Reference, attainable: Reference, share: float = 1.0) -> str:
-    """Why set-points are replaced by the attainable ones, in words; empty where they are not.
+    """Describe how attainable set-points differ from the requested ones; empty if they do not.
 
     Parameters
     ----------
     asked, attainable : Reference
-        The set-points in force, and those that a controller goes for.
+        The set-points in force, and those that the controller tracks instead.
     share : float, optional
-        Of the difference that is told; below 1 for one that has been told already.
+        Scale of the reporting threshold; below 1 (hysteresis) if a difference is already reported.
     """
     depth_mm, temperature_c = (
         attainable.depth_mm - asked.depth_mm,
@@ -39,9 +39,10 @@ def out_of_reach(asked: Reference, attainable: Reference, share: float = 1.0) ->
         texts.append(f"{asked.depth_mm:.2f} mm asked, {attainable.depth_mm:.2f} mm attainable")
     if not texts:
         return ""
-    return f"{'; '.join(texts)}: speed at its {'upper' if wants_heat(asked, attainable) else 'lower'} bound"
+    bound = "upper" if wants_heat(asked, attainable) else "lower"
+    return f"{'; '.join(texts)}: speed at its {bound} bound"
 
 
 def wants_heat(asked: Reference, attainable: Reference) -> bool:
-    """Whether the set-points need more heat than the fastest spindle gives, not less than the slowest."""
+    """Whether the set-points need more heat than the highest spindle speed can give."""
     return attainable.temperature_c < asked.temperature_c or attainable.depth_mm > asked.depth_mm

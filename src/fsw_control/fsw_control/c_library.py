@@ -1,9 +1,9 @@
-"""The C library of a package: built when a C compiler is there, and read from its header by cffi.
+"""A package's C library: compiled on the machine where it runs, its header read by cffi.
 
-The library goes into the user's cache, under a name made from sources, flags and processor; so it
-is built once, is never stale and is never taken by another kind of machine that shares the home
-folder. A package may also bring a library (``setup.py``, ``scripts/wheel_kernels.py``); it is used
-if it was made from the same sources. Where there is no compiler, the ziglang wheel brings one.
+The library is stored in the user's cache under a name derived from sources, flags and processor:
+it is built once, cannot be stale, and is not loaded by a different machine that shares the home
+folder. A package may also ship a library (``setup.py``, ``scripts/wheel_kernels.py``), which is
+used if it was built from the same sources. Without a system compiler, the ziglang wheel is used.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from typing import Any
 from fsw_schema.files import replacing, user_cache
 from fsw_schema.processes import tool_environment
 
-# no contraction: the same results on every machine, whatever the width of its vectors
+# no contraction of multiply-add: identical results on all machines, whatever their vector width
 PORTABLE = ("-std=c99", "-O3", "-ffp-contract=off")
 FLAGS = (*PORTABLE, "-fPIC", "-shared", "-Wall", "-Wextra", "-Wno-unused-parameter")
 #: for a library that stays on this machine; left out where the compiler does not support it
@@ -37,7 +37,7 @@ _LONGEST_BUILD_S = 600.0
 
 
 def compiler() -> list[str] | None:
-    """Command of the C compiler: ``CC``, the first of cc, gcc, clang, or the one in the ziglang wheel."""
+    """Command of the C compiler: ``CC``, else cc, gcc or clang, else that of the ziglang wheel."""
     wanted = shlex.split(os.environ.get("CC", ""))
     for command in [wanted, ["cc"], ["gcc"], ["clang"]]:
         if command and shutil.which(command[0]):
@@ -83,7 +83,10 @@ def _processor() -> str:
 
 
 def _declarations(header: Path) -> str:
-    """A header as cffi takes it: included headers in place, of the preprocessor's lines only integer constants."""
+    """Return a header as cffi accepts it.
+
+    Included headers are inlined; of the preprocessor lines only integer constants are kept.
+    """
     text = re.sub(
         r'#include "(.+)"',
         lambda found: _declarations(header.parent / found[1]),
@@ -97,15 +100,15 @@ def _declarations(header: Path) -> str:
 class CLibrary:
     """The C library of a package."""
 
-    #: name of the package, of its folder in the user's cache, and of the header; all functions'
-    #: names start with it. ``<package>_id`` returns the digest of the sources; in capitals, the
-    #: macro by which the build hands it in
+    #: name of the package, of its folder in the user's cache, and of the header; prefix of all
+    #: functions. ``<package>_id`` returns the digest of the sources, which the build passes in by
+    #: the macro of the same name in capitals
     package: str
     folder: Path  #: where the sources and headers are, in the package's folder
 
     @cached_property
     def ffi(self) -> Any:
-        """The header as cffi has read it."""
+        """The parsed header."""
         from cffi import FFI  # setup.py does without
 
         ffi = FFI()
@@ -114,15 +117,15 @@ class CLibrary:
 
     @cached_property
     def lib(self) -> Any:
-        """The functions and constants of the loaded library, built now if necessary; raises as :meth:`ensure`."""
+        """Functions and constants of the library, built if necessary; raises as :meth:`ensure`."""
         return self.ffi.dlopen(str(self.ensure()))
 
     def new(self, kind: str, **fields: Any) -> Any:
-        """Pointer to a new struct of the header, which it owns; fields that are not given are 0."""
+        """Return an owning pointer to a new struct of the header; omitted fields are 0."""
         return self.ffi.new(f"{kind} *", fields)
 
     def enum(self, kind: str, prefix: str) -> Any:
-        """An enumeration of the header as an ``IntEnum``; its names begin with ``prefix``, which is left out."""
+        """Return an enumeration of the header as ``IntEnum``, its names without ``prefix``."""
         names = sorted(self.ffi.typeof(kind).elements.items())
         return IntEnum(kind, {name.removeprefix(prefix): value for value, name in names})
 
@@ -143,7 +146,7 @@ class CLibrary:
         return digest.hexdigest()[:16]
 
     def cache_path(self) -> Path:
-        """Where the library for these sources and this machine is kept."""
+        """Path of the cached library for these sources and this machine."""
         text = "\0".join(
             [self.source_id(), *FLAGS, platform.system(), platform.machine(), _processor()]
         )
@@ -153,7 +156,7 @@ class CLibrary:
         )
 
     def is_usable(self, library: Path) -> bool:
-        """Whether a library can be loaded and was made from these sources."""
+        """Whether a library can be loaded and was built from these sources."""
         try:
             identify = getattr(ctypes.CDLL(str(library)), f"{self.package}_id")
         except (OSError, AttributeError):
@@ -174,7 +177,7 @@ class CLibrary:
         return None
 
     def ensure(self) -> Path:
-        """Return a usable library, built now if necessary; RuntimeError if there is none and none can be built."""
+        """Return a usable library, built now if necessary; RuntimeError if that is impossible."""
         return self.find() or self.build()
 
     def build(self, library: Path | None = None, portable: Sequence[str] | None = None) -> Path:
@@ -183,16 +186,16 @@ class CLibrary:
         Parameters
         ----------
         library : Path, optional
-            Where the shared library goes, the user's cache by default; replaced at once, so that
-            running controllers keep theirs.
+            Output path, by default in the user's cache. The file is replaced atomically, so
+            running controllers keep their copy.
         portable : sequence of str, optional
-            Command of the compiler for a library that goes to other machines; by default,
-            :func:`needed_compiler` compiles for the processor of this one.
+            Compiler command for a library meant for other machines; by default
+            :func:`needed_compiler` compiles for the processor of this machine.
 
         Raises
         ------
         RuntimeError
-            If there is no compiler or it fails; the message has the compiler's output.
+            Without a compiler, or if it fails; the message contains the compiler's output.
         """
         command = list(portable or needed_compiler())
         native = [NATIVE] if _processor() and portable is None else []
@@ -217,10 +220,10 @@ class CLibrary:
         return library
 
     def extension(self) -> dict[str, Any]:
-        """Arguments of setuptools' ``Extension``, for a package that brings the library with it.
+        """Arguments of setuptools' ``Extension``, for a package that ships the library.
 
-        The library is loaded with cffi. Its build may fail there: then it is built at the first
-        start.
+        cffi loads the library. The build may fail during installation; the library is then built
+        at the first start.
         """
         return {
             "name": f"{self.package}._kernel",
@@ -232,18 +235,18 @@ class CLibrary:
 
 
 class CController:
-    """One controller of a loaded library ``fsw_NAME``: its memory, and the functions that every controller has.
+    """A controller of a loaded library ``fsw_NAME``: its memory and the common functions.
 
-    ``lib`` is by default ``library.lib``, ``refusal`` the error text if the library refuses a
-    tuning, and ``data`` are the arguments of ``fsw_NAME_init``. ``state`` is the memory, a
-    ``fsw_NAME *``; ``input`` and ``output`` are the arguments of :meth:`step`.
+    ``lib`` defaults to ``library.lib``, ``refusal`` is the error text if the library rejects a
+    tuning, and ``data`` are the arguments of ``fsw_NAME_init``. ``state`` is the controller's
+    memory, a ``fsw_NAME *``; ``input`` and ``output`` are the arguments of :meth:`step`.
 
     Raises
     ------
     RuntimeError, OSError
         If the library cannot be built or loaded.
     ValueError
-        If it refuses the data.
+        If the library rejects the data.
     """
 
     def __init__(self, library: CLibrary, lib: Any, refusal: str, *data: Any) -> None:
@@ -259,7 +262,7 @@ class CController:
             raise ValueError(refusal)
 
     def configure(self, tuning: Any) -> None:
-        """Use another tuning, without a bump; ValueError if it is not usable: the previous one is kept."""
+        """Use another tuning, bumplessly; ValueError if it is invalid, and the old one stays."""
         if self._configure(self.state, tuning):
             raise ValueError(self._refusal)
 
@@ -268,5 +271,5 @@ class CController:
         self._reset(self.state, force_kn, speed_rpm)
 
     def step(self) -> None:
-        """One tick: ``input`` to ``output``."""
+        """Compute one tick, from ``input`` to ``output``."""
         self._step(self.state, self.input, self.output)

@@ -1,4 +1,4 @@
-"""Why a weld is in its mode, under its controller: what the supervisor tells, and what a record judges."""
+"""Why a weld is in its mode and under its controller, as reported by the supervisor."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from fsw_control.coded import Coded
 
 
 class Cause(Coded):
-    """What made the mode or the controller change last; numbered as in ``SupervisorState.msg``."""
+    """Cause of the last change of mode or controller; numbered as in ``SupervisorState.msg``."""
 
     STARTED = 0
     READY = 1
@@ -26,12 +26,12 @@ class Cause(Coded):
     STOP_HEARD = 15
     INTERLOCK_TRIP = 16
     CLOCK_STOPPED = 17
-    #: another controller in auto: as an operator asked, because the one before failed, because it
-    #: is ready again
+    #: another controller in auto: at an operator's request, because the previous one failed, or
+    #: because it is ready again
     SWAP_REQUESTED = 18
     SWAP_FAILED = 19
     SWAP_BACK = 20
-    #: none that this version knows
+    #: a cause that this version does not know
     UNKNOWN = 255
 
     @property
@@ -41,12 +41,12 @@ class Cause(Coded):
 
     @property
     def on_request(self) -> bool:
-        """Whether an operator asked for it."""
+        """Whether an operator requested it."""
         return self in _ON_REQUEST
 
     @property
     def at_start(self) -> bool:
-        """Whether it belongs to the start of control, also that after a gap in the measurements."""
+        """Whether it belongs to the start of control, including a restart after a gap."""
         return self in _AT_START
 
 

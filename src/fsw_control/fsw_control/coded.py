@@ -7,7 +7,7 @@ from typing import Self
 
 
 class Coded(IntEnum):
-    """Base of enums with a member ``UNKNOWN``, which stands for numbers of a later version."""
+    """Base of enums with a member ``UNKNOWN``, which stands for numbers of later versions."""
 
     @classmethod
     def _missing_(cls, value: object) -> Self:

@@ -1,4 +1,4 @@
-"""Whether a command may be applied: finite, within the bounds, no jump. A bad command is refused, never corrected."""
+"""Check of a command: finite, in bounds, no jump. A bad command is rejected, never corrected."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from typing import NamedTuple
 
 from fsw_control.contract import Command, Limits
 
-#: largest excess over a limit that is rounding of the unit conversion and not a violation [kN,
-#: rpm]
+#: excess over a limit that is rounding of the unit conversion, not a violation [kN, rpm]
 ROUNDING = 1e-6
 
 
 class Flaw(StrEnum):
-    """Reasons for which a command is refused."""
+    """Reasons for rejecting a command."""
 
     NOT_FINITE = "not_finite"
     OUT_OF_RANGE = "out_of_range"
@@ -22,7 +21,7 @@ class Flaw(StrEnum):
 
 
 class Refusal(NamedTuple):
-    """Why a command is refused, for programs and in words."""
+    """Why a command is rejected, as a code and in words."""
 
     flaw: Flaw
     words: str
@@ -31,10 +30,10 @@ class Refusal(NamedTuple):
 def refusal(
     command: Command, limits: Limits | None = None, previous: Command | None = None
 ) -> Refusal | None:
-    """Why ``command`` may not be applied, None if it may.
+    """Return why ``command`` must not be applied, None if it may be.
 
-    Without ``limits`` it only has to be finite; without ``previous``, the command of the tick
-    before, the change is not checked.
+    Without ``limits`` it only has to be finite. Without ``previous``, the command of the previous
+    tick, the change is not checked.
     """
     force, speed = command.force_kn, command.speed_rpm
     if not (isfinite(force) and isfinite(speed)):
@@ -56,6 +55,9 @@ def refusal(
             ("speed", "rpm", speed - previous.speed_rpm, limits.speed_step_rpm),
         ):
             if abs(change) > largest + ROUNDING:
-                words = f"{name} would jump by {abs(change):.3f} {unit}, more than {largest:g} {unit} per tick"
+                words = (
+                    f"{name} would jump by {abs(change):.3f} {unit}, "
+                    f"more than {largest:g} {unit} per tick"
+                )
                 return Refusal(Flaw.JUMP, words)
     return None

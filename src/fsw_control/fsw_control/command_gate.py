@@ -1,4 +1,4 @@
-"""Which commands are passed on to the process: the rules of the plant emulator and of the gateway to a machine."""
+"""Acceptance rules for commands, shared by the plant emulator and the machine gateway."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from fsw_control.command_check import Flaw, refusal
 from fsw_control.contract import Command, Limits
 from fsw_control.units import NANOSECONDS
 
-#: Why a command can be refused; ``leader`` and ``stopped`` are those of the fence.
+#: Reasons for a rejection; ``leader`` and ``stopped`` come from the fence.
 REASONS = (
     "not_finite",
     "out_of_range",
@@ -23,7 +23,7 @@ REASONS = (
 
 
 class CommandGate:
-    """Checks commands and counts what it refuses.
+    """Checks commands and counts rejections.
 
     A command is accepted if it is within ``limits`` (its change per tick is not checked), answers
     a measurement that is at most ``max_age_s`` old, and comes from one of ``sources`` (empty:
@@ -38,9 +38,9 @@ class CommandGate:
         more_reasons: Sequence[str] = (),
     ) -> None:
         self.configure(limits, max_age_s, sources)
-        #: commands refused for each of ``REASONS``, and of the node's own ``more_reasons``
+        #: rejected commands for each of ``REASONS`` and of the node's own ``more_reasons``
         self.refused = dict.fromkeys((*REASONS, *more_reasons), 0)
-        self.last_reason = ""  #: of the last refusal
+        self.last_reason = ""  #: of the last rejection
         self.last_refusal = ""  #: in words
         self.last_stamp_ns: int | None = None  #: of the last measurement that was answered
 
@@ -52,11 +52,11 @@ class CommandGate:
     def check(
         self, command: Command, stamp_ns: int, source: str, healthy: bool, measured_ns: int | None
     ) -> str:
-        """Why a command is refused (one of ``REASONS``), empty if it is accepted.
+        """Return why a command is rejected (one of ``REASONS``), empty if it is accepted.
 
         ``stamp_ns`` is the stamp of the measurement that it answers, ``measured_ns`` that of the
-        last measurement (None before the first); ``healthy`` is whether its sender says that it
-        may be applied.
+        last measurement (None before the first one); ``healthy`` is whether its sender marked it
+        as applicable.
         """
         reason, words = self._refusal(command, stamp_ns, source, healthy, measured_ns)
         if reason:
@@ -66,7 +66,7 @@ class CommandGate:
         return reason
 
     def refuse(self, reason: str, words: str) -> None:
-        """Count a command that is refused."""
+        """Count a rejected command."""
         self.refused[reason] += 1
         self.last_reason, self.last_refusal = reason, f"{reason}: {words}"
 
@@ -82,7 +82,7 @@ class CommandGate:
             return wrong
         if measured_ns is None or stamp_ns > measured_ns:
             return "future", f"it answers {stamp_ns * 1e-9:.1f} s, which has not been measured yet"
-        # A last answer after the last measurement is of the time before the clock was set back.
+        # A last answer newer than the last measurement dates from before the clock was set back.
         if self.last_stamp_ns is not None and stamp_ns <= self.last_stamp_ns <= measured_ns:
             return (
                 "repeated",
@@ -96,5 +96,5 @@ class CommandGate:
         return "", ""
 
     def total(self) -> int:
-        """Commands refused, for any reason."""
+        """Number of rejected commands, all reasons together."""
         return sum(self.refused.values())

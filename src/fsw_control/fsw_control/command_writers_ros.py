@@ -1,4 +1,4 @@
-"""Which nodes publish commands, and hence which sources are accepted."""
+"""The nodes that publish commands, and the sources that are accepted in consequence."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from fsw_control.contract import BUILT_IN_SOURCES
 from fsw_control.topics_ros import LATEST
 from fsw_msgs.msg import SupervisorState
 
-#: supervisors that are remembered, the latest
+#: number of supervisors that are remembered, latest first
 _SUPERVISORS = 10
-#: what rmw calls a node that it has not discovered yet
+#: rmw's name for a node that it has not discovered yet
 _NAME_UNKNOWN = "_NODE_NAME_UNKNOWN_"
 
 
 class CommandWriters:
-    """Sets the gate's sources: while there is a second publisher of commands, only those announced by the supervisor.
+    """Restricts the gate to the supervisor's sources while other nodes publish commands, too.
 
-    ``gate`` returns the gate, which may be replaced. Where ``configured`` returns sources, only
-    these are accepted.
+    ``gate`` returns the gate, which may be replaced. If ``configured`` returns sources, only
+    those are accepted.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class CommandWriters:
         )
 
     def look(self) -> None:
-        """Determine the publishers of commands; to be called a few times a second."""
+        """Determine the publishers of commands; call it a few times per second."""
         names = sorted(
             info.node_name for info in self._node.get_publishers_info_by_topic("fsw/command")
         )
@@ -60,14 +60,14 @@ class CommandWriters:
         self._gate().sources = self._announced if not sources and len(self.names) > 1 else sources
 
     def note_refused(self, leader: str) -> None:
-        """Note that a command was refused that the supervisor ``leader`` has signed."""
+        """Note a rejected command that was signed by the supervisor ``leader``."""
         self._refused[leader] += 1
 
     def unauthorised(self) -> int:
-        """Commands refused since the last call that none of the supervisors has signed that lead or have led.
+        """Rejected commands since the last call that no elected supervisor has signed.
 
-        Of two of them the commands meet for a moment when one takes over from the other. One that
-        has just begun to lead has time until the next call to say so.
+        During a failover the commands of the old and the new leader overlap for a moment. A
+        supervisor that has just taken over has until the next call to announce itself.
         """
         refused, self._refused = self._refused, Counter()
         late, self._unknown = self._unknown, Counter({one: refused[one] for one in refused if one})

@@ -1,7 +1,7 @@
 """The interface of a controller: pure data in, pure data out.
 
-Units are the paper's and part of the names: mm, degC, N m, kN, rpm, s. Times come from the clock
-passed in.
+Units are the paper's and part of the names: mm, degC, N m, kN, rpm, s. Times are on the clock of
+the measurements.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from fsw_control import weld
 from fsw_control.reason import Reason
 from fsw_control.sensors import REQUIRED
 
-#: sources of commands that are no controllers: modes of the supervisor
+#: sources of commands other than controllers: modes of the supervisor
 BuiltInSource = Literal["manual", "hold", "safe_stop"]
 BUILT_IN_SOURCES: tuple[str, ...] = get_args(BuiltInSource)
-#: modes that an operator can ask for
+#: modes that an operator can request
 OperatorMode = Literal["auto", BuiltInSource]
 OPERATOR_MODES: tuple[str, ...] = get_args(OperatorMode)
 SAFE_STOP: OperatorMode = "safe_stop"
 
 
 class Measurement(NamedTuple):
-    """The sensors at one tick."""
+    """The sensor samples of one tick."""
 
     time_s: float  #: stamp of the tick
     #: sensor values; NaN where the sensor is invalid
@@ -36,23 +36,23 @@ class Measurement(NamedTuple):
     depth_valid: bool = True
     torque_valid: bool = True
     temperature_valid: bool = True
-    #: sensors (of ``SENSORS``) that are valid by their last good value, which stands in for a bad
-    #: sample. A filter must not take it for a measurement of this tick
+    #: sensors (of ``SENSORS``) whose last good value stands in for a bad sample. They count as
+    #: valid, but a filter must not treat the value as a measurement of this tick
     held: tuple[str, ...] = ()
-    #: inputs that act, as the drives report them; NaN where they do not
+    #: acting inputs, as the drives report them; NaN if unknown
     force_kn: float = float("nan")
     speed_rpm: float = float("nan")
-    #: values of the optional sensors, by name; NaN where one is invalid
+    #: values of the optional sensors, by name; NaN if invalid
     optional: Mapping[str, float] = MappingProxyType({})
 
     def invalid_sensors(self) -> tuple[str, ...]:
-        """Names (of ``REQUIRED``) whose value may not be used."""
+        """Names (of ``REQUIRED``) of the sensors that must not be used."""
         flags = (self.depth_valid, self.torque_valid, self.temperature_valid)
         return tuple(name for name, valid in zip(REQUIRED, flags, strict=True) if not valid)
 
 
 class Coming(NamedTuple):
-    """Set-points known in advance, and when they begin, on the clock of ``Measurement.time_s``."""
+    """Set-points known in advance and their start, on the clock of ``Measurement.time_s``."""
 
     at_s: float
     depth_mm: float
@@ -63,8 +63,7 @@ class Coming(NamedTuple):
 class Reference:
     """Set-points: shoulder depth and stir-zone temperature.
 
-    ``coming`` are the next ones that are known, in order of time; for controllers that can look
-    ahead.
+    ``coming`` are the next known ones in order of time, for controllers with preview.
     """
 
     depth_mm: float
@@ -81,12 +80,12 @@ class Command(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Bounds and largest change per tick of the manipulated variables.
+    """Bounds of the manipulated variables and their largest change per tick.
 
     Raises
     ------
     ValueError
-        When a minimum is not below its maximum.
+        If a minimum is not below its maximum.
     """
 
     force_min_kn: float = weld.FORCE_MIN_KN
@@ -119,7 +118,7 @@ class Limits:
         return cls(**{item.name: values[f"limits.{item.name}"] for item in fields(cls)})
 
     def clip(self, wanted: Command, previous: Command | None) -> Command:
-        """Nearest command inside the bounds and within one step of ``previous`` (rates win over bounds)."""
+        """Nearest command in bounds and within one step of ``previous``; rates take precedence."""
         force, speed = wanted.force_kn, wanted.speed_rpm
         if (
             self.force_min_kn <= force <= self.force_max_kn
@@ -176,7 +175,7 @@ class Plan:
     speed_rpm: tuple[float, ...]
 
 
-@dataclass(slots=True)  # made at every tick; frozen, it would take four times as long
+@dataclass(slots=True)  # created at every tick; frozen, it would take four times as long
 class Diagnosis:
     """What a controller reports in addition to its command (all optional)."""
 
@@ -196,8 +195,8 @@ class Diagnosis:
 class Proposal:
     """What a controller would apply at this tick.
 
-    ``healthy`` false means: do not apply; ``reason`` says why. A controller may give words of its
-    own, which reach the graph as ``ReasonCode.OTHER``.
+    ``healthy`` false means: do not apply; ``reason`` says why. A controller may give a text of
+    its own, which the graph reports as ``ReasonCode.OTHER``.
     """
 
     command: Command
@@ -210,14 +209,13 @@ class Proposal:
 class Controller(Protocol):
     """Anything that turns measurements into proposals.
 
-    It is stepped at every tick, selected or not, and ``applied`` is the command that the plant
-    really obeyed during the tick that just ended. A controller that follows it takes over without
-    a bump.
+    It is stepped at every tick, selected or not. ``applied`` is the command that the plant really
+    executed during the tick that just ended; a controller that tracks it takes over without a
+    bump.
     """
 
     name: str
-    #: sensors (of ``SENSORS``) that may be invalid for a while without making the proposal
-    #: unusable
+    #: sensors (of ``SENSORS``) that may be invalid for a while without invalidating the proposal
     tolerated_sensors: tuple[str, ...]
 
     def step(

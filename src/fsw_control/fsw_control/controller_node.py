@@ -1,4 +1,4 @@
-"""The one node that hosts any controller."""
+"""The node that hosts a controller."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ from fsw_control.weld_ticks_ros import WeldTicks
 from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand, WeldReferencePlan
 from fsw_schema.errors import InputError
 
-#: from the controller's parameters (empty if it has none) to the controller
+#: makes the controller from its parameters (empty if it has none)
 Make = Callable[[dict[str, Any]], Controller]
 
-#: of the patience in lockstep, for samples that the tick before had to do without
+#: share of the lockstep patience that remains for samples already missing at the previous tick
 _KNOWN_LOST_SHARE = 0.2
 
 
 class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere
-    """Steps a controller at every tick and publishes its proposals, status, diagnostics and prediction.
+    """Steps a controller at every tick; publishes proposals, status, diagnostics and prediction.
 
-    A tick is consumed when it is complete, or when its deadline has passed. Time is that of the
+    A tick is consumed when it is complete or when its deadline has passed. Time is that of the
     measurements: in simulated time nothing but data drives the node, apart from the deadline.
 
     Parameters
@@ -62,8 +62,9 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         Makes the controller from its parameters.
     parameters : (str, str) or path, optional
         Package and file, or path, of the YAML that describes the controller's own parameters. At
-        runtime they reach the controller's ``configure(values)``, after its ``check(values)``,
-        where it has these methods. So does the node's logger its ``use_logger(logger)``.
+        runtime they are passed to the controller's ``check(values)`` and then to its
+        ``configure(values)``, if it has these methods; ``use_logger(logger)`` gets the node's
+        logger.
     """
 
     def __init__(self, name: str, make: Make, parameters: Source = None) -> None:
@@ -123,8 +124,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._heartbeat = self.create_timer(
             1.0, self._on_heartbeat, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
-        # before the set-points: who has discovered that those are subscribed to knows of the plan,
-        # too
+        # Before the set-points, so that a peer that has discovered the subscription to those can
+        # rely on this one, too.
         self.create_subscription(WeldReferencePlan, "fsw/reference_plan", self._on_plan, LATEST)
         subscribe_references(self, self._references)
         self.create_subscription(WeldCommand, "fsw/command", self._ticks.on_command, STREAM)
@@ -148,8 +149,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
     def _patience_s(self) -> float:
         if not self._lockstep:
             return float(self._settings["deadline"])
-        # Lockstep waits long for what may still come, and shorter at every tick for what is known
-        # to be lost.
+        # Lockstep waits long for samples that may still come, and shorter at every tick for
+        # samples that are known to be lost.
         known_lost = self._synchronizer.lacking <= self._synchronizer.missed
         return float(self._settings["lockstep_deadline"]) * (
             _KNOWN_LOST_SHARE if known_lost else 1.0
@@ -164,7 +165,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._deadline.set(begun_s + self._patience_s() if begun_s is not None else None)
 
     def _repeat(self) -> None:
-        """Answer a tick that the plant has repeated, as before: a supervisor was restarted, or an answer was lost."""
+        """Answer a tick that the plant repeats after a supervisor's restart or a lost answer."""
         if self._last_ns is not None and self._last_proposal is not None:
             self._publish(self._last_ns, self._last_proposal)
 
@@ -221,7 +222,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
                 deviations = self._deviations(plan.time_s) if self._deviations else ((), ())
                 self._predictions.publish(convert.prediction_message(plan, time_ns, deviations))
         except (TypeError, ValueError, AssertionError, AttributeError, IndexError) as error:
-            # A user's controller may put anything into its diagnosis; its proposal is out already.
+            # A user's controller may put anything into its diagnosis; its proposal is already out.
             self.get_logger().error(
                 f"diagnostics cannot be published: {error}", throttle_duration_sec=1.0
             )
@@ -290,8 +291,8 @@ def run_controller(
     Parameters
     ----------
     make : callable
-        The controller's class, or a function that makes one: from its parameters if it has any,
-        else from nothing.
+        The controller's class, or a function that makes one, with its parameters (if it has any)
+        as the argument.
     name, parameters : optional
         As for :class:`ControllerNode`; by default the class attributes ``name`` and
         ``parameters``.

@@ -1,4 +1,4 @@
-"""A timer for the one next deadline."""
+"""A timer for the next deadline."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from collections.abc import Callable
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-#: shortest time that the timer is set to, also when the deadline has passed already [ns]
+#: shortest timer period, also for a deadline that has passed already [ns]
 _SHORTEST_NS = 100_000
 
 
 class DeadlineTimer:
-    """Calls ``call`` once per deadline, on the steady clock; after that none is set."""
+    """Calls ``call`` once per deadline, on the steady clock, and then waits for the next set."""
 
     def __init__(self, node: Node, call: Callable[[], None]) -> None:
         self._call = call
@@ -24,7 +24,7 @@ class DeadlineTimer:
         self._timer.cancel()
 
     def set(self, due_s: float | None) -> None:
-        """Set the deadline, on ``time.monotonic``, in place of the one before; None: none."""
+        """Replace the deadline (``time.monotonic``); None removes it."""
         if due_s == self._due_s:
             return
         self._due_s = due_s

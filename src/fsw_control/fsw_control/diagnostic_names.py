@@ -1,21 +1,21 @@
-"""Names of diagnostics: all nodes of a domain share ``/diagnostics``, so they carry the weld's namespace."""
+"""Names in ``/diagnostics``, shared by all nodes of a domain: they carry the weld's namespace."""
 
 from __future__ import annotations
 
-#: what diagnostics of this software call the hardware, behind the namespace
+#: hardware name of this software's diagnostics, behind the namespace
 HARDWARE = "fsw"
 
 
 def qualified(namespace: str, name: str) -> str:
-    """A name behind its namespace, as diagnostic_aggregator knows it: without the first slash."""
+    """Prefix a name with its namespace as diagnostic_aggregator does: without leading slash."""
     return f"{namespace}/{name}".strip("/")
 
 
 def local_name(name: str, hardware_id: str, namespace: str) -> str | None:
-    """Name of a status (``NODE: PART``) as a node in ``namespace`` shows it, None if it concerns another weld.
+    """Name of a status (``NODE: PART``) for a node in ``namespace``; None if it is another weld's.
 
-    Of this software's nodes only those in the same namespace do. Of other nodes all do, as a joint
-    sensor's, except those that name another namespace than a weld's own by a leading slash.
+    A status of this software belongs to the weld of its namespace. Other nodes, such as a joint
+    sensor's, belong to every weld, unless a leading slash names another namespace.
     """
     node, colon, part = name.partition(": ")
     home, _, short = node.removeprefix("/").rpartition("/")

@@ -1,4 +1,4 @@
-"""Settings of Fast DDS for all nodes, by environment variables; those of the user take precedence."""
+"""Settings of Fast DDS for all nodes, as environment variables; the user's take precedence."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from pathlib import Path
 
 _PROFILES = Path(__file__).with_name("fast_dds.xml")
 _PROFILES_HERE = Path(__file__).with_name("fast_dds_localhost.xml")
-#: names that a user's own profiles may have
+#: variables that may name the user's own profiles
 _NAMES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
 
 def settings(environment: Mapping[str, str]) -> dict[str, str]:
-    """Variables to set in addition to those of an environment, before ``rclpy.init``.
+    """Variables to add to an environment before ``rclpy.init``.
 
     Nodes use UDP and no shared memory: after a node was killed, the others may continue to write
     to the deleted memory of its port, so that it hears nothing when it is started again
@@ -29,6 +29,6 @@ def settings(environment: Mapping[str, str]) -> dict[str, str]:
 
 
 def stay_on_this_machine(environment: MutableMapping[str, str]) -> None:
-    """Set in an environment that nodes look for peers on this machine only, unless it has a range already."""
+    """Restrict discovery to this machine, unless the environment has a range already."""
     environment.setdefault(_RANGE, "LOCALHOST")
     environment.update(settings(environment))

@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-# Domains that the ports of Linux allow, without the low ones that people use by hand.
+# Domains that fit the port range of Linux, without the low ones that people choose by hand.
 _DOMAINS = range(20, 101)
 _last = os.getpid()
 
@@ -20,15 +20,15 @@ class NoFreeDomainError(RuntimeError):
 
 @contextlib.contextmanager
 def free_domain() -> Iterator[int]:
-    """A ROS domain (20 to 100) that lock files reserve on this machine for as long as the context lasts.
+    """Reserve a ROS domain (20 to 100) on this machine, by a lock file, while the context lasts.
 
-    A process takes another one every time: participants that were killed linger in their domain
-    until their lease ends.
+    Each call of a process takes another domain: killed participants linger in theirs until their
+    lease ends.
 
     Raises
     ------
     NoFreeDomainError
-        When all are taken.
+        If all domains are taken.
     """
     global _last
     for _ in _DOMAINS:

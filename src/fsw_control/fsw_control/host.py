@@ -8,7 +8,7 @@ from fsw_control.command_check import refusal
 from fsw_control.contract import Command, Controller, Measurement, Proposal, Reference
 from fsw_control.reason import Reason, ReasonCode
 
-#: of a controller that has nothing to follow yet
+#: reason of a controller without set-points
 NO_SET_POINT = Reason(ReasonCode.NO_SET_POINT)
 
 
@@ -19,11 +19,11 @@ def answer(
     applied: Command,
     dt_s: float,
 ) -> Proposal:
-    """Step ``controller`` and return its proposal, unhealthy with a reason where it must not be applied.
+    """Step ``controller`` and return its proposal, marked unhealthy if it must not be applied.
 
-    That is where it raises, where its command is not finite, where a sensor that it needs is
-    invalid, and where there is no set-point yet (the controller is not stepped then). An unusable
-    command is replaced by ``applied``. Its reason is a :class:`~fsw_control.reason.Reason`. The
+    It is unhealthy, with a :class:`~fsw_control.reason.Reason`, if the controller raises, if its
+    command is not finite, if a sensor that it needs is invalid, or if there is no set-point yet
+    (the controller is not stepped then). An unusable command is replaced by ``applied``. The
     arguments are those of :meth:`fsw_control.Controller.step`.
     """
     if reference is None:
@@ -39,7 +39,7 @@ def answer(
                 name for name in m.invalid_sensors() if name not in controller.tolerated_sensors
             ]
     except Exception as error:
-        # A user's controller may fail in any way; the weld must go on under another one.
+        # A user's controller may fail in any way; the weld must continue under another one.
         text = " ".join(str(error).split())
         raised = Reason(ReasonCode.RAISED, detail=f"{type(error).__name__}: {text}")
         return Proposal(applied, healthy=False, reason=raised)

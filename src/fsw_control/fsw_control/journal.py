@@ -1,4 +1,4 @@
-"""What operators can ask for and what can become of an alarm: enums of the messages that record both."""
+"""Operator requests and changes of alarms: enums of the messages that record both."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from fsw_control.coded import Coded
 
 
 class RequestKind(Coded):
-    """What was asked for on the operator's page; numbered as in ``OperatorAction.msg``, named as the requests are."""
+    """Request on the operator page; numbered as in ``OperatorAction.msg``."""
 
     UNKNOWN = 0
     SAFE_STOP = 1
@@ -27,17 +27,17 @@ class RequestKind(Coded):
     WITHDRAW_REQUEST = 16
     HAND_OVER_CONTROL = 17
     KEEP_CONTROL = 18
-    #: nobody asked for it: control ended without being released
+    #: not a request: control ended without being released
     LOSE_CONTROL = 19
 
     @classmethod
     def of(cls, name: str) -> RequestKind:
-        """Kind of a request by its name, e.g. ``set_reference``."""
+        """Return the kind of a request from its name, e.g. ``set_reference``."""
         return cls.__members__.get(name.upper(), cls.UNKNOWN)
 
 
 class AlarmChange(Coded):
-    """What became of an alarm; numbered as in ``AlarmEvent.msg``."""
+    """Change of an alarm; numbered as in ``AlarmEvent.msg``."""
 
     UNKNOWN = 0
     RAISED = 1

@@ -1,4 +1,4 @@
-"""Nodes without rclpy's default event handlers, which would double the cost of each wait, and that end well."""
+"""Nodes without rclpy's default event handlers, which shut down within a bounded time."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 
-#: how long ROS may take to leave the graph (chosen: a loaded machine takes some seconds)
+#: longest time that ROS may take to leave the graph (chosen: a loaded machine takes some seconds)
 _LONGEST_END_S = 10.0
-#: How long what a node says last may take to arrive: at load 30, what the network had lost was not
-#: there after 1 s. A subscriber that was killed never answers.
+#: Longest time to deliver a node's last messages: at load 30, retransmissions of lost packets took
+#: more than 1 s. A subscriber that was killed never acknowledges.
 _LAST_WORDS_S = 5.0
 
 
 @contextlib.contextmanager
 def ends_in_time() -> Iterator[None]:
-    """Let ROS leave the graph, or end the process by SIGALRM.
+    """Leave the ROS graph, or end the process by SIGALRM if that takes too long.
 
-    Fast DDS can spin for ever when it hears of another participant while it destroys its own
-    (eProsima/Fast-DDS#6513), with the interpreter's lock held: then no handler of Python runs, and
+    Fast DDS can spin for ever if it hears of another participant while it destroys its own
+    (eProsima/Fast-DDS#6513), holding the interpreter's lock: no Python signal handler runs, and
     SIGINT and SIGTERM do nothing. An alarm without a handler ends the process all the same.
     """
     if threading.current_thread() is not threading.main_thread():
@@ -40,13 +40,14 @@ def ends_in_time() -> Iterator[None]:
 
 
 class LightNode:
-    """Mixin before ``Node``: publishers and subscriptions have only the event handlers that are asked for.
+    """Mixin before ``Node``: publishers and subscriptions with only the requested event handlers.
 
-    What a subclass has to finish, it finishes before ``super().destroy_node()``, which ends in
-    time.
+    A subclass finishes its own work before it calls ``super().destroy_node()``, whose duration is
+    bounded.
 
-    By default rclpy adds two waitables to each, which log incompatible QoS (``ros2 topic info -v``
-    shows it, too), and builds every wait set from all of them: 44 of the supervisor's 78 entities.
+    By default rclpy adds two waitables to each entity, which log incompatible QoS (``ros2 topic
+    info -v`` shows it, too), and builds every wait set from all of them: 44 of the supervisor's
+    78 entities, which doubles the cost of a wait.
     """
 
     def create_publisher(self, *arguments: Any, **options: Any) -> Any:
@@ -62,7 +63,7 @@ class LightNode:
         return super().create_subscription(*arguments, **options)  # type: ignore[misc]
 
     def has_arrived(self, longest_s: float) -> bool:
-        """Wait until all reliable subscribers have what was published; False if some still lack it after that time."""
+        """Wait until all reliable subscribers have acknowledged; False after ``longest_s``."""
         end_s = time.monotonic() + longest_s
         return all(
             publisher.wait_for_all_acked(Duration(seconds=max(end_s - time.monotonic(), 0.0)))
@@ -70,7 +71,7 @@ class LightNode:
         )
 
     def destroy_node(self) -> None:
-        """As ``Node.destroy_node``, but what was published arrives first, and see :func:`ends_in_time`."""
+        """As ``Node.destroy_node`` after delivery of the last messages, in bounded time."""
         with ends_in_time():
             if self.context.ok():  # type: ignore[attr-defined]
                 self.has_arrived(_LAST_WORDS_S)

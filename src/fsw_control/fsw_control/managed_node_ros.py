@@ -1,4 +1,4 @@
-"""Managed nodes (ROS 2 lifecycle): what a transition makes, its opposite destroys; a refusal says why."""
+"""Managed nodes (ROS 2 lifecycle): each transition is undone by its opposite."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rclpy.lifecycle import TransitionCallbackReturn as Result
 
 from fsw_control.light_node_ros import LightNode
 
-#: how a node's entities are listed, and by what they are destroyed
+#: attributes that list a node's entities, and the methods that destroy them
 _ENTITIES = {
     "timers": "destroy_timer",
     "subscriptions": "destroy_subscription",
@@ -22,10 +22,10 @@ _ENTITIES = {
 
 
 class ManagedNode(LightNode, LifecycleNode):
-    """Base of managed nodes. A subclass overrides what happens in its transitions and refuses one by an exception.
+    """Base of managed nodes; a subclass overrides its transitions and refuses one by raising.
 
-    Publishers, subscriptions, services, clients and timers that are made in :meth:`configure` or
-    :meth:`activate` are destroyed with the transition back.
+    Publishers, subscriptions, services, clients and timers created in :meth:`configure` or
+    :meth:`activate` are destroyed by the transition back.
     """
 
     def __init__(self, name: str, **options: Any) -> None:
@@ -36,7 +36,7 @@ class ManagedNode(LightNode, LifecycleNode):
         self._kept: list[list[Any]] = []
 
     def start(self) -> None:
-        """Configure and activate; raises the exception by which the subclass refuses, and destroys the node then."""
+        """Configure and activate; if the subclass refuses, destroy the node and raise."""
         self._starting = True
         for trigger in (self.trigger_configure, self.trigger_activate):
             self._refusal = None
@@ -46,22 +46,22 @@ class ManagedNode(LightNode, LifecycleNode):
                 try:
                     raise self._refusal
                 finally:
-                    self._refusal = None  # its traceback would keep the node
+                    self._refusal = None  # its traceback would keep the node alive
         self._starting = False
 
     # to be overridden
 
     def configure(self) -> None:
-        """Check everything that the node needs, and make what it has while it is inactive."""
+        """Check all requirements and create what the node needs while inactive."""
 
     def activate(self) -> None:
-        """Begin."""
+        """Start operation."""
 
     def deactivate(self) -> None:
-        """Stop, and leave everything safe."""
+        """Stop operation and leave everything safe."""
 
     def cleanup(self) -> None:
-        """Forget what was configured."""
+        """Undo :meth:`configure`."""
 
     # the transitions
 
@@ -86,13 +86,13 @@ class ManagedNode(LightNode, LifecycleNode):
         return Result.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> Result:
-        """Deactivate and clean up, as far as there is something."""
+        """Deactivate and clean up, as far as necessary."""
         self._leave_active()
         self._leave_inactive()
         return Result.SUCCESS
 
     def on_error(self, state: LifecycleState) -> Result:
-        """As a shutdown, but the node may be configured again."""
+        """As on shutdown, but the node may be configured again."""
         return self.on_shutdown(state)
 
     def _leave_active(self) -> None:
@@ -106,13 +106,13 @@ class ManagedNode(LightNode, LifecycleNode):
             self._undo("clean up", self.cleanup)
 
     def _attempt(self, what: str, action: Callable[[], object]) -> bool:
-        """Carry out a transition; False, and nothing is left of it, if it is refused."""
+        """Run a transition; if it is refused, undo it and return False."""
         self._kept.append(self._entities())
         try:
             action()
         except Exception as error:
             self._refusal = error
-            if not self._starting:  # else the caller gets it
+            if not self._starting:  # else the caller gets the exception
                 self.get_logger().error(
                     f"cannot {what}: {' '.join(str(error).split()) or type(error).__name__}"
                 )
@@ -121,7 +121,7 @@ class ManagedNode(LightNode, LifecycleNode):
         return True
 
     def _undo(self, what: str, action: Callable[[], object]) -> None:
-        """Carry out a transition back, which nothing may prevent."""
+        """Run a transition back; errors are logged and do not stop it."""
         try:
             action()
         except Exception as error:
@@ -138,7 +138,7 @@ class ManagedNode(LightNode, LifecycleNode):
         return [entity for listed in _ENTITIES for entity in getattr(self, listed)]
 
     def _destroy_new(self) -> None:
-        """Destroy what was made since the transition began that is left now."""
+        """Destroy the entities created since the transition before."""
         kept = {id(entity) for entity in self._kept.pop()}
         for listed, destroy in _ENTITIES.items():
             for entity in [one for one in getattr(self, listed) if id(one) not in kept]:

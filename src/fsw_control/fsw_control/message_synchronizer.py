@@ -1,4 +1,4 @@
-"""Joins topics by stamp into ticks: late, duplicate, missing, out of order, and stamps that jump."""
+"""Joins topics by stamp into ticks, despite late, duplicate or missing samples and time jumps."""
 
 from __future__ import annotations
 
@@ -12,43 +12,42 @@ from fsw_control.sensors import OPTIONAL, REQUIRED
 
 
 class JoinRules(NamedTuple):
-    """The rules by which samples of several topics become ticks, in a node and in a replay of a bag.
+    """Rules by which samples of several topics become ticks, in nodes and in replayed bags.
 
     Of several samples of one sensor with one stamp the first counts. A tick is complete when it
-    has a sample of every required sensor and, where they are waited for, of the drives, and when
-    the tick before it is answered by a command.
+    has a sample of every required sensor and, if they are awaited, of the drives, and when a
+    command answers the tick before it.
 
-    What begins and ends a tick differs with its use: a controller gets it once it is complete
-    (`MessageSynchronizer`); the supervisor's begins with its first sample, as its deadline counts
-    from there (`fsw_supervisor.ticks`); the operator's page draws one for each sample of the
-    drives (`fsw_hmi.weld_view`); in a bag all stamps are known (`fsw_analysis.signals`).
+    Beginning and end of a tick depend on its use: a controller gets it once it is complete
+    (`MessageSynchronizer`); the supervisor's begins with its first sample, from which its deadline
+    counts (`fsw_supervisor.ticks`); the operator page draws one for each sample of the drives
+    (`fsw_hmi.weld_view`); in a bag all stamps are known (`fsw_analysis.signals`).
     """
 
-    #: distance from the newest accepted stamp beyond which a stamp is an outlier: a jump of time,
-    #: or a broken clock
+    #: distance from the newest accepted stamp beyond which a stamp is an outlier: after a jump of
+    #: time, or from a broken clock
     jump_ns: int = 1_000_000_000
-    #: sources with the same outlier that make it a jump of time; a single one does where nothing
-    #: else comes
+    #: sources with the same outlier that make it a jump of time; one suffices if it is alone
     agreeing: int = 2
-    #: in real time, time without a newer stamp after which any stamp is taken [s]
+    #: in real time, time without a newer stamp after which any stamp is accepted [s]
     silence_s: float = 0.25
-    #: no sample is later than this [s]: a command that answers an older measurement is refused
+    #: latest sample [s]: a command that answers an older measurement is rejected
     late_s: float = 0.5
-    #: incomplete ticks that are kept: after a stall the samples of neighbouring ticks come mixed
+    #: number of incomplete ticks kept: after a stall the samples of neighbouring ticks are mixed
     pending_ticks: int = 2
-    #: share of its patience that a tick is given, once, when this process itself has missed its
+    #: extra patience of a tick, as a share and once, if this process itself has missed its
     #: deadline
     extension: float = 1.0 / 3.0
-    #: samples of a source that are kept for their tick; more than a queue holds after a stall
+    #: samples of a source kept for their tick; more than a queue holds after a stall
     kept_optional: int = 16
-    unanswered: int = 3  #: ticks without a command after which commands are not waited for
+    unanswered: int = 3  #: ticks without a command after which commands are no longer awaited
 
 
 RULES = JoinRules()
 #: source of the drives' samples, beside the sensors
 DRIVES = "drives"
 JUMP_NS = RULES.jump_ns
-#: a near stamp of one source alone is taken after so many times ``RULES.silence_s``
+#: a near stamp of one source alone is accepted after this multiple of ``RULES.silence_s``
 _ALONE = 3.0
 #: in lockstep, where time waits for slow nodes, the same as ``RULES.silence_s`` [s]
 _SILENCE_LOCKSTEP_S = 1.0
@@ -59,15 +58,12 @@ class SampleSet:
     """The samples of one stamp."""
 
     stamp_ns: int
-    begun_s: float  #: arrival of the first one on the steady clock
-    values: dict[str, float] = field(
-        default_factory=dict
-    )  #: by sensor; one that did not come is absent
-    #: force and speed that act, as the drives report them; None where their sample did not come
+    begun_s: float  #: arrival of the first sample on the steady clock
+    #: by sensor; missing ones are absent
+    values: dict[str, float] = field(default_factory=dict)
+    #: force and speed that act, as the drives report them; None if their sample is missing
     drives: Command | None = None
-    restarted: bool = (
-        False  #: whether time jumped before this tick, so that the past must be forgotten
-    )
+    restarted: bool = False  #: time jumped before this tick: the past must be forgotten
     extended: bool = False  #: whether its deadline was extended, once
 
 
@@ -79,20 +75,18 @@ class AcceptedSamples(NamedTuple):
 
 
 class StampFilter:
-    """Which stamps are accepted.
+    """Decides which stamps are accepted.
 
-    - A stamp that is newer than the newest accepted one, by ``jump_ns`` at most, advances the
-      time.
-    - With any other stamp the clock may have been set, the plant restarted, or only this sample is
-      late or its sensor's clock broken. One that is further away than ``jump_ns`` becomes the new
-      time when two sources agree on it, or no stamp has advanced the time for ``silence_s``; a
-      nearer one when both, or after three times as long. So one sensor with a broken clock cannot
-      stop the others, and a clock that goes back stops nothing for long.
-    - A stamp that was accepted in the last ``late_s`` never begins a new time: it is a late or
-      repeated sample. So no tick is answered twice, however late samples and steps of the clock
-      meet.
+    - A stamp newer than the newest accepted one, by ``jump_ns`` at most, advances the time.
+    - Any other stamp may mean that the clock was set or the plant restarted, or only that this
+      sample is late or its sensor's clock broken. A stamp further away than ``jump_ns`` becomes
+      the new time if two sources agree on it, or if no stamp has advanced the time for
+      ``silence_s``; a nearer one if both hold, or after three times as long. So one sensor with a
+      broken clock cannot stop the others, and a clock that goes back stops nothing for long.
+    - A stamp accepted within the last ``late_s`` never begins a new time: it is a late or repeated
+      sample. So no tick is answered twice, however late samples and clock steps coincide.
 
-    In ``lockstep`` time waits for slow nodes, so that arrivals say little: a stamp within
+    In ``lockstep`` time waits for slow nodes, so arrival times mean little: a stamp within
     ``jump_ns`` that is not newer is always a late sample. The plant's stamps do not go back there.
     """
 
@@ -109,13 +103,16 @@ class StampFilter:
     def offer(
         self, source: str, stamp_ns: int, value: float, now_s: float
     ) -> AcceptedSamples | None:
-        """Process a sample received at ``now_s`` on a steady clock; returns the sample accepted by this, or None."""
+        """Process a sample received at ``now_s`` (steady clock); return what it makes acceptable.
+
+        That is None for a rejected sample, and the samples of all agreeing sources at a jump.
+        """
         newest_ns = stamp_ns - 1 if self.newest_ns is None else self.newest_ns
         is_near, is_newer = abs(stamp_ns - newest_ns) <= RULES.jump_ns, stamp_ns > newest_ns
         is_repeated = stamp_ns == newest_ns or self._is_late(stamp_ns, now_s)
         is_before = self._begin_ns is not None and stamp_ns < self._begin_ns
         if is_repeated and (is_newer or is_before or not is_near):
-            return None  # of the time before the last jump
+            return None  # from before the last jump
         if is_near and is_newer:
             self._advance(stamp_ns, now_s)
             return AcceptedSamples({source: value}, jumped=False)
@@ -129,8 +126,8 @@ class StampFilter:
         agreeing = {
             name: entry[1] for name, entry in self._outliers.items() if entry[0] == stamp_ns
         }
-        # A near one that is alone may be of a sensor that lags behind, while the others are held
-        # up for a moment.
+        # A near stamp of one source may come from a lagging sensor while the others are delayed
+        # for a moment.
         is_silent = silence_s >= (_ALONE * self._silence_s if is_near else self._silence_s)
         if len(agreeing) < RULES.agreeing and not is_silent:
             return None
@@ -152,15 +149,15 @@ class StampFilter:
 
 
 class MessageSynchronizer:
-    """Collects samples into ticks, which come out in order of time and each stamp once.
+    """Collects samples into ticks, which are released in order of time, each stamp once.
 
-    A tick is complete when all sensors came and the command that answers the tick before is known
-    (a controller needs to know what was applied). The wait ends early when all sensors that it
-    lacks have sent newer samples (a topic keeps its order), when the tick after the next begins,
-    or by :meth:`expire`.
+    A tick is complete when all sensors have arrived and the command that answers the tick before
+    is known (a controller needs the applied command). The wait ends early when all missing
+    sensors have sent newer samples (a topic keeps its order), when the second tick after it
+    begins, or by :meth:`expire`.
 
-    The samples of the drives and of optional sensors neither begin nor confirm a tick, and a tick
-    does not wait for them. Only in lockstep (``await_drives``) does a tick wait for those that the
+    Samples of the drives and of optional sensors neither begin nor confirm a tick, and a tick does
+    not wait for them. Only in lockstep (``await_drives``) does a tick wait for those that the
     previous tick had.
     """
 
@@ -186,7 +183,7 @@ class MessageSynchronizer:
         self._repeated: set[str] = set()
 
     def take_repeated(self) -> bool:
-        """Whether all sensors of the last tick have sent it again since; the next call begins again."""
+        """Whether all sensors have repeated the last tick since the previous such call."""
         is_repeated = self._last_ns is not None and self._repeated >= set(REQUIRED) - self.missed
         if is_repeated:
             self._repeated.clear()
@@ -194,12 +191,12 @@ class MessageSynchronizer:
 
     @property
     def begun_s(self) -> float | None:
-        """Arrival of the first sample of the oldest tick that is not complete; None when there is none."""
+        """Arrival of the first sample of the oldest incomplete tick; None if there is none."""
         return self._pending[0].begun_s if self._pending else None
 
     @property
     def lacking(self) -> frozenset[str]:
-        """Sensors (and ``drives``, ``command``) that the oldest tick that is not complete still waits for."""
+        """Sensors (and ``drives``, ``command``) that the oldest incomplete tick waits for."""
         oldest = self._pending[0] if self._pending else None
         lacking = set(REQUIRED).difference(oldest.values if oldest else ())
         if oldest:
@@ -211,7 +208,7 @@ class MessageSynchronizer:
         return frozenset(lacking)
 
     def add(self, sensor: str, stamp_ns: int, value: float, now_s: float) -> list[SampleSet]:
-        """Take a sample that came at ``now_s`` on a steady clock; return the ticks that it completes, oldest first."""
+        """Take a sample received at ``now_s`` (steady clock); return completed ticks in order."""
         if sensor in self._optional:
             return self._add_optional(sensor, stamp_ns, value)
         accepted = self.stamps.offer(sensor, stamp_ns, value, now_s)
@@ -227,7 +224,7 @@ class MessageSynchronizer:
         return self._accept(sensor, stamp_ns, value, now_s)
 
     def add_command(self, stamp_ns: int) -> list[SampleSet]:
-        """Note that the command that answers ``stamp_ns`` is known; return the ticks that this completes."""
+        """Note that a command answers ``stamp_ns``; return the ticks that this completes."""
         self._command_ns = stamp_ns
         self._awaits_command = True
         self._unanswered = 0
@@ -247,10 +244,10 @@ class MessageSynchronizer:
         return self._release()
 
     def expire(self, now_s: float, patience_s: float) -> list[SampleSet]:
-        """Stop waiting for the oldest tick if its first sample came ``patience_s`` ago; return the ticks released.
+        """Release the oldest tick if its first sample arrived ``patience_s`` ago.
 
-        When the call itself is late by more than that, this process was stalled: the queues are
-        read first, once.
+        If the call itself is late by more than that, this process was stalled: the queues are
+        then read first, once. Returns the released ticks.
         """
         if not self._pending:
             return []
@@ -309,8 +306,8 @@ class MessageSynchronizer:
         if not self._answered():
             missed.append("command")
             self._unanswered += 1
-            # No commands arrive (a bag is replayed, or the arbiter has ended): do not wait at
-            # every tick.
+            # No commands arrive (replay of a bag, or the arbiter has ended): stop waiting for them
+            # at every tick.
             self._awaits_command = self._unanswered < RULES.unanswered
         stamp_ns = tick.stamp_ns
         came = {
@@ -329,7 +326,7 @@ class MessageSynchronizer:
         return tick
 
     def _jump(self, stamp_ns: int, samples: dict[str, float], now_s: float) -> list[SampleSet]:
-        """Forget the past; the first tick after a jump of time follows."""
+        """Drop the history; return the first tick after a jump of time, once complete."""
         ticks = [self._pop() for _ in range(len(self._pending))]
         self._last_ns, self._command_ns, self.missed = None, None, frozenset()
         self._restarted = True

@@ -146,17 +146,17 @@ def stop_message(value: Stop) -> StopMessage:
 
 
 def signature(message: WeldCommand | SupervisorState) -> Signature:
-    """Who sent a command or a state: the supervisor's term, its identity and its copy of the stop register."""
+    """Sender of a command or a state: its term, its identity and its copy of the stop register."""
     return Signature(int(message.term), message.leader, stop(message.stop))
 
 
 def sign(message: WeldCommand | SupervisorState, value: Signature) -> None:
-    """Enter into a command or state who sends it."""
+    """Enter the sender into a command or state."""
     message.term, message.leader, message.stop = value.term, value.leader, stop_message(value.stop)
 
 
 def reference(message: WeldReference) -> Reference:
-    """Set-points of a reference message; ValueError when one of them is no number or out of its range."""
+    """Set-points of a reference message; ValueError if a value is not finite or out of range."""
     value = Reference(units.mm_from_m(message.depth), float(message.temperature))
     if problem := set_point_problem(value.depth_mm, value.temperature_c):
         raise ValueError(f"reference refused: {problem}; the message is in m and degC")
@@ -164,9 +164,9 @@ def reference(message: WeldReference) -> Reference:
 
 
 def reference_plan(message: WeldReferencePlan) -> list[tuple[int, Reference]]:
-    """Set-points of a plan, each with the time in ns from which it will hold; raises as :func:`reference` does.
+    """Set-points of a plan, each with the time in ns from which it will hold.
 
-    It also raises when the stamps do not rise.
+    Raises as :func:`reference` does, and also if the stamps do not rise.
     """
     planned = [(stamp_ns(one.header.stamp), reference(one)) for one in message.references]
     for (before_ns, _), (after_ns, _) in pairwise(planned):
@@ -178,7 +178,7 @@ def reference_plan(message: WeldReferencePlan) -> list[tuple[int, Reference]]:
 def reference_plan_message(
     planned: Sequence[tuple[int, Reference]], time_ns: int
 ) -> WeldReferencePlan:
-    """Plan made at ``time_ns`` of set-points, each with the time in ns from which it will hold."""
+    """Message of a plan made at ``time_ns``: set-points, each with its start in ns."""
     return WeldReferencePlan(
         header=header(time_ns),
         references=[reference_message(one, begin_ns) for begin_ns, one in planned],
@@ -188,7 +188,7 @@ def reference_plan_message(
 def reference_message(
     value: Reference, time_ns: int, issued_ns: int = 0, mark: str = ""
 ) -> WeldReference:
-    """Reference message that holds from ``time_ns``; ``issued_ns`` where a node reports those in force."""
+    """Reference message effective from ``time_ns``; a node that reports it adds ``issued_ns``."""
     return WeldReference(
         header=header(time_ns),
         depth=units.m_from_mm(value.depth_mm),
@@ -199,7 +199,7 @@ def reference_message(
 
 
 def command(message: WeldCommand | DriveFeedback) -> Command:
-    """Manipulated variables of a command, proposal or drive feedback; not checked for being finite."""
+    """Inputs of a command, proposal or drive feedback; not checked for finite values."""
     return Command(
         units.kn_from_n(message.axial_force), units.rpm_from_rad_s(message.spindle_speed)
     )
@@ -226,7 +226,7 @@ def status_message(
     applied_source: str,
     tolerated_sensors: Iterable[str],
 ) -> ControllerStatus:
-    """What a controller reports with a proposal; ``applied_source`` computed the last command that was applied."""
+    """A controller's report with a proposal; ``applied_source`` computed the applied command."""
     diagnosis = proposal.diagnosis
     names, values = wire_quantities(diagnosis.disturbances)
     return ControllerStatus(
@@ -253,7 +253,7 @@ def status_message(
 def wire_quantities(quantities: Mapping[str, float]) -> tuple[list[str], list[float]]:
     """Names and values of quantities as messages carry them, e.g. ``depth_mm`` -> ``depth [m]``.
 
-    Only the names that the core uses are converted; a controller's own names and values go out
+    Only the core's names are converted; a controller's own names and values are passed through
     unchanged.
     """
     wire = [_WIRE.get(name, (name, float)) for name in quantities]
@@ -264,7 +264,7 @@ def wire_quantities(quantities: Mapping[str, float]) -> tuple[list[str], list[fl
 
 
 def attainable(message: ControllerStatus) -> Reference | None:
-    """The set-points that a controller goes for; None where it does not report them."""
+    """Set-points that the controller tracks instead; None if it does not report any."""
     wire = dict(zip(message.disturbance_names, message.disturbances, strict=False))
     names = [_WIRE[name][0] for name in ("attainable_depth_mm", "attainable_temperature_c")]
     if not wire.keys() >= set(names):
@@ -276,7 +276,7 @@ def attainable(message: ControllerStatus) -> Reference | None:
 def prediction_message(
     plan: Plan, time_ns: int, deviations: tuple[Iterable[float], Iterable[float]] = ((), ())
 ) -> Prediction:
-    """Horizon of a predictive controller, with the standard deviations of depth and temperature along it."""
+    """Message of a predicted horizon, with the standard deviations of depth and temperature."""
     depth_mm, temperature_c = deviations
     return Prediction(
         header=header(time_ns),
@@ -293,7 +293,7 @@ def prediction_message(
 def set_reference_request(
     depth_mm: float | None, temperature_c: float | None, ramp: bool
 ) -> SetReference.Request:
-    """Request for new set-points; one that is None keeps its value."""
+    """Request for new set-points; None keeps the present value."""
     return SetReference.Request(
         depth=nan if depth_mm is None else units.m_from_mm(depth_mm),
         temperature=nan if temperature_c is None else temperature_c,
@@ -304,7 +304,7 @@ def set_reference_request(
 def switch_request(
     controller: str, wait_s: float, strict: bool = False
 ) -> SwitchController.Request:
-    """Request for another controller, which may take ``wait_s`` to be ready."""
+    """Request to switch the controller; ``wait_s`` is how long it may take to be ready."""
     seconds = int(wait_s)
     return SwitchController.Request(
         name=controller,
@@ -327,22 +327,22 @@ def mode_request(
 
 
 def reason(message: WeldCommand | ControllerStatus) -> Reason:
-    """Why a command must not be applied, or why its source commands."""
+    """Why a command must not be applied, or why its source is in command."""
     return Reason.of_messages([message.why])
 
 
 def chain_messages(reason: Reason) -> list[ReasonMessage]:
-    """A reason, with what led to it, as a chain of messages."""
+    """A reason and its causes as a chain of messages."""
     return [ReasonMessage(**item.fields) for item in reason.chain]
 
 
 def reason_message(given: Reason | str) -> ReasonMessage:
-    """A reason as a message; words are a controller's own."""
+    """A reason as a message; a text comes from a user's controller."""
     return ReasonMessage(**Reason.of(given).fields)
 
 
 def readiness(message: ControllerHealth) -> Readiness:
-    """What a controller lacks, as the supervisor tells it."""
+    """What a controller lacks, as the supervisor reports it."""
     return Readiness(
         Lack(message.lack),
         Reason.of_messages(message.why),

@@ -1,4 +1,4 @@
-"""The command line of a node: its help, and parameters that the node does not have."""
+"""The command line of a node: its help, and a check for unknown parameters."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fsw_schema.errors import InputError
 from fsw_schema.files import read_regular
 from fsw_schema.yaml_text import content_of
 
-#: parameters that every node has
+#: parameters of every node
 _OF_ROS = ("use_sim_time", "start_type_description_service")
 _QOS = "qos_overrides."
 _SECTION = "ros__parameters"
@@ -23,28 +23,27 @@ _WIDTH = 100
 class NodeArguments:
     """Arguments that a node accepts on its command line."""
 
-    node: str  #: name of the node, when it is not remapped
+    node: str  #: name of the node, unless it is remapped
     about: str  #: description of the node, in a sentence
     specs: Mapping[str, ParameterSpec]  #: its parameters
     positional: str = ""  #: arguments before ``--ros-args``, as the usage shows them
 
     def help(self, program: str) -> str:
-        """Usage, and every parameter with type, default, range and meaning."""
+        """Usage text, and all parameters with type, default, range and meaning."""
         usage = f"usage: {program} {self.positional}".rstrip()
         options = "[-p NAME:=VALUE ...] [--params-file FILE] [-r FROM:=TO] [--log-level LEVEL]"
-        return f"{usage} [--ros-args {options}]\n\n{self.about.strip()}\n\n{parameter_help(self.specs)}"
+        about, parameters = self.about.strip(), parameter_help(self.specs)
+        return f"{usage} [--ros-args {options}]\n\n{about}\n\n{parameters}"
 
     def check(self, argv: Sequence[str]) -> None:
-        """Refuse parameters, by hand or from the node's section of a file, that the node does not have.
+        """Reject unknown parameters, on the command line or in the node's section of a file.
 
-        Those of a file's ``/**`` may be for another node. A file that does not exist is left to
-        ROS.
+        Those under a file's ``/**`` may be for another node. A missing file is left to ROS.
 
         Raises
         ------
         InputError
-            With the names, and similar ones that the node has; or a file is no regular one or not
-            valid.
+            With the names and similar known ones; or if a file is invalid or not a regular file.
         """
         name = self.node
         for flag, text in _ros_options(argv):
@@ -65,7 +64,7 @@ class NodeArguments:
 
 
 def parameter_help(specs: Mapping[str, ParameterSpec]) -> str:
-    """Every parameter with type, default, range and meaning."""
+    """All parameters with type, default, range and meaning."""
     lines = ["parameters:"]
     for spec in specs.values():
         default = (
@@ -95,7 +94,7 @@ def asks_for_help(argv: Sequence[str]) -> bool:
 
 
 def _ros_options(argv: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Options of ROS and what follows each; they stand between ``--ros-args`` and ``--``."""
+    """Options of ROS, between ``--ros-args`` and ``--``, each with the argument after it."""
     inside = False
     for word, following in zip(argv, [*argv[1:], ""], strict=True):
         inside = word == "--ros-args" or (inside and word != "--")

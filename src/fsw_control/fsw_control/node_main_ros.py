@@ -1,4 +1,4 @@
-"""The one main function of all nodes: start, spin, end cleanly."""
+"""The main function of all nodes: start, spin, shut down cleanly."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ from fsw_control.light_node_ros import ends_in_time
 from fsw_control.node_arguments import NodeArguments, asks_for_help
 from fsw_control.parameters import ParameterSpec, Source, load_source
 
-#: A signal later than this after the first one counts as a second.
+#: A signal this long after the first one counts as a second request.
 _PATIENCE_S = 1.0
 
 
 class _Interrupts:
-    """What SIGINT and SIGTERM do, in place of rclpy's handlers.
+    """Handler of SIGINT and SIGTERM that replaces rclpy's.
 
-    Those shut ROS down in the middle of a callback: what it publishes after that is dropped
-    without a word, and what it published before need not arrive. Here the callback ends first, and
-    then the node.
+    Rclpy's handler shuts ROS down in the middle of a callback: what the callback publishes after
+    that is dropped silently, and what it published before may not arrive. Here the callback ends
+    first, and then the node.
 
-    While the node starts, KeyboardInterrupt ends it at once. While it spins, only a second signal
-    later on breaks a callback that does not return. While it ends nothing happens: a Ctrl-C often
-    comes twice, from the terminal and from launch, and must not cut off a bag.
+    While the node starts, KeyboardInterrupt ends it at once. While it spins, only a second, later
+    signal interrupts a callback that does not return. During shutdown signals are ignored: a
+    Ctrl-C often comes twice, from the terminal and from launch, and must not truncate a bag.
     """
 
     def __init__(self) -> None:
@@ -48,7 +48,7 @@ class _Interrupts:
 
     @property
     def asked(self) -> bool:
-        """Whether a signal has come."""
+        """Whether a signal has arrived."""
         return self._first_s is not None
 
     def __enter__(self) -> _Interrupts:
@@ -60,10 +60,10 @@ class _Interrupts:
 
     def __exit__(self, *_: object) -> None:
         for sign, handler in self._before.items():
-            # Once interrupted, the process ends; another Ctrl-C must not show until the line below
-            # holds.
+            # Once interrupted, the process ends; ignore another Ctrl-C until the line below takes
+            # effect.
             signal.signal(sign, signal.SIG_IGN if self.asked else handler)
-            # A second signal while the interpreter ends must not change the exit code.
+            # A second signal during interpreter shutdown must not change the exit code.
             atexit.register(signal.signal, sign, signal.SIG_IGN)
 
     def __call__(self, *_: object) -> None:
@@ -78,7 +78,7 @@ class _Interrupts:
 
     @contextlib.contextmanager
     def waking(self, executor: Executor) -> Iterator[None]:
-        """Let a signal wake the executor: Python runs no handler while the main thread waits in the middleware."""
+        """Let signals wake the executor: no handler runs while the middleware blocks Python."""
         if not self._before:
             yield
             return
@@ -102,9 +102,10 @@ class _Interrupts:
 
 
 def _spin(node: Node, interrupts: _Interrupts) -> None:
-    """Spin until a signal or shutdown. A request for a transition that a managed node does not have now is no end.
+    """Spin until a signal or shutdown.
 
-    rclpy raises it as a RuntimeError of its own out of the service's callback.
+    Rclpy raises a RuntimeError out of the service's callback if a managed node is asked for a
+    transition that its state does not allow; the spin continues.
     """
     executor = rclpy.get_global_executor()
     executor.add_node(node)
@@ -123,25 +124,25 @@ def run(
     args: Sequence[str] | None = None,
     arguments: NodeArguments | None = None,
 ) -> int:
-    """Make the node and spin it until SIGINT, SIGTERM or shutdown.
+    """Create the node and spin it until SIGINT, SIGTERM or shutdown.
 
     Parameters
     ----------
     factory : callable
-        Returns the node; called after ``rclpy.init``, with the word before ``--ros-args`` if there
-        is one. May raise to refuse its parameters.
+        Returns the node; called after ``rclpy.init``, with the positional argument before
+        ``--ros-args`` if there is one. May raise to reject its parameters.
     args : sequence of str, optional
-        Command line as ``sys.argv`` (with the program's name), the default. Only ROS arguments are
-        accepted, and one word before them if ``arguments`` names it (``positional``).
+        Command line as in ``sys.argv`` (with the program's name), its default. Only ROS arguments
+        are accepted, and one positional argument if ``arguments`` names it (``positional``).
     arguments : NodeArguments, optional
-        The accepted ones: for ``--help``, and to refuse parameters that the node does not have.
+        The accepted ones, for ``--help`` and to reject unknown parameters.
 
     Returns
     -------
     int
-        Exit code: 0 after a clean end, 2 when an argument or a parameter is wrong (one line on
-        stderr). Errors while spinning are bugs and deserve their traceback, unless ROS was shut
-        down meanwhile.
+        Exit code: 0 after a clean end, 2 if an argument or a parameter is wrong (one line on
+        stderr). Errors while spinning are bugs and keep their traceback, unless ROS was shut down
+        meanwhile.
     """
     argv = list(sys.argv if args is None else args)
     node: Node | None = None
@@ -153,7 +154,7 @@ def run(
     with _Interrupts() as interrupts:
         try:
             if arguments is not None:
-                arguments.check(argv)  # before ROS opens files: from a pipe it would read for ever
+                arguments.check(argv)  # before ROS opens the files: it would block on a pipe
             os.environ.update(fast_dds.settings(os.environ))
             rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
             started = True
@@ -173,7 +174,7 @@ def run(
             if not started or rclpy.ok():
                 if node is not None:
                     raise
-                # Whatever refuses the start (rcl's argument errors are RuntimeErrors) is reported
+                # Any error during the start (rcl's argument errors are RuntimeErrors) is reported
                 # in one line.
                 print(
                     f"{program}: {' '.join(str(error).split()) or type(error).__name__}",
@@ -192,8 +193,7 @@ def _leave_graph() -> None:
     context = get_default_context()
     with ends_in_time():
         rclpy.try_shutdown()
-        # A node whose start was refused half-way cannot be destroyed; it leaves the graph here all
-        # the same.
+        # A node whose start failed half-way cannot be destroyed; it still leaves the graph here.
         context.destroy()
 
 
@@ -203,9 +203,10 @@ def main_of(
     about: str | None,
     parameters: Source | Callable[[], Mapping[str, ParameterSpec]],
 ) -> Callable[..., int]:
-    """The ``main`` of a node's module: arguments as ``sys.argv`` or None for these; returns the exit code of `run`.
+    """Return the ``main`` of a node's module.
 
-    ``parameters`` are described in that source, or returned by that function.
+    Its argument is the command line (None: ``sys.argv``), its result the exit code of :func:`run`.
+    ``parameters`` is the description of the parameters, or a function that returns it.
     """
 
     def main(args: Sequence[str] | None = None) -> int:

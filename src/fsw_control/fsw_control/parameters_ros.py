@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 
 class ParameterValues:
-    """The declared parameters of one node, always as last accepted; rclpy raises when a value given at start is wrong.
+    """The last accepted parameters of a node; rclpy raises if a value given at start is invalid.
 
-    ``values`` is replaced as a whole at a change, so a reader may keep the dict it has.
+    ``values`` is replaced as a whole at each change, so readers may keep the dict.
     """
 
     def __init__(self, node: Node, specs: Mapping[str, ParameterSpec]) -> None:
@@ -31,7 +31,7 @@ class ParameterValues:
         self.values: dict[str, Any] = {}
         self._callbacks: list[Callable[[dict[str, Any]], None]] = []
         self._checks: list[Callable[[dict[str, Any]], str | None]] = []
-        # The check comes first, so that it also sees the values given at start.
+        # Added first, so that it also checks the values given at start.
         node.add_on_set_parameters_callback(self._check)
         for spec in self._specs.values():
             self.values[spec.name] = spec.check(_declare(node, spec))
@@ -45,11 +45,11 @@ class ParameterValues:
         self._callbacks.append(callback)
 
     def add_check(self, check: Callable[[dict[str, Any]], str | None]) -> None:
-        """Let ``check`` look at all values before a change is accepted; it returns why not, or None."""
+        """Add a check of all values before a change; it returns why not, or None to accept."""
         self._checks.append(check)
 
     def _own(self, parameters: list[Parameter]) -> dict[str, Any]:
-        """Values in their types, of those declared here; an empty list passes once without a value, at declaration."""
+        """Values of the parameters declared here, converted to their types."""
         return {
             parameter.name: self._specs[parameter.name].check(parameter.value)
             for parameter in parameters
@@ -81,9 +81,9 @@ def _ros_type(spec: ParameterSpec) -> Parameter.Type:
 
 def _declare(node: Node, spec: ParameterSpec) -> Any:
     if spec.default == []:
-        # rclpy takes an empty list for an array of bytes; so the type is declared and the value
-        # set after. One left without a value would empty the answer to a request of all parameters
-        # (ros2 param dump).
+        # rclpy infers a byte array from an empty list, so the type is declared first and the value
+        # set afterwards. A parameter without value would empty the reply to a request for all of
+        # them (ros2 param dump).
         kind, descriptor = _ros_type(spec), _descriptor(spec)
         descriptor.read_only = False
         value = node.declare_parameter(spec.name, kind, descriptor).value

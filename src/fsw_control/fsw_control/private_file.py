@@ -1,4 +1,4 @@
-"""Files with a secret, which no other user may read or change."""
+"""Files with secrets, which no other user may read or change."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from fsw_schema.files import open_regular
 
 
 def read_private(name: str, path: Path, longest_bytes: int = -1) -> bytes:
-    """Content of a file with a secret, at most its first ``longest_bytes``; ``name`` is the setting that names it.
+    """Read a secret file, at most ``longest_bytes``; ``name`` is the setting for messages.
 
     Raises
     ------
     ValueError
-        When it cannot be read, or others may read or change it; the message says what to do.
+        If it cannot be read, or others can read or change it; the message gives the remedy.
     """
     try:
         with open_regular(path) as file:

@@ -1,4 +1,4 @@
-"""Ramps of the set-points at the permitted rates, as they are sent ahead and announced."""
+"""Ramps of the set-points at the permitted rates, as sent ahead and as announced."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from fsw_control.contract import Reference
 from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S
 from fsw_control.weld import TICK_NS, TICK_S
 
-#: most set-points of a ramp: with the one before it, no more than half of what the topic keeps
+#: most set-points of a ramp: with the previous one, at most half of what the topic keeps
 _MOST = 499
-#: tread of the stair that is announced, 1 s: a controller is given eight set-points ahead, which
-#: is past the dead time; steps of longer treads show in the power (total variation of the spindle
-#: speed in a ramp with 1, 2, 4 s: 83, 154, 239 rpm)
+#: step length of the announced staircase, 1 s: a controller gets eight future set-points, which
+#: reach past the dead time; longer steps show in the power (total variation of the spindle speed
+#: in a ramp with 1, 2, 4 s: 83, 154, 239 rpm)
 _TREAD_TICKS = 10
 
-#: in order, the tick or the time in ns from which each holds
+#: set-points in order, each with the tick or the time in ns from which it holds
 Programme = list[tuple[int, Reference]]
 
 
 def duration_s(start: Reference, goal: Reference) -> float:
-    """How long a ramp takes at the rates that are allowed."""
+    """Duration of a ramp at the permitted rates."""
     return max(
         abs(goal.depth_mm - start.depth_mm) / WELD_RATE_DEPTH_MM_PER_S,
         abs(goal.temperature_c - start.temperature_c) / WELD_RATE_TEMPERATURE_C_PER_S,
@@ -29,23 +29,23 @@ def duration_s(start: Reference, goal: Reference) -> float:
 
 
 def ramp(start: Reference, goal: Reference, begin_ns: int) -> Programme:
-    """The set-points of a ramp: one per tick, or as many ticks apart as a long one needs. The last one is the goal."""
+    """The set-points of a ramp, one per tick or less often if it is long; the last is the goal."""
     points = _by_tick(start, goal)
     step = ceil(len(points) / _MOST)
     return _timed([*points[step - 1 : -1 : step], points[-1]], begin_ns)
 
 
 def ramp_plan(start: Reference, goal: Reference, begin_ns: int) -> Programme:
-    """The set-points announced for a ramp."""
+    """The set-points announced for a ramp, in place of one per tick."""
     return _timed(stair(_by_tick(start, goal)), begin_ns)
 
 
 def stair(changes: Iterable[tuple[int, Reference]]) -> Programme:
     """The set-points announced for changes by tick, in order.
 
-    Steps are announced as they are. A ramp or sine, which changes at every tick, is announced as a
-    stair with the values in the middle of its treads, so that the few set-points that a controller
-    is given reach further ahead.
+    Steps are announced as they are. A ramp or sine, which changes at every tick, is announced as
+    a staircase with the values at the middle of its steps, so that the few future set-points that
+    a controller gets reach further ahead.
     """
     plan: Programme = []
     course: Programme = []
@@ -65,7 +65,7 @@ def stair(changes: Iterable[tuple[int, Reference]]) -> Programme:
 
 
 def _by_tick(start: Reference, goal: Reference) -> Programme:
-    """A ramp by tick from its begin, 1 at first."""
+    """A ramp by tick, which starts at tick 1."""
     ticks = ceil(duration_s(start, goal) / TICK_S)
     depth, temperature = goal.depth_mm - start.depth_mm, goal.temperature_c - start.temperature_c
     return [

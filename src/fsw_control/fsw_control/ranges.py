@@ -1,4 +1,4 @@
-"""Allowed ranges of set-points and of commands by hand, for all input from people or files."""
+"""Permitted ranges of set-points and manual commands, for all input from people and files."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from fsw_schema.ranges import Range
 #: set-points, chosen about the paper's operating point
 REFERENCE_DEPTH_MM = Range(1.5, 4.0, "mm")
 REFERENCE_TEMPERATURE_C = Range(750.0, 950.0, "degC")
-#: the supervisor's interlocks against low and high values of what has a set-point
+#: the supervisor's low and high interlocks of the quantities with a set-point
 SET_POINT_INTERLOCKS = {
     "depth_mm": ("depth_low", "depth_high"),
     "temperature_c": ("temperature_low", "temperature_high"),
 }
-#: how fast a ramp of the set-points may be, chosen
+#: largest rates of a ramp of the set-points, chosen
 WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S = 0.02, 1.0
-#: commands by hand, as far as the drives go
+#: manual commands, up to the limits of the drives
 COMMAND_FORCE_KN = Range(weld.FORCE_MIN_KN, weld.FORCE_MAX_KN, "kN")
 COMMAND_SPEED_RPM = Range(weld.SPEED_MIN_RPM, weld.SPEED_MAX_RPM, "rpm")
 
 
 def set_point_problem(depth_mm: float, temperature_c: float) -> str:
-    """Why set-points are not allowed; empty when they are."""
+    """Why set-points are not permitted; empty if they are."""
     named = (
         ("depth", depth_mm, REFERENCE_DEPTH_MM),
         ("temperature", temperature_c, REFERENCE_TEMPERATURE_C),
     )
-    # rounded as by the conversion to the wire
+    # rounded as in the conversion to SI
     return "; ".join(
         f"{name}: {words}"
         for name, one, allowed in named
@@ -38,13 +38,13 @@ def set_point_problem(depth_mm: float, temperature_c: float) -> str:
 
 
 def beyond_trip(depth_mm: float, temperature_c: float, parameters: Mapping[str, Any]) -> str:
-    """Why set-points lead to a trip of the supervisor's interlocks; empty if they do not, or the trips are unknown.
+    """Why set-points would trip an interlock; empty if not, or if the trips are unknown.
 
     Parameters
     ----------
     depth_mm, temperature_c : float
     parameters : mapping of str to number
-        Of the supervisor, as far as they are known: ``interlocks.<name>.trip``.
+        Known parameters of the supervisor: ``interlocks.<name>.trip``.
     """
     values = {
         "depth_mm": ("depth", depth_mm, "mm"),
@@ -55,5 +55,8 @@ def beyond_trip(depth_mm: float, temperature_c: float, parameters: Mapping[str, 
         for interlock, sign, side in zip(interlocks, (-1.0, 1.0), ("below", "above"), strict=True):
             trip = parameters.get(f"interlocks.{interlock}.trip")
             if trip is not None and sign * (value - trip) >= 0.0:
-                return f"{what} {value:g} {unit} would trip the interlock: not {side} {trip:g} {unit}, nor at it"
+                return (
+                    f"{what} {value:g} {unit} would trip the interlock: "
+                    f"not {side} {trip:g} {unit}, nor at it"
+                )
     return ""

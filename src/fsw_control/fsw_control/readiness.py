@@ -9,7 +9,7 @@ from fsw_control.reason import Reason
 
 
 class Lack(IntEnum):
-    """What keeps a controller from being selected; numbered as in ``ControllerHealth.msg``."""
+    """What prevents a controller from being selected; numbered as in ``ControllerHealth.msg``."""
 
     NONE = 0
     UNKNOWN = 1
@@ -25,7 +25,7 @@ class Lack(IntEnum):
         return cls.UNUSABLE
 
 
-#: what is said of the controller, and why
+#: text about the controller, and its explanation
 _WORDS = {
     Lack.UNKNOWN: ("", "is unknown"),
     Lack.INHIBITED: ("is inhibited: ", "{why}"),
@@ -41,14 +41,14 @@ class Readiness(NamedTuple):
     """What a controller lacks: nothing, if it may be selected."""
 
     lack: Lack = Lack.NONE
-    reason: Reason = Reason()  #: of the inhibited and the unusable
-    sensors: tuple[str, ...] = ()  #: that a blind one requires
+    reason: Reason = Reason()  #: if inhibited or unusable
+    sensors: tuple[str, ...] = ()  #: that it requires, if blind
     good: int = 0  #: good proposals in a row
-    required: int = 0  #: how many of them make it ready
+    required: int = 0  #: good proposals in a row for it to be ready
 
     @property
     def why(self) -> str:
-        """What it lacks, in words without its name; empty if it lacks nothing."""
+        """What it lacks, in words without its name; empty if nothing."""
         if self.lack is Lack.NONE:
             return ""
         sensors = ", ".join(self.sensors)
@@ -57,5 +57,5 @@ class Readiness(NamedTuple):
         )
 
     def words(self, name: str) -> str:
-        """What ``name`` lacks; empty if it lacks nothing."""
+        """What controller ``name`` lacks; empty if nothing."""
         return "" if self.lack is Lack.NONE else f"{name} {_WORDS[self.lack][0]}{self.why}"

@@ -1,6 +1,6 @@
-"""Why a command must not be applied, or why the supervisor is in its state: an enum with its arguments.
+"""Why a command must not be applied, or why the supervisor is in its state: a code with arguments.
 
-The words that people read are made here, from one table, and nowhere read again.
+The texts for people are made here, from one table, and never parsed.
 """
 
 from __future__ import annotations
@@ -106,7 +106,9 @@ _WORDS = {
     ReasonCode.STOPPED_BEFORE: "a safe stop was in force before the restart",
     ReasonCode.STOP_HEARD: "a safe stop is in force: {subject}",
     ReasonCode.INTERLOCKS: "interlock tripped: {interlocks}",
-    ReasonCode.CLOCK_STOPPED: "measurements arrive, but their stamps have not advanced for {limit_s:g} s",
+    ReasonCode.CLOCK_STOPPED: (
+        "measurements arrive, but their stamps have not advanced for {limit_s:g} s"
+    ),
     ReasonCode.NO_PROPOSAL: "no proposal at the deadline",
     ReasonCode.NO_PROPOSAL_YET: "no proposal yet",
     ReasonCode.LATE: "late: {limit_ms:.0f} ms after the measurement",
@@ -124,21 +126,21 @@ class Reason(NamedTuple):
     """A reason; false in a condition when there is nothing to explain."""
 
     code: ReasonCode = ReasonCode.NONE
-    sensors: tuple[str, ...] = ()  #: of ``fsw_control.sensors.SENSORS``, where it is about sensors
-    limit_s: float = 0.0  #: time that was exceeded, or that something took
+    sensors: tuple[str, ...] = ()  #: of ``fsw_control.sensors.SENSORS``
+    limit_s: float = 0.0  #: time that was exceeded, or a duration
     detail: str = (
         ""  #: what other software says: an error or a solver's status, or the check of a command
     )
-    subject: str = ""  #: a controller, a mode or a cause, by name
-    interlocks: tuple[str, ...] = ()  #: by name, where it is about interlocks
-    because: Reason | None = None  #: what led to it
+    subject: str = ""  #: name of a controller, a mode or a cause
+    interlocks: tuple[str, ...] = ()  #: names of the interlocks
+    because: Reason | None = None  #: its cause
 
     def __bool__(self) -> bool:
         return self.code is not ReasonCode.NONE
 
     @property
     def words(self) -> str:
-        """The reason in words, with what led to it; empty when there is nothing to explain."""
+        """The reason in words, with its causes; empty if there is nothing to explain."""
         own = _WORDS[self.code].format(
             sensors=", ".join(self.sensors),
             interlocks=", ".join(self.interlocks),
@@ -151,17 +153,17 @@ class Reason(NamedTuple):
 
     @property
     def head(self) -> Reason:
-        """The reason without what led to it."""
+        """The reason without its causes."""
         return self._replace(because=None)
 
     @property
     def chain(self) -> list[Reason]:
-        """The reason and what led to it, each without the next; empty when there is nothing to explain."""
+        """The reason and its causes, each without the next; empty if there is no reason."""
         return [self.head, *(self.because.chain if self.because else ())] if self else []
 
     @classmethod
     def of_messages(cls, chain: Sequence[Any]) -> Reason:
-        """The reason of a list of ``Reason.msg``, each of which explains the one before."""
+        """Return the reason of a list of ``Reason.msg``, each the cause of the one before."""
         if not chain:
             return cls()
         head, because = chain[0], cls.of_messages(chain[1:])
@@ -177,7 +179,7 @@ class Reason(NamedTuple):
 
     @property
     def fields(self) -> dict[str, Any]:
-        """The fields of ``Reason.msg``, which do not have what led to it."""
+        """The fields of ``Reason.msg``, without its causes."""
         return {
             "code": int(self.code),
             "subject": self.subject,
@@ -189,7 +191,7 @@ class Reason(NamedTuple):
 
     @classmethod
     def of(cls, given: Reason | str) -> Reason:
-        """A reason from what a controller gave, which may be words of its own."""
+        """Return a reason from a controller's output, which may be a text of its own."""
         if isinstance(given, Reason):
             return given
         return cls(ReasonCode.OTHER, detail=given) if given else cls()

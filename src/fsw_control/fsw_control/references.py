@@ -1,4 +1,4 @@
-"""Which set-points hold at a tick: the one rule, in :class:`ReferenceQueue`."""
+"""Which set-points hold at a tick: the rules of :class:`ReferenceQueue`."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from fsw_control.contract import Coming, Reference
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_NS
 
-#: longest time that a reference may be sent ahead; a stamp further away comes from another clock
+#: longest time that a reference may be sent ahead; later stamps come from another clock
 OTHER_CLOCK_NS = 36_000 * NANOSECONDS
-#: the same in real time, where nothing is sent that far: the longest ramp takes 200 s
+#: the same in real time, where the longest ramp takes 200 s
 AHEAD_REAL_NS = 600 * NANOSECONDS
-#: a publication time is accepted when it is no further from the receiver's clock
+#: largest accepted deviation of a publication time from the receiver's clock
 OWN_CLOCK_NS = 5 * NANOSECONDS
 #: largest number of future set-points passed to a controller
 MOST_COMING = 8
-#: longest tread of a stair by which a ramp or sine is announced
+#: longest step of a staircase by which a ramp or sine is announced
 STAIR_S = 1.05
 
 
@@ -26,7 +26,7 @@ class _Issued(NamedTuple):
     """A reference that waits for its time; the order is that of issue."""
 
     issued_ns: int
-    values: tuple[float, float]  #: decide between two of the same place, received in either order
+    values: tuple[float, float]  #: tie-break of equal places, independent of the receiving order
     number: int
     stamp_ns: int
     reference: Reference
@@ -36,46 +36,46 @@ class _Issued(NamedTuple):
 class ReferenceQueue:
     """Set-points in order, each held back until the time in its stamp.
 
-    The rule, for every node that follows set-points:
+    The rules, for every node that follows set-points:
 
     - **Of all set-points whose time has come, the one received last is in force.** Earlier ones
       are void, including those sent ahead for later.
-    - **The stamp says when it takes effect.** At exactly that tick if it is in the future, by no
-      more than ``horizon_ns``; at once if it is 0 or past. One further ahead is from another clock
-      and refused.
-    - **The publication time says whether it is old.** It is the sender's clock. One that is ahead
-      of the receiver's clock by more than ``OWN_CLOCK_NS`` is refused. One published before the
-      receiver began, or longer ago than that, is a repetition by the middleware for late joiners,
-      sender by sender in any order: it is ordered by its publication time, and refused if those in
-      force, or to be in force when it would take effect, are newer.
-    - **A standby orders by publication time alone** (``decides`` is False) and takes the order of
-      receipt from those that are followed: what reached it alone in the wrong order must not be in
-      force after a takeover.
-    - **Every node that follows a set-point publishes it** with its place in the order; among nodes
-      the latest place wins, so that all follow the same one, even if messages of two senders
+    - **The stamp says when it takes effect.** At exactly that tick if it is in the future, by at
+      most ``horizon_ns``; at once if it is 0 or past. A later stamp is from another clock and is
+      rejected.
+    - **The publication time says whether it is old.** It is the sender's clock. If it is ahead of
+      the receiver's by more than ``OWN_CLOCK_NS``, the set-point is rejected. If it lies before
+      the receiver's start, or longer ago than that, it is a repetition by the middleware for late
+      joiners, which arrives sender by sender in any order: the set-point is ordered by its
+      publication time, and rejected if newer ones are, or will then be, in force.
+    - **A standby orders by publication time alone** (``decides`` is False) and adopts the order of
+      receipt of the nodes that are followed: what reached it alone in the wrong order must not be
+      in force after a takeover.
+    - **Every node that follows a set-point publishes it** with its place in the order; the latest
+      place wins among nodes, so that all follow the same one, even if messages of two senders
       arrive in different order.
 
-    Every refusal is reported, except of what was published long before the receiver began and
-    arrives as it begins. Publication times are of the computers' clocks in simulated time, too, so
-    that the rule is the same there; stamps are of the clock of the measurements.
+    Every rejection is reported, except of set-points published long before the receiver's start
+    that arrive at its start. Publication times are on the computers' clocks in simulated time,
+    too, so that the rules are the same there; stamps are on the clock of the measurements.
 
     Parameters
     ----------
     horizon_ns : int
         ``AHEAD_REAL_NS`` in real time; in simulated time a whole scenario may be sent ahead.
     refuse : callable, optional
-        Gets what is refused, why, and what to do.
+        Gets a text: what is rejected, why, and what to do.
     """
 
     def __init__(
         self, horizon_ns: int = OTHER_CLOCK_NS, refuse: Callable[[str], object] = lambda _: None
     ) -> None:
-        #: place in the order of the reference that holds: its publication time, or later where the
-        #: one before it says so; 0 before the first
+        #: place in the order of the reference in force: its publication time, or later if its
+        #: predecessor's place requires it; 0 before the first one
         self.issued_ns = 0
-        self.mark = ""  #: with which the one that holds was sent
+        self.mark = ""  #: mark of the one in force
         self.refuse = refuse
-        self.decides = True  #: False of a standby, which nobody follows
+        self.decides = True  #: False on a standby, which nobody follows
         self._horizon_ns = horizon_ns
         self._joined_ns: int | None = None
         self._tick_ns: int | None = None
@@ -95,21 +95,21 @@ class ReferenceQueue:
         return bool(self._waiting)
 
     def join(self, now_ns: int) -> None:
-        """Note that the receiver begins to listen, on its computer's clock."""
+        """Note the receiver's start, on its computer's clock."""
         self._joined_ns = now_ns
 
     def receive(
         self, stamp_ns: int, reference: Reference, published_ns: int, now_ns: int, mark: str = ""
     ) -> bool:
-        """Take a reference as it was sent; returns whether it is accepted, and reports where not.
+        """Take a reference as sent; return whether it is accepted (rejections are reported).
 
         It holds from ``stamp_ns`` on, on the clock of the measurements (0: at once).
-        ``published_ns`` is the clock of the sender's computer at publication, ``now_ns`` that of
-        the receiver's at receipt; ``mark`` is kept with it.
+        ``published_ns`` is the sender's clock at publication, ``now_ns`` the receiver's at
+        receipt; ``mark`` is kept with it.
         """
         if self._joined_ns is None or now_ns < self._joined_ns:
-            # The first message begins the listening; if the receiver's clock has gone back, it has
-            # listened for long.
+            # The first message marks the start; if the receiver's clock has gone back, the start
+            # was long ago.
             self._joined_ns = now_ns if self._joined_ns is None else now_ns - OWN_CLOCK_NS - 1
         joined_ns, ahead_ns = self._joined_ns, published_ns - now_ns
         if ahead_ns > OWN_CLOCK_NS:
@@ -125,10 +125,13 @@ class ReferenceQueue:
         if not self._is_void(stamp_ns, reference, published_ns):
             self.add(stamp_ns, reference, published_ns, mark)
             return True
-        # A repetition to a receiver that has just started is normal, but it may come from a clock
-        # that is slow.
+        # A repetition to a newly started receiver is normal, but otherwise it may come from a
+        # clock that is slow.
         if self.decides and (ahead_ns >= -OWN_CLOCK_NS or now_ns > joined_ns + OWN_CLOCK_NS):
-            why = f"it was published {-ahead_ns / NANOSECONDS:.0f} s ago by this computer's clock, and others are newer"
+            why = (
+                f"it was published {-ahead_ns / NANOSECONDS:.0f} s ago by this computer's clock, "
+                "and others are newer"
+            )
             self._reject(
                 reference,
                 f"{why}; send it again, set the sender's clock, or call fsw/set_reference",
@@ -140,7 +143,7 @@ class ReferenceQueue:
     ) -> None:
         """Take a reference that holds from ``stamp_ns`` on (0: at once).
 
-        ``issued_ns`` is its place in the order; by default after all that is known.
+        ``issued_ns`` is its place in the order, by default after all known ones.
         """
         if issued_ns is None:
             issued_ns = self._newest_ns + 1
@@ -155,7 +158,7 @@ class ReferenceQueue:
             )
 
     def at(self, tick_ns: int) -> Reference | None:
-        """Return the reference that holds at a tick, None before the first; to be called in order of time."""
+        """Return the reference in force at a tick, None before the first; call it in order."""
         self._tick_ns = tick_ns
         for one in [one for one in self._waiting if one.stamp_ns > tick_ns + self._horizon_ns]:
             self._waiting.remove(one)
@@ -170,7 +173,7 @@ class ReferenceQueue:
         return self._current
 
     def _is_void(self, stamp_ns: int, reference: Reference, issued_ns: int) -> bool:
-        """Whether one with this place in the order would hold at no tick, as a newer one holds or begins no later."""
+        """Whether it would never hold, because a newer one holds or begins no later."""
         place = (issued_ns, (reference.depth_mm, reference.temperature_c))
         begins_ns = max(stamp_ns, 0 if self._tick_ns is None else self._tick_ns + TICK_NS)
         return place < (self.issued_ns, self._values) or any(
@@ -182,23 +185,25 @@ class ReferenceQueue:
         ahead_s = (stamp_ns - tick_ns) / NANOSECONDS
         allowed_s = self._horizon_ns / NANOSECONDS
         return (
-            f"its stamp is {ahead_s:.0f} s ahead of the measurements, more than {allowed_s:.0f} s: the time of "
-            "another clock; send it with stamp 0 to apply it at once"
+            f"its stamp is {ahead_s:.0f} s ahead of the measurements, "
+            f"more than {allowed_s:.0f} s: the time of another clock; "
+            "send it with stamp 0 to apply it at once"
         )
 
     def _reject(self, reference: Reference, why: str) -> bool:
         """Report a refusal; returns False."""
         self.refuse(
-            f"set-points {reference.depth_mm:.4g} mm, {reference.temperature_c:.5g} degC refused: {why}"
+            f"set-points {reference.depth_mm:.4g} mm, {reference.temperature_c:.5g} degC "
+            f"refused: {why}"
         )
         return False
 
 
 class ReferencePlan:
-    """Set-points known in advance: in order, the time in ns from which each will hold, and the reference.
+    """Set-points known in advance, each with the time in ns from which it will hold.
 
     A plan is used only while it agrees with the set-points in force. If an operator has set
-    others, or the plan belongs to another weld, there are no future ones.
+    others, or the plan belongs to another weld, it has no future set-points.
     """
 
     def __init__(self, planned: Sequence[tuple[int, Reference]] = ()) -> None:
@@ -209,14 +214,14 @@ class ReferencePlan:
         ]
 
     def after(self, tick_ns: int, present: Reference) -> tuple[Coming, ...]:
-        """The next ones after a tick at which ``present`` holds."""
+        """Return the next ones after a tick at which ``present`` is in force."""
         first = bisect_right(self._stamps, tick_ns)
         if first and not self._has_come(first - 1, present):
             return ()
         return tuple(self._coming[first : first + MOST_COMING])
 
     def _has_come(self, index: int, present: Reference) -> bool:
-        """Whether ``present`` is as planned, or near it while the plan is the stair of a ramp or sine."""
+        """Whether ``present`` is as planned, or near a step of a ramp's or sine's staircase."""
         planned = self._coming[index]
         near = [
             one
@@ -230,7 +235,7 @@ class ReferencePlan:
 
 
 def _within(value: float, planned: Sequence[float]) -> bool:
-    """Whether a value lies among planned ones, or outside by no more than they differ."""
+    """Whether a value lies among planned ones, or outside by at most their range."""
     low, high = min(planned), max(planned)
     slack = high - low + 1e-9
     return low - slack <= value <= high + slack

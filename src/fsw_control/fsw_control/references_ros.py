@@ -1,4 +1,4 @@
-"""Set-points as messages: sent, reported by the nodes that follow them, and requested by a service."""
+"""Set-points as messages: sending, reports of those in force, and the request service."""
 
 from __future__ import annotations
 
@@ -29,28 +29,28 @@ from fsw_control.units import NANOSECONDS
 from fsw_msgs.msg import WeldProgress, WeldReference, WeldReferencePlan
 from fsw_msgs.srv import SetReference
 
-#: an accepted set-point is in force within this time, or the answer says that it is not
+#: a request succeeds if its set-points are in force within this time
 _ANSWER_S = 2.0
-#: the programme of a weld reports once a second; after this silence its player has ended (chosen)
+#: the weld programme reports once a second; after this silence its player has ended (chosen)
 _PROGRAMME_SILENT_S = 5.0
-#: a ramp begins this long after the last tick, so that no part of it is late
+#: a ramp begins this long after the last tick, so that none of its steps is late
 _LEAD_NS = 500_000_000
-#: answer of a supervisor that does not lead
+#: answer of a standby supervisor
 ON_STANDBY = False, "this supervisor is on standby now; send the request again"
-#: later times of issue would leave no place in the order that a message can hold
+#: later issue times would exceed the range of a message's stamp
 _LAST_NS = (2**31 - 1) * NANOSECONDS
 
 
 def reference_queue(
     node: Node, refuse: Callable[[str], object] = lambda _: None
 ) -> ReferenceQueue:
-    """Set-points by the rule, for a node; to be given to :func:`subscribe_references`."""
+    """Return a node's set-point queue, for :func:`subscribe_references`."""
     simulated = bool(node.get_parameter("use_sim_time").value)
     return ReferenceQueue(OTHER_CLOCK_NS if simulated else AHEAD_REAL_NS, refuse)
 
 
 def _converted(queue: ReferenceQueue, message: WeldReference) -> Reference | None:
-    """Content of a message; None, with the refusal reported by ``queue``, if it cannot be taken."""
+    """Content of a message; None, after a report by ``queue``, if it is invalid."""
     try:
         return convert.reference(message)
     except ValueError as error:
@@ -61,7 +61,7 @@ def _converted(queue: ReferenceQueue, message: WeldReference) -> Reference | Non
 def subscribe_sent(
     node: Node, queue: ReferenceQueue, received: Callable[[str], object] = lambda _: None
 ) -> Subscription:
-    """Put the set-points that are sent into ``queue``; ``received`` gets the mark of each."""
+    """Add the set-points on the topic to ``queue``; ``received`` gets the mark of each."""
     queue.join(time.time_ns())
 
     def on_sent(message: WeldReference, info: Any) -> None:
@@ -76,13 +76,13 @@ def subscribe_sent(
 
 
 def subscribe_references(node: Node, queue: ReferenceQueue) -> None:
-    """Put the set-points that are sent, and those that a supervisor states for late joiners, into ``queue``."""
+    """Add set-points to ``queue``: those sent, and those a supervisor states for late joiners."""
     subscribe_sent(node, queue)
     _subscribe_stated(node, queue, "fsw/supervisor/reference")
 
 
 def _subscribe_stated(node: Node, queue: ReferenceQueue, topic: str) -> None:
-    """Subscribe to the set-points in force that another node reports by a :class:`StatedReference`."""
+    """Subscribe to the set-points that a :class:`StatedReference` of another node reports."""
 
     def on_stated(message: WeldReference) -> None:
         reference, issued_ns = _converted(queue, message), convert.stamp_ns(message.issued)
@@ -99,7 +99,7 @@ def _subscribe_stated(node: Node, queue: ReferenceQueue, topic: str) -> None:
 
 
 class StatedReference:
-    """Publishes the set-points in force, latched, for nodes that join after the sender has left.
+    """Publishes the set-points in force, latched, for nodes that join after their sender has left.
 
     Its ``topic`` has no other writer.
     """
@@ -111,7 +111,7 @@ class StatedReference:
         self._tick_ns = -1
 
     def update(self, tick_ns: int, reference: Reference | None, issued_ns: int) -> None:
-        """Publish the set-points in force at a tick (None: none yet) if they are new or time went back."""
+        """Publish the set-points in force at a tick if they are new or time went back."""
         went_back, self._tick_ns = tick_ns < self._tick_ns, tick_ns
         if reference is not None and (went_back or (reference, issued_ns) != self._stated):
             self._stated = (reference, issued_ns)
@@ -124,7 +124,7 @@ class StatedReference:
 
 @dataclass(eq=False, slots=True)
 class _Asked:
-    """A request whose set-points are on their way to this node; ``received_ns`` is the tick at which they came."""
+    """A request in progress; ``received_ns`` is the tick at which its set-points arrived."""
 
     mark: str
     response: SetReference.Response
@@ -134,26 +134,26 @@ class _Asked:
 
 
 class KeptReference:
-    """Receives set-points and, while leading, serves requests for new ones and publishes those in force.
+    """Receives set-points and, while leading, serves requests and publishes those in force.
 
     The service ``fsw/set_reference`` checks a request and sends its set-points on
-    ``fsw/reference``; it answers when they are in force by the rule of :class:`ReferenceQueue`, or
-    cannot be. Both only while this supervisor leads: the set-points of one that another has
-    replaced unnoticed may reach nobody.
+    ``fsw/reference``; it answers when they are in force by the rules of :class:`ReferenceQueue`,
+    or cannot be. Both need the lead: a supervisor that was replaced without noticing may reach
+    nobody.
 
-    An operator's command line ends as soon as it has sent its set-points, and the middleware
-    forgets them. So those in force are published on ``fsw/supervisor/reference``, whose only
-    writer is the leading supervisor. A restarted supervisor receives them from the controllers.
+    An operator's command line ends as soon as it has sent its set-points, and the middleware then
+    forgets them. Those in force are therefore published on ``fsw/supervisor/reference``, whose
+    only writer is the leading supervisor. A restarted supervisor gets them from the controllers.
 
     Parameters
     ----------
     node : rclpy.node.Node
     leads : callable
-        Awaited before a request is acted on and before success is answered: whether this
+        Awaited before a request is executed and before success is reported; whether this
         supervisor leads.
     problem : callable
-        Why requested set-points, depth [mm] and temperature [degC], are refused although in range;
-        empty: they are not.
+        Why requested set-points, depth [mm] and temperature [degC], are rejected although they
+        are in range; empty to accept them.
     """
 
     def __init__(
@@ -189,12 +189,12 @@ class KeptReference:
         _subscribe_stated(node, self._queue, "fsw/supervisor/reference")
 
     def listen_to(self, controller: str) -> None:
-        """Subscribe to the set-points that a controller follows."""
+        """Subscribe to the set-points that a controller reports as in force."""
         self._controllers.append(controller)
         _subscribe_stated(self._node, self._queue, f"fsw/{controller}/reference")
 
     def open(self) -> None:
-        """Lead: serve requests from now on, and publish from the next tick on."""
+        """Take the lead: serve requests from now on, and publish from the next tick on."""
         self._queue.decides = True
         if self._statement is None:
             self._statement = StatedReference(self._node, "fsw/supervisor/reference")
@@ -214,7 +214,7 @@ class KeptReference:
         self._publishers = None
 
     def on_tick(self, tick_ns: int) -> None:
-        """Publish the set-points in force if they have changed; may be called several times per tick."""
+        """Publish the set-points in force if they have changed; allowed several times per tick."""
         if tick_ns == self._tick_ns:
             return
         self._tick_ns = tick_ns
@@ -224,7 +224,7 @@ class KeptReference:
         self.look(time.monotonic())
 
     def look(self, now_s: float) -> None:
-        """Answer requests that are in force or overdue; to be called several times a second."""
+        """Answer requests that are in force or overdue; call it several times a second."""
         for one in [*self._asked]:
             in_force = self._queue.mark == one.mark
             overtaken = one.received_ns not in (None, self._tick_ns) and not in_force
@@ -233,7 +233,10 @@ class KeptReference:
             response = one.response
             if overtaken:
                 response.ok = False
-                response.message = "other set-points were received after them; check those in force and send them again"
+                response.message = (
+                    "other set-points were received after them; "
+                    "check those in force and send them again"
+                )
             elif one.received_ns is None:
                 response.ok = False
                 response.message = (
@@ -247,7 +250,7 @@ class KeptReference:
             one.answered.set_result(True)
 
     def drop(self) -> None:
-        """Refuse the requests that are not answered yet: this supervisor leads no more."""
+        """Reject the pending requests: this supervisor no longer leads."""
         asked, self._asked = self._asked, []
         for one in asked:
             one.response.ok, one.response.message = ON_STANDBY
@@ -259,7 +262,7 @@ class KeptReference:
                 one.received_ns = self._tick_ns
 
     def report(self) -> Report:
-        """Entry of the diagnostics: set-points refused since the last one."""
+        """Entry of the diagnostics: set-points refused since the last report."""
         new, self._reported = self._refused - self._reported, self._refused
         text = f"{new} refused; last: {self._last_refusal}" if new else "accepted"
         values = {"refused": self._refused, "last refusal": self._last_refusal}
@@ -318,10 +321,11 @@ class KeptReference:
             raise ValueError("no controller listens to set-points; start one")
 
     def _send(self, goal: Reference, start: Reference | None, mark: str) -> str:
-        """Send set-points, the first of which take effect at once and void those sent ahead; returns the answer."""
+        """Send set-points, effective at once and voiding those sent ahead; return the answer."""
         if start is None:
             raise ValueError(
-                "no set-points are in force from which a ramp could start; send them without a ramp"
+                "no set-points are in force from which a ramp could start; "
+                "send them without a ramp"
             )
         if self._publishers is None:
             create = self._node.create_publisher
@@ -343,7 +347,7 @@ class KeptReference:
 
 
 def _goal(request: SetReference.Request, present: Reference | None) -> Reference:
-    """Requested set-points; raises ValueError when a value is out of range or cannot stay."""
+    """Requested set-points; ValueError if a value is out of range or cannot be kept."""
     depth_mm, temperature_c = units.mm_from_m(request.depth), float(request.temperature)
     if present is None and (isnan(depth_mm) or isnan(temperature_c)):
         raise ValueError("no set-points are in force yet; give both depth and temperature")

@@ -1,4 +1,4 @@
-"""Diagnostics of a node: their lines, how they are published and logged, and the line of a command gate."""
+"""Diagnostics of a node: published, logged, and the entry of a command gate."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from fsw_control.topics_ros import SENT
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
-#: value that tells two nodes of one name apart
+#: key of the value that distinguishes two nodes of the same name
 INSTANCE = "instance"
 
 
 class Report(NamedTuple):
-    """One line of diagnostics; ``level`` is a constant of ``DiagnosticStatus``."""
+    """One entry of the diagnostics; ``level`` is a constant of ``DiagnosticStatus``."""
 
     part: str
     level: bytes
@@ -29,9 +29,9 @@ class Report(NamedTuple):
 
 
 class DiagnosticsPublisher:
-    """Publishes the lines of a node, with its namespace and ``name`` before each; by default the node's.
+    """Publishes a node's entries, prefixed with its namespace and ``name`` (default: the node's).
 
-    ``instance``, if there is one, is a value of every line.
+    ``instance``, if any, is a value of every entry.
     """
 
     def __init__(self, node: Node, name: str = "", instance: str = "") -> None:
@@ -42,7 +42,7 @@ class DiagnosticsPublisher:
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", SENT)
 
     def publish(self, lines: Iterable[Report], time_ns: int | None = None) -> None:
-        """Publish lines of now, or of ``time_ns``."""
+        """Publish entries with the present time, or with ``time_ns``."""
         status = [
             DiagnosticStatus(
                 level=line.level,
@@ -63,7 +63,7 @@ class DiagnosticsPublisher:
 def log(node: Node, level: bytes, text: str) -> None:
     """Log a text with the severity of a diagnostic level."""
     logger = node.get_logger()
-    # three calls, because rclpy refuses a line of code that changes its severity
+    # three calls, because rclpy refuses a change of severity at the same line of code
     if level == ERROR:
         logger.error(text)
     elif level == WARN:
@@ -75,10 +75,10 @@ def log(node: Node, level: bytes, text: str) -> None:
 def commands(
     gate: CommandGate, new_refusals: int, publishers: Sequence[str], unauthorised: int
 ) -> Report:
-    """Commands refused (``new_refusals`` since the last report), and the nodes that publish them.
+    """Entry of rejected commands (``new_refusals`` since the last report) and their publishers.
 
-    Two publishers are normal for a moment while a standby takes over; an error only when commands
-    are refused too that are ``unauthorised``: not of a supervisor.
+    Two publishers are normal for a moment during a failover; it is an error only if commands are
+    also rejected as ``unauthorised``, i.e. not signed by a supervisor.
     """
     names = ", ".join(publishers)
     values: dict[str, object] = {"refused": gate.total(), "last refusal": gate.last_refusal}

@@ -1,7 +1,7 @@
-"""The sensors of a weld: one table, from which topics, parameters, checks, faults, records and labels follow.
+"""The sensors of a weld: the table behind topics, parameters, checks, faults, records and labels.
 
-A new sensor is a row here, its value in the plant (``fsw_plant.emulator``) and, where it is of a
-new kind, its message.
+A new sensor needs a row here, its value in the plant (``fsw_plant.emulator``) and, for a new kind
+of quantity, its message.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from fsw_schema.ranges import Range
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """What a sensor measures: its units and the ranges within which its numbers can be set."""
+    """What a sensor measures: its units and the permitted ranges of its parameters."""
 
     name: str  #: also the field of the message
     unit: str  #: inside, e.g. ``N m``; on the wire it is SI (``fsw_control.units``)
     suffix: str  #: the unit in names, e.g. ``nm``
-    plausible: Range  #: of the limits of a sensor
-    fault: Range  #: of a fault's magnitude (of a drift: per second)
+    plausible: Range  #: of a sensor's limits
+    fault: Range  #: of a fault's magnitude (per second for a drift)
     noise: Range  #: of the standard deviation of a sensor's noise
     resolution: Range  #: of a sensor's quantisation
 
@@ -49,7 +49,7 @@ class Sensor:
     """A row of the table; numbers are in the unit of the quantity.
 
     Control needs every ``required`` sensor: ticks wait for it, and it can stop a weld. Any other
-    one is published, checked, recorded and shown where it is there; nothing waits for it.
+    sensor is published, checked, recorded and shown if present; nothing waits for it.
     """
 
     name: str  #: in faults, alarms and reports
@@ -61,11 +61,11 @@ class Sensor:
     minimum: float
     maximum: float
     max_rate: float
-    #: largest change that the supervisor believes; None: any, as of a sensor that stops no weld
+    #: largest change that the supervisor believes; None: any, for a sensor that cannot stop a weld
     max_jump: float | None
-    noise: float  #: standard deviation: what the emulator adds, and what is expected of the sensor
+    noise: float  #: standard deviation: added by the emulator, and expected by the checks
     resolution: float  #: quantisation in the emulator
-    key: str = ""  #: stem of its names in figures and parameters, where that is not its name
+    key: str = ""  #: stem of its names in figures and parameters, by default its name
     required: bool = True
 
     @property
@@ -80,7 +80,7 @@ class Sensor:
 
     @property
     def label(self) -> str:
-        """Its values, for people."""
+        """Label of its values, for people."""
         return self.stem.replace("_", " ").capitalize()
 
     def inside(self, value: Any) -> Any:
@@ -92,7 +92,7 @@ class Sensor:
         return value * to_si(1.0, self.quantity.unit)
 
     def template(self) -> dict[str, Any]:
-        """What ``$NAME`` stands for in the descriptions of parameters that each sensor has."""
+        """Values of ``$NAME`` in the descriptions of parameters that each sensor has."""
         quantity = self.quantity
         ranges = {
             f"{name}_range": getattr(quantity, name)
@@ -143,7 +143,7 @@ _ROWS = (
         key="temperature",
     ),
 )
-#: by name; those that control needs come first, in the order of ``Measurement``
+#: by name; the required ones come first, in the order of ``Measurement``
 SENSORS = {row.name: row for row in _ROWS}
 REQUIRED = tuple(row.name for row in _ROWS if row.required)
 OPTIONAL = tuple(row.name for row in _ROWS if not row.required)

@@ -1,4 +1,4 @@
-"""Makes sure that the plant is alone on its domain before it starts."""
+"""Ensures that the plant is alone on its domain before it starts."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from rclpy.node import Node
 from fsw_control.reports_ros import INSTANCE
 from fsw_msgs.msg import ShoulderDepth
 
-#: text and values of a plant's diagnostics during the search
+#: summary and values of a plant's diagnostics during the search
 SEARCHING = "looking for another plant"
 STARTING = {"starting": "yes"}
-#: A running plant reports once a second; a publisher that is silent for longer was left behind by
-#: a killed process.
+#: A running plant reports once a second; a publisher silent for longer is a remnant of a killed
+#: process.
 LIVENESS_S = 2.5
 PREFIX = "fsw_plant/"
 _ANNOUNCE_S = 0.05
@@ -29,10 +29,10 @@ class AnotherPlantError(RuntimeError):
 
 
 class SingleInstanceGuard:
-    """Finds out whether another plant, or a replayed bag, publishes the same topics.
+    """Detects another plant, or a replayed bag, that publishes the same topics.
 
-    Plants know each other by a value of their diagnostics, which holds the topic and a number of
-    its own. The node's publisher of fsw/depth has to exist already, so that plants that start
+    Plants identify each other by a value of their diagnostics, which holds the topic and a number
+    of their own. Create the node's publisher of fsw/depth first, so that plants that start
     together see each other.
     """
 
@@ -43,19 +43,18 @@ class SingleInstanceGuard:
         self._heard = ""
 
     def check(self, discovery_s: float, announce: Callable[[], None]) -> None:
-        """Search for ``discovery_s`` and listen to publishers found; returns when the domain is free.
+        """Search for ``discovery_s`` and listen to any publishers; return if there is no plant.
 
-        ``announce`` publishes this plant's diagnostics, so that one that starts at the same time
-        detects it.
+        ``announce`` publishes this plant's diagnostics, so that another one that starts at the
+        same time detects it.
 
         Raises
         ------
         AnotherPlantError
-            If there is one.
+            If another plant was detected.
         """
         node = self._node
-        # A node that is being spun, in a callback of which this is called, is not spun inside
-        # that.
+        # A callback cannot spin the node that it belongs to: then another node listens.
         own = node.executor is not None
         listener = _listener(node) if own else node
         executor = SingleThreadedExecutor(context=node.context) if own else None
@@ -88,7 +87,8 @@ class SingleInstanceGuard:
             )
         if self._others():
             node.get_logger().warning(
-                f"{self._topic} has a publisher that sends nothing, probably left behind by a killed process; ignored"
+                f"{self._topic} has a publisher that sends nothing, "
+                "probably left behind by a killed process; ignored"
             )
 
     def _others(self) -> bool:
@@ -107,13 +107,13 @@ class SingleInstanceGuard:
                 or not other.endswith(f"@{self._topic}")
             ):
                 continue
-            # Of two that start together the one with the lower number may stay.
+            # Of two that start together, the one with the lower number stays.
             if not values.items() >= STARTING.items() or other < self.instance:
                 self._heard = "a plant runs already"
 
 
 def _listener(node: Node) -> Node:
-    """A hidden node beside another one; none of its names are remapped."""
+    """A hidden node beside another one, without name remapping."""
     return rclpy.create_node(
         f"_{node.get_name()}_guard",
         context=node.context,

@@ -1,4 +1,8 @@
-"""The safe stop as a register: every part of a weld holds a copy, and copies merge in any order to the same value."""
+"""The safe stop as a register: each part of a weld holds a copy, and merged copies converge.
+
+The register is a state-based CRDT (a grow-only maximum; Shapiro et al. 2011): the merge is
+commutative, associative and idempotent, so loss, delay, repetition and order do not matter.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +13,12 @@ from fsw_control.units import NANOSECONDS
 
 #: largest epoch that a message can carry; it cannot be acknowledged, so that a stop always wins
 LAST_EPOCH = 2**32 - 1
-#: largest epoch that is a time [s]: the year 2065; a clock that is further ahead leaves epochs for
-#: what follows
+#: largest epoch that is a time [s]: the year 2065; later clocks leave epochs for what follows
 _LAST_TIME = 3_000_000_000
 
 
 class StopCause(IntEnum):
-    """Why a safe stop has begun, with the numbers of ``fsw_msgs/Stop``."""
+    """Cause of a safe stop, with the numbers of ``fsw_msgs/Stop``."""
 
     NONE = 0
     OPERATOR = 1
@@ -32,27 +35,25 @@ class StopCause(IntEnum):
 class Stop:
     """One value of the register.
 
-    Values are ordered by epoch; of the same epoch a stop is greater than an acknowledgement. Each
-    change takes a new epoch, so the greater of two values is the one that was made knowing the
-    other, or the safer one.
+    Values are ordered by epoch; at the same epoch a stop is greater than an acknowledgement. Each
+    change takes a new epoch, so the greater of two values is either the one made with knowledge
+    of the other, or the safer one.
     """
 
-    #: 0: there has been no stop; else at least the time of the stop in seconds, and larger with
-    #: each change
+    #: 0: there has been no stop; else at least the time of the stop in seconds, increased by each
+    #: change
     epoch: int = 0
-    stopped: bool = (
-        False  #: a safe stop is in force; False: there was none, or the last one is acknowledged
-    )
+    stopped: bool = False  #: in force; False: no stop yet, or the last one is acknowledged
     cause: StopCause = StopCause.NONE  #: of the last safe stop
     who: str = ""  #: made the change: an operator, an interlock, ``plant``
     since_ns: int = 0  #: stamp of the measurement at which it was made
 
 
 class StopRegister:
-    """A copy of the register; grows only.
+    """A copy of the register, which only grows.
 
     Merging takes the maximum, so copies that have heard each other are equal, whatever was lost,
-    delayed or repeated. A stop is not lost as long as one copy of it lives.
+    delayed or repeated. A stop survives as long as one copy of it does.
     """
 
     def __init__(self) -> None:
@@ -64,7 +65,7 @@ class StopRegister:
         return self.value.stopped
 
     def merge(self, other: Stop) -> bool:
-        """Take another copy's value; returns whether this one has changed."""
+        """Take another copy's value; return whether this one has changed."""
         changed = other > self.value
         self.value = max(self.value, other)
         return changed
@@ -74,10 +75,10 @@ class StopRegister:
         self.merge(self.next_stop(cause, who, since_ns))
 
     def next_stop(self, cause: StopCause, who: str, since_ns: int) -> Stop:
-        """The value of a safe stop that would begin now.
+        """Return the value of a safe stop that would begin now.
 
-        Its epoch is at least its time in seconds: an acknowledgement of an earlier weld, which a
-        part has kept that outlived the others, does not cover it.
+        Its epoch is at least its time in seconds, so that an acknowledgement of an earlier weld,
+        kept by a part that outlived the others, does not cover it.
         """
         epoch = max(self.value.epoch + 1, min(since_ns // NANOSECONDS, _LAST_TIME))
         return Stop(min(epoch, LAST_EPOCH), True, cause, who, since_ns)

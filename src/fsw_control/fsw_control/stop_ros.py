@@ -1,4 +1,4 @@
-"""A node's copy of the stop register: published for the others, and merged with theirs."""
+"""A node's copy of the stop register: published for the other nodes, and merged with theirs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fsw_control.stop import Stop, StopRegister
 from fsw_msgs.msg import StopReport
 
 STOP_TOPIC = "fsw/stop"
-#: each holder latches one report; who joins late gets those of all
+#: each holder latches one report; late joiners get the reports of all
 _HOLDERS = 50
 _PUBLISHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
@@ -27,10 +27,9 @@ _REPEAT_S = 1.0
 
 
 class StopHolder:
-    """Publishes ``register`` at every change and once a second; hands other copies to ``on_stop``.
+    """Publishes ``register`` at every change and every second; ``on_stop`` gets other copies.
 
-    ``on_stop`` merges the copy and does what follows from it; :meth:`look` is to be called after
-    any other change.
+    ``on_stop`` merges the copy and acts on it; call :meth:`look` after any other change.
     """
 
     def __init__(

@@ -1,10 +1,10 @@
-"""The only place that converts between the paper's units (inside) and SI (on the wire)."""
+"""Conversions between the paper's units (inside) and SI (on the wire)."""
 
 from math import pi
 
 RAD_PER_S_PER_RPM = pi / 30.0
 KW_PER_NM_RPM = RAD_PER_S_PER_RPM * 1e-3
-#: in a second
+#: per second
 NANOSECONDS = 1_000_000_000
 
 

@@ -1,4 +1,4 @@
-"""Whether a sensor's samples may be used: finite, in range, not too fast, no jump, not frozen, not missing."""
+"""Whether sensor samples are usable: finite, in range, no spike or jump, not frozen or missing."""
 
 from __future__ import annotations
 
@@ -12,31 +12,29 @@ from fsw_control.contract import Command, Measurement
 from fsw_control.parameters import defaults, load
 from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
 
-#: probability at which a run of equal samples is no longer taken for chance
+#: probability at which a run of equal samples is no longer attributed to chance
 _CHANCE = 1e-9
-#: relative difference of samples that are equal but for rounding, as a simulation without noise
-#: has them
+#: relative difference below which samples count as equal, as in a simulation without noise
 _ROUNDING = 1e-9
 #: share of reversals of direction above which a signal counts as noisy (white noise: 2/3, a smooth
 #: signal: ~0)
 _NOISY = 0.25
-#: samples before which no sensor is judged to be frozen
+#: number of samples before a sensor is judged to be frozen
 _LEARNT = 20
-#: largest share of equal neighbours that is assumed
+#: upper bound of the share of equal neighbours
 _LARGEST_SHARE = 0.95
 #: standard deviations added to that share, because it was estimated from few samples
 _DEVIATIONS = 3.0
-#: changes are judged as if at least this time had passed, because stamps jitter [s]
+#: changes are judged over at least this time, because stamps jitter [s]
 _LEAST_ELAPSED_S = 0.05
 #: samples over which the noise and the share of equal neighbours are averaged
 _MEMORY = 150
-#: share of the expected noise below which a signal's changes are rounding or quantisation, and no
-#: noise (chosen)
+#: share of the expected noise below which changes are rounding or quantisation, not noise (chosen)
 _QUIET_SHARE = 0.2
 
 
 class Flaw(StrEnum):
-    """Why a sample is not used."""
+    """Why a sample is rejected."""
 
     MISSING = "missing"
     NOT_FINITE = "not finite"
@@ -49,14 +47,14 @@ class Flaw(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SensorLimits:
-    """Limits of one sensor, in its unit (mm, N m, degC); see the parameters ``validity.*`` in ``validity.yaml``.
+    """Limits of a sensor in its unit (mm, N m, degC): ``validity.*`` in ``validity.yaml``.
 
     A change faster than ``max_rate`` against the last good sample is a spike, unless
     ``confirm_samples`` samples in a row agree with each other. As many are needed to become valid
-    again. If they agree on a value that is further than ``max_jump`` (per second, in the first
-    second as a whole) from the last good one, the sensor has jumped: it stays invalid until it
-    returns or is readmitted. A sensor whose changes are far below its ``noise`` (standard
-    deviation) is never judged to be frozen.
+    again. If they agree on a value further than ``max_jump`` (per second; in the first second as
+    a whole) from the last good one, the sensor has jumped: it stays invalid until it returns or is
+    readmitted. A sensor that changes far less than its ``noise`` (standard deviation) is never
+    judged to be frozen.
     """
 
     minimum: float
@@ -70,12 +68,12 @@ class SensorLimits:
 
 
 def sensor_limits(values: Mapping[str, Any] | None = None) -> dict[str, SensorLimits]:
-    """Limits of all sensors from a node's parameters ``validity.*``; by default those of ``validity.yaml``.
+    """Limits of all sensors from parameters ``validity.*``; defaults are in ``validity.yaml``.
 
     Raises
     ------
     ValueError
-        When they contradict each other; the message names the sensor.
+        If they contradict each other; the message names the sensor.
     """
     if values is None:
         values = defaults(load("fsw_control", "validity.yaml"))
@@ -87,8 +85,8 @@ def sensor_limits(values: Mapping[str, Any] | None = None) -> dict[str, SensorLi
             hold_s=values["validity.hold"],
             frozen_samples=values["validity.frozen_samples"],
             confirm_samples=values["validity.confirm_samples"],
-            # only the supervisor has it: the others believe a jump, because they cannot be
-            # acknowledged
+            # only the supervisor has it: other nodes believe a jump, because an operator cannot
+            # acknowledge there
             max_jump=values.get(f"validity.{sensor}.max_jump", math.inf),
             noise=values.get(f"validity.{sensor}.noise", 0.0),  # bags of earlier versions lack it
         )
@@ -103,7 +101,7 @@ def sensor_limits(values: Mapping[str, Any] | None = None) -> dict[str, SensorLi
 
 
 class Reading(NamedTuple):
-    """A sensor at one tick: the value to use (NaN if invalid) and, unless all is well, why not.
+    """A sensor at one tick: the value to use (NaN if invalid) and the flaw of its sample, if any.
 
     ``held``: the value is the last good one, not a measurement of this tick.
     """
@@ -115,11 +113,11 @@ class Reading(NamedTuple):
 
 
 class Frozen:
-    """Distinguishes a frozen sensor from one whose quantised or noise-free signal happens to stand still.
+    """Distinguishes a frozen sensor from a quantised or noise-free signal that stands still.
 
-    A run of equal samples is suspicious only where the signal was noisy before, with changes of
-    the size of the noise that is expected of the sensor, and only when the run is longer than the
-    share of equal neighbours seen before makes likely.
+    A run of equal samples is suspicious only if the signal was noisy before, with changes of the
+    size of the sensor's expected noise, and only if the run is longer than the observed share of
+    equal neighbours makes likely.
     """
 
     def __init__(self) -> None:
@@ -132,17 +130,17 @@ class Frozen:
         self._change = 0.0  # mean, of neighbours that differ
 
     def update(self, value: float, samples: int, noise: float = 0.0) -> bool:
-        """Take the next sample; return whether the sensor is frozen, after a run of ``samples`` at least (0: never).
+        """Take the next sample; return whether the sensor is frozen.
 
-        ``noise`` is the standard deviation that is expected of the sensor: one that was far
-        quieter is not judged.
+        ``samples`` is the shortest run of equal samples that counts (0: never frozen), ``noise``
+        the expected standard deviation: a much quieter signal is not judged.
         """
         last = self._last
         if abs(value - last) <= _ROUNDING * abs(value):
             self._run += 1
             return self._change >= _QUIET_SHARE * noise and self._is_frozen(samples)
-        # A run of equal samples is remembered only once it has ended, and not if it was a freeze:
-        # a freeze must not count as a normal standstill.
+        # A run of equal samples is learnt only after its end, and not if it was a freeze, which
+        # must not pass for a normal standstill later.
         if self._run:
             if not self._is_frozen(samples):
                 for _ in range(min(self._run, _MEMORY)):
@@ -170,6 +168,9 @@ class Frozen:
             or self._reversed < _NOISY
         ):
             return False
+        # Neighbours of a live signal are equal with probability p, so a run of n has p**n. A run
+        # is a freeze once this falls below _CHANCE. p is the learnt share plus three standard
+        # errors of a proportion (the 2 because neighbouring pairs share a sample).
         likely = max(self._equal, 1.0 / self._count)
         deviation = math.sqrt(likely * (1.0 - likely) / (2.0 * self._count))
         share = min(likely + _DEVIATIONS * deviation, _LARGEST_SHARE)
@@ -181,7 +182,7 @@ class SensorValidity:
 
     def __init__(self, limits: SensorLimits) -> None:
         self.limits = limits
-        self.jumped = False  #: it stays away from where it was, further than anything explains
+        self.jumped = False  #: further from its last good value than anything explains
         self.last_good = math.nan  #: the last sample that was used
         self._frozen = Frozen()
         self._good_s = -math.inf
@@ -192,7 +193,7 @@ class SensorValidity:
         self._valid = False
 
     def update(self, time_s: float, value: float | None) -> Reading:
-        """Judge the sample of the tick at ``time_s``; None: none came."""
+        """Judge the sample of the tick at ``time_s``; None if it is missing."""
         flaw = self._flaw(time_s, value)
         if flaw is None:
             assert value is not None
@@ -208,18 +209,18 @@ class SensorValidity:
 
     @property
     def steady(self) -> bool:
-        """Whether it has jumped and shows the same since, so that it may be readmitted."""
+        """Whether it is steady since its jump, so that it may be readmitted."""
         return self.jumped and self._agreeing >= self.limits.confirm_samples
 
     def readmit(self) -> bool:
-        """Believe a sensor that has jumped, as acknowledged by the operator; returns whether it is steady enough."""
+        """Accept a jumped sensor after an acknowledgement; return whether it was steady enough."""
         if not self.steady:
             return False
         self._accept(self._candidate_s, self._candidate)
         return True
 
     def begun_again(self) -> SensorValidity:
-        """A fresh judge of the same sensor, for a clock that went back; only a jump outlasts that."""
+        """Return a fresh judge of the sensor, for a clock that went back; only a jump is kept."""
         fresh = SensorValidity(self.limits)
         if self.jumped:
             fresh.jumped, fresh.last_good, fresh._reach = True, self.last_good, self._reach
@@ -230,7 +231,7 @@ class SensorValidity:
         self._agreeing, self.jumped = 0, False
 
     def _flaw(self, time_s: float, value: float | None) -> Flaw | None:
-        """Why a sample may not be used; None if it may."""
+        """Return why a sample is rejected; None if it is good."""
         limits = self.limits
         if value is None:
             return Flaw.MISSING
@@ -270,13 +271,12 @@ class SensorValidity:
 
 
 class SensorGuard:
-    """Judges the sensors of a tick together, by default with the limits of ``validity.yaml``."""
+    """Judges the sensors of a tick, by default with the limits of ``validity.yaml``."""
 
     def __init__(self, limits: dict[str, SensorLimits] | None = None) -> None:
-        self.reasons = dict.fromkeys(
-            SENSORS, ""
-        )  #: by sensor, why its last sample was not used; empty where it was
-        self.held: tuple[str, ...] = ()  #: sensors whose last good value stands for that sample
+        #: by sensor, why its last sample was rejected; empty if it was used
+        self.reasons = dict.fromkeys(SENSORS, "")
+        self.held: tuple[str, ...] = ()  #: sensors whose last good value stands in for the sample
         self._limits = sensor_limits() if limits is None else limits
         self.reset()
 
@@ -285,12 +285,12 @@ class SensorGuard:
         self._sensors = {name: SensorValidity(self._limits[name]) for name in SENSORS}
 
     def forget_time(self) -> None:
-        """Forget the past, as at a restart of time, but no jump."""
+        """Forget the past, as at a restart of time, but keep jumps."""
         self._sensors = {name: sensor.begun_again() for name, sensor in self._sensors.items()}
 
     @property
     def jumped(self) -> dict[str, float]:
-        """Sensors that have jumped, with their last good value: invalid until they return or are readmitted."""
+        """Last good value of each jumped sensor, which is invalid until it is readmitted."""
         return {name: sensor.last_good for name, sensor in self._sensors.items() if sensor.jumped}
 
     @property
@@ -299,7 +299,7 @@ class SensorGuard:
         return tuple(name for name, sensor in self._sensors.items() if sensor.steady)
 
     def readmit(self) -> dict[str, float]:
-        """Believe the sensors that have jumped and are steady, as the operator acknowledges; with their values."""
+        """Accept the jumped sensors that are steady, on acknowledgement; return their values."""
         return {
             name: sensor.last_good for name, sensor in self._sensors.items() if sensor.readmit()
         }

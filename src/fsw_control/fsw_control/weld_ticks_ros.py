@@ -1,4 +1,4 @@
-"""The topics of a weld joined into ticks, and the command in force at each, for nodes that compute once a tick."""
+"""Joins the topics of a weld into ticks, with the command in force, for nodes that use ticks."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from fsw_msgs.msg import WeldCommand
 
 
 class WeldTicks:
-    """Joins what the callbacks of a node's subscriptions get; ``consume`` gets the ticks that this completes.
+    """Joins the messages of a node's subscriptions; ``consume`` gets the completed ticks.
 
     Parameters
     ----------
     node : Node
-        Logs the commands that are ignored.
+        Logs ignored commands.
     consume : callable
         Called after every sample and command, also with no ticks.
     initial : Command
-        Taken as applied until the first command.
+        Counts as applied until the first command.
     period_s : float
     await_drives : bool
         As for :class:`~fsw_control.message_synchronizer.MessageSynchronizer`.
