@@ -1,21 +1,20 @@
 """The arbiter: one command per tick, under all conditions.
 
-Pure: no middleware, times are arguments (steady seconds), every input is a method, and commands to
-send are returned as a list of decisions. The modes and their transitions are the table in
+Pure: no middleware, times are arguments (steady seconds), every input is a method, and commands
+are returned as a list of decisions. The modes and their transitions are the table in
 ``state_machine.py``.
 
 Invariants:
 
 - Each tick gets one command, or is counted as lost: before the first command, and in a gap.
-- Each command is finite, inside the limits and one move at most from the command in force; after a
-  start or a gap, from
-the drives' actual values.
+- Each command is finite, within the limits and at most one move from the command in force; after a
+  start or a gap, from the drives' actual values.
 - While an interlock is tripped the mode is safe stop, from the tick in which it is judged:
-  interlocks act by level. A safe stop is left only by the operator, with valid sensors, after an
-  acknowledgement that no cause has followed. A restart goes on with it.
-- No state without control lasts indefinitely: start, hold and manual with an invalid sensor have
-  time-outs that lead to safe stop.
-- Each request is answered once, with the reason if it is refused.
+  interlocks are level-triggered. Only the operator can leave a safe stop, with valid sensors and
+  after an acknowledgement that no new cause has followed. A restart does not end it.
+- No state without control lasts indefinitely: start, hold, and manual with an invalid sensor time
+  out to safe stop.
+- Each request is answered once, with a reason if it is refused.
 """
 
 from __future__ import annotations
@@ -43,28 +42,26 @@ from fsw_supervisor.ticks import Ticks
 
 
 class Arbiter:
-    """Takes all inputs of the supervisor, on their steady time, and returns the commands to be sent.
+    """Takes all inputs of the supervisor on their steady time, and returns the commands to send.
 
-    In lockstep the plant waits for the command, so that the wall clock is only a guard.
+    In lockstep the plant waits for the command, so the wall clock is only a guard.
     """
 
     def __init__(self, settings: ArbiterSettings, lockstep: bool = False) -> None:
         self.lockstep = lockstep
         self.machine = Machine(settings)  #: mode, active controller, target, reasons, events
         self.safety = SafetyMonitor(self.machine)  #: sensors and interlocks
-        #: the controllers and what is known of them
+        #: the controllers and their records
         self.registry = ControllerRegistry(self.machine, self.safety, lockstep)
         #: requests of the operator: ``ask_switch``, ``ask_mode``, ``acknowledge``
         self.operator = OperatorRequests(self.machine, self.registry, self.safety, lockstep)
-        self.watch = CommandWatch()  #: tells own commands from foreign ones
+        self.watch = CommandWatch()  #: distinguishes own commands from foreign ones
         self.in_force = CommandInForce()  #: the command that the drives follow
-        self._knew: tuple[bool, bool] = (
-            False,
-            False,
-        )  #: whether the actuator end knew a leader, and what acts
-        self._end_restarted = False  #: it does not any more
+        # whether the actuator end knew a leader, and the source of the acting command
+        self._knew: tuple[bool, bool] = (False, False)
+        self._end_restarted = False  #: it has lost that knowledge
         self._start_up = StartUp(self.machine, self.registry, self.operator, self.in_force)
-        #: the present tick and counts of those before
+        #: the present tick, and counts of the previous ones
         self.ticks = Ticks(
             Arbitration(
                 self.machine,
@@ -95,7 +92,7 @@ class Arbiter:
 
     @property
     def wakeup_s(self) -> float | None:
-        """Steady time at which ``on_time`` must be called at the latest; None: it need not be called."""
+        """Steady time at which ``on_time`` must be called at the latest; None if not needed."""
         return self.ticks.wakeup_s
 
     # ---------------------------------------------------------------- inputs
@@ -116,9 +113,9 @@ class Arbiter:
         return self.ticks.decide()
 
     def _compare(self, stamp_ns: int, feedback: Command) -> None:
-        """Begin a safe stop if the drives are not where the last command has put them, by more than a move.
+        """Begin a safe stop if the drives are more than a move away from the last command.
 
-        A fresh actuator end cannot know whether the machine has moved by itself meanwhile.
+        A restarted actuator end cannot know whether the machine has moved by itself meanwhile.
         """
         self._end_restarted, before = False, self.in_force.applied or self.in_force.seen
         acting = self.in_force.commanded(feedback)
@@ -141,7 +138,7 @@ class Arbiter:
         now_s: float,
         applied_source: str = "",
     ) -> list[Decision]:
-        """Take a controller's status, and the source of the command that it has seen applied last."""
+        """Take a controller's status, and the source of the applied command that it saw last."""
         self.ticks.pass_time(now_s)
         self.on_source(applied_source)
         if self.registry.on_status(name, tolerated_sensors):
@@ -149,7 +146,7 @@ class Arbiter:
         return self.ticks.decide()
 
     def on_time(self, now_s: float) -> list[Decision]:
-        """Process the passage of time; to be called at ``wakeup_s`` at the latest."""
+        """Process the passage of time; call it at ``wakeup_s`` at the latest."""
         self.ticks.pass_time(now_s)
         decisions = self.ticks.decide()
         self.operator.expire(now_s)
@@ -159,7 +156,7 @@ class Arbiter:
     def on_command(
         self, stamp_ns: int, source: str, command: Command, by_supervisor: bool = False
     ) -> bool:
-        """Take a message from the command topic; returns whether this supervisor sent it, not a foreign writer.
+        """Take a message from the command topic; return whether this supervisor sent it.
 
         ``by_supervisor``: another supervisor has signed it.
         """
@@ -168,21 +165,24 @@ class Arbiter:
         self.in_force.on_foreign(command)
         self.on_source(source)
         if self.watch.note_foreign(self.ticks.now_s, self.machine.tick, by_supervisor):
-            text = f"a foreign writer commands {command.force_kn:g} kN, {command.speed_rpm:g} rpm as {source[:40]!r}"
+            text = (
+                f"a foreign writer commands {command.force_kn:g} kN, "
+                f"{command.speed_rpm:g} rpm as {source[:40]!r}"
+            )
             self.machine.log(Level.ERROR, "command topic", text)
         return False
 
     def on_source(self, source: str) -> None:
-        """Take the source of the command in force, as others have seen it: a safe stop outlasts a restart.
+        """Take the source of the command in force, as others report it: a safe stop is kept.
 
-        Before the first command, sent here or by a leader, it can only be a command of the
-        supervisor before.
+        Before the first command from here or from a leader, it can only stem from the supervisor
+        before a restart.
         """
         if source == Mode.SAFE_STOP and self.ticks.last is None:
             self.machine.fire(Cause.RESTARTED, Reason(ReasonCode.STOPPED_BEFORE), "start")
 
     def on_actuator(self, state: ActuatorState) -> None:
-        """Take what the actuator end reports with a measurement: it remembers what supervisors before this one did."""
+        """Take the actuator end's report, the memory of what supervisors did before this one."""
         self.machine.reported = state.stop
         self.ticks.moved_itself, self.ticks.unheard = (
             not state.source,
@@ -193,12 +193,12 @@ class Arbiter:
         self._knew = knows
         self.on_stop(state.stop)
         self.on_source(state.source)
-        # Of a controller whose topics have not been found yet, too: a restart waits some ticks for
-        # it.
+        # This includes a controller whose topics have not been discovered yet: a restart waits
+        # some ticks for it.
         self._start_up.on_status(state.source, may_be_controller(state.source))
 
     def on_stop(self, stop: Stop) -> None:
-        """Take another copy of the stop register; an acknowledgement covers sensors that have jumped, here as there."""
+        """Merge another copy of the stop register; an acknowledgement readmits jumped sensors."""
         was_stopped = self.machine.register.stopped
         self.machine.merge_stop(stop)
         if was_stopped and not self.machine.register.stopped:
@@ -207,7 +207,7 @@ class Arbiter:
     # ---------------------------------------------------------------- leader and standby
 
     def follow(self, stamp_ns: int, source: str, command: Command) -> None:
-        """On standby: take over what the leader has commanded."""
+        """On standby: adopt the leader's command."""
         applied = self.settings.limits.clip(command, None)
         self.in_force.on_sent(applied)
         self.ticks.last, self.ticks.commanded_s = (
@@ -220,8 +220,8 @@ class Arbiter:
         elif tick is not None:
             tick.previous = applied
         if not self.safety.tripped:
-            # A cause that is seen here keeps this supervisor in the safe stop, whatever the leader
-            # has missed.
+            # With a cause of its own this supervisor stays in safe stop, even if the leader has
+            # missed it.
             self.machine.mirror(source)
 
     def follow_operator(
@@ -231,7 +231,7 @@ class Arbiter:
         inhibited: Mapping[str, Reason],
         actual: Standing | None = None,
     ) -> None:
-        """On standby: copy the operator's requests to the leader, and which controllers are inhibited there and why.
+        """On standby: adopt the leader's targets and inhibited controllers, with their reasons.
 
         ``actual``: the leader's own state.
         """
@@ -241,46 +241,46 @@ class Arbiter:
         self.registry.mirror_inhibitions(inhibited)
 
     def lead(self, why: str) -> list[Decision]:
-        """Send from now on, beginning with the tick decided on standby; ``why`` is empty at a start."""
+        """Send from now on, first the tick decided on standby; ``why`` is empty at a start."""
         self.ticks.leading = True
         self.watch.change_role()
         if why:
             self.machine.lead(why)
-        self.operator.manual = self.applied  # the manual mode goes on with the command in force
+        self.operator.manual = self.applied  # the manual mode continues with the command in force
         self._take_target()
         self.ticks.send()
         return self.ticks.decide()
 
     def _take_target(self) -> None:
-        """Be in the mode that was requested of another leader, which may have sent no command since."""
+        """Enter the mode requested of the previous leader, even if it sent no command since."""
         target = self.machine.target_mode
         if target not in (Mode.AUTO, Mode.SAFE_STOP):  # a safe stop is in the register
             reason = Reason(ReasonCode.REQUESTED_BEFORE, subject=str(target))
             self.machine.fire(OPERATOR_TRIGGERS[target], reason, "operator")
 
     def step_down(self, reason: str) -> None:
-        """Send nothing from now on, nor what was decided last."""
+        """Stop sending, including the last decision."""
         self.ticks.take_back([])
         self.ticks.leading = False
         self.watch.change_role()
-        # The last decision may not have been obeyed: the command in force comes from the leader or
-        # the drives.
+        # The last decision may not have been executed: the command in force comes from the leader
+        # or the drives.
         self.in_force.forget()
         if (tick := self.ticks.present) is not None:
-            # In lockstep a tick that nobody has been heard to answer may stand: it is decided
-            # here, too.
+            # In lockstep the plant may still wait for an answer to this tick: it is decided here,
+            # too.
             tick.answered, tick.previous = tick.answered or not self.lockstep, None
         self.operator.drop(reason)
         self.machine.log(Level.WARN, "failover", f"on standby: {reason}")
 
     def withhold(self, decisions: list[Decision]) -> None:
-        """Count decisions as lost that must not be sent, as the actuator end has not reported yet."""
+        """Count decisions as lost that must not be sent before the actuator end's first report."""
         self.ticks.take_back(decisions)
         self.in_force.forget()
 
 
 def problem(values: Mapping[str, Any]) -> str | None:
-    """Why the parameters of ``supervisor.yaml`` are inconsistent, or None."""
+    """Why the parameters of ``supervisor.yaml`` are inconsistent; None if they are not."""
     try:
         ArbiterSettings.from_values(values)
         interlocks_from(values)

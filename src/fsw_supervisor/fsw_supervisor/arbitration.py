@@ -1,4 +1,9 @@
-"""How one tick is decided, mode by mode, and the automatic changes of mode between two ticks."""
+"""Decision of one tick, mode by mode, and the automatic changes of mode between two ticks.
+
+Priority within a tick: interlocks (``safety_monitor.py``) first, then the active controller's
+proposal, then the first usable fallback in the same tick, then hold. Changes of mode happen
+between two ticks, so that a tick is decided in a single mode.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +22,7 @@ from fsw_supervisor.start_up import StartUp
 from fsw_supervisor.state_machine import Level, Machine, Mode
 from fsw_supervisor.tick import Decision, Tick, same
 
-#: in lockstep a late sample is waited for at least so long [s]
+#: in lockstep, shortest wait for late samples [s]
 _LOCKSTEP_GRACE_S = 1.0
 
 
@@ -38,12 +43,12 @@ class Arbitration:
 
     @property
     def _grace_s(self) -> float:
-        """How long a decision waits for the rest of the tick's sensors."""
+        """Time for which a decision waits for the rest of the tick's sensors."""
         grace_s = self.machine.settings.sensor_grace_s
         return max(grace_s, _LOCKSTEP_GRACE_S) if self.lockstep else grace_s
 
     def wakeup_s(self, tick: Tick, now_s: float) -> float:
-        """Steady time at which the tick must be looked at again if nothing arrives before."""
+        """Steady time of the tick's next check if nothing arrives before."""
         times = [tick.deadline_s]
         if not tick.judged:
             times.append(tick.started_s + self._grace_s)
@@ -56,9 +61,11 @@ class Arbitration:
     # ---------------------------------------------------------------- between two ticks
 
     def change_between_ticks(self, now_s: float) -> None:
-        """Change the active controller although it has not failed, or the mode because it has lasted too long."""
+        """Swap without a failure (request, return to the target), or leave a mode by time-out."""
         machine, settings = self.machine, self.machine.settings
         self.operator.serve(now_s)
+        # From hold back to auto: the target first, then the fallbacks; not while swaps are too
+        # frequent, so that two failing controllers do not alternate.
         if machine.mode is Mode.HOLD and machine.target_mode is Mode.AUTO:
             name = "" if machine.storming() else self.registry.first_ready()
             if name:
@@ -85,7 +92,7 @@ class Arbitration:
         self._time_out()
 
     def _time_out(self) -> None:
-        """End start, hold and a blind manual mode after a time: the force acts, nothing controls the process."""
+        """Limit the time in start, hold and blind manual, where the process is not controlled."""
         machine, settings = self.machine, self.machine.settings
         since_ns, why = machine.mode_since_ns, machine.reason
         if machine.mode is Mode.START:
@@ -96,6 +103,7 @@ class Arbitration:
             limit_s = settings.operator_hold_timeout_s if by_operator else settings.hold_timeout_s
         elif machine.mode is Mode.MANUAL and self.safety.blind_since_ns is not None:
             trigger, limit_s = Cause.BLIND_TIMEOUT, settings.operator_hold_timeout_s
+            # Manual may last for ever as long as the operator sees what the process does.
             since_ns = max(since_ns, self.safety.blind_since_ns)
             why = Reason(ReasonCode.INVALID_SENSOR, self.safety.invalid_sensors)
         else:
@@ -109,12 +117,13 @@ class Arbitration:
     # ---------------------------------------------------------------- the decision
 
     def decide(self, tick: Tick, now_s: float, final: bool) -> None:
-        """Decide a tick if that can be done now; ``final``: with the inputs that are there, as after the deadline."""
+        """Decide a tick if possible; ``final``: with the inputs at hand, as after the deadline."""
         self._now_s = now_s
         final = final or now_s >= tick.deadline_s
         if not final and not self._inputs_complete(tick):
             return
         if not tick.judged:
+            # Interlocks first: a trip decides the mode of this very tick, before any proposal.
             self.safety.judge(tick, self.in_force.acting(tick, self.safety.hold_s))
         if tick.answered:
             tick.settle()
@@ -139,7 +148,7 @@ class Arbitration:
             self._decide_without_controller(tick)
 
     def _inputs_complete(self, tick: Tick) -> bool:
-        """Whether all inputs have arrived whose timing must not matter for the decision."""
+        """Whether all inputs have arrived whose order must not influence the decision."""
         mode, active = self.machine.mode, self.machine.active
         missing = (
             () if tick.judged else tuple(name for name in REQUIRED if name not in tick.samples)
@@ -149,9 +158,9 @@ class Arbitration:
             in_grace = self._now_s < tick.started_s + self._grace_s
             known, held = self.safety.sensor_reasons, self.safety.held_sensors
             lost = all(known[name] == Flaw.MISSING and name not in held for name in missing)
-            # A sensor known to be lost is not waited for once the proposal has arrived; it may
-            # still come back. Before that nothing can be decided, and a sample that is only late
-            # on a busy machine is not missing.
+            # Once the proposal has arrived, a sensor known to be lost is not awaited; it may still
+            # come back. Before that nothing can be decided, and on a busy machine a late sample
+            # is not a missing one.
             if (in_grace and not (lost and proposed)) or (mode is Mode.AUTO and not proposed):
                 return False
             if mode is Mode.START and self.start_up.controller not in tick.candidates:
@@ -179,10 +188,12 @@ class Arbitration:
             self._fall_back(tick, final)
 
     def _apply_active(self, tick: Tick, final: bool) -> None:
-        """Apply the active controller's proposal, hold if that does not count as its failure, or note the failure."""
+        """Apply the active controller's proposal, hold if it is excused, or note its failure."""
         machine = self.machine
         name = machine.active
         candidate, record = tick.candidates.get(name), self.registry.get(name)
+        # In order of severity: an unknown or ambiguous controller is not followed even if its
+        # proposal is good; a missing proposal is a failure only at the deadline.
         if record is None:
             self._fail(tick, Reason(ReasonCode.UNKNOWN_CONTROLLER), inhibit=False)
         elif record.conflicts >= machine.settings.duplicate_ticks:
@@ -196,7 +207,7 @@ class Arbitration:
             and candidate.jump
             and machine.tick - self.watch.foreign_tick <= 1
         ):
-            # Controllers follow the command topic, also a foreign command, for one tick.
+            # Controllers track the command topic, including a foreign command, for one tick.
             self._hold(tick, Reason(ReasonCode.FOREIGN))
         elif candidate is not None:
             self._fail(tick, candidate.refusal, inhibit=True)
@@ -206,7 +217,7 @@ class Arbitration:
             self._fail(tick, Reason(ReasonCode.NO_PROPOSAL), inhibit=True)
 
     def _partial_measurement(self, tick: Tick) -> Reason:
-        """Which samples may not have reached the controllers, too; never for two ticks in a row."""
+        """Excuse for missing samples, which controllers may lack, too; never twice in a row."""
         if not tick.dropouts or self.machine.tick - self._excused_tick <= 1:
             return Reason()
         self._excused_tick = self.machine.tick
@@ -230,6 +241,8 @@ class Arbitration:
             machine.fire(Cause.STORM, reason, "failover")
             return
         for name in settings.fallbacks:
+            # Only controllers that were ready at the tick's begin qualify, so that the order
+            # of messages within the tick does not influence the choice.
             if name == machine.active or name not in tick.ready or self.registry.blind(name):
                 continue
             candidate = tick.candidates.get(name)
@@ -239,8 +252,7 @@ class Arbitration:
                 and final
                 and not (tick.extended or tick.drained or tick.stalled)
             ):
-                # The plant waits: a slow fallback is given the time that the active controller
-                # had.
+                # The plant waits: a slow fallback gets as much time as the active controller had.
                 tick.extended = True
                 tick.deadline_s = self._now_s + settings.lockstep_deadline_s
                 return
@@ -255,7 +267,7 @@ class Arbitration:
         )
 
     def _follow(self, tick: Tick, proposed: Command) -> None:
-        """Apply a proposal; just after a swap within the transition limits."""
+        """Apply a proposal, rate-limited (bumpless transfer) just after a swap."""
         machine, settings, applied = self.machine, self.machine.settings, self.in_force.applied
         assert applied is not None
         command, reason = proposed, Reason()
@@ -278,8 +290,8 @@ class Arbitration:
         if machine.mode is Mode.MANUAL and self.operator.manual is not None:
             wanted = self.operator.manual
         elif machine.mode is Mode.SAFE_STOP:
-            # Between slow measurements the ramp needs more than one move: it is cut to one, as
-            # every command is.
+            # Between slow measurements the ramp needs more than one move; like every command, it
+            # is limited to one.
             step_kn = settings.safe_rate_kn_per_s * machine.step_s
             ramp_kn = max(settings.safe_force_kn, applied.force_kn - step_kn)
             wanted = Command(min(ramp_kn, applied.force_kn), applied.speed_rpm)
@@ -299,6 +311,7 @@ class Arbitration:
     ) -> None:
         """Settle the tick with its one command, within bounds and rates whatever the source."""
         latency_s = max(0.0, self._now_s - tick.started_s)
+        # Last line of defence: bounds and rates hold whatever the source has computed.
         command = self.machine.settings.limits.clip(wanted, self.in_force.applied)
         tick.settle(Decision(tick.stamp_ns, command, source, reason, latency_s), excuse)
 

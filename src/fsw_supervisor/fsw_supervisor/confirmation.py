@@ -1,4 +1,7 @@
-"""Requests that are answered when the actuator end reports their effect: an answer is of what acts."""
+"""Requests that are answered once the actuator end reports their effect.
+
+An answer thus describes what acts on the machine, not what was sent.
+"""
 
 from __future__ import annotations
 
@@ -10,42 +13,39 @@ from fsw_control.stop import Stop
 from fsw_supervisor.failover import Failover, Role
 from fsw_supervisor.state_machine import Mode
 
-#: time within which the actuator end has to report the effect of a request [s] (chosen: twenty
-#: ticks)
+#: time within which the actuator end has to report the effect of a request [s] (chosen: 20 ticks)
 CONFIRM_S = 2.0
 
 
 @dataclass(slots=True)
 class Confirmation:
-    """A request that was accepted; ``ok`` is None until it is known whether it has taken effect."""
+    """An accepted request; ``ok`` is None until its effect is known."""
 
     effect: Callable[[ActuatorState], bool]  #: whether a report shows the effect
-    due_s: float  #: steady time at which it counts as not confirmed
-    is_stop: bool = False  #: a safe stop was asked for
+    due_s: float  #: steady time after which it counts as not confirmed
+    is_stop: bool = False  #: the request is a safe stop
     ok: bool | None = None
-    on_done: Callable[[], object] | None = None  #: called when it is known
+    on_done: Callable[[], object] | None = None  #: called when the effect is known
 
 
 class Confirmations:
-    """Waits for the effects of requests; :meth:`look` is to be called a few times a second.
+    """Waits for the effects of requests; call :meth:`look` a few times a second.
 
-    A report may have been under way since before the request. So it counts only if it can come of
-    nothing else than the request: it shows the stop register as the request has made it, or a
-    command that was decided after it.
+    A report may date from before the request. It therefore counts only if nothing but the request
+    can have caused it: it shows the stop register as changed by the request, or a command decided
+    after it.
     """
 
     def __init__(self, failover: Failover, lockstep_wait_s: float) -> None:
         self._failover = failover
-        self.wait_s = max(
-            CONFIRM_S, lockstep_wait_s
-        )  #: time within which an effect must be reported
+        # time within which an effect must be reported
+        self.wait_s = max(CONFIRM_S, lockstep_wait_s)
         self._waiting: list[Confirmation] = []
-        self._asked = (
-            Stop()
-        )  # the safe stop of this supervisor's last request, which covers those before
+        # the safe stop of this supervisor's last request, which covers the earlier ones
+        self._asked = Stop()
 
     def of_stop(self, now_s: float) -> Confirmation:
-        """The safe stop of this supervisor's register is in force, and not acknowledged meanwhile."""
+        """Confirm that the safe stop of this supervisor's register is in force."""
         machine = self._failover.machine
         self._asked = machine.register.value
         waiting = self._add(
@@ -55,9 +55,9 @@ class Confirmations:
         return waiting
 
     def of_acknowledgement(self, now_s: float) -> Confirmation:
-        """The acknowledgement of this supervisor's register is known, and no safe stop has been heard since.
+        """Confirm that the acknowledgement is known, and no safe stop has been heard since.
 
-        Of a stop that was acknowledged before, any report shows that; then a later command has to
+        If the stop was acknowledged before, every report shows that, so a later command has to
         act.
         """
         machine, state = self._failover.machine, self._failover.actuator
@@ -76,7 +76,7 @@ class Confirmations:
         return self._add(shows, now_s)
 
     def of_mode(self, mode: Mode, now_s: float) -> Confirmation:
-        """A command of the mode acts that was decided after the request."""
+        """Confirm that a command of the mode, decided after the request, acts."""
         is_later = self._later()
 
         def shows(state: ActuatorState) -> bool:
@@ -86,12 +86,12 @@ class Confirmations:
         return self._add(shows, now_s)
 
     def of_source(self, name: str, now_s: float) -> Confirmation:
-        """A command of the controller ``name`` acts that was decided after the request."""
+        """Confirm that a command of controller ``name``, decided after the request, acts."""
         is_later = self._later()
         return self._add(lambda state: state.source == name and is_later(state), now_s)
 
     def _later(self) -> Callable[[ActuatorState], bool]:
-        """Whether a report shows a command of this supervisor that was decided from now on."""
+        """Return a test whether a report shows a command decided here from now on."""
         last = self._failover.last_decided_ns
         return lambda state: self._failover.leads and state.answered_ns > last
 
@@ -101,7 +101,7 @@ class Confirmations:
         return waiting
 
     def on_report(self) -> None:
-        """Answer what the actuator end's last report shows; to be called once for each."""
+        """Answer requests confirmed by the actuator end's last report; call it once per report."""
         state = self._failover.actuator
         if any(waiting.is_stop for waiting in self._waiting):
             self._stop_again()
@@ -110,9 +110,9 @@ class Confirmations:
                 self._answer(waiting, True)
 
     def _stop_again(self) -> None:
-        """Ask again for the safe stop if another one has been heard.
+        """Request the safe stop again if another one has been heard.
 
-        Its acknowledgement may be under way, given before this supervisor was asked.
+        The other's acknowledgement, given before this request, may be under way.
         """
         machine = self._failover.machine
         if machine.register.stopped and machine.register.value != self._asked:
@@ -120,7 +120,7 @@ class Confirmations:
             self._asked = machine.register.value
 
     def look(self, now_s: float) -> None:
-        """Answer what is not confirmed in time, or no longer by this supervisor."""
+        """Answer requests that are overdue, or can no longer be confirmed by this supervisor."""
         leads = self._failover.role is Role.ACTIVE
         for waiting in [*self._waiting]:
             if not leads or now_s >= waiting.due_s:

@@ -1,16 +1,17 @@
-"""Whether the sensors agree with each other and with the drives, by the paper's model: three residuals for interlocks.
+"""Residuals of the sensors against each other and the drives, by the paper's model.
 
-- Torque with depth and force, (19)-(22) and the friction (23): a level. The ratio of measured and
-  expected torque is learnt slowly, so that wear and the plant's own coefficients do not count, and
-  not at all while it is off.
-- Depth with force and temperature, (17) and (27): a movement. What the drives explain is
-  subtracted, and what is left is compared with its own slow mean.
-- Temperature with power, (16) and (24): likewise, with a wide band, because the copper is only
-  roughly known.
+- Torque from depth and force, (19)-(22), and the friction (23): a level. The ratio of measured and
+  expected torque is learnt slowly, so that wear and the plant's own coefficients do not count; it
+  is frozen while the residual is large.
+- Depth from force and temperature, (17) and (27): a movement. The model's response to the drives
+  is subtracted, and the rest compared with its own slow mean (a high-pass filter).
+- Temperature from power, (16) and (24): also a movement, with a wide band, because the copper is
+  known only roughly.
 
-A residual is NaN where one of its measurements is missing. A movement begins again after such a
-loss, because a sensor that was away may come back elsewhere (``validity.*.max_jump``); the learnt
-ratio outlasts it.
+A residual is NaN if one of its measurements is missing. A movement restarts after such a loss,
+because the sensor may come back with an offset (``validity.*.max_jump``); the learnt ratio is
+kept. Theory: Gertler, Fault Detection and Diagnosis in Engineering Systems (1998); thresholds and
+persistence are in ``safety_monitor.py``.
 """
 
 from __future__ import annotations
@@ -24,31 +25,28 @@ from fsw_control.sensors import REQUIRED
 from fsw_model import ModelParameters, nominal
 from fsw_model.equations import depth_modes, friction_torque_nm, power_kw, process_torque_nm
 
-#: time constant with which the ratio of measured and expected torque is learnt (chosen: far slower
-#: than a slip)
+#: time constant for learning the ratio of measured and expected torque (chosen: far slower than a
+#: slip)
 _RATIO_S = 60.0
-#: the ratio is learnt faster at a start, as a mean of what has been measured since
+#: the ratio is learnt faster after the start, as the mean of all samples
 _LEAST_RATIO_S = 1.0
-#: largest share by which a plant's torque may differ from the model's for good (chosen: wear and
-#: coefficients)
+#: largest permanent deviation of a plant's torque from the model's (chosen: wear and coefficients)
 _LARGEST_SHARE = 0.3
-#: share by which the ratio may change once it has been learnt (chosen: twice the tool wear of a
-#: whole weld)
+#: largest change of the ratio after the learning time (chosen: twice the tool wear of a weld)
 _LARGEST_DRIFT = 0.05
-#: deviation of the torque from which it is not learnt any more [%] (chosen: half of the trip)
+#: torque deviation above which the ratio is frozen [%] (chosen: half of the trip)
 _LEARNT_PERCENT = 4.0
-#: time constants of the slow means of depth and temperature (chosen: the model's errors grow with
-#: them)
+#: time constants of the slow means of depth and temperature (chosen: model errors grow with them)
 _DEPTH_MEAN_S, _TEMPERATURE_MEAN_S = 10.0, 20.0
-#: rate at which the copper's temperature can change; a faster thermocouple does not move the
+#: largest rate of the copper's temperature; a faster thermocouple signal does not move the
 #: expected depth (chosen)
 _FASTEST_C_PER_S = 5.0
-#: longest time between two ticks that the movements bridge
+#: longest time between two ticks that the movements tolerate
 _GAP_S = 1.0
 
 
 class Residuals(NamedTuple):
-    """What the sensors show beyond what the model expects of the others; NaN where unknown."""
+    """Deviations of the sensors from the model's expectation; NaN if unknown."""
 
     torque_percent: float = nan
     depth_mm: float = nan
@@ -56,7 +54,7 @@ class Residuals(NamedTuple):
 
 
 class TorqueRatio:
-    """Torque compared with depth, force and speed."""
+    """Torque compared with its expectation from depth, force and speed."""
 
     def __init__(self, model: ModelParameters) -> None:
         self._model = model
@@ -66,11 +64,12 @@ class TorqueRatio:
         self._process_nm = nan
 
     def residual_percent(self, dt_s: float, m: Measurement) -> float:
-        """Deviation of the measured torque from the expected one, which the motor follows with its lag (18)."""
-        now_nm: float = process_torque_nm(self._model, m.force_kn, m.depth_mm)  # type: ignore[arg-type,assignment]
-        friction_nm: float = friction_torque_nm(self._model, m.speed_rpm)  # type: ignore[arg-type,assignment]
+        """Deviation of the measured torque from the expected one, with the motor's lag (18)."""
+        now_nm: float = process_torque_nm(self._model, m.force_kn, m.depth_mm)  # type: ignore
+        friction_nm: float = friction_torque_nm(self._model, m.speed_rpm)  # type: ignore
         if isnan(self._process_nm):
             self._process_nm = now_nm
+        # (18) over one tick, exact for a constant input
         self._process_nm += (now_nm - self._process_nm) * (
             1.0 - exp(-dt_s / self._model.motor_lag_s)
         )
@@ -79,6 +78,9 @@ class TorqueRatio:
         measured = (m.torque_nm - friction_nm) / self._process_nm
         if self._learnt_s == 0.0:
             self._ratio = self._bounded(measured)
+        # A slipping or failing sensor shows within seconds, wear and wrong coefficients over
+        # minutes: the slowly learnt ratio separates the two. It is not updated while the residual
+        # is large, so that it does not learn the fault.
         percent = 100.0 * (measured / self._ratio - 1.0)
         if abs(percent) < _LEARNT_PERCENT:
             self._learn(dt_s, measured)
@@ -87,6 +89,7 @@ class TorqueRatio:
     def _learn(self, dt_s: float, measured: float) -> None:
         is_new = self._learnt_s < _RATIO_S
         self._learnt_s += dt_s
+        # gain dt/t: the mean of all samples at first, an exponential mean after _RATIO_S
         share = dt_s / min(max(self._learnt_s, _LEAST_RATIO_S), _RATIO_S)
         self._ratio = self._bounded(self._ratio + (measured - self._ratio) * min(share, 1.0))
         if is_new and self._learnt_s >= _RATIO_S:
@@ -100,7 +103,7 @@ class TorqueRatio:
 
 
 class DepthMovement:
-    """Depth compared with what force and temperature do to it."""
+    """Depth compared with the response to force and temperature."""
 
     def __init__(self, model: ModelParameters) -> None:
         poles, gains = depth_modes(model)
@@ -111,17 +114,22 @@ class DepthMovement:
         self._mean = nan
 
     def restart(self) -> None:
-        """Forget where the sensor was."""
+        """Drop the sensor's offset."""
         self._mean = nan
 
     def residual_mm(self, dt_s: float, m: Measurement) -> float:
-        """Movement of the depth that the drives do not explain."""
+        """Movement of the depth that the drives do not explain.
+
+        Exact step response of (17) in modal form: an integrator (creep) and the slow mode, updated
+        per tick; the fast mode (0.95 ms) is neglected. Softening multiplies the depth, as in (27).
+        """
         model, pushed_kn = self._model, m.force_kn - self._model.operating_force_kn
         decay = exp(self._pole * dt_s)
         self._creep += self._creep_gain * dt_s * pushed_kn
         self._slow = decay * self._slow + (decay - 1.0) / self._pole * self._slow_gain * pushed_kn
         if isfinite(m.temperature_c):
             change_c = m.temperature_c - model.operating_temperature_c - self._softening_c
+            # Rate-limited: a quickly failing thermocouple must not show as a depth residual.
             most_c = _FASTEST_C_PER_S * dt_s
             self._softening_c += (
                 change_c if isnan(self._mean) else min(max(change_c, -most_c), most_c)
@@ -136,35 +144,36 @@ class DepthMovement:
 
 
 class TemperatureMovement:
-    """Temperature compared with what the power does to it."""
+    """Temperature compared with the response to the power."""
 
     def __init__(self, model: ModelParameters) -> None:
         self._model = model
         self._copper_c = self._tool_c = nan
-        self._power_kw: deque[tuple[float, float]] = deque()  # when it arrives, and how much
+        self._power_kw: deque[tuple[float, float]] = deque()  # time of arrival, and power
         self._arriving_kw = 0.0
         self._mean = nan
 
     def restart(self) -> None:
-        """Forget where the sensor was."""
+        """Drop the sensor's offset."""
         self._mean = nan
 
     def heat(self, time_s: float, dt_s: float, m: Measurement) -> None:
-        """Take the power of a tick, which arrives a dead time later."""
+        """Take the power of a tick, which takes effect after the dead time of (16)."""
         model = self._model
-        friction_nm: float = friction_torque_nm(model, m.speed_rpm)  # type: ignore[arg-type,assignment]
+        friction_nm: float = friction_torque_nm(model, m.speed_rpm)  # type: ignore
         power: float = power_kw(m.torque_nm - friction_nm, m.speed_rpm) - model.operating_power_kw
         if isfinite(power):
             self._power_kw.append((time_s + model.dead_time_s, power))
-            if isnan(
-                self._copper_c
-            ):  # it is taken for an equilibrium; the slow mean takes the rest
+            if isnan(self._copper_c):
+                # start in equilibrium; the slow mean absorbs the error
                 self._arriving_kw = power
                 self._copper_c = self._tool_c = model.thermal_gain_c_per_kw * power
         while self._power_kw and self._power_kw[0][0] <= time_s + 1e-6:
             self._arriving_kw = self._power_kw.popleft()[1]
         settled_c, before_c = model.thermal_gain_c_per_kw * self._arriving_kw, self._copper_c
         self._copper_c = settled_c + (before_c - settled_c) * exp(-dt_s / model.copper_lag_s)
+        # (16) as two lags in series, each exact for a constant input; the tool sees the copper's
+        # mean temperature over the tick
         around_c = 0.5 * (before_c + self._copper_c)
         self._tool_c = around_c + (self._tool_c - around_c) * exp(-dt_s / model.tool_lag_s)
 
@@ -179,7 +188,7 @@ class TemperatureMovement:
 
 
 class Consistency:
-    """The three residuals, tick by tick."""
+    """All three residuals, tick by tick."""
 
     def __init__(self, model: ModelParameters | None = None) -> None:
         model = nominal() if model is None else model
@@ -189,7 +198,7 @@ class Consistency:
         self._last_s = nan
 
     def forget_time(self) -> None:
-        """The clock went back: the learnt torque is kept."""
+        """Restart the movements after the clock went back; the learnt ratio is kept."""
         self._last_s = nan
         self._depth, self._temperature = (
             DepthMovement(self._model),
@@ -197,7 +206,7 @@ class Consistency:
         )
 
     def update(self, m: Measurement) -> Residuals:
-        """Take the measurement of a tick; a value that is held is none."""
+        """Take the measurement of a tick; held values count as missing."""
         dt_s = 0.0 if isnan(self._last_s) else max(m.time_s - self._last_s, 0.0)
         self._last_s = m.time_s
         if dt_s > _GAP_S:

@@ -1,4 +1,4 @@
-"""The controllers in the graph: a record of each, and the check of its candidate commands."""
+"""The controllers in the graph: a record for each, and the check of its candidate commands."""
 
 from __future__ import annotations
 
@@ -18,47 +18,47 @@ from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.state_machine import Level, Machine
 from fsw_supervisor.tick import Candidate, ProposalInput, Tick, check, same
 
-#: names of controllers, and those that none may have: of other sources, and of the supervisor's
+#: pattern of controllers' names, and reserved names: of other sources, and of the supervisor's
 #: topics
 NAME, RESERVED = "[A-Za-z][A-Za-z0-9_]*", (*BUILT_IN_SOURCES, "supervisor", UNKNOWN)
-#: ticks that a proposal may lag behind in lockstep before its controller counts as silent
+#: ticks that a proposal may lag in lockstep before its controller counts as silent
 LOCKSTEP_LAG = 20
-#: proposals of a controller kept for measurements that have not arrived yet; more than a burst
-#: after a stall
+#: proposals kept for measurements that have not arrived yet; more than a burst after a stall
 _KEPT_EARLY = 8
-#: controllers at most
+#: largest number of controllers
 _CAPACITY = 32
 #: latencies of one controller kept for statistics
 _KEPT_LATENCIES = 300
 
 
 def may_be_controller(name: str) -> bool:
-    """Whether a controller may have this name."""
+    """Whether this is a valid name of a controller."""
     return name not in RESERVED and re.fullmatch(NAME, name) is not None
 
 
 @dataclass(slots=True)
 class ControllerRecord:
-    """State of a controller as the arbiter sees it."""
+    """State of a controller as seen by the arbiter."""
 
     name: str
     present: bool = False  #: in the graph
-    inhibited: Reason = Reason()  # noqa: RUF009  #: why it failed while active; none when it may be selected
-    problem: Reason = Reason()  # noqa: RUF009  #: why its last tick was not good; none when it was
+    #: why it failed while active; empty if it may be selected
+    inhibited: Reason = Reason()  # noqa: RUF009  # immutable
+    #: why its last tick was not good; empty if it was
+    problem: Reason = Reason()  # noqa: RUF009  # immutable
     consecutive_good: int = 0  #: good proposals in a row
     missed: int = 0  #: ticks without a proposal at the deadline
     late: int = 0  #: proposals after the deadline
-    rejected: int = 0  #: proposals refused for their content or stamp
-    duplicates: int = 0  #: further proposals to a stamp already answered
+    rejected: int = 0  #: proposals rejected for their content or stamp
+    duplicates: int = 0  #: repeated proposals for a stamp
     silent_ticks: int = 0  #: ticks in a row without a proposal
     doubled: int = 0  #: ticks in a row with more than one proposal
     conflicts: int = 0  #: ticks in a row with two different proposals
-    tolerated_sensors: tuple[str, ...] = ()  #: that may be invalid for a while, as it declares
+    tolerated_sensors: tuple[str, ...] = ()  #: that may be invalid for a while, as declared
     status_seen: bool = False
     last_stamp_ns: int = -1  #: of its newest proposal
-    early: dict[int, ProposalInput] = field(
-        default_factory=dict
-    )  #: by stamp; their measurements have not arrived yet
+    #: by stamp, proposals whose measurement has not arrived yet
+    early: dict[int, ProposalInput] = field(default_factory=dict)
     latencies_s: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT_LATENCIES))
 
     def bad(self, problem: Reason) -> None:
@@ -67,7 +67,7 @@ class ControllerRecord:
         self.problem = problem
 
     def inhibit(self, reason: Reason) -> None:
-        """Note that it failed while active: it may not be selected until it is readmitted."""
+        """Note a failure while active: it cannot be selected until it is readmitted."""
         self.inhibited = reason
         self.bad(reason)
 
@@ -75,8 +75,8 @@ class ControllerRecord:
 class ControllerRegistry:
     """All controllers ever seen, and their candidate commands, tick by tick.
 
-    It is bounded, so that flooding nodes cannot fill the memory. In lockstep, where the wall clock
-    is irrelevant, a shadow controller that lags behind does not count as failed.
+    Its size is limited, so that flooding nodes cannot exhaust the memory. In lockstep, where the
+    wall clock is irrelevant, a lagging shadow controller does not count as failed.
     """
 
     def __init__(self, machine: Machine, safety: SafetyMonitor, lockstep: bool) -> None:
@@ -91,7 +91,7 @@ class ControllerRegistry:
         return iter([self._records[name] for name in sorted(self._records)])
 
     def get(self, name: str) -> ControllerRecord | None:
-        """Record of ``name``, or None when it was never seen."""
+        """Record of ``name``; None if it was never seen."""
         return self._records.get(name)
 
     def any_reported(self) -> bool:
@@ -104,7 +104,7 @@ class ControllerRegistry:
         return bool(present) and all(record.status_seen for record in present)
 
     def readiness(self, name: str) -> Readiness:
-        """What controller ``name`` lacks to be selected now."""
+        """Whether controller ``name`` may be selected now, and if not, what it lacks."""
         record, settings = self.get(name), self._machine.settings
         if record is None:
             return Readiness(Lack.UNKNOWN)
@@ -123,7 +123,7 @@ class ControllerRegistry:
         return self.sight(name)
 
     def why_not_ready(self, name: str) -> str:
-        """Why controller ``name`` may not be selected now, in words; empty when it may."""
+        """Why controller ``name`` may not be selected now, in words; empty if it may."""
         return self.readiness(name).words(name)
 
     def sight(self, name: str) -> Readiness:
@@ -135,7 +135,7 @@ class ControllerRegistry:
         return Readiness(Lack.BLIND, sensors=needed) if needed else Readiness()
 
     def blind(self, name: str) -> Reason:
-        """Which invalid sensors controller ``name`` requires; none when there are none."""
+        """Reason with the invalid sensors that controller ``name`` requires; empty if none."""
         sensors = self.sight(name).sensors
         return Reason(ReasonCode.SENSOR_REQUIRED, sensors) if sensors else Reason()
 
@@ -144,14 +144,14 @@ class ControllerRegistry:
         return frozenset(name for name in self._records if not self.why_not_ready(name))
 
     def first_ready(self) -> str:
-        """First controller that may be selected: the target, then the fallback list; empty if none."""
+        """First selectable controller: the target, then the fallbacks; empty if there is none."""
         names = (self._machine.target, *self._machine.settings.fallbacks)
         return next((name for name in names if not self.why_not_ready(name)), "")
 
-    # ---------------------------------------------------------------- who is there
+    # ---------------------------------------------------------------- membership
 
     def join(self, name: str) -> None:
-        """Note that ``name`` is in the graph; without effect when there are too many controllers."""
+        """Note that ``name`` is in the graph; ignored if there are too many controllers."""
         record = self.get(name)
         if record is None and len(self._records) < _CAPACITY:
             record = self._records[name] = ControllerRecord(name)
@@ -167,7 +167,7 @@ class ControllerRegistry:
             self._machine.log(Level.WARN, name, f"controller {name} has left the graph")
 
     def on_status(self, name: str, tolerated_sensors: tuple[str, ...]) -> bool:
-        """Take a controller's status; returns whether the controller is known."""
+        """Take a controller's status; return whether the controller is known."""
         record = self.get(name)
         if record is not None:
             record.tolerated_sensors = tuple(
@@ -177,7 +177,7 @@ class ControllerRegistry:
         return record is not None
 
     def mirror_inhibitions(self, reasons: Mapping[str, Reason]) -> None:
-        """Inhibit exactly those that another supervisor has inhibited, for its reasons."""
+        """Inhibit exactly the controllers that another supervisor has inhibited."""
         for record in self:
             record.inhibited = reasons.get(record.name, Reason())
 
@@ -191,7 +191,7 @@ class ControllerRegistry:
     # ---------------------------------------------------------------- candidate commands
 
     def forget_time(self, stamp_ns: int) -> None:
-        """The clock went back to ``stamp_ns``: other stamps seen before do not count any more."""
+        """Forget stamps other than ``stamp_ns``, to which the clock went back."""
         self._past.clear()
         for record in self:
             record.last_stamp_ns = -1
@@ -200,13 +200,13 @@ class ControllerRegistry:
             }
 
     def take(self, name: str, proposal: ProposalInput, tick: Tick | None, now_s: float) -> None:
-        """Take a proposal of ``name``: to the present tick, to one that is over, or to one that has not begun here."""
+        """Take a proposal of ``name`` for the present tick, a past one or a future one."""
         self.join(name)
         record = self.get(name)
         if record is None:
             return
-        # An answer to a time far back may follow a clock that has gone back; then its measurement
-        # arrives later.
+        # An answer to a much older stamp may result from a clock that went back; its measurement
+        # then arrives later.
         far_back = tick is not None and proposal.stamp_ns < tick.stamp_ns - JUMP_NS
         if (
             tick is None
@@ -245,7 +245,8 @@ class ControllerRegistry:
                     self._count(self._records[name], checked)
 
     def close(self, tick: Tick) -> None:
-        """Count, at the end of a tick, which controllers have answered."""
+        """At the end of a tick, count the controllers that have answered."""
+        # kept for answers in lockstep that arrive after their tick
         self._past[tick.stamp_ns] = tick
         if len(self._past) > LOCKSTEP_LAG:
             del self._past[next(iter(self._past))]
@@ -253,7 +254,10 @@ class ControllerRegistry:
             record.doubled = record.doubled + 1 if record.name in tick.duplicates else 0
             record.conflicts = record.conflicts + 1 if tick.duplicates.get(record.name) else 0
             if record.doubled == self._machine.settings.duplicate_ticks:
-                text = f"{record.name} proposes more than once per tick: are there two controllers of this name?"
+                text = (
+                    f"{record.name} proposes more than once per tick: "
+                    "are there two controllers of this name?"
+                )
                 self._machine.log(Level.ERROR, record.name, text)
             if record.name not in tick.candidates:
                 self._note_silence(record, tick)
@@ -277,10 +281,11 @@ class ControllerRegistry:
         if record.last_stamp_ns == tick.stamp_ns:
             record.duplicates += 1
             earlier = tick.candidates.get(record.name)
+            # Two different answers to one measurement mean two processes of one name. Which one
+            # would be applied depends on chance, so the name becomes unusable after some ticks.
             differs = earlier is not None and not same(earlier.command, proposal.command)
-            if (
-                differs or not self._lockstep
-            ):  # in lockstep a controller answers a repeated tick again
+            # in lockstep a controller answers a repeated tick again
+            if differs or not self._lockstep:
                 tick.duplicates[record.name] = differs or tick.duplicates.get(record.name, False)
             return
         record.last_stamp_ns = tick.stamp_ns
@@ -302,6 +307,7 @@ class ControllerRegistry:
             return
         record.last_stamp_ns = proposal.stamp_ns
         past = self._past.get(proposal.stamp_ns)
+        # In lockstep a late answer is still checked against its own tick: speed is not judged.
         if self._lockstep and past is not None:
             self._count(record, self._check(record, proposal, past))
             return
@@ -317,7 +323,7 @@ class ControllerRegistry:
         return check(record.name, proposal, tick.previous, self._machine.settings.limits)
 
     def _count(self, record: ControllerRecord, candidate: Candidate) -> None:
-        """Update the counts of a controller with a candidate command."""
+        """Update a controller's counts with a candidate command."""
         machine = self._machine
         if candidate.refusal:
             if candidate.malformed:

@@ -14,9 +14,9 @@ from fsw_supervisor.controller_registry import NAME, RESERVED, ControllerRegistr
 
 
 class ControllerTopics:
-    """Proposals and status of every controller, that is, of every node that publishes proposals.
+    """Subscribes to proposals and status of every controller, i.e. node that publishes proposals.
 
-    ``registry`` records those that join and leave; ``on_proposal`` and ``on_status`` get the
+    ``registry`` records joining and leaving controllers; ``on_proposal`` and ``on_status`` get the
     controller's name and its message, ``on_controller`` the name of each new one.
     """
 
@@ -40,7 +40,7 @@ class ControllerTopics:
         self._proposal_topic = re.compile(re.escape(self._prefix) + rf"({NAME})/proposal\Z")
 
     def look(self) -> None:
-        """Record which controllers are in the graph; to be called a few times a second."""
+        """Record which controllers are in the graph; call it a few times a second."""
         for topic, types in self._node.get_topic_names_and_types():
             match = self._proposal_topic.match(topic)
             if match is None:
@@ -49,7 +49,10 @@ class ControllerTopics:
             if name in RESERVED or types != ["fsw_msgs/msg/WeldCommand"]:
                 if name not in self.ignored:
                     self.ignored.add(name)
-                    text = f"{topic} is ignored: reserved name or not of type fsw_msgs/msg/WeldCommand"
+                    text = (
+                        f"{topic} is ignored: reserved name, "
+                        "or not of type fsw_msgs/msg/WeldCommand"
+                    )
                     self._node.get_logger().error(text)
             elif self._node.count_publishers(topic):
                 self.subscribe(name)
@@ -68,5 +71,5 @@ class ControllerTopics:
         self._on_controller(name)
 
     def proposers(self, name: str) -> int:
-        """Publishers of a controller's proposals; more than one share its name."""
+        """Number of publishers of a controller's proposals; more than one share its name."""
         return self._node.count_publishers(f"{self._prefix}{name}/proposal")

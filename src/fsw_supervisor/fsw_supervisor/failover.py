@@ -1,4 +1,8 @@
-"""Which supervisor leads: the one whose commands the actuator end takes; another stands by and takes over."""
+"""Leader election and failover between supervisors, decided by the actuator end.
+
+Terms as in Raft (Ongaro and Ousterhout 2014), but without votes: the actuator end is the single
+arbiter, because every effective command passes it. Unanswered measurements are the heartbeat.
+"""
 
 from __future__ import annotations
 
@@ -15,17 +19,17 @@ from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.state_machine import Machine
 from fsw_supervisor.tick import Decision, Tick
 
-#: after a start: how long to listen for a leader [s]
+#: listening time for a leader after a start [s]
 LISTEN_S = 0.25
-#: the same while another node publishes commands of which none has arrived yet [s]
+#: the same if another node publishes commands but none has arrived yet [s]
 _LISTEN_LONG_S = 1.0
-#: on standby in lockstep: how long the leader may take to send what was decided here; it has the
-#: same inputs [s]
+#: on standby in lockstep: time for the leader to send what was decided here from the same inputs
+#: [s]
 _LOCKSTEP_WAIT_S = 1.0
-#: on standby, after a stall: how long the queues may take to drain, in tick periods
+#: on standby, after a stall: time for the queues to drain, in tick periods
 _DRAIN_TICKS = 0.3
-#: each takeover within this time doubles the patience of a standby, so that two slow ones do not
-#: alternate [s] (chosen)
+#: each takeover within this time doubles a standby's patience (exponential back-off), so that two
+#: slow supervisors do not alternate [s] (chosen)
 _RECENT_S = 30.0
 #: largest factor of the patience: 2 ticks become 1.6 s, well before the plant's watchdog lowers
 #: the force (chosen)
@@ -43,29 +47,27 @@ class Role(StrEnum):
 class Failover:
     """Stands between the arbiter and the command topic.
 
-    The actuator end decides who leads (``fsw_control/fence.py``): it takes commands of the
+    The actuator end decides who leads (``fsw_control/fence.py``): it accepts commands of the
     greatest term only, and reports that term and its leader with every measurement. A supervisor
-    sends nothing before it has heard such a report; its term is above all that were reported. It
-    leads no more when the report names another leader of the same or a greater term. So commands
-    of a leader that was stalled, cut off or outvoted have no effect, whatever it knows.
+    sends nothing before it has received such a report; its term is above all reported ones. It
+    steps down when the report names another leader of the same or a greater term. So commands of
+    a leader that was stalled, cut off or replaced have no effect, whatever it believes.
 
-    On standby the arbiter decides every tick, sends nothing and takes over what the leader has
-    commanded. When ``takeover_ticks`` ticks in a row went unanswered, as the actuator end counts
-    them, the decision on the present one is sent under a new term.
+    On standby the arbiter decides every tick, sends nothing and adopts the leader's commands. When
+    ``takeover_ticks`` ticks in a row went unanswered, as counted by the actuator end, the decision
+    on the present tick is sent under a new term.
 
-    ``identity`` differs from that of every other supervisor. With ``standby`` it begins as
-    standby; otherwise it leads unless another one does.
+    ``identity`` is unique among supervisors. With ``standby`` it starts as standby; otherwise it
+    leads unless another supervisor does.
     """
 
     def __init__(self, arbiter: Arbiter, identity: str, standby: bool, now_s: float) -> None:
         self.role = Role.STANDBY if standby else Role.LISTENING
-        self.term = 0  #: of this supervisor's present lead; 0 until it begins to send
-        self.actuator: ActuatorState | None = (
-            None  #: last report of the actuator end; None before the first
-        )
-        self.asserting = (
-            False  #: another supervisor leads, too, and must receive the state of this one
-        )
+        self.term = 0  #: of this supervisor's present lead; 0 until it first sends
+        #: last report of the actuator end; None before the first one
+        self.actuator: ActuatorState | None = None
+        #: another supervisor believes that it leads and must receive the state of this one
+        self.asserting = False
         #: other nodes publish commands, perhaps a leader whose commands have not arrived
         self.rival_writer = False
         self._arbiter, self._identity = arbiter, identity
@@ -83,12 +85,12 @@ class Failover:
 
     @property
     def signature(self) -> Signature:
-        """What this supervisor signs its commands with."""
+        """Signature of this supervisor's commands."""
         return Signature(self.term, self._identity, self._arbiter.machine.register.value)
 
     @property
     def wakeup_s(self) -> float | None:
-        """Steady time at which the arbiter's ``on_time`` must be called at the latest; None: nothing is waited for."""
+        """Steady time at which the arbiter's ``on_time`` must be called; None if not needed."""
         arbiter_s = self._arbiter.wakeup_s
         times = [] if arbiter_s is None else [arbiter_s]
         if self.role is Role.LISTENING:
@@ -106,9 +108,9 @@ class Failover:
         return self._arbiter.machine
 
     def is_certain(self, now_s: float) -> bool:
-        """Whether it is known that this supervisor leads, or does not.
+        """Whether it is certain that this supervisor leads, or that it does not.
 
-        After a stall, requests may be handled before the report that another one has taken over.
+        After a stall, requests may be handled before the report of another's takeover.
         """
         if self.role is not Role.ACTIVE or self.actuator is None:
             return True
@@ -116,23 +118,23 @@ class Failover:
 
     @property
     def leads(self) -> bool:
-        """Whether the actuator end takes the commands of this supervisor, as far as it has reported."""
+        """Whether the actuator end accepts this supervisor's commands, by its last report."""
         confirmed = self.actuator is not None and self.actuator.leader == self._identity
         return self.role is Role.ACTIVE and confirmed and self.term > 0
 
     @property
     def last_decided_ns(self) -> int:
-        """Stamp of the measurement that the last command answers which was sent here or by the leader before."""
+        """Stamp answered by the last command sent here or by the previous leader."""
         last = self._arbiter.ticks.last
         return 0 if last is None else last.stamp_ns
 
     @property
     def unanswered(self) -> int:
-        """Ticks in a row before the present one that nobody has answered."""
+        """Number of ticks in a row before the present one that nobody has answered."""
         return 0 if self.actuator is None else self.actuator.unanswered
 
     def pass_on(self, decisions: list[Decision], now_s: float) -> list[Decision]:
-        """Return what may be published now; to be called with the decisions of every call of the arbiter."""
+        """Return what may be published; call it with the decisions of each call of the arbiter."""
         self._called_s = now_s
         if self.role is not Role.ACTIVE:
             if not self._takes_over(now_s):
@@ -146,13 +148,15 @@ class Failover:
             self._arbiter.withhold(decisions)
             return []
         if decisions and self.actuator is not None:
+            # A new term is taken with the first command, not with the role: a leader that never
+            # sends does not depose anybody.
             self.term = self.term or max(self.actuator.term, self._heard_term) + 1
         return decisions
 
-    # ---------------------------------------------------------------- what is heard
+    # ---------------------------------------------------------------- inputs
 
     def on_actuator(self, state: ActuatorState, now_s: float) -> None:
-        """Take the report of the actuator end; before the measurement that it came with."""
+        """Take the actuator end's report, before the measurement that it came with."""
         before, self.actuator, self._reported_s = self.actuator, state, now_s
         if before is not None and state.term > before.term:
             self._takeovers_s.append(now_s)
@@ -166,11 +170,11 @@ class Failover:
         ):
             self.role = Role.STANDBY
         if self.role is not Role.ACTIVE and state.answered_ns > self.last_decided_ns:
-            # The command that acts has not been heard here: the drives show what is in force.
+            # The acting command was not received here: the drives show what is in force.
             self._arbiter.in_force.forget()
 
     def on_stop(self, stop: Stop) -> None:
-        """Take another part's copy of the stop register."""
+        """Merge another part's copy of the stop register."""
         self._arbiter.on_stop(stop)
 
     def on_command(
@@ -190,17 +194,16 @@ class Failover:
         tick = self._arbiter.ticks.present
         age_ns = tick.stamp_ns - stamp_ns if tick is not None else -1
         if age_ns < 0:
-            # Its measurement has not come here yet.
+            # Its measurement has not arrived here yet.
             self._arbiter.on_source(source)
             self._early = (stamp_ns, source, command)
         elif age_ns <= NANOSECONDS:
             self._follow(stamp_ns, source, command)
 
     def on_leader_state(self, signature: Signature) -> bool:
-        """Take the state of another supervisor that leads; returns whether its state has to be followed.
+        """Take the state of another leading supervisor; return whether to follow it.
 
-        Before the actuator end has reported anything, of two that lead the one with the greater
-        term stays, then the one with the greater identity.
+        Before the actuator end's first report the greater term wins, then the greater identity.
         """
         term, leader, stop = signature
         if leader in ("", self._identity):
@@ -210,8 +213,8 @@ class Failover:
             self.role = Role.STANDBY
         if self.role is Role.ACTIVE:
             if self.leads or (term, leader) < (self.term, self._identity):
-                # Not at every message: two that lead, each as far as it knows, would answer each
-                # other for ever.
+                # Rate-limited: two supervisors that both believe to lead would answer each other
+                # for ever.
                 if self._called_s - self._asserted_s >= self._arbiter.settings.tick_period_s:
                     self.asserting, self._asserted_s = True, self._called_s
                 return False
@@ -227,9 +230,10 @@ class Failover:
         return self._started_s + (_LISTEN_LONG_S if self.rival_writer else LISTEN_S)
 
     def _needed(self, now_s: float) -> int:
-        """Unanswered ticks in a row, with the present one, after which this supervisor takes over."""
-        if self._arbiter.lockstep:  # there is no next tick before this one is answered
+        """Ticks unanswered in a row, the present one included, that trigger a takeover."""
+        if self._arbiter.lockstep:  # there is no next tick before this one has its answer
             return 1
+        # Exponential back-off: 2, 4, 8 or 16 ticks.
         recent = sum(now_s - time_s < _RECENT_S for time_s in self._takeovers_s)
         return self._arbiter.settings.takeover_ticks * int(min(2**recent, _LARGEST_FACTOR))
 
@@ -247,11 +251,11 @@ class Failover:
             return now_s >= self._listening_ends_s
         if tick is None or now_s < self._due_s or self.actuator is None:
             return False
-        # A leader whose commands are heard here, but not at the actuator end, does not lead.
+        # A leader whose commands arrive here but not at the actuator end does not lead.
         if self.unanswered + (not tick.answered) < self._needed(now_s):
             return False
         if now_s > self._due_s + self._arbiter.settings.stall_tolerance_s and not self._drained:
-            # This process was stalled: the messages in the queues are handled first.
+            # This process was stalled: handle the queued messages first.
             self._drained = True
             self._due_s = now_s + _DRAIN_TICKS * self._arbiter.settings.tick_period_s
             return False
@@ -266,8 +270,8 @@ class Failover:
             early, self._early = self._early, None
             if early[0] == tick.stamp_ns:
                 self._follow(*early)
-            # a measurement has been missed here that the leader has answered: the drives show what
-            # is in force
+            # This supervisor missed a measurement that the leader has answered: the drives show
+            # what is in force.
             else:
                 self._arbiter.in_force.forget()
 
@@ -280,7 +284,7 @@ class Failover:
 
     @property
     def _lease_s(self) -> float:
-        """Another supervisor may have taken over after such a stall of this one."""
+        """Duration of a stall after which another supervisor may have taken over."""
         settings = self._arbiter.settings
         return (
             settings.takeover_s(True) / 2.0
@@ -291,13 +295,12 @@ class Failover:
     def _is_other(self, state: ActuatorState) -> bool:
         """Whether the actuator end follows another leader.
 
-        A term of this one that it has not seen yet may be ahead; but it is not asserted against a
-        leader that answers.
+        A term of this supervisor that it has not seen yet may be ahead, but is not asserted
+        against a leader that answers.
         """
         other = state.leader not in ("", self._identity)
-        if (
-            not self.term
-        ):  # it took over, has sent nothing yet, and the leader before answers again
+        # it took over but has sent nothing yet, and the previous leader answers again
+        if not self.term:
             return other and state.unanswered == 0
         return other and (
             state.term >= self.term or (state.unanswered == 0 and not self._confirmed)
@@ -306,6 +309,6 @@ class Failover:
     def _step_down(self, reason: str) -> None:
         self.role, self.term, self.asserting = Role.STANDBY, 0, False
         self._tick = self._arbiter.ticks.present
-        # While nothing is measured, two would give way to each other as fast as messages travel.
+        # Without measurements, two would give way to each other as fast as messages travel.
         self._due_s = self._called_s + self._arbiter.settings.takeover_s(self._arbiter.lockstep)
         self._arbiter.step_down(reason)

@@ -1,4 +1,4 @@
-"""Whether this supervisor leads, for requests: their callbacks wait until that is certain."""
+"""Whether this supervisor leads: callbacks of requests wait until that is certain."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from fsw_supervisor.failover import Failover, Role
 class Leadership:
     """Answers whether this supervisor leads.
 
-    After a stall requests may be handled before the messages that say that another supervisor has
-    taken over. One that no longer leads must not accept them: nobody would follow it. So they wait
-    for the next report or timer.
+    After a stall, requests may be handled before the messages that report another supervisor's
+    takeover. A deposed leader must not accept them: nobody would follow it. Requests therefore
+    wait for the next report or timer.
     """
 
     def __init__(self, node: Node, failover: Failover) -> None:
@@ -23,7 +23,7 @@ class Leadership:
         self._waiting: list[Future] = []
 
     async def certain(self) -> bool:
-        """Wait until it is certain, after a stall, and return whether this supervisor leads."""
+        """Wait, after a stall, until it is certain; return whether this supervisor leads."""
         while not self._failover.is_certain(time.monotonic()):
             known: Future = Future(executor=self._node.executor)
             self._waiting.append(known)
@@ -31,7 +31,7 @@ class Leadership:
         return self._failover.role is Role.ACTIVE
 
     def look(self) -> None:
-        """Resume what waits, if it is certain now; to be called after every call of the failover."""
+        """Resume waiting requests once it is certain; call it after every call of the failover."""
         if self._waiting and self._failover.is_certain(time.monotonic()):
             waiting, self._waiting = self._waiting, []
             for known in waiting:

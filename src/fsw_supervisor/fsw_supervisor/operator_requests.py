@@ -1,4 +1,4 @@
-"""Requests of the operator for another controller or mode, and their answers."""
+"""Operator requests for another controller or mode, and their answers."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class SwitchRequest:
     name: str  #: of the controller
     strict: bool  #: refuse unless it is ready
     expires_s: float  #: steady time at which a best-effort request gives up
-    #: likewise on the clock of ``Machine.time_ns`` (in lockstep, where the steady clock only
-    #: guards)
+    #: the same on the clock of ``Machine.time_ns`` (for lockstep, where the steady clock is only a
+    #: guard)
     expires_ns: int
-    who: str  #: asked
+    who: str  #: the requesting operator
     done: bool = False  #: answered
     ok: bool = False
-    message: str = ""  #: the answer in words
-    on_done: Callable[[], object] | None = None  #: called with the answer
+    message: str = ""  #: text of the answer
+    on_done: Callable[[], object] | None = None  #: called after the answer
 
     def answer(self, ok: bool, message: str) -> None:
         """Answer the request; only the first answer counts."""
@@ -43,13 +43,13 @@ class SwitchRequest:
 
 @dataclass(slots=True)
 class OperatorRequests:
-    """Checks requests and serves them between two ticks; in lockstep time-outs are times of the stamps."""
+    """Checks requests and serves them between ticks; lockstep time-outs count on the stamps."""
 
     machine: Machine
     registry: ControllerRegistry
     safety: SafetyMonitor
     lockstep: bool
-    manual: Command | None = None  #: the values of the manual mode
+    manual: Command | None = None  #: values of the manual mode
     _pending: SwitchRequest | None = None
     _swapped_ns: int | None = None
 
@@ -61,11 +61,11 @@ class OperatorRequests:
     def ask_switch(
         self, name: str, strict: bool, timeout_s: float, who: str, now_s: float
     ) -> SwitchRequest:
-        """Ask for a controller; the answer is in the request returned, at once or later.
+        """Request a controller; the returned request holds the answer, at once or later.
 
-        A ``strict`` request is refused unless the controller is ready now; otherwise it is waited
-        for up to ``timeout_s``. With a time-out of 0 the answer comes at once. ``who`` asks, for
-        the log.
+        A ``strict`` request is refused unless the controller is ready now; otherwise the request
+        waits for up to ``timeout_s``. With a time-out of 0 the answer comes at once. ``who`` is
+        the operator, for the log.
         """
         machine = self.machine
         timeout_s = timeout_s if isfinite(timeout_s) and timeout_s > 0.0 else 0.0
@@ -95,7 +95,7 @@ class OperatorRequests:
         return request
 
     def ask_mode(self, mode: str, manual: Command | None, who: str) -> tuple[bool, str]:
-        """Ask for ``auto``, ``manual`` (with values), ``hold`` or ``safe_stop``; returns success and the reason."""
+        """Request one of ``OPERATOR_MODES`` (``manual`` with values); return success and text."""
         ok, message = self._ask_mode(mode, manual, who)
         if not ok:
             self.machine.log(Level.WARN, who, f"mode {mode[:40]}: {message}")
@@ -144,12 +144,12 @@ class OperatorRequests:
         )
 
     def acknowledge(self, who: str) -> tuple[bool, str]:
-        """Acknowledge the safe stop, so that it may be left; returns success and the reason in words.
+        """Acknowledge the safe stop, so that it can be left; return success and the answer's text.
 
-        It also acknowledges what a sensor shows that has jumped. Refused while a cause is there,
-        or a sensor is invalid that could show it. Either voids it later, and so does another safe
-        stop. Refused as well until the actuator end reports the same safe stop: it may have one of
-        its own that nobody has seen yet.
+        Also accepts the values of sensors that have jumped. It is refused while a cause persists,
+        or while a sensor that could show one is invalid; either voids it later, as does another
+        safe stop. It is also refused until the actuator end reports the same safe stop: it may
+        have one of its own that nobody has seen yet.
         """
         if self.machine.mode is not Mode.SAFE_STOP:
             return False, "there is no safe stop to acknowledge"
@@ -164,7 +164,7 @@ class OperatorRequests:
         return True, "acknowledged; now request a mode"
 
     def serve(self, now_s: float) -> None:
-        """Make the requested swap, if possible; to be called between two ticks."""
+        """Make the requested swap, if possible; call it between two ticks."""
         self.expire(now_s)
         request, machine = self._pending, self.machine
         if request is None:
@@ -181,7 +181,7 @@ class OperatorRequests:
             self._swapped_ns = machine.time_ns
 
     def expire(self, now_s: float) -> None:
-        """Time out a request that has waited too long; a swap that was made may still be answered in its tick."""
+        """Time out an overdue request; a swap already made may still be answered in its tick."""
         request, settings = self._pending, self.machine.settings
         if request is None or request.done:
             return
@@ -203,7 +203,7 @@ class OperatorRequests:
             self.drop(f"timed out: {why_not or 'no measurement has arrived for the swap'}")
 
     def on_applied(self, source: str) -> None:
-        """Note the source of the command that was sent."""
+        """Note the source of the sent command."""
         request = self._pending
         if request is not None and request.name == source:
             self._pending = None
@@ -215,7 +215,7 @@ class OperatorRequests:
             self.drop(f"swapped, but {reason}")
 
     def drop(self, message: str) -> None:
-        """Refuse the request that is waiting, if any."""
+        """Refuse the pending request, if any."""
         request, self._pending = self._pending, None
         if request is None:
             return
@@ -224,7 +224,7 @@ class OperatorRequests:
         self._answer(request, False, message)
 
     def _why_not(self, name: str) -> str:
-        """Why a swap to ``name`` cannot be made now; empty when it can."""
+        """Why a swap to ``name`` is not possible now; empty if it is."""
         machine, why_not = self.machine, self.registry.why_not_ready(name)
         if (
             why_not

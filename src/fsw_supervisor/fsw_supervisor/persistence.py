@@ -1,27 +1,27 @@
-"""How long something has been measured without interruption."""
+"""Duration of an uninterrupted condition."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-#: a single value may be a spike, however long ago the one before was
+#: a single value may be a spike, however long ago the previous one was
 _FEWEST_VALUES = 2
-#: more than the time is ever compared with [s]
+#: longer than any time to compare with [s]
 _LONGEST_S = 1000.0
 
 
 @dataclass(slots=True)
 class Persistence:
-    """Values in a row that show something, and the time that they cover.
+    """Counts values in a row that meet a condition, and the time that they cover.
 
-    Each covers the time since the value before, the first one a tick period.
+    Each covers the time since the previous value, the first one a tick period.
     """
 
     values: int = 0
     age_s: float = 0.0
 
     def note(self, shown: bool, elapsed_s: float, period_s: float) -> None:
-        """Take a value that came ``elapsed_s`` after the one before."""
+        """Take a value that arrived ``elapsed_s`` after the previous one."""
         if not shown:
             self.values, self.age_s = 0, 0.0
             return
@@ -29,5 +29,5 @@ class Persistence:
         self.values = min(self.values + 1, _FEWEST_VALUES)
 
     def reaches(self, limit_s: float, period_s: float) -> bool:
-        """Whether it has lasted for ``limit_s``, to the nearest tick, in more than one value."""
+        """Whether it has lasted ``limit_s``, to the nearest tick, in at least two values."""
         return self.values >= _FEWEST_VALUES and self.age_s >= limit_s - period_s / 2.0

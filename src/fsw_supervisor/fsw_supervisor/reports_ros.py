@@ -1,4 +1,4 @@
-"""The arbiter's state as messages: commands, supervisor state, health of controllers, diagnostics."""
+"""The arbiter's state as messages: commands, state, health of controllers, diagnostics."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from fsw_supervisor.state_machine import Level, Mode
 from fsw_supervisor.tick import Decision
 from fsw_supervisor.ticks import Silence
 
-#: severity of an event as a level of diagnostics
+#: severity of an event as a diagnostic level
 LEVELS = {Level.INFO: OK, Level.WARN: WARN, Level.ERROR: ERROR}
-#: fallbacks by default, of which one need not run
+#: default fallbacks, which need not all run
 _SHIPPED = frozenset(ArbiterSettings.from_values({}).fallbacks)
 
 
@@ -83,7 +83,7 @@ def state(arbiter: Arbiter, now: Time, signature: Signature) -> SupervisorState:
 
 
 def standby(role: str, unanswered: int, node: str) -> Report:
-    """Diagnostics of a ``node`` that does not lead, and has seen ``unanswered`` ticks in a row."""
+    """Diagnostics of a ``node`` on standby that has seen ``unanswered`` ticks in a row."""
     level, values = WARN if unanswered else OK, {"unanswered ticks": unanswered, "node": node}
     return Report(role, level, f"{role}: follows the leading supervisor", values)
 
@@ -93,9 +93,9 @@ def diagnostics(
 ) -> list[Report]:
     """Diagnostics of the arbiter, its inputs and every controller.
 
-    ``writers`` counts the publishers of the command topic, this one included, ``namesakes`` those
-    of each controller's proposal topic; ``limits`` are the 99 % latencies [s] to warn of and to
-    call an error.
+    ``writers`` counts the publishers of the command topic, this one included, ``namesakes`` the
+    publishers of each controller's proposals; ``limits`` are the 99 % latencies [s] for warnings
+    and errors.
     """
     controllers = [
         _controller_status(arbiter, record, namesakes.get(record.name, 0), limits)

@@ -1,4 +1,4 @@
-"""The services through which operators send requests to the leading supervisor."""
+"""The services for operators' requests to the leading supervisor."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from fsw_supervisor.tick import Decision
 
 
 class OperatorServices:
-    """Services for switching controllers, listing them, setting the mode and acknowledging a safe stop.
+    """Services to switch controllers, list them, set the mode and acknowledge a safe stop.
 
-    ``leads`` is awaited before a request is acted on: whether this supervisor leads. Success is
-    answered when the actuator end reports the effect. ``publish`` publishes the consequences of a
-    request.
+    ``leads`` is awaited before a request is executed: whether this supervisor leads. A request
+    succeeds when the actuator end reports its effect. ``publish`` publishes a request's
+    consequences.
     """
 
     def __init__(
@@ -41,8 +41,8 @@ class OperatorServices:
     ) -> None:
         self._node, self._arbiter, self._leads, self._publish = node, arbiter, leads, publish
         self._confirmations = confirmations
-        # An answer may come ticks later; a group of their own keeps the services from holding up
-        # the topics.
+        # An answer may come ticks later; with a group of their own the services do not block the
+        # topics.
         self._group = ReentrantCallbackGroup()
         self._services: list[Service] = []
 
@@ -132,7 +132,7 @@ class OperatorServices:
     async def _ask(
         self, ask: Callable[[], tuple[bool, str]], confirmation: Callable[[float], Confirmation]
     ) -> tuple[bool, str]:
-        """Act on a request, and answer when its effect is reported; ``confirmation`` gets the steady time."""
+        """Execute a request and answer when its effect is reported; see ``confirmation``."""
         if not await self._leads():
             return ON_STANDBY
         ok, message = ask()
@@ -151,5 +151,6 @@ class OperatorServices:
             return ON_STANDBY
         return (
             False,
-            f"requested, but not confirmed by the machine within {self._confirmations.wait_s:g} s ({message})",
+            "requested, but not confirmed by the machine within "
+            f"{self._confirmations.wait_s:g} s ({message})",
         )

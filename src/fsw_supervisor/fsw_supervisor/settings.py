@@ -1,4 +1,4 @@
-"""The supervisor's settings, validated; ``supervisor.yaml`` says what each of them means."""
+"""The supervisor's settings, validated; ``supervisor.yaml`` documents each of them."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _UNANSWERED_SHARE = 0.75
 
 @dataclass(frozen=True, slots=True)
 class ArbiterSettings:
-    """Settings of the arbiter; names, units, ranges, meanings and defaults are in ``supervisor.yaml``.
+    """Settings of the arbiter; names, units, ranges and defaults are in ``supervisor.yaml``.
 
     Raises
     ------
     ValueError
-        When settings contradict each other; the message says which.
+        If settings contradict each other; the message names them.
     """
 
     controller: str
@@ -56,7 +56,8 @@ class ArbiterSettings:
         lim, period_s = self.limits, self.tick_period_s
         if self.deadline_s >= period_s:
             raise ValueError(
-                f"deadline_s is {self.deadline_s} s; it must be between 0 and tick_period_s ({period_s} s)"
+                f"deadline_s is {self.deadline_s} s; "
+                f"it must be between 0 and tick_period_s ({period_s} s)"
             )
         if self.force_transition_kn > lim.force_step_kn:
             raise ValueError(
@@ -75,14 +76,14 @@ class ArbiterSettings:
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> ArbiterSettings:
-        """Settings from the parameters of ``supervisor.yaml``, or their defaults; raises as the class does."""
+        """Settings from the parameters of ``supervisor.yaml``; missing ones have their default."""
         checked = validate(load("fsw_supervisor", "supervisor.yaml"), values)
         limits = Limits.from_parameters(checked)
         own = {item.name: checked[item.name] for item in fields(cls) if item.name in checked}
         return cls(**(own | {"limits": limits, "fallbacks": tuple(checked["fallbacks"])}))
 
     def takeover_s(self, lockstep: bool) -> float:
-        """Time after a measurement at which a standby counts it as unanswered: the leader has decided by then."""
+        """Time after a measurement at which a standby counts it as unanswered by the leader."""
         if lockstep:
             return 2.0 * self.lockstep_deadline_s
         return self.deadline_s + _UNANSWERED_SHARE * (self.tick_period_s - self.deadline_s)

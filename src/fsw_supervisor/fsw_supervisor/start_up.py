@@ -1,4 +1,4 @@
-"""How control begins after a start or a gap: from the command in force, without a bump."""
+"""Start of control after a start-up or a gap: bumpless, from the command in force."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fsw_supervisor.tick import ProposalInput, Tick, check
 
 
 class StartUp:
-    """Finds out which command is in force and which controller was active, and decides the mode ``start``.
+    """Determines the command in force and the active controller, and decides the mode ``start``.
 
     Before this supervisor's first command, a controller that reports itself as selected refers to
     the previous supervisor.
@@ -26,11 +26,11 @@ class StartUp:
         operator: OperatorRequests,
         in_force: CommandInForce,
     ) -> None:
-        self.was_active = ""  #: controller that was active before; empty when unknown
+        self.was_active = ""  #: controller that was active before; empty if unknown
         self._machine, self._registry, self._operator = machine, registry, operator
         self._in_force = in_force
         self._measured_s: float | None = None
-        self._begun_tick = -2  #: tick that began last from what the drives or others have reported
+        self._begun_tick = -2  #: last tick that began from a reported command
 
     @property
     def controller(self) -> str:
@@ -39,7 +39,7 @@ class StartUp:
 
     @property
     def listening_ends_s(self) -> float | None:
-        """Steady time until which the controllers may report which of them was selected; None: no longer relevant."""
+        """Steady time until which controllers may report their selection; None once irrelevant."""
         if not self._in_force.before_first or self._measured_s is None:
             return None
         settings = self._machine.settings
@@ -49,32 +49,36 @@ class StartUp:
         return self._measured_s + wait_s
 
     def begin(self, now_s: float) -> None:
-        """Note that measurements arrive; the time to listen counts from the first."""
+        """Note that measurements arrive; the listening time counts from the first one."""
         if self._measured_s is None:
             self._measured_s = now_s
 
     def interrupt(self) -> None:
-        """At a gap in the measurements: determine again what is in force; who was active stays known."""
+        """At a gap in the measurements: forget the command in force, keep the controller."""
         self.was_active = self._machine.active or self.was_active
         if self._in_force.before_first:
             self._measured_s = None
         self._in_force.interrupt()
 
     def on_status(self, name: str, selected: bool) -> None:
-        """Take whether a controller says that its command is applied."""
+        """Take a controller's report whether its command is applied."""
         if selected and self._in_force.before_first:
             self.was_active = name
 
     # ---------------------------------------------------------------- the command in force
 
     def find_command(self, tick: Tick, now_s: float, final: bool) -> bool:
-        """Find out which command is in force, so that the first one is no bump; False: not known yet."""
+        """Determine the command in force, for a bumpless start; False if it is not known yet.
+
+        Sources in order of trust: the drives' feedback, the last command seen on the topic, the
+        target controller's proposal, the operator's manual values.
+        """
         machine, manual = self._machine, self._operator.manual
         candidate = tick.candidates.get(machine.target)
         if tick.drives is not None:
             self._begin_from(tick, self._in_force.commanded(tick.drives), "the drives' feedback")
         elif not final or not self._heard(now_s) or machine.reported is not None:
-            return False  # an actuator end that reports may have moved the drives by itself
+            return False  # an actuator end that reports may have moved the drives itself
         elif self._in_force.seen is not None:
             self._begin_from(tick, self._in_force.seen, "the last command seen")
         elif candidate is not None and not candidate.refusal:
@@ -88,15 +92,19 @@ class StartUp:
     def _begin_from(self, tick: Tick, command: Command, origin: str) -> Command:
         applied = tick.previous = self._machine.settings.limits.clip(command, None)
         self._in_force.begin_from(applied)
+        # Proposals that arrived before were checked without a rate limit.
         self._registry.check_again(tick)
-        if self._machine.tick - self._begun_tick > 1:  # else one message covers the ticks in a row
-            text = f"taking over at {applied.force_kn:.3f} kN, {applied.speed_rpm:.3f} rpm from {origin}"
+        if self._machine.tick - self._begun_tick > 1:  # else one message covers successive ticks
+            text = (
+                f"taking over at {applied.force_kn:.3f} kN, "
+                f"{applied.speed_rpm:.3f} rpm from {origin}"
+            )
             self._machine.log(Level.INFO, "start", text)
         self._begun_tick = self._machine.tick
         return applied
 
     def _listened(self, now_s: float) -> bool:
-        """Whether the controllers have had time to report which of them was selected."""
+        """Whether the controllers have had time to report their selection."""
         ends_s = self.listening_ends_s
         return ends_s is None or now_s >= ends_s
 
@@ -105,11 +113,11 @@ class StartUp:
         return self._listened(now_s) or self._registry.all_reported()
 
     def may_command(self, tick: Tick, now_s: float, final: bool) -> bool:
-        """Whether a first command may be sent in any mode, as a safe stop may have been in force before.
+        """Whether a first command may be sent in any mode, as a safe stop may have been in force.
 
-        Only the controllers know. A status comes after the proposal that it belongs to; while
-        nobody has proposed, the tick is waited out, for without measurements the time to listen
-        passes in silence.
+        Only the controllers know. A status follows the proposal that it belongs to. While nobody
+        has proposed, the tick is waited out: without measurements the listening time would pass
+        in silence.
         """
         if not self._in_force.before_first or self._machine.mode is Mode.SAFE_STOP:
             return True
@@ -123,9 +131,9 @@ class StartUp:
     # ---------------------------------------------------------------- the mode start
 
     def decide(self, tick: Tick, final: bool) -> Reason:
-        """Begin with the controller that was active before, else with the configured one.
+        """Start with the previously active controller, else with the configured one.
 
-        Returns why the tick's command is held instead; none when the mode has changed, or nothing
+        Returns why the tick's command is held instead; empty if the mode has changed, or nothing
         is decided yet.
         """
         machine, name = self._machine, self.controller
@@ -137,17 +145,17 @@ class StartUp:
         if candidate is not None:
             why_not = candidate.refusal or self._registry.blind(name)
         if not why_not:
+            # The first good proposal within a move of the command in force ends the start.
             code = ReasonCode.ACTIVE_BEFORE if self.was_active else ReasonCode.CONFIGURED
-            if (
-                self._in_force.before_first
-            ):  # after a gap the target is known, and stays though a fallback was active
+            # after a gap the target is known, and is kept although a fallback was active
+            if self._in_force.before_first:
                 machine.set_target(name)
             self.was_active = ""
             machine.fire(Cause.READY, Reason(code, subject=name), "start", name)
             return Reason()
         if not tick.excuse:
-            # Who was active in mid-weld gets some ticks: after a gap one sensor may be back later
-            # than the others.
+            # In mid-weld the active controller gets some ticks: after a gap one sensor may come
+            # back later than the others.
             if self.was_active and machine.ticks_in_mode > machine.settings.warm_ticks:
                 self.was_active = ""
                 machine.fire(Cause.ABANDONED, Reason(ReasonCode.ABANDONED, subject=name), "start")
@@ -161,10 +169,10 @@ class StartUp:
         return machine.reason
 
     def _correct_command(self, tick: Tick) -> None:
-        """After a restart: distinguish the command in force from a disturbance that the drives also report.
+        """After a restart: separate the command in force from a disturbance of the feedback.
 
-        Who was active proposes at most one move away from the command in force. The plant by
-        itself only lowers the force and keeps the speed; so where the drives report another speed
+        The previously active controller proposes at most one move from the command in force. The
+        plant itself only lowers the force and keeps the speed; if the drives report another speed
         or more force, it is a disturbance.
         """
         name, applied = self.was_active, self._in_force.applied
@@ -191,15 +199,14 @@ class StartUp:
         )
 
     def _substitute(self, tick: Tick) -> str:
-        """Fallback whose proposals have been good for long enough not to wait for the configured controller."""
+        """Fallback with enough good proposals to replace an absent configured controller."""
         settings = self._machine.settings
         patience = max(settings.readmit_ticks, settings.warm_ticks)
         for name in settings.fallbacks:
             record = self._registry.get(name)
             if record is None or self._registry.why_not_ready(name):
                 continue
-            # Counted without this tick, so that it does not matter which of its messages have
-            # arrived.
+            # Counted without this tick, so that the arrival order of its messages does not matter.
             if record.consecutive_good - (name in tick.candidates) >= patience:
                 return name
         return ""

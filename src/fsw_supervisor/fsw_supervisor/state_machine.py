@@ -1,8 +1,8 @@
-"""The supervisor's state machine: modes, the transitions between them as data, and how they came about.
+"""The supervisor's state machine: modes, transitions as data, and what caused the present state.
 
-A pair of mode and trigger that is not in ``TRANSITIONS`` changes nothing;
-``scripts/draw_state_machine.py`` draws them. A safe stop is latched by the stop register
-(``fsw_control/stop.py``): no row leads out while it says stopped.
+A pair of mode and trigger that is not in ``TRANSITIONS`` has no effect;
+``scripts/draw_state_machine.py`` draws the table. The stop register latches a safe stop
+(``fsw_control/stop.py``): no transition leads out while it says stopped.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ class Mode(StrEnum):
     SAFE_STOP = "safe_stop"
 
 
-#: the modes an operator can ask for, with the trigger that each fires
+#: modes that an operator can request, and their triggers
 OPERATOR_TRIGGERS = {Mode(mode): Cause[f"OPERATOR_{mode.upper()}"] for mode in OPERATOR_MODES}
 
 
 class Transition(NamedTuple):
-    """One row of the table: in mode ``source``, ``trigger`` leads to ``target``; ``meaning`` says when it is fired."""
+    """Row of the table: ``trigger`` leads from ``source`` to ``target``; ``meaning``: when."""
 
     source: Mode
     trigger: Cause
@@ -94,7 +94,7 @@ TRANSITIONS: tuple[Transition, ...] = (
     ),
 )
 
-#: by trigger that begins a safe stop here, its cause; ``STOP_HEARD`` brings the cause with it
+#: cause of a safe stop by its trigger; with ``STOP_HEARD`` the cause comes from elsewhere
 STOP_CAUSES = {
     Cause.OPERATOR_SAFE_STOP: StopCause.OPERATOR,
     Cause.INTERLOCK_TRIP: StopCause.INTERLOCK,
@@ -111,7 +111,7 @@ _TABLE: dict[tuple[Mode, Cause], Mode] = {
 
 
 def next_mode(mode: Mode, trigger: Cause) -> Mode | None:
-    """Mode that ``trigger`` leads to from ``mode``; None where the table has no such row."""
+    """Mode that ``trigger`` leads to from ``mode``; None if the table has no such row."""
     return _TABLE.get((mode, trigger))
 
 
@@ -124,7 +124,7 @@ class Level(StrEnum):
 
 
 class Event(NamedTuple):
-    """One line of the log: who (``operator``, ``failover``, ``start``, a controller ...) and what happened, and why."""
+    """A log entry: origin (``operator``, ``failover``, ``start``, a controller ...) and text."""
 
     level: Level
     who: str
@@ -132,7 +132,7 @@ class Event(NamedTuple):
 
 
 class Standing(NamedTuple):
-    """A mode and controller, what brought them about, why they last, and the operator who asked for them."""
+    """A mode and controller, their cause, why they last, and the requesting operator."""
 
     mode: str
     controller: str
@@ -142,7 +142,7 @@ class Standing(NamedTuple):
 
 
 class Machine:
-    """State of the arbiter as an operator sees it; changes only by the table above and by swaps in auto.
+    """State of the arbiter as seen by an operator; changes by the table and by swaps in auto only.
 
     ``mode`` and ``active`` are the actual mode and controller, ``target_mode`` and ``target`` the
     requested ones.
@@ -154,47 +154,41 @@ class Machine:
         self.target_mode = Mode.AUTO
         self.active = ""  #: controller whose proposals are applied; empty unless in auto
         self.target = settings.controller
-        self.reason = Reason(
-            ReasonCode.NO_MEASUREMENT
-        )  #: why the present state was entered or lasts
-        self.cause = Cause.STARTED  #: what it was entered by
-        self.who = ""  #: the operator who asked for it
+        #: why the present state was entered or lasts
+        self.reason = Reason(ReasonCode.NO_MEASUREMENT)
+        self.cause = Cause.STARTED  #: trigger of the present state
+        self.who = ""  #: operator who requested it
         self.since_ns = 0  #: stamp of the tick at which it was entered
         self.transitions = 0  #: changes of mode or controller since the start
-        self.revision = 0  #: changes whenever something that an operator sees has changed
+        self.revision = 0  #: incremented at each change that an operator can see
         self.tick = 0  #: number of the present tick
-        #: time of the present tick, on the clock of all time-outs: the steady clock, in lockstep
+        #: time of the present tick on the clock of all time-outs: the steady clock; in lockstep
         #: that of the stamps
         self.time_ns = 0
         self.mode_since_ns = 0  #: time on that clock at which the mode was entered
-        #: time from the tick before to the present one, in whole tick periods, so that jitter does
-        #: not add up
+        #: time since the tick before, in whole tick periods, so that jitter does not accumulate
         self.step_s = 0.0
-        self.slewing = 0  #: ticks left in which the transition limits hold after a swap
-        self.register = (
-            StopRegister()
-        )  #: this supervisor's copy; while it says stopped, the mode is safe stop
-        self.reported: Stop | None = (
-            None  #: the actuator end's copy, as reported last; None: there is no such end
-        )
-        self.events: deque[Event] = deque(
-            maxlen=200
-        )  #: the latest, removed when they are published
+        self.slewing = 0  #: remaining ticks of the transition limits after a swap
+        #: this supervisor's copy; while it says stopped, the mode is safe stop
+        self.register = StopRegister()
+        #: the actuator end's copy in its last report; None if there is no actuator end
+        self.reported: Stop | None = None
+        #: the latest events, removed when they are published
+        self.events: deque[Event] = deque(maxlen=200)
         self._stamp_ns = 0
         self._mode_tick = 0
         self._automatic: deque[int] = deque(maxlen=100)  # times of automatic swaps
         self._origin_ns = self._periods = 0
-        self._told: Standing | None = None  # of the leader
+        self._leader_standing: Standing | None = None  # as reported
 
     def advance(self, stamp_ns: int, time_ns: int | None = None) -> None:
-        """Begin the next tick, at ``time_ns`` on the clock of all time-outs; by default one tick period later."""
+        """Begin the next tick at ``time_ns`` on the time-outs' clock (default: a period later)."""
         self.tick += 1
         self._stamp_ns = stamp_ns
         period_ns = round(self.settings.tick_period_s * NANOSECONDS)
         time_ns = self.time_ns + period_ns if time_ns is None else time_ns
-        if (
-            self.tick == 1
-        ):  # the time in a mode counts from the first measurement, which covers one period
+        # the time in a mode counts from the first measurement, which covers one period
+        if self.tick == 1:
             self.mode_since_ns = self._origin_ns = time_ns - period_ns
         self.time_ns = max(time_ns, self.time_ns)
         before, self._periods = self._periods, round((self.time_ns - self._origin_ns) / period_ns)
@@ -205,14 +199,14 @@ class Machine:
         self.time_ns = max(time_ns, self.time_ns)
 
     def elapsed(self, since_ns: int, limit_s: float) -> bool:
-        """Whether ``limit_s`` has passed since a time; to the nearest tick, so that jitter does not matter."""
+        """Whether ``limit_s`` has passed since a time, to the nearest tick because of jitter."""
         return (
             self.time_ns - since_ns
         ) / NANOSECONDS >= limit_s - self.settings.tick_period_s / 2.0
 
     @property
     def standing(self) -> Standing:
-        """Mode and controller as they are told: in ``start`` nothing changes, as in hold."""
+        """Mode and controller as reported: ``start`` appears as hold, since nothing changes."""
         mode = Mode.HOLD if self.mode is Mode.START else self.mode
         return Standing(str(mode), self.active, self.cause, self.reason, self.who)
 
@@ -222,16 +216,16 @@ class Machine:
         return self.tick - self._mode_tick
 
     def storming(self) -> bool:
-        """Whether there were too many automatic swaps lately."""
+        """Whether there were too many automatic swaps recently."""
         recent = sum(
             not self.elapsed(time_ns, self.settings.storm_window_s) for time_ns in self._automatic
         )
         return recent >= self.settings.storm_swaps > 0
 
     def fire(self, trigger: Cause, reason: Reason, who: str, controller: str = "") -> None:
-        """Make the transition that the table has for ``trigger``, if any.
+        """Make the transition for ``trigger``, if the table has one.
 
-        ``controller`` becomes the active one where the transition leads to auto.
+        ``controller`` becomes active if the transition leads to auto.
         """
         target = next_mode(self.mode, trigger)
         if target is None or (self.register.stopped and target is not Mode.SAFE_STOP):
@@ -253,7 +247,7 @@ class Machine:
         )
 
     def _enter(self, mode: Mode) -> None:
-        """Be in a mode from this tick on."""
+        """Enter a mode with the present tick."""
         self.mode, self._mode_tick, self.mode_since_ns = mode, self.tick, self.time_ns
 
     @property
@@ -262,25 +256,25 @@ class Machine:
         return self.mode is Mode.SAFE_STOP and not self.register.stopped
 
     def renew(self, cause: StopCause = StopCause.OPERATOR, who: str = "operator") -> None:
-        """The present mode is requested again, or has a new cause: its time-out and latch restart."""
+        """Restart time-out and latch: the mode was requested again, or has a new cause."""
         if self.acknowledged:
             self.register.stop(cause, who, self._stamp_ns)
             self.revision += 1
         self._enter(self.mode)
 
     def stop_again(self, who: str) -> None:
-        """A safe stop is requested while one is in force, which may be acknowledged elsewhere: it takes a new epoch."""
+        """Give a repeated safe stop a new epoch, as the old one may be acknowledged elsewhere."""
         self.register.stop(self.register.value.cause, who, self._stamp_ns)
         self.revision += 1
 
     def acknowledge(self, who: str) -> None:
-        """Let the present safe stop be left when the operator asks for another mode."""
+        """Allow the present safe stop to be left when the operator requests another mode."""
         if self.register.stopped:
             self.register.acknowledge(who, self._stamp_ns)
             self.log(Level.INFO, who, f"{who} has acknowledged the safe stop")
 
     def merge_stop(self, stop: Stop) -> None:
-        """Take another copy of the stop register; while it says stopped, the mode is safe stop."""
+        """Merge another copy of the stop register, which may begin a safe stop."""
         if not self.register.merge(stop):
             return
         self.revision += 1
@@ -304,11 +298,11 @@ class Machine:
             self.revision += 1
 
     def slew(self, arrived: bool) -> None:
-        """Count a tick under the transition limits, which end when the new controller's values are reached."""
+        """Count a tick under transition limits, which end at the new controller's values."""
         self.slewing = 0 if arrived else self.slewing - 1
 
     def mirror(self, source: str) -> None:
-        """On standby: be in the mode in which the leader sends a command of ``source``."""
+        """On standby: adopt the mode implied by the source of the leader's command."""
         mode = Mode(source) if source in BUILT_IN_SOURCES else Mode.AUTO
         if self.register.stopped:
             mode = Mode.SAFE_STOP
@@ -318,21 +312,22 @@ class Machine:
                 self._enter(mode)
             self.active = active
             self.cause, self.reason, self.who = Cause.UNKNOWN, Reason(), ""
-        if (told := self._told) is not None and (told.mode, told.controller) == (mode, active):
-            self.cause, self.reason, self.who = told.cause, told.reason, told.who
+        leader = self._leader_standing
+        if leader is not None and (leader.mode, leader.controller) == (mode, active):
+            self.cause, self.reason, self.who = leader.cause, leader.reason, leader.who
 
     def mirror_standing(self, standing: Standing) -> None:
-        """On standby: note what the leader tells of its state."""
-        self._told = standing
+        """On standby: note the state that the leader reports."""
+        self._leader_standing = standing
 
     def lead(self, why: str) -> None:
-        """Lead from now on, in the present state, which has the cause that it had."""
+        """Take the lead in the present state, whose cause is kept."""
         self.slewing = self.settings.transition_ticks
         self.transitions += 1
         self.log(Level.INFO, "takeover", f"leads in {self.mode}: {why}")
 
     def explain(self, reason: Reason) -> None:
-        """Say why the present state lasts."""
+        """Set the reason why the present state lasts."""
         if reason != self.reason:
             self.reason = reason
             self.revision += 1

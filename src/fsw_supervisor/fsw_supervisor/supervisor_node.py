@@ -1,4 +1,4 @@
-"""The supervisor as a node: converts messages, asks the arbiter, publishes."""
+"""The supervisor as a node: converts messages, calls the arbiter, publishes."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ _REPORT_S = 1.0
 
 
 class SupervisorNode(LightNode, Node):
-    """The only writer of ``fsw/command``, or the standby of the one that is.
+    """The only writer of ``fsw/command``, or the standby of that writer.
 
-    Every message is handed to the pure :class:`Arbiter` at once; what it decides is published from
-    the same callback, so the hop costs no wait. A timer on the steady clock, armed for the
-    arbiter's next wake-up, does the deadlines. The leader's publishers and services exist only
-    while this node leads.
+    Every message is passed to the pure :class:`Arbiter` at once; its decisions are published from
+    the same callback, without extra delay. A timer on the steady clock, set to the arbiter's next
+    wake-up, handles the deadlines. The leader's publishers and services exist only while this node
+    leads.
     """
 
     def __init__(self) -> None:
@@ -169,14 +169,14 @@ class SupervisorNode(LightNode, Node):
 
     def _on_wakeup(self) -> None:
         if self._arbiter.machine.mode is Mode.START:
-            # All controllers in the graph have to report who was active.
+            # All controllers in the graph have to report which of them was active.
             self._controllers.look()
         self._publish(self._arbiter.on_time(time.monotonic()))
 
     # ---------------------------------------------------------------- leader and standby
 
     def _publish(self, decisions: list[Decision]) -> None:
-        """Send what may be sent, arm the timer, and report what has changed; after every call of the arbiter."""
+        """After every call of the arbiter: send, set the timer, and report changes."""
         permitted = self._failover.pass_on(decisions, time.monotonic())
         if self._role is not self._failover.role:
             self._role = self._failover.role
@@ -187,7 +187,7 @@ class SupervisorNode(LightNode, Node):
             self.get_logger().info(f"role: {self._role}")
             self._report_changes()
         elif self._failover.unanswered:
-            # The publisher needs some time to be known before its first command.
+            # A publisher needs some time to be discovered before its first command.
             self._open_commands()
         for decision in permitted:
             self._open_commands().publish(reports.command(decision, self._failover.signature))
@@ -214,7 +214,7 @@ class SupervisorNode(LightNode, Node):
         self._operator_services.open()
 
     def _close(self) -> None:
-        """Destroy the leader's publishers and services, after a delay in which open requests are answered."""
+        """Destroy the leader's publishers and services, after open requests have been answered."""
         self._operator_services.close()
         self._kept_reference.close()
         if self._states is not None:
@@ -225,7 +225,7 @@ class SupervisorNode(LightNode, Node):
             self._commands = None
 
     def _report_changes(self) -> None:
-        """Publish the state and log the events; before the role is decided they wait."""
+        """Publish the state and log the events; deferred until the role is decided."""
         if self._role is Role.LISTENING:
             return
         machine = self._arbiter.machine

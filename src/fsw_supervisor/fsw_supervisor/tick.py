@@ -1,4 +1,4 @@
-"""One tick: a measurement, the candidate commands that answer it, and the one command that is decided."""
+"""One tick: a measurement, the candidate commands that answer it, and the decided command."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from fsw_control.command_check import Flaw, refusal
 from fsw_control.contract import Command, Limits
 from fsw_control.reason import Reason, ReasonCode
 
-#: after this long without measurements the command in force counts as unknown [s]
+#: after this time without measurements the command in force counts as unknown [s]
 GAP_S = 1.0
 
 
@@ -19,8 +19,8 @@ class ProposalInput:
 
     stamp_ns: int  #: stamp of the measurement that it answers
     source: str  #: claimed origin of the values
-    command: Command  #: the manipulated variables proposed
-    #: the controller's own assessment, and its reason
+    command: Command  #: the proposed inputs
+    #: the controller's own assessment and reason
     healthy: bool = True
     reason: Reason = Reason()  # noqa: RUF009  # immutable
 
@@ -30,17 +30,15 @@ class Candidate:
     """A checked proposal."""
 
     command: Command
-    refusal: Reason = Reason()  # noqa: RUF009  # why it may not be applied; none when it may; immutable
-    malformed: bool = (
-        False  #: refused for its content, not because the controller calls itself unhealthy
-    )
+    refusal: Reason = Reason()  # noqa: RUF009  # why it must not be applied; empty if it may
+    malformed: bool = False  #: refused for its content, not for the controller's own assessment
     jump: bool = False  #: refused for its distance from the command before
 
 
 def check(
     name: str, proposal: ProposalInput, previous: Command | None, limits: Limits
 ) -> Candidate:
-    """Check a proposal on the topic of controller ``name``; without ``previous`` the rate is not checked."""
+    """Check a proposal of controller ``name``; without ``previous`` the rate is not checked."""
     command = proposal.command
     if proposal.source != name:
         return Candidate(
@@ -56,7 +54,7 @@ def check(
 
 
 def same(one: Command, other: Command) -> bool:
-    """Whether two commands differ by no more than the rounding of the unit conversion."""
+    """Whether two commands are equal up to the rounding of the unit conversion."""
     return isclose(one.force_kn, other.force_kn, rel_tol=1e-9) and isclose(
         one.speed_rpm, other.speed_rpm, rel_tol=1e-9
     )
@@ -67,22 +65,20 @@ class Decision:
     """The command of one tick."""
 
     stamp_ns: int  #: stamp of the measurement that it answers
-    command: Command  #: to be applied; finite, in limits, within one move limit of the one before
-    source: str  #: who computed it: a controller, ``manual``, ``hold`` or ``safe_stop``
+    command: Command  #: to apply; finite, within the limits, at most one move from the previous
+    source: str  #: its origin: a controller, ``manual``, ``hold`` or ``safe_stop``
     reason: Reason = Reason()  # noqa: RUF009  # why this source, immutable
-    latency_s: float = 0.0  #: measurement to decision
+    latency_s: float = 0.0  #: time from measurement to decision
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """How a tick was settled."""
 
-    decision: (
-        Decision | None
-    )  #: the tick's command; None: it is lost, or another supervisor has answered it
-    excuse: (
-        Reason  #: why a controller that has not proposed does not count as failed; none if it does
-    )
+    #: the tick's command; None: lost, or answered by another supervisor
+    decision: Decision | None
+    #: why a silent controller does not count as failed; empty if it does
+    excuse: Reason
 
 
 @dataclass(slots=True)
@@ -91,34 +87,33 @@ class Tick:
 
     stamp_ns: int
     started_s: float
-    deadline_s: float  #: when it is decided with the inputs that have arrived
-    previous: Command | None  #: the command applied in the tick before; None: unknown
+    deadline_s: float  #: when it is decided with the inputs at hand
+    previous: Command | None  #: command applied in the tick before; None if unknown
     ready: frozenset[str] = frozenset()  #: controllers that were ready when it began
     samples: dict[str, float] = field(default_factory=dict)  #: by sensor [mm, N m, degC]
-    drives: Command | None = None  #: actual force and speed, as the drives report them
-    candidates: dict[str, Candidate] = field(
-        default_factory=dict
-    )  #: by controller, those that arrived in time
-    duplicates: dict[str, bool] = field(
-        default_factory=dict
-    )  #: by controller with several proposals: they differ
+    drives: Command | None = None  #: actual force and speed, as reported by the drives
+    #: by controller, proposals that arrived in time
+    candidates: dict[str, Candidate] = field(default_factory=dict)
+    #: by controller with several proposals: whether they differ
+    duplicates: dict[str, bool] = field(default_factory=dict)
     judged: bool = False  #: by the safety monitor
     dropouts: tuple[str, ...] = ()  #: sensors without a sample that had one in the tick before
-    failure: Reason = Reason()  # noqa: RUF009  #: why the active controller has failed in this tick
-    extended: bool = False  #: lockstep gives a slow fallback more time
-    drained: bool = False  #: this process was stalled, and its queues were given time to drain
+    #: why the active controller has failed in this tick
+    failure: Reason = Reason()  # noqa: RUF009  # immutable
+    extended: bool = False  #: in lockstep: more time was given to a slow fallback
+    drained: bool = False  #: after a stall of this process: time was given to drain its queues
     stalled: bool = False  #: this process was stalled, so that no controller counts as failed
     answered: bool = False  #: a command was sent, here or by the leader
     outcome: Outcome | None = None  #: None until it is settled
 
     @property
     def settled(self) -> bool:
-        """Whether it has an outcome."""
+        """Whether the tick has an outcome."""
         return self.outcome is not None
 
     @property
     def excuse(self) -> Reason:
-        """Why a controller that has not proposed does not count as failed; none if it does."""
+        """Why a silent controller does not count as failed; empty if it does."""
         if self.outcome is not None:
             return self.outcome.excuse
         if self.stalled:

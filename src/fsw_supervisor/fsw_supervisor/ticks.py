@@ -1,4 +1,4 @@
-"""The sequence of ticks: each begins with its first stamp, is decided, and ends before the next one."""
+"""The sequence of ticks: each begins with its first stamp and ends before the next begins."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fsw_supervisor.tick import GAP_S, Decision, Tick
 #: in real time, time without a usable stamp after which a safe stop begins, as with the drives'
 #: watchdog [s]
 CLOCK_STOP_S = 3.0
-#: a report that comes so long after a command may not know it yet [s] (chosen)
+#: a report this soon after a command may not reflect it yet [s] (chosen)
 _FLIGHT_S = 0.01
 
 
@@ -29,30 +29,28 @@ class Silence(StrEnum):
 
 
 class Ticks:
-    """Begins and ends ticks, and collects the commands to be sent."""
+    """Begins and ends ticks, and collects the commands to send."""
 
     def __init__(self, arbitration: Arbitration) -> None:
-        self.present: Tick | None = None  #: the present tick; None before the first
+        self.present: Tick | None = None  #: the present tick; None before the first one
         self.last: Decision | None = None  #: the last command sent, here or by the leader
         #: counts since the start: commands sent, ticks without one, delays of this process
         self.commands = self.lost = self.stalls = 0
-        self.moved_itself = (
-            False  #: the actuator end reports that no command acts: it moves the drives by itself
-        )
+        #: the actuator end reports that no command acts: it moves the drives itself
+        self.moved_itself = False
         self.unheard = False  #: it reports that the last commands have not arrived
-        self.commanded_s = -inf  #: when a command was sent or heard last
+        self.commanded_s = -inf  #: when a command was last sent or heard
         self.leading = True  #: otherwise on standby: every tick is decided, nothing is sent
         self.now_s = 0.0  #: steady time of the last input
-        self._stalled_s = -inf  # when this process went on after a pause
+        self._stalled_s = -inf  # when this process resumed after a pause
         self._arbitration = arbitration
         self._machine, self._registry = arbitration.machine, arbitration.registry
         self._in_force, self._lockstep = arbitration.in_force, arbitration.lockstep
         self._stamps = StampFilter(self._lockstep)
         self.silence: Silence | None = None  #: why no tick begins; None while ticks begin
         self._heard_s = -inf  # last arrival of a sample, whatever its stamp
-        self._optional: dict[
-            str, tuple[int, float]
-        ] = {}  # stamp and value of the last sample of each
+        # stamp and value of the last sample of each
+        self._optional: dict[str, tuple[int, float]] = {}
         self._outbox: list[Decision] = []
 
     @property
@@ -62,20 +60,20 @@ class Ticks:
 
     @property
     def wakeup_s(self) -> float | None:
-        """Steady time at which time must be passed on at the latest; None: it need not be."""
+        """Steady time at which :meth:`pass_time` must be called; None if not needed."""
         if self.present is None or self.present.settled:
             return None
         return self._arbitration.wakeup_s(self.present, self.now_s)
 
     def on_stamp(self, source: str, stamp_ns: int, value: float, now_s: float) -> None:
-        """Let a stamp begin a tick, or enter the sample (of a sensor, or of the drives) in the tick it belongs to.
+        """Let a stamp begin a tick, and enter its sample (of a sensor or the drives) in its tick.
 
-        The controllers' ``MessageSynchronizer`` hands over a tick once it is complete; here it
-        begins with its first sample, because proposals to it arrive meanwhile and the deadline
-        counts from there.
+        The controllers' ``MessageSynchronizer`` releases a tick once it is complete; here a tick
+        begins with its first sample, because proposals arrive meanwhile and the deadline counts
+        from there.
         """
         self.pass_time(now_s)
-        if source in OPTIONAL:  # begins no tick
+        if source in OPTIONAL:  # does not begin a tick
             self._optional[source] = (stamp_ns, value)
             if self.present is not None:
                 self._add_optional(self.present)
@@ -85,7 +83,7 @@ class Ticks:
         accepted = self._stamps.offer(source, stamp_ns, value, now_s)
         if accepted is None:
             return
-        # Without a jump, a clock that went back a little is caught up with soon.
+        # Without a jump, a clock that went back a little soon catches up.
         if accepted.jumped or newest_ns is None or stamp_ns > newest_ns:
             self._begin(stamp_ns)
         tick = self.present
@@ -95,7 +93,7 @@ class Ticks:
                 self._in_force.feedback(stamp_ns) or tick.drives,
             )
             if (
-                self._begins_anew
+                self._starts_from_drives
                 and not known
                 and tick.drives is not None
                 and not (tick.settled or tick.answered)
@@ -106,16 +104,16 @@ class Ticks:
                     tick.samples.setdefault(name, sample)
 
     def _add_optional(self, tick: Tick) -> None:
-        """Enter the samples of optional sensors, which may come before those that begin their tick."""
+        """Enter samples of optional sensors, which may arrive before the tick begins."""
         for name, (stamp_ns, value) in self._optional.items():
             if stamp_ns == tick.stamp_ns:
                 tick.samples.setdefault(name, value)
 
     def pass_time(self, now_s: float) -> None:
-        """Note the time, and whether this process was itself stalled: then the queues get time to drain.
+        """Note the time and any stall of this process, after which the queues get time to drain.
 
         In real time no controller counts as failed then. In lockstep the plant waits meanwhile, so
-        that whoever has not answered by then has failed, stall or not.
+        a controller that has not answered by then has failed, stall or not.
         """
         if 0.0 < self.now_s < now_s - GAP_S:
             self._stalled_s = now_s
@@ -136,7 +134,7 @@ class Ticks:
             )
 
     def note_silence(self) -> None:
-        """Report, once, that measurements have stopped, or that their stamps have; the latter lead to a safe stop."""
+        """Report once that measurements have stopped, or their stamps, which is a safe stop."""
         if self._lockstep or self.present is None or not self._in_gap():
             return
         silence = Silence.CLOCK if self.now_s - self._heard_s <= GAP_S else Silence.MEASUREMENT
@@ -153,12 +151,12 @@ class Ticks:
             )
 
     @property
-    def _begins_anew(self) -> bool:
-        """Whether ticks begin from the drives' feedback: the last command does not act, and is not on its way."""
+    def _starts_from_drives(self) -> bool:
+        """Whether ticks start from the drives' feedback, as the last command does not act."""
         return self.moved_itself or (self.unheard and self.now_s - self.commanded_s > _FLIGHT_S)
 
     def _missed(self, stamp_ns: int) -> bool:
-        """Whether measurements are missing that came while this process was stalled: its queues keep only the first."""
+        """Whether measurements were lost in a stall of this process, whose queues overflowed."""
         past, stalled_s = self.present, self.now_s - self._stalled_s
         jump_ns = 0 if past is None else stamp_ns - past.stamp_ns
         return stalled_s <= GAP_S and jump_ns > round(GAP_S * NANOSECONDS)
@@ -168,7 +166,7 @@ class Ticks:
         return self.present is not None and self.now_s - self.present.started_s > GAP_S
 
     def _begin(self, stamp_ns: int) -> None:
-        """End the tick before and begin one: the moment between two ticks."""
+        """End the tick before and begin a new one; changes of mode happen in between."""
         now_s, past, settings = self.now_s, self.present, self._machine.settings
         back = past is not None and stamp_ns < past.stamp_ns
         gap = back if self._lockstep else self._in_gap() or self._missed(stamp_ns)
@@ -188,20 +186,19 @@ class Ticks:
         self._add_optional(tick)
         if gap:
             self.interrupt(Reason(ReasonCode.GAP))
-        self._arbitration.start_up.begin(
-            now_s
-        )  # after a gap before the first command listening begins anew
+        # after a gap before the first command, listening restarts
+        self._arbitration.start_up.begin(now_s)
         self._arbitration.change_between_ticks(now_s)
-        # Before any proposal to it, so that it does not matter which comes first.
+        # Determined before any proposal for this tick, so that their order does not matter.
         tick.ready = self._registry.all_ready()
         self._registry.take_early(tick, now_s)
 
     def _time_ns(self, stamp_ns: int, past: Tick | None) -> int | None:
-        """Time of a tick that begins, on the clock of all time-outs; None: one tick period after the one before."""
+        """Time of a new tick on the clock of all time-outs; None: one tick period later."""
         if not self._lockstep:
             return round(self.now_s * NANOSECONDS)
-        # In lockstep the wall clock means nothing. Where simulated time starts again, the
-        # time-outs continue.
+        # In lockstep the wall clock is meaningless. If simulated time restarts, the time-outs
+        # continue.
         return (
             self._machine.time_ns + stamp_ns - past.stamp_ns
             if past and stamp_ns > past.stamp_ns
@@ -209,10 +206,10 @@ class Ticks:
         )
 
     def _end(self, tick: Tick, gap: bool) -> None:
-        """Settle a tick that is over: with a command, or after a gap without one."""
-        # What the drives did at a measurement that is over does not say what they do now.
+        """Settle a tick that is over: with a command, or without one after a gap."""
+        # Feedback on a past measurement does not describe the drives now.
         unknown = self._in_force.applied is None and not self._in_force.before_first
-        if not tick.settled and (gap or unknown or self._begins_anew):
+        if not tick.settled and (gap or unknown or self._starts_from_drives):
             tick.settle()
             self.lost += 1
         elif not tick.settled:
@@ -220,12 +217,11 @@ class Ticks:
             self._advance(final=True)
         self._registry.close(tick)
         if not self._arbitration.watch.seen_lately(self.now_s):
-            # Only now, so that it does not depend on the order in which the tick's messages
-            # arrive.
+            # Not earlier, so that the arrival order of the tick's messages does not matter.
             self._in_force.learn_offsets(tick, self._machine.settings.limits)
 
     def interrupt(self, reason: Reason) -> None:
-        """The plant or this process was suspended: determine again which command is in force."""
+        """Determine the command in force again: the plant or this process was suspended."""
         self._arbitration.start_up.interrupt()
         if self.present is not None:
             self.present.previous = None
@@ -235,7 +231,7 @@ class Ticks:
     # ---------------------------------------------------------------- commands
 
     def decide(self) -> list[Decision]:
-        """Decide the present tick if that can be done now; return all that has to be sent."""
+        """Decide the present tick if possible; return all commands to send."""
         self._advance()
         decisions, self._outbox = self._outbox, []
         return decisions
@@ -245,7 +241,7 @@ class Ticks:
         if tick is None or tick.settled:
             return
         if (
-            self._begins_anew
+            self._starts_from_drives
             and tick.drives is None
             and not final
             and self.now_s < tick.deadline_s
@@ -272,17 +268,17 @@ class Ticks:
         self._arbitration.operator.on_applied(decision.source)
 
     def repeat(self, stamp_ns: int) -> None:
-        """In lockstep the plant sends its tick again, because no answer has reached it, whoever has sent one."""
+        """Answer a tick that the plant repeats in lockstep because no answer has reached it."""
         tick, last = self.present, self.last
         if self.leading and last is not None and last.stamp_ns == stamp_ns:
             self._outbox.append(last)
             self._arbitration.watch.sent(last)
         elif not self.leading and tick is not None and tick.stamp_ns == stamp_ns:
-            # The leader died when its answer was here, but not there.
+            # The leader died after its answer had arrived here, but not at the plant.
             tick.answered = False
 
     def take_back(self, unsent: list[Decision]) -> None:
-        """Count commands as lost that were decided and must not be sent any more."""
+        """Count decided commands as lost that must not be sent any more."""
         self._outbox.clear()
         self.commands -= len(unsent)
         self.lost += len(unsent)
