@@ -1,4 +1,4 @@
-"""The nonlinear model predictive controller: a thin binding of the C library that does all the work."""
+"""The nonlinear model predictive controller: a thin binding of the C library."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ from fsw_nmpc.library import KERNEL, Doubt, Library, Missing, SolveStatus, tunin
 from fsw_nmpc.library import Reason as Fault
 from fsw_nmpc.settings import Settings
 
-#: estimates of the estimator, in the library's order; depth and temperature are the offsets of
-#: their sensors
+#: disturbance estimates in the library's order; depth and temperature are sensor offsets
 _DISTURBANCES = (
     "force_kn",
     "power_kw",
@@ -48,7 +47,10 @@ _DEVIATIONS = (
 _SENSORS = {Missing.DEPTH: "depth", Missing.TORQUE: "torque", Missing.TEMPERATURE: "thermocouple"}
 _DOUBTS = {
     Doubt.LATE: "what passes for heat may be a late response to the power, so it is not used",
-    Doubt.MISFIT: "no gain and delay of the power explain the temperature, so a gain below the model's is not used",
+    Doubt.MISFIT: (
+        "no gain and delay of the power explain the temperature, "
+        "so a gain below the model's is not used"
+    ),
 }
 _STATUS_TEXTS = {
     SolveStatus.OK: "solved",
@@ -63,16 +65,16 @@ _STATUS_TEXTS = {
 class NmpcController:
     """NMPC of depth and temperature, a :class:`fsw_control.Controller`.
 
-    Estimator, reference trajectories, problem, solver, acceptance, fallback and limits are one C
-    library (``kernel/``); this class passes data in and out. Every parameter but the model acts at
-    runtime without a bump; another horizon is made in the background, while the present one works
-    on. If it cannot be made, the present one stays, the proposals say why, and the next change of
-    any parameter tries again.
+    Estimator, reference trajectories, problem, solver, acceptance, fallback and limits are a C
+    library (``kernel/``); this class only passes data. Every parameter except the model can be
+    changed at runtime, bumplessly. A new horizon is built in the background while the present one
+    stays in use; if that fails, the proposals report why, and the next change of any parameter
+    tries again.
 
     Parameters
     ----------
     values : mapping of str to Any, optional
-        Parameters as described in ``nmpc.yaml``; what is missing has its default.
+        Parameters as described in ``nmpc.yaml``; missing ones have their default.
 
     Raises
     ------
@@ -96,7 +98,7 @@ class NmpcController:
         self.reset(Command(weld.FORCE_KN, weld.SPEED_RPM))
 
     def use_logger(self, logger: Any) -> None:
-        """Say there (``info``) which solver is in use, and (``error``) when another horizon cannot be made."""
+        """Log which solver is in use (``info``) and a horizon that cannot be built (``error``)."""
         self._log, self._complain = logger.info, logger.error
         self._say_solver()
 
@@ -105,7 +107,7 @@ class NmpcController:
         return problem(Settings.of, self._values | dict(values))
 
     def configure(self, values: Mapping[str, Any]) -> None:
-        """Take new parameters at runtime; the proposals do not jump.
+        """Apply new parameters at runtime; the proposals do not jump.
 
         Raises
         ------
@@ -127,7 +129,7 @@ class NmpcController:
         self._log(f"solver: rti, {self._blocks} blocks, library {KERNEL.source_id()}")
 
     def _prepare(self) -> None:
-        """Make the horizon of the settings in the background, unless it is in use."""
+        """Build the horizon of the settings in the background, unless it is in use."""
         if self._maker is not None:
             return
         self._failure = ""
@@ -144,7 +146,7 @@ class NmpcController:
             self._made = settings, " ".join(f"{error or type(error).__name__}".split())
 
     def _take(self) -> None:
-        """Switch to the horizon made in the background, if it is ready; else say why there is none."""
+        """Switch to the horizon built in the background if it is ready, else note the failure."""
         if self._made is None:
             return
         made_for, made = self._made
@@ -240,7 +242,7 @@ class NmpcController:
         return Reason(ReasonCode.SOLVER, detail=f"{status}; {again}")
 
     def _remark(self) -> Reason:
-        """What is to be said of a proposal that may be applied."""
+        """Note about a proposal that may be applied."""
         if self._failure:
             return Reason(ReasonCode.HORIZON, detail=self._failure)
         doubts = "; ".join(
@@ -249,9 +251,9 @@ class NmpcController:
         return Reason(ReasonCode.CAUTION, detail=doubts) if doubts else Reason()
 
     def plan_deviations(self, time_s: Sequence[float]) -> tuple[list[float], list[float]]:
-        """Standard deviations of depth [mm] and temperature [degC], as sensors show them, along the last plan.
+        """Standard deviations of depth [mm] and temperature [degC] along the last plan.
 
-        Not part of the plan, as it takes as long as a step.
+        As the sensors will show them. Not part of the plan, as this takes as long as a step.
         """
         depth, temperature = output_deviations(self.library.state, np.array(time_s))
         return depth.tolist(), temperature.tolist()

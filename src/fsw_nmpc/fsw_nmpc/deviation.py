@@ -1,11 +1,10 @@
-"""How far the sensors may be from the prediction: the estimator's covariance along the horizon.
+"""Expected deviation of the sensors from the prediction: the covariance along the horizon.
 
-The covariance goes on as the estimator's own would without further measurements, with the plan
-followed: the transition of the last tick, and the random walk of every state. The noise of the
-sensor is added. So it contains what is not yet known of the disturbances, and how they may wander,
-but neither errors of the model nor disturbances larger than their walks. As in the estimator, the
-effect of the torque's deviation on the heat is left out: 5 % of the temperature's deviation at 15
-s.
+The estimator's covariance is propagated without further measurements while the plan is followed:
+by the transition of the last tick and the random walk of every state, plus the noise of the
+sensor. It thus contains the uncertainty of the disturbances and how they may wander, but neither
+model errors nor disturbances larger than their walks. As in the estimator, the effect of the
+torque's deviation on the heat is neglected: 5 % of the temperature's deviation at 15 s.
 """
 
 from __future__ import annotations
@@ -22,12 +21,12 @@ Vector = NDArray[np.float64]
 
 
 def output_deviations(controller: Any, time_s: Vector) -> tuple[Vector, Vector]:
-    """Standard deviations of the depth [mm] and the temperature [degC] that the sensors will show.
+    """Standard deviations of future depth [mm] and temperature [degC] samples.
 
     Parameters
     ----------
     controller : Any
-        A ``fsw_nmpc *`` whose estimator has made a tick.
+        A ``fsw_nmpc *`` whose estimator has completed a tick.
     time_s : (n,) array
         Times from that tick on.
 
@@ -59,7 +58,7 @@ def _matrix(values: Any) -> Vector:
 
 
 def _rows(controller: Any) -> Vector:
-    """What depth and temperature sensor show, linearised by the states now, shape (2, n_states)."""
+    """Measurement rows of depth and temperature by the present states, shape (2, n_states)."""
     model, estimator = controller.model, controller.estimator
     x, rows = estimator.x, np.zeros((2, len(State)))
     soft = 1.0 + model.softening_per_c * x[State.TOOL]
@@ -77,8 +76,8 @@ def _rows(controller: Any) -> Vector:
 
 
 def _rows_ahead(rows: Vector, transition: Vector, last: int) -> Vector:
-    """The rows by the states now for the outputs of 0 to ``last`` ticks ahead, shape (last + 1, 2, n_states)."""
+    """Rows of the outputs 0 to ``last`` ticks ahead by the states, (last + 1, 2, n_states)."""
     ahead, power = rows[np.newaxis], transition
-    while len(ahead) <= last:  # as many more with each product
+    while len(ahead) <= last:  # each product doubles the number
         ahead, power = np.concatenate([ahead, ahead @ power]), power @ power
     return ahead[: last + 1]

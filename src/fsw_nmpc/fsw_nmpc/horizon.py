@@ -1,9 +1,9 @@
 """The prediction horizon: grid (36), moves, model steps and the exact weights of the dead time.
 
 Copper and tool at the end of a step are linear in the power that entered one dead time earlier.
-The power within a step is ``P0 + P1 s/h + P2 exp(-s / motor lag)``, which is exact where the
-process torque is linear; the weights of these three are computed once, exactly, for every step,
-whatever the dead time, also where a long step of the tail looks back over many short ones.
+The power within a step is ``P0 + P1 s/h + P2 exp(-s / motor lag)``, exact for a linear process
+torque. The weights of these three are computed once, exactly, for every step and any dead time,
+also where a long step of the tail spans many short ones.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ Indices = NDArray[np.int32]
 
 #: Grid of the paper (36): every 0.1 s up to 5 s, then 7, 10, 15 and 30 s.
 PAPER_GRID_S = (*(round(0.1 * k, 1) for k in range(51)), 7.0, 10.0, 15.0, 30.0)
-#: Lengths, in intervals, of the blocks of moves, by their number: fine where the plan will be
-#: applied, coarse later; or a move in every interval of the paper's grid.
+#: Block lengths in intervals, by the number of blocks: fine where the plan will be applied, coarse
+#: later (move blocking); or a move in every interval of the paper's grid.
 BLOCK_LENGTHS = {20: (*([1] * 6), 2, 2, 2, 2, 3, 3, 4, 5, 7, 14, 1, 1, 1, 1), 54: (1,) * 54}
 BLOCKS = tuple(BLOCK_LENGTHS)
-#: No model step is longer than the dead time; with a shorter one the tail would take more steps
-#: than the library has.
+#: No model step is longer than the dead time; a shorter dead time would need more steps than the
+#: library has.
 LEAST_DEAD_TIME_S = 0.9
 
 
 def horizon_of(parameters: ModelParameters, blocks: int) -> Horizon:
     """The paper's grid with 20 blocks of ramps, or with a move in every interval (54).
 
-    With 20 blocks a move of the tail may be as large as the inputs can go in its interval; with
-    54, as in the paper, no larger than in one tick.
+    With 20 blocks a move in the tail may be as large as its interval permits; with 54, as in the
+    paper, at most that of one tick.
 
     Raises
     ------
@@ -61,18 +61,17 @@ class Horizon:
     time_s: Vector  #: (n_out,) output points, the ends of the intervals
     interval_block: Indices  #: (n_out,) block of moves of each interval
     interval_ticks: Vector  #: (n_out,) length of each interval
-    block_reach: (
-        Vector  #: (n_blocks,) largest move of a block's intervals in largest moves of a tick
-    )
+    #: (n_blocks,) largest move in a block's intervals, in largest moves of a tick
+    block_reach: Vector
     #: (n_steps,) model steps, none longer than ``longest_step_s``
     step_length_s: Vector
     step_interval: Indices
     out_step: Indices  #: (n_out,) step whose end is the output point
-    #: (n_out,) leading variables (two per block) that an output depends on
+    #: (n_out,) number of leading variables (two per block) that an output depends on
     depth_width: Indices
     temperature_width: Indices
     #: (n_steps, 10) gain of creep; decay and gain of the slow mode; decay of the motor torque and
-    #: its lag over the step's length; transition of (copper, tool): cc, tc, tt; their gains of a
+    #: its lag over the step's length; transition of (copper, tool): cc, tc, tt; gains of a
     #: constant power
     modes: Vector
     #: delayed power: (n_steps + 1,) first weight of a step, (n,) segment (history first), (n, 6)
@@ -81,7 +80,7 @@ class Horizon:
     weight_segment: Indices
     weight: Vector
     #: power segments before now, of 0.1 s each; the oldest one counts in part if the dead time is
-    #: no whole number
+    #: not a multiple of that
     n_history: int
 
     @property
@@ -154,7 +153,7 @@ def make_horizon(
 
 
 def _delayed_power(p: ModelParameters, length: Vector) -> tuple[Indices, Indices, Vector, int]:
-    """First weight of each step, segments and weights of the delayed power, and how many segments are history."""
+    """Tables of the delayed power (first weight, segment, weights), and length of the history."""
     n_history = int(np.ceil(p.dead_time_s / STEP_S - 1e-9))
     ends = np.cumsum(length)
     starts = np.concatenate([-STEP_S * np.arange(n_history, 0, -1), ends - length])

@@ -1,4 +1,4 @@
-"""Writes the kernel's generated files: the torque from the CasADi equations, the struct of the tuning from its models.
+"""Writes the kernel's generated files: the torque function and the struct of the tuning.
 
 Run ``python -m fsw_nmpc.kernel_codegen`` after a change of the torque equations (19)-(22) or of
 the tuning's fields.
@@ -40,7 +40,7 @@ def torque_function() -> ca.Function:
 
 
 def c_text(name: str, *functions: ca.Function) -> str:
-    """C of CasADi functions, as a file ``<name>.c`` has it."""
+    """C text of CasADi functions, as in a file ``<name>.c``."""
     generator = ca.CodeGenerator(
         name, {"casadi_int": "int", "casadi_real": "double", "with_header": False}
     )
@@ -72,7 +72,7 @@ def generate() -> str:
 
 
 def files() -> dict[Path, str]:
-    """The generated files with their text."""
+    """The generated files with their content."""
     folder = Path(__file__).parent / "kernel"
     return {folder / "torque.c": generate(), folder / "fsw_nmpc_tuning.h": tuning_struct.header()}
 

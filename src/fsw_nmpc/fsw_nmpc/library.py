@@ -28,7 +28,7 @@ State = KERNEL.enum("fsw_state", "FSW_")
 
 
 def tuning_of(settings: Settings) -> Any:
-    """The settings as the library takes them, a ``fsw_nmpc_tuning *``."""
+    """The settings as a ``fsw_nmpc_tuning *`` of the library."""
     return KERNEL.new("fsw_nmpc_tuning", **values(settings))
 
 
@@ -59,9 +59,9 @@ class Tables:
             "inertia_nm_s_per_rpm": p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM,
         }
         for field, _ in KERNEL.ffi.typeof("fsw_nmpc_model").fields:
-            if field not in numbers:  # it is a number or a table of this name
+            if field not in numbers:  # the attribute itself is a number or table
                 numbers[field] = getattr(h if hasattr(h, field) else p, field)
-        #: what the model's pointers refer to, by field
+        #: arrays that the model's pointers refer to, by field
         self.arrays = {
             name: value for name, value in numbers.items() if isinstance(value, np.ndarray)
         }
@@ -72,14 +72,14 @@ class Tables:
 
 
 class Library(CController):
-    """One controller in the loaded library; ``tuning`` is a ``fsw_nmpc_tuning *``, ``lib`` another build of it.
+    """A controller of the library; ``tuning`` is a ``fsw_nmpc_tuning *``, ``lib`` another build.
 
     Raises
     ------
     RuntimeError, OSError
         If the library cannot be built or loaded.
     ValueError
-        If the horizon is larger than the library was compiled for, or the tuning cannot be used.
+        If the horizon exceeds the compiled sizes, or the tuning is invalid.
     """
 
     def __init__(
@@ -87,14 +87,15 @@ class Library(CController):
     ) -> None:
         self.horizon, self._tables = horizon, Tables(parameters, horizon)
         refusal = (
-            f"horizon: {horizon.n_out} intervals, {horizon.n_blocks} blocks, {len(horizon.step_length_s)} steps and "
-            f"{horizon.n_history} ticks of dead time exceed the sizes for which the controller library was compiled"
+            f"horizon: {horizon.n_out} intervals, {horizon.n_blocks} blocks, "
+            f"{len(horizon.step_length_s)} steps and {horizon.n_history} ticks of dead time "
+            "exceed the sizes for which the controller library was compiled"
         )
         super().__init__(KERNEL, lib, refusal, self._tables.model, tuning)
         self._refusal = "tuning: a value is not finite, or a minimum is not below its maximum"
 
     def go_on_from(self, other: Library) -> None:
-        """Take over estimate and plan of a library with the same model and perhaps other blocks."""
+        """Take over estimate and plan of a controller with the same model; blocks may differ."""
         self.reset(other.state.applied[0], other.state.applied[1])
         kept = (
             "estimator",
@@ -120,5 +121,5 @@ class Library(CController):
 
 
 def pointer(array: NDArray[Any]) -> Any:
-    """Pointer to the data of a contiguous array of float64 or int32, which it keeps alive."""
+    """Pointer to a contiguous array of float64 or int32, which it keeps alive."""
     return KERNEL.ffi.from_buffer({"d": "double[]", "i": "int[]"}[array.dtype.char], array)

@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-# The matrices are far too small to be shared among threads; must be set before numpy is loaded.
+# The matrices are too small to be shared among threads; must be set before numpy is loaded.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from fsw_control import run_controller

@@ -1,4 +1,4 @@
-"""From the node's parameters (``nmpc.yaml``) to the controller's settings."""
+"""Converts the node's parameters (``nmpc.yaml``) into the controller's settings."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _DEFAULTS = defaults(load("fsw_nmpc", "nmpc.yaml"))
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Everything that can be chosen at the node, checked."""
+    """All settings of the node, validated."""
 
     model: ModelParameters
     tuning: Tuning
@@ -34,8 +34,8 @@ class Settings:
         Raises
         ------
         ValueError
-            If a value is unknown or out of range, values contradict each other, or a file cannot
-            be used.
+            If a value is unknown or out of range, values contradict each other, or a file is not
+            usable.
         """
         v = validate(load("fsw_nmpc", "nmpc.yaml"), values)
         model = ModelParameters.from_file(v["model_file"]) if v["model_file"] else nominal()

@@ -13,25 +13,25 @@ from fsw_control import weld
 from fsw_model import STEP_S, ModelParameters
 from fsw_schema.models import Many, Model, content_of, problem, read_text, validate
 
-#: Reference trajectories, see ``kernel/trajectory.c``.
+#: Kinds of reference trajectories, see ``kernel/trajectory.c``.
 Trajectory = Literal["approach", "constant", "cold_start", "recentred", "recentred_ahead"]
-#: What the approach keeps where the inputs' bounds do not permit both set-points.
+#: The set-point that an approach keeps if the inputs' bounds exclude both.
 Priority = Literal["depth", "balance", "temperature"]
 TRAJECTORIES, PRIORITIES = get_args(Trajectory), get_args(Priority)
-#: A number of at least 0 and at most 1.
+#: A number from 0 to 1.
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
-#: By preset: the temperature's approach takes this share of the dead time. Margins of the loop
-#: scale with it.
+#: Time constant of the temperature's approach in the preset, as a share of the dead time. The
+#: loop's margins scale with it.
 _APPROACH_PER_DEAD_TIME = {"default": 0.3, "adaptive": 0.36}
 
 
 def _keep(memory_s: float) -> float:
-    """Share that is left after a tick of what fades with a time constant."""
+    """Decay factor per tick for an exponential memory of ``memory_s``."""
     return exp(-STEP_S / memory_s) if memory_s > 0.0 else 0.0
 
 
 class EstimatorTuning(Model):
-    """Standard deviations of the sensors, and of the random walks per tick of the disturbances."""
+    """Standard deviations of the sensors and, per tick, of the disturbances' random walks."""
 
     depth_noise_mm: NonNegativeFloat = 2e-3
     torque_noise_nm: NonNegativeFloat = 2.0
@@ -45,106 +45,109 @@ class EstimatorTuning(Model):
     depth_offset_walk_mm: NonNegativeFloat = 2e-5
     temperature_offset_walk_c: NonNegativeFloat = 3e-2
     offset_memory_s: NonNegativeFloat = 600.0
-    """time constant with which the two offsets leak"""
+    """time constant with which the two sensor offsets decay"""
     depth_rate_walk_mm_per_s: NonNegativeFloat = 5e-6
-    """of the rate of the depth's offset; 0: it does not move"""
+    """of the rate of the depth offset; 0: constant"""
     temperature_rate_walk_c_per_s: NonNegativeFloat = 2e-4
-    """of the rate of the temperature's offset; 0: it does not move"""
+    """of the rate of the temperature offset; 0: constant"""
     depth_rate_memory_s: NonNegativeFloat = 30.0
-    """time constant with which the rate of the depth's offset leaks"""
+    """time constant with which the rate of the depth offset decays"""
     temperature_rate_memory_s: NonNegativeFloat = 30.0
-    """time constant with which the rate of the temperature's offset leaks"""
+    """time constant with which the rate of the temperature offset decays"""
     depth_gain_walk: NonNegativeFloat = 1e-4
-    """of the factor on the model's gain of the depth over the force; 0: it stays 1"""
+    """of the factor on the model's gain from force to depth; 0: it stays 1"""
     thermal_gain_walk: NonNegativeFloat = 0.0
-    """of the factor on the model's effect of the power on the copper; 0: it stays 1"""
+    """of the factor on the model's gain from power to copper temperature; 0: it stays 1"""
     delay_walk_s: NonNegativeFloat = 0.0
-    """of the time by which the power arrives later than after the model's dead time; 0: it stays 0"""
+    """of the delay of the power beyond the model's dead time; 0: it stays 0"""
     jump_sigmas: NonNegativeFloat = 4.0
-    """a measurement further off is a jump; 0: never"""
+    """an innovation of more standard deviations is a jump; 0: never"""
     drift_sigmas: NonNegativeFloat = 3.5
-    """innovations of the depth whose sum over about a second is further off are a drift; 0: never"""
+    """depth innovations are a drift if their sum over about a second exceeds this; 0: never"""
     heat_sigmas: NonNegativeFloat = 0.0
-    """innovations of the temperature whose sum over about ten seconds is further off are heat that the model lacks;
-    0: never"""
+    """temperature innovations are heat that the model lacks if their sum over about ten seconds
+    exceeds this; 0: never"""
 
     start_deviation: Annotated[Many[NonNegativeFloat], Field(min_length=15, max_length=15)] = (
         *(5e-3, 1e-3, 0.5, 0.2, 2.0),
         *(0.2, 0.15, 5e-3, 1e-3, 0.15, 1e-4, 1e-2, 0.2, 0.3, 0.4),
     )
-    """standard deviations at the start, in the order of `fsw_state`: creep, slow, copper, tool, motor, force, heat,
-    torque scale, offsets, their rates, depth gain, thermal gain, delay"""
+    """standard deviations at the start, in the order of `fsw_state`: creep, slow, copper, tool,
+    motor, force, heat, torque scale, offsets, their rates, depth gain, thermal gain, delay"""
     torque_scale_min: NonNegativeFloat = 0.4
-    """smallest estimate of the factor on the process torque"""
+    """lower bound of the factor on the process torque"""
     torque_scale_max: NonNegativeFloat = 2.5
-    """largest estimate of the factor on the process torque"""
+    """upper bound of the factor on the process torque"""
     depth_gain_min: NonNegativeFloat = 0.6
-    """smallest estimate of the factor on the gain of the depth"""
+    """lower bound of the factor on the depth gain"""
     depth_gain_max: NonNegativeFloat = 1.6
-    """largest estimate of the factor on the gain of the depth"""
+    """upper bound of the factor on the depth gain"""
     thermal_gain_min: NonNegativeFloat = 0.5
-    """smallest estimate of the factor on the effect of the power"""
+    """lower bound of the factor on the thermal gain"""
     thermal_gain_max: NonNegativeFloat = 2.0
-    """largest estimate of the factor on the effect of the power"""
+    """upper bound of the factor on the thermal gain"""
     delay_max_s: NonNegativeFloat = 1.0
-    """largest estimate of the delay, either way from the middle of its range, and at most half the dead time"""
+    """largest deviation of the delay from the middle of its range; at most half the dead time"""
     depth_max_mm: NonNegativeFloat = 20.0
-    """a greater depth is not of this process"""
+    """depths above this are implausible"""
     temperature_deviation_max_c: NonNegativeFloat = 800.0
-    """a temperature further from the operating temperature is not of this process"""
+    """larger deviations from the operating temperature are implausible"""
     force_offset_max_kn: NonNegativeFloat = 50.0
-    """a greater disturbance force is not of this process"""
+    """larger disturbance forces are implausible"""
     torque_outlier_factor: Annotated[float, Field(ge=1.0)] = 3.0
-    """torque samples further from their expectation by this factor are rejected"""
+    """torque samples beyond this factor from the expectation are rejected"""
     torque_min_nm: PositiveFloat = 100.0
-    """smallest torque by which a jump of the torque scale is measured"""
+    """lower bound of the torque that scales a jump of the torque factor"""
     torque_peak_noise_share: Share = 0.3
-    """share of the inertia's peak that counts as noise: the drive's own lag smears it over two ticks"""
+    """share of the inertia peak that counts as noise: the drive's lag spreads it over two ticks"""
     jump_offset_share: Share = 0.5
-    """share of the variance of a jump of the depth that the sensor's offset gets; the tool's own depth gets the rest"""
+    """share of a depth jump's variance given to the sensor offset; the true depth gets the rest"""
     drift_keep: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.9
-    """share of the sum of the depth's innovations that is left after a tick: it covers about a second"""
+    """decay per tick of the sum of depth innovations: a memory of about a second"""
     heat_keep: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.99
-    """share of the sum of the temperature's innovations that is left after a tick: it covers about ten seconds"""
+    """decay per tick of the sum of temperature innovations: a memory of about ten seconds"""
     heat_steady_sigmas: NonNegativeFloat = 1.0
-    """largest innovation in the sum that shows whether they last"""
+    """largest contribution of an innovation to the persistence sum"""
     heat_steady_sum: NonNegativeFloat = 57.0
-    """innovations last once that sum is larger: eight seconds of one sign, where they are large"""
+    """innovations persist once that sum is larger: large ones, after eight seconds of one sign"""
     heat_wait_s: NonNegativeFloat = 15.0
-    """innovations last once they are beyond heat_sigmas for longer, where they are small"""
+    """small innovations persist once they have exceeded heat_sigmas for longer than this"""
     heat_start_s: NonNegativeFloat = 3.0
-    """time from the start during which innovations need not last, as nothing has jumped"""
+    """time after the start in which persistence is not required, as nothing has jumped"""
     excitation_force_kn: NonNegativeFloat = 0.3
-    """the gain of the depth is estimated while the force has moved by more within two seconds"""
+    """the depth gain is estimated while the force has moved by more within two seconds"""
     excitation_power_kw: NonNegativeFloat = 1.0
-    """gain and delay of the power are estimated once it has moved by more within a dead time"""
+    """thermal gain and delay are estimated once the power has moved by more within a dead time"""
     excitation_power_s: NonNegativeFloat = 10.0
-    """time for which they are then estimated, after a dead time: some lags of the tool"""
+    """duration of that estimation after a dead time: some lags of the tool"""
 
     @model_validator(mode="after")
     def _check_heat(self) -> EstimatorTuning:
         if self.heat_sigmas > 0.0 and not self.thermal_gain_walk > 0.0:
-            text = "needs a thermal_gain_walk above 0: with a wrong gain the speed would swing; else set it to 0"
+            text = (
+                "needs a thermal_gain_walk above 0: with a wrong gain the speed would swing; "
+                "else set it to 0"
+            )
             raise problem(text, "heat_sigmas")
         return self
 
     @property
     def offset_keep(self) -> Share:
-        """Share of the two offsets that is left after a tick."""
+        """Decay per tick of the two sensor offsets."""
         return _keep(self.offset_memory_s)
 
     @property
     def depth_rate_keep(self) -> Share:
-        """Share of the rate of the depth's offset that is left after a tick."""
+        """Decay per tick of the rate of the depth offset."""
         return _keep(self.depth_rate_memory_s)
 
     @property
     def temperature_rate_keep(self) -> Share:
-        """Share of the rate of the temperature's offset that is left after a tick."""
+        """Decay per tick of the rate of the temperature offset."""
         return _keep(self.temperature_rate_memory_s)
 
 
-#: the estimator's random walks, which ``calmness`` divides
+#: random walks of the estimator, which ``calmness`` divides
 WALKS = tuple(name for name in EstimatorTuning.model_fields if "_walk" in name)
 #: costs of moves, which ``calmness`` multiplies
 MOVE_COSTS = ("move_force_per_kn", "move_speed_per_rpm", "full_move_cost")
@@ -154,23 +157,23 @@ class AdaptationTuning(Model):
     """Use of the estimated gain and delay of the power, see ``kernel/adapt.c``."""
 
     rival_share: NonNegativeFloat = 0.6
-    """standard deviation of the rival's delay at its start, in halves of its range"""
+    """initial standard deviation of the rival's delay, in halves of its range"""
     evidence_max: NonNegativeFloat = 10.0
-    """logarithm of the likelihoods' ratio at which the rival takes over"""
+    """log-likelihood ratio at which the rival takes over"""
     counter_evidence_max: NonNegativeFloat = 20.0
-    """no more is counted against the rival, so that it can still take over later"""
+    """upper bound of the evidence against the rival, so that it can still take over later"""
     certain_sigmas: NonNegativeFloat = 3.0
-    """the value in use is the one nearest to the model's that lies within so many standard deviations"""
+    """the value used is the one nearest to the model's within this many standard deviations"""
     gain_step: NonNegativeFloat = 0.01
-    """largest change per tick of the gain in use"""
+    """largest change per tick of the thermal gain in use"""
     delay_step_s: NonNegativeFloat = 0.05
     """largest change per tick of the delay in use"""
     misfit_keep: Share = 0.98
-    """share of the mean square of the innovations that is left after a tick: it covers about five seconds"""
+    """decay per tick of the mean square of the innovations: a memory of about five seconds"""
     misfit_max: NonNegativeFloat = 4.0
-    """mean square of the innovations, 1 where they are as expected, above which no gain and delay fit"""
+    """mean square of normalised innovations (expected: 1) above which no gain and delay fit"""
     power_memory_s: PositiveFloat = 20.0
-    """time constant of the mean power that heats alike with the gain in use and the estimated one"""
+    """time constant of the mean power for which used and estimated gain give the same heat"""
 
 
 class ApproachTuning(Model):
@@ -181,64 +184,64 @@ class ApproachTuning(Model):
     power_time_s: PositiveFloat = 0.3
     """second, faster time constant of the temperature: the power needs some ticks"""
     depth_acceleration: NonNegativeFloat = 1.55
-    """factor by which the depth may accelerate faster than the speed can hold the power; more would disturb the
+    """acceleration of the depth relative to what the speed can compensate; more would disturb the
     temperature"""
     haste: NonNegativeFloat = 0.3
-    """where the temperature gives way, share by which the depth accelerates faster still while it is twice its quality
-    limit from its set-point or further; less below, at that limit not at all, as a tool that jumps
-    is to take no more of the temperature"""
+    """extra share of acceleration at twice the quality limit from the set-point or further, if the
+    temperature may yield; it falls to zero at that limit, so that a jump of the tool does not cost
+    more temperature"""
     brake_share: Share = 0.8
     """usable share of the acceleration when braking"""
     rate_share: Share = 0.8
     """usable share of the temperature's maximum rate"""
     depth_approach_keep: Share = 0.8
-    """share of the last tick's planned rate of the depth that is kept, to smooth noise"""
+    """share of the last tick's planned depth rate that is kept, to smooth noise"""
     temperature_approach_keep: Share = 0.93
-    """share of the last tick's planned rate of the temperature that is kept, to smooth noise"""
+    """share of the last tick's planned temperature rate that is kept, to smooth noise"""
     least_force_kn: NonNegativeFloat = 1.0
-    """a plant that cannot move gets at least so much force about the force that holds"""
+    """lower bound of the usable force, on either side of the holding force"""
     least_rate_c_per_s: NonNegativeFloat = 0.005
-    """a plant that cannot heat gets at least this rate"""
+    """lower bound of the usable temperature rate"""
     least_power_kw: NonNegativeFloat = 1.0
-    """smallest power that holds a temperature"""
+    """lower bound of the holding power"""
 
 
 class Tuning(Model):
-    """Reference trajectories, cost and estimator; the kernel has all fields and properties under the same names."""
+    """Reference trajectories, cost and estimator; the kernel uses the same names."""
 
     trajectory: Trajectory = "approach"
     """reference trajectory: approach, constant, cold_start, recentred or recentred_ahead"""
     depth_time_s: NonNegativeFloat = 1.0
-    """time constant of the approach near the set-point, or of the corridor (tau_t)"""
+    """time constant of the approach near the set-point, or of the corridor (tau_t, paper (32))"""
     temperature_time_s: NonNegativeFloat = 0.84
-    """time constant of the approach near the set-point, or of the corridor (tau_t)"""
+    """time constant of the approach near the set-point, or of the corridor (tau_t, paper (32))"""
     dead_band_depth_mm: NonNegativeFloat = 0.0
     """half width of the dead-band about the trajectory"""
     dead_band_temperature_c: NonNegativeFloat = 0.0
     """half width of the dead-band about the trajectory"""
     quality_depth_mm: NonNegativeFloat = weld.QUALITY_DEPTH_MM
-    """an approach takes the depth no further from its set-point for the temperature"""
+    """largest depth error that an approach accepts in favour of the temperature"""
     quality_temperature_min_c: NonNegativeFloat = weld.QUALITY_TEMPERATURE_MIN_C
-    """an approach lets the depth give way before the temperature falls below, whatever the priority"""
+    """below it an approach lets the depth give way, whatever the priority"""
     quality_temperature_max_c: NonNegativeFloat = weld.QUALITY_TEMPERATURE_MAX_C
-    """an approach lets the depth give way before the temperature rises above, whatever the priority"""
+    """above it an approach lets the depth give way, whatever the priority"""
     weight_depth_per_mm: NonNegativeFloat = 0.0
     """L1 weight outside the dead-band, per output point"""
     weight_temperature_per_c: NonNegativeFloat = 0.0
     """L1 weight outside the dead-band, per output point"""
     depth_scale_mm: NonNegativeFloat = 0.0022
-    """quadratic cost, per output point: a deviation of this size from the trajectory costs 1/2; 0: none"""
+    """quadratic cost per output point: a deviation of this size costs 1/2; 0: none"""
     temperature_scale_c: NonNegativeFloat = 0.2
-    """quadratic cost, per output point: a deviation of this size from the trajectory costs 1/2; 0: none"""
+    """quadratic cost per output point: a deviation of this size costs 1/2; 0: none"""
     huber_depth_mm: NonNegativeFloat = 0.0
-    """where the temperature has priority: deviation of the depth beyond which its cost is linear; 0: never"""
+    """with priority temperature: depth deviation beyond which its cost is linear; 0: never"""
     huber_temperature_c: NonNegativeFloat = 0.0
-    """where the depth has priority (balance: twice this): deviation of the temperature beyond which its cost is linear;
-    0: never, and the depth always waits for what the speed can compensate"""
+    """with priority depth (balance: twice this): temperature deviation beyond which its cost is
+    linear; 0: never, and the depth always waits for what the speed can compensate"""
     quality_weight_per_mm: NonNegativeFloat = 0.0
-    """L1 weight of the depth outside its quality limits, at the ends of the blocks"""
+    """L1 weight of the depth outside its quality limits, at the block ends"""
     quality_weight_per_c: NonNegativeFloat = 0.0
-    """L1 weight of the temperature outside its quality limits, at the ends of the blocks"""
+    """L1 weight of the temperature outside its quality limits, at the block ends"""
     move_force_per_kn: NonNegativeFloat = 0.0
     """L1 weight on the moves of an interval"""
     move_speed_per_rpm: NonNegativeFloat = 0.0
@@ -246,7 +249,7 @@ class Tuning(Model):
     full_move_cost: NonNegativeFloat = 0.2
     """quadratic cost of an interval's move, twice that of the largest move, for both inputs"""
     blocks: Literal[20, 54] = 20
-    """20: blocks of moves over the 54 intervals; 54: a move in every interval, as in the paper"""
+    """20: blocks of moves over the 54 intervals; 54: a move per interval, as in the paper"""
     tolerance: NonNegativeFloat = 1e-6
     """of the solver: complementarity gap relative to 1 + |cost|"""
     approach: ApproachTuning = ApproachTuning()
@@ -280,7 +283,7 @@ class Tuning(Model):
         Parameters
         ----------
         name : str
-            ``default``: by rule from the model; ``adaptive``: likewise, and the output without
+            ``default``: by rule from the model; ``adaptive``: also, and the output without
             priority gives way on the way to a set-point; ``paper``, also ``paper:offset_free``:
             (28)-(37), with estimated disturbances; ``paper:letter``: without, as in the paper.
         parameters : ModelParameters
@@ -306,7 +309,7 @@ class Tuning(Model):
         temperature_aggressiveness: float = 1.0,
         calmness: float = 1.0,
     ) -> Tuning:
-        """Turn the knobs; 1 leaves the tuning as it is.
+        """Scale the tuning by knobs; 1 leaves it unchanged.
 
         Parameters
         ----------
@@ -326,29 +329,29 @@ class Tuning(Model):
 
     @property
     def depth_corridor_keep(self) -> Share:
-        """Share of the distance to the set-point that is left after a tick of the depth's corridor."""
+        """Decay per tick of the depth corridor's distance to the set-point."""
         return _keep(self.depth_time_s)
 
     @property
     def temperature_corridor_keep(self) -> Share:
-        """Share of the distance to the set-point that is left after a tick of the temperature's corridor."""
+        """Decay per tick of the temperature corridor's distance to the set-point."""
         return _keep(self.temperature_time_s)
 
     @classmethod
     def from_file(cls, path: str | Path, base: Tuning) -> Tuning:
-        """Read a YAML file of fields over ``base``; those of the estimator are a mapping ``estimator``.
+        """Read a YAML file of fields over ``base``; the estimator's are a mapping ``estimator``.
 
         Raises
         ------
         fsw_schema.models.InputError
-            If the file cannot be read or something in it is wrong; the message is one line.
+            If the file cannot be read or its content is invalid; the message is one line.
         """
         content = content_of(read_text(path, "tuning_file"), str(path))
         return validate(cls, _over(base.model_dump(), content), str(path))
 
 
 def _over(base: dict[str, Any], content: Any) -> Any:
-    """A mapping with the values of another in it, at all depths; anything else instead of it."""
+    """Merge one nested mapping over another; any other value replaces the old one."""
     if not isinstance(content, Mapping):
         return content
     return base | {
@@ -357,9 +360,9 @@ def _over(base: dict[str, Any], content: Any) -> Any:
     }
 
 
-#: As default; besides, the output without priority gives way on the way, inside the quality
-#: limits, and gain and delay of the power are estimated, and heat that the model lacks is found.
-#: Values chosen on 60 random plants, the last one on 12 canisters that conduct heat.
+#: Default, but the output without priority gives way during an approach, within the quality
+#: limits; gain and delay of the power are estimated, and missing heat is found. Values chosen on
+#: 60 random plants, the last one on 12 canisters that conduct heat.
 ADAPTIVE = Tuning(
     huber_depth_mm=0.005,
     temperature_scale_c=0.3,
@@ -375,7 +378,7 @@ ADAPTIVE = Tuning(
     ),
 )
 #: (28)-(37): L1 cost outside dead-bands about first-order corridors (32), (33), with the weights
-#: (37); constant offsets
+#: of (37) and constant offsets
 PAPER = Tuning(
     trajectory="recentred",
     depth_time_s=5.0,
@@ -397,7 +400,7 @@ PAPER = Tuning(
         drift_sigmas=0.0,
     ),
 )
-#: To the letter: "no disturbance model". States of the process are estimated, nothing else.
+#: To the letter: "no disturbance model". Only process states are estimated.
 PAPER_LETTER = PAPER.changed(
     estimator=PAPER.estimator.changed(
         force_walk_kn=0.0,

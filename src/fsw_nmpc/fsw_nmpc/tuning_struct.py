@@ -1,4 +1,4 @@
-"""The kernel's tuning as a C struct: text and values from the fields and properties of :class:`.Settings`.
+"""The kernel's tuning as a C struct, generated from fields and properties of :class:`.Settings`.
 
 The text (``kernel/fsw_nmpc_tuning.h``, written by :mod:`.kernel_codegen`) is compiled, read by
 cffi, and exported.
@@ -17,9 +17,9 @@ from fsw_nmpc.settings import Settings
 from fsw_nmpc.tuning import PRIORITIES, TRAJECTORIES, EstimatorTuning, Share, Tuning
 from fsw_schema.models import Model, descriptions
 
-#: Settings that the kernel does not have: the model is another struct, the horizon a part of it;
-#: announced set-points are an input; of a time constant with which something fades, the kernel has
-#: the share that is left after a tick.
+#: Settings without a member in the kernel: the model is a struct of its own, the horizon a part
+#: of it; announced set-points are an input; instead of a memory's time constant the kernel has the
+#: decay per tick.
 _OTHERS = {
     "model",
     "preview",
@@ -28,8 +28,11 @@ _OTHERS = {
     "depth_rate_memory_s",
     "temperature_rate_memory_s",
 }
-_HEAD = "/* Generated from the models in fsw_nmpc/tuning.py by fsw_nmpc/kernel_codegen.py; do not edit. */"
-_WIDTH = 120
+_HEAD = (
+    "/* Generated from the models in fsw_nmpc/tuning.py by fsw_nmpc/kernel_codegen.py; "
+    "do not edit. */"
+)
+_WIDTH = 99
 _STATES = len(EstimatorTuning().start_deviation)
 
 
@@ -38,26 +41,26 @@ class Member(NamedTuple):
 
     name: str
     kind: Any  #: its type in Python
-    text: str  #: what it is
-    place: str  #: where its value is in an object of the class
+    text: str  #: its description
+    place: str  #: path of its value in an object of the class
 
     @property
     def is_model(self) -> bool:
-        """Whether it is a struct itself."""
+        """Whether it is itself a struct."""
         return isinstance(self.kind, type) and issubclass(self.kind, Model)
 
     @property
     def is_array(self) -> bool:
-        """Whether it is a number for each state of the estimator."""
+        """Whether it has a number for each state of the estimator."""
         return any(get_origin(part) is tuple for part in get_args(self.kind)[:1])
 
     @property
     def is_int(self) -> bool:
-        """Whether it is an int in C; of a choice, its place among the choices."""
+        """Whether it is an int in C; a choice is the index of the enumeration."""
         return self.kind is int or get_origin(self.kind) is Literal
 
     def in_c(self, value: Any) -> Any:
-        """A value as cffi takes it."""
+        """Return a value in the form that cffi takes."""
         if self.is_model:
             return values(value)
         return get_args(self.kind).index(value) if get_origin(self.kind) is Literal else value
@@ -65,7 +68,7 @@ class Member(NamedTuple):
 
 @cache
 def members(owner: type) -> tuple[Member, ...]:
-    """Members of the struct of a class: its fields and properties; those of limits and tuning among the settings'."""
+    """Members of a class's struct: fields and properties; limits and tuning are flattened."""
     texts = descriptions(owner) if issubclass(owner, Model) else {}
     found: list[Member] = []
     for name, kind in get_type_hints(owner, include_extras=True).items():
@@ -81,7 +84,7 @@ def members(owner: type) -> tuple[Member, ...]:
 
 
 def values(owner: Any) -> dict[str, Any]:
-    """Values of the members, as cffi takes them."""
+    """Values of the members in the form that cffi takes."""
     return {
         member.name: member.in_c(attrgetter(member.place)(owner))
         for member in members(owner.__class__)
@@ -89,7 +92,7 @@ def values(owner: Any) -> dict[str, Any]:
 
 
 def header() -> str:
-    """The text of ``fsw_nmpc_tuning.h``: enumerations, structs, and lists of all real numbers and of the shares."""
+    """Text of ``fsw_nmpc_tuning.h``: enumerations, structs, lists of all numbers and shares."""
     lines = [_HEAD, "#ifndef FSW_NMPC_TUNING_H", "#define FSW_NMPC_TUNING_H", ""]
     for name, prefix, choices in (
         ("trajectory", "", TRAJECTORIES),
@@ -108,7 +111,7 @@ def header() -> str:
 
 
 def _struct(name: str, parts: Iterable[Member]) -> list[str]:
-    """A struct; ints last, so that there is no padding."""
+    """Text of a struct; ints come last, so that there is no padding."""
     lines = []
     for member in sorted(parts, key=lambda part: part.is_int):
         size = "[FSW_STATES]" if member.is_array else ""
@@ -130,7 +133,7 @@ def _struct(name: str, parts: Iterable[Member]) -> list[str]:
 
 
 def _numbers(parts: Iterable[Member], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Every real number with its type in Python."""
+    """All real numbers with their Python types."""
     for member in parts:
         if member.is_model:
             yield from _numbers(members(member.kind), f"{prefix}{member.name}.")
@@ -141,7 +144,7 @@ def _numbers(parts: Iterable[Member], prefix: str = "") -> Iterator[tuple[str, A
 
 
 def _each(what: str, names: Iterable[str]) -> list[str]:
-    """A macro that calls another one with each name."""
+    """Text of a macro that calls another one with each name."""
     calls = wrap(" ".join(f"DO({name})" for name in names), _WIDTH - 4)
     return [
         f"#define FSW_EACH_{what}(DO) \\",

@@ -1,12 +1,17 @@
-/* Which of two estimators is believed, and what is used of their gain and delay of the power.
+/* Adaptation of gain and delay of the power: a choice between two estimators, and a cautious use
+ * of the chosen one's estimates.
  *
- * The delay is linearised, and that reaches no further than about a second: a response that is later still passes for a
- * weak gain, and a controller that believes this swings. So while the power tells anything, a rival runs beside the
- * estimator, with the same estimates but the other range of the delay, and the one that makes the temperatures more likely
- * goes on. If neither fits, the gain is not taken for less than the model's.
+ * The delay is linearised, which is valid for about a second: a later response would pass for a
+ * weak gain, and a controller that trusts it oscillates. So while the power excites the
+ * temperature, a rival with the same estimates but the other range of the delay runs beside the
+ * estimator, and the one with the more likely innovations is kept (a sequential probability ratio
+ * test, Wald 1945; two models of a multiple-model estimator, Bar-Shalom et al. 2001,
+ * section 11.6). If neither fits, a gain below the model's is not used.
  *
- * Of an estimate only what is certain is used: the value nearest to the model's that lies within some standard deviations. Of
- * the gain, the root: a faster or slower probe, or a softer copper, passes for a gain, too, and the loop bears what is left. */
+ * Both estimates are used conservatively: the value nearest to the model's within some standard
+ * deviations (certainty equivalence would react to noise). Of the gain the square root is used,
+ * because a faster or slower probe, or softer copper, also looks like a gain; the loop tolerates
+ * the remaining error. */
 #include <math.h>
 
 #include "internal.h"
@@ -24,14 +29,14 @@ void fsw_adaptation_start(fsw_nmpc *c) {
   a->gain = a->misfit = 1.0;
 }
 
-/* Square of the last innovation of the temperature in its deviation, that of a jump at most. */
+/* Squared last innovation of the temperature over its variance, limited to that of a jump. */
 static double square_of(const fsw_estimator *e, const fsw_estimator_tuning *t) {
   const double square = e->innovation[TEMPERATURE] * e->innovation[TEMPERATURE] / e->expected[TEMPERATURE];
   const double most = t->jump_sigmas * t->jump_sigmas;
   return most > 0.0 && square > most ? most : square;
 }
 
-/* By how much the last temperature is more likely with one estimator than with another: logarithm of the ratio. */
+/* Log-likelihood ratio of the last temperature between two estimators (Gaussian innovations). */
 static double more_likely(const fsw_estimator *e, const fsw_estimator *other, const fsw_estimator_tuning *t) {
   const double own = e->expected[TEMPERATURE], its = other->expected[TEMPERATURE];
   if (!(own > 0.0 && its > 0.0)) return 0.0;
@@ -39,7 +44,8 @@ static double more_likely(const fsw_estimator *e, const fsw_estimator *other, co
   return 0.5 * (square_of(other, t) - square_of(e, t)) + u + u * u * u / 3.0;
 }
 
-/* The rival begins with the estimates of the estimator, but a delay in the middle of the other range. */
+/* Start the rival with the estimator's states, but with the delay in the middle of the other range
+ * and uncorrelated, since the correlations belong to the old delay. */
 static void challenge(fsw_nmpc *c) {
   fsw_estimator *rival = &c->adaptation.rival;
   const double half_s = fsw_delay_span_s(&c->model, &c->tuning.estimator);
@@ -52,7 +58,7 @@ static void challenge(fsw_nmpc *c) {
   c->adaptation.evidence = c->adaptation.is_beaten ? -c->tuning.adaptation.counter_evidence_max : 0.0;
 }
 
-/* Byte by byte: an estimator is too large for the stack. */
+/* Byte by byte: an estimator is too large for the stack of a microcontroller. */
 static void exchange(fsw_estimator *one, fsw_estimator *other) {
   unsigned char *a = (unsigned char *)one, *b = (unsigned char *)other;
   for (unsigned i = 0; i < sizeof *one; i++) {
@@ -62,15 +68,16 @@ static void exchange(fsw_estimator *one, fsw_estimator *other) {
   }
 }
 
-/* Ticks by which a response may be later than estimated: no later than its range once the later one is beaten. */
+/* Ticks by which a response may be later than estimated; limited to the estimator's own range once
+ * the later range has been rejected. */
 static int later_ticks(const fsw_nmpc *c) {
   if (c->estimator.is_late || !c->adaptation.is_beaten) return FSW_SLOWER;
   return (int)((fsw_delay_span_s(&c->model, &c->tuning.estimator) - c->estimator.x[FSW_DELAY]) / FSW_TICK_S + 0.5);
 }
 
-/* What the last temperature tells in favour of the rival. Once the rival's range has lost, that counts for less: divided by how
- * badly the estimator fits, as innovations of one sign are not independent; and for a later response not at all while none
- * would explain them, as they are heat. */
+/* Evidence of the last temperature for the rival. Once the rival's range has been rejected, it is
+ * divided by the misfit, as innovations of one sign are not independent; and it is 0 for a later
+ * response while no delay explains the innovations, because then they are heat. */
 static double evidence_of(const fsw_nmpc *c) {
   const fsw_adaptation *a = &c->adaptation;
   const double more = more_likely(&a->rival, &c->estimator, &c->tuning.estimator);
@@ -102,7 +109,9 @@ static void compete(fsw_nmpc *c, const fsw_nmpc_input *in) {
   }
 }
 
-/* Whether the temperature contradicts any gain and delay within both ranges; until the power has come to rest. */
+/* Whether the temperature contradicts every gain and delay of both ranges; reset once the power
+ * has been at rest. The mean square of normalised innovations is 1 for a consistent filter (NIS
+ * test). */
 static void judge_fit(fsw_nmpc *c) {
   fsw_adaptation *a = &c->adaptation;
   const fsw_adaptation_tuning *t = &c->tuning.adaptation;
@@ -120,23 +129,24 @@ int fsw_doubts_of(const fsw_nmpc *c) {
   return (c->estimator.is_doubtful ? FSW_DOUBT_LATE : 0) | (c->adaptation.is_refuted ? FSW_DOUBT_MISFIT : 0);
 }
 
-/* The value nearest to the model's that is within `certain_sigmas` standard deviations of the estimate. */
+/* The value nearest to the model's within `certain_sigmas` standard deviations of the estimate. */
 static double certain(const fsw_nmpc *c, int state, double of_model) {
   const fsw_estimator *e = &c->estimator;
   const double deviation = c->tuning.adaptation.certain_sigmas * sqrt(e->p[state][state]), x = e->x[state];
   return fsw_clip(of_model, x - deviation, x + deviation);
 }
 
-/* The square root of what is certain of the gain. Where the response is late or fits no gain and delay, the larger gain is the
- * cautious one: all of it if it is above the model's. */
+/* The gain in use: the root of its conservative value. If the response is late, or fits no gain
+ * and delay, a larger gain is the cautious choice, so it is used in full. */
 static double gain_in_use(const fsw_nmpc *c) {
   const double gain = certain(c, FSW_THERMAL_GAIN, 1.0);
   if (gain > 1.0) return c->estimator.is_late || c->adaptation.is_refuted ? gain : sqrt(gain);
   return c->adaptation.is_refuted ? 1.0 : sqrt(gain);
 }
 
-/* The heat of a prediction with another gain than the estimator's: the power of the last 20 s heats alike with both,
- * so that a process at rest does not stay off its set-point. */
+/* The heat disturbance that goes with the gain in use: chosen so that the mean power of the last
+ * 20 s gives the same temperature as with the estimated gain. Otherwise a process at rest would
+ * stay off its set-point. */
 static double heat_in_use(fsw_nmpc *c) {
   const fsw_estimator *e = &c->estimator;
   fsw_adaptation *a = &c->adaptation;
@@ -144,7 +154,10 @@ static double heat_in_use(fsw_nmpc *c) {
   return e->x[FSW_HEAT] + (e->x[FSW_THERMAL_GAIN] / a->gain - 1.0) * (a->power_kw + e->x[FSW_HEAT]);
 }
 
-/* One tick of the estimator, of its rival, and of what is used of them. Returns whether the estimate is sound. */
+/* One tick of the estimator, its rival and the values in use. Returns whether the estimate is
+ * sound.
+ *
+ * Gain and delay in use are rate-limited, so that the loop never sees a step of its own model. */
 int fsw_adapt(fsw_nmpc *c, const fsw_nmpc_input *in) {
   fsw_adaptation *a = &c->adaptation;
   const fsw_adaptation_tuning *t = &c->tuning.adaptation;

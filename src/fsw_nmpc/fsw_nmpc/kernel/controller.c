@@ -1,19 +1,22 @@
-/* One tick of the controller: estimate, pose the problem, solve it, accept the solution or fall back, keep the limits. */
+/* One tick of the controller: estimate, pose the problem, solve it, accept the solution or fall
+ * back, enforce the limits. */
 #include <limits.h>
 #include <math.h>
 
 #include "internal.h"
 
-/* a gap in the ticks that is too long to be predicted over: the estimator starts again */
+/* a longer gap in the ticks is not bridged by prediction: the estimator restarts */
 #define LONGEST_GAP_S 3.0
 #define LONGEST_HORIZON_S 600.0
 #define MOST_ITERATIONS 200
-/* so far outside (kN, rpm) counts as rounded on the wire */
+/* distance from a bound (kN, rpm) that counts as rounding of the unit conversion */
 #define ROUNDED 1e-6
-/* share of the largest move by which a solution may be beyond a limit; the proposal itself is clipped to it */
+/* tolerated violation of a limit by a solution, as a share of the largest move; the proposal
+ * itself is clipped */
 #define ACCEPTED 1e-6
-/* A solve is repeated about its solution when that begins with a move so far from the expected one, in largest moves;
- * unless it took so many iterations that two would take too long. */
+/* The solve is repeated about its solution if the first move differs from the expected one by more
+ * than this (in largest moves), unless the first solve took so many iterations that a second one
+ * would exceed the tick. */
 #define FAR 0.5
 #define SHORT_SOLVE 12
 
@@ -30,7 +33,7 @@ static int rises_to(const int *values, int n, int most) {
   return 1;
 }
 
-/* Whether a model fits what this was compiled for, and its tables into each other. */
+/* Whether a model fits the compiled sizes, and its tables are consistent. */
 static int fits(const fsw_nmpc_model *m) {
   const int n = m->n_blocks, nv = 2 * n;
   if (!m->step_interval || !m->interval_block || !m->interval_ticks || !m->block_reach || !m->out_step || !m->depth_width ||
@@ -46,25 +49,26 @@ static int fits(const fsw_nmpc_model *m) {
   for (int i = 1; i < m->n_out; i++)
     if (m->interval_block[i] > m->interval_block[i - 1] + 1) return 0;
   for (int k = 0; k < m->n_steps; k++)
+    /* a step uses only power that is known by then */
     for (int e = m->weight_start[k]; e < m->weight_start[k + 1]; e++)
-      if (m->weight_segment[e] < 0 || m->weight_segment[e] >= m->n_history + k) return 0; /* known at step k */
+      if (m->weight_segment[e] < 0 || m->weight_segment[e] >= m->n_history + k) return 0;
   return 1;
 }
 
-/* Note a value for checks of many at once. */
+/* Accumulate sum and minimum, to check many values at once. */
 static void add(double value, double *sum, double *least) {
   *sum += value;
   if (value < *least) *least = value;
 }
 
-/* Sum of a table, which is not finite if one of its values is not. */
+/* Sum of a table; not finite if one of its values is not. */
 static double total(const double *values, int n) {
   double sum = 0.0;
   for (int i = 0; i < n; i++) sum += values[i];
   return sum;
 }
 
-/* Whether the numbers of a model whose sizes fit are finite, and its horizon has an end. */
+/* Whether a model of valid sizes has finite values and a finite horizon. */
 static int is_finite_model(const fsw_nmpc_model *m) {
   const double any[10] = {m->slow_pole,          m->fast_gain,          m->softening_per_c,         m->inertia_nm_s_per_rpm,
                           m->operating_force_kn, m->operating_depth_mm, m->operating_temperature_c, m->operating_power_kw,
@@ -100,7 +104,7 @@ static int is_usable(const fsw_nmpc_tuning *t) {
   if (!(t->estimator.torque_outlier_factor >= 1.0 && t->estimator.torque_min_nm > 0.0)) return 0;
   if (!(t->estimator.drift_keep < 1.0 && t->estimator.heat_keep < 1.0)) return 0;
   if (t->trajectory == FSW_APPROACH && !(t->depth_time_s >= FSW_TICK_S && t->temperature_time_s >= FSW_TICK_S)) return 0;
-  /* with a wrong gain the loop would swing */
+  /* with a wrong gain the loop would oscillate */
   if (t->estimator.heat_sigmas > 0.0 && !(t->estimator.thermal_gain_walk > 0.0)) return 0;
   if (t->trajectory < FSW_APPROACH || t->trajectory > FSW_RECENTRED_AHEAD) return 0;
   if (t->priority < FSW_KEEP_DEPTH || t->priority > FSW_KEEP_TEMPERATURE) return 0;
@@ -130,21 +134,22 @@ static void clear_plan(fsw_nmpc *c) {
   c->plan.has_outputs = 0;
 }
 
-/* Distance of what is applied from the bounds; positive outside. */
+/* Distance of the applied input from its bounds; positive outside. */
 static double outside(const fsw_nmpc *c, int q) {
   const double above = c->unclipped[q] - fsw_most(&c->tuning, q), below = fsw_least(&c->tuning, q) - c->unclipped[q];
   return above > below ? above : below;
 }
 
-/* Whether no command is both within the bounds and one step of what is applied. */
+/* Whether no command is both within the bounds and within one move of the applied one. */
 static int is_out_of_bounds(const fsw_nmpc *c) {
   for (int q = 0; q < 2; q++)
     if (outside(c, q) > fsw_reach(&c->tuning, q) + ROUNDED) return 1;
   return 0;
 }
 
-/* The command in force, or the last one where it is not finite: `unclipped` as it is; `applied`, with which all is computed,
- * cut to the bounds, and the last one where it is too far outside to be believed. */
+/* Take the command in force, or keep the last one if it is not finite. `unclipped` is the raw
+ * value; `applied`, which all computations use, is clipped to the bounds, and keeps its last value
+ * if the command is implausibly far outside. */
 static void take_applied(fsw_nmpc *c, double force_kn, double speed_rpm) {
   const double given[2] = {force_kn, speed_rpm};
   const int is_known = fsw_is_finite(force_kn + speed_rpm);
@@ -154,7 +159,8 @@ static void take_applied(fsw_nmpc *c, double force_kn, double speed_rpm) {
     c->applied[q] = fsw_clip(is_believed ? c->unclipped[q] : c->applied[q], fsw_least(&c->tuning, q), fsw_most(&c->tuning, q));
 }
 
-/* Nearest to `wanted` within one step of what is applied and the bounds; the bounds win over the step. */
+/* Nearest value to `wanted` within one move of the applied one and the bounds, which take
+ * precedence. */
 static double limited(const fsw_nmpc *c, int q, double wanted) {
   const fsw_nmpc_tuning *t = &c->tuning;
   const double near = fsw_clip(wanted, c->unclipped[q] - fsw_reach(t, q), c->unclipped[q] + fsw_reach(t, q));
@@ -179,7 +185,7 @@ void fsw_nmpc_reset(fsw_nmpc *c, double force_kn, double speed_rpm) {
   clear_plan(c);
 }
 
-/* Bring the estimator to this tick; 0 while there is nothing to start from. */
+/* Bring the estimator to this tick, by pure prediction over missed ones; 0 until it starts. */
 static int estimate(fsw_nmpc *c, const fsw_nmpc_input *in) {
   const double dt_s = in->dt_s > 0.0 ? in->dt_s : FSW_TICK_S;
   const int is_gap = !(dt_s < LONGEST_GAP_S);
@@ -206,7 +212,7 @@ static int estimate(fsw_nmpc *c, const fsw_nmpc_input *in) {
   return 1;
 }
 
-/* How far the two offsets move over the horizon while their rates leak. */
+/* Movement of the two offsets over the horizon while their rates decay. */
 static void take_drifts(fsw_nmpc *c) {
   const double *x = c->estimator.x;
   const double keep[2] = {c->tuning.estimator.depth_rate_keep, c->tuning.estimator.temperature_rate_keep};
@@ -221,8 +227,9 @@ static void take_drifts(fsw_nmpc *c) {
   }
 }
 
-/* Factor on the cost of the temperature's deviation, so that the power that it lacks costs what it does in the model: of
- * copper that heats less, or approaches its set-point slower, a power takes less. Else a depth step would take more of it. */
+/* Factor on the temperature's cost that keeps the price of a power deficit constant. Copper that
+ * heats less, or a slower approach, turns the same deficit into a smaller temperature error;
+ * without the factor a depth step would take more power from the temperature. */
 static double temp_cost(const fsw_nmpc *c) {
   const double gain = c->adaptation.gain, delay_s = c->adaptation.delay_s;
   const double share = (gain < 1.0 ? gain : 1.0) / (delay_s > 0.0 ? 1.0 + delay_s / c->model.dead_time_s : 1.0);
@@ -297,7 +304,7 @@ int fsw_nmpc_begin(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out) 
   return 1;
 }
 
-/* Why a solution cannot be used: FSW_OK if it is finite and keeps all limits. */
+/* Why a solution cannot be used: FSW_OK if it is finite and within all limits. */
 static int judge(const fsw_nmpc *c, const double *moves, const double *depth, const double *temp) {
   const fsw_nmpc_model *m = &c->model;
   const fsw_nmpc_tuning *t = &c->tuning;
@@ -314,7 +321,8 @@ static int judge(const fsw_nmpc *c, const double *moves, const double *depth, co
       const double move = moves[2 * b + q], most = fsw_reach(t, q) * m->block_reach[b];
       if (move > most + slack || move < -most - slack) return FSW_TOO_FAST;
       input += move;
-      reach += FSW_RETURN_PERCENT / 100.0 * most; /* an input outside its bounds must come back, as fast as it may */
+      /* an input outside its bounds must return as fast as it may */
+      reach += FSW_RETURN_PERCENT / 100.0 * most;
       if (i + 1 < m->n_out && m->interval_block[i + 1] == m->interval_block[i]) continue;
       if (input > (high > now - reach ? high : now - reach) + m->n_out * slack) return FSW_OUTSIDE_BOUNDS;
       if (input < (low < now + reach ? low : now + reach) - m->n_out * slack) return FSW_OUTSIDE_BOUNDS;
@@ -323,13 +331,13 @@ static int judge(const fsw_nmpc *c, const double *moves, const double *depth, co
   return FSW_OK;
 }
 
-/* Outputs of the plan one tick later, along the horizon's points. */
+/* Outputs of the plan one tick later, interpolated at the points of the horizon. */
 static void shift_outputs(fsw_nmpc *c) {
   const double *time_s = c->model.time_s;
   const int n = c->model.n_out;
   for (int q = 0; q < 2; q++) {
     double *y = c->plan.output[q];
-    for (int i = 0; i < n; i++) { /* each point between itself and its right neighbour: in place */
+    for (int i = 0; i < n; i++) { /* in place: each point only needs its right neighbour */
       if (i + 1 == n) break;
       const double share = FSW_TICK_S / (time_s[i + 1] - time_s[i]);
       y[i] += (y[i + 1] - y[i]) * (share < 1.0 ? share : 1.0);
@@ -337,8 +345,9 @@ static void shift_outputs(fsw_nmpc *c) {
   }
 }
 
-/* The plan one tick later: an interval does what it did, less the part that has come into the interval before it; a
- * block does the mean of its intervals. */
+/* Shift the plan by one tick: an interval keeps its move, except for the part that has moved into
+ * the interval before it; a block gets the mean of its intervals. This warm start is what makes
+ * one iteration per tick sufficient. */
 static void shift_plan(fsw_nmpc *c) {
   const fsw_nmpc_model *m = &c->model;
   fsw_plan *p = &c->plan;
@@ -392,7 +401,7 @@ void fsw_nmpc_end(fsw_nmpc *c, const double *moves, const double *depth, const d
     p->has_outputs = 1;
     c->bad_in_a_row = 0;
   } else {
-    p->is_cold = 1; /* the start may have been the cause: a failed solve must not poison the next */
+    p->is_cold = 1; /* restart from rest: the start may have been the cause of the failure */
     if (c->bad_in_a_row < INT_MAX) c->bad_in_a_row++;
     if (c->bad_cycles < INT_MAX) c->bad_cycles++;
     out->reason = FSW_SOLVER_FAILED;
@@ -416,15 +425,16 @@ void fsw_nmpc_end(fsw_nmpc *c, const double *moves, const double *depth, const d
   shift_plan(c);
 }
 
-/* Whether the next move is so far from the one about which the model was linearised that a second solve is worth it. */
+/* Whether the first move is so far from the linearisation that a second solve is worthwhile. */
 static int is_far(const fsw_nmpc *c, const double *moves, const double *about) {
   for (int q = 0; q < 2; q++)
     if (fabs(moves[q] - about[q]) > FAR * fsw_reach(&c->tuning, q)) return 1;
   return 0;
 }
 
-/* One real-time iteration from where the last plan leads; a second one about its solution if that is far, or from no
- * moves at all if it failed. */
+/* Real-time iteration (Diehl, Bock and Schloeder 2005): one QP about the shifted last plan,
+ * instead of iterating the nonlinear problem to convergence. It is repeated about its solution if
+ * that is far away, or from rest if it failed. */
 void fsw_nmpc_step(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out) {
   double v[FSW_MAX_VARS], about[FSW_MAX_VARS], depth[FSW_MAX_OUT], temp[FSW_MAX_OUT];
   const int nv = 2 * c->model.n_blocks;

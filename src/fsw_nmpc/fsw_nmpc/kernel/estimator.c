@@ -1,23 +1,28 @@
-/* State and disturbance estimation: an extended Kalman filter on the process model, with its dead time.
+/* State and disturbance estimation: an extended Kalman filter on the process model (16)-(27), with
+ * its dead time.
  *
- * Three disturbances integrate, one per sensor: of the axial force, of the heat, and of the torque's scale; so the
- * prediction is free of offset in depth, temperature and torque. The offsets of depth and temperature leak: they take in
- * at once what a sensor shows and the process does not feel, and hand over to the integrators with a time constant of
- * minutes, so that every state stays detectable. They move at rates, which leak faster, so that ramps and slow sines are
- * followed. The gain of the depth over the force is estimated as a factor on the model's, while the force moves: at rest
- * nothing tells it, and noise would take it away.
+ * Offset-free control needs as many integrating disturbances as there are measured outputs
+ * (Pannocchia and Rawlings 2003): here of the axial force, of the heat, and of the torque's scale.
+ * In addition depth and temperature have sensor offsets that leak: they absorb at once what a
+ * sensor shows but the process does not feel, and pass it on to the integrators over minutes, so
+ * that every state stays detectable. The offsets have rates, which leak faster, to follow ramps
+ * and slow sines. The gain of the depth over the force is estimated as a factor on the model's,
+ * but only while the force moves: at rest it is not observable and would drift with the noise.
  *
- * A measurement far off its expectation is a jump: its excess over the expected size widens the variances of what can
- * have jumped, and the measurements tell which has. For the depth these are the offset and the depth itself, which the
- * torque tells apart; the temperature of the process cannot jump. A single spike is a jump there and back: waiting for
- * a second sample would cost every disturbance a tick, and the moves of one tick are too small to do harm.
+ * A measurement far from its expectation is a jump: the excess innovation widens the variances of
+ * the states that can have jumped, and the following measurements decide which did. For the depth
+ * these are the offset and the depth itself, which the torque distinguishes; the temperature of
+ * the process cannot jump. A single spike is a jump there and back: waiting for a second sample
+ * would delay the response to every disturbance by a tick, and the moves of one tick are too small
+ * to do harm.
  *
- * Innovations of the depth that have one sign for a second are a drift: likewise their excess widens the variance of the
- * offset's rate, which is small at rest, so that noise moves the force little. The rate of the temperature's offset has no
- * such test: with its dead time, and a gain that is not the model's, the loop would not be stable. Where gain and delay of
- * the power are estimated, innovations of the temperature that keep their sign are heat, as far as no later response to the
- * power explains them: it would pass for an offset of tens of degC before its own random walk has found it, and an offset
- * that leaks is an error that stays. */
+ * Innovations of the depth with one sign for about a second are a drift (a CUSUM-like test): their
+ * excess widens the variance of the offset's rate, which is small at rest, so that noise moves the
+ * force little. The rate of the temperature's offset has no such test: with the dead time and a
+ * wrong gain the loop would not be stable. While gain and delay of the power are estimated,
+ * temperature innovations that keep their sign are attributed to heat, unless a later response to
+ * the power explains them. Otherwise missing heat would appear as an offset of tens of degC before
+ * its own random walk has found it, and a leaking offset is a lasting error. */
 #include <math.h>
 
 #include "internal.h"
@@ -25,7 +30,7 @@
 
 #define N FSW_STATES
 
-/* keeps an update defined where noise and covariance are zero */
+/* keeps an update defined if noise and covariance are zero */
 #define LEAST_VARIANCE 1e-18
 #define LONGEST_S 1e6
 
@@ -54,7 +59,7 @@ void fsw_estimator_walk(const fsw_estimator_tuning *t, double walk[N]) {
 
 static double deeper_than_zero(double depth_mm) { return depth_mm > 0.0 ? depth_mm : 0.0; }
 
-/* Depth that the tool feels and, unless row is NULL, its derivative by the states. */
+/* Depth that the tool feels, (27), and, unless row is NULL, its derivative by the states. */
 double fsw_contact_depth(const fsw_estimator *e, const fsw_nmpc_model *m, double row[N]) {
   const double *x = e->x;
   const double soft = 1.0 + m->softening_per_c * x[FSW_TOOL];
@@ -71,8 +76,9 @@ double fsw_contact_depth(const fsw_estimator *e, const fsw_nmpc_model *m, double
   return soft * moved;
 }
 
-/* What a drive adds to the command. It may lag: as long as what acts lies among the commands of the last ticks, nothing
- * new is known. So `offset` changes no more than it must for `acting - offset` to lie among them. */
+/* Difference between a drive's feedback and its command. The drive may lag: as long as the
+ * feedback lies among the commands of the last ticks, there is no new information. So `offset`
+ * changes no more than needed for `acting - offset` to lie among them. */
 static void take_drive(fsw_estimator *e, const fsw_estimator_tuning *t, int input, double acting, double applied) {
   double *command = e->command[input], low = applied, high = applied;
   for (int k = FSW_LATEST - 1; k > 0; k--) {
@@ -85,7 +91,7 @@ static void take_drive(fsw_estimator *e, const fsw_estimator_tuning *t, int inpu
   e->offset[input] = fsw_clip(e->offset[input], acting - high, acting - low);
 }
 
-/* Inputs that acted: as the drives report them, as commanded where they do not. */
+/* Acting inputs: as the drives report them, else as commanded. */
 static void take_inputs(fsw_estimator *e, const fsw_estimator_tuning *t, const fsw_nmpc_input *in) {
   e->acting_force_kn = fsw_is_finite(in->force_kn) ? in->force_kn : in->applied_force_kn;
   e->acting_speed_rpm = fsw_is_finite(in->speed_rpm) ? in->speed_rpm : in->applied_speed_rpm;
@@ -100,7 +106,7 @@ static int plausible_rise(const fsw_estimator_tuning *t, double rise_c) {
   return rise_c > -t->temperature_deviation_max_c && rise_c < t->temperature_deviation_max_c;
 }
 
-/* Whether states and variances are finite and where a weld can be. */
+/* Whether states and variances are finite and plausible for a weld. */
 static int is_sound(const fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t) {
   double sum = 0.0;
   for (int i = 0; i < N; i++) {
@@ -113,7 +119,7 @@ static int is_sound(const fsw_estimator *e, const fsw_nmpc_model *m, const fsw_e
 
 static int ticks_of(double time_s) { return (int)(fsw_clip(time_s, 0.0, LONGEST_S) / FSW_TICK_S + 0.5); }
 
-/* Begin at rest at a measurement; 0 if a sensor that is needed is missing or an input is absurd. */
+/* Start at rest from a measurement; 0 if a required sensor is missing or implausible. */
 int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t, const fsw_nmpc_input *in) {
   const double rise_c = in->temperature_c - m->operating_temperature_c;
   if (!in->depth_fresh || !in->temperature_fresh || !plausible_depth(t, in->depth_mm) || !plausible_rise(t, rise_c)) return 0;
@@ -144,7 +150,8 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_est
   x[FSW_SCALE] = scale;
   for (int i = 0; i < N; i++) {
     for (int j = 0; j < N; j++) e->p[i][j] = 0.0;
-    const int is_estimated = i < FSW_FORCE || walk[i] > 0.0; /* disturbances and gain only where they may change */
+    /* disturbances and gains only if they may change */
+    const int is_estimated = i < FSW_FORCE || walk[i] > 0.0;
     if (is_estimated) e->p[i][i] = t->start_deviation[i] * t->start_deviation[i];
   }
   for (int k = 0; k < m->n_history; k++) {
@@ -166,7 +173,7 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_est
   return e->started = is_sound(e, m, t);
 }
 
-/* Rows of a[] but that of the motor torque. */
+/* Transition matrix a[] (Jacobian of one tick) except the row of the motor torque. */
 static void linear_rows(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t) {
   const double *mode = m->modes, gain = e->x[FSW_DEPTH_GAIN];
   const double pushed = e->acting_force_kn + e->x[FSW_FORCE] - m->operating_force_kn;
@@ -190,13 +197,14 @@ static void linear_rows(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_est
   e->a[FSW_TEMP_RATE][FSW_TEMP_RATE] = t->temperature_rate_keep;
 }
 
-/* Whether a state keeps its estimate and its variance, whatever the measurements are. */
+/* Whether a state keeps its estimate and variance, because nothing excites it at present. */
 static int is_held(const fsw_estimator *e, int state) {
   if (state == FSW_THERMAL_GAIN || state == FSW_DELAY) return !e->is_telling;
   return state == FSW_DEPTH_GAIN && !e->is_excited;
 }
 
-/* Whether the power has moved within the last dead time, so that the temperature will tell its gain. */
+/* Note whether the power has moved within the last dead time, so that the temperature will show
+ * its gain. */
 static void note_power(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t) {
   double least = e->power[0], most = e->power[0];
   for (int k = 1; k < m->n_history; k++) {
@@ -208,8 +216,8 @@ static void note_power(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_esti
   else if (e->heated_ticks > 0) e->heated_ticks--;
 }
 
-/* A tick of the error that the states have if the power arrives later by 1 s than estimated, with gain and delay as they
- * are; likewise every update. */
+/* Sensitivity of the state error to a power that arrives 1 s later than estimated, with gain and
+ * delay fixed; every update applies the same correction to it. */
 static void predict_by_delay(fsw_estimator *e) {
   double before[N];
   for (int i = 0; i < N; i++) before[i] = e->by_delay[i];
@@ -222,7 +230,7 @@ static void predict_by_delay(fsw_estimator *e) {
   }
 }
 
-/* p = a p a' + walk */
+/* p = a p a' + walk, with zero covariances for held states */
 static void predict_covariance(fsw_estimator *e, const fsw_estimator_tuning *t) {
   double ap[N][N], walk[N];
   fsw_estimator_walk(t, walk);
@@ -238,27 +246,31 @@ static void predict_covariance(fsw_estimator *e, const fsw_estimator_tuning *t) 
       for (int k = 0; k < N; k++) sum += ap[i][k] * e->a[j][k];
       e->p[i][j] = e->p[j][i] = sum;
     }
-  if (!e->is_telling) /* held: constants of the model, or they would take the innovations that are the heat's */
+  /* Held states are constants of the model; their correlations would take the share of the
+   * innovations that belongs to the heat. */
+  if (!e->is_telling)
     for (int i = FSW_THERMAL_GAIN; i <= FSW_DELAY; i++)
       for (int j = 0; j < N; j++)
         if (j != i) e->p[i][j] = e->p[j][i] = 0.0;
 }
 
-/* Half of the range of the delay: it is about 0, or about twice this where the response is late. */
+/* Half the range of the delay, which lies about 0, or about twice this value if the response is
+ * late. */
 double fsw_delay_span_s(const fsw_nmpc_model *m, const fsw_estimator_tuning *t) {
   return 0.5 * m->dead_time_s < t->delay_max_s ? 0.5 * m->dead_time_s : t->delay_max_s;
 }
 
-/* Mean power that arrives in a tick when it does so `delay_s` after the model's dead time, and its change by that delay. */
+/* Mean power that arrives in a tick, `delay_s` after the model's dead time, and its derivative by
+ * the delay (linear interpolation between ticks). */
 static double arriving(const fsw_estimator *e, const fsw_nmpc_model *m, double delay_s, double *by_delay) {
-  const double last = m->n_history + FSW_LATER - 1.001; /* power that is still to come: as the newest */
+  const double last = m->n_history + FSW_LATER - 1.001; /* power still to come: as the newest */
   const double place = fsw_clip((m->dead_time_s + delay_s) / FSW_TICK_S - 1.0, 0.0, last);
   const int newer = (int)place;
   *by_delay = (e->power[newer + 1] - e->power[newer]) / FSW_TICK_S;
   return e->power[newer] + (place - newer) * FSW_TICK_S * *by_delay;
 }
 
-/* The heat of the power that arrives earlier or later than in the model. */
+/* Correct the heat for power that arrives earlier or later than in the model. */
 static void shift_heat(fsw_estimator *e, const fsw_nmpc_model *m, double *copper, double *tool) {
   double by_delay, unused;
   const double *x = e->x, gain = x[FSW_THERMAL_GAIN];
@@ -271,7 +283,8 @@ static void shift_heat(fsw_estimator *e, const fsw_nmpc_model *m, double *copper
   e->a[FSW_TOOL][FSW_DELAY] = m->modes[9] * gain * by_delay;
 }
 
-/* The power under way as the model, with its dead time, has to see it for all of it to arrive when it does. */
+/* Power under way as the model with its own dead time must see it, so that it arrives when it
+ * really does. */
 void fsw_power_under_way(const fsw_estimator *e, const fsw_nmpc_model *m, double delay_s,
                          double history[3 * FSW_MAX_HISTORY]) {
   double unused;
@@ -284,7 +297,7 @@ void fsw_power_under_way(const fsw_estimator *e, const fsw_nmpc_model *m, double
   }
 }
 
-/* One tick of the model, as in predict.c, and of the covariance. */
+/* Predict states and covariance over one tick; the same integration as in predict.c. */
 static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t) {
   const double *mode = m->modes, motor_decay = mode[3], lag = mode[4];
   double *x = e->x, left_row[N], right_row[N];
@@ -350,7 +363,7 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimat
   predict_covariance(e, t);
 }
 
-/* p row', and the variance of what the row measures */
+/* cross = p row', and the variance row p row' of the predicted measurement */
 static double spread(const fsw_estimator *e, const double row[N], double cross[N]) {
   double variance = 0.0;
   for (int i = 0; i < N; i++) {
@@ -362,8 +375,9 @@ static double spread(const fsw_estimator *e, const double row[N], double cross[N
   return variance;
 }
 
-/* Scalar Kalman update with the measurement's linearisation `row`. A jump widens the variances of the states in `jumping`,
- * by the squares of their shares. */
+/* Scalar Kalman update with the linearised measurement `row`. A jump widens the variances of the
+ * states in `jumping`, by the squares of their shares. Measurements are processed one by one, so
+ * that no matrix has to be inverted and a missing sensor is simply skipped. */
 static void update(fsw_estimator *e, const fsw_estimator_tuning *t, int sensor, const double row[N], double innovation,
                    double noise, const double jumping[N]) {
   double cross[N];
@@ -375,7 +389,9 @@ static void update(fsw_estimator *e, const fsw_estimator_tuning *t, int sensor, 
     for (int i = 0; i < N; i++) e->p[i][i] += excess * jumping[i] * jumping[i];
     expected = spread(e, row, cross) + noise * noise;
   }
-  double gain[N]; /* with that of a held state at zero, the update is Schmidt's */
+  /* A held state has gain 0 but its uncertainty counts: a Schmidt (consider) filter. The update of
+   * p below holds for any gain. */
+  double gain[N];
   for (int i = 0; i < N; i++) gain[i] = is_held(e, i) ? 0.0 : cross[i] / expected;
   double by_delay = 0.0;
   for (int i = 0; i < N; i++) by_delay += row[i] * e->by_delay[i];
@@ -387,21 +403,23 @@ static void update(fsw_estimator *e, const fsw_estimator_tuning *t, int sensor, 
     for (int j = 0; j < N; j++) e->p[i][j] -= gain[i] * cross[j] + (cross[i] - gain[i] * expected) * gain[j];
 }
 
-/* After an update of the depth: whether its recent innovations are a drift, and if so, a wider variance of the rate. */
+/* After an update of the depth: widen the variance of its rate if its innovations drift. */
 static void widen_rate(fsw_estimator *e, const fsw_estimator_tuning *t) {
   const double deviation = sqrt(e->expected[DEPTH]);
   e->recent = t->drift_keep * e->recent + fsw_clip(e->innovation[DEPTH] / deviation, -t->jump_sigmas, t->jump_sigmas);
-  const double variance = 1.0 / (1.0 - t->drift_keep * t->drift_keep); /* of the sum, while innovations are white */
+  /* of the fading sum, for white innovations */
+  const double variance = 1.0 / (1.0 - t->drift_keep * t->drift_keep);
   if (!(t->drift_sigmas > 0.0 && e->recent * e->recent > t->drift_sigmas * t->drift_sigmas * variance)) return;
-  const double rate = (1.0 - t->drift_keep) * e->recent * deviation; /* mean innovation in about a second, per second */
+  const double rate = (1.0 - t->drift_keep) * e->recent * deviation; /* mean change per second */
   e->p[FSW_DEPTH_RATE][FSW_DEPTH_RATE] += rate * rate;
   e->recent = 0.0;
 }
 
-/* What of the temperature's lasting innovations no later response to the power explains. If the power arrives 1 s later than
- * estimated, the newest one is `by_delay`, as far as that is linear. If it arrives later by any other time, it is the integral
- * of `by_delay` over that time back; and a probe that lags mixes such times. Times that the rival has lost do not count, but
- * for whether any explains them. */
+/* Part of the temperature's lasting innovations that no later response to the power explains. A
+ * power that arrives 1 s later than estimated causes the innovation `by_delay`, to first order;
+ * another delay causes the integral of `by_delay` over that time, and a slow probe mixes several
+ * delays. The range between the extremes of this integral is therefore explainable. Delays that
+ * the rival has lost do not count, except for `is_unexplained`. */
 static double unexplained(fsw_estimator *e, const fsw_estimator_tuning *t, double by_delay, double least) {
   double sum = 0.0, low = 0.0, high = 0.0, rest = e->lasting;
   for (int k = FSW_SLOWER - 1; k > 0; k--) e->by_later[k] = e->by_later[k - 1];
@@ -416,9 +434,10 @@ static double unexplained(fsw_estimator *e, const fsw_estimator_tuning *t, doubl
   return rest;
 }
 
-/* Likewise after an update of the temperature, if heat is estimated: what the model lacks of it warms the copper at a rate
- * that the filter has to correct at every tick, so innovations keep one sign. The variance gets the heat that makes
- * such a rate. They have to last, because a jump that a slow thermocouple shows by and by makes some, too. */
+/* The same after an update of the temperature, if heat is estimated. Missing heat warms the copper
+ * at a rate that the filter has to correct at every tick, so innovations keep one sign; the
+ * variance gets the heat that causes such a rate. They have to last, because a jump seen through a
+ * slow thermocouple also causes some. */
 static void widen_heat(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t, double by_delay) {
   if (!(t->heat_sigmas > 0.0 && t->heat_walk_kw > 0.0)) return;
   const double expected = e->expected[TEMPERATURE], deviation = sqrt(expected);
@@ -432,7 +451,8 @@ static void widen_heat(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_esti
   if (e->start_ticks > 0) e->start_ticks--;
   e->is_doubtful = lasts && fabs(e->lasting) > least && fabs(rest) <= least;
   if (!lasts || fabs(rest) <= least) return;
-  const double share = 1.0 - t->temperature_noise_c * t->temperature_noise_c / expected; /* of an innovation, corrected */
+  /* share of an innovation that the filter corrects */
+  const double share = 1.0 - t->temperature_noise_c * t->temperature_noise_c / expected;
   const double rate = share * (1.0 - t->heat_keep) * rest * deviation / FSW_TICK_S;
   const double heat = rate * m->copper_lag_s / (e->x[FSW_THERMAL_GAIN] * m->thermal_gain_c_per_kw);
   e->lasting -= rest;
@@ -487,8 +507,8 @@ static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimat
   e->x[FSW_DELAY] = fsw_clip(e->x[FSW_DELAY], middle_s - half_s, middle_s + half_s);
 }
 
-/* Advance one tick: predict with the inputs that acted during it, correct with the sensors at its end. Returns whether
- * the estimate is sound; if it is not, it has ended and must be started anew. */
+/* Advance one tick: predict with the inputs that acted during it, correct with the sensors at its
+ * end. Returns whether the estimate is sound; otherwise it has ended and must be started again. */
 int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t, const fsw_nmpc_input *in) {
   take_inputs(e, t, in);
   e->is_telling =

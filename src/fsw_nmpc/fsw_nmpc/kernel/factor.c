@@ -1,10 +1,11 @@
-/* The normal matrix of an iteration and its Cholesky factor; only the upper triangle is used. */
+/* The normal matrix of an interior-point iteration and its Cholesky factor (upper triangle). */
 #include <math.h>
 
 #include "internal.h"
 
-/* Sums are formed a tile of BLOCK rows and TILE columns at a time, as large as the registers hold; each sum has the same
- * terms in the same order whatever the tile. Both divide FSW_PAD. */
+/* Sums are formed in tiles of BLOCK rows and TILE columns, as large as the registers permit. Each
+ * sum has the same terms in the same order whatever the tile, so results do not depend on the
+ * machine. Both divide FSW_PAD. */
 #ifdef __arm__
 #define BLOCK 2
 #define TILE 4
@@ -12,11 +13,12 @@
 #define BLOCK 4
 #define TILE 8
 #endif
-/* Near the solution pivots differ by so many decades that rounding would leave pivots of noise, and directions that no
- * longer lower the stationarity residual. */
+/* Near the solution pivots differ by so many decades that rounding would leave pivots of pure
+ * noise, and directions that no longer reduce the stationarity residual. */
 #define ABOVE_ROUNDING 2e-15
 
-/* From `begin` on, the first row in use that depends on variable j; widths do not fall before `end`. */
+/* First row in use from `begin` on that depends on variable j; widths do not decrease before
+ * `end`. */
 static int first_wider(const fsw_workspace *w, int begin, int end, int j) {
   while (begin < end && w->row_width[begin] <= j) begin++;
   return begin;
@@ -68,8 +70,8 @@ static int n_constant(const fsw_workspace *w) {
   return first;
 }
 
-/* sum of pivot a a' of all rows in use. Those without a soft side have the same pivots in all iterations of a solve: the
- * sum of the leading ones, often the most of the work, is kept. */
+/* sum of pivot a a' of all rows in use. Rows without a soft side have constant pivots during a
+ * solve: the sum over the leading ones, often most of the work, is kept. */
 static void sum_rows(fsw_workspace *w, int again) {
   double (*restrict kept)[FSW_STRIDE] = w->scratch.matrices.kept, (*restrict sum)[FSW_STRIDE] = w->scratch.matrices.factor;
   const int n_kept = n_constant(w), n = (w->nv + FSW_PAD - 1) / FSW_PAD * FSW_PAD;
@@ -104,8 +106,9 @@ static void assemble(fsw_workspace *w, int again) {
   for (int j = 0; j < nv; j++) w->scratch.matrices.factor[j][j] *= 1.0 + ABOVE_ROUNDING;
 }
 
-/* Upper Cholesky factor in place, BLOCK rows at a time; also 1 / diagonal. What the rows above take is subtracted term by
- * term: summed up first it would drown what is left where pivots differ by many decades. */
+/* Upper Cholesky factor in place, BLOCK rows at a time (Golub and Van Loan, section 4.2); also
+ * 1 / diagonal. The contributions of the rows above are subtracted term by term: their sum would
+ * swamp the remainder when pivots differ by many decades. */
 static int cholesky(double (*k)[FSW_STRIDE], double *per_diagonal, int n) {
   for (int p = 0; p < n; p += BLOCK) {
     const int end = p + BLOCK < n ? p + BLOCK : n;
@@ -129,7 +132,7 @@ static int cholesky(double (*k)[FSW_STRIDE], double *per_diagonal, int n) {
         for (int l = c; l < n; l++) row[l] -= f * above[l];
       }
       if (!fsw_is_finite(row[c])) return FSW_NOT_FINITE;
-      /* lost to rounding near the solution, where pivots differ by many decades: this variable stays where it is */
+      /* lost to rounding near the solution: the variable then keeps its value in this iteration */
       const double per = per_diagonal[c] = row[c] > 0.0 ? 1.0 / sqrt(row[c]) : 0.0;
       for (int l = c; l < n; l++) row[l] *= per;
     }
@@ -137,7 +140,7 @@ static int cholesky(double (*k)[FSW_STRIDE], double *per_diagonal, int n) {
   return FSW_OK;
 }
 
-/* diagonal + sum of pivot a a' over all rows, factored into the workspace; `again`: not the first time in a solve. */
+/* Assemble diagonal + sum of pivot a a' and factor it; `again`: not the first time in a solve. */
 int fsw_factorise(fsw_workspace *w, int again) {
   assemble(w, again);
   return cholesky(w->scratch.matrices.factor, w->per_diagonal, w->nv);

@@ -1,12 +1,14 @@
-/* The NMPC of depth and temperature, whole: estimator, reference trajectories, optimal control problem, solver,
- * acceptance, fallback and limits.
+/* The complete NMPC of depth and temperature: estimator, reference trajectories, optimal control
+ * problem, solver, acceptance, fallback and limits.
  *
- * Portable C99: no heap, no globals, no recursion, of libm only sqrt and fabs, and no loop without a bound. All memory is
- * the struct fsw_nmpc. Every size that a model brings is checked. NaN, missing and late samples are arguments.
+ * Portable C99: no heap, no globals, no recursion, only sqrt and fabs of libm, and every loop is
+ * bounded. All memory is in struct fsw_nmpc. All sizes of a model are checked. NaN, missing and
+ * late samples are valid inputs.
  *
- * Units: mm, degC, kN, rpm, kW, N m, s. Moves: v[2 b] is the force move (kN per interval) and v[2 b + 1] the speed move
- * (rpm per interval) of block b; within a block the input ramps by the same move every interval. Of two outputs or two
- * inputs in an array the first is depth or force, the second temperature or speed. */
+ * Units: mm, degC, kN, rpm, kW, N m, s. Moves: v[2 b] is the force move (kN per interval) and
+ * v[2 b + 1] the speed move (rpm per interval) of block b; within a block the input changes by the
+ * same move in every interval. In arrays of two outputs or inputs the first is depth or force, the
+ * second temperature or speed. */
 #ifndef FSW_NMPC_H
 #define FSW_NMPC_H
 
@@ -17,66 +19,68 @@
 extern "C" {
 #endif
 
-/* Sizes, which a build may lower to those of its model. */
+/* Sizes, which a build may reduce to those of its model. */
 #ifndef FSW_MAX_BLOCKS
 #define FSW_MAX_BLOCKS 54
 #endif
 #ifndef FSW_MAX_STEPS
-#define FSW_MAX_STEPS 80                     /* model steps of the horizon */
+#define FSW_MAX_STEPS 80               /* model steps of the horizon */
 #endif
 #ifndef FSW_MAX_OUT
-#define FSW_MAX_OUT 54                       /* output points, one per interval */
+#define FSW_MAX_OUT 54                 /* output points, one per interval */
 #endif
 #ifndef FSW_MAX_HISTORY
-#define FSW_MAX_HISTORY 100                  /* ticks of dead time */
+#define FSW_MAX_HISTORY 100            /* ticks of dead time */
 #endif
 #define FSW_TICK_S 0.1
 enum {
   FSW_MAX_VARS = 2 * FSW_MAX_BLOCKS,
-  FSW_LATER = 32,                            /* ticks by which the power may arrive later than in the model */
-  FSW_LATEST = 20,                           /* ticks by which a drive may be late */
-  FSW_SLOWER = 40,                           /* ticks by which a response may be later than estimated, and is no heat */
-  FSW_MAX_CHANGES = 8,                       /* future set-points that are known */
+  FSW_LATER = 32,                      /* ticks of delay beyond the model's dead time */
+  FSW_LATEST = 20,                     /* ticks by which a drive may lag */
+  FSW_SLOWER = 40,                     /* ticks by which a response may be later than estimated */
+  FSW_MAX_CHANGES = 8,                 /* known future set-points */
   FSW_MODES = 10,
   FSW_STATES = 15,
-  FSW_ESTIMATES = 10,                        /* of fsw_nmpc_output */
-  FSW_RETURN_PERCENT = 98                    /* share of the largest moves with which an input outside its bounds returns */
+  FSW_ESTIMATES = 10,                  /* of fsw_nmpc_output */
+  FSW_RETURN_PERCENT = 98              /* share of the largest move for a return into the bounds */
 };
 
 /* The model: constant tables. */
 typedef struct {
-  int n_steps;                 /* model steps: every interval is one or more of them; the first is one tick */
-  int n_out;                   /* output points = intervals */
-  int n_blocks;                /* blocks of moves */
-  int n_history;               /* power segments before now, one per tick */
-  int n_weights;               /* entries of weight */
-  const int *step_interval;    /* [n_steps] interval of each step */
-  const int *interval_block;   /* [n_out] block of each interval, rising */
+  int n_steps;             /* model steps: one or more per interval; the first is one tick */
+  int n_out;               /* output points = intervals */
+  int n_blocks;            /* blocks of moves */
+  int n_history;           /* power segments before now, one per tick */
+  int n_weights;           /* entries of weight */
+  const int *step_interval; /* [n_steps] interval of each step */
+  const int *interval_block; /* [n_out] block of each interval, rising */
   const double *interval_ticks;/* [n_out] length of each interval */
-  const double *block_reach;   /* [n_blocks] largest move of a block's intervals, in largest moves of a tick */
-  const int *out_step;         /* [n_out] the step whose end is the output point */
-  const int *depth_width;      /* [n_out] how many leading variables the depth at the output point depends on */
-  const int *temperature_width;       /* [n_out] likewise for the temperature */
-  const double *time_s;        /* [n_out] */
-  const double *modes;         /* [n_steps * FSW_MODES] gain of creep; decay and gain of slow; decay of the motor torque,
-                                  its lag over the step's length; copper and tool: cc, tc, tt, gains of a heat offset */
-  const int *weight_start;     /* [n_steps + 1] first delayed-power weight of each step */
-  const int *weight_segment;   /* power segment, history first */
-  const double *weight;        /* 6 per entry: copper, then tool, by the three coefficients of the power */
-  const double *ahead_power;   /* [2 * 3 n_history] copper, then tool, one dead time on, by the power under way */
-  double ahead_mode[FSW_MODES];/* as modes, for one step of the dead time */
-  const double *torque_par;    /* [6] parameters of the torque function */
-  double friction[3];          /* (23) */
-  double depth_gain[2];        /* of creep and slow, mm/(kN s) */
-  double slow_pole;            /* 1/s */
-  double fast_gain;            /* depth of the settled fast mode, mm/kN */
+  const double *block_reach; /* [n_blocks] largest move per interval, in moves of a tick */
+  const int *out_step;     /* [n_out] the step whose end is the output point */
+  const int *depth_width;  /* [n_out] number of leading variables that affect the depth there */
+  const int *temperature_width;   /* [n_out] the same for the temperature */
+  const double *time_s;    /* [n_out] */
+  /* [n_steps * FSW_MODES] gain of creep; decay and gain of the slow mode; decay of the motor
+   * torque and its lag over the step's length; copper and tool: cc, tc, tt, heat offset gains */
+  const double *modes;
+  const int *weight_start; /* [n_steps + 1] first delayed-power weight of each step */
+  const int *weight_segment; /* power segment, history first */
+  const double *weight;    /* 6 per entry: copper, then tool, by the 3 coefficients of the power */
+  const double *ahead_power; /* [2 * 3 n_history] copper, tool after the dead time, by power */
+  double ahead_mode[FSW_MODES];/* as modes, for one step over the dead time */
+  const double *torque_par; /* [6] parameters of the torque function */
+  double friction[3];      /* (23) */
+  double depth_gain[2];    /* of creep and slow, mm/(kN s) */
+  double slow_pole;        /* 1/s */
+  double fast_gain;        /* gain of the settled fast mode, mm/kN */
   double softening_per_c;
   double thermal_gain_c_per_kw, copper_lag_s, tool_lag_s, dead_time_s;
-  double inertia_nm_s_per_rpm; /* torque that shows while the speed changes */
+  double inertia_nm_s_per_rpm; /* apparent torque while the speed changes */
   double operating_force_kn, operating_depth_mm, operating_temperature_c, operating_power_kw;
 } fsw_nmpc_model;
 
-/* The tuning: reference trajectories, cost, limits, estimator. Of a choice, its place in the enumeration. */
+/* The tuning: reference trajectories, cost, limits, estimator. Choices are indices of
+ * enumerations. */
 #include "fsw_nmpc_tuning.h"
 
 /* States of the estimator; copper and tool are deviations from the operating temperature. */
@@ -85,33 +89,34 @@ typedef enum {
   FSW_FORCE, FSW_HEAT, FSW_SCALE, FSW_DEPTH_OFFSET, FSW_TEMP_OFFSET,
   FSW_DEPTH_RATE, FSW_TEMP_RATE,             /* of the offsets, per s */
   FSW_DEPTH_GAIN,                            /* factor on the model's */
-  FSW_THERMAL_GAIN,                          /* likewise on the effect of the power on the copper */
-  FSW_DELAY                                  /* of the power beyond the model's dead time, s; used as far as it is certain */
+  FSW_THERMAL_GAIN,                          /* factor on the effect of the power on the copper */
+  FSW_DELAY                                  /* of the power beyond the model's dead time, s */
 } fsw_state;
 
-typedef struct { double at_s, depth_mm, temperature_c; } fsw_change; /* a set-point from at_s after now */
+/* a set-point that takes effect at_s from now */
+typedef struct { double at_s, depth_mm, temperature_c; } fsw_change;
 
 typedef struct {
   double depth_mm, torque_nm, temperature_c;
   int depth_fresh, torque_fresh, temperature_fresh; /* whether it is a good sample of this tick */
-  double force_kn, speed_rpm;                       /* inputs that act, as the drives report them; NaN: unknown */
-  double applied_force_kn, applied_speed_rpm;       /* command in force until now; NaN: as before */
-  double reference_depth_mm, reference_temperature_c; /* NaN: as before */
-  double dt_s;                                      /* since the last tick; counts as one tick where not above 0 */
+  double force_kn, speed_rpm;                    /* acting inputs by the drives; NaN: unknown */
+  double applied_force_kn, applied_speed_rpm;    /* command in force until now; NaN: unchanged */
+  double reference_depth_mm, reference_temperature_c; /* NaN: unchanged */
+  double dt_s;                                   /* since the last tick; <= 0 counts as one tick */
   int n_changes;
-  fsw_change change[FSW_MAX_CHANGES];               /* in order of time */
+  fsw_change change[FSW_MAX_CHANGES];            /* in order of time */
 } fsw_nmpc_input;
 
 typedef enum {
   FSW_OK,
   FSW_ITERATION_CAP,
   FSW_NOT_FINITE,
-  FSW_TOO_FAST,                            /* the solution moves faster than the limits */
+  FSW_TOO_FAST,                            /* the solution exceeds a rate limit */
   FSW_OUTSIDE_BOUNDS,                      /* the solution leaves the bounds */
-  FSW_NOT_SOLVED                           /* nothing to solve */
+  FSW_NOT_SOLVED                           /* there was no problem to solve */
 } fsw_solve_status;
 
-/* Why the proposal is as it is. */
+/* Reason for the present proposal. */
 typedef enum {
   FSW_PROPOSING,
   FSW_WAITING_FOR_SENSORS,
@@ -123,91 +128,91 @@ typedef enum {
 
 /* Why the adaptation is cautious, as bits. */
 typedef enum {
-  FSW_DOUBT_LATE = 1,                      /* what passes for heat may be a late response to the power, and is not used */
-  FSW_DOUBT_MISFIT = 2                     /* no gain and delay fit: the gain in use is no less than the model's */
+  FSW_DOUBT_LATE = 1,     /* a late response to the power could pass for heat, which is not used */
+  FSW_DOUBT_MISFIT = 2    /* no gain and delay fit: a gain below the model's is not used */
 } fsw_doubt;
 
 /* Sensors missing for too long, as bits. */
 typedef enum { FSW_NO_DEPTH = 1, FSW_NO_TORQUE = 2, FSW_NO_TEMPERATURE = 4 } fsw_missing;
 
 typedef struct {
-  double force_kn, speed_rpm;              /* the proposal */
+  double force_kn, speed_rpm;           /* the proposal */
   int healthy, reason;
-  int blind;                               /* bits of fsw_missing */
-  int doubt;                               /* bits of fsw_doubt */
+  int blind;                            /* bits of fsw_missing */
+  int doubt;                            /* bits of fsw_doubt */
   int solve_status, iterations, bad_cycles, bad_in_a_row;
   double gap, primal_residual, dual_residual, cost;
-  double depth_mm, temperature_c, torque_nm; /* estimates of what the sensors show */
-  double copper_c;                         /* estimate: temperature of the copper */
-  double attainable[2];                    /* set-points, or what replaces those that the inputs cannot hold together */
-  /* estimates and their standard deviations: force, heat, torque scale, offsets of depth and temperature, their rates,
-   * factors on the gains of the depth and of the power, delay beyond the model's dead time */
+  double depth_mm, temperature_c, torque_nm; /* estimated sensor values */
+  double copper_c;                      /* estimated copper temperature */
+  double attainable[2];                 /* set-points, or replacements within the inputs' bounds */
+  /* estimates and their standard deviations: force, heat, torque scale, offsets of depth and
+   * temperature, their rates, factors on the gains of depth and power, extra delay */
   double disturbance[FSW_ESTIMATES], deviation[FSW_ESTIMATES];
   int has_plan;
   double plan_depth_mm[FSW_MAX_OUT], plan_temperature_c[FSW_MAX_OUT];
   double plan_force_kn[FSW_MAX_OUT], plan_speed_rpm[FSW_MAX_OUT];
 } fsw_nmpc_output;
 
-/* What a prediction starts from. */
+/* Start of a prediction. */
 typedef struct {
-  double x[5];                             /* creep, slow; copper, tool (deviations); motor torque */
-  double history[3 * FSW_MAX_HISTORY];     /* power deviation P0, P1, P2 of each tick (predict.c), oldest first */
-  double force_kn, speed_rpm;              /* inputs until now */
+  double x[5];                        /* creep, slow; copper, tool (deviations); motor torque */
+  double history[3 * FSW_MAX_HISTORY]; /* power P0, P1, P2 per tick (predict.c), oldest first */
+  double force_kn, speed_rpm;         /* inputs until now */
   double force_offset_kn, heat_offset_kw, torque_scale, depth_offset_mm, temp_offset_c;
   double speed_offset_rpm;
-  double depth_gain, thermal_gain;         /* factors on the model's */
-  double drift[2][FSW_MAX_OUT];            /* how far the two offsets move until each output point */
+  double depth_gain, thermal_gain;    /* factors on the model's */
+  double drift[2][FSW_MAX_OUT];       /* movement of the offsets up to each output point */
 } fsw_start;
 
-/* One tick's problem: start, the dead-bands about the trajectories, and the quality limits of both outputs. */
+/* Problem of one tick: start, dead-bands about the trajectories, quality limits. */
 typedef struct {
   fsw_start start;
   double low[2][FSW_MAX_OUT], high[2][FSW_MAX_OUT];
   double window_low[2], window_high[2];
-  double temp_cost;                        /* factor on the square of the temperature's deviation */
+  double temp_cost;                        /* factor on the quadratic cost of the temperature */
 } fsw_problem;
 
 typedef struct {
   double x[FSW_STATES], p[FSW_STATES][FSW_STATES], a[FSW_STATES][FSW_STATES];
   double history[3 * FSW_MAX_HISTORY];
   double acting_force_kn, acting_speed_rpm, last_speed_rpm;
-  double command[2][FSW_LATEST];           /* commands of the last ticks, newest first */
-  double offset[2];                        /* what the drives add to the command */
+  double command[2][FSW_LATEST];     /* commands of the last ticks, newest first */
+  double offset[2];                  /* drive feedback minus command */
   double blind_s[3];
   int started;
-  int is_excited;                          /* whether the force has moved lately */
-  double power[FSW_MAX_HISTORY + FSW_LATER]; /* mean power deviation of the last ticks, newest first */
-  int heated_ticks;                        /* so long is the power's effect still in what the sensor shows */
-  int is_telling;                          /* whether it is, and the sensor shows it: gain and delay are estimated */
-  int is_late;                             /* whether the delay is sought in its later range */
-  double recent;                           /* fading sum of the depth's innovations, each in its deviation */
-  double lasting;                          /* likewise of the temperature's, fading more slowly */
-  double steady;                           /* and of those, each up to a smaller bound: whether they last */
-  int long_ticks;                          /* for which the sum has been beyond the bound of the test */
-  int start_ticks;                         /* left in which they need not, as nothing has jumped */
-  double by_delay[FSW_STATES];             /* error of the states if the power arrives later by 1 s than estimated */
-  double by_later[FSW_SLOWER];             /* fading sum of the innovations that it makes, in the last ticks, newest first */
-  int later_ticks;                         /* by how much later than estimated a response may still be */
-  int is_doubtful;                         /* whether such a response explains innovations that last */
-  int is_unexplained;                      /* whether they are none of any response to the power, however late */
-  double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
+  int is_excited;                    /* whether the force has moved recently */
+  double power[FSW_MAX_HISTORY + FSW_LATER]; /* mean power deviation per tick, newest first */
+  int heated_ticks; /* ticks for which a past power change still affects the temperature */
+  int is_telling;  /* whether it does and the sensor is valid: gain and delay are estimated */
+  int is_late;     /* whether the delay is searched in its later range */
+  double recent;   /* fading sum of normalised depth innovations */
+  double lasting;  /* the same of the temperature, with a longer memory */
+  double steady;   /* the same, each limited more tightly: a test of their persistence */
+  int long_ticks;  /* ticks for which the sum has exceeded the bound of the test */
+  int start_ticks; /* remaining ticks in which persistence is not required, after the start */
+  double by_delay[FSW_STATES]; /* state error if the power arrives 1 s later than estimated */
+  double by_later[FSW_SLOWER]; /* fading sums of the resulting innovations, newest first */
+  int later_ticks; /* by how much later than estimated a response may still be */
+  int is_doubtful; /* whether such a response explains the lasting innovations */
+  int is_unexplained; /* whether no response to the power explains them, however late */
+  double innovation[3], expected[3]; /* last innovations and their variances; 0 if none */
 } fsw_estimator;
 
-/* What is used of gain and delay of the power, and the rival of the estimator, see adapt.c. */
+/* Gain and delay of the power in use, and the estimator's rival, see adapt.c. */
 typedef struct {
-  fsw_estimator rival;                     /* started while the power tells anything */
-  double evidence;                         /* for the rival: logarithm of the likelihoods' ratio */
-  int is_beaten;                           /* whether the other range of the delay has lost, also while the power rests */
-  int is_refuted;                          /* whether no gain and delay fit */
-  double misfit;                           /* fading mean square of the temperature's innovations in their deviations */
-  double gain, delay_s, heat_kw;           /* in use */
-  double power_kw;                         /* mean power deviation of the last 20 s */
+  fsw_estimator rival;                 /* runs while the power excites the temperature */
+  double evidence;                     /* for the rival: log-likelihood ratio */
+  int is_beaten;                       /* whether the other range of the delay has been rejected */
+  int is_refuted;                      /* whether no gain and delay fit */
+  double misfit;                       /* fading mean square of normalised innovations */
+  double gain, delay_s, heat_kw;       /* in use */
+  double power_kw;                     /* mean power deviation of the last 20 s */
 } fsw_adaptation;
 
 typedef struct {
-  double moves[FSW_MAX_VARS];              /* the last accepted moves, seen from the present tick */
-  double start[FSW_MAX_VARS];              /* where the next solve starts */
-  double output[2][FSW_MAX_OUT];           /* outputs that they lead to */
+  double moves[FSW_MAX_VARS];            /* the last accepted moves, shifted to the present tick */
+  double start[FSW_MAX_VARS];            /* start of the next solve */
+  double output[2][FSW_MAX_OUT];         /* their predicted outputs */
   int is_cold, has_outputs;
 } fsw_plan;
 
@@ -220,40 +225,42 @@ typedef struct {
   fsw_adaptation adaptation;
   fsw_plan plan;
   fsw_problem problem;
-  double corridor[2], rate[2];             /* of the trajectories of the last tick */
+  double corridor[2], rate[2];             /* of the last tick's trajectories */
   int has_corridor, has_rate, has_reference;
   double applied[2], reference[2], attainable[2], late_s;
-  double unclipped[2];                     /* what is applied, before it is clipped to the bounds */
+  double unclipped[2];                     /* applied inputs before clipping to the bounds */
   int bad_in_a_row, bad_cycles;
   fsw_workspace workspace;
 } fsw_nmpc;
 
 int fsw_nmpc_bytes(void);
 
-/* Digest of the sources that this was made from, as given by the build. */
+/* Digest of the sources, as passed in by the build. */
 const char *fsw_nmpc_id(void);
 
-/* Take a model and a tuning; the model's tables must outlive the controller. Returns 0, or 1 when a size or an index is
- * beyond what this was compiled for, a table is missing or not finite, or the tuning cannot be used: the controller must
- * not be used then. No other function may be called before. */
+/* Take a model and a tuning; the model's tables must outlive the controller. Returns 0, or 1 if a
+ * size or an index exceeds the compiled ones, a table is missing or not finite, or the tuning is
+ * invalid: the controller must not be used then. Call it before any other function. */
 int fsw_nmpc_init(fsw_nmpc *c, const fsw_nmpc_model *model, const fsw_nmpc_tuning *tuning);
 
-/* Another tuning; estimate and plan go on. Returns 0, or 1 when a value is not finite or out of range: the tuning is then
- * as before. */
+/* Change the tuning; estimate and plan are kept. Returns 0, or 1 if a value is not finite or out
+ * of range: the old tuning then stays. */
 int fsw_nmpc_configure(fsw_nmpc *c, const fsw_nmpc_tuning *tuning);
 
-/* Forget the past; the next step starts from these inputs, or, where they are not finite, from those applied last. */
+/* Forget the past; the next step starts from these inputs, or from the last applied ones if they
+ * are not finite. */
 void fsw_nmpc_reset(fsw_nmpc *c, double force_kn, double speed_rpm);
 
-/* An input of which nothing is known: no sample, NaN, one tick since the last. */
+/* Clear an input: no sample, NaN, one tick since the last. */
 void fsw_nmpc_input_clear(fsw_nmpc_input *in);
 
-/* One tick, to be called once every FSW_TICK_S: the largest moves are per call. Whatever the input, the proposal is within
- * the bounds, and within one move of the applied command; where both cannot be, it is the nearest bound and not healthy. */
+/* One tick; call it every FSW_TICK_S, as the largest moves are per call. Whatever the input, the
+ * proposal is within the bounds and within one move of the applied command; if both are
+ * impossible, it is the nearest bound and not healthy. */
 void fsw_nmpc_step(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out);
 
-/* The same in two halves, for another solver in between: begin returns whether there is a problem to solve (in
- * c->problem, to be started from c->plan.start); end takes its answer. */
+/* The same in two halves, for another solver in between: begin returns whether there is a problem
+ * to solve (in c->problem, to be started from c->plan.start); end takes the solution. */
 int fsw_nmpc_begin(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out);
 void fsw_nmpc_end(fsw_nmpc *c, const double *moves, const double *depth, const double *temp, int status,
                   fsw_nmpc_output *out);
@@ -261,12 +268,12 @@ void fsw_nmpc_end(fsw_nmpc *c, const double *moves, const double *depth, const d
 /* Random walk of each state per tick. */
 void fsw_estimator_walk(const fsw_estimator_tuning *t, double walk[FSW_STATES]);
 
-/* Predict along the moves v [2 n_blocks]; fills the outputs [n_out] and, when by_depth is not NULL, the sensitivities
- * [n_out * 2 n_blocks], row by row. Returns FSW_OK, or FSW_NOT_FINITE when something is not finite. */
+/* Predict along the moves v [2 n_blocks]; fills the outputs [n_out] and, unless by_depth is NULL,
+ * the sensitivities [n_out * 2 n_blocks], row by row. Returns FSW_OK, or FSW_NOT_FINITE. */
 int fsw_predict(fsw_nmpc *c, const fsw_start *start, const double *v, double *depth, double *temp, double *by_depth,
                 double *by_temp);
 
-/* One real-time iteration about the moves in v, which are replaced by the solution. */
+/* One real-time iteration about the moves in v, which receive the solution. */
 int fsw_solve(fsw_nmpc *c, const fsw_problem *problem, double *v, double *depth, double *temp, fsw_nmpc_output *out);
 
 #ifdef __cplusplus

@@ -3,15 +3,15 @@
 #define FSW_WORKSPACE_H
 
 enum {
-  FSW_PAD = 8,                                       /* rows of matrices are padded with zeros to a multiple of this */
+  FSW_PAD = 8,                                 /* matrix rows are padded to a multiple of it */
   FSW_STRIDE = (FSW_MAX_VARS + FSW_PAD - 1) / FSW_PAD * FSW_PAD,
-  FSW_MAX_ROWS = 2 * FSW_MAX_OUT,                    /* depth and temperature at every output point */
-  FSW_MAX_SOFT = 2 * FSW_MAX_ROWS + FSW_MAX_VARS,    /* above and below the dead-bands; the moves */
-  FSW_MAX_HARD = 4 * FSW_MAX_VARS                    /* moves above, below; inputs at the end of every block above, below */
+  FSW_MAX_ROWS = 2 * FSW_MAX_OUT,              /* depth and temperature at every output point */
+  FSW_MAX_SOFT = 2 * FSW_MAX_ROWS + FSW_MAX_VARS, /* above and below the dead-bands; moves */
+  FSW_MAX_HARD = 4 * FSW_MAX_VARS              /* moves and block-end inputs, above and below */
 };
 
-/* Soft sides: e = t - s, the violation t >= 0 costs `weight` each (dual pi), the slack s >= 0 has the dual lambda, and
- * lambda + pi = weight. */
+/* Soft sides: e = t - s. The violation t >= 0 has the price `weight` (dual pi), the slack s >= 0
+ * the dual lambda, and lambda + pi = weight. */
 typedef struct {
   double e[FSW_MAX_SOFT], weight[FSW_MAX_SOFT];
   double t[FSW_MAX_SOFT], pi[FSW_MAX_SOFT], s[FSW_MAX_SOFT], lambda[FSW_MAX_SOFT];
@@ -27,7 +27,7 @@ typedef struct {
   double residual[FSW_MAX_HARD], pivot[FSW_MAX_HARD], shift[FSW_MAX_HARD], work[FSW_MAX_HARD];
 } fsw_hard;
 
-typedef struct { /* of use during the prediction only */
+typedef struct { /* used during the prediction only */
   double power[FSW_MAX_STEPS][3];
   double d_power[FSW_MAX_STEPS][3][FSW_MAX_VARS];
   int width[FSW_MAX_STEPS];
@@ -36,33 +36,33 @@ typedef struct { /* of use during the prediction only */
   double count[FSW_MAX_BLOCKS];
 } fsw_path;
 
-typedef struct { /* of use after it only */
+typedef struct { /* used after the prediction only */
   double factor[FSW_STRIDE][FSW_STRIDE];
-  double weighted[FSW_MAX_ROWS][FSW_PAD];            /* some columns of the rows, times their pivots */
-  double kept[FSW_STRIDE][FSW_STRIDE];               /* the part that is the same in all iterations of a solve */
+  double weighted[FSW_MAX_ROWS][FSW_PAD];          /* some columns of the rows, times the pivots */
+  double kept[FSW_STRIDE][FSW_STRIDE];             /* part that is constant during a solve */
 } fsw_matrices;
 
 typedef struct {
   union { fsw_path path; fsw_matrices matrices; } scratch;
-  double output[FSW_MAX_ROWS];                       /* depth, then temperature; in the QP: without moves */
-  double by[FSW_MAX_ROWS][FSW_STRIDE];               /* their sensitivities; in the QP: by scaled moves */
+  double output[FSW_MAX_ROWS];                   /* depth, temperature; in the QP: without moves */
+  double by[FSW_MAX_ROWS][FSW_STRIDE];           /* sensitivities; in the QP: by scaled moves */
   /* quadratic program in scaled moves */
-  int nv, n_rows, n_soft_rows, n_moves;              /* variables, rows in use, of these with an L1 cost, moves with one */
-  int row[FSW_MAX_ROWS], row_width[FSW_MAX_ROWS];    /* rows in use: which output, leading variables it depends on */
-  int n_depth;                                       /* how many of them are of the depth; they come first */
-  int soft_row[FSW_MAX_ROWS];                        /* rows in use with an L1 cost, then those at quality limits */
-  int n_windows;                                     /* how many of them are at quality limits */
-  int n_huber;                                       /* how many of the first ones have a Huber threshold ... */
-  double huber_inverse;                              /* ... and the inverse of their quadratic cost below it */
+  int nv, n_rows, n_soft_rows, n_moves;          /* variables, rows, rows and moves with L1 cost */
+  int row[FSW_MAX_ROWS], row_width[FSW_MAX_ROWS]; /* output of a row, leading variables */
+  int n_depth;                                   /* rows of the depth, which come first */
+  int soft_row[FSW_MAX_ROWS];                    /* rows with L1 cost, then at quality limits */
+  int n_windows;                                 /* number at quality limits */
+  int n_huber;                                   /* number of the first ones with Huber cost ... */
+  double huber_inverse;                          /* ... and 1 / their quadratic cost below it */
   double window_low[2], window_high[2];
-  int move[FSW_MAX_VARS];                            /* variables of the moves with an L1 weight */
-  double scale[FSW_MAX_VARS], size[FSW_MAX_VARS];    /* largest move; largest change of the input within the block */
+  int move[FSW_MAX_VARS];                        /* variables of the moves with L1 weight */
+  double scale[FSW_MAX_VARS], size[FSW_MAX_VARS]; /* largest move; largest change within a block */
   double diagonal[FSW_MAX_VARS], gradient[FSW_MAX_VARS];
   double low[FSW_MAX_ROWS], high[FSW_MAX_ROWS], square[FSW_MAX_ROWS];
   double input_low[FSW_MAX_VARS], input_high[FSW_MAX_VARS];
   double per_diagonal[FSW_MAX_VARS];
   double z[FSW_STRIDE], step[FSW_STRIDE], dual[FSW_STRIDE];
-  double value[FSW_MAX_ROWS], change[FSW_MAX_ROWS];  /* a'z and a'dz of the rows in use */
+  double value[FSW_MAX_ROWS], change[FSW_MAX_ROWS]; /* a'z and a'dz of the rows in use */
   double input[FSW_MAX_VARS], input_change[FSW_MAX_VARS];
   double row_force[FSW_MAX_ROWS], input_force[FSW_MAX_VARS], row_pivot[FSW_MAX_ROWS];
   fsw_soft soft;

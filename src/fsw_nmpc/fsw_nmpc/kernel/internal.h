@@ -1,4 +1,4 @@
-/* Functions shared by the library's files; not part of its interface. */
+/* Functions shared by the library's files; not part of the interface. */
 #ifndef FSW_INTERNAL_H
 #define FSW_INTERNAL_H
 

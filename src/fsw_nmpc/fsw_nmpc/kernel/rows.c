@@ -1,20 +1,21 @@
 /* The rows of the QP: built from a prediction, and multiplied by vectors.
  *
- * Variables are the moves divided by their largest value. Rows in use are the outputs with a weight that moves can
- * reach; the moves' own rows and the inputs at the ends of the blocks (sums of moves) need no matrix. */
+ * The states are eliminated (condensing), which suits a short horizon with few moves. Variables
+ * are the moves divided by their largest value. Rows in use are the weighted outputs that moves
+ * can affect; the moves themselves and the block-end inputs (sums of moves) need no matrix. */
 #include <math.h>
 
 #include "internal.h"
 
-/* of scaled moves: a start so close to the limits is taken back; a move without a cost still has a smallest one */
+/* largest start (in scaled moves), inside the limits; smallest curvature of a move */
 #define INSIDE 0.95
 #define LEAST_CURVATURE 1e-9
-/* share of the width between quality limits that is near a limit */
+/* share of the width between quality limits that counts as near a limit */
 #define NEAR_LIMIT 0.1
-/* a deviation of the last plan of less than this share of its Huber threshold is taken for one that stays below it */
+/* share of a Huber threshold up to which a deviation of the last plan counts as staying below */
 #define NEAR_HUBER 0.5
 
-/* Four partial sums, so that the compiler may vectorise without changing the order of additions. */
+/* Four partial sums let the compiler vectorise without changing the order of additions. */
 double fsw_dot(const double *restrict a, const double *restrict b, int n) {
   double sum[4] = {0.0, 0.0, 0.0, 0.0};
   int j = 0;
@@ -42,14 +43,15 @@ static void build_variables(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, c
     w->z[j] = fsw_clip(z, -INSIDE, INSIDE);
     const double square = t->full_move_cost / (fsw_reach(t, q) * fsw_reach(t, q));
     w->diagonal[j] = square * scale * w->size[j] / m->block_reach[j >> 1] + LEAST_CURVATURE;
-    /* L1 of a move: weight |z| = 2 weight max(0, z) - weight z, one side instead of two */
+    /* L1 cost of a move: weight |z| = 2 weight max(0, z) - weight z, one soft side, not two */
     const double weight = move_weight[q] * w->size[j];
     w->gradient[j] = -weight;
     if (weight > 0.0) {
-      w->soft.weight[w->n_moves] = 2.0 * weight; /* put behind the rows' sides when their number is known */
+      w->soft.weight[w->n_moves] = 2.0 * weight; /* moved behind the rows' sides below */
       w->move[w->n_moves++] = j;
     }
-    reach[q] += FSW_RETURN_PERCENT / 100.0 * w->size[j]; /* an input outside its bounds must come back as fast as it may */
+    /* an input outside its bounds must return as fast as it may */
+    reach[q] += FSW_RETURN_PERCENT / 100.0 * w->size[j];
     const double low = fsw_least(t, q) - now[q], high = fsw_most(t, q) - now[q];
     w->input_low[j] = low < reach[q] ? low : reach[q];
     w->input_high[j] = high > -reach[q] ? high : -reach[q];
@@ -57,20 +59,20 @@ static void build_variables(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, c
   for (int j = nv; j < padded(nv); j++) w->z[j] = w->step[j] = w->dual[j] = 0.0;
 }
 
-/* Output r of the linear model along the moves v about which it is one. */
+/* Output r of the linear model at the moves v about which it was linearised. */
 static double planned(const fsw_workspace *w, int r, int width, const double *v) {
   double value = w->output[r];
   for (int j = 0; j < width; j++) value += w->by[r][j] * v[j] / w->scale[j];
   return value;
 }
 
-/* Whether the last plan comes so near to a quality limit at output i that the limit may act. */
+/* Whether the last plan comes so close to a quality limit that the limit may become active. */
 static int is_near_limit(const fsw_problem *problem, int q, double value) {
   const double near = NEAR_LIMIT * (problem->window_high[q] - problem->window_low[q]);
   return value > problem->window_high[q] - near || value < problem->window_low[q] + near;
 }
 
-/* Sides at the quality limits, at the ends of the blocks: behind the others, as no other output has more than one. */
+/* Soft sides at the quality limits, at the block ends; after the others, one per output. */
 static void build_windows(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_problem *problem, const double *v,
                           fsw_workspace *w, double *weight) {
   const double quality_weight[2] = {t->quality_weight_per_mm, t->quality_weight_per_c};
@@ -82,7 +84,8 @@ static void build_windows(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, con
   for (int n = 0; n < w->n_rows && w->n_soft_rows < FSW_MAX_ROWS; n++) {
     const int r = w->row[n], q = r >= m->n_out, i = q ? r - m->n_out : r;
     if (!(quality_weight[q] > 0.0) || (i + 1 < m->n_out && m->interval_block[i + 1] == m->interval_block[i])) continue;
-    /* the depth on its way to another set-point is not inside the limits about it: its trajectory is kept by its cost */
+    /* a depth on its way to another set-point is outside the limits; the trajectory's cost guides
+     * it */
     if (!q && (problem->low[q][i] > problem->window_high[q] || problem->high[q][i] < problem->window_low[q])) continue;
     if (!is_near_limit(problem, q, planned(w, r, w->row_width[n], v))) continue;
     weight[w->n_soft_rows] = quality_weight[q];
@@ -93,7 +96,7 @@ static void build_windows(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, con
 
 static double inverse_square(double scale) { return scale > 0.0 ? 1.0 / (scale * scale) : 0.0; }
 
-/* Huber threshold of the temperature, whose cost is linear beyond it where the depth has priority. */
+/* Huber threshold of the temperature: its cost is linear beyond it if the depth has priority. */
 static double huber_temperature(const fsw_nmpc_tuning *t) {
   const double share[3] = {1.0, 2.0, 0.0}; /* by priority */
   return t->huber_temperature_c * share[t->priority];
@@ -112,7 +115,7 @@ void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_prob
   for (int r = 0; r < 2 * n_out; r++) {
     const int q = r >= n_out, i = q ? r - n_out : r;
     const int width = q ? m->temperature_width[i] : m->depth_width[i];
-    double *a = w->by[r], at_zero = w->output[r]; /* the linear model's output without moves */
+    double *a = w->by[r], at_zero = w->output[r]; /* output of the linear model without moves */
     for (int j = 0; j < width; j++) {
       at_zero -= a[j] * v[j];
       a[j] *= w->scale[j];
@@ -145,7 +148,7 @@ void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_prob
   for (int k = 0; k < k_rows; k++) w->soft.weight[k] = w->soft.weight[k_rows + k] = weight[k];
 }
 
-/* value[] = a'z of every row in use, input[] = change of the inputs at the ends of the blocks */
+/* value[] = a'z of every row in use, input[] = change of the block-end inputs */
 void fsw_row_products(const fsw_workspace *w, const double *z, double *value, double *input) {
   for (int r = 0; r < w->n_rows; r++) value[r] = fsw_dot(w->by[w->row[r]], z, (w->row_width[r] + 3) / 4 * 4);
   double sum[2] = {0.0, 0.0};
@@ -155,7 +158,7 @@ void fsw_row_products(const fsw_workspace *w, const double *z, double *value, do
   }
 }
 
-/* out += sum over rows of a * row_force, and of the inputs' rows * input_force */
+/* out += sum over rows of a * row_force, plus the inputs' rows * input_force */
 void fsw_add_transposed(const fsw_workspace *w, const double *row_force, const double *input_force, double *restrict out) {
   int r = 0;
   for (; r + 4 <= w->n_rows; r += 4) {

@@ -1,23 +1,27 @@
-/* Condensed QP with L1 dead-band costs, solved by Mehrotra's predictor-corrector method.
+/* Condensed QP with L1 dead-band costs (28), (34), (35), solved by Mehrotra's predictor-corrector
+ * interior-point method (Mehrotra 1992; Nocedal and Wright, section 16.6).
  *
- * min  1/2 z'Dz + g'z + sum_r w_r (max(0, a_r'z - high_r) + max(0, low_r - a_r'z)) + 1/2 q_r (a_r'z - centre_r)^2
+ * min  1/2 z'Dz + g'z + sum_r w_r (max(0, a_r'z - high_r) + max(0, low_r - a_r'z))
+ *      + 1/2 q_r (a_r'z - centre_r)^2
  * s.t. |z_j| <= 1 and bounds on the inputs at the end of every block.
  *
- * Violations, slacks and duals are eliminated, so each iteration factors one dense matrix of the size of z. */
+ * Violations, slacks and duals are eliminated, so each iteration factors one dense matrix of the
+ * size of z. The number of iterations hardly depends on which limits are active, which suits a
+ * deadline. */
 #include <math.h>
 
 #include "internal.h"
 
 #define STEP_TO_BOUNDARY 0.995
 #define SHORT_STEP 0.3
-/* complementarity at the start: at least so much, and this share of the mean cost of a side */
+/* start complementarity: lower bound, and share of the mean cost of a side */
 #define LEAST_START 0.02
 #define START_SHARE 0.1
 #define LEAST_SLACK 0.05
-/* of scaled moves and inputs */
+/* in scaled moves and inputs */
 #define PRIMAL_TOLERANCE 1e-7
 #define DUAL_TOLERANCE 1e-6
-/* share of the tolerated gap below which complementarity would only cost rank */
+/* share of the tolerated gap below which smaller complementarity would only cost rank */
 #define LEAST_SHARE 0.02
 
 static double sum_of(const double *x, int n) {
@@ -60,7 +64,7 @@ static void sides(fsw_workspace *w) {
     e[k] = w->value[r] - w->high[r];
     e[n + k] = w->low[r] - w->value[r];
   }
-  for (int k = n - w->n_windows; k < n; k++) { /* a trajectory beyond a quality limit, on its way back, is the limit */
+  for (int k = n - w->n_windows; k < n; k++) { /* a trajectory outside sets the limit */
     const int r = w->soft_row[k], q = r >= w->n_depth;
     const double above = w->value[r] + w->output[w->row[r]] - w->window_high[q];
     const double below = w->window_low[q] - w->output[w->row[r]] - w->value[r];
@@ -95,7 +99,7 @@ static double cost_of(const fsw_workspace *w) {
   return cost;
 }
 
-/* A side with a Huber threshold: its force is no more than its excess over `huber_inverse`, so
+/* Soft side with a Huber threshold: its force is at most its excess over `huber_inverse`, so
  * e - huber_inverse lambda = t - s. */
 static void start_huber(fsw_workspace *w, int k, double mu) {
   fsw_soft *f = &w->soft;
@@ -110,8 +114,9 @@ static void add_huber(fsw_workspace *w, int k) {
   f->residual[k] -= w->huber_inverse * f->lambda[k];
 }
 
-/* Start with every soft dual in the middle of its range: it has the shortest way, wherever the solution is. Duals of
- * the last solve save less than one iteration in ten, and would let one bad solve spoil the next. */
+/* Start with every soft dual in the middle of its range, equally far from both possible solutions.
+ * Warm-started duals would save less than one iteration in ten, and let a bad solve spoil the
+ * next. */
 static void start(fsw_workspace *w) {
   const int n = n_soft(w);
   fsw_soft *f = &w->soft;
@@ -132,7 +137,7 @@ static void start(fsw_workspace *w) {
   }
 }
 
-/* Residuals of the sides, their pivots, their complementarity and the stationarity residual (in dual[]). */
+/* Residuals and pivots of the sides, complementarity, stationarity residual (in dual[]). */
 static double residuals(fsw_workspace *w, double *primal, double *dual) {
   const int n = n_soft(w), nv = w->nv, n_rows = w->n_soft_rows;
   fsw_soft *f = &w->soft;
@@ -179,7 +184,7 @@ static double residuals(fsw_workspace *w, double *primal, double *dual) {
   return gap;
 }
 
-/* Right-hand side of the condensed system, into w->step. */
+/* Right-hand side of the condensed Newton system, into w->step. */
 static void condense(fsw_workspace *w, double mu, double second) {
   const int n = n_soft(w), nv = w->nv, n_rows = w->n_soft_rows;
   fsw_soft *f = &w->soft;
@@ -208,7 +213,7 @@ static void condense(fsw_workspace *w, double mu, double second) {
   for (int k = 0; k < w->n_moves; k++) x[w->move[k]] -= f->work[2 * n_rows + k];
 }
 
-/* Steps of slacks and duals from that of the moves; work: the share of each that the step takes away. */
+/* Steps of slacks and duals from the step of the moves; work: relative decrease of each. */
 static void expand(fsw_workspace *w) {
   const int n = n_soft(w), nv = w->nv, n_rows = w->n_soft_rows;
   const double *x = w->step;
@@ -246,9 +251,9 @@ static void expand(fsw_workspace *w) {
   }
 }
 
-/* Newton direction for a centring target mu; `second` (0 to 1) is the share of the second-order terms
- * of the direction held now.
- * Returns the longest step that keeps everything positive, and the complementarity at its end. */
+/* Newton direction for a centring target mu; `second` (0 to 1) is the share of the second-order
+ * terms (of the predictor held at present). Returns the longest step that keeps all slacks and
+ * duals positive, and the complementarity at its end. */
 static double direction(fsw_workspace *w, double mu, double second, double *gap_there) {
   const int n = n_soft(w), nv = w->nv;
   fsw_soft *f = &w->soft;
@@ -316,7 +321,7 @@ int fsw_solve(fsw_nmpc *c, const fsw_problem *problem, double *v, double *depth,
     gap = residuals(w, &primal, &dual);
     cost = cost_of(w);
     if (!fsw_is_finite(gap + cost)) { status = FSW_NOT_FINITE; break; }
-    /* |z| <= 1, so a stationarity residual is worth at most nv times itself of cost */
+    /* |z| <= 1, so a stationarity residual changes the cost by at most nv times its size */
     const double loss = t->tolerance * (1.0 + fabs(cost)), stationary = loss / w->nv;
     if (gap <= loss && primal <= PRIMAL_TOLERANCE && dual <= (stationary > DUAL_TOLERANCE ? stationary : DUAL_TOLERANCE)) {
       status = FSW_OK;
@@ -327,7 +332,8 @@ int fsw_solve(fsw_nmpc *c, const fsw_problem *problem, double *v, double *depth,
     double reached;
     const double ahead = direction(w, 0.0, 0.0, &reached);
     const double ratio = reached / gap, wanted = ratio * ratio * ratio * gap, least = LEAST_SHARE * loss;
-    /* full second-order terms of a short step would let it cycle; less complementarity than needed, lose rank */
+    /* Mehrotra's target mu = (gap ahead / gap)^3 gap. Full second-order terms after a short step
+     * could cycle; complementarity below the tolerance would cost rank. */
     const double alpha = direction(w, (wanted > least ? wanted : least) / pairs, ahead > SHORT_STEP ? 1.0 : ahead, 0);
     advance(w, alpha < 1.0 ? STEP_TO_BOUNDARY * alpha : 1.0);
   }

@@ -2,6 +2,6 @@
 #ifndef FSW_TORQUE_H
 #define FSW_TORQUE_H
 
-int fsw_torque_casadi(const double **arg, double **res); /* of force, depth and parameters; always 0 */
+int fsw_torque_casadi(const double **arg, double **res); /* of force, depth, parameters */
 
 #endif

@@ -1,22 +1,25 @@
-/* Where the outputs shall go over the horizon.
+/* Reference trajectories of the outputs over the horizon.
  *
- * FSW_APPROACH: from where an output is, and how fast it moves, it goes to its set-point as a system of second order
- * with two time constants near it; from further away it comes as fast as it can still brake. Rate and acceleration are
- * limited by what force and speed can do together. The temperature begins one dead time ahead, where the prediction
- * arrives whatever is done now, and what is steered is the copper, which the tool follows with its lag. So a disturbance
- * is met as a set-point is, and the loop has the margins of internal model control with the tuning's time constants as
- * its filter. Set-points that are known beforehand are approached so early that the output is half way in time.
- * Set-points that the speed's bounds do not permit together are replaced by the nearest that they do, see make_attainable.
+ * FSW_APPROACH: from its present value and rate, an output goes to its set-point as a second-order
+ * system with two time constants; from further away it moves as fast as it can still brake (like a
+ * time-optimal profile). Rate and acceleration are limited by what force and speed can do
+ * together. The temperature's trajectory starts one dead time ahead, at the predicted value that
+ * no present input can change; the steered quantity is the copper, which the tool follows with its
+ * lag. Disturbances are thus rejected like set-point changes, and the loop has the margins of
+ * internal model control (Morari and Zafiriou 1989) with the tuning's time constants as its
+ * filter. Known future set-points are approached early enough that the output is half way in time.
+ * Set-points that the speed's bounds exclude are replaced by the nearest attainable ones, see
+ * make_attainable.
  *
- * The paper's corridors (32), (33) are of first order. The text does not say where they start in each cycle; its tool
- * offers FSW_CONSTANT (at the set-point), FSW_COLD_START (at the output once, then on by themselves) and FSW_RECENTRED
- * (at the output in every cycle). FSW_RECENTRED_AHEAD is ours: that of the temperature starts one dead time ahead, at what
- * is predicted for then. */
+ * The paper's corridors (32), (33) are of first order. The text does not say where they start in
+ * each cycle; its tool offers FSW_CONSTANT (at the set-point), FSW_COLD_START (once at the output,
+ * then continued) and FSW_RECENTRED (at the output in every cycle). FSW_RECENTRED_AHEAD is ours:
+ * the temperature's corridor starts one dead time ahead, at the predicted value. */
 #include <math.h>
 
 #include "internal.h"
 
-/* An approach is at its end within this distance. */
+/* An approach has arrived within this distance. */
 #define AT_REST_MM 2e-6
 #define AT_REST_C 2e-5
 #define LONGEST_LEAD_S 30.0
@@ -24,19 +27,21 @@
 
 typedef struct {
   double slow_s, fast_s, at_rest, brake_share, acceleration, least_rate, top_rate;
-  double lag_s;                /* the output follows what is steered with this lag; 0: it is what is steered */
-  double haste, window;        /* further away than the window, it accelerates by up to this share faster */
+  double lag_s;                /* of the output behind the steered quantity; 0: none */
+  double haste, window;        /* extra share of acceleration beyond the window */
 } approach;
 
 typedef struct { double at_s, value; } target; /* a set-point from at_s on */
 
 typedef struct { double steered, rate, output; } motion;
 
-/* One step of an approach to `goal`. */
+/* One step of an approach to `goal`, by the trapezoidal rule. Within `near` it is linear, with the
+ * two time constants; further away the speed is that from which the brakes still suffice, sqrt(2 a
+ * s), continued smoothly at `near`. */
 static void advance(const approach *a, motion *now, double goal, double dt_s) {
   const double distance = now->steered - goal, size = fabs(distance), before = now->steered, last = now->rate;
   const double braking = a->brake_share * a->acceleration;
-  const double near = braking * a->slow_s * a->slow_s; /* from here on braking is slower than the time constant */
+  const double near = braking * a->slow_s * a->slow_s; /* within it the time constant governs */
   const double speed = size <= near ? size / a->slow_s : sqrt(2.0 * braking * (size - 0.5 * near));
   const double wanted = fsw_clip(distance < 0.0 ? speed : -speed, a->least_rate, a->top_rate);
   const double change = (wanted - last) / a->fast_s - (size <= near ? last / a->slow_s : 0.0);
@@ -55,13 +60,13 @@ static int is_at_rest(const approach *a, const motion *now, double goal) {
   return fabs(now->steered - goal) < size && fabs(now->output - goal) < size && fabs(now->rate) * a->slow_s < size;
 }
 
-/* The target in force at a time, sought from the k-th on. */
+/* Index of the target in force, searched from k on. */
 static int target_at(const target *targets, int n_targets, int k, double now_s) {
   while (k + 1 < n_targets && targets[k + 1].at_s <= now_s + 1e-9) k++;
   return k;
 }
 
-/* Output at the points time_s[first ... n), from `begin_s` on. */
+/* Output at the points time_s[first ... n), starting at `begin_s`. */
 static void follow(const approach *a, motion now, double begin_s, const target *targets, int n_targets,
                    const double *time_s, int first, int n, double *path) {
   double now_s = begin_s;
@@ -84,7 +89,7 @@ static void follow(const approach *a, motion now, double begin_s, const target *
   }
 }
 
-/* Time in which an approach comes half way to a set-point that is `size` away. */
+/* Time in which an approach covers half of the distance `size`. */
 static double half_time_s(const approach *a, double size) {
   motion now = {0.0, 0.0, 0.0};
   double time_s = 0.0;
@@ -95,22 +100,23 @@ static double half_time_s(const approach *a, double size) {
   return time_s;
 }
 
-/* Gain of the settled temperature over the power. */
+/* Steady-state gain of the temperature over the power. */
 static double thermal_gain(const fsw_nmpc *c) { return c->adaptation.gain * c->model.thermal_gain_c_per_kw; }
 
-/* Gain of the depth's rate over the force. */
+/* Steady-state gain of the depth's rate over the force. */
 static double rate_gain(const fsw_nmpc *c) {
   return c->estimator.x[FSW_DEPTH_GAIN] * (c->model.depth_gain[0] + c->model.depth_gain[1]);
 }
 
-/* Torque at a depth, as shown, with the force that holds a depth now: the slow mode changes that over minutes. */
+/* Torque at a measured depth, with the force that holds a depth now; the slow mode changes it over
+ * minutes. */
 static fsw_torque held_torque(const fsw_nmpc *c, double depth_mm) {
   const fsw_nmpc_model *m = &c->model;
   const double *x = c->estimator.x, force = m->operating_force_kn - m->slow_pole * x[FSW_SLOW] / rate_gain(c);
   return fsw_torque_at(m, force, depth_mm - x[FSW_DEPTH_OFFSET]);
 }
 
-/* The temperature that a bound of the speed (0: slowest, 1: fastest) holds at a depth, both as shown. */
+/* Measured temperature that a speed bound (0: lowest, 1: highest) holds at a measured depth. */
 static double held_temperature(const fsw_nmpc *c, int bound, double depth_mm) {
   const fsw_nmpc_model *m = &c->model;
   const double *x = c->estimator.x, speed = bound ? c->tuning.speed_max_rpm : c->tuning.speed_min_rpm;
@@ -119,8 +125,9 @@ static double held_temperature(const fsw_nmpc *c, int bound, double depth_mm) {
   return m->operating_temperature_c + thermal_gain(c) * power + x[FSW_TEMP_OFFSET];
 }
 
-/* Replace set-points (depth, temperature) that no speed within the bounds can hold together. The temperature first keeps
- * its quality limits, then the set-point with priority is kept; the depth gives way by no more than its quality limit. */
+/* Replace set-points (depth, temperature) that no speed within the bounds can hold together. The
+ * temperature first keeps its quality limits, then the set-point with priority is kept; the depth
+ * gives way by at most its quality limit. */
 static void make_attainable(const fsw_nmpc *c, double goal[2]) {
   const fsw_nmpc_tuning *t = &c->tuning;
   const double slowest = held_temperature(c, 0, goal[0]), fastest = held_temperature(c, 1, goal[0]), wanted = goal[1];
@@ -132,7 +139,7 @@ static void make_attainable(const fsw_nmpc *c, double goal[2]) {
   goal[1] = least + share[t->priority] * (wanted - least);
   if (goal[1] == held) return;
   double kept = goal[0], moved = goal[0] + (bound ? t->quality_depth_mm : -t->quality_depth_mm);
-  for (int i = 0; i < BISECTIONS; i++) { /* a deeper tool heats more */
+  for (int i = 0; i < BISECTIONS; i++) { /* a deeper tool generates more heat */
     const double middle = 0.5 * (kept + moved), there = held_temperature(c, bound, middle);
     if (bound ? there < goal[1] : there > goal[1]) kept = middle;
     else moved = middle;
@@ -142,7 +149,7 @@ static void make_attainable(const fsw_nmpc *c, double goal[2]) {
   goal[1] = bound ? fsw_clip(goal[1], held, reached) : fsw_clip(goal[1], reached, held);
 }
 
-/* Targets of both outputs: the set-points now, and those to come. */
+/* Targets of both outputs: present and future set-points. */
 static int goals_of(const fsw_nmpc *c, const fsw_nmpc_input *in, double at_s[], double goals[][2]) {
   const int n_changes = in->n_changes < FSW_MAX_CHANGES ? in->n_changes : FSW_MAX_CHANGES;
   int n = 1;
@@ -160,7 +167,7 @@ static int goals_of(const fsw_nmpc *c, const fsw_nmpc_input *in, double at_s[], 
   return n;
 }
 
-/* Targets of output q, each as early as it has to be begun. */
+/* Targets of output q, each with the time at which its approach has to begin. */
 static int targets_of(const approach *a, int q, int n_goals, const double at_s[], double goals[][2], target *targets) {
   int n = 1;
   targets[0].at_s = -1e9;
@@ -175,8 +182,8 @@ static int targets_of(const approach *a, int q, int n_goals, const double at_s[]
   return n;
 }
 
-/* Rates of the temperature at the slowest and the fastest speed while the depth stays at its set-point: as the copper
- * softens the force gives way, and with it the torque. `power` holds the temperature. */
+/* Rates of the temperature at the lowest and highest speed while the depth is held: as the copper
+ * softens, the force has to decrease, and with it the torque. `power` holds the temperature. */
 static void held_rates(const fsw_nmpc *c, double power, double depth_mm, double rate[2]) {
   const fsw_nmpc_model *m = &c->model;
   const double *x = c->estimator.x, speed[2] = {c->tuning.speed_min_rpm, c->tuning.speed_max_rpm};
@@ -190,25 +197,28 @@ static void held_rates(const fsw_nmpc *c, double power, double depth_mm, double 
   }
 }
 
-/* Share of the bounds by which the depth waits for what the speed can compensate: all of it unless the temperature yields. */
+/* Share of the bounds by which the depth waits for the speed; all of it unless the temperature
+ * yields. */
 static double held_share(const fsw_nmpc_tuning *t) {
   const double share[3] = {0.0, 0.5, 1.0}; /* by priority */
   return t->huber_temperature_c > 0.0 ? share[t->priority] : 1.0;
 }
 
-/* What force and speed can do together, about the present state. */
+/* Rates and accelerations that force and speed can achieve together, at the present state. */
 static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, approach *depth, approach *temp) {
   const fsw_nmpc_model *m = &c->model;
   const fsw_nmpc_tuning *t = &c->tuning;
   const double *x = c->estimator.x;
   const fsw_torque at = fsw_torque_at(m, m->operating_force_kn, fsw_contact_depth(&c->estimator, m, 0));
   const double torque = x[FSW_SCALE] * at.value, by_force = x[FSW_SCALE] * at.by_force;
-  double power = m->operating_power_kw + x[FSW_TOOL] / thermal_gain(c) - c->adaptation.heat_kw; /* that holds */
+  /* power that holds the temperature */
+  double power = m->operating_power_kw + x[FSW_TOOL] / thermal_gain(c) - c->adaptation.heat_kw;
   if (!(power > t->approach.least_power_kw)) power = t->approach.least_power_kw;
   const double held = held_share(t), kw_per_rpm = FSW_KW_PER_NM_RPM * torque, nm_rpm = power / FSW_KW_PER_NM_RPM;
   double low = t->force_min_kn, high = t->force_max_kn, force_rate = t->force_step_kn / FSW_TICK_S;
   const double speed_rate = t->speed_step_rpm / FSW_TICK_S;
-  if (by_force > 0.0 && t->speed_min_rpm > 0.0) { /* forces at which the fastest and the slowest speed give the power */
+  /* forces at which the highest and lowest speed give that power */
+  if (by_force > 0.0 && t->speed_min_rpm > 0.0) {
     const double by_fastest = m->operating_force_kn + (nm_rpm / t->speed_max_rpm - torque) / by_force;
     const double by_slowest = m->operating_force_kn + (nm_rpm / t->speed_min_rpm - torque) / by_force;
     const double fastest = held * by_fastest + (1.0 - held) * low;
@@ -223,7 +233,7 @@ static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, appro
   depth->least_rate = gain * (low - centre < -least_kn ? low - centre : -least_kn);
   depth->top_rate = gain * (high - centre > least_kn ? high - centre : least_kn);
   depth->acceleration = t->approach.depth_acceleration * gain * force_rate;
-  const double usual = m->operating_depth_mm; /* a set-point may be anything */
+  const double usual = m->operating_depth_mm; /* guards against absurd set-points */
   const double goal = fsw_clip(depth_mm, 0.5 * usual, 1.5 * usual);
   const double kept = m->operating_power_kw + copper_c / thermal_gain(c) - c->adaptation.heat_kw;
   const double least = t->approach.least_rate_c_per_s;
@@ -234,7 +244,7 @@ static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, appro
   temp->acceleration = thermal_gain(c) / m->copper_lag_s * kw_per_rpm * speed_rate;
 }
 
-/* Rate of the depth under the inputs that act. */
+/* Present depth and its rate under the acting inputs. */
 static motion depth_now(const fsw_nmpc *c) {
   const fsw_nmpc_model *m = &c->model;
   const fsw_estimator *e = &c->estimator;
@@ -248,8 +258,9 @@ static motion depth_now(const fsw_nmpc *c) {
   return now;
 }
 
-/* Copper and tool, as the sensor would show them, one dead time from now, and the copper's rate then under the power
- * that goes in now: nothing that is done now changes them. `copper_c` gets the copper's deviation without offset. */
+/* Copper and tool, as the sensor would show them, one dead time from now, and the copper's rate
+ * then under the present power: no present input can change them. `copper_c` gets the copper's
+ * deviation without offset. */
 static motion temperature_ahead(const fsw_nmpc *c, double *copper_c) {
   const fsw_nmpc_model *m = &c->model;
   const fsw_estimator *e = &c->estimator;
@@ -274,8 +285,8 @@ static motion temperature_ahead(const fsw_nmpc *c, double *copper_c) {
   return ahead;
 }
 
-/* The rate that an approach begins with: as it is, and the rate that the last approach had for this tick. Where one output
- * gives way to the other, the rate would fall behind a little at every tick; so it is made up for. */
+/* Initial rate of an approach: a mean of the actual rate and of the rate planned at the last tick.
+ * While one output gives way to the other, the actual rate alone would lag at every tick. */
 static void keep_rate(fsw_nmpc *c, const approach *a, int q, motion *now, double begin_s, const target *targets,
                       int n_targets) {
   const double keep = q ? c->tuning.approach.temperature_approach_keep : c->tuning.approach.depth_approach_keep;
@@ -312,7 +323,7 @@ static void approaches(fsw_nmpc *c, const fsw_nmpc_input *in, double *depth, dou
   follow(&to_temp, ahead, m->dead_time_s, targets, n, m->time_s, first, m->n_out, temp);
 }
 
-/* Centre of the corridor of output q over the horizon; `output` is that at `begin_s`, where it starts if recentred. */
+/* Centre of the corridor of output q; `output` is its value at `begin_s`, where it starts. */
 static void corridor(fsw_nmpc *c, int q, double begin_s, double output, double *path) {
   const fsw_nmpc_tuning *t = &c->tuning;
   const double goal = c->reference[q], keep = q ? t->temperature_corridor_keep : t->depth_corridor_keep;
@@ -326,7 +337,7 @@ static void corridor(fsw_nmpc *c, int q, double begin_s, double output, double *
   }
 }
 
-/* Dead-bands about the trajectories of this tick, into c->problem. */
+/* Dead-bands about this tick's trajectories, into c->problem. */
 void fsw_trajectories(fsw_nmpc *c, const fsw_nmpc_input *in) {
   double path[2][FSW_MAX_OUT];
   if (c->tuning.trajectory == FSW_APPROACH) {
