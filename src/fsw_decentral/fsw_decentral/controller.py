@@ -1,4 +1,4 @@
-"""The decentralized controller: a thin binding of the C library that does all the work."""
+"""The decentralized controller: a thin binding of the C library."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from fsw_decentral.library import Reason as Fault
 
 
 class DecentralController:
-    """Two single loops side by side, as on the welding machine; they are one C library (``kernel/``).
+    """Two single loops side by side, as on the welding machine, in a C library (``kernel/``).
 
-    Outer PI: temperature to power reference; inner loop: power to spindle speed (feed-forward by
-    the measured torque, plus PI); PI(D): depth to axial force. The proposal keeps the bounds and
-    the move limits, relative to the applied command, which every loop follows: so it is without a
-    bump when it gets selected. Where the applied command is so far outside the bounds that it
-    cannot keep both, it is at the bound and not healthy.
+    Cascade for the temperature: an outer PI gives a power reference; the inner loop gives the
+    spindle speed, by feedforward with the measured torque plus PI. PI(D) from depth to axial
+    force. The proposal keeps the bounds and the move limits relative to the applied command,
+    which every loop tracks, so selecting it is bumpless. If the applied command is so far outside
+    the bounds that both are impossible, the proposal is at the bound and not healthy.
 
-    Without torque the power loop goes on with the last torque, without temperature the power
+    Without torque the power loop continues with the last torque, without temperature the power
     reference is held; both for ``blind_limit`` seconds. Without depth the force is held and the
     proposal is not healthy.
 
     Parameters
     ----------
     values : mapping of str to Any, optional
-        Parameters as described in ``decentral.yaml``; what is missing has its default.
+        Parameters as described in ``decentral.yaml``; missing ones have their default.
 
     Raises
     ------
     ValueError
-        When the values are not usable or the library cannot be built.
+        If the values are not usable or the library cannot be built.
     """
 
     name = "decentral"
@@ -57,7 +57,7 @@ class DecentralController:
         return problem(_usable, self._values | dict(values))
 
     def configure(self, values: Mapping[str, Any]) -> None:
-        """Take new parameters at runtime; the outputs do not jump. Raises as the class does, and changes nothing."""
+        """Apply new parameters at runtime, bumplessly; an error changes nothing."""
         merged = self._values | dict(values)
         self.gains, self.limits, tuning = _usable(merged)
         self._values = merged
@@ -113,7 +113,7 @@ class DecentralController:
 
 
 def _usable(values: Mapping[str, Any]) -> tuple[Gains, Limits, Any]:
-    """Gains, limits and all that the library is given; raises ValueError where it would refuse them."""
+    """All data for the library (gains, limits); raises ValueError if it would reject them."""
     gains, limits = Gains.of(values), Limits.of(values)
     tuning = KERNEL.new(
         "fsw_decentral_tuning",

@@ -1,4 +1,4 @@
-"""Gains of the decentralized controller and its documented sets of them."""
+"""Gains of the decentralized controller and its documented sets."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from fsw_schema.models import Model
 
 
 class Gains(Model):
-    """All tuning of the three loops; names, units and meaning are those of the parameters in ``decentral.yaml``.
+    """Tuning of the three loops; ``decentral.yaml`` has names, units and meaning of each.
 
     Raises
     ------
     ValueError
-        When one is negative or not finite, or an integral or tracking time is 0.
+        If one is negative or not finite, or an integral or tracking time is 0.
     """
 
     depth_gain: NonNegativeFloat
@@ -41,7 +41,7 @@ class Gains(Model):
     power_filter: NonNegativeFloat
     power_tracking_time: PositiveFloat
     feedforward_filter: NonNegativeFloat
-    #: of the decoupling and of the Smith predictor; 0: none
+    #: of the decoupling and of the Smith predictor; 0: off
     decoupling_torque: NonNegativeFloat = 0.0
     decoupling_lag: NonNegativeFloat = 0.0
     predictor_gain: NonNegativeFloat = 0.0
@@ -51,12 +51,12 @@ class Gains(Model):
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Gains:
-        """Gains of the set ``values["tuning"]``, but those of ``values`` itself that are not negative.
+        """Gains of the set ``values["tuning"]``, overridden by non-negative ones in ``values``.
 
         Raises
         ------
         ValueError
-            When there is no such set, or a gain is not usable.
+            If there is no such set, or a gain is not usable.
         """
         sets = tunings()
         if values["tuning"] not in sets:

@@ -1,9 +1,10 @@
-/* Two loops side by side. `follow` tells a loop what became of its last output: one cut by limits pulls the integrator back
- * with the tracking time (back-calculation); a command from somewhere else sets it at once, so that the loop continues from
- * that command without a bump.
+/* Two loops side by side, discretised by backward Euler (Astrom and Hagglund, Advanced PID
+ * Control). `follow` informs a loop about the fate of its last output: if limits have cut it, the
+ * integrator is pulled back with the tracking time (back-calculation anti-windup); a command from
+ * elsewhere sets it at once, so that the loop continues from that command without a bump.
  *
- * Finite but absurd samples may overflow to infinity or NaN anywhere in between; the step tests what comes out. An applied
- * command outside the bounds is cut to them before anything works with it. */
+ * Finite but absurd samples may overflow to infinity or NaN anywhere; the step checks the results.
+ * An applied command outside the bounds is clipped before anything uses it. */
 #include <limits.h>
 #include <math.h>
 
@@ -11,14 +12,15 @@
 
 #define RAD_PER_S_PER_RPM (3.14159265358979323846 / 30.0)
 #define KW_PER_NM_RPM (RAD_PER_S_PER_RPM * 1e-3)
-/* two commands nearer than this (kN, rpm) are the same one, rounded on the wire */
+/* commands closer than this (kN, rpm) are equal up to rounding of the unit conversion */
 #define SAME 1e-6
-/* a limit is touched within this distance */
+/* distance at which a limit counts as touched */
 #define TOUCHING 1e-9
 #define LONGEST_STEP_S 1.0
-/* A loop that wants more (kN, rpm) has had samples beyond all range: its integrator would take minutes to come back. */
+/* A loop output beyond this (kN, rpm) comes from samples beyond all range: its integrator would
+ * take minutes to return. */
 #define MOST_WANTED 1e6
-/* Less counts as this: without contact there is no power, and the feed-forward divides by the torque. */
+/* Lower bound of the torque: without contact there is no power, and the feedforward divides by it */
 #define LEAST_TORQUE_NM 100.0
 
 int fsw_decentral_bytes(void) { return (int)sizeof(fsw_decentral); }
@@ -36,7 +38,7 @@ static int is_within(double x, double most) { return x <= most && x >= -most; }
 static double clipped(double x, double low, double high) { return at_most(at_least(x, low), high); }
 static int is_elsewhere(double a, double b) { return a - b >= SAME || b - a >= SAME; }
 
-/* Share of its input that a first-order filter takes over in one step. */
+/* Share of its input that a first-order filter takes over in one step (exact for a held input). */
 static double share(double time_constant_s, double dt_s) {
   return time_constant_s <= 0.0 ? 1.0 : 1.0 - exp(-dt_s / time_constant_s);
 }
@@ -47,7 +49,7 @@ typedef struct {
   double gain, integral_time, derivative_time, filter, weight, reference_filter, tracking_time;
 } loop_gains;
 
-/* Other gains; the output does not jump, because the integrator makes up for the difference. */
+/* Change the gains bumplessly: the integrator compensates for the difference. */
 static void loop_configure(fsw_decentral_loop *l, const loop_gains *g, double dt_s) {
   if (l->started) {
     const double before = l->gain * (l->weight * l->reference - l->measured);
@@ -55,6 +57,7 @@ static void loop_configure(fsw_decentral_loop *l, const loop_gains *g, double dt
   }
   l->gain = g->gain;
   l->weight = g->weight;
+  /* gains per tick: the time between ticks enters here only */
   l->integral = g->gain * dt_s / g->integral_time;
   l->derivative = g->gain * g->derivative_time / dt_s;
   l->filter = share(g->filter, dt_s);
@@ -68,7 +71,7 @@ static void loop_clear(fsw_decentral_loop *l) {
   l->integrator = 0.0;
 }
 
-/* Begin such that the output is `output` now. */
+/* Start with the given output. */
 static void loop_start(fsw_decentral_loop *l, double measured, double reference, double output) {
   l->measured = l->first_stage = measured;
   if (l->reference != l->reference) l->reference = reference;
@@ -77,17 +80,19 @@ static void loop_start(fsw_decentral_loop *l, double measured, double reference,
   l->started = 1;
 }
 
-/* Hold `output` while there is no measurement; the loop has to be started again. */
+/* Hold `output` while there is no measurement; the loop must be started again afterwards. */
 static void loop_pause(fsw_decentral_loop *l, double output) {
   l->started = 0;
   l->output = output;
 }
 
-/* Note how far the last output was from what was applied, by limits or by a command from elsewhere. */
+/* Take the difference between the applied and the last output, due to limits or another source. */
 static void loop_follow(fsw_decentral_loop *l, double excess, int elsewhere) {
   l->integrator += elsewhere ? excess : l->tracking * excess;
 }
 
+/* One tick of a PID in absolute form. The integrator gets the error of this tick before the output,
+ * so a step of the set-point acts at once; the weight below 1 limits its proportional kick. */
 static double loop_step(fsw_decentral_loop *l, double measured, double reference) {
   l->first_stage += l->filter * (measured - l->first_stage);
   const double move = l->filter * (l->first_stage - l->measured);
@@ -101,7 +106,8 @@ static double loop_step(fsw_decentral_loop *l, double measured, double reference
 
 /* ---- temperature one dead time ahead */
 
-/* Note the power of the time since the last tick; the first one is taken as that of all time before. */
+/* Advance the Smith predictor over the last tick's power; the first power counts as that of all
+ * past time. The copper's lag is exact for a held power; the tool sees its mean over the tick. */
 static void predictor_step(fsw_decentral_predictor *p, double power_kw, double dt_s) {
   if (p->delay_ticks <= 0.0) return;
   if (!p->started) {
@@ -128,7 +134,7 @@ static void predictor_clear(fsw_decentral_predictor *p) {
   p->correction_c = 0.0;
 }
 
-/* Another model; the prediction begins at rest. The output of the loop `l` behind it does not jump. */
+/* Change the model; the prediction restarts at rest, the output of the loop `l` does not jump. */
 static void predictor_configure(fsw_decentral_predictor *p, const fsw_decentral_tuning *t, fsw_decentral_loop *l) {
   const double delay_ticks = t->predictor_gain > 0.0 ? t->predictor_dead_time / FSW_DECENTRAL_TICK_S : 0.0;
   const double copper = share(t->predictor_copper_lag, FSW_DECENTRAL_TICK_S);
@@ -154,7 +160,7 @@ static void power_clear(fsw_decentral_power *p, double torque_nm) {
   p->integrator = p->gained = 0.0;
 }
 
-/* The next process torque; one before the first step is taken as it is. */
+/* Take the next process torque; before the first step it is not filtered. */
 static void power_measure(fsw_decentral_power *p, double torque_nm) {
   p->now_nm = torque_nm;
   if (!p->started) {
@@ -165,9 +171,10 @@ static void power_measure(fsw_decentral_power *p, double torque_nm) {
   p->slow_nm += p->feedforward * (torque_nm - p->slow_nm);
 }
 
-/* Note how far the last output was from what was applied, by a bound, the move limit or another command. At a bound the
- * loop does not integrate further outwards. What the move limit has taken bleeds off slowly, so that the loop makes up for
- * the energy that was missing while the speed could not follow. */
+/* Take the difference between the applied and the last speed, due to a bound, the move limit or
+ * another source. At a bound the loop does not integrate further outwards (clamping). What the
+ * move limit has cut decays slowly, so that the loop makes up for the energy that was missing
+ * while the speed could not follow. */
 static void power_follow(fsw_decentral_power *p, double excess_rpm, int bounded, int elsewhere) {
   if (elsewhere)
     p->integrator = 0.0;
@@ -177,7 +184,8 @@ static void power_follow(fsw_decentral_power *p, double excess_rpm, int bounded,
     p->integrator -= p->gained;
 }
 
-/* Process torque with the next force: what that adds, before the feed-forward's torque shows it. */
+/* Process torque with the next force: feedforward of its effect before the filtered torque shows
+ * it. */
 static double expected_nm(fsw_decentral_power *p, double force_kn) {
   if (p->caused_kn != p->caused_kn) p->caused_kn = p->seen_kn = force_kn;
   p->seen_kn += p->feedforward * (p->caused_kn - p->seen_kn);
@@ -185,7 +193,7 @@ static double expected_nm(fsw_decentral_power *p, double force_kn) {
   return at_least(p->slow_nm + p->decoupling_nm_per_kn * (p->caused_kn - p->seen_kn), LEAST_TORQUE_NM);
 }
 
-/* The speed for a power reference, `speed_rpm` being the present one, `force_kn` the next. */
+/* Speed for a power reference; `speed_rpm` is the present speed, `force_kn` the next force. */
 static double power_step(fsw_decentral_power *p, double reference_kw, double speed_rpm, double force_kn) {
   p->started = 1;
   const double error_kw = reference_kw - p->fast_nm * speed_rpm * KW_PER_NM_RPM;
@@ -299,7 +307,7 @@ static double wanted_force_kn(fsw_decentral *c, const fsw_decentral_input *in, d
   return loop_step(l, in->depth_mm, c->reference_depth_mm);
 }
 
-/* Tell power and temperature loop what became of the speed. */
+/* Inform power and temperature loop about the fate of the last speed. */
 static void follow_speed(fsw_decentral *c, double applied_rpm) {
   fsw_decentral_loop *l = &c->temperature;
   const double proposed_rpm = c->proposed_speed_rpm, kw_per_rpm = c->power.slow_nm * KW_PER_NM_RPM;
@@ -313,13 +321,14 @@ static void follow_speed(fsw_decentral *c, double applied_rpm) {
   } else if (elsewhere) {
     loop_follow(l, applied_rpm * kw_per_rpm - l->output, 1);
   } else if (bounded && l->started) {
-    /* what the move limit delays the power loop makes up for; what a bound takes is lost */
+    /* the power loop makes up for what the move limit delays; what a bound cuts is lost */
     const double excess_kw = proposed_rpm * kw_per_rpm - l->output;
     if (excess_kw * excess_rpm > 0.0) loop_follow(l, excess_kw, 0);
   }
 }
 
-/* The process torque: motor torque less friction (23) and less what accelerates the spindle. */
+/* Process torque: motor torque less friction (23) and less the torque that accelerates the
+ * spindle. */
 static void measure_torque(fsw_decentral *c, const fsw_decentral_input *in, double applied_rpm) {
   const double *friction = c->tuning.friction;
   const double acceleration_rpm_per_s = (applied_rpm - c->speed_before_rpm) / c->dt_s;
@@ -359,7 +368,8 @@ static int reason_of(const fsw_decentral *c) {
   return FSW_DECENTRAL_PROPOSING;
 }
 
-/* Nearest to `wanted` within one step of what is applied and the bounds; the bounds win over the step. */
+/* Nearest value to `wanted` within one step of the applied one and the bounds, which take
+ * precedence. */
 static double limited(double wanted, double low, double high, double applied, double step) {
   return clipped(clipped(wanted, applied - step, applied + step), low, high);
 }
@@ -389,6 +399,7 @@ void fsw_decentral_step(fsw_decentral *c, const fsw_decentral_input *in, fsw_dec
     c->reference_depth_mm = in->reference_depth_mm;
     c->reference_temperature_c = in->reference_temperature_c;
   }
+  /* The depth comes first: the speed is decoupled from the force of this same tick. */
   double force_kn = wanted_force_kn(c, in, applied_kn);
   const double next_kn = limited(force_kn, t->force_min_kn, t->force_max_kn, given_kn, t->force_step_kn);
   double speed_rpm = wanted_speed_rpm(c, in, applied_rpm, next_kn);
