@@ -1,4 +1,4 @@
-"""Transient heat conduction in the canister's end as a plant steps it; ``fsw_heat`` makes the model."""
+"""Transient heat conduction in the canister's end, as the plant steps it; made by ``fsw_heat``."""
 
 from fsw_canister.compact import CompactCanister
 from fsw_canister.parameters import CanisterParameters

@@ -1,14 +1,14 @@
-"""The stir zone's heat in some ninety states in the tool's frame; traverse speed and position are parameters.
+"""The stir zone's heat with some ninety states in the tool's frame, for any speed and position.
 
 In the frame of the tool an amplitude ``y = x exp(i m angle)`` of the reduced model
-(``reduced.py``), even part u and odd part w about the tool, obeys with the angular speed s of the
-tool
+(``reduced.py``), with even part u and odd part w about the tool, obeys for the tool's angular
+speed s
 
     u' = -decay u - s m w + b(z) P,    w' = -decay w + s m u,    theta = c(z) u.
 
-Even and odd parts are projected on few vectors each, by Galerkin's method: decay stays symmetric
-and the transport skew, so that the model is stable at every speed. Copper, losses and clamp enter
-the small matrices afterwards.
+Even and odd parts are projected on few vectors each by a Galerkin method: the decay stays
+symmetric and the transport skew-symmetric, so the model is stable at every speed. Copper, losses
+and clamp enter the small matrices afterwards.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from fsw_canister.copper import TYPICAL, Array
 from fsw_canister.parameters import CanisterParameters
 from fsw_canister.stepped import CanisterState, HeatModel
 
-#: steps (speed, duration) that are kept ready
+#: number of step matrices (speed, duration) kept
 _MOST_KNOWN = 16
 
 
 @dataclass(frozen=True)
 class Compact:
-    """Projected matrices; what the cache keeps. The even states come first."""
+    """Projected matrices, the content of the cache; the even states come first."""
 
     #: at k = h = 1, (states, states)
     conduction: Array
     surface: Array
     clamp: Array
-    transport: Array  #: at one turn of the tool in 2 pi seconds, (even, odd)
+    transport: Array  #: for one turn of the tool in 2 pi seconds, (even, odd)
     #: as in ``projection.py``, (positions, even), (2, positions) and (positions,)
     probe: Array
     shoulder: Array
@@ -44,9 +44,9 @@ class Compact:
 
 
 class CompactCanister(HeatModel):
-    """The stir zone's heat, stepped exactly for a power, a traverse speed and an axial position that are held.
+    """The stir zone's heat, stepped exactly for constant power, traverse speed and axial position.
 
-    Parameters and compact model are of the same geometry.
+    Parameters and compact model must have the same geometry.
     """
 
     def __init__(self, parameters: CanisterParameters, compact: Compact) -> None:
@@ -55,7 +55,7 @@ class CompactCanister(HeatModel):
         rest = p.into_copper(*q.rest_k_per_w) * (TYPICAL["k"] / p.conductivity_w_per_m_k)
         super().__init__(p, q.axial_mm, source, q.rim, rest)
         self._even, odd = q.transport.shape
-        self.states = self._even + odd  #: real numbers in a state
+        self.states = self._even + odd  #: number of real states
         matrix = p.conductivity_w_per_m_k * q.conduction + p.surface_w_per_m2_k * q.surface
         self._decay = (matrix + p.clamp_w_per_m2_k * q.clamp) / p.heat_capacity_j_per_m3_k
         self._transport = q.transport
@@ -83,7 +83,7 @@ class CompactCanister(HeatModel):
         return CanisterState(modes, state.angle_rad + turned, axial_mm, power_kw)
 
     def over(self, traverse_mm_per_s: float, dt_s: float) -> tuple[Array, Array]:
-        """What a step keeps of the states, (states, states), and what it makes of a source, (states, even ones)."""
+        """Transition, (states, states), and input matrix of a source, (states, even states)."""
         key = (traverse_mm_per_s, dt_s)
         if key not in self._known:
             from scipy.linalg import expm
@@ -111,7 +111,7 @@ class CompactCanister(HeatModel):
         )
 
     def tables(self) -> dict[str, Array]:
-        """The model as numbers, for another language: of which :meth:`over` is made, and what is tabulated."""
+        """The model as numbers for other languages: matrices of :meth:`over` and tables."""
         return {
             "decay": self._decay,
             "transport": self._transport,

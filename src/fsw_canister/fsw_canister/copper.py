@@ -18,7 +18,7 @@ TABLE_K = (200.0, 300.0, 400.0, 600.0, 800.0, 1000.0, 1200.0)
 CONDUCTIVITY_W_PER_M_K = (413.0, 401.0, 393.0, 379.0, 366.0, 352.0, 339.0)
 HEAT_CAPACITY_J_PER_KG_K = (356.0, 385.0, 397.0, 417.0, 433.0, 451.0, 480.0)
 _GRID_C = np.arange(-73.0, 1500.0)
-#: copper for which the basis is made [W/(m K), J/(m3 K), W/(m2 K)]; it serves others as well
+#: copper for which the basis is computed [W/(m K), J/(m3 K), W/(m2 K)]; valid for others as well
 TYPICAL = {"k": 370.0, "rho_c": 3.8e6, "surface": 20.0, "clamp": 300.0, "shoulder": 0.77}
 
 
@@ -33,16 +33,17 @@ def heat_capacity(temperature_c: ArrayLike) -> Array:
 
 
 class Kirchhoff:
-    """Temperature and theta = integral of k(T)/k(reference) from ambient to T, in which conduction is linear.
+    """Kirchhoff transform: theta = integral of k(T)/k(reference) from ambient to T.
 
-    With constant properties theta is T less the ambient temperature.
+    Conduction is linear in theta. With constant properties theta is T less the ambient
+    temperature.
     """
 
     def __init__(self, parameters: CanisterParameters) -> None:
         p = parameters
         self.linear = p.properties == "constant"
         self.ambient_c = p.ambient_c
-        #: temperature, theta, and the heat stored in a volume since ambient, with c(T)
+        #: temperature, theta, and the heat per volume above ambient, with c(T)
         self.grid_c = np.sort(np.append(_GRID_C, p.ambient_c))
         relative_k = conductivity(self.grid_c) / conductivity(p.reference_c)
         reference_c = heat_capacity(p.reference_c)
@@ -59,15 +60,15 @@ class Kirchhoff:
         return np.asarray(total - np.interp(self.ambient_c, self.grid_c, total))
 
     def theta(self, temperature_c: ArrayLike) -> Array:
-        """Theta [K] of temperatures."""
+        """Theta [K] for temperatures."""
         return np.asarray(np.interp(np.asarray(temperature_c), self.grid_c, self.theta_k))
 
     def heat(self, temperature_c: ArrayLike) -> Array:
-        """Heat stored in a volume since ambient [J/m3], with c(T)."""
+        """Heat per volume above ambient [J/m3], with c(T)."""
         return np.asarray(np.interp(np.asarray(temperature_c), self.grid_c, self.heat_j_per_m3))
 
     def temperature_c(self, theta_k: ArrayLike) -> Array:
-        """Temperatures of theta."""
+        """Temperatures for theta."""
         if self.linear:
             return np.asarray(theta_k) + self.ambient_c
         return np.asarray(np.interp(np.asarray(theta_k), self.theta_k, self.grid_c))

@@ -1,4 +1,4 @@
-"""Parameters of the canister's end: geometry, copper, heat in and out, discretisation; values of no other equation."""
+"""Parameters of the canister's end: geometry, copper, heat in and out, discretisation."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from pydantic import model_validator
 from fsw_schema.models import Parameters, Whole
 from fsw_schema.ranges import Range
 
-#: of :class:`CanisterParameters`: all that the finite elements and the projection depend on; the
-#: rest is free after it
+#: fields of :class:`CanisterParameters` that finite elements and projection depend on; the others
+#: may change afterwards
 SHAPE = (
     *("shape", "outer_radius_mm", "wall_mm", "rim_mm", "lid_mm", "lid_from_mm", "tube_mm"),
     *(
@@ -29,67 +29,67 @@ STEFAN_BOLTZMANN = 5.670374e-8
 
 
 class CanisterParameters(Parameters):
-    """The canister's end and the heat that flows in and out of it; all values are chosen where no source is named."""
+    """The canister's end and its heat in and out; values without a named source are chosen."""
 
     what = "canister parameters"
     example = "wall_mm: 49.0"
 
     shape: Literal["cylinder", "plate"] = "cylinder"
-    """A cylinder with a lid, or unrolled to a plate without one, of the same circumference, for comparison with closed
-    forms."""
+    """A cylinder with a lid, or unrolled to a plate without one, of the same circumference, for
+    comparison with closed-form solutions."""
     outer_radius_mm: Annotated[float, Range(50.0, 5000.0, "mm")] = 525.0
     """Outer radius of the tube: a canister of about 1.05 m; one turn at 86 mm/min takes 38 min."""
     wall_mm: Annotated[float, Range(5.0, 500.0, "mm")] = 50.0
     """Thickness of the wall and of the lid's rim; paper."""
     rim_mm: Annotated[float, Range(20.0, 2000.0, "mm")] = 135.0
-    """Height of the lid's rim above the joint line, the edge that heat does not pass: 60 mm above the start line."""
+    """Height of the rim above the joint line, an adiabatic edge 60 mm above the start line."""
     lid_mm: Annotated[float, Range(0.0, 500.0, "mm")] = 50.0
     """Thickness of the lid's plate; 0 for none."""
     lid_from_mm: Annotated[float, Range(-500.0, 500.0, "mm")] = 35.0
-    """Lower face of the lid's plate above the joint line; there the shoulder just passes below it."""
+    """Lower face of the lid's plate above the joint line; the shoulder just passes below it."""
     tube_mm: Annotated[float, Range(100.0, 10000.0, "mm")] = 2000.0
-    """Length of the tube below the joint line that is computed, with an insulated end."""
+    """Length of the modelled tube below the joint line, with an adiabatic end."""
     probe_radius_mm: Annotated[float, Range(1.0, 100.0, "mm")] = 15.0
-    """Radius within which the probe's heat is made, evenly, and at whose rim the stir zone's temperature is taken; that
-    of the contact at zero depth, paper (21)."""
+    """Radius of the probe's uniform heat source, at whose rim the stir zone's temperature is
+    taken: the contact at zero depth, paper (21)."""
     probe_length_mm: Annotated[float, Range(1.0, 500.0, "mm")] = 50.0
     """Length of the probe, from the outer surface inwards; paper."""
     shoulder_radius_mm: Annotated[float, Range(2.0, 200.0, "mm")] = 35.0
-    """Radius of the shoulder; paper. Its heat is made between this and the probe's radius, in proportion to r."""
+    """Radius of the shoulder; paper. Its heat is proportional to r outside the probe's radius."""
     shoulder_share: Annotated[float, Range(0.0, 1.0, "")] = 0.77
-    """Share of the heat into the copper that the shoulder makes: its share of G at the operating point, paper (22)."""
+    """Share of the shoulder in the copper's heat: of G at the operating point, paper (22)."""
     tool_share: Annotated[float, Range(0.0, 0.9, "")] = 0.05
-    """Share of the power that goes into tool and machine."""
+    """Share of the power that flows into tool and machine."""
     conductivity_w_per_m_k: Annotated[float, Range(1.0, 2000.0, "W/(m K)")] = 382.6
-    """Conductivity k of the copper at the reference temperature; Incropera, Table A.1 by default."""
+    """Conductivity k of copper at the reference temperature; default: Incropera, Table A.1."""
     heat_capacity_j_per_kg_k: Annotated[float, Range(10.0, 5000.0, "J/(kg K)")] = 411.8
-    """Specific heat c of the copper at the reference temperature; Incropera, Table A.1 by default."""
+    """Specific heat c of copper at the reference temperature; default: Incropera, Table A.1."""
     density_kg_per_m3: Annotated[float, Range(100.0, 30000.0, "kg/m3")] = 8933.0
-    """Density of the copper, that of the cold canister, as the geometry is; Incropera, Table A.1."""
+    """Density of copper in the cold canister, as the geometry is cold; Incropera, Table A.1."""
     properties: Literal["constant", "kirchhoff"] = "kirchhoff"
-    """Whether k is constant, or varies with the temperature as in Table A.1 while k/c is constant."""
+    """Whether k is constant, or varies as in Table A.1 while k/c is constant."""
     reference_c: Annotated[float, Range(0.0, 1000.0, "degC")] = 275.0
-    """Temperature to which k and c belong: with the default the linear model errs by 2 to 3 % of the rise."""
+    """Temperature of k and c; with the default the linear model errs by 2 to 3 % of the rise."""
     convection_w_per_m2_k: Annotated[float, Range(0.0, 1000.0, "W/(m2 K)")] = 10.0
     """Convection to air at the outer surface, the rim and the lid's top."""
     emissivity: Annotated[float, Range(0.0, 1.0, "")] = 0.3
     """Emissivity of the same surfaces, between polished and oxidised copper."""
     radiation_c: Annotated[float, Range(0.0, 1000.0, "degC")] = 200.0
-    """Temperature of the surface at which radiation is made linear."""
+    """Surface temperature at which radiation is linearised."""
     clamp_w_per_m2_k: Annotated[float, Range(0.0, 20000.0, "W/(m2 K)")] = 300.0
     """Heat transfer to the clamp around the tube."""
     clamp_from_mm: Annotated[float, Range(0.0, 10000.0, "mm")] = 200.0
-    """Where the clamp begins, below the joint line."""
+    """Upper end of the clamp, below the joint line."""
     clamp_to_mm: Annotated[float, Range(0.0, 10000.0, "mm")] = 300.0
-    """Where the clamp ends, below the joint line."""
+    """Lower end of the clamp, below the joint line."""
     ambient_c: Annotated[float, Range(-50.0, 500.0, "degC")] = 20.0
     """Temperature of air, clamp and cold canister."""
     lowest_mm: Annotated[float, Range(-1000.0, 0.0, "mm")] = -30.0
-    """Lowest position of the tool, relative to the joint line; the highest is where the shoulder meets the edge."""
+    """Lowest tool position relative to the joint line; the highest is at the rim's edge."""
     element_mm: Annotated[float, Range(0.5, 50.0, "mm")] = 7.5
-    """Size of the quadratic finite elements where the tool passes; they grow away from there."""
+    """Size of the quadratic finite elements along the tool's path; they grow away from it."""
     tolerance_k: Annotated[float, Range(1e-5, 1.0, "K")] = 0.008
-    """Hankel singular value below which the reduction leaves out a direction, at 50 kW."""
+    """Hankel singular value below which the reduction drops a direction, at 50 kW."""
     modes: Annotated[Whole, Range(8, 2000, "")] = 160
     """Fourier modes around the circumference."""
 
@@ -118,7 +118,8 @@ class CanisterParameters(Parameters):
             raise ValueError("clamp_to_mm must be more than clamp_from_mm and at most tube_mm")
         if self.element_mm > 0.5 * self.probe_radius_mm:
             raise ValueError(
-                f"element_mm is too coarse for the probe: at most {0.5 * self.probe_radius_mm:g} mm"
+                f"element_mm is too coarse for the probe: "
+                f"at most {0.5 * self.probe_radius_mm:g} mm"
             )
         if self.modes < (least := 2.5 * self.outer_radius_mm / self.probe_radius_mm):
             raise ValueError(f"modes are too few for the probe: at least {least:.0f}")
@@ -126,22 +127,22 @@ class CanisterParameters(Parameters):
 
     @property
     def highest_mm(self) -> float:
-        """Highest position of the tool above the joint line, at which the shoulder meets the edge of the rim."""
+        """Highest tool position above the joint line: the shoulder meets the edge of the rim."""
         return self.rim_mm - self.shoulder_radius_mm
 
     @property
     def surface_w_per_m2_k(self) -> float:
-        """Convection and linear radiation (secant at ``radiation_c``)."""
+        """Convection and linearised radiation (secant at ``radiation_c``)."""
         surface, air = self.radiation_c + ZERO_C, self.ambient_c + ZERO_C
         radiation = self.emissivity * STEFAN_BOLTZMANN * hypot(surface, air) ** 2 * (surface + air)
         return self.convection_w_per_m2_k + radiation
 
     @property
     def heat_capacity_j_per_m3_k(self) -> float:
-        """Heat capacity of a volume."""
+        """Heat capacity per volume."""
         return self.density_kg_per_m3 * self.heat_capacity_j_per_kg_k
 
     def into_copper(self, probe: Any, shoulder: Any) -> Any:
-        """What 1 kW does, from what 1 W of probe and of shoulder into the copper do."""
+        """Effect of 1 kW, from the effects of 1 W of probe and of shoulder into the copper."""
         shared = (1.0 - self.shoulder_share) * probe + self.shoulder_share * shoulder
         return 1e3 * (1.0 - self.tool_share) * shared

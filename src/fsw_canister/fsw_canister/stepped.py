@@ -1,4 +1,4 @@
-"""What the models of the canister's heat have in common: the state, the tool's position, and checked inputs."""
+"""Common base of the canister's heat models: state, tool position and checked inputs."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from fsw_canister.parameters import CanisterParameters
 from fsw_schema.models import InputError
 
 Complex = NDArray[np.complex128]
-#: in which heating-up before the first tick must come to an end, chosen
+#: longest heating-up before the first tick, chosen
 LONGEST_HEATING_S = 1800.0
 
 
 @dataclass(frozen=True, slots=True)
 class CanisterState:
-    """Heat in the canister and where the tool is."""
+    """Heat in the canister, and the tool's position."""
 
-    #: amplitudes of theta (``copper.py``) in the vectors of the model: complex ones, or real ones
-    #: in the tool's frame
+    #: amplitudes of theta (``copper.py``) for the model's vectors: complex, or real in the tool's
+    #: frame
     modes: Complex | Array
-    angle_rad: float = 0.0  #: place of the tool around the canister from its start
-    axial_mm: float = 0.0  #: and above the joint line
-    power_kw: float = 0.0  #: of the last step
+    angle_rad: float = 0.0  #: tool position around the canister from its start
+    axial_mm: float = 0.0  #: tool position above the joint line
+    power_kw: float = 0.0  #: power of the last step
 
     def copy(self) -> CanisterState:
         """Independent copy."""
@@ -36,17 +36,17 @@ class CanisterState:
 
 
 class HeatModel(ABC):
-    """Heat in the canister about the tool, stepped for inputs that are held.
+    """Heat in the canister about the tool, stepped with constant inputs.
 
     Parameters
     ----------
     parameters : CanisterParameters
     axial_mm : (positions,) array
-        Evenly spaced positions, for which the next are tabulated.
+        Evenly spaced positions of the following tables.
     source, rim : (positions, n) arrays
-        Heat of 1 kW into the states, and the stir zone's temperature of them.
+        Heat of 1 kW into the states, and the stir zone's temperature by the states.
     rest_k_per_kw : (positions,) array
-        What answers at once.
+        Direct feedthrough from power to temperature.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class HeatModel(ABC):
 
     @abstractmethod
     def initial(self, *, axial_mm: float = 0.0) -> CanisterState:
-        """A canister at the ambient temperature everywhere."""
+        """Return a canister at ambient temperature everywhere."""
 
     @abstractmethod
     def step(
@@ -74,10 +74,10 @@ class HeatModel(ABC):
         axial_mm: float,
         dt_s: float = 0.1,
     ) -> CanisterState:
-        """State after a step, with the inputs held.
+        """Return the state after a step with constant inputs.
 
         The power (24) includes the tool's share; the traverse speed is that at the outer surface,
-        backwards if negative; the tool's axial position is that above the joint line.
+        negative for backwards; the axial position is relative to the joint line.
 
         Raises
         ------
@@ -87,29 +87,31 @@ class HeatModel(ABC):
 
     @abstractmethod
     def stir_zone_temperature_c(self, state: CanisterState) -> float:
-        """Mean temperature at the probe's rim; it takes the place of the copper's temperature of (16)."""
+        """Mean temperature at the probe's rim, which replaces the copper temperature of (16)."""
 
     def _checked(self, axial_mm: float) -> float:
         low, high = self.parameters.lowest_mm, self.parameters.highest_mm
         if not low - 1e-9 <= axial_mm <= high + 1e-9:
             raise InputError(
-                f"canister: tool at {axial_mm:g} mm is off the copper; {low:g} to {high:g} mm above the joint"
+                f"canister: tool at {axial_mm:g} mm is off the copper; "
+                f"{low:g} to {high:g} mm above the joint"
             )
         return axial_mm
 
     def _check(
         self, power_kw: float, traverse_mm_per_s: float, axial_mm: float, dt_s: float
     ) -> None:
-        """Refuse inputs of a step that make no sense."""
+        """Reject invalid inputs of a step."""
         if not isfinite(power_kw + traverse_mm_per_s + axial_mm):
             raise InputError(
-                f"canister: power {power_kw} kW, traverse {traverse_mm_per_s} mm/s, position {axial_mm} mm: not finite"
+                f"canister: power {power_kw} kW, traverse {traverse_mm_per_s} mm/s, "
+                f"position {axial_mm} mm: not finite"
             )
         if not 0.0 < dt_s < 1e6:
             raise InputError(f"canister: step of {dt_s} s; must be above 0")
 
     def _at(self, axial_mm: float) -> tuple[Array, Array, float]:
-        """Source, rim and what is left out there for a position, by cubics through the table."""
+        """Source, rim and feedthrough at a position, by cubic interpolation of the tables."""
         if axial_mm != self._table[0]:
             self._checked(axial_mm)
             grid = self._axial_mm
@@ -140,10 +142,11 @@ def heated(
     dt_s: float,
     missing_c: Callable[[CanisterState], float],
 ) -> CanisterState:
-    """A canister heated from ambient by a constant power, in steps of ``dt_s``.
+    """Heat a canister from ambient by a constant power, in steps of ``dt_s``.
 
     ``motion`` of the tool is traverse [mm/s] and position above the joint line [mm]. ``missing_c``
-    is called with each state, also that at ambient: what is missing, at most 0 where heating ends.
+    is called with each state, including the first: the remaining temperature rise; heating ends
+    at 0.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""How well the parameters of a model are known: a file beside the model file."""
+"""Uncertainty of a model's parameters: a file beside the model file."""
 
 from __future__ import annotations
 

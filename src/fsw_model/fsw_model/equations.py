@@ -4,8 +4,8 @@ Everything else is derived from here: the numeric step, the linearisation, the c
 prediction, generated C. ``p`` is a :class:`~fsw_model.parameters.ModelParameters`; units are mm,
 kN, rpm, degC, kW, N m, s, but SI inside (19)-(22). A state ``x`` has six entries, in the order of
 ``STATE_NAMES``: the three modes of (17), the two lags of (16), which the authors interpret as
-copper and tool in series, and the motor torque of (18). The dead time of (16) is kept apart, as
-the power of the steps that it spans.
+copper and tool in series, and the motor torque of (18). The dead time of (16) is handled
+separately, as the power of the steps that it spans.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ Matrix = NDArray[np.float64]
 
 
 def depth_mm(p: ModelParameters, creep: ca.SX, slow: ca.SX, fast: ca.SX, tool: ca.SX) -> ca.SX:
-    """Shoulder depth z_SD (27): Delta l is the sum of the modes of (17), Delta T the tool's temperature of (16)."""
+    """Shoulder depth z_SD (27) from the modes of (17) (Delta l) and the tool temperature (16)."""
     return (creep + slow + fast + p.operating_depth_mm) * (1.0 + p.softening_per_c * tool)
 
 
 def process_torque_nm(p: ModelParameters, force_kn: ca.SX, depth: ca.SX) -> ca.SX:
-    """Spindle torque M_sp that the tool exerts on the copper, (19)-(22)."""
+    """Spindle torque M_sp exerted by the tool on the copper, (19)-(22)."""
     depth_m = 1e-3 * depth
     radius_m = p.contact_radius_m + p.contact_slope * depth_m
     area_m2 = pi * radius_m**2  # (21)
@@ -49,7 +49,7 @@ def process_torque_nm(p: ModelParameters, force_kn: ca.SX, depth: ca.SX) -> ca.S
 
 
 def friction_torque_nm(p: ModelParameters, speed_rpm: ca.SX) -> ca.SX:
-    """Friction M_f of motor and transmission, measured in air, (8) = (23)."""
+    """Friction torque M_f of motor and transmission, measured in air, (8) = (23)."""
     return (
         p.friction_constant_nm
         + p.friction_linear_nm_per_rpm * speed_rpm
@@ -58,12 +58,12 @@ def friction_torque_nm(p: ModelParameters, speed_rpm: ca.SX) -> ca.SX:
 
 
 def power_kw(torque_nm: Any, speed_rpm: Any) -> Any:
-    """Power P (24) of a motor torque less the friction, of symbols, numbers or arrays."""
+    """Power P (24) of a torque (motor less friction), for symbols, numbers or arrays."""
     return torque_nm * speed_rpm * (pi / 30000.0)
 
 
 def depth_modes(p: ModelParameters) -> tuple[Matrix, Matrix]:
-    """Partial fractions of (17): modes ``dx/dt = poles x + gains Delta F``, and Delta l is their sum.
+    """Partial fractions of (17): ``dx/dt = poles x + gains Delta F``, Delta l is the sum of x.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def depth_modes(p: ModelParameters) -> tuple[Matrix, Matrix]:
 
 
 def thermal_block(p: ModelParameters) -> tuple[Matrix, Matrix]:
-    """The lags of (16) in series: ``dx/dt = a x + b Delta P(t - dead time)`` for x = (copper, tool) in degC.
+    """Lags of (16) in series, ``dx/dt = a x + b Delta P(t - dead time)``, x = (copper, tool).
 
     Returns
     -------
@@ -91,16 +91,17 @@ def thermal_block(p: ModelParameters) -> tuple[Matrix, Matrix]:
 
 
 def matrix_exponential(m: Matrix) -> Matrix:
-    """exp(m), by scipy (scaling and squaring with Pade approximants)."""
+    """Matrix exponential, by scipy (scaling and squaring with Pade approximants)."""
     from scipy.linalg import expm  # heavy to import, needed once per model
 
     return np.asarray(expm(m), dtype=np.float64)
 
 
 def power_response(p: ModelParameters, step_s: float, begin_s: float, span_s: float) -> Matrix:
-    """Response of (copper, tool), at rest before, to the part [begin, begin + span] of a step's power.
+    """Response of (copper, tool) from rest to the part [begin, begin + span] of a step's power.
 
-    Exact for the four functions of which the power within a step is made (``N_POWER``).
+    Exact for the four functions that make up the power within a step (``N_POWER``): the state is
+    extended by them, so that a single matrix exponential gives all integrals (Van Loan 1978).
 
     Returns
     -------
@@ -123,17 +124,17 @@ def power_response(p: ModelParameters, step_s: float, begin_s: float, span_s: fl
 def thermal_step(
     p: ModelParameters, overlap_s: float, span_s: float
 ) -> tuple[Matrix, Matrix, Matrix]:
-    """Exact step of (copper, tool) over ``span_s``, at most a step.
+    """Exact step of (copper, tool) over ``span_s``, at most one step.
 
-    The power that arrives meanwhile is of two steps of the past, when the dead time is no whole
-    number of steps.
+    If the dead time is not a whole number of steps, the power that arrives meanwhile comes from
+    two past steps.
 
     Parameters
     ----------
     p : ModelParameters
     overlap_s : float
-        How long power of the older of the two steps still arrives; the whole step for a dead time
-        of whole steps.
+        How long power of the older of the two steps still arrives; the whole step if the dead
+        time is a whole number of steps.
     span_s : float
 
     Returns
@@ -152,7 +153,7 @@ def thermal_step(
 
 
 def output_function(p: ModelParameters) -> ca.Function:
-    """CasADi function (x, force_kn, speed_rpm) -> outputs of the process under these inputs."""
+    """CasADi function (x, force_kn, speed_rpm) -> outputs of the process."""
     x = ca.SX.sym("x", N_STATES)
     force, speed = ca.SX.sym("force_kn"), ca.SX.sym("speed_rpm")
     depth = depth_mm(p, x[CREEP], x[SLOW], x[FAST], x[TOOL])
@@ -173,7 +174,7 @@ def output_function(p: ModelParameters) -> ca.Function:
 
 
 def dynamics_function(p: ModelParameters) -> ca.Function:
-    """CasADi function (x, arriving_kw, force_kn, speed_rpm) -> dx/dt, with Delta P of one dead time ago arriving."""
+    """CasADi function (x, arriving_kw, force_kn, speed_rpm) -> dx/dt; the power is delayed."""
     x = ca.SX.sym("x", N_STATES)
     arriving, force, speed = (
         ca.SX.sym("arriving_kw"),
@@ -198,14 +199,15 @@ def dynamics_function(p: ModelParameters) -> ca.Function:
 
 
 def step_function(p: ModelParameters, overlap_s: float) -> ca.Function:
-    """CasADi function of one step: (x, older power (4), newer power (4), force, speed) -> (x next, power (4), depth).
+    """CasADi function (x, older power (4), newer power (4), force, speed) -> next step.
 
-    ``older`` and ``newer`` are the power of the two steps that arrives during this one
-    (``thermal_step``); the power returned goes to the end of that queue. The dead time is no
-    shorter than the step, so the temperature within the step is known beforehand, and the step is
-    explicit. The linear blocks are exact. Of (18) only the process torque is approximated, by the
-    parabola through its values at start, middle and end; the jump of depth that settles within the
-    fast pole is taken out of it and put through (18) exactly, linear in the jump.
+    The results are (x next, power (4), depth). ``older`` and ``newer`` are the powers of the two
+    past steps that arrive during this one (``thermal_step``); the returned power goes to the end
+    of that queue. The dead time is at least a step, so the temperature within the step is known
+    beforehand, and the step is explicit. The linear blocks are exact. In (18) only the process
+    torque is approximated, by the parabola through its values at start, middle and end; the depth
+    jump that settles with the fast pole is separated from it and passed through (18) exactly, to
+    first order in the jump.
     """
     x = ca.SX.sym("x", N_STATES)
     older, newer = ca.SX.sym("older_kw", N_POWER), ca.SX.sym("newer_kw", N_POWER)
@@ -232,9 +234,9 @@ def driven_step_function(p: ModelParameters) -> ca.Function:
     """CasADi function of one step of a process whose copper is another model's.
 
     (x, copper at start and end as the tool meets it, force, speed) -> (x next, mean power, depth).
-    The copper's temperature takes the place of the first lag of (16): it is what it was a dead
-    time ago, linear within the step, which the lag of the tool follows exactly. The copper in
-    ``x`` stays.
+    The copper's temperature replaces the first lag of (16): it includes the dead time and is
+    linear within the step, which the tool's lag follows exactly. The copper in ``x`` is not
+    changed.
     """
     x = ca.SX.sym("x", N_STATES)
     copper = ca.SX.sym("copper_c", 2)
@@ -259,14 +261,14 @@ def _stepped(
     speed: ca.SX,
     thermal: Callable[[float], tuple[ca.SX, ca.SX]],
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """State after a step, power within it and depth at its end; ``thermal`` is copper and tool after a time."""
+    """State and depth after a step, and power in it; ``thermal`` gives copper and tool."""
     creep, slow, fast, _, tool, motor = ca.vertsplit(x)
     poles, gains = depth_modes(p)
     pushed = force - p.operating_force_kn  # (25)
-    settled = -gains[2] / poles[2] * pushed  # of the fast mode
+    settled = -gains[2] / poles[2] * pushed  # steady state of the fast mode
 
     def later(span_s: float) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Modes creep and slow, copper, tool; and the depth once the fast mode has settled."""
+        """Modes creep and slow, copper, tool, and the depth after the fast mode has settled."""
         decay = exp(poles[1] * span_s)
         slow_then = decay * slow + (decay - 1.0) / poles[1] * gains[1] * pushed
         creep_then = creep + gains[0] * span_s * pushed

@@ -1,4 +1,4 @@
-"""Parameters of the process model: value, origin and allowed range of each, and files of others."""
+"""Parameters of the process model: value, origin and range of each, and parameter files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fsw_schema.ranges import Range
 
 
 class ModelParameters(Parameters):
-    """Coefficients of equations (15)-(27), in the units of their names; the nominal ones by default.
+    """Coefficients of equations (15)-(27), in the units of their names; nominal by default.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class ModelParameters(Parameters):
         return self
 
     def scaled(self, **factors: float) -> ModelParameters:
-        """A copy with some values multiplied, e.g. ``scaled(thermal_gain_c_per_kw=1.2)``: a plant unlike its model.
+        """Return a copy with some values multiplied, e.g. ``scaled(thermal_gain_c_per_kw=1.2)``.
 
         Raises
         ------

@@ -27,7 +27,7 @@ class OperatingPointError(ValueError):
 
 @dataclass(slots=True)
 class ProcessState:
-    """State of the process: the six states and the power on its way through the dead time."""
+    """State of the process: the six states, and the power within the dead time."""
 
     x: tuple[float, ...]  #: in the order of ``equations.STATE_NAMES``
     #: power deviation (24) during each step of the last dead time, oldest first, see
@@ -53,7 +53,7 @@ class Outputs(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Equilibrium:
-    """Inputs, outputs and state at which nothing changes."""
+    """Inputs, outputs and state of a steady state (depth integrates, so any depth is one)."""
 
     force_kn: float
     speed_rpm: float
@@ -79,7 +79,7 @@ class Linearisation:
     dead_time_s: float
 
     def frequency_response(self, omega_rad_s: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Transfer matrix at n frequencies above 0 (depth integrates), the thermal-depth loop closed.
+        """Transfer matrix at n frequencies above 0, with the thermal-depth loop closed.
 
         Returns
         -------
@@ -96,16 +96,16 @@ class Linearisation:
 
 
 class _Numeric:
-    """A CasADi function of floats, called through its buffers by any thread, without the cost of an ordinary call."""
+    """A CasADi function of floats, called through its buffers: thread-safe and fast."""
 
     def __init__(self, function: ca.Function) -> None:
-        self._lock = Lock()  # plants of other threads may have the same buffers
+        self._lock = Lock()  # other threads' plants may use the same buffers
         self._given, self._result = np.zeros(function.nnz_in()), np.zeros(function.nnz_out())
         self._target = self._given.data
         self._put = Struct(
             f"{function.nnz_in()}d"
         ).pack_into  # half the time of an assignment to the array
-        self._buffer: Any  # has to live as long as what it evaluates
+        self._buffer: Any  # must live as long as the evaluation object
         self._buffer, self._evaluate = function.buffer()
         given_ends = np.cumsum([function.nnz_in(i) for i in range(function.n_in())])
         for i, part in enumerate(np.split(self._given, given_ends[:-1])):
@@ -115,7 +115,7 @@ class _Numeric:
             self._buffer.set_res(i, part.data)
 
     def __call__(self, *values: float) -> list[float]:
-        """All results one after the other, from all arguments one after the other."""
+        """Return all results in sequence, from all arguments in sequence."""
         with self._lock:
             self._put(self._target, 0, *values)
             self._evaluate()
@@ -123,12 +123,12 @@ class _Numeric:
 
 
 def driven_step(parameters: ModelParameters) -> Callable[..., list[float]]:
-    """:func:`fsw_model.equations.driven_step_function` of floats: all results from all arguments, one after another."""
+    """:func:`fsw_model.equations.driven_step_function` as a function of floats."""
     return _Numeric(equations.driven_step_function(parameters))
 
 
 class ProcessModel:
-    """Friction stir welding process, stepped at 10 Hz with inputs held between ticks.
+    """The friction stir welding process, stepped at 10 Hz with inputs held between ticks.
 
     Its parameters are the paper's by default. ``step_function`` and ``output_function`` are those
     of :mod:`fsw_model.equations`.
@@ -153,7 +153,7 @@ class ProcessModel:
         ------
         OperatingPointError
             If the shoulder would leave the copper (depth (27) not above 0) or an input is not
-            finite; the state is then as before.
+            finite; the state is then unchanged.
         """
         power = state.power
         result = self._step(
@@ -161,8 +161,9 @@ class ProcessModel:
         )
         if not (result[10] > 0.0 and isfinite(result[6])):  # written so that NaN fails too
             raise OperatingPointError(
-                f"process model: depth {result[10]:.4g} mm with {force_kn:.4g} kN, {speed_rpm:.4g} rpm; "
-                "the model is valid for finite inputs while the shoulder is in the copper, above 0 mm"
+                f"process model: depth {result[10]:.4g} mm with {force_kn:.4g} kN, "
+                f"{speed_rpm:.4g} rpm; the model is valid for finite inputs "
+                "while the shoulder is in the copper, above 0 mm"
             )
         state.x = tuple(result[:6])
         power.popleft()
@@ -173,14 +174,14 @@ class ProcessModel:
         return Outputs(*self._outputs(*state.x, force_kn, speed_rpm))
 
     def with_history(self, power: Sequence[Power]) -> deque[Power]:
-        """A history of this model's length from one of another model's, the newest kept, the oldest repeated."""
+        """Fit another model's power history to this one's length; repeats the oldest entry."""
         kept = list(power)[-self.delay_steps :]
         return deque([kept[0]] * (self.delay_steps - len(kept)) + kept)
 
     def equilibrium(
         self, depth_mm: float | None = None, temperature_c: float | None = None
     ) -> Equilibrium:
-        """Inputs and state that hold a depth and a temperature for ever, those of the operating point by default.
+        """Inputs and state that hold a depth and a temperature (default: the operating point).
 
         Depth integrates, so the force is the operating force at every depth; the speed gives the
         needed power.
@@ -202,8 +203,8 @@ class ProcessModel:
         softening = 1.0 + p.softening_per_c * rise_c
         if not (power_kw > 0.0 and softening > 0.0 and isfinite(temperature)):
             raise OperatingPointError(
-                f"no equilibrium at {temperature:.4g} degC: needs {power_kw:.4g} kW and a correction factor (27) of "
-                f"{softening:.4g}; both must be positive"
+                f"no equilibrium at {temperature:.4g} degC: needs {power_kw:.4g} kW and "
+                f"a correction factor (27) of {softening:.4g}; both must be positive"
             )
         force = p.operating_force_kn
         settled = (depth / softening - p.operating_depth_mm, 0.0, 0.0, rise_c, rise_c)
@@ -226,8 +227,9 @@ class ProcessModel:
             "slopes",
             [x, arriving, inputs],
             [
-                ca.jacobian(dynamics, x), ca.jacobian(dynamics, inputs), ca.jacobian(dynamics, arriving),
-                ca.jacobian(power, x), ca.jacobian(power, inputs), ca.jacobian(outputs, x),
+                ca.jacobian(dynamics, x), ca.jacobian(dynamics, inputs),
+                ca.jacobian(dynamics, arriving), ca.jacobian(power, x),
+                ca.jacobian(power, inputs), ca.jacobian(outputs, x),
             ],
         )  # fmt: skip
         a, b, b_power, c_power, d_power, c = (
@@ -267,12 +269,14 @@ class ProcessModel:
         """
         if len(force_kn) != len(speed_rpm):
             raise ValueError(
-                f"simulate: {len(force_kn)} forces but {len(speed_rpm)} speeds; give as many of each"
+                f"simulate: {len(force_kn)} forces but {len(speed_rpm)} speeds; "
+                "give as many of each"
             )
         state = (start or self.equilibrium()).state.copy()
         if len(state.power) != self.delay_steps:
             raise ValueError(
-                f"simulate: start has {len(state.power)} steps of dead time, model {self.delay_steps}"
+                f"simulate: start has {len(state.power)} steps of dead time, "
+                f"model {self.delay_steps}"
             )
         rows = []
         for force, speed in zip(force_kn, speed_rpm, strict=True):
