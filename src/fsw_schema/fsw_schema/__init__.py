@@ -1,1 +1,1 @@
-"""What people write in files and requests: its schema, ranges and YAML."""
+"""Schemas, ranges and YAML of files and requests that people write."""

@@ -1,4 +1,4 @@
-"""Entry points of programs that take long to import: Ctrl-C or SIGTERM meanwhile ends them quietly.
+"""Entry points of programs with a slow import, which Ctrl-C or SIGTERM can end quietly.
 
 Every name of this module stands for a package: ``fsw_schema.entry:fsw_plant.plant_node.main`` is
 an entry point that imports ``fsw_plant.plant_node`` when it is called and then calls its ``main``.
@@ -19,7 +19,7 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def quiet_start() -> Iterator[None]:
-    """For imports of a program that takes long to import: SIGINT and SIGTERM end the process at once with 0."""
+    """End the process at once with exit code 0 on SIGINT and SIGTERM during slow imports."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -32,7 +32,7 @@ def quiet_start() -> Iterator[None]:
 
 
 class Program:
-    """A function by its dotted path, which is imported when it is called."""
+    """A function given by its dotted path, imported when it is called."""
 
     def __init__(self, path: str) -> None:
         self._path = path
@@ -43,7 +43,7 @@ class Program:
         return Program(f"{self._path}.{name}")
 
     def __call__(self) -> int:
-        """Import and call it; returns its exit code, 0 when it is interrupted before it begins."""
+        """Import and call it; returns its exit code, 0 if it is interrupted before it begins."""
         module, _, function = self._path.rpartition(".")
         try:
             with quiet_start():

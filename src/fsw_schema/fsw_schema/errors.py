@@ -1,5 +1,5 @@
-"""The one error of wrong input, without what models need: a node that reads only parameters starts sooner."""
+"""The error for invalid input, in a module that imports nothing, so that nodes start quickly."""
 
 
 class InputError(ValueError):
-    """Invalid input from a person or a file; the message is one line: where, what, and what is allowed."""
+    """Invalid input from a person or a file; one line: where, what, and what is allowed."""

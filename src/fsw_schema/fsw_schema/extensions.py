@@ -1,4 +1,4 @@
-"""What installed distributions register by entry points, theirs and the user's: the one place that loads them.
+"""Loads what installed distributions, including the user's, register as entry points.
 
 Groups:
 
@@ -7,7 +7,7 @@ Groups:
 - ``fsw.nodes``: functions that run a node
 - ``fsw.controllers``: classes of controllers
 - ``fsw.processes``: functions that make the heat model of a plant's process
-- ``fsw.record_hooks``: functions of bag and procedure, which give the command that runs after a
+- ``fsw.record_hooks``: functions of bag and procedure that return the command to run after a
   recording
 - ``fsw.schemas``: models of files, by their kind
 - ``fsw.api``: public names of ``import fsw``
@@ -24,12 +24,12 @@ from fsw_schema.models import InputError
 
 @cache
 def extensions(group: str) -> dict[str, metadata.EntryPoint]:
-    """Entry points of a group by name, sorted; the same one of two distributions, e.g. of a clone in a workspace, once.
+    """Entry points of a group by name, sorted; identical ones of two distributions appear once.
 
     Raises
     ------
     fsw_schema.models.InputError
-        Two distributions give a name two meanings.
+        If two distributions give a name different meanings.
     """
     found: dict[str, metadata.EntryPoint] = {}
     for point in sorted(
@@ -44,12 +44,12 @@ def extensions(group: str) -> dict[str, metadata.EntryPoint]:
 
 
 def loaded(group: str, name: str) -> Any:
-    """What an entry point names; None where there is no such entry point.
+    """Load an entry point's object; None if there is no such entry point.
 
     Raises
     ------
     fsw_schema.models.InputError
-        It cannot be imported; the text names its distribution.
+        If it cannot be imported; the text names its distribution.
     """
     point = extensions(group).get(name)
     if point is None:
@@ -65,7 +65,7 @@ def loaded(group: str, name: str) -> Any:
 
 
 def all_loaded(group: str) -> dict[str, Any]:
-    """All that is registered in a group, by name; errors as :func:`loaded`."""
+    """All objects registered in a group, by name; errors as in :func:`loaded`."""
     return {name: loaded(group, name) for name in extensions(group)}
 
 

@@ -1,4 +1,4 @@
-"""Extras of the distributions: what only some commands and nodes need, and who installs it where it is missing."""
+"""Optional dependencies (extras) of the distributions, and their installation on demand."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 from fsw_schema.models import InputError
 
-#: installs the extra of a name into this environment; a clone of the repository sets it
+#: installs the extra of a name into this environment; set by a clone of the repository
 #: (scripts/_bootstrap.py)
 install: Callable[[str], None] | None = None
 
@@ -21,34 +21,37 @@ class MissingExtraError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class Extra:
-    """An extra of a distribution, and the modules by which it is recognised."""
+    """An extra of a distribution, and the modules that show whether it is installed."""
 
     distribution: str
     name: str
     modules: tuple[str, ...]
 
     def missing(self) -> list[str]:
-        """Modules that are not there, after an attempt to install them where that is possible."""
+        """Missing modules, after an attempt to install them if that is possible."""
         if self._absent() and install is not None:
             install(self.name)
             invalidate_caches()
         return self._absent()
 
     def need(self, what: str) -> None:
-        """Do nothing if it is installed.
+        """Ensure that it is installed.
 
         Raises
         ------
         MissingExtraError
-            It is not; ``what`` begins the text.
+            If it is not; ``what`` begins the text.
         """
         if absent := self.missing():
             verb = "is" if len(absent) == 1 else "are"
-            text = f"{what}: {', '.join(absent)} {verb} missing: pip install '{self.distribution}[{self.name}]'"
+            text = (
+                f"{what}: {', '.join(absent)} {verb} missing: "
+                f"pip install '{self.distribution}[{self.name}]'"
+            )
             raise MissingExtraError(text)
 
     def module(self, name: str, what: str) -> Any:
-        """One of its modules; errors as :meth:`need`."""
+        """Return one of its modules; errors as in :meth:`need`."""
         self.need(what)
         return import_module(name)
 

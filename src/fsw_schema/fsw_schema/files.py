@@ -1,4 +1,4 @@
-"""Files: how a user's file is read within bounds, where the cache is, and how a new file appears whole."""
+"""Bounded reading of users' files, the cache folder, and atomic writing of new files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-#: most bytes of a file that is read at once; as JSON that is at most some 400 MB in memory
+#: largest file that is read at once; as JSON that is at most some 400 MB in memory
 LONGEST_BYTES = 16 * 2**20
 _KINDS = {
     stat.S_IFIFO: "a pipe",
@@ -23,12 +23,12 @@ _KINDS = {
 
 
 def open_regular(path: str | Path) -> BinaryIO:
-    """Open a regular file for reading; never waits, as for the other end of a pipe.
+    """Open a regular file for reading; never blocks, for example on the other end of a pipe.
 
     Raises
     ------
     OSError
-        It cannot be opened, or is no regular file; ``strerror`` says what to do.
+        If it cannot be opened, or is not a regular file; ``strerror`` gives the remedy.
     """
     _check_regular(
         path, os.stat(path).st_mode
@@ -57,12 +57,12 @@ def _check_regular(path: str | Path, mode: int) -> None:
 
 
 def read_regular(path: str | Path, longest_bytes: int = LONGEST_BYTES) -> bytes:
-    """Content of a regular file.
+    """Return the content of a regular file.
 
     Raises
     ------
     OSError
-        As of :func:`open_regular`, or it is longer than ``longest_bytes``.
+        As in :func:`open_regular`, or if it is longer than ``longest_bytes``.
     """
     with open_regular(path) as file:
         size_bytes = os.fstat(file.fileno()).st_size
@@ -75,12 +75,12 @@ def read_regular(path: str | Path, longest_bytes: int = LONGEST_BYTES) -> bytes:
 
 
 def user_cache(name: str) -> Path:
-    """Folder of a package in the user's cache, after the XDG Base Directory Specification.
+    """Folder of a package in the user's cache, by the XDG Base Directory Specification.
 
     Raises
     ------
     RuntimeError
-        There is no home folder.
+        If there is no home folder.
     """
     cache = os.environ.get("XDG_CACHE_HOME", "")
     return (Path(cache) if os.path.isabs(cache) else Path.home() / ".cache") / name
@@ -88,16 +88,16 @@ def user_cache(name: str) -> Path:
 
 @contextmanager
 def replacing(path: Path, mode: int = 0o666) -> Iterator[Path]:
-    """A new, empty file beside ``path`` to be written, which takes its place at the end, or is removed after an error.
+    """Yield a new file beside ``path`` that replaces it at the end, or is removed after an error.
 
-    So nobody ever reads half a file, and several processes may write it at once. It has the suffix
-    of ``path``. A link is followed; what is no file, as ``/dev/stdout``, is never replaced but
-    written itself. The new file has the ``mode``, less the umask.
+    Nobody ever reads half a file, and several processes may write it at once. It has the suffix
+    of ``path``. Links are followed; anything but a file, such as ``/dev/stdout``, is never
+    replaced but written directly. The new file has the ``mode``, less the umask.
 
     Raises
     ------
     OSError
-        The file cannot be made, written or replaced; it names ``path``.
+        If the file cannot be created, written or replaced; the error names ``path``.
     """
     if path.exists() and not path.is_file():
         yield path
@@ -119,12 +119,12 @@ def replacing(path: Path, mode: int = 0o666) -> Iterator[Path]:
 def write_whole(
     path: Path, content: str | bytes, mode: int = 0o666, durable: bool = False
 ) -> None:
-    """Write a file as :func:`replacing` does, text in UTF-8; ``durable``: it is on the disk before it takes its place.
+    """Write a file as :func:`replacing` does, text in UTF-8; ``durable``: synced to disk first.
 
     Raises
     ------
     OSError
-        As of :func:`replacing`.
+        As in :func:`replacing`.
     """
     with replacing(path, mode) as scratch, scratch.open("wb") as file:
         file.write(content.encode() if isinstance(content, str) else content)
@@ -135,12 +135,12 @@ def write_whole(
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """One process at a time works in a folder, which is made if need be; others wait.
+    """Lock a folder, created if necessary, for one process at a time; others wait.
 
     Raises
     ------
     OSError
-        The folder cannot be made or opened.
+        If the folder cannot be created or opened.
     """
     folder.mkdir(parents=True, exist_ok=True)
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)

@@ -1,9 +1,8 @@
-"""Declarative checks of user input, in files and requests: one base model, one kind of error, one text format.
+"""Declarative validation of user input in files and requests: base model, error, text format.
 
 A model is a subclass of :class:`Model`. A number with a range is ``Annotated[float, RANGE]``,
-RANGE a :class:`fsw_schema.ranges.Range`, which brings the unit; a docstring below a field says
-what it is. From the same definition come the check, the error texts, the JSON Schema and the
-reference pages.
+RANGE a :class:`fsw_schema.ranges.Range` with the unit; a docstring below a field describes it.
+The same definition gives the check, the error texts, the JSON Schema and the reference pages.
 """
 
 from __future__ import annotations
@@ -38,11 +37,11 @@ from fsw_schema.yaml_text import content_of as content_of
 from fsw_schema.yaml_text import json_content_of as json_content_of
 
 _MOST_PROBLEMS = 10
-#: similar names are searched for in so many errors; a large file of another kind has tens of
+#: number of errors for which similar names are searched; a large file of another kind has tens of
 #: thousands
 _MOST_COMPARED = 200
 _NAME = "^[A-Za-z0-9_]+$"
-#: what a value is not, by pydantic's type of error
+#: expected kind of value by pydantic's type of error
 _KINDS = {
     **dict.fromkeys(
         ("model_type", "dict_type", "mapping_type", "model_attributes_type"), "a mapping"
@@ -56,9 +55,9 @@ _KINDS = {
 }
 
 T = TypeVar("T")
-#: a list in the file
+#: a list in a file
 Many = Annotated[tuple[T, ...], Strict(False)]
-#: a number without decimals, also as 1e6
+#: a whole number, also written as 1e6
 Whole = Annotated[int, BeforeValidator(lambda value: int(value) if _is_whole(value) else value)]
 #: a word without spaces
 Name = Annotated[str, Field(pattern=_NAME)]
@@ -69,9 +68,9 @@ def _is_whole(value: Any) -> bool:
 
 
 class Model(BaseModel):
-    """Base of all models: immutable, without unknown keys; numbers are finite, and neither true nor text is one.
+    """Base of all models: immutable, no unknown keys; numbers are finite, never booleans or text.
 
-    A key without a value counts as left out.
+    A key without a value counts as absent.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
@@ -79,7 +78,7 @@ class Model(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _prepare(cls, content: Any, info: ValidationInfo) -> Any:
-        """Note which model a mapping is for, so that an error about a key can name those that there are."""
+        """Note the model of a mapping, so that errors about a key can list the known ones."""
         if info.context is not None:
             info.context[id(content)] = cls
         if isinstance(content, dict):
@@ -87,14 +86,14 @@ class Model(BaseModel):
         return content
 
     def changed(self, **values: Any) -> Self:
-        """A copy with other values in some fields, checked as a new one; errors as of :func:`validate`."""
+        """Return a copy with some fields changed, validated; errors as in :func:`validate`."""
         return validate(type(self), dict(self) | values, type(self).__name__)
 
 
 class Parameters(Model):
-    """Parameters that all have defaults, of which a file gives those that differ.
+    """Parameters with defaults; a file gives those that differ.
 
-    ``what`` names them in errors; ``example`` is what a file may hold.
+    ``what`` names them in errors; ``example`` is an example of a file's content.
     """
 
     what: ClassVar[str]
@@ -114,7 +113,7 @@ class Parameters(Model):
         Raises
         ------
         InputError
-            If the text is not a mapping or empty, or a name or value is not valid.
+            If the text is empty or not a mapping, or a name or value is invalid.
         """
         where = where or cls.what
         content = content_of(text, where)
@@ -124,7 +123,7 @@ class Parameters(Model):
 
     @classmethod
     def from_file(cls, path: str | Path) -> Self:
-        """Read a YAML file, see :meth:`from_yaml`; also one that cannot be read is an InputError."""
+        """Read a YAML file, see :meth:`from_yaml`; an unreadable one is an InputError, too."""
         return cls.from_yaml(read_text(path, cls.what), str(path))
 
 
@@ -132,8 +131,8 @@ M = TypeVar("M", bound=Model)
 
 
 def problem(text: str, *path: str | int) -> ValidationError:
-    """The error for a validator to raise when something is wrong further inside, at ``path``."""
-    # braces would be taken for the names of a template
+    """Error for a validator to raise about a nested value at ``path``."""
+    # braces would be parsed as names of a template
     error = PydanticCustomError("problem", "{text}", {"text": text})
     return ValidationError.from_exception_data(
         "", [InitErrorDetails(type=error, loc=path, input=None)]
@@ -141,19 +140,19 @@ def problem(text: str, *path: str | int) -> ValidationError:
 
 
 def needs_one(entry: M, *keys: str) -> M:
-    """For a validator: the entry, if at least one of the keys is given."""
+    """Return the entry if at least one of the keys is given; for validators."""
     if all(getattr(entry, key) is None for key in keys):
         raise ValueError(f"needs {', '.join(keys[:-1])} or {keys[-1]}")
     return entry
 
 
 def validate(model: type[M], content: Any, where: str) -> M:
-    """Content of a file or a request, as YAML or JSON has it, as a model; ``where`` names it in the message.
+    """Validate the content of a file or request as a model; ``where`` names it in the message.
 
     Raises
     ------
     InputError
-        If it does not fit; the message lists all problems with their places.
+        If it is invalid; the message lists all problems with their places.
     """
     models: dict[int, type[Model]] = {}
     try:
@@ -173,12 +172,12 @@ def shipped_names(folder: Path) -> list[str]:
 
 
 def read_text(source: str | Path, what: str, shipped: Path | None = None) -> str:
-    """Text of a file, or of one in the folder ``shipped`` by its name.
+    """Return the text of a file, or of a file in the folder ``shipped`` by its name.
 
     Raises
     ------
     InputError
-        If it cannot be read; ``what`` says what it should be.
+        If it cannot be read; ``what`` is its expected content.
     """
     names = shipped_names(shipped) if shipped else []
     file = Path(source)
@@ -197,11 +196,10 @@ def read_text(source: str | Path, what: str, shipped: Path | None = None) -> str
 
 @cache
 def descriptions(model: type[BaseModel]) -> dict[str, str]:
-    """What the docstrings below the fields of a model say, by field; of a field without one, its own description.
+    """Descriptions of a model's fields: their docstrings, else the field's own description.
 
-    They are read when they are asked for: ``use_attribute_docstrings`` of pydantic reads the
-    source of every model when it is imported, which took up to a fifth of the time in which a node
-    starts.
+    They are read on demand: pydantic's ``use_attribute_docstrings`` reads the source of every
+    model at import, which took up to a fifth of a node's start-up time.
     """
     found = {
         name: field.description for name, field in model.model_fields.items() if field.description
@@ -212,7 +210,7 @@ def descriptions(model: type[BaseModel]) -> dict[str, str]:
             or one is Model
             or one.__pydantic_generic_metadata__["origin"]
         ):
-            # a generic model with its types has no source but that of the generic one, its base
+            # a generic model with its types has no source of its own, only its base has
             continue
         try:
             (definition,) = ast.parse(dedent(inspect.getsource(one))).body
@@ -239,17 +237,17 @@ def range_of(model: type[Model], field: str) -> Range:
     info = model.model_fields[field]
     inside = (
         one for kind in get_args(info.annotation) for one in get_args(kind)[1:]
-    )  # of one that may be left out
+    )  # of an optional one
     return next(one for one in (*info.metadata, *inside) if isinstance(one, Range))
 
 
 def without_default(schema: dict[str, Any]) -> None:
-    """For ``Field(json_schema_extra=...)``: the default stands for a value that is left out, and is none to write."""
+    """For ``Field(json_schema_extra=...)``: mark a default that stands for absence."""
     del schema["default"]
 
 
 class _GenerateJsonSchema(GenerateJsonSchema):
-    """JSON Schema in which what may be left out is not also null, and keys do not repeat their names as titles."""
+    """JSON Schema in which optional is not nullable, and keys do not repeat as titles."""
 
     def model_schema(self, schema: core_schema.ModelSchema) -> JsonSchemaValue:
         found = super().model_schema(schema)
@@ -274,7 +272,7 @@ class _GenerateJsonSchema(GenerateJsonSchema):
 
 
 class _Problem(NamedTuple):
-    """What is wrong; of an unknown key also those that are known, and the nearest of them."""
+    """Text of an error; for an unknown key also the known ones and the most similar of them."""
 
     text: str
     known: str = ""
@@ -282,7 +280,7 @@ class _Problem(NamedTuple):
 
 
 def _known_once(problems: Iterable[_Problem]) -> Iterator[str]:
-    """The problems in words, each list of known keys only where it occurs first."""
+    """Texts of the problems, each list of known keys only at its first occurrence."""
     told: set[str] = set()
     for text, known, near in problems:
         hint = f"; did you mean {near}?" if near else ""
@@ -292,7 +290,7 @@ def _known_once(problems: Iterable[_Problem]) -> Iterator[str]:
 
 
 def _problem(error: ErrorDetails, content: Any, models: Mapping[int, type[Model]]) -> _Problem:
-    """One problem with its place."""
+    """Text of a problem with its place."""
     path, inside, parent = "", content, content
     for step in error["loc"][: -1 if error["type"] == "missing" else None]:
         parent = inside
@@ -310,7 +308,7 @@ def _problem(error: ErrorDetails, content: Any, models: Mapping[int, type[Model]
     return _Problem(text, ", ".join(known), near[0] if near else "")
 
 
-#: kinds of errors of a key that a model does not have
+#: error types of a key that a model does not have
 _UNKNOWN_KEY = ("extra_forbidden", "invalid_key")
 
 
@@ -324,7 +322,10 @@ def _text(error: ErrorDetails) -> str:
     if kind == "union_tag_not_found":
         return f"lacks {_plain(ctx['discriminator'])}"
     if kind == "union_tag_invalid":
-        return f"has {_plain(ctx['discriminator'])} {ctx['tag']!r}; one of {_plain(ctx['expected_tags'])}"
+        return (
+            f"has {_plain(ctx['discriminator'])} {ctx['tag']!r}; "
+            f"one of {_plain(ctx['expected_tags'])}"
+        )
     if kind == "literal_error":
         return f"is {shown}; one of {_plain(ctx['expected'])}"
     if kind == "string_pattern_mismatch" and ctx["pattern"] == _NAME:

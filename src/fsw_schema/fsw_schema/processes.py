@@ -1,18 +1,18 @@
-"""Environment of programs that are not Python: compilers, npm, the system's tools."""
+"""Environment for programs that are not Python: compilers, npm, system tools."""
 
 from __future__ import annotations
 
 import os
 import sys
 
-#: set by the wheels of ROS 2 when they start the interpreter again with their libraries in
+#: set by the ROS 2 wheels when they restart the interpreter with their libraries in
 #: LD_LIBRARY_PATH
 _WHEELS_READY = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 _PATH = "LD_LIBRARY_PATH"
 
 
 def tool_environment() -> dict[str, str]:
-    """The environment of this process without the library path that the wheels of ROS 2 have added.
+    """Return this process's environment without the library path that the ROS 2 wheels added.
 
     A sourced ROS 2 keeps its own.
     """

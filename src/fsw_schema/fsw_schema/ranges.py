@@ -1,4 +1,4 @@
-"""Range of a number with its unit."""
+"""Ranges of numbers with their units."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Closed interval with its unit; in ``Annotated[float, RANGE]`` of a model it is checked and in the JSON Schema."""
+    """Closed interval with its unit; ``Annotated[float, RANGE]`` checks it in a model."""
 
     low: float
     high: float
@@ -18,10 +18,10 @@ class Range:
         return f"{self.low:g} to {self.high:g} {self.unit}".rstrip()
 
     def complaint(self, value: float) -> str | None:
-        """Why ``value`` is not allowed, or None when it is."""
+        """Why ``value`` is not allowed; None if it is."""
         if self.low <= value <= self.high:
             return None
-        # a file may hold an int that no float can
+        # a file may hold an int that exceeds every float
         shown = f"{value:g}" if isinstance(value, float) or abs(value) < 1e300 else "a huge number"
         return f"{shown} is outside {self}"
 

@@ -1,9 +1,9 @@
-"""Reads YAML and JSON that people write, within bounds: no text takes more than a second or two, or much memory.
+"""Reads YAML and JSON written by people, with bounded time and memory.
 
-``1e300`` is a number, no key is given twice, and every error is one line. Bounded are the length
-of the text, the number of values and the depth of nesting. An alias (``*name``) counts as all the
-values that it stands for: a few of them in each other stand for more than fits into memory.
-:mod:`fsw_schema.files` bounds what is read from a path.
+``1e300`` is a number, no key may be given twice, and every error is one line. The length of the
+text, the number of values and the depth of nesting are limited. An alias (``*name``) counts as
+all the values that it stands for: a few nested ones would otherwise exceed the memory ("billion
+laughs"). :mod:`fsw_schema.files` limits what is read from a path.
 """
 
 from __future__ import annotations
@@ -17,33 +17,33 @@ import yaml
 
 from fsw_schema.errors import InputError
 
-#: bounds of a YAML text: the largest file of the project has 400 lines in 7 levels
+#: limits of a YAML text: the largest file of the project has 400 lines in 7 levels
 LONGEST_TEXT = 2_000_000
 MOST_VALUES = 100_000
-#: bound of YAML and JSON
+#: limit of YAML and JSON
 DEEPEST = 50
 _LONGEST_NUMBER = 1_000
 _LONGEST_PROBLEM = 200
-#: errors in shorter texts come from PyYAML's own parser: it names the character in question, but
+#: errors in shorter texts come from PyYAML's own parser: it names the offending character, but
 #: takes 8 times as long
 _SHORT = 20_000
 _INT, _FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
-#: what PyYAML lets through for a value that does not fit its tag, e.g. ``!!bool 3`` or the 31st of
-#: June
+#: exceptions that PyYAML passes on for a value that does not fit its tag, e.g. ``!!bool 3`` or the
+#: 31st of June
 _OF_A_VALUE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError)
 
 
 class _Bounded(yaml.composer.Composer):
-    """Composes a document while its parser reads it, and stops at the first value beyond a bound.
+    """Composes a document during parsing, and stops at the first value beyond a limit.
 
-    An alias counts as all that it stands for, so that what comes out is bounded for everyone who
-    walks through it.
+    An alias counts as its full content, so the size of the result is limited for everyone who
+    traverses it.
     """
 
     peek_event: Callable[[], yaml.Event]  # the parser's
 
     def begin(self) -> None:
-        """Count from 0, before anything is composed."""
+        """Restart the count before anything is composed."""
         self.anchors: dict[str, yaml.Node] = {}
         self.values, self.depth, self.deepest = 0, 0, 0
         self._sizes: dict[str, tuple[int, int]] = {}  # by anchor: values and levels
@@ -57,13 +57,15 @@ class _Bounded(yaml.composer.Composer):
         self.deepest = self.depth + levels - 1
         problem = ""
         if self.values > MOST_VALUES:
-            problem = f"more than {MOST_VALUES} values{' with those of aliases' * is_alias}; write less into one file"
+            suffix = " with those of aliases" * is_alias
+            problem = f"more than {MOST_VALUES} values{suffix}; write less into one file"
         elif self.deepest > DEEPEST:
             problem = f"nested deeper than {DEEPEST} levels; write it flatter"
         elif is_alias and anchor in self.anchors and anchor not in self._sizes:
             problem = f"alias *{anchor} is part of what it stands for; write the value out"
         if problem:
-            raise yaml.composer.ComposerError(None, None, problem, event.start_mark)  # type: ignore[arg-type]
+            mark = event.start_mark
+            raise yaml.composer.ComposerError(None, None, problem, mark)  # type: ignore[arg-type]
         node = super().compose_node(parent, index)
         if anchor and not is_alias:
             self._sizes[anchor] = self.values - values_before, self.deepest - self.depth + 1
@@ -73,7 +75,7 @@ class _Bounded(yaml.composer.Composer):
 
 
 class _AsWritten(_Bounded, yaml.constructor.SafeConstructor, yaml.resolver.Resolver):
-    """``1e5`` is a number, as in YAML 1.2 and ROS, and a key given twice is refused."""
+    """Accepts ``1e5`` as a number, as YAML 1.2 and ROS do, and rejects duplicate keys."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[Any] = set()
@@ -91,7 +93,7 @@ class _AsWritten(_Bounded, yaml.constructor.SafeConstructor, yaml.resolver.Resol
         return super().construct_mapping(node, deep)
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
-        """A whole number; in base 60 (``1:30:00``) the time for it grows with the square of its length."""
+        """Construct a whole number of limited length: base 60 takes quadratic time."""
         _check_length(node)
         return super().construct_yaml_int(node)
 
@@ -116,7 +118,7 @@ _AsWritten.add_constructor(_FLOAT, _AsWritten.construct_yaml_float)  # type: ign
 
 
 class _Loader(_AsWritten, yaml.SafeLoader):
-    """Reads any text, and says what is wrong with it."""
+    """Reads any text with detailed errors."""
 
     def __init__(self, stream: str) -> None:
         yaml.SafeLoader.__init__(self, stream)
@@ -126,7 +128,7 @@ class _Loader(_AsWritten, yaml.SafeLoader):
 if yaml.__with_libyaml__:
 
     class _FastLoader(_AsWritten, yaml.CSafeLoader):
-        """Reads by libyaml, in a sixth of the time: a node reads some files when it starts."""
+        """Reads with libyaml, in a sixth of the time: nodes read some files at start-up."""
 
         def __init__(self, stream: str) -> None:
             yaml.CSafeLoader.__init__(self, stream)
@@ -136,12 +138,12 @@ else:
 
 
 def load_yaml(text: str) -> Any:
-    """Content of YAML text.
+    """Parse YAML text.
 
     Raises
     ------
     yaml.YAMLError
-        It is not valid, also where a value does not fit its type, or it is beyond a bound.
+        If it is invalid, a value does not fit its type, or a limit is exceeded.
     """
     if len(text) > LONGEST_TEXT:
         raise yaml.YAMLError(f"longer than {LONGEST_TEXT} characters; write less into one file")
@@ -161,12 +163,12 @@ def _load(text: str, loader: type[Any]) -> Any:
 
 
 def content_of(text: str, where: str) -> Any:
-    """Content of YAML text.
+    """Parse YAML text of a user.
 
     Raises
     ------
     InputError
-        If it is not valid, gives a key twice or is beyond a bound; the message says where.
+        If it is invalid, has a duplicate key or exceeds a limit; the message says where.
     """
     try:
         return load_yaml(text)
@@ -181,12 +183,12 @@ def content_of(text: str, where: str) -> Any:
 
 
 def json_content_of(text: str, where: str) -> Any:
-    """Content of JSON text.
+    """Parse JSON text of a user.
 
     Raises
     ------
     InputError
-        If it is not valid or nested too deep; the message says where.
+        If it is invalid or nested too deep; the message says where.
     """
     deep = f"{where}: not valid JSON: nested deeper than {DEEPEST} levels; write it flatter"
     try:
