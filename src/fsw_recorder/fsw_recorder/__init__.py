@@ -1,4 +1,4 @@
-"""Records, plays back, reads and recovers bags."""
+"""Recording, playback, reading and recovery of bags."""
 
 from fsw_recorder.errors import BagError
 

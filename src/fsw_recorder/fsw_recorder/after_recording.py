@@ -1,4 +1,4 @@
-"""Runs commands when a bag is finished, in a process of its own that outlives the recorder and cannot harm the bag."""
+"""Runs commands on a finished bag, in a process that outlives the recorder and spares the bag."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from pathlib import Path
 from fsw_recorder.errors import BagError
 
 LOG_NAME = "on_finished.log"
-#: in a command, stands for the folder of the bag
+#: placeholder for the bag's folder in a command
 BAG = "{bag}"
-#: they wait for everything else on the machine
+#: they yield to everything else on the machine
 _NICENESS = 10
-#: of the commands' environment: they do not wait for themselves
+#: environment variable of the commands: they do not wait for themselves
 _WITHIN = "FSW_AFTER_RECORDING"
 
 
 def check(commands: Sequence[str]) -> None:
-    """Refuse commands that cannot be split into words; a `BagError`."""
+    """Reject commands that cannot be split into words, by a `BagError`."""
     for command in commands:
         try:
             words = shlex.split(command)
@@ -34,20 +34,20 @@ def check(commands: Sequence[str]) -> None:
 
 
 def start(commands: Sequence[str], folder: Path) -> subprocess.Popen[bytes]:
-    """Begin to run the commands, without waiting for them; signals to the recorder or its terminal do not reach them.
+    """Start the commands without waiting; signals to the recorder or its terminal miss them.
 
     Raises
     ------
     OSError
-        No process can be started.
+        If no process can be started.
     """
     words = [sys.executable, "-m", "fsw_recorder.after_recording", str(folder), *commands]
     path = os.pathsep.join(path for path in sys.path if path)
     environment = {**os.environ, "PYTHONPATH": path, _WITHIN: str(folder)}
     lock = os.open(folder, os.O_RDONLY)
     try:
-        with suppress(OSError):  # a network's file system may have no locks
-            fcntl.flock(lock, fcntl.LOCK_EX)  # until that process ends, which inherits it
+        with suppress(OSError):  # network file systems may not support locks
+            fcntl.flock(lock, fcntl.LOCK_EX)  # held until the inheriting process ends
         return subprocess.Popen(
             words,
             stdin=subprocess.DEVNULL,
@@ -60,7 +60,7 @@ def start(commands: Sequence[str], folder: Path) -> subprocess.Popen[bytes]:
 
 
 def wait(folder: Path, say: Callable[[str], object]) -> None:
-    """Return once the commands of a bag have ended; ``say`` is told in words that this waits for them.
+    """Wait until the commands of a bag have ended; ``say`` gets a message if that takes time.
 
     It does not wait for commands of a recorder on another computer, nor within such a command.
     """
@@ -71,22 +71,23 @@ def wait(folder: Path, say: Callable[[str], object]) -> None:
         fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         say(
-            f"waiting for what the recorder runs with the finished bag; {folder / LOG_NAME} will tell of it"
+            f"waiting for what the recorder runs with the finished bag; "
+            f"{folder / LOG_NAME} will tell of it"
         )
         fcntl.flock(lock, fcntl.LOCK_SH)
-    except OSError:  # no locks here
+    except OSError:  # locks are not supported here
         pass
     finally:
         os.close(lock)
 
 
 def run(commands: Sequence[str], folder: Path) -> str:
-    """Run the commands one after another up to the first that fails; their output is in ``on_finished.log``.
+    """Run the commands in sequence until one fails; their output goes to ``on_finished.log``.
 
     Returns
     -------
     str
-        Why one failed, in one line; empty when none did.
+        Why one failed, in one line; empty if none did.
     """
     log = folder / LOG_NAME
     for command in commands:
@@ -117,11 +118,11 @@ def run(commands: Sequence[str], folder: Path) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the commands; exit code 1 when one failed, which stderr says in one line."""
+    """Run the commands; exit code 1 with one line on stderr if one failed."""
     folder, *commands = sys.argv[1:] if arguments is None else arguments
     os.nice(_NICENESS)
     if failure := run(commands, Path(folder)):
-        with suppress(OSError):  # who started the recorder may have gone
+        with suppress(OSError):  # the process that started the recorder may have ended
             print(failure, file=sys.stderr, flush=True)
         return 1
     return 0

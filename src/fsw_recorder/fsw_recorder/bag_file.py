@@ -1,4 +1,4 @@
-"""One MCAP file of a bag while it is written."""
+"""An MCAP file of a bag while it is written."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from fsw_recorder.qos import qos_text
 from fsw_recorder.topic import RecordedTopic
 
 COMPRESSIONS = {"": CompressionType.NONE, "zstd": CompressionType.ZSTD}
-#: size at which a chunk is committed before its time
+#: size at which a chunk is committed early
 CHUNK_BYTES = 1024 * 1024
 
 
 class _Committed:
-    """The stream that ``mcap`` writes to: everything reaches the file in one write per `flush`, or not at all.
+    """Output stream for ``mcap``: `flush` writes everything to the file at once, or nothing.
 
-    When a write fails (disk full, ...) the file is cut back to what was there before, so it never
-    ends inside a record.
+    If a write fails (disk full, ...) the file is truncated to its previous size, so it never ends
+    inside a record.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -55,7 +55,7 @@ class _Committed:
 
 
 class BagFile:
-    """One MCAP file that is being written, in an open folder wherever that is moved.
+    """An MCAP file being written, in an open folder, even if that is moved.
 
     `added` counts all messages, `committed` those that no failure can lose; any method may raise
     an OSError.
@@ -88,7 +88,7 @@ class BagFile:
         publish_time_ns: int,
         sequence: int,
     ) -> bool:
-        """Add a message; True when there is a chunk to be committed."""
+        """Add a message; True if a chunk is due to be committed."""
         channel = self._channels.get(topic.name)
         if channel is None:
             channel = self._channels[topic.name] = self._add_channel(topic)
@@ -112,18 +112,18 @@ class BagFile:
         )
 
     def attach(self, time_ns: int, name: str, media_type: str, data: bytes) -> None:
-        """Put a file into this one."""
+        """Attach a file."""
         self._mcap.add_attachment(time_ns, time_ns, name, media_type, data)
         self._stream.flush()
 
     def commit(self) -> None:
-        """Hand all messages to the operating system."""
+        """Pass all messages to the operating system."""
         self._mcap.flush()
         self.added.size_bytes = self._stream.size
         self.committed = replace(self.added, counts=self.added.counts.copy())
 
     def sync(self) -> None:
-        """Flush committed data to the disk."""
+        """Flush committed data to disk."""
         os.fdatasync(self._descriptor)
 
     def is_at(self, path: str | os.PathLike[str]) -> bool:
@@ -134,7 +134,7 @@ class BagFile:
             return False
 
     def finish(self, metadata: str) -> None:
-        """Write the file's index, with the metadata of the bag so far, and close it; everything must be committed."""
+        """Write the index with the bag's metadata, and close; everything must be committed."""
         self._mcap.add_metadata("rosbag2", {"serialized_metadata": metadata})
         self._mcap.finish()
         self._stream.flush()
@@ -143,11 +143,11 @@ class BagFile:
         os.close(self._descriptor)
 
     def manifest(self) -> FileManifest:
-        """Hashes of what was written so far."""
+        """Hashes of the data written so far."""
         return self._stream.hasher.manifest(self.committed.path)
 
     def close_off(self) -> None:
-        """End the file after the committed data, without an index, so that every reader accepts it."""
+        """Truncate to the committed data, without an index, so that every reader accepts it."""
         self._stream.waiting[:] = end_without_index()
         try:
             self._stream.flush()
@@ -156,7 +156,7 @@ class BagFile:
 
 
 def end_without_index() -> bytes:
-    """The end of a file that every reader accepts although it has no index."""
+    """The end of a file without an index that every reader accepts."""
     builder = RecordBuilder()
     DataEnd(0).write(builder)
     Footer(summary_start=0, summary_offset_start=0, summary_crc=0).write(builder)

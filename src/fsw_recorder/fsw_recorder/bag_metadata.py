@@ -17,19 +17,19 @@ from fsw_schema.files import read_regular
 from fsw_schema.yaml_text import load_yaml
 
 METADATA_NAME = "metadata.yaml"
-#: what was signed of a bag, beside its manifest
+#: attestation of a bag, beside its manifest
 ATTESTATION_NAME = "attestation.json"
-#: custom data of the bag that says what was welded with what: ``recorder`` parameter
+#: custom data that identifies canister, lid, tool and machine: ``recorder`` parameter
 #: ``custom_data``
 IDENTITY = ("canister", "lid", "tool", "machine")
-#: what rosbag2 calls the start of a bag without messages
+#: rosbag2's start time of a bag without messages
 NO_TIME_NS = 2**63 - 1
 _ROOT = "rosbag2_bagfile_information"
 
 
 @dataclass(slots=True)
 class FileSummary:
-    """Entry of one file of the bag in ``metadata.yaml``; ``counts`` are messages by topic."""
+    """Entry of a file in ``metadata.yaml``; ``counts`` are messages by topic."""
 
     path: str
     start_ns: int = NO_TIME_NS
@@ -43,7 +43,7 @@ class FileSummary:
         self.start_ns, self.end_ns = min(self.start_ns, log_time_ns), max(self.end_ns, log_time_ns)
 
     def values(self) -> dict[str, Any]:
-        """As ``metadata.yaml`` has it."""
+        """Return the entry as in ``metadata.yaml``."""
         return {
             "path": self.path,
             "starting_time": {"nanoseconds_since_epoch": self.start_ns},
@@ -54,7 +54,7 @@ class FileSummary:
 
 @dataclass(slots=True)
 class BagMetadata:
-    """Content of ``metadata.yaml`` that a reader needs."""
+    """Content of ``metadata.yaml`` that readers need."""
 
     files: list[str] = field(default_factory=list)
     storage: str = ""
@@ -69,7 +69,7 @@ def metadata_text(
     custom_data: Mapping[str, str],
     whole: bool = True,
 ) -> str:
-    """Text of ``metadata.yaml`` or, not ``whole``, what stands below its root, as in the MCAP record ``rosbag2``."""
+    """Text of ``metadata.yaml``; unless ``whole``, only its root's content (MCAP ``rosbag2``)."""
     bag = FileSummary("")
     for one in files:
         bag.counts += one.counts
@@ -107,7 +107,7 @@ def metadata_text(
 
 
 def read_metadata(folder: Path) -> BagMetadata:
-    """What ``metadata.yaml`` says; a `BagError` when it is missing or not rosbag2's metadata."""
+    """Read ``metadata.yaml``; a `BagError` if it is missing or not rosbag2's metadata."""
     path = folder / METADATA_NAME
     try:
         raw = read_regular(path)
@@ -124,7 +124,7 @@ def read_metadata(folder: Path) -> BagMetadata:
 
 
 def metadata_inside(text: str) -> BagMetadata:
-    """The metadata that a recorder has put into an MCAP file; empty when they are not rosbag2's."""
+    """Metadata that a recorder has put into an MCAP file; empty if they are not rosbag2's."""
     try:
         return _metadata(load_yaml(text))
     except _NO_METADATA:

@@ -1,4 +1,4 @@
-"""Opens bags of any kind and state: rosbag2 folders, single files, truncated or damaged recordings."""
+"""Opens bags of any kind and state: rosbag2 folders, single files, truncated or damaged ones."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from fsw_recorder.topic import BagRecord, RecordedTopic
 __all__ = ["BagInfo", "BagReader", "BagRecord"]
 
 FOREVER_NS = 2**64
-#: receive times that stand for none
+#: receive times that mean unknown
 UNKNOWN_NS = (0, FOREVER_NS - 1)
 SUFFIXES = (".mcap", ".db3", f".mcap{COMPRESSED}", f".db3{COMPRESSED}")
-#: progress is reported every so many messages
+#: progress is reported after this many messages
 _PROGRESS_STEP = 8192
 
 
 @dataclass(slots=True)
 class BagInfo:
-    """Summary of a bag, counted from its messages, not from its metadata.
+    """Summary of a bag, counted from its messages instead of its metadata.
 
     `topics` are sorted by name, `counts` are messages by topic; `start_ns` and `end_ns` are the
-    log times of the first and the last message whose time is known (0 without such).
+    log times of the first and the last message with a known time (0 if none has).
     """
 
     path: Path
@@ -51,32 +51,31 @@ class BagInfo:
 
     @property
     def message_count(self) -> int:
-        """Number of messages."""
+        """Total number of messages."""
         return sum(self.counts.values())
 
     @property
     def duration_s(self) -> float:
-        """From the first message to the last [s]."""
+        """Time from the first message to the last [s]."""
         return (self.end_ns - self.start_ns) * 1e-9
 
 
 class BagReader:
-    """Reads one bag; use as a context manager.
+    """Reads a bag; a context manager.
 
-    That is a rosbag2 folder (with or without ``metadata.yaml``, which one with compressed messages
-    needs) or one storage file, see ``SUFFIXES``.
+    A bag is a rosbag2 folder (with or without ``metadata.yaml``, which is required for compressed
+    messages) or a single storage file, see ``SUFFIXES``.
 
     Raises
     ------
     BagError
-        There is no bag at ``path``, or nothing of it can be read.
+        If there is no bag at ``path``, or nothing of it can be read.
     """
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
-        #: what is wrong with the bag, as far as it was read: a recording that was never finished
-        #: (kill -9, power failure, full disk) is read up to its end, damaged places are passed
-        #: over
+        #: problems found so far; an unfinished recording (kill -9, power failure, full disk) is
+        #: read up to its end, damaged places are skipped
         self.problems: list[str] = []
         self.metadata = BagMetadata()
         self._stack = ExitStack()
@@ -96,7 +95,7 @@ class BagReader:
             self.close()
             raise BagError("; ".join(failures))
         self.problems += failures
-        for part in self._parts:  # a bag's folder may have been lost, and its metadata with it
+        for part in self._parts:  # the folder may have been lost, including its metadata
             self.metadata.custom_data = part.metadata.custom_data | self.metadata.custom_data
             self.metadata.ros_distro = self.metadata.ros_distro or part.metadata.ros_distro
 
@@ -156,12 +155,12 @@ class BagReader:
         return part
 
     def files(self) -> list[Path]:
-        """The files that are read, with the write-ahead logs of sqlite3 beside them."""
+        """The files to read, including write-ahead logs of sqlite3."""
         logs = (path.with_name(f"{path.name}-wal") for path in self._storage())
         return [*self._storage(), *(log for log in logs if log.is_file())]
 
     def _storage(self) -> list[Path]:
-        """The storage files; with compressed messages those that the metadata list, which then are read as a whole."""
+        """The storage files; those listed in the metadata if messages are compressed."""
         return (
             [self.path / name for name in self.metadata.files]
             if self.metadata.messages_compressed
@@ -177,7 +176,7 @@ class BagReader:
     ) -> Iterator[BagRecord]:
         """Messages in order of log time (within each file of a split bag).
 
-        Only those of ``topics``, by default all, with ``start_ns`` <= log time < ``stop_ns``.
+        Only those of ``topics`` (default: all) with ``start_ns`` <= log time < ``stop_ns``.
         ``progress`` is called now and then with the fraction read, 0 to 1.
         """
         for position, part in enumerate(self._parts):
@@ -230,7 +229,7 @@ class BagReader:
         return self._info
 
     def topics(self) -> dict[str, RecordedTopic]:
-        """Topics by name; of several descriptions of one topic the first."""
+        """Topics by name; the first description of a topic counts."""
         found: dict[str, RecordedTopic] = {}
         for part in self._parts:
             for topic in part.topics():
@@ -238,7 +237,7 @@ class BagReader:
         return found
 
     def attachments(self) -> list[Attachment]:
-        """Files inside the bag; of several with one name the first."""
+        """Attached files; the first one of a name counts."""
         found: dict[str, Attachment] = {}
         for part in self._parts:
             for attachment in part.attachments:
@@ -246,7 +245,7 @@ class BagReader:
         return list(found.values())
 
     def close(self) -> None:
-        """Close the files; reading is no longer possible."""
+        """Close the files; reading is then no longer possible."""
         self._parts.clear()
         self._stack.close()
 
@@ -258,5 +257,5 @@ class BagReader:
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
-    """Key that sorts ``bag_10`` behind ``bag_9``."""
+    """Sort key that puts ``bag_10`` after ``bag_9``."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]

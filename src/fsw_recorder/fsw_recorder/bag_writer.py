@@ -1,4 +1,4 @@
-"""Writes a rosbag2 MCAP bag from its own thread, so that recording never blocks the receive path."""
+"""Writes a rosbag2 MCAP bag in its own thread, so that recording never blocks receiving."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from fsw_recorder.topic import RecordedTopic
 
 __all__ = ["BagWriter", "RecordedTopic", "WriterOptions"]
 
-#: times of an MCAP file are unsigned
+#: times in an MCAP file are unsigned
 _END_OF_TIME_NS = 2**64
-#: part of the chunk period after which a chunk is committed, so that a late wake-up does not
+#: share of the chunk period after which a chunk is committed, so that a late wake-up does not
 #: exceed it
 _EARLY = 0.9
 
@@ -35,7 +35,7 @@ Queued = tuple[str, int, int, int, bytes]
 
 @dataclass(frozen=True, slots=True)
 class WriterOptions:
-    """How a bag is written: the recorder's parameters of these names, which ``recorder.yaml`` describes."""
+    """How a bag is written: the recorder's parameters of the same names (``recorder.yaml``)."""
 
     compression: str = ""
     max_bag_size: int = 0  # bytes
@@ -48,14 +48,14 @@ class WriterOptions:
 
 
 class BagWriter:
-    """Writes one bag folder: ``<folder>/<folder>_0.mcap``, … and, when closed, ``metadata.yaml`` with ``custom_data``.
+    """Writes a bag folder: ``<folder>_0.mcap``, … and at the end ``metadata.yaml``.
 
     Raises
     ------
     BagError
-        The folder exists or cannot be made; its parents are created.
+        If the folder exists or cannot be created (parents are).
     InputError
-        The key that signs the manifest cannot be used.
+        If the key that signs the manifest cannot be used.
     """
 
     def __init__(
@@ -82,17 +82,17 @@ class BagWriter:
         self._thread.start()
 
     def add_topic(self, topic: RecordedTopic) -> None:
-        """Make a topic known; its first description stays, because readers match channels with it."""
+        """Register a topic; its first description stays, because readers match channels by it."""
         self._files.topics.setdefault(topic.name, topic)
 
     def write(
         self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int, sequence: int = 0
     ) -> bool:
-        """Hand in a message; never blocks on the disk and never raises.
+        """Queue a message; never blocks on the disk and never raises.
 
-        Returns False when it will not be in the bag: paused, memory full, no receive time, or
-        writing has failed. A publish time that no MCAP file can hold (a source may claim anything)
-        is replaced by the log time.
+        Returns False if it will not be in the bag: paused, memory full, no receive time, or
+        writing has failed. A publish time that an MCAP file cannot hold (a source may claim
+        anything) is replaced by the log time.
         """
         if self.is_paused:
             return False
@@ -114,23 +114,23 @@ class BagWriter:
         return True
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Put a file into the bag."""
+        """Attach a file to the bag."""
         now = time.time_ns()
         self._put(lambda: self._files.attach(now, name, media_type, data))
 
     def note_clock(self, clock: ClockState) -> None:
-        """Say what the system told of its clock, for the manifest."""
+        """Store the state of the system's clock, for the manifest."""
         self._files.clock = clock
 
     def split(self) -> None:
-        """Begin a new file with the next message."""
+        """Start a new file with the next message."""
         self._put(self._files.split)
 
     def statistics(self) -> dict[str, int]:
         """Counters since the start.
 
-        ``received``, ``written`` and ``dropped`` are messages: handed in while not paused, in
-        files, and refused.
+        ``received``, ``written`` and ``dropped`` are messages: queued while not paused, in files,
+        and rejected.
         """
         with self._lock:
             files = self._files.summaries
@@ -144,7 +144,7 @@ class BagWriter:
             }
 
     def flushed(self) -> Future[bool]:
-        """Done when everything handed in so far is handed to the operating system (True), or never will be (False)."""
+        """Future: True once all messages so far are with the operating system, False if never."""
         future: Future[bool] = Future()
         with self._lock:
             if not self._ended:
@@ -154,14 +154,14 @@ class BagWriter:
         return future
 
     def flush(self, timeout_s: float = 10.0) -> bool:
-        """Wait until everything handed in so far is handed to the operating system; False on timeout or error."""
+        """Wait until all messages so far are with the operating system; False if they are not."""
         try:
             return self.flushed().result(timeout_s)
         except TimeoutError:
             return False
 
     def close(self) -> None:
-        """Write all queued messages, finish the file and write ``metadata.yaml``; idempotent."""
+        """Write all queued messages, finish the file, write ``metadata.yaml``; idempotent."""
         self._closing = True
         self._wake.set()
         self._thread.join()
@@ -186,7 +186,7 @@ class BagWriter:
                 self._work()
             self._work()
             self._files.finish()
-        except Exception as error:  # a thread that dies unnoticed would look like a recording one
+        except Exception as error:  # a dead thread would look like a recording one
             self._fail(error)
         finally:
             self._files.close()
@@ -196,7 +196,8 @@ class BagWriter:
 
     def _work(self) -> None:
         while self._queue:
-            item = self._queue[0]  # stays there until it is done: a failure must not lose a future
+            # it stays queued until it is done, so that a failure does not lose a future
+            item = self._queue[0]
             if isinstance(item, tuple):
                 self._files.write(*item)
                 self._taken_bytes += len(item[-1])
@@ -228,7 +229,7 @@ class BagWriter:
 
 
 class _Files:
-    """The files of a bag while one thread writes them; `summaries` are of all, as far as they are committed."""
+    """The files of a bag, written by one thread; `summaries` cover all committed data."""
 
     def __init__(self, folder: Path, options: WriterOptions, custom_data: dict[str, str]) -> None:
         self.topics: dict[str, RecordedTopic] = {}
@@ -250,7 +251,7 @@ class _Files:
             raise BagError(f"{folder}: cannot be written: {error.strerror}") from None
 
     def current(self) -> BagFile:
-        """The file that is being written; opened where there is none."""
+        """The file being written; opened on demand."""
         if self._file is None:
             name = f"{self._folder.name}_{len(self.summaries)}.mcap"
             self._file = BagFile(name, self._descriptor, self._options.compression)
@@ -272,7 +273,7 @@ class _Files:
         self._attachments.setdefault(name, sha256(data))
 
     def commit(self) -> None:
-        """Hand all messages to the operating system."""
+        """Pass all messages to the operating system."""
         file = self._file
         if file is None:
             return
@@ -281,21 +282,21 @@ class _Files:
         if not file.is_at(self._folder / file.committed.path):
             self._finish_file()
             raise BagError(
-                f"{self._folder}: the bag folder was moved or deleted while recording; recording ends here. "
-                "A moved folder holds a readable bag"
+                f"{self._folder}: the bag folder was moved or deleted while recording; "
+                "recording ends here. A moved folder holds a readable bag"
             )
         if self._options.max_bag_size and file.committed.size_bytes >= self._options.max_bag_size:
             self.split()
 
     def sync(self) -> None:
-        """Flush committed data to the disk when it is due."""
+        """Flush committed data to disk when due."""
         now = time.monotonic()
         if self._file is not None and 0.0 < self._options.sync_period <= now - self._last_sync:
             self._file.sync()
             self._last_sync = now
 
     def split(self) -> None:
-        """Finish the file, if there are messages in it."""
+        """Finish the file if it has messages."""
         if self._file is not None and self._file.added.counts:
             self._finish_file()
 
@@ -336,7 +337,7 @@ class _Files:
         self._write_manifest(hashed(METADATA_NAME, text.encode(), "while_recording"))
 
     def _write_manifest(self, *last: FileManifest) -> None:
-        """Write the hashes of the files that are closed; with the ``last`` one, which ends the bag, signed."""
+        """Write the hashes of the closed files; with the ``last`` one, signed."""
         if self._options.manifest:
             found = Manifest(
                 bag=self._folder.name,
@@ -365,7 +366,7 @@ class _Files:
 
 
 def _make_folder(folder: Path) -> int:
-    """Make the folder of a bag and open it."""
+    """Create the folder of a bag and open it."""
     try:
         folder.mkdir(parents=True)
         return os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
@@ -378,7 +379,7 @@ def _make_folder(folder: Path) -> int:
 
 
 def taken(folder: Path) -> BagError:
-    """The error of a bag whose folder is there already."""
+    """Error for a bag whose folder exists already."""
     return BagError(
         f"{folder}: exists already; nothing was recorded. Choose another folder or remove this one"
     )

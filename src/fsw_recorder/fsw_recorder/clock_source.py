@@ -1,4 +1,4 @@
-"""What the system tells of its clock: which source it follows, and how far it is off."""
+"""State of the system's clock: the source that it follows, and its error."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Literal
 from fsw_schema.models import Model
 from fsw_schema.processes import tool_environment
 
-#: how long a program may take to answer
+#: time limit for a program's answer
 _PATIENCE_S = 2.0
 _CHRONY = ("chronyc", "-c", "tracking")
 _PTP = ("pmc", "-u", "-b", "0", "GET TIME_STATUS_NP")
@@ -21,23 +21,23 @@ _PTP = ("pmc", "-u", "-b", "0", "GET TIME_STATUS_NP")
 #: estimated error, status
 _TIMEX = struct.Struct("@IqqqqI")
 _TIMEX_BYTES = 512
-#: bits of its status, `<sys/timex.h>`
+#: status bits, `<sys/timex.h>`
 _UNSYNCHRONIZED, _IN_NANOSECONDS = 0x0040, 0x2000
 
 
 class ClockState(Model):
-    """The system's clock as chrony, PTP or the kernel tells."""
+    """State of the system's clock as reported by chrony, PTP or the kernel."""
 
     source: Literal["chrony", "ptp", "kernel", "unknown"]
-    """kernel: what adjtimex tells, as timedatectl does"""
+    """kernel: from adjtimex, as in timedatectl"""
     synchronized: bool | None = None
-    """none: not known"""
+    """none: unknown"""
     offset_s: float | None = None
-    """size of the offset from the source, as that estimates it"""
+    """estimated size of the offset from the source"""
     error_s: float | None = None
-    """bound of the error that the source gives"""
+    """bound of the error, given by the source"""
     words: str
-    """in words, for a person"""
+    """text for people"""
 
 
 UNKNOWN = ClockState(source="unknown", words="nothing tells which source the clock follows")
@@ -50,14 +50,14 @@ def clock_state(
     """Ask chrony, then PTP, then the kernel; may take seconds.
 
     ``ask`` runs a program and returns its output, ``kernel`` returns the kernel's `struct timex`;
-    None where there is none.
+    None if not available.
     """
     run, timex = ask or _run, kernel or _adjtimex
     return _chrony(run(_CHRONY) or "") or _ptp(run(_PTP) or "") or _kernel(timex()) or UNKNOWN
 
 
 def _chrony(text: str) -> ClockState | None:
-    """From ``chronyc -c tracking``: 14 values, separated by commas."""
+    """Parse ``chronyc -c tracking``: 14 values, separated by commas."""
     values = text.strip().split(",")
     if len(values) != 14:
         return None
@@ -81,7 +81,7 @@ def _chrony(text: str) -> ClockState | None:
 
 
 def _ptp(text: str) -> ClockState | None:
-    """From linuxptp's ``pmc``."""
+    """Parse the output of linuxptp's ``pmc``."""
     offset = re.search(r"\bmaster_offset\s+(-?\d+)", text)
     present = re.search(r"\bgmPresent\s+(\w+)", text)
     identity = re.search(r"\bgmIdentity\s+(\S+)", text)
@@ -109,7 +109,10 @@ def _kernel(timex: bytes | None) -> ClockState | None:
         synchronized=True,
         offset_s=abs(offset) * (1e-9 if status & _IN_NANOSECONDS else 1e-6),
         error_s=largest * 1e-6,
-        words=f"the kernel's clock is synchronized, error estimated as {estimated} µs; by what it does not tell",
+        words=(
+            f"the kernel's clock is synchronized, error estimated as {estimated} µs; "
+            "by what it does not tell"
+        ),
     )
 
 

@@ -14,16 +14,16 @@ from mcap.writer import MCAP0_MAGIC
 from fsw_schema.files import open_regular
 
 SUFFIX = ".zstd"
-#: of files of sqlite3 and MCAP
+#: magic bytes of sqlite3 and MCAP files
 _BEGINNINGS = (b"SQLite format 3\0", MCAP0_MAGIC)
 
 
 @contextmanager
 def decompressed(path: Path) -> Iterator[Path]:
-    """A decompressed copy of a file; the file itself if its name does not end in ``.zstd``.
+    """Yield a decompressed copy of a file, or the file itself if its name lacks ``.zstd``.
 
-    A damaged or truncated file is decompressed up to there; what is missing is for the reader of
-    the copy to find.
+    A damaged or truncated file is decompressed up to that point; the reader of the copy finds out
+    what is missing.
     """
     if path.suffix != SUFFIX:
         yield path
@@ -36,7 +36,7 @@ def decompressed(path: Path) -> Iterator[Path]:
                 content = decompressor.stream_reader(source, read_across_frames=True)
                 head = content.read(len(_BEGINNINGS[0]))
                 target.write(head)
-                if head.startswith(_BEGINNINGS):  # else it may be of any size, and is no bag
+                if head.startswith(_BEGINNINGS):  # anything else may be huge, and is not a bag
                     shutil.copyfileobj(content, target)
             except zstandard.ZstdError:
                 pass

@@ -1,4 +1,4 @@
-"""Decodes and encodes messages by their ``ros2msg`` definition, without ROS and without message classes."""
+"""Decodes and encodes messages by their ``ros2msg`` definition, without ROS or message classes."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from fsw_recorder.errors import BagError
 
 
 class Definitions:
-    """Definitions met so far, parsed once each."""
+    """Cache of parsed definitions."""
 
     def __init__(self) -> None:
         self._stores: dict[tuple[str, str], Any] = {}
 
     def decode(self, type_name: str, definition: str, data: bytes) -> Any:
-        """One message, with its fields as attributes; a `BagError` when it does not follow its definition."""
+        """Decode a message, fields as attributes; a `BagError` if it violates its definition."""
         store = self.typestore(type_name, definition)
         try:
             return store.deserialize_cdr(data, type_name)
@@ -26,16 +26,16 @@ class Definitions:
             raise BagError(
                 f"a message of type {type_name} is damaged: it announces more data than it has"
             ) from None
-        except Exception as error:  # rosbags lets any exception of its generated code through
+        except Exception as error:  # rosbags passes on any exception of its generated code
             raise BagError(f"a message of type {type_name} is damaged: {error}") from None
 
     def encode(self, type_name: str, definition: str, values: Mapping[str, Any]) -> bytes:
-        """One message as CDR; ``values`` are by field, of messages in it mappings; what is missing is zero or empty."""
+        """Encode a message as CDR; ``values`` by field (nested: mappings), others are zero."""
         store = self.typestore(type_name, definition)
         return bytes(store.serialize_cdr(_built(store, type_name, values), type_name))
 
     def typestore(self, type_name: str, definition: str) -> Any:
-        """Type store of ``rosbags`` that knows only this; a `BagError` when the definition cannot be parsed."""
+        """Type store of ``rosbags`` with this type only; a `BagError` if it cannot be parsed."""
         key = (type_name, definition)
         if key not in self._stores:
             store = get_typestore(Stores.EMPTY)

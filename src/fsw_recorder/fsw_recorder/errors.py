@@ -1,4 +1,4 @@
-"""The one error that bag tools raise."""
+"""The error of bag tools."""
 
 
 class BagError(Exception):

@@ -1,4 +1,4 @@
-"""Results of checks of bags and signatures: codes with fields, and the one table of their words."""
+"""Results of checks of bags and signatures: codes with fields, and the table of their texts."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _BEFORE = "what happened to it before is not known"
 
 
 class Code(StrEnum):
-    """What a check found; its words have the finding's fields in braces."""
+    """Result of a check; its text has the fields in braces."""
 
     words: str
 
     def __new__(cls, value: str, words: str) -> Code:
-        """A code with its words."""
+        """Create a code with its text."""
         code = str.__new__(cls, value)
         code._value_, code.words = value, words
         return code
@@ -55,7 +55,7 @@ class Code(StrEnum):
         "key_revoked",
         "signed by {name} at {at}, but the key {key} is revoked since {limit}",
     )
-    # what is signed together must be of one weld
+    # files that are signed together must be of one weld
     RECORD_OTHER_WELD = "record_other_weld", "is the record of another weld: bag {bag}"
     RECORD_OTHER_IDENTITY = "record_other_identity", "has {field} {stated}, the bag has {actual}"
     RECORD_OTHER_PROCEDURE = (
@@ -103,7 +103,7 @@ class Code(StrEnum):
     NOT_IN_CHAIN = "not_in_chain", "weld {number}, which this bag is, is not in the chain"
     OTHER_IN_CHAIN = "other_in_chain", "is another weld than this bag ({bag})"
     EMPTY = "empty", "there is no attested weld in it"
-    # what a verification did not check
+    # limits of a verification
     NO_CHAIN = "no_chain", "no chain given: whether welds are missing was not checked"
     CHAIN_END = (
         "chain_end",
@@ -148,7 +148,7 @@ class Place(Model):
     """Consecutive pieces of a file."""
 
     parts: Many[str]
-    """in words, e.g. ``chunk 17``"""
+    """text, e.g. ``chunk 17``"""
     begin: int
     end: int
     """bytes"""
@@ -168,7 +168,7 @@ class Place(Model):
 
 
 class Finding(Model):
-    """What a check found in a file: a code and its fields; ``pieces`` are indices into those of the manifest."""
+    """Result of a check of a file: a code with its fields; ``pieces`` index the manifest's."""
 
     code: Annotated[Code, Strict(False)]
     file: str
@@ -178,7 +178,7 @@ class Finding(Model):
 
     @property
     def line(self) -> str:
-        """In one line."""
+        """Text in one line."""
         place = f"{self.place.words} " if self.place else ""
         text = self.code.words.format(**{"place": place, **self.data})
         if "bytes" in self.data:
@@ -188,18 +188,18 @@ class Finding(Model):
         return f"{self.file}: {text}"
 
     def as_json(self) -> dict[str, Any]:
-        """Code, fields and words."""
+        """Code, fields and text."""
         return {**self.model_dump(mode="json", exclude_defaults=True), "words": self.line}
 
 
 def finding(code: Code, file: object, **data: Any) -> Finding:
-    """A finding with the fields of its code."""
+    """Create a finding with the fields of its code."""
     plain = {key: value if isinstance(value, int) else str(value) for key, value in data.items()}
     return Finding(code=code, file=str(file), data=plain)
 
 
 class EvidenceError(InputError):
-    """Something is not what it has to be: its ``findings``, of which the message is the words."""
+    """A failed check: its ``findings``, whose texts are the message."""
 
     def __init__(self, *findings: Finding) -> None:
         super().__init__(summary(findings))

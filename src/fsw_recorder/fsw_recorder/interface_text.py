@@ -1,4 +1,4 @@
-"""Definition, hash and class of an interface that is installed here."""
+"""Definition, hash and class of an installed interface."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ _PRIMITIVES = frozenset(
 
 @cache
 def interface_definition(type_name: str) -> str:
-    """``ros2msg`` text of a message type with all nested definitions, as rosbag2 writes it; empty when unknown."""
+    """``ros2msg`` text of a message type with all nested types, as rosbag2's; empty if unknown."""
     return _definition(type_name) or ""
 
 
 @cache
 def interface_hash(type_name: str) -> str:
-    """``RIHS01_...`` hash of an interface; empty when unknown."""
+    """``RIHS01_...`` hash of an interface; empty if unknown."""
     definition = _definition(type_name)
     try:
         return (
@@ -38,19 +38,19 @@ def interface_hash(type_name: str) -> str:
             if definition is None
             else str(Definitions().typestore(type_name, definition).hash_rihs01(type_name))
         )
-    except Exception:  # of a kind that rosbags cannot describe
+    except Exception:  # a kind that rosbags cannot describe
         return ""
 
 
 def definition_of(topic: RecordedTopic) -> str:
-    """``ros2msg`` text of a topic's type: that of the bag or, where it has none that can be used, the installed one.
+    """``ros2msg`` text of a topic's type: from the bag, or the installed one if that is unusable.
 
     Bags of Foxy and Humble in sqlite3 have none, and others may have an empty schema or IDL.
 
     Raises
     ------
     BagError
-        Neither is there, or the installed one is another version, by its hash.
+        If neither exists, or the installed one is another version by its hash.
     """
     if topic.encoding != "cdr":
         raise BagError(f"its encoding {topic.encoding!r} is not CDR")
@@ -64,13 +64,14 @@ def definition_of(topic: RecordedTopic) -> str:
         )
     if topic.type_hash and topic.type_hash != interface_hash(topic.type_name):
         raise BagError(
-            f"the bag holds no definition of {topic.type_name}, and the installed one is another version"
+            f"the bag holds no definition of {topic.type_name}, "
+            "and the installed one is another version"
         )
     return installed
 
 
 def message_class(type_name: str) -> Any:
-    """Message class of a type; a `BagError` when it is not installed."""
+    """Message class of a type; a `BagError` if it is not installed."""
     try:
         package, kind, name = type_name.split("/")
         return getattr(import_module(f"{package}.{kind}"), name)
@@ -86,7 +87,7 @@ def _definition(type_name: str) -> str | None:
 
 
 def _share(package: str) -> Path:
-    """Folder with the definitions of a package: in a sourced ROS 2, or beside the wheels in this environment."""
+    """Folder of a package's definitions: in a sourced ROS 2, or in this environment's wheels."""
     prefixes = [
         *filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)),
         sys.prefix,

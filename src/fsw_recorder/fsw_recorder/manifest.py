@@ -1,7 +1,7 @@
-"""The manifest of a bag: SHA-256 of every file and of every piece of it, so that damage can be told to the chunk.
+"""The manifest of a bag: SHA-256 of every file and piece, so that damage is located to the chunk.
 
-The recorder hashes what it writes while it writes it; of a bag without a manifest one can be made
-afterwards, which says so: what had happened to the files before is then not known.
+The recorder hashes data as it writes them. A manifest can also be made afterwards for a bag
+without one, and then says so: what happened to the files before is unknown.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from fsw_schema.files import open_regular, read_regular
 from fsw_schema.models import Many, Model, json_content_of, validate
 
 MANIFEST_NAME = "manifest.json"
-#: stretches of a file in which no chunks are found
+#: length of the pieces of a file without chunks
 PIECE_BYTES = 1024 * 1024
 PieceKind = Literal["chunk", "attachment", "other"]
 When = Literal["while_recording", "afterwards"]
@@ -31,12 +31,12 @@ _KINDS: dict[int, PieceKind] = {Opcode.CHUNK: "chunk", Opcode.ATTACHMENT: "attac
 
 
 class Piece(Model):
-    """A stretch of a file; it begins where the one before it ends, the first at 0."""
+    """A section of a file; it begins at the end of the previous one, the first at 0."""
 
     kind: PieceKind
-    """chunk: with its message indexes; other: head, index, metadata, messages outside chunks"""
+    """chunk: including its message indexes; other: head, index, metadata, unchunked messages"""
     end: int
-    """offset behind it"""
+    """offset of its end"""
     sha256: str
     begin_ns: int | None = None
     """log time of the first message of a chunk"""
@@ -51,7 +51,7 @@ class FileManifest(Model):
     bytes: int
     sha256: str
     hashed: When
-    """afterwards: what had happened to the file before is not known"""
+    """afterwards: what happened to the file before is unknown"""
     pieces: Many[Piece]
 
 
@@ -65,18 +65,18 @@ class Manifest(Model):
     custom_data: dict[str, str]
     """of metadata.yaml: canister, lid, tool, machine and others"""
     attachments_sha256: dict[str, str]
-    """of the files inside the bag: scenario, software versions, parameters of every node"""
+    """attached files: scenario, software versions, parameters of every node"""
     clock: ClockState
-    """what the system told of its clock when the recording began"""
+    """state of the system's clock at the start of the recording"""
     files: Many[FileManifest]
 
     def text(self) -> str:
-        """As it is written."""
+        """Text of the file."""
         return self.model_dump_json(indent=1, exclude_none=True) + "\n"
 
 
 def record_pieces(data: Buffer, at: int = 0, offset: int = 0) -> Iterator[Piece]:
-    """Pieces of an MCAP file, or of whole records of one; damaged places are ``other``.
+    """Pieces of an MCAP file, or of complete records of one; damaged places are ``other``.
 
     The first record begins ``at``, and the data begin at ``offset`` in their file.
     """
@@ -111,7 +111,7 @@ def record_pieces(data: Buffer, at: int = 0, offset: int = 0) -> Iterator[Piece]
 
 
 class FileHasher:
-    """Hashes one MCAP file while it is written, by whole records."""
+    """Hashes an MCAP file while it is written, by complete records."""
 
     def __init__(self) -> None:
         self.pieces: list[Piece] = []
@@ -119,13 +119,13 @@ class FileHasher:
         self._whole = hashlib.sha256()
 
     def add(self, data: bytes) -> None:
-        """Note what was written."""
+        """Add written data."""
         self._whole.update(data)
         self.pieces += record_pieces(data, 0 if self.size else len(MAGIC), self.size)
         self.size += len(data)
 
     def manifest(self, name: str) -> FileManifest:
-        """What was written so far."""
+        """Entry of the data written so far."""
         return FileManifest(
             name=name,
             bytes=self.size,
@@ -136,12 +136,12 @@ class FileHasher:
 
 
 def sha256(data: Buffer) -> str:
-    """Hash of bytes, in hexadecimal digits."""
+    """SHA-256 of bytes in hexadecimal."""
     return hashlib.sha256(data).hexdigest()
 
 
 def file_pieces(data: Buffer) -> Iterator[Piece]:
-    """Pieces of any file as it is now."""
+    """Pieces of any file in its present state."""
     if data[: len(MAGIC)] == MAGIC:
         yield from record_pieces(data, len(MAGIC))
         return
@@ -151,7 +151,7 @@ def file_pieces(data: Buffer) -> Iterator[Piece]:
 
 
 def mapped(path: Path) -> Buffer:
-    """Content of a file, read as it is needed."""
+    """Map a file's content into memory."""
     with open_regular(path) as stream:
         if os.fstat(stream.fileno()).st_size == 0:
             return b""
@@ -159,7 +159,7 @@ def mapped(path: Path) -> Buffer:
 
 
 def hashed(name: str, data: Buffer, when: When) -> FileManifest:
-    """A file as a whole."""
+    """Entry of a complete file."""
     return FileManifest(
         name=name,
         bytes=len(data),
@@ -170,12 +170,12 @@ def hashed(name: str, data: Buffer, when: When) -> FileManifest:
 
 
 def read_manifest(folder: Path) -> Manifest | None:
-    """The manifest of a bag; None when it has none.
+    """Read the manifest of a bag; None if it has none.
 
     Raises
     ------
     BagError
-        It cannot be read, or is no manifest.
+        If it cannot be read, or is not a manifest.
     """
     path = folder / MANIFEST_NAME
     try:

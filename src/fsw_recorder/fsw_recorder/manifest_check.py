@@ -1,4 +1,4 @@
-"""Compares the files of a bag with its manifest: what is not as recorded, to the chunk."""
+"""Compares the files of a bag with its manifest and locates differences to the chunk."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from fsw_recorder.mcap_frames import Buffer
 
 
 def check_files(folder: Path, manifest: Manifest) -> list[Finding]:
-    """All that differs between the files of a bag and its manifest; other files, e.g. a weld's record, do not count."""
+    """Differences between a bag and its manifest; other files, e.g. the record, do not count."""
     found = [
         entry for listed in manifest.files for entry in check_file(folder / listed.name, listed)
     ]
@@ -30,7 +30,7 @@ def check_files(folder: Path, manifest: Manifest) -> list[Finding]:
 
 
 def unlisted(folder: Path, manifest: Manifest) -> list[Path]:
-    """Files that a reader of the bag would take although the manifest does not have them."""
+    """Files that a reader would use but that are not in the manifest."""
     names = {listed.name for listed in manifest.files}
     return sorted(
         path
@@ -40,13 +40,13 @@ def unlisted(folder: Path, manifest: Manifest) -> list[Path]:
 
 
 def complete(folder: Path, manifest: Manifest) -> Manifest:
-    """The manifest with the files that it lacks, hashed as they are now."""
+    """The manifest, completed by the missing files in their present state."""
     more = [hashed(path.name, mapped(path), "afterwards") for path in unlisted(folder, manifest)]
     return manifest.changed(files=(*manifest.files, *more))
 
 
 def check_file(path: Path, listed: FileManifest) -> list[Finding]:
-    """What differs between a file and its manifest; consecutive pieces that are lost are one finding."""
+    """Differences between a file and its manifest; consecutive lost pieces are one finding."""
     pieces = tuple(range(len(listed.pieces)))
     try:
         data = mapped(path)
@@ -81,7 +81,7 @@ def check_file(path: Path, listed: FileManifest) -> list[Finding]:
 
 
 def proven_pieces(data: Buffer, listed: FileManifest) -> dict[int, tuple[int, int]]:
-    """Pieces of the manifest that are in a file as they were recorded, with begin and end there, by index."""
+    """Unchanged pieces of the manifest in a file, by index, with their begin and end there."""
     found: dict[int, tuple[int, int]] = {}
     begin = 0
     for row, piece in enumerate(listed.pieces):
@@ -100,7 +100,7 @@ def proven_pieces(data: Buffer, listed: FileManifest) -> dict[int, tuple[int, in
 
 
 def place_of(pieces: Sequence[Piece], rows: Sequence[int]) -> Place:
-    """Where consecutive pieces are."""
+    """Location of consecutive pieces."""
     start_ns = next((piece.begin_ns for piece in pieces if piece.begin_ns is not None), 0)
     begins = [
         piece.begin_ns for piece in (pieces[row] for row in rows) if piece.begin_ns is not None

@@ -1,7 +1,7 @@
-"""Reads one MCAP file of a bag in any state: intact, truncated or damaged.
+"""Reads an MCAP file of a bag in any state: intact, truncated or damaged.
 
 Every length is checked against the rest of the file, and a chunk never expands beyond
-`MAX_CHUNK_BYTES`: damaged files cost neither time nor memory.
+`MAX_CHUNK_BYTES`, so damaged files cost neither time nor memory.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ from fsw_recorder.qos import read_qos
 from fsw_recorder.topic import BagRecord, RecordedTopic
 from fsw_schema.files import open_regular
 
-#: most messages that wait for earlier ones in chunks that overlap in time
+#: most messages that wait for earlier ones in overlapping chunks
 _MOST_WAITING = 1_000_000
-#: largest run of messages outside chunks that is sorted at once
+#: longest run of messages outside chunks that is sorted at once
 _RUN_BYTES = 1024 * 1024
 #: channel, sequence, log time, publish time
 _MESSAGE = struct.Struct("<HIQQ")
@@ -51,7 +51,7 @@ _DAMAGE = (ValueError, struct.error, McapError, MemoryError, RuntimeError, zstan
 
 @dataclass(slots=True)
 class _Piece:
-    """A chunk's compressed data, or a run of records outside chunks (size -1), with the log times it covers."""
+    """A compressed chunk, or a run of records outside chunks (size -1), with its log times."""
 
     start_ns: int
     end_ns: int
@@ -64,18 +64,17 @@ class _Piece:
 
 
 class McapFile:
-    """One MCAP file, walked over when it is opened; chunks are decompressed only when they are read.
+    """An MCAP file, scanned when opened; chunks are decompressed only when they are read.
 
     ``add_problem`` is called with each problem, also repeatedly. `fraction` is the part of the
-    file that `records` has read. Raises a `BagError` when nothing of the file can be used.
+    file that `records` has read. Raises a `BagError` if nothing of the file is usable.
     """
 
     storage = "mcap"
 
     def __init__(self, path: Path, add_problem: Callable[[str], None]) -> None:
         self.attachments: list[Attachment] = []
-        #: what a recorder has put into the file of the bag's metadata: nothing, if the file was
-        #: not finished
+        #: the bag's metadata in the file; empty if the file was not finished
         self.metadata = BagMetadata()
         self.fraction = 0.0
         self._add_problem: Callable[[str], None] = lambda text: add_problem(f"{path}: {text}")
@@ -90,15 +89,14 @@ class McapFile:
                 raise BagError(f"{path}: not an MCAP file (its first bytes are {magic.hex(' ')})")
             self._data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
         self.close = self._data.close
-        if not self._scan() or not self._channels:  # there may be channels that only chunks define
+        if not self._scan() or not self._channels:  # channels may be defined in chunks only
             for piece in self._pieces:
                 self._read(piece, ())
 
     def _scan(self) -> bool:
-        """Find chunks and runs of messages, read everything else; False when the file is damaged or not finished.
+        """Find chunks and runs of messages, read everything else; False if damaged or unfinished.
 
-        The summary is walked over, too: its copies of schemas and channels stand in for damaged
-        originals.
+        The summary is scanned, too: its copies of schemas and channels replace damaged originals.
         """
         size = len(self._data)
         is_whole, is_finished = True, False
@@ -161,7 +159,7 @@ class McapFile:
         size = len(self._data)
         compression, data_begin, data_end = chunk_data(self._data, begin)
         if data_begin > size:
-            return  # cut off in its head
+            return  # truncated within its head
         if data_end > end:
             self._add_problem(f"damaged: the chunk at byte {begin} is larger than its record")
             return
@@ -181,7 +179,7 @@ class McapFile:
         )
 
     def definitions(self) -> bytes:
-        """Records of all schemas and channels, as far as they were read."""
+        """Records of all schemas and channels read so far."""
         builder = RecordBuilder()
         for schema in self._schemas.values():
             schema.write(builder)
@@ -190,7 +188,7 @@ class McapFile:
         return bytes(builder.end())
 
     def topics(self) -> list[RecordedTopic]:
-        """All topics of the file."""
+        """All topics in the file."""
         topics = []
         for channel in self._channels.values():
             schema = self._schemas.get(channel.schema_id) or Schema(0, b"", "", "")
@@ -210,7 +208,7 @@ class McapFile:
     def records(
         self, topics: Collection[str] | None, start_ns: int, stop_ns: int
     ) -> Iterator[BagRecord]:
-        """Messages with ``start_ns`` <= log time < ``stop_ns`` by log time; equal times keep the file's order."""
+        """Messages with ``start_ns`` <= log time < ``stop_ns`` by log time, then file order."""
         log_time = attrgetter("log_time_ns")
         pieces = [
             one
@@ -232,7 +230,7 @@ class McapFile:
             del waiting[:ready]
 
     def _read(self, piece: _Piece, topics: Collection[str] | None) -> list[BagRecord]:
-        """Messages of a chunk or run, in the order of the file; schemas and channels in it are added."""
+        """Messages of a chunk or run in file order; its schemas and channels are registered."""
         data: Buffer = self._data
         at, stop = piece.begin, piece.end
         if piece.uncompressed_size >= 0:
@@ -279,11 +277,11 @@ class McapFile:
 
 
 def _content(data: bytes, piece: _Piece) -> bytes:
-    """Records of a chunk, as far as it is there; an error of `_DAMAGE` when it cannot be used."""
+    """Decompress a chunk as far as it exists; an error of `_DAMAGE` if it is unusable."""
     size = piece.uncompressed_size
     if max(len(data), size) > MAX_CHUNK_BYTES:
         raise ValueError(f"it is larger than the {MAX_CHUNK_BYTES} bytes that are accepted")
-    # One byte more than the chunk announces shows that it is damaged; nothing expands further.
+    # Reading one byte more than announced reveals damage without expanding further.
     if piece.compression == "zstd":
         data = zstandard.ZstdDecompressor(max_window_size=2**27).stream_reader(data).read(size + 1)
     elif piece.compression == "lz4":

@@ -1,10 +1,10 @@
 """Finds the records of an MCAP file or chunk, also beyond damage.
 
-The libraries cannot do that: ``mcap`` and ``rosbags`` give up at the first damaged record, and
+The libraries cannot do that: ``mcap`` and ``rosbags`` stop at the first damaged record, and
 ``mcap`` takes ten times as long for a weld. So the frames of the records (one byte of type, eight
-of length) are walked here; what is inside a frame is left to ``mcap``. Where a frame's neighbour
-makes no sense, the next place is searched from which frames follow each other again, so that
-damage costs only the records it hits. Layout of the records: https://mcap.dev/spec
+of length) are scanned here, and their content is left to ``mcap``. If the frame after one is
+implausible, the next position with several consecutive frames is searched, so that damage costs
+only the affected records. Layout of the records: https://mcap.dev/spec
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from mcap.opcode import Opcode
 
 Buffer = bytes | mmap.mmap
 
-#: no type of record
+#: not a type of record
 DAMAGED = 0
-#: largest chunk that is read, on the disk and in memory
+#: largest accepted chunk, on disk and in memory
 MAX_CHUNK_BYTES = 256 * 1024 * 1024
 _FRAME = struct.Struct("<BQ")
 HEAD_BYTES = _FRAME.size
-#: chunk up to its compression: first and last log time, size and checksum of its content
+#: head of a chunk before its compression: first and last log time, size and checksum
 CHUNK_HEAD = struct.Struct("<QQQI")
-#: least length of every type of record, with all texts empty
+#: minimum length of every type of record, with empty texts
 _LEAST = {
     1: 8,
     2: 20,
@@ -45,16 +45,16 @@ _LEAST = {
     15: 4,
 }
 _NEVER = 2**64
-#: a frame of the data section with a length that is possible
+#: a frame of the data section with a plausible length
 _CANDIDATE = re.compile(rb"(?=[\x03-\x07\x09\x0c\x0f].{4}\0{4})", re.DOTALL)
-#: consecutive frames that a place behind damage needs to count as good
+#: consecutive frames that confirm a position after damage
 _CHAIN = 3
 
 
 def frames(data: Buffer, at: int, stop: int) -> Iterator[tuple[int, int, int]]:
-    """Records between two offsets: type, begin and end of the body; the last may end behind ``stop`` (cut off).
+    """Records between two offsets: type, begin and end of the body; the last may be truncated.
 
-    Bytes that are skipped have the type `DAMAGED`.
+    Skipped bytes have the type `DAMAGED`.
     """
     unpack = _FRAME.unpack_from
     while at + HEAD_BYTES <= stop:
@@ -65,8 +65,8 @@ def frames(data: Buffer, at: int, stop: int) -> Iterator[tuple[int, int, int]]:
             yield opcode, at + HEAD_BYTES, end
             at = end
             continue
-        # The length of this frame, or the head of the next one, is damaged; or the file is cut off
-        # inside this frame.
+        # The length of this frame or the head of the next one is damaged, or the file is
+        # truncated inside this frame.
         trusted = (
             possible and opcode == Opcode.CHUNK and chunk_data(data, at + HEAD_BYTES)[2] == end
         )
@@ -82,7 +82,7 @@ def frames(data: Buffer, at: int, stop: int) -> Iterator[tuple[int, int, int]]:
 
 
 def chunk_data(data: Buffer, begin: int) -> tuple[str, int, int]:
-    """Compression of a chunk, begin and end of its compressed data; ``begin`` is that of its record's body."""
+    """Compression of a chunk, begin and end of its data; ``begin`` is that of the record body."""
     name = begin + CHUNK_HEAD.size + 4
     name_end = name + int.from_bytes(data[name - 4 : name], "little")
     data_begin = name_end + 8
@@ -95,24 +95,24 @@ def chunk_data(data: Buffer, begin: int) -> tuple[str, int, int]:
 
 
 def _is_frame(data: Buffer, at: int, stop: int) -> bool:
-    """Whether a frame begins here; its length must make sense, for a damaged one before it may end anywhere."""
+    """Whether a frame with a plausible length begins here."""
     opcode, length = _FRAME.unpack_from(data, at)
     if _LEAST.get(opcode, _NEVER) > length:
         return False
     end = at + HEAD_BYTES + length
     if end <= stop or (opcode == Opcode.CHUNK and chunk_data(data, at + HEAD_BYTES)[2] == end):
         return True
-    return _next_frame(data, at + 1, stop) is None  # cut off
+    return _next_frame(data, at + 1, stop) is None  # truncated
 
 
 def _next_frame(data: Buffer, at: int, stop: int) -> int | None:
-    """First offset from ``at`` on where several frames follow each other; None if there is none."""
+    """First offset from ``at`` on with several consecutive frames; None if there is none."""
     places = (match.start() for match in _CANDIDATE.finditer(data, min(at, stop), stop))
     return next((place for place in places if _is_chain(data, place, stop)), None)
 
 
 def _is_chain(data: Buffer, at: int, stop: int) -> bool:
-    """Whether enough frames follow each other from ``at`` on, up to the very end if that is near."""
+    """Whether enough frames follow from ``at`` on, or all up to the end if that is near."""
     for link in range(_CHAIN):
         if at + HEAD_BYTES > stop:
             return at == stop or link > 1

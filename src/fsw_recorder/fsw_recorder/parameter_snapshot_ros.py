@@ -1,4 +1,4 @@
-"""Collects the parameters of the nodes of the graph, without ever waiting for one."""
+"""Collects the parameters of the graph's nodes without blocking."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _TRIES = 30
 
 
 class ParameterSnapshots:
-    """Asks each node of the graph that is ``wanted``, by its full name, once for its parameters.
+    """Requests the parameters of each ``wanted`` node (by full name) once.
 
     ``found`` is called with the full name and the parameters as the YAML of a ROS parameter file.
     """
@@ -28,7 +28,7 @@ class ParameterSnapshots:
         self._known = {node.get_fully_qualified_name()}
 
     def look_for_nodes(self) -> None:
-        """Ask nodes that are new, or that had no parameter services yet; to be called now and then."""
+        """Query new nodes, and those without parameter services so far; call it regularly."""
         for name, namespace in self._node.get_node_names_and_namespaces():
             full_name = f"{namespace.rstrip('/')}/{name}"
             if full_name not in self._known and self._wanted(full_name):
@@ -71,7 +71,7 @@ class ParameterSnapshots:
 
 
 def _plain(value: Any) -> Any:
-    """Plain Python for YAML: arrays become lists, bytes numbers."""
+    """Convert to plain Python for YAML: arrays become lists, bytes numbers."""
     if value is None or isinstance(value, str | bool | int | float):
         return value
     return [_plain(one) for one in value]

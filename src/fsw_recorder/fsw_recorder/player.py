@@ -1,4 +1,4 @@
-"""Decides which recorded message is published when: the player without any middleware."""
+"""Decides when each recorded message is published: the player without middleware."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ MIN_RATE, MAX_RATE = 1e-3, 1e6
 
 
 class Player:
-    """Plays one bag; time is handed in as ``now_ns``, so it can be driven by any clock.
+    """Plays a bag; time is passed in as ``now_ns``, so any clock can drive it.
 
-    The caller closes the reader; its log times are the time that is played. The other arguments
-    are parameters of the replayer, which ``replay.yaml`` describes. Raises a `BagError` when
-    nothing is to be played, or the start is outside the bag.
+    The caller closes the reader; its log times are the playback time. The other arguments are
+    parameters of the replayer (``replay.yaml``). Raises a `BagError` if there is nothing to play,
+    or the start is outside the bag.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class Player:
         self.seek(self.start_ns, now_ns)
 
     def latched_before_start(self) -> list[BagRecord]:
-        """Last message before the start of every latched topic; to be published first."""
+        """Last message before the start of every latched topic, to be published first."""
         names = {one.name for one in self.topics if any(map(is_latched, one.qos))}
         if not names or self.start_ns == self._bag_start_ns:
             return []
@@ -66,12 +66,12 @@ class Player:
         )
 
     def bag_time_ns(self, now_ns: int) -> int:
-        """Time in the bag at a time of the clock; never beyond the end."""
+        """Bag time for a clock time, at most the end."""
         elapsed = 0 if self.is_paused else round((now_ns - self._anchor_now_ns) * self.rate)
         return min(self._anchor_bag_ns + elapsed, self.end_ns)
 
     def take_due(self, now_ns: int, most: int = 1000) -> list[BagRecord]:
-        """Messages whose time has come, at most ``most``; `finished` is set after the last one."""
+        """Messages that are due, at most ``most``; `finished` is set after the last one."""
         due: list[BagRecord] = []
         if self.is_paused or self.finished:
             return due
@@ -87,16 +87,16 @@ class Player:
         return due
 
     def hold_back(self, lost_ns: int) -> None:
-        """Do not catch up on the time ``lost_ns`` in which nothing could be played.
+        """Skip the time ``lost_ns`` in which nothing could be played.
 
-        Messages that were recorded apart and are sent at once would overrun their subscribers'
+        Messages recorded at different times but sent at once would overflow their subscribers'
         queues.
         """
         if not self.is_paused:
             self._anchor_now_ns += lost_ns
 
     def pause(self, now_ns: int) -> None:
-        """Pause."""
+        """Pause playback."""
         self._anchor(self.bag_time_ns(now_ns), now_ns)
         self.is_paused = True
 
@@ -107,7 +107,7 @@ class Player:
             self._anchor_now_ns = now_ns
 
     def set_rate(self, rate: float, now_ns: int) -> bool:
-        """Change the rate from now on; False when it is not positive or absurd."""
+        """Change the rate; False if it is not positive or absurd."""
         if not MIN_RATE <= rate <= MAX_RATE:
             return False
         self._anchor(self.bag_time_ns(now_ns), now_ns)
@@ -115,7 +115,7 @@ class Player:
         return True
 
     def seek(self, bag_time_ns: int, now_ns: int) -> bool:
-        """Continue from a time in the bag; False when it is outside the bag."""
+        """Continue from a time in the bag; False if it is outside the bag."""
         if not self._bag_start_ns <= bag_time_ns <= self.end_ns:
             return False
         self._source: Iterator[BagRecord] = self._reader.records(
@@ -127,7 +127,7 @@ class Player:
         return True
 
     def step(self, now_ns: int) -> BagRecord | None:
-        """While paused: take the next message at once; None at the end or when not paused."""
+        """While paused: return the next message; None at the end or if not paused."""
         record = self._next if self.is_paused else None
         if record is not None:
             self._anchor(record.log_time_ns, now_ns)

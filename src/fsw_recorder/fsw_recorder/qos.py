@@ -16,12 +16,12 @@ from rosbags.interfaces import (
 )
 from rosbags.rosbag2.metadata import dump_qos_v9, parse_qos
 
-#: a duration that never ends, as ROS 2 writes it
+#: an infinite duration, as ROS 2 writes it
 INFINITE = QosTime(9223372036, 854775807)
 
 
 def profile(reliable: bool = True, latched: bool = False, depth: int = 10) -> Qos:
-    """A profile with the given strength and everything else at its default."""
+    """A profile with the given strength and defaults otherwise."""
     return Qos(
         QosHistory.KEEP_LAST,
         depth,
@@ -36,12 +36,12 @@ def profile(reliable: bool = True, latched: bool = False, depth: int = 10) -> Qo
 
 
 def is_reliable(qos: Qos) -> bool:
-    """Whether messages are repeated until they arrive."""
+    """Whether messages are resent until they arrive."""
     return bool(qos.reliability != QosReliability.BEST_EFFORT)
 
 
 def is_latched(qos: Qos) -> bool:
-    """Whether a late subscriber still gets the last messages."""
+    """Whether late subscribers get the last messages."""
     return bool(qos.durability == QosDurability.TRANSIENT_LOCAL)
 
 
@@ -51,26 +51,26 @@ def qos_values(profiles: Sequence[Qos]) -> list[Any]:
 
 
 def qos_text(profiles: Sequence[Qos]) -> str:
-    """Profiles as the channel metadata of an MCAP file holds them; empty when there are none."""
+    """Profiles as in the channel metadata of an MCAP file; empty if there are none."""
     return yaml.safe_dump(qos_values(profiles), sort_keys=False).strip() if profiles else ""
 
 
 def read_qos(text: Any) -> list[Qos]:
-    """Profiles from channel metadata of any age; empty where they are damaged."""
+    """Profiles from channel metadata of any version; empty if damaged."""
     try:
         return [
             qos for qos in parse_qos(text) if isinstance(qos.depth, int) and 0 <= qos.depth < 2**31
         ]
-    except Exception:  # rosbags lets whatever the damage causes through
+    except Exception:  # rosbags passes on any exception caused by damage
         return []
 
 
 def missing_requests(offers: Sequence[Qos], present: Sequence[Qos], depth: int) -> list[Qos]:
-    """QoS of the subscriptions to add to the present ones to receive from every publisher as strongly as it offers.
+    """QoS of the additional subscriptions needed to receive every publisher at its strength.
 
     A reliable subscription does not match a best-effort publisher, and a best-effort one loses
-    messages of a reliable one; in the same way a latched (transient local) one does not match a
-    volatile publisher. A publisher's larger depth wins over ``depth``, so that all latched
+    messages of a reliable one; similarly a latched (transient local) one does not match a
+    volatile publisher. A publisher's larger depth overrides ``depth``, so that all latched
     messages are received.
     """
     requests = list(present)
@@ -86,7 +86,7 @@ def missing_requests(offers: Sequence[Qos], present: Sequence[Qos], depth: int) 
 
 
 def replayed_qos(offers: Sequence[Qos]) -> Qos:
-    """QoS of a publisher that matches every subscription of the recorded publishers: the strongest of them."""
+    """QoS that matches all subscriptions of the recorded publishers: the strongest of theirs."""
     if not offers:
         return profile()
     depth = max(1, *(one.depth for one in offers))

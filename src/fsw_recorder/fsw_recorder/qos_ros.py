@@ -23,7 +23,7 @@ from fsw_recorder.qos import INFINITE
 
 
 def profile_of(qos: Qos) -> QoSProfile:
-    """Profile to subscribe or publish with, of what `fsw_recorder.qos.profile` makes."""
+    """Convert a profile of `fsw_recorder.qos.profile` for subscribing or publishing."""
     return QoSProfile(
         depth=max(qos.depth, 1),
         history=HistoryPolicy[qos.history.name],
@@ -33,7 +33,7 @@ def profile_of(qos: Qos) -> QoSProfile:
 
 
 def offered_by(profile: QoSProfile) -> Qos:
-    """QoS offered by a publisher, as stored in a bag; policies that are not reported have their defaults."""
+    """QoS offered by a publisher, as stored in a bag; unreported policies have their default."""
     best_effort = profile.reliability == ReliabilityPolicy.BEST_EFFORT
     latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
     manual = profile.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC

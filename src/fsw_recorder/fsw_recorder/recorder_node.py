@@ -48,12 +48,12 @@ from fsw_recorder.topic import RecordedTopic, TopicSelection
 from fsw_recorder.topic_subscription_ros import TopicSubscription
 
 _REPORT_PERIOD_S = 1.0
-#: time between looks at what has been received [s]; the queues hold far more than comes meanwhile
+#: polling period [s]; the queues hold far more than arrives meanwhile
 _POLL_PERIOD_S = 0.01
 
 
 class _Bag(NamedTuple):
-    """What a bag is made of, checked."""
+    """Validated settings of a bag."""
 
     folder: Path
     options: WriterOptions
@@ -64,16 +64,16 @@ class _Bag(NamedTuple):
 class RecorderNode(ManagedNode):
     """Node that records while it is active; see ``recorder.yaml`` for its parameters.
 
-    Services as rosbag2's recorder: ``~/pause``, ``~/resume``, ``~/is_paused`` and
-    ``~/split_bagfile``. Each activation makes a bag, which is whole once the node is deactivated;
-    one after the first gets a number, unless it is free.
+    Services as in rosbag2's recorder: ``~/pause``, ``~/resume``, ``~/is_paused`` and
+    ``~/split_bagfile``. Each activation makes a bag, which is complete once the node is
+    deactivated; later ones get a number, unless their name is free.
 
     Raises
     ------
     BagError
-        The bag cannot be made, or an attachment cannot be read.
+        If the bag cannot be created, or an attachment cannot be read.
     InputError
-        The key that signs the manifest cannot be used.
+        If the key that signs the manifest cannot be used.
     """
 
     writer: BagWriter
@@ -82,7 +82,7 @@ class RecorderNode(ManagedNode):
         super().__init__("fsw_recorder", **arguments)
         self._values = declare(self, "fsw_recorder", "recorder.yaml").values
         self._recorded = False  #: whether a bag was made
-        self.failed = False  #: whether one is incomplete
+        self.failed = False  #: whether a bag is incomplete
         if self._values["autostart"]:
             self.start()
 
@@ -106,17 +106,17 @@ class RecorderNode(ManagedNode):
         self._diagnostics = DiagnosticsPublisher(self)
 
     def activate(self) -> None:
-        """Make the bag, and subscribe to what is there."""
+        """Create the bag and subscribe to the present topics."""
         self._subscriptions_by_topic: dict[str, TopicSubscription] = {}
         self._left_out: dict[str, str] = {}
         self._other_welds: set[str] = set()
         self._failure_told = False
-        #: topics that have no publisher yet, and keep the others from being recorded
+        #: topics without a publisher yet, which delay the recording of the others
         self._awaited = [self.resolve_topic_name(name) for name in self._values["wait_for_topics"]]
         self.writer = self._make_writer()
         try:
             self._begin()
-        except BaseException:  # among them Ctrl-C in the middle of it
+        except BaseException:  # including Ctrl-C in the middle of it
             self._finish()
             raise
 
@@ -142,7 +142,7 @@ class RecorderNode(ManagedNode):
         self._finish()
 
     def _planned(self) -> _Bag:
-        """The bag that the parameters ask for."""
+        """The bag requested by the parameters."""
         values = self._values
         attachments = [("versions.json", versions_text())]
         if values["scenario"]:
@@ -173,7 +173,7 @@ class RecorderNode(ManagedNode):
         for name, data in bag.attachments:
             writer.attach(name, media_type(name), data)
         self._recorded = True
-        if bag.options.manifest:  # the programs that tell may take seconds to answer
+        if bag.options.manifest:  # the programs may take seconds to answer
             Thread(
                 target=lambda: writer.note_clock(clock_state()), name="clock_source", daemon=True
             ).start()
@@ -196,7 +196,7 @@ class RecorderNode(ManagedNode):
         serve(self, Pause, "~/pause", lambda _: set_paused(True))
         serve(self, Resume, "~/resume", lambda _: set_paused(False))
         serve(self, IsPaused, "~/is_paused", lambda _: {"paused": writer.is_paused})
-        # a group of its own: a callback that awaits keeps its group busy
+        # a group of its own: a callback that awaits blocks its group
         self.create_service(
             SplitBagfile, "~/split_bagfile", split, callback_group=ReentrantCallbackGroup()
         )
@@ -205,7 +205,7 @@ class RecorderNode(ManagedNode):
 
     def _discover(self) -> None:
         if self.writer.error is not None:
-            self._failure_told = True  # here, so that it is on /rosout
+            self._failure_told = True  # logged here, so that it is on /rosout
             self.get_logger().fatal(str(self.writer.error))
             self._report()
             raise SystemExit(1)
@@ -235,7 +235,7 @@ class RecorderNode(ManagedNode):
                     )
 
     def _tell_other_weld(self, name: str) -> None:
-        """Say once of each other weld that it is not recorded."""
+        """Report once for each other weld that it is not recorded."""
         weld = self._selection.other_weld(name)
         if weld and weld not in self._other_welds:
             self._other_welds.add(weld)
@@ -264,7 +264,7 @@ class RecorderNode(ManagedNode):
         self.get_logger().info(f"subscribed to {name} [{type_name}]")
 
     def _poll(self) -> None:
-        """Write what has been received."""
+        """Write the received messages."""
         for subscription in self._subscriptions_by_topic.values():
             subscription.poll()
 
@@ -300,11 +300,11 @@ class RecorderNode(ManagedNode):
         self._diagnostics.publish([Report("recording", level, text, values)])
 
     def _lost(self) -> dict[str, int]:
-        """Messages that are missing by their numbers, by topic."""
+        """Number of missing messages by topic, from sequence numbers."""
         return {name: one.lost for name, one in self._subscriptions_by_topic.items() if one.lost}
 
     def _finish(self) -> None:
-        """Finish the bag, with all that was received, and report its contents or why it is incomplete."""
+        """Finish the bag with all received messages; report its content or its defects."""
         self._poll()
         lost, dropped = self._lost(), self.writer.statistics()["dropped"]
         missing = sum(lost.values()) + dropped
@@ -314,8 +314,8 @@ class RecorderNode(ManagedNode):
         }
         self.writer.close()
         counters = self.writer.statistics()
-        # a logger that does not publish to /rosout: when a signal ends the node, its context is no
-        # more
+        # a logger that does not publish to /rosout: after a signal the node's context is shut
+        # down
         logger = get_logger(f"{self.get_logger().name}.bag")
         if self.writer.error is not None:
             self.failed = True
@@ -324,7 +324,8 @@ class RecorderNode(ManagedNode):
         else:
             if self._awaited:
                 logger.warning(
-                    f"nothing was recorded: these topics were not there: {', '.join(self._awaited)}"
+                    "nothing was recorded: these topics were not there: "
+                    f"{', '.join(self._awaited)}"
                 )
             logger.info(
                 f"{counters['written']} messages in {self.writer.folder} (missing: {missing})"
@@ -347,7 +348,7 @@ class RecorderNode(ManagedNode):
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the recorder until it is stopped; exit code 1 when writing failed."""
+    """Run the recorder until it is stopped; exit code 1 if writing failed."""
     nodes: list[RecorderNode] = []
 
     def make() -> RecorderNode:

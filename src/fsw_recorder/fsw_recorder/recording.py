@@ -1,4 +1,4 @@
-"""Parts of a recorder besides its writer: names, attachments, custom data."""
+"""Parts of a recorder other than its writer: names, attachments, custom data."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fsw_recorder.errors import BagError
 from fsw_schema.files import open_regular
 
 _DISTRIBUTIONS = ("fsw-control", "ros-rclpy", "ros-fastrtps", "mcap", "numpy", "casadi", "rosbags")
-#: packages that decide what is commanded, with the suffixes of their sources
+#: packages that determine the commands, with the suffixes of their sources
 _PACKAGES = (
     "fsw_control",
     "fsw_model",
@@ -37,7 +37,7 @@ _MEDIA_TYPES = {
 
 
 def output_folder(wanted: str, now: datetime) -> Path:
-    """Folder of the bag; where none is given, one named after the time at which the recording began."""
+    """Folder of the bag; by default named after the start time of the recording."""
     return (
         Path(wanted).expanduser()
         if wanted
@@ -46,13 +46,13 @@ def output_folder(wanted: str, now: datetime) -> Path:
 
 
 def free_sibling(folder: Path) -> Path:
-    """The folder itself if it does not exist, else the first free one of ``<name>_1``, ``<name>_2``, ..."""
+    """The folder if it does not exist, else the first free ``<name>_1``, ``<name>_2``, ..."""
     siblings = (folder.with_name(f"{folder.name}_{number}") for number in count(1))
     return next(one for one in chain([folder], siblings) if not os.path.lexists(one))
 
 
 def versions_text() -> bytes:
-    """Contents of the attachment ``versions.json``: Python, ROS distribution, packages, hashes of our code."""
+    """Attachment ``versions.json``: Python, ROS distribution, packages, hashes of our code."""
     found = {
         "python": platform.python_version(),
         "system": platform.system(),
@@ -70,7 +70,7 @@ def versions_text() -> bytes:
 
 
 def _code_sha256(package: str) -> str:
-    """Hash of the source files of a package, by path and content: which code controlled, whatever its version says."""
+    """Hash of a package's source files by path and content, independent of its version number."""
     spec = find_spec(package)
     total = hashlib.sha256()
     for folder in spec.submodule_search_locations or () if spec else ():
@@ -84,7 +84,7 @@ def _code_sha256(package: str) -> str:
 
 
 def read_attachment(path: str) -> bytes:
-    """Contents of a file to attach; a `BagError` when it cannot be read or is too large."""
+    """Content of a file to attach; a `BagError` if it is unreadable or too large."""
     try:
         with open_regular(Path(path).expanduser()) as file:
             data = file.read(_MAX_ATTACHMENT_BYTES + 1)
@@ -105,7 +105,7 @@ def media_type(name: str) -> str:
 
 
 def custom_entries(entries: Sequence[str]) -> dict[str, str]:
-    """Custom data of ``metadata.yaml`` from ``key=value`` texts; a `BagError` for one without ``=``."""
+    """Custom data of ``metadata.yaml`` from ``key=value`` texts; a `BagError` without ``=``."""
     result: dict[str, str] = {}
     for entry in entries:
         key, separator, value = entry.partition("=")

@@ -1,4 +1,4 @@
-"""Makes an intact bag from the readable part of another."""
+"""Makes an intact bag from the readable part of another bag."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_recorder.errors import BagError
 from fsw_recorder.topic import TopicSelection
 
-#: what is handed to the writer before the disk is waited for, counting this much for every message
+#: data passed to the writer between waits for the disk, plus this much for every message
 _BATCH_BYTES, _MESSAGE_BYTES = 16 * 1024 * 1024, 1000
-#: how long the disk may take for that
+#: time limit for writing them
 _PATIENCE_S = 600.0
 
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """Result: number of messages and topics copied, and problems of the bag."""
+    """Result: numbers of copied messages and topics, and problems of the bag."""
 
     messages: int
     topics: int
@@ -35,18 +35,18 @@ def recover(
     keep_attachment: Callable[[str], bool] = lambda _: True,
     stop_ns: int = FOREVER_NS,
 ) -> Recovery:
-    """Copy all readable messages and attachments of a bag in any state into a new bag, whose folder must not exist.
+    """Copy all readable messages and attachments of a bag into a new bag.
 
-    Topics, types, definitions, QoS, times, sequence numbers and bytes stay as they are; also turns
-    any readable bag (split, compressed, sqlite3) into one MCAP bag. ``selection``,
-    ``keep_attachment`` and ``stop_ns`` restrict it to topics, to attachments by name, and to
-    messages received before a time. ``progress`` is called now and then with the fraction done, 0
-    to 1.
+    Topics, types, definitions, QoS, times, sequence numbers and bytes are kept; this also converts
+    any readable bag (split, compressed, sqlite3) into an MCAP bag. The new folder must not exist.
+    ``selection``, ``keep_attachment`` and ``stop_ns`` restrict it to topics, to attachments by
+    name, and to messages received before a time. ``progress`` is called now and then with the
+    fraction done, 0 to 1.
 
     Raises
     ------
     BagError
-        Nothing can be read, or the new bag cannot be written.
+        If nothing can be read, or the new bag cannot be written.
     """
     with BagReader(source) as reader:
         topics = {
@@ -69,7 +69,7 @@ def recover(
 def copy(
     records: Iterable[BagRecord], writer: BagWriter, problems: Sequence[str] = ()
 ) -> Recovery:
-    """Write records to a bag as fast as the disk takes them, and close it; a `BagError` when it is not complete."""
+    """Write records to a bag at the speed of the disk and close it; a `BagError` if incomplete."""
     topics: set[str] = set()
     waiting = 0
     for record in records:

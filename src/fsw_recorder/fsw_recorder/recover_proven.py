@@ -1,4 +1,4 @@
-"""Makes a bag of those chunks of a damaged one that are, byte for byte, as the recorder wrote them."""
+"""Makes a bag of the chunks of a damaged one that are unchanged since their recording."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from fsw_recorder.signature import SUFFIX
 
 @dataclass(frozen=True, slots=True)
 class ProvenRecovery:
-    """Result: chunks and attachments that are proven, of how many, and what is lost."""
+    """Result: numbers of proven and recorded chunks and attachments, and the losses."""
 
     proven: int
     recorded: int
@@ -39,14 +39,14 @@ def recover_proven(
 ) -> ProvenRecovery:
     """Copy the chunks and attachments whose hashes are in the manifest, unchanged, into a new bag.
 
-    So the manifest, which is copied beside them, still proves them; a reader finds them without an
-    index. The ``target`` must not exist. ``evidence`` are further files to copy, where there are
-    any: signatures. ``progress`` is called with the fraction done, 0 to 1.
+    The manifest is copied as well and still proves them; readers find them without an index. The
+    ``target`` must not exist. ``evidence`` are further files to copy if present, e.g. signatures.
+    ``progress`` is called with the fraction done, 0 to 1.
 
     Raises
     ------
     BagError
-        There is no manifest, nothing is proven, or the new bag cannot be written.
+        If there is no manifest, nothing is proven, or the new bag cannot be written.
     """
     manifest = read_manifest(source) if source.is_dir() else None
     if manifest is None:

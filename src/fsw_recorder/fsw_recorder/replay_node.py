@@ -1,4 +1,4 @@
-"""Publishes a bag into the graph, with its clock."""
+"""Publishes a bag into the graph, including its clock."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ from fsw_recorder.topic import TopicSelection
 from fsw_recorder.weld_clock import on_weld_clock
 
 _PERIOD_S = 0.002
-#: what a pause of this process may catch up on at once
+#: longest pause of this process that is made up for at once
 _STALL_NS = 50_000_000
-#: how long the last messages may take to arrive
+#: time limit for the delivery of the last messages
 _DELIVERY_S = 2.0
 
 
@@ -60,7 +60,7 @@ class ReplayNode(LightNode, Node):  # type: ignore[misc]
     Raises
     ------
     BagError
-        The bag cannot be read or has nothing to play.
+        If the bag cannot be read or has nothing to play.
     """
 
     def __init__(self, **arguments: Any) -> None:
@@ -135,7 +135,8 @@ class ReplayNode(LightNode, Node):  # type: ignore[misc]
             )
         if not publishers:
             raise BagError(
-                f"{self._reader.path}: nothing to play: none of its topics' types is installed here"
+                f"{self._reader.path}: nothing to play: "
+                "none of its topics' types is installed here"
             )
         return publishers
 

@@ -1,4 +1,4 @@
-"""Reads what is not plain MCAP, with ``rosbags``: a sqlite3 file up to its first damaged page, or a compressed bag."""
+"""Reads other formats than plain MCAP with ``rosbags``: sqlite3 and compressed bags."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from fsw_recorder.compressed import decompressed
 from fsw_recorder.errors import BagError
 from fsw_recorder.topic import BagRecord, RecordedTopic
 
-#: numbers of sqlite3 are signed
+#: numbers in sqlite3 are signed
 _MOST = 2**63 - 1
 
 
 @contextmanager
 def with_its_log(path: Path) -> Iterator[Path]:
-    """A copy of a sqlite3 file with what is in its write-ahead log; the file itself where there is no log.
+    """Yield a copy of a sqlite3 file merged with its write-ahead log; the file itself without log.
 
-    rosbag2's preset ``resilient`` writes such a log, and one that was killed leaves most of its
-    messages in it.
+    rosbag2's preset ``resilient`` writes such a log; if it is killed, most messages are only
+    there.
     """
     log = path.with_name(f"{path.name}-wal")
     if not path.is_file() or not log.is_file() or not log.stat().st_size:
@@ -38,18 +38,18 @@ def with_its_log(path: Path) -> Iterator[Path]:
         for original in (path, log):
             shutil.copyfile(original, copy.with_name(original.name))
         with closing(sqlite3.connect(copy)) as database:
-            # moves the log into the file, as the last one to close it does
+            # moves the log into the file, as the last connection does when it closes
             database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         yield copy
 
 
 class RosbagsFile:
-    """One sqlite3 file, or the folder of a bag compressed by message, with what `McapFile` has."""
+    """A sqlite3 file, or a bag folder compressed by message, with `McapFile`'s interface."""
 
     def __init__(self, path: Path, add_problem: Callable[[str], None], storage: str) -> None:
         self.storage = storage
         self.attachments: list[Attachment] = []
-        self.metadata = BagMetadata()  #: there are none inside
+        self.metadata = BagMetadata()  #: the file contains none
         self._add_problem: Callable[[str], None] = lambda text: add_problem(f"{path}: {text}")
         self.fraction = 0.0
         if path.is_file() and not path.stat().st_size:

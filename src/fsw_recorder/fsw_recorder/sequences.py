@@ -1,4 +1,4 @@
-"""Which messages are missing, by the numbers that publishers give to theirs."""
+"""Detects missing messages by the publishers' sequence numbers."""
 
 from __future__ import annotations
 
@@ -6,22 +6,20 @@ from collections.abc import Callable
 
 
 class Sequences:
-    """The sequences of numbers, one of each publisher, that arrive mixed on one topic.
+    """The mixed sequences of numbers of several publishers on one topic.
 
-    The middleware tells a message's number, but not whose it is. One that continues no sequence
-    begins another, if a publisher has not been heard yet or all sequences are beyond it (a
-    publisher that was started again); otherwise numbers are missing in the closest sequence before
-    it.
+    The middleware reports a message's number, but not its publisher. A number that continues no
+    sequence begins another one if there is a new publisher, or if all sequences are beyond it (a
+    restarted publisher); otherwise numbers are missing in the closest sequence before it.
     """
 
     def __init__(self) -> None:
         self._ends: list[int] = []
 
     def take(self, number: int, publishers: Callable[[], int]) -> int:
-        """Take a message's number; returns how many are missing before it.
+        """Take a message's number; return how many are missing before it.
 
-        ``publishers`` returns how many there are at present; it is only asked where no sequence is
-        continued.
+        ``publishers`` returns their present number; it is only called if no sequence is continued.
         """
         before = max((end for end in self._ends if end < number), default=None)
         if before is None or (before != number - 1 and len(self._ends) < publishers()):

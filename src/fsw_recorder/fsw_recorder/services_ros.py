@@ -1,4 +1,4 @@
-"""Services whose answer is a few values."""
+"""Services whose response is a few values."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rclpy.node import Node
 def serve(
     node: Node, kind: Any, name: str, answer: Callable[[Any], dict[str, Any] | None]
 ) -> None:
-    """Offer a service; ``answer`` takes the request and returns the response's fields (None: an empty response)."""
+    """Offer a service; ``answer`` maps the request to the response's fields (None: empty)."""
 
     def respond(request: Any, response: Any) -> Any:
         for field, value in (answer(request) or {}).items():

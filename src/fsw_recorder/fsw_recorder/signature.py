@@ -1,8 +1,8 @@
 """Ed25519 keys, lists of trusted keys, and signatures of files.
 
 The signature of ``FILE`` is ``FILE.sig``: a DSSE envelope
-(https://github.com/secure-systems-lab/dsse), made and checked by securesystemslib, around a
-:class:`Statement` of what was signed as what, and when. Keys have OpenSSH's format.
+(https://github.com/secure-systems-lab/dsse), created and verified by securesystemslib, around a
+:class:`Statement` of what was signed, its purpose and time. Keys have OpenSSH's format.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from fsw_schema.extras import Extra, MissingExtraError
 from fsw_schema.files import read_regular, write_whole
 from fsw_schema.models import InputError, Many, Model, content_of, json_content_of, validate
 
-if TYPE_CHECKING:  # of the extra signing
+if TYPE_CHECKING:  # from the extra signing
     from securesystemslib.signer import CryptoSigner
 
 SUFFIX = ".sig"
 _EXTRA = Extra("fsw-control", "signing", ("cryptography", "securesystemslib"))
-#: of the envelopes; a signature that was made for something else does not count
+#: payload type of the envelopes; a signature made for another purpose does not count
 PAYLOAD_TYPE = "application/vnd.fsw-control.statement.v1+json"
 
 
 class Purpose(StrEnum):
-    """As what a file is signed."""
+    """Purpose of a signature."""
 
     MANIFEST = "manifest"
     ATTESTATION = "attestation"
@@ -44,7 +44,7 @@ class Purpose(StrEnum):
 
 
 class Statement(Model):
-    """What a signature says: the payload of the envelope."""
+    """Payload of the envelope: what a signature states."""
 
     purpose: Annotated[Purpose, Strict(False)]
     name: str
@@ -58,7 +58,7 @@ class Statement(Model):
 
 
 class TrustedKey(Model):
-    """A key whose signatures count, and for what."""
+    """A key whose signatures count, with its purposes and validity."""
 
     name: str
     """of its owner, e.g. the machine"""
@@ -71,7 +71,7 @@ class TrustedKey(Model):
     valid_until: Annotated[date, Strict(False)] | None = None
     """last day"""
     revoked: Annotated[date, Strict(False)] | None = None
-    """day from which its signatures do not count: the first on which it may have been in other hands"""
+    """day from which its signatures do not count, because others may have had the key"""
 
 
 class KeyList(Model):
@@ -83,31 +83,31 @@ class KeyList(Model):
 
 
 class Signer(Model):
-    """Who signed something, and when."""
+    """Signer of a file, and the time."""
 
     name: str = ""
-    """as the list of trusted keys has it"""
+    """name in the list of trusted keys"""
     key: str
-    """fingerprint, as ``ssh-keygen -l`` shows it"""
+    """fingerprint as in ``ssh-keygen -l``"""
     signed_at: Annotated[AwareDatetime, Strict(False)]
 
     @property
     def words(self) -> str:
-        """In words."""
+        """Text for people."""
         owner = f"{self.name} (key {self.key})" if self.name else f"key {self.key}"
         return f"{owner} at {self.signed_at.isoformat(timespec='seconds')}"
 
 
 @dataclass(frozen=True, slots=True)
 class SigningKey:
-    """A key that signs, and its public half."""
+    """A signing key and its public half."""
 
     signer: CryptoSigner
     public: str
 
 
 def default_key() -> Path:
-    """Where the key is that is used unless another is given: in the user's configuration, in no repository."""
+    """Default path of the key, in the user's configuration, outside any repository."""
     configured = os.environ.get("XDG_CONFIG_HOME", "")
     return (
         (Path(configured) if os.path.isabs(configured) else Path.home() / ".config")
@@ -117,24 +117,26 @@ def default_key() -> Path:
 
 
 def public_path(path: Path) -> Path:
-    """The file of the public key beside a private one."""
+    """Path of the public key that belongs to a private one."""
     return path.with_name(f"{path.name}.pub")
 
 
 def signature_path(path: Path) -> Path:
-    """Where the signature of a file is."""
+    """Path of a file's signature."""
     return path.with_name(path.name + SUFFIX)
 
 
 def make_key(path: Path, comment: str = "fsw-control") -> str:
-    """Make a pair of keys: ``path`` for its owner alone, and ``path.pub``; returns the fingerprint.
+    """Create a key pair, ``path`` (readable by its owner only) and ``path.pub``.
+
+    Returns the fingerprint.
 
     Raises
     ------
     InputError
-        One of the files exists, or a library is not installed.
+        If one of the files exists, or a library is not installed.
     OSError
-        A file cannot be written.
+        If a file cannot be written.
     """
     for file in (path, public_path(path)):
         if os.path.lexists(file):
@@ -154,12 +156,12 @@ def make_key(path: Path, comment: str = "fsw-control") -> str:
 
 
 def load_private(path: Path) -> SigningKey:
-    """The key that signs.
+    """Load a signing key.
 
     Raises
     ------
     InputError
-        There is none, others may read it, or it is not an unencrypted Ed25519 key of OpenSSH.
+        If it is missing, readable by others, or not an unencrypted Ed25519 key of OpenSSH.
     """
     _EXTRA.need("signatures")
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -174,7 +176,7 @@ def load_private(path: Path) -> SigningKey:
         raise InputError(str(error)) from None
     try:
         key = load_ssh_private_key(data, password=None)
-    except Exception as error:  # cryptography raises many kinds
+    except Exception as error:  # cryptography raises various kinds
         raise InputError(
             f"key {path}: cannot be used: {' '.join(str(error).split())[:150]}"
         ) from None
@@ -185,12 +187,12 @@ def load_private(path: Path) -> SigningKey:
 
 
 def load_trusted(paths: Sequence[Path]) -> tuple[TrustedKey, ...]:
-    """Trusted keys of files: public keys, which count for everything and for ever, and lists of keys in YAML.
+    """Load trusted keys: public keys, valid for everything and for ever, and YAML lists of keys.
 
     Raises
     ------
     InputError
-        A file cannot be read, or something in it is wrong.
+        If a file cannot be read or is invalid.
     """
     keys: list[TrustedKey] = []
     for path in paths:
@@ -209,7 +211,7 @@ def load_trusted(paths: Sequence[Path]) -> tuple[TrustedKey, ...]:
                 _library_key(entry.key)
             except MissingExtraError:
                 raise
-            except Exception:  # cryptography raises many kinds
+            except Exception:  # cryptography raises various kinds
                 raise InputError(
                     f"trusted key {path}: {entry.name} is no line 'ssh-ed25519 AAAA...'"
                 ) from None
@@ -217,13 +219,13 @@ def load_trusted(paths: Sequence[Path]) -> tuple[TrustedKey, ...]:
 
 
 def fingerprint(line: str) -> str:
-    """Of a public key, as ``ssh-keygen -l`` shows it."""
+    """Fingerprint of a public key, as in ``ssh-keygen -l``."""
     digest = hashlib.sha256(base64.b64decode(line.split()[1])).digest()
     return "SHA256:" + base64.b64encode(digest).decode().rstrip("=")
 
 
 def sign(data: bytes, name: str, purpose: Purpose, key: SigningKey, now: datetime) -> str:
-    """Signature of the content of a file, as it is written beside it."""
+    """Sign the content of a file; returns the text of the signature file."""
     from securesystemslib.dsse import Envelope
 
     digest = hashlib.sha256(data).hexdigest()
@@ -242,15 +244,15 @@ def verify(
     trusted: Sequence[TrustedKey] | None,
     name: object = "",
 ) -> Signer:
-    """Check a signature of the content of file ``name``; returns its signer.
+    """Verify a signature of the content of file ``name``; returns its signer.
 
-    Without ``trusted`` keys any will do, e.g. to see whether a file was changed.
+    Without ``trusted`` any key is accepted, e.g. to detect changes of a file.
 
     Raises
     ------
     EvidenceError
-        It is no signature, not of these bytes, made for something else, or by a key that does not
-        count for it.
+        If it is not a signature, not of these bytes, made for another purpose, or by a key that
+        does not count for it.
     """
     _EXTRA.need("signatures")
     try:
@@ -270,7 +272,7 @@ def verify(
 def check_trust(
     signer: Signer, purpose: Purpose, trusted: Sequence[TrustedKey], name: object
 ) -> Signer:
-    """The signer with its owner's name; EvidenceError where the key does not count for this purpose at that time."""
+    """The signer with its owner's name; EvidenceError if the key is not valid for this use."""
     known = {fingerprint(entry.key): entry for entry in trusted}
     entry = known.get(signer.key)
     if entry is None:
@@ -311,7 +313,7 @@ def check_trust(
 def verify_file(
     path: Path, purpose: Purpose, trusted: Sequence[TrustedKey] | None, name: object = ""
 ) -> Signer:
-    """Check a file with its signature beside it, as :func:`verify`; also an EvidenceError where there is none."""
+    """Verify a file by the signature beside it, as :func:`verify`; EvidenceError without one."""
     name = name or path
     try:
         data, text = (
@@ -328,7 +330,7 @@ def verify_file(
 
 
 def _signed_statement(text: str) -> Statement:
-    """The statement of an envelope that the key that it names signed; any exception where it is not."""
+    """Statement of an envelope, verified with the key that it names; raises any exception."""
     from securesystemslib.dsse import Envelope
 
     envelope = Envelope.from_dict(json_content_of(text, "signature"))
@@ -340,7 +342,7 @@ def _signed_statement(text: str) -> Statement:
 
 
 def _library_key(line: str) -> Any:
-    """A public key of OpenSSH for securesystemslib, by its fingerprint; many kinds of exceptions for what is none."""
+    """Convert OpenSSH's public key for securesystemslib; invalid ones raise various exceptions."""
     _EXTRA.need("signatures")
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
     from cryptography.hazmat.primitives.serialization import load_ssh_public_key

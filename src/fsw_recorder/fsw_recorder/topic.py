@@ -12,7 +12,7 @@ from rosbags.interfaces import Qos
 from fsw_recorder.errors import BagError
 from fsw_recorder.qos import profile
 
-#: a topic of a weld or of one of its nodes, as ``/cell1/fsw/depth`` and
+#: pattern of the topics of a weld or its nodes, e.g. ``/cell1/fsw/depth`` and
 #: ``/cell1/fsw_plant/transition_event``
 _WELD = re.compile(r"((?:/\w+?)*?)/fsw(?:_\w+)?/")
 
@@ -24,8 +24,8 @@ class RecordedTopic:
     #: e.g. ``/fsw/depth`` and ``fsw_msgs/msg/ShoulderDepth``
     name: str
     type_name: str
-    definition: str = ""  #: ``ros2msg`` text with all nested definitions; empty when unknown
-    type_hash: str = ""  #: ``RIHS01_...``; empty when unknown
+    definition: str = ""  #: ``ros2msg`` text with all nested definitions; empty if unknown
+    type_hash: str = ""  #: ``RIHS01_...``; empty if unknown
     qos: tuple[Qos, ...] = (profile(),)  #: of the publishers
     #: of messages and definition
     encoding: str = "cdr"
@@ -33,11 +33,11 @@ class RecordedTopic:
 
 
 class BagRecord(NamedTuple):
-    """One recorded message.
+    """A recorded message.
 
-    `log_time_ns` is when it was received, `publish_time_ns` when it was published (the former,
-    where the storage has only one). `data` is CDR with its header of four bytes. `sequence` is the
-    publisher's, where known; else 0.
+    `log_time_ns` is its receive time, `publish_time_ns` its publish time (equal if the storage
+    has only one). `data` is CDR with its header of four bytes. `sequence` is the publisher's
+    number, 0 if unknown.
     """
 
     topic: str
@@ -50,15 +50,15 @@ class BagRecord(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class TopicSelection:
-    """Selects topics: the parameters of these names, which ``recorder.yaml`` describes.
+    """Selects topics, by the recorder's parameters of the same names (``recorder.yaml``).
 
-    Without ``topics`` and ``regex``, all are selected; those of other welds are not, where a
-    ``namespace`` is given.
+    Without ``topics`` and ``regex`` all are selected, except, with a ``namespace``, those of
+    other welds.
 
     Raises
     ------
     BagError
-        An expression is not valid.
+        If an expression is invalid.
     """
 
     topics: Sequence[str] = ()
@@ -66,7 +66,7 @@ class TopicSelection:
     exclude: Sequence[str] = ()
     exclude_regex: str = ""
     include_hidden: bool = False
-    namespace: str = ""  #: of the node; that of all is ``/``
+    namespace: str = ""  #: of the node; ``/`` covers all
 
     def __post_init__(self) -> None:
         for text in (self.regex, self.exclude_regex):
@@ -88,7 +88,7 @@ class TopicSelection:
         return not self.topics and (not self.namespace or self._is_own(topic))
 
     def _is_own(self, topic: str) -> bool:
-        """Whether the topic is in the namespace, but of no weld below it, or shared by the domain, as ``/clock``."""
+        """Whether the topic belongs to the namespace's weld, or to the domain (``/clock``)."""
         home = self.namespace.rstrip("/")
         return topic.count("/") == 1 or (
             topic.startswith(f"{home}/") and not self.other_weld(topic)
@@ -100,7 +100,7 @@ class TopicSelection:
         return shared_or_near and "/_" not in name and not self.other_weld(f"{name}/")
 
     def other_weld(self, topic: str) -> str:
-        """Namespace of the topic's weld, if that is another one than the node's; else empty."""
+        """Namespace of the topic's weld if it is not the node's own; else empty."""
         weld = _WELD.match(topic)
         return (
             weld[1] or "/"

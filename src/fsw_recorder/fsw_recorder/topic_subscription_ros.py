@@ -1,4 +1,4 @@
-"""Subscribes to all publishers of one topic, with any QoS and at any time."""
+"""Subscribes to all publishers of a topic, with any QoS and at any time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from fsw_recorder.qos import missing_requests
 from fsw_recorder.qos_ros import profile_of
 from fsw_recorder.sequences import Sequences
 
-#: how many messages of a topic are remembered to recognise duplicates
+#: number of a topic's messages that are kept to detect duplicates
 _REMEMBERED = 4096
 
 #: topic, message, receive time, publish time
@@ -24,14 +24,14 @@ Write = Callable[[str, bytes, int, int], bool]
 
 
 class Repeats:
-    """The latest ``kept`` messages of a topic by the time of their publication and their content."""
+    """The latest ``kept`` messages of a topic by publish time and content."""
 
     def __init__(self, kept: int = _REMEMBERED) -> None:
         self._known: dict[tuple[int, int], None] = {}
         self._kept = kept
 
     def seen(self, published_ns: int, data: bytes) -> bool:
-        """Whether this message came before; it is remembered from now on."""
+        """Whether this message is a duplicate; it is remembered."""
         key = (published_ns, hash(data))
         if key in self._known:
             return True
@@ -42,10 +42,10 @@ class Repeats:
 
 
 class _Polled(CallbackGroup):
-    """A group that no executor waits for.
+    """A callback group that no executor waits for.
 
-    An executor of rclpy builds its wait set again for each message, at a cost that grows with the
-    number of topics; a recorder that has them all would spend most of its time on that.
+    An executor of rclpy rebuilds its wait set for each message, at a cost that grows with the
+    number of topics; a recorder of all topics would spend most of its time on that.
     """
 
     def can_execute(self, entity: Any) -> bool:
@@ -57,17 +57,16 @@ class _Polled(CallbackGroup):
         return False
 
     def ending_execution(self, entity: Any) -> None:
-        """Nothing is ever run."""
+        """Never called, as nothing is run."""
 
 
 class TopicSubscription:
-    """One subscription per strength of QoS that the publishers offer, each message taken once, when it is polled.
+    """One subscription per QoS strength that the publishers offer; messages are polled.
 
-    A weaker publisher adds a weaker subscription and leaves the stronger one as it is; what both
-    receive is written when it comes first. `lost` counts the messages that a subscription has not
-    received between others, by their numbers: none with a middleware that does not number them.
-    Its events would report more losses, but with them Fast DDS wakes the executor for each
-    message, too.
+    A weaker publisher adds a weaker subscription and leaves the stronger one unchanged; a message
+    received by both is written once. `lost` counts missing messages by their sequence numbers (0
+    if the middleware has none). The subscription's events would report more losses, but with them
+    Fast DDS wakes the executor for each message.
     """
 
     def __init__(self, node: Node, name: str, kind: type, depth: int, write: Write) -> None:
@@ -79,7 +78,7 @@ class TopicSubscription:
         self.lost = 0
 
     def update(self, publishers: Sequence[Qos]) -> list[Qos]:
-        """Add the subscriptions that the present publishers need; returns those added."""
+        """Add the subscriptions needed for the present publishers; returns the new ones."""
         added = missing_requests(publishers, self._requests, self._depth)
         for request in added:
             subscription = self._node.create_subscription(
@@ -96,7 +95,7 @@ class TopicSubscription:
         return added
 
     def poll(self) -> None:
-        """Write what has been received since; the middleware has noted when that was."""
+        """Write the messages received since; the middleware has noted their receive times."""
         before = self.lost
         for subscription, sequences in self._subscriptions:
             with subscription.handle:

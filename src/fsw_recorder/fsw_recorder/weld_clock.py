@@ -1,8 +1,8 @@
-"""A bag whose time is that of its weld, not that of the wall clock at which it was recorded.
+"""A bag on the time of its weld instead of the wall clock of its recording.
 
-A weld in simulated time runs as fast as the machine allows, so its receive times say nothing about
-the weld. Here every message gets the simulated time at which it was received, so that a replay at
-rate 1 takes as long as the weld did.
+A weld in simulated time runs as fast as the machine allows, so its receive times mean nothing for
+the weld. Here every message gets the simulated time of its receipt, so that a replay at rate 1
+takes as long as the weld did.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_recorder.bag_reader import FOREVER_NS, BagInfo, BagReader, BagRecord
 from fsw_recorder.stamps import is_ticking, stamp_ns
 
-#: ends of the topics that show the weld's time, the best first
+#: suffixes of the topics with the weld's time, best first
 _CLOCKS = (*(f"/{SENSORS[name].topic}" for name in REQUIRED), "/clock")
-#: a message is received within this of its stamp, on the weld's clock; otherwise the stamp is
-#: ignored
+#: largest distance between a message's receipt and its stamp, on the weld's clock; beyond it the
+#: stamp is ignored
 _DISORDER_NS = 500_000_000
-#: what answers a measurement, or has no stamp, is played this long after it
+#: delay with which answers to a measurement, and messages without stamp, are played
 _ANSWER_NS = 10_000_000
 
 
 class WeldClockReader:
-    """Reads a bag as `BagReader` does, with log times on the weld's clock; see `on_weld_clock`.
+    """Reads a bag like `BagReader`, with log times on the weld's clock; see `on_weld_clock`.
 
-    Measurements are played at their stamps, all of a tick together, and what answers them soon
-    after; the order of receipt is only that in which the recorder came to read its topics. What
-    has no stamp follows the measurement that was received before it. Where the stamps go back (the
-    plant was reset), the time goes on from where it was.
+    Measurements are played at their stamps, all of a tick together, and their answers soon after;
+    the order of receipt only reflects how the recorder polled its topics. Messages without stamp
+    follow the measurement received before them. If the stamps go back (the plant was reset), the
+    time continues from where it was.
     """
 
     def __init__(self, reader: BagReader, clock: str, first_ns: int) -> None:
@@ -54,7 +54,7 @@ class WeldClockReader:
         start_ns: int = 0,
         stop_ns: int = FOREVER_NS,
     ) -> Iterator[BagRecord]:
-        """Messages as of `BagReader.records`; all times are on the weld's clock."""
+        """Messages as in `BagReader.records`; all times are on the weld's clock."""
         needed = None if topics is None else {*topics, self._clock}
         waiting: list[tuple[int, int, BagRecord]] = []
         now, shift, last = self._first_ns, 0, 0
@@ -82,7 +82,7 @@ class WeldClockReader:
 
 
 def on_weld_clock(reader: BagReader) -> BagReader | WeldClockReader:
-    """The bag on its weld's clock; unchanged where its stamps are the receive times anyway, or where it has none."""
+    """The bag on its weld's clock; unchanged if it has none or was received by that clock."""
     counts = reader.info().counts
     clocks = (
         name
