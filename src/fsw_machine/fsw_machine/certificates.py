@@ -1,4 +1,4 @@
-"""Certificates of OPC UA applications, checked before they are used."""
+"""Certificates of OPC UA applications, checked before use."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from fsw_schema.files import read_regular
 
 
 class SecurityError(ValueError):
-    """A certificate, key or password cannot be used; the message says which, why and what to do."""
+    """A certificate, key or password is not usable; the message names it, reason and remedy."""
 
 
 def now() -> datetime:
-    """The time against which certificates are checked."""
+    """Reference time for the check of certificates."""
     return datetime.now(UTC)
 
 
 def read_certificate(field: str, path: Path, at: datetime) -> x509.Certificate:
-    """The certificate in a file (DER or PEM) that is valid at a time.
+    """Load the certificate in a file (DER or PEM); it must be valid at the given time.
 
     Raises
     ------
     SecurityError
-        When it cannot be read, has expired or is not valid yet.
+        If it cannot be read, has expired or is not valid yet.
     """
     data = _read(field, path)
     try:
@@ -42,7 +42,8 @@ def read_certificate(field: str, path: Path, at: datetime) -> x509.Certificate:
         raise SecurityError(f"{field}: {path} holds no certificate in DER or PEM") from None
     if at > certificate.not_valid_after_utc:
         raise SecurityError(
-            f"{field}: {path} expired on {certificate.not_valid_after_utc:%Y-%m-%d}; make a new one"
+            f"{field}: {path} expired on {certificate.not_valid_after_utc:%Y-%m-%d}; "
+            "make a new one"
         )
     if at < certificate.not_valid_before_utc:
         since = f"{certificate.not_valid_before_utc:%Y-%m-%d %H:%M} UTC"
@@ -53,7 +54,7 @@ def read_certificate(field: str, path: Path, at: datetime) -> x509.Certificate:
 
 
 def application_uri(certificate: x509.Certificate) -> str:
-    """URI of the application that a certificate was made for; empty where it names none."""
+    """URI of the application that a certificate belongs to; empty if it names none."""
     try:
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except x509.ExtensionNotFound:
@@ -62,12 +63,12 @@ def application_uri(certificate: x509.Certificate) -> str:
 
 
 def check(security: Security, at: datetime) -> tuple[str, x509.Certificate]:
-    """Check all files of a connection; returns the own application's URI and the server's certificate.
+    """Check all files of a connection; returns our application's URI and the server certificate.
 
     Raises
     ------
     SecurityError
-        When one of them cannot be used.
+        If one of them is not usable.
     """
     own = read_certificate("security.certificate", security.certificate, at)
     uri = application_uri(own)
@@ -84,12 +85,12 @@ def check(security: Security, at: datetime) -> tuple[str, x509.Certificate]:
 
 
 def check_key(field: str, path: Path, certificate: x509.Certificate, named: str) -> None:
-    """Check that a file holds the private key of a certificate, which is ``named`` in what is said.
+    """Check that a file holds the private key of the certificate called ``named`` in messages.
 
     Raises
     ------
     SecurityError
-        When it does not, or others may read it.
+        If it does not, or others may read it.
     """
     data = secret(field, path)
     try:
@@ -108,17 +109,17 @@ def check_key(field: str, path: Path, certificate: x509.Certificate, named: str)
 
 
 def thumbprint(certificate: x509.Certificate) -> str:
-    """SHA-1 of a certificate, by which OPC UA tools show it."""
+    """SHA-1 fingerprint of a certificate, as shown by OPC UA tools."""
     return certificate.fingerprint(hashes.SHA1()).hex()
 
 
 def der(certificate: x509.Certificate) -> bytes:
-    """A certificate in the form in which it is sent."""
+    """Encode a certificate for transmission."""
     return certificate.public_bytes(serialization.Encoding.DER)
 
 
 def secret(field: str, path: Path) -> bytes:
-    """Content of a file with a key or password; raises SecurityError, also where others may read it."""
+    """Read a file with a key or password; raises SecurityError, also if others may read it."""
     try:
         return read_private(field, path)
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""When the machine's cycle counter changes, and when to look for the next change."""
+"""When the machine's cycle counter changes, and when to poll for the next change."""
 
 from __future__ import annotations
 
@@ -6,28 +6,28 @@ from math import inf
 
 #: polling begins this long before the expected change [s]
 LEAD_S = 0.004
-#: time between two polls while the change is near, and while it is overdue [s]
+#: polling periods near the expected change, and when it is overdue [s]
 NEAR_S = 0.002
 OVERDUE_S = 0.01
-#: number of periods after which the change counts as overdue
+#: number of periods after which the change is overdue
 _OVERDUE_PERIODS = 1.5
-#: share of the phase error that is corrected at a change
+#: share of the phase error that is corrected per change (a first-order phase-locked loop)
 _GAIN = 0.2
 
 
 class CycleTracker:
-    """Follows the counter, and the phase of its changes on the local steady clock.
+    """Tracks the counter, and the phase of its changes on the local steady clock.
 
-    A server reports changes of a value only to subscribers, and chooses the sampling and
-    publishing intervals itself. So it is polled, but only about when the counter is due.
+    A server reports changes of a value only to subscribers, and itself chooses the sampling and
+    publishing intervals. So the counter is polled, but only about when it is due.
     """
 
     def __init__(self, period_s: float) -> None:
         self.skipped = self.restarts = (
             0  #: cycles that were never seen, and times that the counter went back
         )
-        #: how many values the counter's type has: it begins again after the largest. A step by
-        #: half of them or more counts as back
+        #: number of values of the counter's type, after which it wraps around. A step by half of
+        #: them or more counts as going back
         self.values = 1 << 64
         self._period_s = period_s
         self._counter: int | None = None
@@ -40,8 +40,8 @@ class CycleTracker:
         Returns
         -------
         int or None
-            None where it has not changed; else the cycles since the value before, 0 at the first
-            value and where it has gone back.
+            None if it has not changed; else the cycles since the previous value, 0 for the first
+            value and if it has gone back.
         """
         before, self._counter = self._counter, counter
         if counter == before:
@@ -58,7 +58,7 @@ class CycleTracker:
         return steps
 
     def next_poll_s(self, read_s: float) -> float:
-        """When to read next, after the read of ``read_s``."""
+        """When to poll next, after a read at ``read_s``."""
         if read_s > self._due_s + (_OVERDUE_PERIODS - 1.0) * self._period_s:
             return read_s + OVERDUE_S
         return max(self._due_s - LEAD_S, read_s + NEAR_S)
@@ -70,5 +70,5 @@ class CycleTracker:
         elif self._has_waited:
             self._due_s += self._period_s + _GAIN * (read_s - self._due_s)
         else:
-            # It had changed before the first poll, at an unknown time: poll earlier.
+            # It had changed before the first poll, at an unknown time: poll earlier next time.
             self._due_s = min(self._due_s, read_s) + self._period_s - LEAD_S

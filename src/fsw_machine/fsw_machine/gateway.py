@@ -1,4 +1,7 @@
-"""The gateway's rules: which part of a read is published, and which command is written. No middleware, no OPC UA."""
+"""Rules of the gateway: what is published of a read, and which commands are written.
+
+No middleware, no OPC UA: all inputs and times are arguments.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ from fsw_machine.machine_file import MachineFile
 from fsw_machine.samples import CycleRead, Sample, bit, sample
 from fsw_machine.stamps import Stamps
 
-#: reasons of a refusal in addition to those of the gate
+#: reasons for a rejection in addition to the gate's
 REASONS = (
     "disconnected",
     "not_permissive",
@@ -30,25 +33,25 @@ REASONS = (
     "jump",
     "unknown_stamp",
 )
-#: after such a pause supervisor and controllers restart from the drives' feedback: 20 % above
-#: their limit
+#: pause after which supervisor and controllers restart from the drives' feedback: 20 % above their
+#: limit
 PAUSE_S = 1.2 * JUMP_NS / NANOSECONDS
-#: number of cycles for which a read counts as fresh
+#: number of cycles for which a read is fresh
 FRESH_CYCLES = 2.5
-#: where single commands were lost, the next one is cut to one move: for so many cycles, and up to
-#: so many moves away
+#: after single lost commands the next one is cut to one move: for up to this many cycles, up to
+#: this many moves away
 _CATCH_UP = 3
-#: a machine may show one cycle later what it has taken
+#: cycles by which a machine may show an accepted command late
 _SHOWN_CYCLES = 1
-#: what differs by less than this share of a move is the same set-point, rounded by the node's type
+#: smaller differences, in moves, are the same set-point rounded by the node's type
 _SAME = 0.01
-#: so many moves may be the rounding of the node's type, e.g. whole kN (chosen)
+#: largest rounding of a node's type, in moves, e.g. whole kN (chosen)
 _ROUNDED = 0.6
-#: so many cycles after a command every machine shows what is in force (chosen)
+#: cycles after a command when every machine shows what is in force (chosen)
 _SETTLED_CYCLES = 3
-#: ticks of which the counter is known
+#: number of ticks whose counter is kept
 _KEPT = 32
-#: nodes that are no numbers
+#: nodes without a number
 _NO_NUMBERS = ("cycle", "permissive")
 
 
@@ -63,9 +66,9 @@ class Publication:
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """A command of ``source`` that may be written: the nodes' numbers, and the cycle that it answers as the heartbeat.
+    """An accepted command of ``source``: the nodes' numbers, and the answered cycle as heartbeat.
 
-    ``before`` is what the machine had when it was accepted, ``stamp_ns`` that of the measurement.
+    ``before`` is what the machine had at acceptance, ``stamp_ns`` the stamp of the measurement.
     """
 
     command: Command
@@ -79,7 +82,7 @@ class Order:
 
 
 class _Write(NamedTuple):
-    """An order that was sent, and the cycle in which the server answered: with success, or with a failure."""
+    """A sent order, and the cycle of the server's answer, a success or a failure."""
 
     order: Order
     cycle: int
@@ -87,45 +90,43 @@ class _Write(NamedTuple):
 
 
 class Gateway:
-    """Decides on each read and each command, in one thread; all times are passed in (steady seconds).
+    """Decides on each read and command, in one thread; all times are passed in (steady seconds).
 
-    Commands reach the machine only while it is *joined*: since the last time that they did not
-    reach it, the measurements have paused for ``PAUSE_S``. After such a pause supervisor and
-    controllers start over from what the drives report: in that cycle the set-points in force,
-    which a command is compared with, and not what a load cell measures. So the first command is no
-    bump. While commands do not arrive the drives are not reported: they do not follow, and that
-    must not be taken for an external disturbance.
+    Commands reach the machine only while it is *joined*: the measurements have paused for
+    ``PAUSE_S`` since commands last failed to reach it. After such a pause supervisor and
+    controllers restart from the drives' feedback: in that cycle the set-points in force, with
+    which commands are compared, instead of a load cell's values. The first command is therefore
+    bumpless. While commands do not arrive the drives are not reported: they do not follow, and
+    that must not be mistaken for an external disturbance.
 
-    Every command that is written is inside the bounds and within one move of what the machine has:
-    the set-points it shows, or, for the one cycle in which it may not show it yet, the last write
-    that it acknowledged. While it is not known whether a write has arrived, both possibilities
-    count. A command that is up to ``_CATCH_UP`` moves away, because single ones before it were
-    lost, is cut to one move; any other is refused. One that comes while a write is unanswered
-    waits for the answer.
+    Every written command is within the bounds and within one move of the machine's set-points:
+    those that it shows, or, in the cycle in which it may not show it yet, the last acknowledged
+    write. While the arrival of a write is uncertain, both possibilities count. A command up to
+    ``_CATCH_UP`` moves away, because single ones before it were lost, is cut to one move; any
+    other is rejected. A command that arrives while a write is unanswered waits for the answer.
     """
 
     def __init__(self, machine: MachineFile, values: Mapping[str, Any]) -> None:
         self._machine = machine
-        #: counts all refusals
+        #: counts all rejections
         self.gate = CommandGate(
             Limits.from_parameters(values),
             values["commands.max_age_s"],
             values["commands.sources"],
             REASONS,
         )
-        self.fence = Fence()  #: who leads, and whether a safe stop is in force
+        self.fence = Fence()  #: the leader, and any safe stop in force
         self.stamps = Stamps(
             round(weld.TICK_S * NANOSECONDS), values["clock.stamps"] == "received"
         )
         self.connected = self.permissive = self.joined = False
         self.samples: dict[str, Sample] = {}  #: of the last read
         self.read: CycleRead | None = None  #: the last read
-        #: ticks published, reads withheld to make a pause, and invalid values seen
+        #: published ticks, reads withheld for a pause, and invalid values
         self.ticks = self.paused = self.invalid = 0
-        #: commands written, those that the server has not taken, and those that were cut to one
-        #: move
+        #: written commands, those not accepted by the server, and those cut to one move
         self.written = self.failed = self.cut = 0
-        self.last_failure = ""  #: why the server has not taken the last of these
+        self.last_failure = ""  #: why the server has not accepted the last of these
         self._counters: dict[int, int] = {}
         self._stamp_ns: int | None = None
         self._published_s = -inf
@@ -145,7 +146,7 @@ class Gateway:
         Raises
         ------
         ValueError
-            When a minimum is not below its maximum.
+            If a minimum is not below its maximum.
         """
         self.gate.configure(
             Limits.from_parameters(values),
@@ -156,17 +157,17 @@ class Gateway:
     # ---------------------------------------------------------------- the server
 
     def on_connected(self) -> None:
-        """The server's nodes can be read and written."""
+        """Note that the server's nodes can be read and written."""
         self.connected, self.samples = True, {}
         self._part()
 
     def on_lost(self) -> None:
-        """The connection is gone."""
+        """Note that the connection is lost."""
         self.connected = self.permissive = False
         self._part()
 
     def _part(self) -> None:
-        """Commands do not reach the machine any more."""
+        """Note that commands no longer reach the machine."""
         if self._waiting is not None:
             self.gate.refuse("unanswered", "the server has not answered the previous write")
         self.joined = False
@@ -175,7 +176,7 @@ class Gateway:
         self._writes = []
 
     def on_read(self, read: CycleRead) -> Publication | None:
-        """Process the read of a new cycle; returns the tick to publish, None in a pause."""
+        """Process the read of a new cycle; returns the tick to publish, None during a pause."""
         nodes, cycle_ns, now_s = self._machine.nodes, read.source_ns, read.read_s
         elapsed_s = 0.0 if self.read is None else now_s - self.read.read_s
         stamp_ns = self.stamps.next(
@@ -218,8 +219,8 @@ class Gateway:
     def _note_safe_reaction(self, stamp_ns: int) -> None:
         """Begin a safe stop if the machine has moved by itself: its watchdog, or a hand.
 
-        Some cycles after the last command the set-points in force stay, or are those of a command
-        whose arrival was unknown until then.
+        Some cycles after the last command, the set-points in force are unchanged, or those of a
+        command whose arrival was uncertain.
         """
         force, speed = self.samples["force_in_force"], self.samples["speed_in_force"]
         if force.fault or speed.fault or self._cycle - self._sent_cycle <= _SETTLED_CYCLES:
@@ -244,7 +245,7 @@ class Gateway:
         now_s: float,
         signature: Signature = UNSIGNED,
     ) -> Order | None:
-        """Process a command; returns the values to write, None if it is refused (``gate`` counts and says why)."""
+        """Process a command; returns the values to write, None if rejected (see ``gate``)."""
         reason, words = self._refused(signature, source, now_s)
         if reason:
             self.gate.refuse(reason, words)
@@ -275,7 +276,7 @@ class Gateway:
     def _order(
         self, command: Command, stamp_ns: int, counter: int, source: str, now_s: float
     ) -> Order | None:
-        """Let a command be written, cut to one move where it may catch up; else refuse it."""
+        """Accept a command, cut to one move if it may catch up; else reject it."""
         has = self._may_have()
         jump = self._jump(command, has)
         if jump and self._may_catch_up(command, has):
@@ -296,18 +297,19 @@ class Gateway:
         return self._under_way
 
     def _refused(self, signature: Signature, source: str, now_s: float) -> tuple[str, str]:
-        """Why a command may not be written, whatever it says: reason and words, both empty if it may."""
+        """Why no command of this kind may be written: reason and text, both empty if it may."""
         reason, words = self.fence.check(signature, source)
         return (reason, words) if reason else self._closed(now_s)
 
     def _closed(self, now_s: float) -> tuple[str, str]:
-        """Why nothing at all may be written at present."""
+        """Why nothing may be written at present."""
         if not self.connected or self.read is None or not self.samples:
             return "disconnected", "there is no connection to the machine"
         if not self.permissive:
             return (
                 "not_permissive",
-                f"the machine does not permit it: {self.samples['permissive'].fault or 'bit is 0'}",
+                "the machine does not permit it: "
+                f"{self.samples['permissive'].fault or 'bit is 0'}",
             )
         age_s = now_s - self.read.read_s
         if age_s > FRESH_CYCLES * weld.TICK_S:
@@ -320,15 +322,15 @@ class Gateway:
         return "", ""
 
     def _may_have(self) -> list[Command]:
-        """All set-points that the machine may have now, the likeliest first; empty if its feedback is unknown.
+        """All set-points that the machine may have now, the likeliest first; empty if unknown.
 
-        - What it shows, unless that is only what was there before the last write that it
-          acknowledged: then it has that write already and shows it in the next cycle.
-        - The last write that it acknowledged, for the one cycle in which it may not show it yet.
-          Where it shows anything else than what was there before, it may show an earlier write, or
-          move by itself.
-        - Every write since then that may have arrived though the server's answer was a failure,
-          for the same time.
+        - Those that it shows, unless they are only those before the last acknowledged write: it
+          then has that write already and shows it in the next cycle.
+        - The last acknowledged write, in the one cycle in which it may not show it yet. If it
+          shows anything else than what was there before, it may show an earlier write, or move by
+          itself.
+        - Every later write that may have arrived although the server answered with a failure, for
+          the same time.
         """
         force, speed = self.samples["force_in_force"], self.samples["speed_in_force"]
         if force.fault or speed.fault:
@@ -348,7 +350,7 @@ class Gateway:
         )
 
     def _may_catch_up(self, command: Command, has: list[Command]) -> bool:
-        """Whether a command may be cut to one move: it is that far away because single ones before it were lost."""
+        """Whether a command may be cut to one move, because single ones before it were lost."""
         if not any(
             write.acknowledged and self._cycle - write.cycle <= _CATCH_UP for write in self._writes
         ):
@@ -359,7 +361,7 @@ class Gateway:
         return all(refusal(command, moves, one) is None for one in has)
 
     def _jump(self, command: Command, has: list[Command]) -> str:
-        """Why a command is too far from the machine's set-points, empty if it is not."""
+        """Why a command is too far from the machine's set-points; empty if it is not."""
         if not has:
             fault = self.samples["force_in_force"].fault or self.samples["speed_in_force"].fault
             return f"the set-points in force are not known: {fault}"
@@ -378,9 +380,9 @@ class Gateway:
             self._part()
 
     def on_written(self, order: Order, failure: str, now_s: float) -> Order | None:
-        """Take the server's answer to an order, and return the one that has waited for it, if any.
+        """Take the server's answer to an order; return the order that waited for it, if any.
 
-        ``failure`` says why the order was not taken, and is empty if it was.
+        ``failure`` says why the order was not accepted; empty if it was.
         """
         if order is not self._under_way:
             return None

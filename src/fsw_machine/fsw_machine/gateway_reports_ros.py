@@ -1,4 +1,4 @@
-"""Diagnostics of the gateway, an entry for each part."""
+"""Diagnostics of the gateway, one entry per part."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fsw_machine.gateway import Gateway
 def connection(
     endpoint: str, connected: bool, lost: str, losses: int, attempts: int, retry_s: float
 ) -> Report:
-    """Whether there is a session; ``lost`` says why not."""
+    """Whether there is a session; ``lost`` is why not."""
     values = {
         "endpoint": endpoint,
         "losses": losses,
@@ -26,7 +26,7 @@ def connection(
 
 
 def machine(gateway: Gateway, stalled_s: float, skipped: int, restarts: int) -> Report:
-    """Whether the machine runs and permits commands, and which of its values are invalid."""
+    """Whether the machine runs and permits commands, and its invalid values."""
     faults = [f"{name}: {one.fault}" for name, one in gateway.samples.items() if one.fault]
     values: dict[str, object] = {
         "cycle counter": "" if gateway.read is None else gateway.read.counter,
@@ -38,7 +38,7 @@ def machine(gateway: Gateway, stalled_s: float, skipped: int, restarts: int) -> 
         "invalid values": gateway.invalid,
     }
     if gateway.connected:
-        # "permissive" is the gateway's verdict, as a bool, which the operator's page reads
+        # "permissive" is the gateway's verdict, a bool that the operator page reads
         values = {
             name: one.fault or f"{one.value:.6g}" for name, one in gateway.samples.items()
         } | values
@@ -70,7 +70,7 @@ def machine(gateway: Gateway, stalled_s: float, skipped: int, restarts: int) -> 
 
 
 def clock(gateway: Gateway, parameters: Mapping[str, Any]) -> Report:
-    """Difference between the server's clock and the local one, and the reaction to it."""
+    """Difference between the server's clock and the local one, and its handling."""
     kind, stamps = parameters["clock.stamps"], gateway.stamps
     values: dict[str, object] = {
         "stamps": kind,
@@ -81,7 +81,8 @@ def clock(gateway: Gateway, parameters: Mapping[str, Any]) -> Report:
         return Report("clock", OK, "not known yet", values)
     skew_s = (gateway.read.source_ns - gateway.read.read_ns) / NANOSECONDS
     values["server's clock less local one [s]"] = f"{skew_s:.6f}"
-    text = f"server's clock is {abs(skew_s):.3f} s {'ahead of' if skew_s > 0.0 else 'behind'} the local one"
+    side = "ahead of" if skew_s > 0.0 else "behind"
+    text = f"server's clock is {abs(skew_s):.3f} s {side} the local one"
     level = OK
     if abs(skew_s) > parameters["clock.error_s"] and kind == "source":
         level = ERROR
@@ -96,7 +97,7 @@ def clock(gateway: Gateway, parameters: Mapping[str, Any]) -> Report:
 
 
 def writes(gateway: Gateway, new_failures: int, longest_s: float) -> Report:
-    """Results of writes to the server; ``new_failures`` and ``longest_s`` since the last report."""
+    """Results of writes to the server; ``new_failures`` and ``longest_s`` since the last entry."""
     values = {
         "written": gateway.written,
         "not taken": gateway.failed,

@@ -1,4 +1,4 @@
-"""What went wrong with the server, in one line that says what to do."""
+"""Errors of the connection as one-line texts with a remedy."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ _OWN_CERTIFICATE = {
 
 
 class LinkError(RuntimeError):
-    """The server does not match the machine file; the message names the entry and says what to do."""
+    """The server does not match the machine file; the message names the entry and the remedy."""
 
 
 def words(error: BaseException, machine: MachineFile) -> str:
-    """An error of the connection in one line."""
+    """Text of an error of the connection, in one line."""
     at = f"endpoint {machine.endpoint}"
     if isinstance(error, LinkError | SecurityError):
         return str(error)
@@ -49,7 +49,10 @@ def words(error: BaseException, machine: MachineFile) -> str:
             )
         if name in _OWN_CERTIFICATE and machine.security is not None:
             text = "does not accept our security.certificate"
-            return f"{at} {text} {machine.security.certificate} ({name}); put it into the server's trust list"
+            return (
+                f"{at} {text} {machine.security.certificate} ({name}); "
+                "put it into the server's trust list"
+            )
         if name in ("BadSecurityPolicyRejected", "BadSecurityModeInsufficient"):
             return (
                 f"security: {at} refuses this security ({name}); check the server's configuration"

@@ -1,4 +1,4 @@
-"""The machine file: which server, with which security, and which node of it is which quantity in which unit."""
+"""The machine file: the server, its security, and the node and unit of each quantity."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ from fsw_control.sensors import SENSORS
 from fsw_schema.models import Model, content_of, problem, read_text, validate
 
 _NODE_ID = re.compile(
-    r"(ns=\d+;)?(i=\d+|s=.+|g=[0-9A-Fa-f]{8}(-[0-9A-Fa-f]{4}){3}-[0-9A-Fa-f]{12}|b=[A-Za-z0-9+/]+=*)"
+    r"(ns=\d+;)?(i=\d+|s=.+|g=[0-9A-Fa-f]{8}(-[0-9A-Fa-f]{4}){3}-[0-9A-Fa-f]{12}"
+    r"|b=[A-Za-z0-9+/]+=*)"
 )
-#: factor and offset of each unit to the unit inside (mm, N m, degC, kN, rpm)
+#: factor and offset from each unit to the internal one (mm, N m, degC, kN, rpm)
 _UNITS = {
     **{"mm": (1.0, 0.0), "m": (units.mm_from_m(1.0), 0.0), "um": (1e-3, 0.0)},
     **{"N m": (1.0, 0.0), "kN m": (1e3, 0.0)},
@@ -97,25 +98,25 @@ class ReadNode(NodeSpec):
     """A node that is read in every cycle."""
 
     stale_after_s: PositiveFloat = 0.25
-    """how much older than the cycle counter its value may be"""
+    """largest age relative to the cycle counter"""
 
 
 class Quantity(NodeSpec, Generic[U]):
-    """A node with a quantity: ``factor * number + offset`` in the unit inside (mm, N m, degC, kN, rpm)."""
+    """A node with a quantity: ``factor * number + offset`` in the internal unit (mm, N m, ...)."""
 
     unit: U
     scale: Annotated[float, AfterValidator(_not_zero)] = 1.0
     """multiplies the node's number"""
     offset: float = 0.0
-    """added after that, in ``unit``"""
+    """added after the factor, in ``unit``"""
 
     def inside(self, number: float) -> float:
-        """The quantity in the unit inside."""
+        """The quantity in the internal unit."""
         factor, offset = _UNITS[self.unit]
         return factor * (self.scale * number + self.offset) + offset
 
     def number(self, inside: float) -> float:
-        """The node's number, from the quantity in the unit inside."""
+        """The node's number for a quantity in the internal unit."""
         factor, offset = _UNITS[self.unit]
         return ((inside - offset) / factor - self.offset) / self.scale
 
@@ -140,7 +141,7 @@ _MEASURED: dict[str, Any] = {
 }
 if TYPE_CHECKING:
     _Sensors = _Machine
-else:  # a node for each sensor, which a file may leave out where control does not need it
+else:  # a node for each sensor; optional unless control requires the sensor
     _KINDS = {row.stem: (_MEASURED[row.quantity.name], row.required) for row in SENSORS.values()}
     _Sensors = create_model(
         "_Sensors",
@@ -169,12 +170,12 @@ class Nodes(_Sensors):
 
     @property
     def given(self) -> dict[str, NodeSpec]:
-        """The nodes that the machine has."""
+        """The nodes present at the machine."""
         return {name: spec for name, spec in self if spec is not None}
 
     @property
     def read(self) -> tuple[str, ...]:
-        """Names of those that are read in every cycle, the cycle counter first."""
+        """Names of the nodes that are read in every cycle, the cycle counter first."""
         return tuple(name for name in self.given if name not in WRITTEN)
 
 
@@ -182,7 +183,7 @@ WRITTEN = ("force_setpoint", "speed_setpoint", "heartbeat")
 
 
 class Security(Model):
-    """Sign-and-encrypt, the own certificate and key, and the one server certificate that is trusted."""
+    """Sign-and-encrypt, our certificate and key, and the one trusted server certificate."""
 
     policy: Literal["Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss"]
     certificate: _File
@@ -231,13 +232,13 @@ class MachineFile(Model):
         Raises
         ------
         fsw_schema.models.InputError
-            When it cannot be read or is wrong.
+            If it cannot be read or is invalid.
         """
         return cls.parse(read_text(path, "machine_file"), path.name, path.parent)
 
     @classmethod
     def parse(cls, text: str, where: str = "machine.yaml", folder: Path = Path()) -> MachineFile:
-        """Read the text of a machine file; errors as :meth:`load`."""
+        """Read the text of a machine file; errors as in :meth:`load`."""
         machine = validate(cls, content_of(text, where), where)
         return machine.model_copy(
             update={
@@ -248,6 +249,6 @@ class MachineFile(Model):
 
 
 def _beside(folder: Path, part: Model | None) -> Model | None:
-    """A part of the file with its paths relative to the folder."""
+    """Return a part of the file with paths relative to the folder."""
     paths = {name: folder / value for name, value in part or () if isinstance(value, Path)}
     return part and part.model_copy(update=paths)

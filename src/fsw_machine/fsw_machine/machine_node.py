@@ -1,4 +1,4 @@
-"""The gateway to a machine as a node: in place of the plant emulator."""
+"""The gateway to a machine as a node, in place of the plant emulator."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from fsw_machine.samples import CycleRead
 from fsw_msgs.msg import DriveFeedback, WeldCommand
 from fsw_schema.extras import Extra
 
-Extra("fsw-control", "machine", ("asyncua",)).missing()  # a clone installs it now
+Extra("fsw-control", "machine", ("asyncua",)).missing()  # a clone of the repository installs it
 try:
     from fsw_machine import certificates
     from fsw_machine.link_errors import LinkError
@@ -53,11 +53,10 @@ _REPORT_S = 1.0
 
 
 class MachineNode(ManagedNode):
-    """Publishes what the machine measures and writes the commands that its gateway accepts.
+    """Publishes the machine's measurements and writes the commands that its gateway accepts.
 
     The link's thread appends events to a queue and triggers a guard condition; everything else
-    happens in the executor's thread. It is a managed node: there is a session with the machine
-    while it is active.
+    happens in the executor's thread. It is a managed node, with a session while it is active.
     """
 
     def __init__(self) -> None:
@@ -70,7 +69,7 @@ class MachineNode(ManagedNode):
             self.start()
 
     def configure(self) -> None:
-        """Read the machine file, check what it needs, and announce the topics."""
+        """Read the machine file, check its requirements, and announce the topics."""
         given = self._settings["machine_file"]
         path = (
             Path(given).expanduser()
@@ -92,7 +91,7 @@ class MachineNode(ManagedNode):
         self._diagnostics = DiagnosticsPublisher(self, instance=self._guard.instance)
 
     def activate(self) -> None:
-        """Make sure that the gateway is alone, and connect."""
+        """Ensure that the gateway is alone, and connect."""
         self._stop = StopHolder(self, self._gateway.fence.register, self._gateway.fence.hear)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         self._writers = CommandWriters(
@@ -109,11 +108,11 @@ class MachineNode(ManagedNode):
         self._link.start()
 
     def deactivate(self) -> None:
-        """Close the session: no command and no heartbeat any more, at which the machine's watchdog makes it safe."""
+        """Close the session; without a heartbeat the machine's watchdog makes it safe."""
         self._end_session()
         self._events.clear()
         self._gateway.on_lost()
-        self._logged.clear()  # so that the next session is told, too
+        self._logged.clear()  # so that the next session logs it again
         self.get_logger().info(
             "deactivated: the session is closed, and the machine's own watchdog makes it safe"
         )
@@ -124,21 +123,21 @@ class MachineNode(ManagedNode):
             link.stop()
 
     def _check_secrets(self) -> None:
-        """Refuse to start with certificates or a password that cannot be used; they are checked at every attempt."""
+        """Reject unusable certificates or passwords at the start and at every attempt."""
         if self._machine.security is not None:
             certificates.check(self._machine.security, certificates.now())
         if self._machine.user is not None:
             password(self._machine.user)
 
     def destroy_node(self) -> None:
-        """Close the session, then end."""
+        """Close the session, then destroy the node."""
         self._end_session()
         super().destroy_node()
 
     # ---------------------------------------------------------------- the link
 
     def _deliver(self, event: Event) -> None:
-        """In the link's thread."""
+        """Called in the link's thread."""
         self._events.append(event)
         self._wake.trigger()
 
@@ -181,7 +180,7 @@ class MachineNode(ManagedNode):
             self._report()
 
     def _publish(self, out: Publication) -> None:
-        """The drives first, because the sensors' last sample completes the tick."""
+        """Publish the drives first, because the sensors' last sample completes the tick."""
         self._drives.publish(
             convert.drives_message(out.drives, out.stamp_ns, self._gateway.fence.state)
         )
@@ -211,7 +210,7 @@ class MachineNode(ManagedNode):
     # ---------------------------------------------------------------- reports
 
     def _why_not(self, values: dict[str, Any]) -> str | None:
-        """Why parameters cannot be taken together, or by the machine that is connected, or None."""
+        """Why parameters contradict each other or the connected machine; None if they do not."""
         try:
             limits = Limits.from_parameters(values)
             if self._link is not None:
@@ -265,7 +264,7 @@ class MachineNode(ManagedNode):
 
 
 def _kind(text: str) -> str:
-    """A text without its figures, so that one thing is logged once."""
+    """A text without its figures, so that the same event is logged once."""
     return "".join(character for character in text if not character.isdigit())
 
 

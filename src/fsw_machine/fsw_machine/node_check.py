@@ -1,4 +1,4 @@
-"""Values and nodes of the server: converted, and checked once per connection against the machine file."""
+"""Conversion of the server's values, and the check of its nodes once per connection."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from fsw_machine.samples import RawValue
 
 _EPOCH = datetime(1970, 1, 1)
 _MICROSECOND = timedelta(microseconds=1)
-#: types of whole numbers, and how many values each has
+#: integer types with their numbers of values
 WHOLE = {
     ua.VariantType[name]: 1 << bits
     for bits, names in (
@@ -28,22 +28,22 @@ WHOLE = {
     )
     for name in names
 } | {ua.VariantType.Int64: 1 << 64, ua.VariantType.UInt64: 1 << 64}
-#: the coarsest steps of whole numbers: half a move of a set-point, ten times a measurement's noise
-#: (chosen)
+#: coarsest permitted steps of integer nodes: half a move of a set-point, ten times a measurement's
+#: noise (chosen)
 _COARSE_MOVES, _COARSE_NOISES = 0.5, 10.0
-#: after which a stamp of ROS cannot be
+#: upper bound of a ROS stamp
 _LAST_NS = 2**31 * NANOSECONDS
 _NUMBERS = {ua.VariantType.Float, ua.VariantType.Double, *WHOLE}
 
 
 def epoch_ns(when: datetime) -> int:
-    """Nanoseconds since 1970 of a timestamp, which is UTC."""
+    """Nanoseconds since 1970 of a timestamp in UTC."""
     plain = when.astimezone(UTC).replace(tzinfo=None) if when.tzinfo else when
     return (plain - _EPOCH) // _MICROSECOND * 1000
 
 
 def raw_value(answer: ua.DataValue) -> RawValue:
-    """A value of the server, without asyncua's types."""
+    """Convert a value of the server from asyncua's types."""
     value = None if answer.Value is None else answer.Value.Value
     status = answer.StatusCode or ua.StatusCode()
     source_ns = None if answer.SourceTimestamp is None else epoch_ns(answer.SourceTimestamp)
@@ -51,7 +51,7 @@ def raw_value(answer: ua.DataValue) -> RawValue:
 
 
 def check_clock(source_ns: int) -> None:
-    """Raise a `LinkError` if a source timestamp cannot be the stamp of a measurement."""
+    """Raise a `LinkError` if a source timestamp cannot be a measurement's stamp."""
     if not 0 <= source_ns < _LAST_NS:
         year = (_EPOCH + timedelta(microseconds=source_ns // 1000)).year
         what = f"nodes.cycle: its source timestamp is of the year {year}"
@@ -61,14 +61,14 @@ def check_clock(source_ns: int) -> None:
 async def check_nodes(
     client: Client, machine: MachineFile, nodes: dict[str, ua.NodeId], limits: Limits
 ) -> dict[str, ua.VariantType]:
-    """Look whether all nodes exist, are of the right kind and fit, and may be written; returns their types by name.
+    """Check that all nodes exist, have a suitable type and are writable; return their types.
 
-    A value that is only bad at present is no error here.
+    A value that is only bad at present is not an error here.
 
     Raises
     ------
     LinkError
-        Naming the entry of the machine file.
+        With the entry of the machine file.
     """
     names = (*machine.nodes.read, *WRITTEN)
     wanted = [ua.ReadValueId(nodes[name], ua.AttributeIds.Value) for name in names]
@@ -98,7 +98,8 @@ async def check_nodes(
             kinds["cycle"].name,
         )
         raise LinkError(
-            f"nodes.heartbeat: {node} is of type {own}, must be of the type of nodes.cycle, {other}"
+            f"nodes.heartbeat: {node} is of type {own}, "
+            f"must be of the type of nodes.cycle, {other}"
         )
     for name, answer in access.items():
         level = None if answer.Value is None else answer.Value.Value
@@ -112,10 +113,10 @@ async def check_nodes(
 def check_whole_numbers(
     machine: MachineFile, kinds: dict[str, ua.VariantType], limits: Limits
 ) -> None:
-    """Raise a `LinkError` if a node with whole numbers is too small or too coarse.
+    """Raise a `LinkError` if the range or resolution of an integer node is insufficient.
 
-    It must hold all values inside the limits, or all plausible ones of a sensor, and be fine
-    enough for a move, or for the sensor's noise.
+    It must cover all values within the limits, or a sensor's plausible range, and resolve a move,
+    or the sensor's noise.
     """
     needs = _needs(limits)
     for name, kind in kinds.items():
@@ -123,13 +124,14 @@ def check_whole_numbers(
         if need is not None and kind in WHOLE and (why := _unfit(machine.nodes[name], kind, need)):
             node = machine.nodes[name].node
             raise LinkError(
-                f"nodes.{name}: {node} is of type {kind.name}, {why}; give it another type or scale"
+                f"nodes.{name}: {node} is of type {kind.name}, {why}; "
+                "give it another type or scale"
             )
 
 
 @dataclass(frozen=True, slots=True)
 class _Need:
-    """Values that a node must hold, and the coarsest steps that do, in the unit inside."""
+    """Required range and coarsest step of a node, in the internal unit."""
 
     low: float
     high: float
@@ -138,7 +140,7 @@ class _Need:
 
 
 def _needs(limits: Limits) -> dict[str, _Need]:
-    """What the limits and the measurements require, by a node's name or the first word of it."""
+    """Requirements of limits and measurements, by a node's name or its first word."""
     force = _Need(
         limits.force_min_kn, limits.force_max_kn, _COARSE_MOVES * limits.force_step_kn, "kN"
     )
@@ -153,15 +155,21 @@ def _needs(limits: Limits) -> dict[str, _Need]:
 
 
 def _unfit(spec: Quantity[str], kind: ua.VariantType, need: _Need) -> str:
-    """Why whole numbers of a type do not do for a quantity, empty if they do."""
+    """Why an integer type is unsuitable for a quantity; empty if it is suitable."""
     smallest = 0 if kind.name in ("Byte", "UInt16", "UInt32", "UInt64") else -WHOLE[kind] // 2
     largest = smallest + WHOLE[kind] - 1
     numbers = sorted((spec.number(need.low), spec.number(need.high)))
     if numbers[0] < smallest or numbers[1] > largest:
-        return f"which ends at {smallest} and {largest}, and the limits need {numbers[0]:g} to {numbers[1]:g}"
+        return (
+            f"which ends at {smallest} and {largest}, "
+            f"and the limits need {numbers[0]:g} to {numbers[1]:g}"
+        )
     step = abs(spec.inside(1.0) - spec.inside(0.0))
     if step > need.step:
-        return f"which has steps of {step:g} {need.unit}, and {need.step:g} {need.unit} at most will do"
+        return (
+            f"which has steps of {step:g} {need.unit}, "
+            f"and {need.step:g} {need.unit} at most will do"
+        )
     return ""
 
 

@@ -34,22 +34,22 @@ from fsw_machine.node_check import (
 )
 from fsw_machine.samples import CycleRead
 
-#: while connecting, requests may take longer: a server may be busy with keys [s]
+#: time limit of requests while connecting, when a server may be busy with keys [s]
 _CONNECT_TIMEOUT_S = 5.0
-#: how long a server keeps the session of a killed client; many servers allow few sessions [ms]
+#: how long a server keeps the session of a killed client; many servers have few sessions [ms]
 _SESSION_MS = 20_000
-#: how long the session's end may take [s]
+#: time limit for closing the session [s]
 _END_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Connected:
-    """Session, nodes and rights have been established."""
+    """A session exists; nodes and rights are checked."""
 
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """There is no connection: why, and when the next attempt begins (seconds from now)."""
+    """There is no connection: why, and the time to the next attempt [s]."""
 
     reason: str
     retry_s: float
@@ -57,14 +57,14 @@ class Lost:
 
 @dataclass(frozen=True, slots=True)
 class Stalled:
-    """The cycle counter has stalled for this time."""
+    """The cycle counter has not changed for this time."""
 
     age_s: float
 
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """The server's answer to an order; ``failure`` is empty if it was taken. ``took_s`` is the round trip."""
+    """The server's answer to an order; ``failure`` is empty on success, ``took_s`` the delay."""
 
     order: Order
     failure: str
@@ -76,37 +76,37 @@ Event = Connected | Lost | Stalled | Written | CycleRead
 
 @dataclass(frozen=True, slots=True)
 class LinkSettings:
-    """Values of these parameters of the node."""
+    """Values of the node's parameters of these names."""
 
     request_timeout_s: float
     cycle_timeout_s: float
     first_s: float
     max_s: float
     limits: Limits = field(default_factory=Limits)
-    received: bool = False  #: whether stamps are of the local clock, whatever the server's is
+    received: bool = False  #: stamps are on the local clock, independent of the server's
 
 
 class BackOff:
-    """Waits between attempts: doubled after each, up to a maximum, short again after a success."""
+    """Waiting times between attempts: exponential back-off up to a maximum, reset by a success."""
 
     def __init__(self, first_s: float, max_s: float) -> None:
         self._first_s, self._max_s = first_s, max(first_s, max_s)
         self._next_s = first_s
 
     def next(self) -> float:
-        """The wait before the next attempt."""
+        """Waiting time before the next attempt."""
         wait_s, self._next_s = self._next_s, min(2.0 * self._next_s, self._max_s)
         return min(wait_s, self._max_s)
 
     def reset(self) -> None:
-        """An attempt has succeeded."""
+        """Note a successful attempt."""
         self._next_s = self._first_s
 
 
 class MachineLink:
-    """Connects, reads every cycle, writes orders, and connects again, until it is stopped.
+    """Connects, reads every cycle, writes orders, and reconnects, until it is stopped.
 
-    ``deliver`` gets every event; it is called in the link's thread.
+    ``deliver`` gets every event, in the link's thread.
     """
 
     def __init__(
@@ -122,11 +122,11 @@ class MachineLink:
         self._writes: set[asyncio.Task[None]] = set()
         self._thread = threading.Thread(target=self._run_loop, name="opcua", daemon=True)
         for name in ("asyncua", "asyncio"):
-            # failures are reported here, in one line of our own
+            # failures are reported here, in one line
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
 
     def start(self) -> None:
-        """Begin to connect."""
+        """Start connecting."""
         self._thread.start()
 
     def stop(self) -> None:
@@ -136,14 +136,14 @@ class MachineLink:
         self._thread.join(3.0 * _END_S)
 
     def write(self, order: Order) -> None:
-        """Write an order; its ``Written`` follows, unless the connection is lost."""
+        """Write an order; a ``Written`` follows, unless the connection is lost."""
         with contextlib.suppress(
             RuntimeError, FutureCancelledError
         ):  # the loop has ended meanwhile
             self._loop.call_soon_threadsafe(self._begin_write, order)
 
     def check(self, limits: Limits) -> None:
-        """Raise a `LinkError` if a node of the latest connection does not hold every value inside these limits."""
+        """Raise a `LinkError` if a connected node cannot hold every value within these limits."""
         check_whole_numbers(self._machine, self._kinds, limits)
 
     # ---------------------------------------------------------------- in the thread
@@ -191,7 +191,7 @@ class MachineLink:
         try:
             await client.connect()
         except AssertionError:
-            # asyncua trips over servers that refuse the secure channel with a ServiceFault
+            # asyncua fails on servers that refuse the secure channel with a ServiceFault
             raise LinkError(
                 f"endpoint {machine.endpoint} refuses the secure channel{_hint(machine)}"
             ) from None
@@ -218,13 +218,13 @@ class MachineLink:
             await asyncio.wait_for(asyncio.shield(client.disconnect()), _END_S)
         protocol = client.uaclient.protocol
         if protocol is not None and protocol.transport is not None:
-            # aborted, so that nothing that was sent into a broken connection is delivered later
+            # aborted, so that nothing sent into a broken connection is delivered later
             protocol.transport.abort()
 
     # ---------------------------------------------------------------- reading
 
     async def _follow(self) -> None:
-        """Read once per cycle, until that fails."""
+        """Read once per cycle until that fails."""
         names = self._machine.nodes.read
         request = ua.ReadParameters(
             TimestampsToReturn=ua.TimestampsToReturn.Source,
@@ -241,7 +241,7 @@ class MachineLink:
             )
             read_s = time.monotonic()
             counter = answers[0].Value.Value if answers[0].Value is not None else None
-            # without a good counter nothing is published and nothing written
+            # without a valid counter nothing is published or written
             whole = (
                 isinstance(counter, int)
                 and not isinstance(counter, bool)
@@ -251,14 +251,15 @@ class MachineLink:
             if steps is not None:
                 if answers[0].SourceTimestamp is None:
                     raise LinkError(
-                        "nodes.cycle: without a source timestamp; the server must send one with each value"
+                        "nodes.cycle: without a source timestamp; "
+                        "the server must send one with each value"
                     )
                 changed_s = reported_s = read_s
                 values = {
                     name: raw_value(answer) for name, answer in zip(names, answers, strict=True)
                 }
                 source_ns = epoch_ns(answers[0].SourceTimestamp)
-                if not checked:  # later steps of the clock are passed over, see Stamps
+                if not checked:  # later clock steps are tolerated, see Stamps
                     check_clock(source_ns)
                     checked = True
                 self._deliver(
@@ -313,10 +314,10 @@ class MachineLink:
 
 
 async def secure(client: Client, machine: MachineFile, security: Security) -> None:
-    """Check the certificates, look at what the server offers, and set the client's security.
+    """Check the certificates and the server's endpoints, and set the client's security.
 
-    asyncua itself accepts expired certificates and compares the server's late, so both are done
-    here first.
+    asyncua itself accepts expired certificates and compares the server's late, so both checks are
+    made here first.
     """
     client.application_uri, pinned = certificates.check(security, certificates.now())
     kind = getattr(security_policies, f"SecurityPolicy{security.policy}")
@@ -331,13 +332,15 @@ async def secure(client: Client, machine: MachineFile, security: Security) -> No
             }
         )
         raise SecurityError(
-            f"security.policy: {machine.endpoint} does not offer {security.policy}/SignAndEncrypt; "
+            f"security.policy: {machine.endpoint} does not offer "
+            f"{security.policy}/SignAndEncrypt; "
             f"it offers {', '.join(names)}"
         )
     if not (offered[0].ServerCertificate or b"").startswith(certificates.der(pinned)):
         raise SecurityError(
-            f"security.server_certificate: the server's certificate is not {security.server_certificate} "
-            f"(SHA-1 {certificates.thumbprint(pinned)}); if it is known to have a new one, copy that into the file"
+            "security.server_certificate: the server's certificate is not "
+            f"{security.server_certificate} (SHA-1 {certificates.thumbprint(pinned)}); "
+            "if it is known to have a new one, copy that into the file"
         )
     await client.set_security(
         kind,
@@ -348,7 +351,7 @@ async def secure(client: Client, machine: MachineFile, security: Security) -> No
 
 
 def password(user: User) -> str:
-    """The user's password, from its file or environment variable."""
+    """Read the user's password from its file or environment variable."""
     if user.password_file is None:
         text = os.environ.get(user.password_env, "")
         if not text:
@@ -368,7 +371,7 @@ def password(user: User) -> str:
 
 
 def node_id(spec: NodeSpec, namespace: int) -> ua.NodeId:
-    """The node's id; where it names no namespace, in the one given."""
+    """The node's id, in the given namespace if it names none."""
     text = spec.node if spec.node.startswith("ns=") else f"ns={namespace};{spec.node}"
     return ua.NodeId.from_string(text)
 
@@ -376,9 +379,12 @@ def node_id(spec: NodeSpec, namespace: int) -> ua.NodeId:
 def _hint(machine: MachineFile) -> str:
     if machine.security is None:
         return ""
-    return f"; most likely our security.certificate {machine.security.certificate} is not in its trust list"
+    return (
+        "; most likely our security.certificate "
+        f"{machine.security.certificate} is not in its trust list"
+    )
 
 
 def _variant(number: float, kind: ua.VariantType) -> Any:
-    """A number in the type of its node; the heartbeat is of the cycle counter's type, and so is inside it."""
+    """A number in its node's type; the heartbeat wraps around like the cycle counter."""
     return ua.Variant(round(number) if kind in WHOLE else float(number), kind)

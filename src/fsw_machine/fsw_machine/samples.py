@@ -1,4 +1,4 @@
-"""The result of one Read: values with status and source timestamp, checked against the cycle counter."""
+"""Result of a read: values with status and source timestamp, checked against the counter."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import NamedTuple
 from fsw_control.units import NANOSECONDS
 from fsw_machine.machine_file import Measured, ReadNode
 
-#: how much newer than the cycle counter a value may be: half a cycle [ns]; beyond, it is of
+#: largest lead of a value over the cycle counter: half a cycle [ns]; beyond it, the value is from
 #: another cycle or clock
 _NEWER_NS = 50_000_000
 #: the two upper bits of a status code; 0: good, 1: uncertain, 2: bad
@@ -28,12 +28,12 @@ class RawValue:
 
     @property
     def good(self) -> bool:
-        """Whether the status is good, not uncertain or bad."""
+        """Whether the status is good, i.e. neither uncertain nor bad."""
         return self.status >> _SEVERITY_BITS == 0
 
 
 class Sample(NamedTuple):
-    """A number in its unit inside, or NaN and the reason why it must not be used."""
+    """A number in its internal unit, or NaN and the reason why it is not usable."""
 
     value: float
     fault: str = ""
@@ -41,19 +41,19 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CycleRead:
-    """The read that has shown a new value of the cycle counter."""
+    """The read that showed a new value of the cycle counter."""
 
     counter: int
     values: Mapping[str, RawValue]  #: by the names of ``Nodes.read``
     source_ns: int  #: source timestamp of the counter
-    #: when the read was answered, on the local steady clock and on the local wall clock
+    #: time of the answer, on the local steady clock and the local wall clock
     read_s: float
     read_ns: int
-    steps: int  #: cycles since the counter value before; 0 at the first, and after it went back
+    steps: int  #: cycles since the previous counter value; 0 for the first, and if it went back
 
 
 def fault_of(raw: RawValue, spec: ReadNode, cycle_ns: int) -> str:
-    """Why a value must not be used with the cycle of ``cycle_ns``, whatever its type; empty if it may."""
+    """Why a value is not usable in the cycle of ``cycle_ns``; empty if it is."""
     if not raw.good:
         return f"status {raw.status_name}"
     if raw.source_ns is None:
@@ -67,20 +67,20 @@ def fault_of(raw: RawValue, spec: ReadNode, cycle_ns: int) -> str:
 
 
 def number_fault(value: object) -> str:
-    """Why a value is no finite number, empty if it is one."""
+    """Why a value is not a finite number; empty if it is."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return f"{_type_name(value)}, not a number"
     return "" if isfinite(value) else "not finite"
 
 
 def sample(raw: RawValue, spec: Measured[str], cycle_ns: int) -> Sample:
-    """The number of a value in its unit inside."""
+    """Convert a value to its internal unit."""
     fault = fault_of(raw, spec, cycle_ns) or number_fault(raw.value)
-    return Sample(nan, fault) if fault else Sample(spec.inside(float(raw.value)))  # type: ignore[arg-type]
+    return Sample(nan, fault) if fault else Sample(spec.inside(float(raw.value)))  # type: ignore
 
 
 def bit(raw: RawValue, spec: ReadNode, cycle_ns: int) -> Sample:
-    """A bit as 1.0 or 0.0; NaN where it must not be used."""
+    """A bit as 1.0 or 0.0; NaN if it is not usable."""
     fault = fault_of(raw, spec, cycle_ns)
     if not fault and not isinstance(raw.value, bool):
         fault = f"{_type_name(raw.value)}, not a Boolean"

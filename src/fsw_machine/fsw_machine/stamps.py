@@ -1,9 +1,9 @@
-"""Stamps of the ticks, from the server's source timestamps."""
+"""Stamps of the ticks from the server's source timestamps."""
 
 from __future__ import annotations
 
-#: deviation of the source timestamps from counter and local clock that counts as a step of the
-#: server's clock [ns]
+#: deviation of the source timestamps from counter and local clock that counts as a clock step of
+#: the server [ns]
 STEP_NS = 500_000_000
 
 
@@ -11,23 +11,23 @@ class Stamps:
     """Stamps that increase with the machine's cycles, independent of steps of its clock.
 
     A stamp is the counter's source timestamp plus a shift. The shift is 0 at first, or with
-    ``received`` what makes the first stamp the local time. Where the source timestamps leave both
-    what the cycle counter has counted and what has passed here by half a second, or do not rise,
-    the server's clock was set: the shift takes up the step, so that the stamps go on as if it had
-    not been. Less than that is a busy machine or network.
+    ``received`` makes the first stamp the local time. If the source timestamps deviate by half a
+    second both from the counted cycles and from the local time, or do not increase, the server's
+    clock was set: the shift absorbs the step, and the stamps continue without it. Smaller
+    deviations come from a busy machine or network.
     """
 
     def __init__(self, period_ns: int, received: bool = False) -> None:
-        self.steps = 0  #: of the server's clock
+        self.steps = 0  #: clock steps of the server
         self.shift_ns = 0  #: stamp less source timestamp
         self._period_ns, self._received = period_ns, received
         self._last_ns: int | None = None
 
     def next(self, source_ns: int, steps: int, local_ns: int, elapsed_ns: int) -> int:
-        """Stamp of a tick from the counter's source timestamp.
+        """Return the stamp of a tick from the counter's source timestamp.
 
-        ``steps`` and ``elapsed_ns`` are the cycles (0: not known) and the time on the local steady
-        clock since the tick before; ``local_ns`` is the local wall clock.
+        ``steps`` and ``elapsed_ns`` are the cycles (0: unknown) and the local steady time since
+        the previous tick; ``local_ns`` is the local wall clock.
         """
         if self._last_ns is None:
             self.shift_ns = local_ns - source_ns if self._received else 0

@@ -1,4 +1,4 @@
-"""Plant emulator: the weld as its controllers and operators meet it."""
+"""Plant emulator: the weld as controllers and operators see it."""
 
 from fsw_plant.config import PlantConfig
 from fsw_plant.emulator import FIRST_TICK, PlantEmulator, Reading, Truth

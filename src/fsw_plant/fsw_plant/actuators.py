@@ -1,4 +1,4 @@
-"""Actuators: dead time, rate limit and first-order lag between the command and the actual values."""
+"""Actuators: dead time, rate limit and first-order lag from command to actual value."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from fsw_plant.lag import lag_left, lag_mean
 
 
 class Actuator:
-    """One drive.
+    """A drive.
 
-    A set-point reaches it ``dead_time_ticks`` after it was given. It takes a new one at each tick,
-    at most ``largest_step`` away from the one before, and follows it with a first-order lag of
-    time constant ``lag_s``, solved exactly; 0: it is where the set-point is.
+    A set-point takes effect after ``dead_time_ticks``. At each tick the drive accepts a new one,
+    at most ``largest_step`` from the previous one, and follows it with a first-order lag of time
+    constant ``lag_s``, solved exactly; with 0 it is always at the set-point.
     """
 
     def __init__(
@@ -24,7 +24,7 @@ class Actuator:
         self.configure(largest_step, lag_s, dead_time_ticks)
 
     def configure(self, largest_step: float, lag_s: float, dead_time_ticks: int = 0) -> None:
-        """Change its settings, see the class; set-points that are to come earlier replace the older ones."""
+        """Change the settings, see the class; pending set-points that are overtaken are lost."""
         self._largest = largest_step
         self._left, self._mean = lag_left(lag_s), lag_mean(lag_s)
         while len(self._on_the_way) < dead_time_ticks:
@@ -33,7 +33,7 @@ class Actuator:
             self._on_the_way.popleft()
 
     def advance(self, target: float) -> float:
-        """Move for one tick, after ``target`` was given; returns the mean position over the tick."""
+        """Move for one tick towards ``target``; returns the mean position over the tick."""
         if self._on_the_way:
             self._on_the_way.append(target)
             target = self._on_the_way.popleft()

@@ -1,8 +1,8 @@
-"""Many plants side by side, stepped at once: for learning, where single ones are too slow.
+"""Many plants in parallel, stepped together: for learning, where single ones are too slow.
 
-Each is what :class:`fsw_plant.emulator.PlantEmulator` is, number for number, with the paper's
-process, the same settings and disturbances for all, its own commands and its own noise. It has no
-faults and no watchdog: a command comes at every tick.
+Each is identical to a :class:`fsw_plant.emulator.PlantEmulator`, number for number, with the
+paper's process, the same settings and disturbances for all, but its own commands and noise. There
+are no faults and no watchdog: a command comes at every tick.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from fsw_plant.lag import lag_left, lag_mean, lag_risen
 from fsw_plant.sensors import BLOCK, noise_of
 
 Array = NDArray[np.float64]
-#: columns of the disturbances, which are added to outputs, torque and inputs
+#: columns of the disturbances, added to outputs, torque and inputs
 CHANNELS = ("depth", "temperature", "torque", "axial_force", "spindle_speed")
 
 
 class PlantBatch:
-    """``n`` plants.
+    """A batch of ``n`` plants.
 
     Parameters
     ----------
@@ -51,18 +51,18 @@ class PlantBatch:
         self._step_all = _Mapped(model.step_function, n)
         self._outputs_all = _Mapped(model.output_function, n)
         self._noise = [noise_of(config)[name] for name in REQUIRED]
-        self.tick = np.ones(n, dtype=np.int64)  #: the present tick of each
+        self.tick = np.ones(n, dtype=np.int64)  #: present tick of each plant
         self._x = np.empty((6, n))
         self.outputs = np.empty(
             (7, n)
         )  #: in the order of :class:`fsw_model.Outputs`, without disturbances and noise
         self._power = np.empty((model.delay_steps, N_POWER, n))
-        self._oldest = 0  # row of the power that arrives now, of all plants
+        self._oldest = 0  # row of the power that arrives now, for all plants
         self._setpoint, self.position = np.empty((2, n)), np.empty((2, n))
         self.acting = np.empty((2, n))  #: force [kN] and speed [rpm] as the drives report them
         self._on_the_way = np.empty((config["actuators.dead_time_ticks"], 2, n))
         self._inertia_nm = np.zeros(n)
-        #: whether the tool has left the range of the model; the process then stands still
+        #: the tool has left the model's range of validity; the process then stands still
         self.stopped = np.zeros(n, dtype=bool)
         self._drawn = np.empty((len(REQUIRED), n, BLOCK))
         self._deviations = np.zeros(
@@ -76,11 +76,11 @@ class PlantBatch:
 
     @property
     def start(self) -> Equilibrium:
-        """Where each weld begins."""
+        """Start of each weld."""
         return self._start
 
     def reset(self, which: NDArray[np.int64], seeds: NDArray[np.int64]) -> None:
-        """Begin again, with new seeds of the noise."""
+        """Restart with new seeds of the noise."""
         start = self._start
         self.tick[which] = 1
         self._x[:, which] = np.array(start.state.x)[:, None]
@@ -99,7 +99,7 @@ class PlantBatch:
         self._draw(which)
 
     def _draw(self, which: NDArray[np.int64]) -> None:
-        """Random numbers for the next ticks, as each sensor of a single plant draws them."""
+        """Draw random numbers for the next ticks, as each sensor of a single plant does."""
         for k in which.tolist():
             for i, generator in enumerate(self._generators[k]):
                 self._drawn[i, k] = generator.standard_normal(BLOCK)
@@ -116,7 +116,7 @@ class PlantBatch:
         )
 
     def measure(self) -> Array:
-        """Sensor readings at the present tick; to be called once per tick.
+        """Sensor readings at the present tick; call it once per tick.
 
         Returns
         -------
@@ -143,7 +143,7 @@ class PlantBatch:
         return shown
 
     def step(self, commands: Array) -> None:
-        """Advance all to the next tick with (2, n) commands, force [kN] and speed [rpm], limited as by the drives."""
+        """Advance all plants by a tick with (2, n) commands [kN, rpm], limited as by drives."""
         target = np.minimum(np.maximum(commands, self._low), self._high)
         if len(self._on_the_way):
             first = self._on_the_way[0].copy()
@@ -206,7 +206,7 @@ class _Mapped:
             self._buffer.set_res(i, array.ravel(order="K").data)
 
     def __call__(self, *values: Array) -> Array:
-        """All results below one another, (rows, n)."""
+        """All results stacked, (rows, n)."""
         for array, value in zip(self._given, values, strict=True):
             array[...] = value
         self._evaluate()

@@ -1,8 +1,8 @@
-"""The process with heat conduction in a canister in the place of the copper of (16); all else is the paper's.
+"""The process with heat conduction in a canister instead of the copper of (16).
 
-The power (24) heats the canister at once; its stir zone is what the tool meets. On the
-thermocouple's way there are the dead time and the tool's lag of (16), as in the paper, and depth
-(27) follows the thermocouple, as there.
+All else is the paper's. The power (24) heats the canister without delay; its stir zone is what the
+tool touches. Dead time and the tool's lag of (16) lie between it and the thermocouple, as in the
+paper, and the depth (27) follows the thermocouple.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from fsw_schema.models import InputError
 
 @dataclass(slots=True)
 class CanisterProcessState(ProcessState):
-    """State of the process on a canister; ``x[COPPER]`` is the stir zone, ``power`` is not used."""
+    """State of the process on a canister; ``x[COPPER]`` is the stir zone, ``power`` is unused."""
 
-    #: deviation of the stir zone's temperature at the present tick and before it, as far as the
-    #: dead time reaches, oldest first
+    #: deviation of the stir zone's temperature at the present tick and at the previous ones within
+    #: the dead time, oldest first
     copper: deque[float]
     canister: CanisterState
 
@@ -45,7 +45,7 @@ class CanisterProcessState(ProcessState):
 class CanisterProcess:
     """The process on a canister, a :class:`fsw_plant.process.PlantProcess`.
 
-    ``parameters`` are those of all but the copper's gain and lag.
+    ``parameters`` apply except for the copper's gain and lag.
     """
 
     def __init__(self, parameters: ModelParameters, canister: HeatModel) -> None:
@@ -66,17 +66,18 @@ class CanisterProcess:
         motion: Motion,
         added_nm: float = 0.0,
     ) -> None:
-        """As of :class:`fsw_plant.process.PlantProcess`."""
+        """See :class:`fsw_plant.process.PlantProcess`."""
         assert isinstance(state, CanisterProcessState)
         result = self._driven(*state.x, *self._met(state.copper), force_kn, speed_rpm)
         mean_kw, depth_mm = result[6:]
         lag_s = self.parameters.motor_lag_s
-        if added_nm:  # which rises within the step as 1 - exp(-s / lag)
+        if added_nm:  # rises within the step as 1 - exp(-s / lag)
             mean_kw += (1.0 - lag_mean(lag_s)) * power_kw(added_nm, speed_rpm)
         if not (depth_mm > 0.0 and isfinite(mean_kw)):
             raise OperatingPointError(
-                f"process model: depth {depth_mm:.4g} mm with {force_kn:.4g} kN, {speed_rpm:.4g} rpm; "
-                "the model is valid for finite inputs while the shoulder is in the copper, above 0 mm"
+                f"process model: depth {depth_mm:.4g} mm with {force_kn:.4g} kN, "
+                f"{speed_rpm:.4g} rpm; the model is valid for finite inputs "
+                "while the shoulder is in the copper, above 0 mm"
             )
         try:
             state.canister = self._canister.step(
@@ -94,7 +95,7 @@ class CanisterProcess:
         )
 
     def _met(self, copper: deque[float]) -> tuple[float, float]:
-        """The copper as the tool meets it at start and end of the next step: what it was a dead time ago."""
+        """The copper temperature that the tool sees at both ends of the next step, delayed."""
         start, end = copper[0], copper[1]
         if self._overlap < 1e-9:
             return start, end
@@ -107,7 +108,7 @@ class CanisterProcess:
         )
 
     def refit(self, state: ProcessState) -> None:
-        """As of :class:`fsw_plant.process.PlantProcess`."""
+        """See :class:`fsw_plant.process.PlantProcess`."""
         assert isinstance(state, CanisterProcessState)
         kept = list(state.copper)[-self._delay_steps - 1 :]
         state.copper = deque([kept[0]] * (self._delay_steps + 1 - len(kept)) + kept)
@@ -115,7 +116,7 @@ class CanisterProcess:
     def start(
         self, depth_mm: float, temperature_c: float, power_kw: float, motion: Motion
     ) -> Equilibrium:
-        """The canister heated from ambient by a constant power until the thermocouple shows a temperature.
+        """Heat the canister from ambient by a constant power up to a thermocouple temperature.
 
         Raises
         ------

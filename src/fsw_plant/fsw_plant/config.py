@@ -1,4 +1,4 @@
-"""Settings of a plant, read from parameters and checked against ``plant.yaml``."""
+"""Settings of a plant, read from parameters and validated against ``plant.yaml``."""
 
 from __future__ import annotations
 
@@ -20,8 +20,7 @@ from fsw_schema.ranges import Range
 def specs() -> dict[str, ParameterSpec]:
     """Descriptions of all parameters of the plant.
 
-    Those of ``plant.yaml``, a factor on each parameter of the model, and the parameters of the
-    canister.
+    They are those of ``plant.yaml``, a factor for each parameter of the model, and the canister's.
     """
     factors = {
         f"model.{name}": ParameterSpec(
@@ -37,7 +36,7 @@ def specs() -> dict[str, ParameterSpec]:
 
 
 def _canister_specs() -> dict[str, ParameterSpec]:
-    """Parameters of the canister, as its model describes them; they are for the start only."""
+    """Parameters of the canister, as described by its model; they are read at the start only."""
     found, texts = {}, descriptions(CanisterParameters)
     for name, field in CanisterParameters.model_fields.items():
         bounds = next((one for one in field.metadata if isinstance(one, Range)), None)
@@ -60,10 +59,10 @@ def _canister_specs() -> dict[str, ParameterSpec]:
 class PlantConfig:
     """Settings of a plant, by the names of ``plant.yaml``: ``config["watchdog.hold_s"]``."""
 
-    values: Mapping[str, Any]  #: all of them; units, ranges and meaning are in ``plant.yaml``
+    values: Mapping[str, Any]  #: all settings; ``plant.yaml`` has units, ranges and meaning
     limits: Limits  #: of the drives
     model: ModelParameters  #: of the emulated process, mismatch included
-    canister: CanisterParameters | None = None  #: None where the process is the paper's
+    canister: CanisterParameters | None = None  #: None for the paper's process
 
     def __getitem__(self, name: str) -> Any:
         return self.values[name]
@@ -81,14 +80,14 @@ class PlantConfig:
         ----------
         values : mapping of str to Any
             Nested (``{"start": {"depth_mm": 2.7}}``), dotted (``{"start.depth_mm": 2.7}``) or
-            mixed; omitted ones have their defaults. Parameters that only the node uses (``speed``,
+            mixed; omitted ones have their default. Parameters that only the node uses (``speed``,
             ...) are checked as well.
 
         Raises
         ------
         fsw_schema.models.InputError
-            If a name is unknown, or a value has the wrong type or is out of range, or values
-            contradict.
+            If a name is unknown, a value has the wrong type or is out of range, or values
+            contradict each other.
         """
         checked = parameters.validate(specs(), flatten(values))
         try:

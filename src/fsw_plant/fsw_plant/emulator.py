@@ -1,4 +1,4 @@
-"""The plant emulator: the process with its drives, sensors, disturbances, faults and watchdog, one tick at a time.
+"""The plant emulator: process, drives, sensors, disturbances, faults and watchdog, by ticks.
 
 Use, per tick (see also :class:`Reading`)::
 
@@ -6,12 +6,12 @@ Use, per tick (see also :class:`Reading`)::
                           PlantSchedule.from_yaml(scenario))
     while True:
         reading = plant.measure()           # state before this tick's command acts
-        refusal = plant.apply(command)      # "" when accepted; holds from this tick until the next one
+        refusal = plant.apply(command)      # "" if accepted; effective until the next tick
         plant.step()                        # 0.1 s on
 
 Tick k has the time ``k * 0.1 s``. The first tick is 1, because a stamp of zero means "no time" in
-ROS. A scheduled event acts on the first tick that is not before it: output disturbances and faults
-on what is measured at that tick, input disturbances on the step that begins there.
+ROS. A scheduled event takes effect at the first tick that is not earlier: output disturbances and
+faults on the samples of that tick, input disturbances on the step that begins there.
 
 Units: mm, degC, N m, kN, rpm, s; stamps in ns.
 """
@@ -37,25 +37,25 @@ from fsw_plant.tool_path import ToolTravel
 from fsw_plant.watchdog import Watchdog, WatchdogState
 
 FIRST_TICK = 1
-#: the longest that the watchdog may take: its times are bounded (plant.yaml)
+#: upper bound of the watchdog's duration: its times are limited (plant.yaml)
 _REST_TICKS = 36_000
 
 
 class Reading(NamedTuple):
-    """The samples that the sensors send at a tick."""
+    """The samples sent by the sensors at a tick."""
 
     tick: int
     stamp_ns: int  #: of the tick
-    #: by sensor, one sample each while it works; none when it drops out, two when it duplicates,
-    #: one with an older stamp when it is late
+    #: by sensor: one sample while it works, none on dropout, two on duplication, one with an older
+    #: stamp if it is late
     samples: Mapping[str, tuple[Sample, ...]]
-    #: inputs that act, as the drives report them: input disturbances included, as a load cell sees
+    #: acting inputs as the drives report them: including input disturbances, as a load cell sees
     #: them
     drives: Command
 
     @property
     def values(self) -> dict[str, float]:
-        """Samples of this tick by sensor: of several the last."""
+        """Samples of this tick by sensor, the last one if there are several."""
         return {
             name: sample.value
             for name, samples in self.samples.items()
@@ -65,7 +65,7 @@ class Reading(NamedTuple):
 
 
 class Truth(NamedTuple):
-    """The plant as it is, without noise and faults; for analysis only. Units in the names."""
+    """The plant's true state, without noise and faults; for analysis only."""
 
     stamp_ns: int
     depth_mm: float
@@ -92,15 +92,15 @@ class PlantEmulator:
     Parameters
     ----------
     config : PlantConfig, optional
-        The defaults of ``plant.yaml`` otherwise.
+        By default the defaults of ``plant.yaml``.
     schedule : PlantSchedule, optional
         Timed disturbances and faults.
 
     Raises
     ------
     fsw_model.OperatingPointError
-        If there is no equilibrium to start from within the limits of the drives, or, on a
-        canister, none is heated.
+        If no equilibrium within the drives' limits exists for the start, or, on a canister, it
+        cannot be heated.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class PlantEmulator:
     ) -> None:
         self.config = config or PlantConfig.from_values({})
         self.schedule = schedule or PlantSchedule()
-        self.tick = FIRST_TICK  #: the present one
+        self.tick = FIRST_TICK  #: the present tick
         self._process = process_of(self.config)
         self._travel = ToolTravel(self.schedule.path, self.config)
         self._reading: Reading | None = None
@@ -129,21 +129,21 @@ class PlantEmulator:
         self._state, self._outputs = start.state.copy(), start.outputs
         self._force = Actuator(start.force_kn, limits.force_step_kn, *config.drives)
         self._speed = Actuator(start.speed_rpm, limits.speed_step_rpm, *config.drives)
-        #: the command that the drives follow (the watchdog's while it has taken over)
+        #: the command that the drives follow (the watchdog's after it has taken over)
         self.applied = self._acting = Command(start.force_kn, start.speed_rpm)
         self._input_disturbance = Command(0.0, 0.0)
         self._inertia_torque_nm = 0.0
-        #: empty while the process runs. When the tool leaves the range of the model, the reason;
-        #: the process then stands still and is measured as it stood, until :meth:`reset`
+        #: empty while the process runs. If the tool leaves the model's range of validity, the
+        #: reason; the process then stands still and is measured as it is, until :meth:`reset`
         self.stopped = ""
-        self.disturbances: dict[str, Disturbance] = {}  #: those that are set, by channel
-        self.faults: dict[str, Fault] = {}  #: those that are set, by sensor
+        self.disturbances: dict[str, Disturbance] = {}  #: active ones, by channel
+        self.faults: dict[str, Fault] = {}  #: active ones, by sensor
         self.gate = CommandGate(limits, config["commands.max_age_s"], config["commands.sources"])
         self.watchdog = Watchdog(config)
         self._sensors = Sensors(config, start.outputs.temperature_c)
 
     def take(self, schedule: PlantSchedule) -> None:
-        """Follow another schedule."""
+        """Use another schedule."""
         self.schedule = schedule
         self._travel.take(schedule.path)
 
@@ -153,14 +153,14 @@ class PlantEmulator:
         return self.tick / 10
 
     def follow_programme(self, time_s: float, standing: bool, age_ticks: int = 0) -> None:
-        """Where the programme of the weld was some ticks ago, and whether it is held; the tool on a canister follows.
+        """Take the programme's time some ticks ago, and whether it is held; the tool follows.
 
-        Where nobody says, it goes on with the time. Events that are to come are shifted with it.
+        Without programme reports the tool follows the clock. Future events shift with it.
         """
         self._travel.follow(self.tick, time_s, standing, age_ticks)
 
     def measure(self, stamp_ns: int | None = None) -> Reading:
-        """The samples sent at the present tick, the same at every call; ``stamp_ns`` replaces the tick's own time."""
+        """The samples sent at the present tick; repeatable. ``stamp_ns`` replaces its stamp."""
         if self._reading is not None and self._reading.tick == self.tick:
             return self._reading
         if self.schedule.events:
@@ -198,23 +198,23 @@ class PlantEmulator:
     def apply(
         self, command: Command, stamp_ns: int | None = None, source: str = "", healthy: bool = True
     ) -> str:
-        """Accept a command from the present tick on, or refuse it.
+        """Accept a command for the present tick on, or reject it.
 
         Parameters
         ----------
         command : Command
         stamp_ns : int, optional
-            Stamp of the measurement that it answers; the last one by default.
+            Stamp of the measurement that it answers; by default the last one.
         source : str
-            Who computed it.
+            Its origin.
         healthy : bool
-            Whether its sender says that it may be applied.
+            Whether its sender marked it as applicable.
 
         Returns
         -------
         str
-            Empty when accepted, else why not (one of ``command_gate.REASONS``); ``gate`` counts
-            and keeps the words.
+            Empty if accepted, else the reason (one of ``command_gate.REASONS``); ``gate`` counts
+            it and keeps the text.
         """
         measured_ns = None if self._reading is None else self._reading.stamp_ns
         if stamp_ns is None:
@@ -226,7 +226,7 @@ class PlantEmulator:
         return reason
 
     def step(self, elapsed_s: float = STEP_S) -> None:
-        """Advance to the next tick; never raises. ``elapsed_s``: time since the step before, for the watchdog."""
+        """Advance by a tick; never raises. The watchdog uses ``elapsed_s`` since the last step."""
         force_kn = self.watchdog.advance(self.applied.force_kn, elapsed_s)
         if force_kn != self.applied.force_kn:
             self.applied = Command(force_kn, self.applied.speed_rpm)
@@ -244,7 +244,7 @@ class PlantEmulator:
         self.tick += 1
 
     def _advance_process(self, mean_kn: float, mean_rpm: float) -> None:
-        """Step the process with the drives' mean, disturbed; sensors and truth show the end of the step."""
+        """Step the process with the drives' disturbed mean; sensors and truth show its end."""
         disturbance = self._input_disturbance
         end = Command(
             self._force.position + disturbance.force_kn,
@@ -267,13 +267,13 @@ class PlantEmulator:
         self._acting = end
 
     def truth(self) -> Truth:
-        """The plant as it is at the present tick, in the inputs of the step that ended there."""
+        """True state at the present tick, with the inputs of the step that ended there."""
         outputs = self._outputs
         depth_disturbance, temperature_disturbance = (
             self._disturbance("depth"),
             self._disturbance("temperature"),
         )
-        return Truth(  # by position, which takes half the time
+        return Truth(  # by position, which is twice as fast
             self.tick * weld.TICK_NS if self._reading is None else self._reading.stamp_ns,
             outputs.depth_mm + depth_disturbance,
             outputs.temperature_c + temperature_disturbance,
@@ -294,9 +294,9 @@ class PlantEmulator:
         )
 
     def begin(self, event: PlantEvent) -> None:
-        """Let a disturbance or a fault begin now, or end with ``none``.
+        """Start a disturbance or a fault now, or end it with ``none``.
 
-        On an input it begins with the next step, else with the next tick measured.
+        On an input it takes effect with the next step, else with the next measured tick.
         """
         on_input = isinstance(event, Disturbance) and event.target not in OUTPUT_CHANNELS
         self._begin(replace(event, at_s=self.time_s if on_input else self._next_s()))
@@ -311,9 +311,9 @@ class PlantEmulator:
         depth_mm: float | None = None,
         temperature_c: float | None = None,
     ) -> None:
-        """Start again from an equilibrium; disturbances, faults and counters are cleared, time and schedule continue.
+        """Restart from an equilibrium; clears events and counters, not time or schedule.
 
-        Values left out stay as configured.
+        Omitted values stay as configured.
 
         Raises
         ------
@@ -328,7 +328,7 @@ class PlantEmulator:
         self.gate.last_stamp_ns = answered_ns
 
     def reconfigure(self, config: PlantConfig) -> None:
-        """Change settings while running; start and seed hold from the next :meth:`reset`."""
+        """Change settings while running; start and seed take effect at the next :meth:`reset`."""
         if config.model != self.config.model:
             self._process = process_of(config)
             self._process.refit(self._state)
@@ -342,9 +342,9 @@ class PlantEmulator:
 
 
 def come_to_rest(plant: PlantEmulator) -> None:
-    """Pass the time that the watchdog, without commands, needs to bring the drives into the safe state.
+    """Let time pass until the watchdog has brought the drives into the safe state.
 
-    Then it waits for a first command again, as at the start.
+    It then waits for a first command again, as at the start.
     """
     plant.watchdog.armed = True
     for _ in range(_REST_TICKS):
@@ -356,8 +356,9 @@ def come_to_rest(plant: PlantEmulator) -> None:
 
 
 def _check_within(limits: Limits, start: Equilibrium, words: str) -> None:
-    """Refuse a start that the drives cannot give."""
+    """Reject a start beyond the limits of the drives."""
     if refusal(Command(start.force_kn, start.speed_rpm), limits) is not None:
         raise OperatingPointError(
-            f"start: {words} needs {start.force_kn:.2f} kN and {start.speed_rpm:.1f} rpm, beyond the drives' limits"
+            f"start: {words} needs {start.force_kn:.2f} kN and {start.speed_rpm:.1f} rpm, "
+            "beyond the drives' limits"
         )

@@ -1,4 +1,4 @@
-"""Disturbances and faults as scenarios, services, command line and page take them: keys, ranges and meaning."""
+"""Schema of disturbances and faults for scenarios, services, command line and page."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from fsw_plant.events import Disturbance, Fault
 from fsw_schema.models import InputError, Model, range_of, validate
 from fsw_schema.ranges import Range
 
-#: length of a scenario, and of everything in it
+#: length of a scenario and of its parts
 DURATION_S = Range(TICK_S, 36_000.0, "s")
-#: time from the scenario's begin, or a length that may be 0
+#: time since the scenario's start, or a length that may be 0
 TIME_S = Range(0.0, DURATION_S.high, "s")
-#: bounded, so that the samples under way stay few
+#: limited, so that few samples are under way
 FAULT_DELAY_S = Range(0.0, 60.0, "s")
 
 Channel = Literal["depth", "temperature", "axial_force", "spindle_speed", "torque"]
@@ -26,14 +26,14 @@ Kind = Literal["freeze", "dropout", "nan", "spike", "bias", "drift", "delay", "d
 DISTURBANCE_SHAPES, FAULT_KINDS = get_args(Shape), get_args(Kind)
 #: kinds of faults that have a magnitude
 WITH_MAGNITUDE = ("spike", "bias", "drift", "delay")
-#: times that a shape needs
+#: times required by a shape
 _TIMES = {"ramp": {"duration_s"}, "pulse": {"duration_s"}, "sine": {"period_s"}}
-#: a limit is still allowed when it was converted to SI and back
+#: digits that survive the conversion to SI and back, so that limits stay valid
 _WIRE_DIGITS = 9
 
 
 class DisturbanceEntry(Model):
-    """A shape over time, added to an output, an input or the torque that the tool exerts."""
+    """A shape over time, added to an output, an input or the tool's torque."""
 
     channel: Channel
     shape: Shape
@@ -64,7 +64,7 @@ class DisturbanceEntry(Model):
         return self
 
     def event(self, at_s: float) -> Disturbance:
-        """The disturbance, which begins at a time."""
+        """The disturbance, starting at a time."""
         amplitude = getattr(self, DISTURBANCE_AMPLITUDE[self.channel][0]) or 0.0
         return Disturbance(
             self.channel, self.shape, amplitude, self.duration_s or 0.0, at_s, self.period_s or 0.0
@@ -72,7 +72,7 @@ class DisturbanceEntry(Model):
 
 
 class FaultEntry(Model):
-    """What happens to the samples of a sensor on their way to the wire."""
+    """A fault between a sensor and its topic."""
 
     sensor: SensorName
     kind: Kind
@@ -97,7 +97,7 @@ class FaultEntry(Model):
         return self
 
     def event(self, at_s: float) -> Fault:
-        """The fault, which begins at a time."""
+        """The fault, starting at a time."""
         magnitude = getattr(self, _magnitude_key(self.sensor, self.kind)) or 0.0
         return Fault(self.sensor, self.kind, magnitude, self.duration_s, at_s)
 
@@ -109,12 +109,12 @@ _AMPLITUDES = {
     "spindle_speed": "amplitude_rpm",
     "torque": "amplitude_nm",
 }
-#: channel: key of the amplitude, and its range
+#: by channel, key and range of the amplitude
 DISTURBANCE_AMPLITUDE = {
     channel: (_AMPLITUDES[channel], range_of(DisturbanceEntry, _AMPLITUDES[channel]))
     for channel in get_args(Channel)
 }
-#: sensor: key of a fault's magnitude, and its range (of a drift: per second)
+#: by sensor, key and range of a fault's magnitude (per second for a drift)
 FAULT_MAGNITUDE = {
     name: (f"magnitude_{row.quantity.suffix}", row.quantity.fault) for name, row in SENSORS.items()
 }
@@ -123,12 +123,12 @@ FAULT_MAGNITUDE = {
 def disturbance(
     channel: str, shape: str, amplitude: float, duration_s: float = 0.0, period_s: float = 0.0
 ) -> Disturbance:
-    """A disturbance requested at runtime; fields that its shape does not use are ignored.
+    """A disturbance requested at runtime; fields not used by its shape are ignored.
 
     Raises
     ------
     fsw_schema.models.InputError
-        If no scenario may hold it; the message says what and what is allowed.
+        If a scenario could not contain it; the message says what is allowed.
     """
     entry: dict[str, Any] = {"channel": channel, "shape": shape}
     if shape != "none":
@@ -143,7 +143,7 @@ def disturbance(
 
 
 def fault(sensor: str, kind: str, magnitude: float = 0.0, duration_s: float = 0.0) -> Fault:
-    """The same for a fault."""
+    """A fault requested at runtime, like :func:`disturbance`."""
     entry: dict[str, Any] = {"sensor": sensor, "kind": kind, "duration_s": duration_s}
     if kind in WITH_MAGNITUDE:
         _check_some(magnitude, "magnitude", "fault")
@@ -152,12 +152,12 @@ def fault(sensor: str, kind: str, magnitude: float = 0.0, duration_s: float = 0.
 
 
 def amplitude_unit(channel: str) -> str:
-    """Unit of a disturbance; empty when there is no such channel."""
+    """Unit of a disturbance; empty if there is no such channel."""
     return DISTURBANCE_AMPLITUDE[channel][1].unit if channel in DISTURBANCE_AMPLITUDE else ""
 
 
 def magnitude_unit(sensor: str, kind: str) -> str:
-    """Unit of a fault (of a drift: per second); empty when there is no such sensor."""
+    """Unit of a fault (per second for a drift); empty if there is no such sensor."""
     return (
         range_of(FaultEntry, _magnitude_key(sensor, kind)).unit
         if sensor in FAULT_MAGNITUDE
@@ -170,7 +170,7 @@ def _magnitude_key(sensor: str, kind: str) -> str:
 
 
 def _check_some(size: float, name: str, what: str) -> None:
-    """Refuse what would change nothing."""
+    """Reject requests without effect."""
     if size == 0.0:
         raise InputError(f"{what}: {name} = 0 has no effect; 'none' ends a {what}")
 
@@ -178,7 +178,7 @@ def _check_some(size: float, name: str, what: str) -> None:
 def _check_keys(
     entry: Model, what: str, allowed: Collection[str], needed: Collection[str]
 ) -> None:
-    """Refuse keys that are needed and not given, or given and not used."""
+    """Reject missing keys and keys that are not used."""
     given = {key for key, value in entry if value is not None}
     problems = []
     if lacking := sorted(set(needed) - given):

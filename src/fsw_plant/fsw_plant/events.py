@@ -1,4 +1,4 @@
-"""What happens to the plant on purpose: disturbances of its channels and faults of its sensors."""
+"""Scheduled disturbances and sensor faults."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from math import nan, pi, sin
 from typing import NamedTuple
 
-#: channels of disturbances that are added to outputs; the others act within the process's step
+#: channels of disturbances added to outputs; the others act within the process step
 OUTPUT_CHANNELS = ("depth", "temperature")
-#: Ticks from one spike to the next.
+#: ticks between two spikes
 SPIKE_TICKS = 10
-#: What a tick may be early of an event.
+#: tolerance when comparing a tick's time with an event's
 EPSILON_S = 1e-9
 
 
@@ -19,12 +19,12 @@ EPSILON_S = 1e-9
 class PlantEvent:
     """A disturbance of a channel or a fault of a sensor."""
 
-    target: str  #: the channel or the sensor, which carries one at a time
-    #: the shape of a disturbance or the kind of a fault; ``none`` ends the one that is there
+    target: str  #: channel or sensor; each has at most one event at a time
+    #: shape of a disturbance or kind of a fault; ``none`` ends the active one
     kind: str
     amount: float = 0.0  #: amplitude or magnitude, in the unit of the target
     duration_s: float = 0.0  #: see the kinds
-    at_s: float = 0.0  #: it begins with the first tick whose time is not before
+    at_s: float = 0.0  #: it starts with the first tick that is not earlier
 
     def __str__(self) -> str:
         return f"{self.target}:{self.kind}"
@@ -57,7 +57,7 @@ class Disturbance(PlantEvent):
         return self.amount
 
     def over(self, time_s: float) -> bool:
-        """Whether its duration is over; step and ramp stay."""
+        """Whether its duration is over; a step or ramp stays."""
         return self.kind in ("pulse", "sine") and super().over(time_s)
 
 
@@ -70,13 +70,13 @@ class Sample(NamedTuple):
 
 @dataclass
 class Fault(PlantEvent):
-    """Effect of a fault on a sample between sensor and wire, for ``duration_s`` or, if that is 0, until cleared.
+    """Effect of a fault on a sample, for ``duration_s`` or, if that is 0, until cleared.
 
     ``freeze``: the value stays, the stamp advances; ``dropout``: nothing is sent; ``nan``: NaN is
-    sent; ``spike``: the magnitude is added to one sample, and with a duration to one sample a
+    sent; ``spike``: the magnitude is added to one sample, and with a duration to one sample per
     second; ``bias``: the magnitude is added; ``drift``: magnitude per second is added; ``delay``:
-    samples come ``magnitude`` seconds late, with the stamp they were taken at (those under way
-    when the fault ends are lost); ``duplicate``: each is sent twice.
+    samples arrive ``magnitude`` seconds late, with their original stamp (those under way at the
+    end of the fault are lost); ``duplicate``: each is sent twice.
     """
 
     _held: float | None = field(default=None, repr=False)
@@ -84,13 +84,13 @@ class Fault(PlantEvent):
     _under_way: deque[tuple[float, Sample]] = field(default_factory=deque, repr=False)
 
     def over(self, time_s: float) -> bool:
-        """Whether its duration is over; a spike without duration after one sample."""
+        """Whether its duration is over; a spike without duration ends after one sample."""
         if self.kind == "spike" and self.duration_s == 0.0:
             return self._ticks > 0
         return super().over(time_s)
 
     def pass_on(self, sample: Sample, time_s: float, last: float | None) -> tuple[Sample, ...]:
-        """Replacement of ``sample`` in a tick; ``last`` is the sensor's value at the tick before."""
+        """Samples sent instead of ``sample``; ``last`` is the value at the previous tick."""
         tick, self._ticks = self._ticks, self._ticks + 1
         stamp_ns, value = sample
         if self.kind == "dropout":

@@ -1,4 +1,4 @@
-"""The plant as a node: publishes the emulator's samples and applies the commands that arrive."""
+"""The plant as a node: publishes the emulator's samples and applies incoming commands."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from fsw_schema.models import InputError
 _WATCH_S = 0.2
 _REPORT_S = 1.0
 _READY_POLL_S = 0.02
-#: lockstep waits for slow subscribers after so many ticks: fewer than any publisher keeps messages
+#: period, in ticks, of lockstep's wait for slow subscribers: less than any publisher's queue
 #: (``REPLACED``)
 _ARRIVAL_TICKS = 50
 
@@ -57,9 +57,9 @@ class PlantNode(ManagedNode):
     """Ticks the emulator and connects it to the graph.
 
     Three ways to tick (parameters ``clock`` and ``speed``): every 0.1 s of the wall clock;
-    simulated time at a pace; or lockstep, in which the command that answers a tick starts the next
-    one, once a player, where there is one, has sent what belongs before it. It is a managed node:
-    it ticks and obeys while it is active.
+    simulated time at a given speed; or lockstep, in which the command that answers a tick starts
+    the next one, once a player, if present, has sent what precedes it. It is a managed node: it
+    ticks and accepts commands while it is active.
     """
 
     def __init__(self) -> None:
@@ -74,7 +74,7 @@ class PlantNode(ManagedNode):
             self.start()
 
     def configure(self) -> None:
-        """Make the emulator and announce its topics."""
+        """Create the emulator and announce its topics."""
         values = self._settings.values
         config, schedule = (
             PlantConfig.from_values(values),
@@ -96,7 +96,7 @@ class PlantNode(ManagedNode):
         self._open_topics(self._guard.instance)
 
     def activate(self) -> None:
-        """Make sure that the plant is alone, and begin to tick once all are there."""
+        """Ensure that the plant is alone, and start ticking once all peers are present."""
         self._pace = Lockstep()
         self._arrived = (
             True  #: whether all subscribers had what was sent when that was last looked at
@@ -123,7 +123,7 @@ class PlantNode(ManagedNode):
         self._waiting_logged_s = time.monotonic()
 
     def deactivate(self) -> None:
-        """Bring the drives into the safe state, as the watchdog does without commands; nothing is measured then."""
+        """Bring the drives into the safe state, as the watchdog does; nothing is measured then."""
         was_running, self._running = self._running, False
         if was_running:
             come_to_rest(self._plant)
@@ -135,8 +135,8 @@ class PlantNode(ManagedNode):
 
     def _open_topics(self, instance: str) -> None:
         # The first tick waits for subscribers of the sensors. A recorder subscribes to what it has
-        # discovered: because the sensors are announced last, it then has the other topics of a
-        # tick, too.
+        # discovered; as the sensors are announced last, it then has the other topics of a tick,
+        # too.
         self._clocks = (
             self.create_publisher(ClockMessage, "/clock", SENT) if self._simulated else None
         )
@@ -162,7 +162,7 @@ class PlantNode(ManagedNode):
             return
         self._ready_timer.cancel()
         self.destroy_timer(self._ready_timer)
-        self._writers.look()  # those that are here from the start receive the first tick
+        self._writers.look()  # publishers that are present from the start get the first tick
         self._running, self._stepped_s = True, time.monotonic()
         self._pace.player_present = self.count_publishers(PLAYER_READY) > 0
         self._publish_tick()
@@ -170,7 +170,7 @@ class PlantNode(ManagedNode):
             self.create_timer(0.1 / self._speed, self._next_tick, clock=self._steady)
 
     def _missing(self) -> list[str]:
-        """Conditions that the first tick still waits for."""
+        """Conditions that delay the first tick."""
         wanted = self._settings["wait_for_subscribers"]
         missing = _lacking(self._sensors.values(), wanted)
         # Lockstep cannot advance without a commanding node, and a tick without subscribers would
@@ -201,9 +201,9 @@ class PlantNode(ManagedNode):
             self._report_changes()
 
     def _send(self) -> None:
-        """Publish the present tick; the drives first, because the sensors' last sample completes the tick."""
+        """Publish the present tick: drives first, as the last sensor sample completes the tick."""
         reading, truth = self._plant.measure(), truth_message(self._plant.truth())
-        if not self._pace.resent:  # the player, which stays, has answered a repeated tick, or will
+        if not self._pace.resent:  # a player answers repeated ticks only once
             depths = reading.samples["depth"]
             self._pace.await_player(depths[-1].stamp_ns if depths else None)
         if self._clocks is not None:
@@ -234,8 +234,8 @@ class PlantNode(ManagedNode):
             self.get_logger().warning(
                 f"command refused: {self._plant.gate.last_refusal}", throttle_duration_sec=1.0
             )
-        # A command that is refused for its content is an answer too: the tick goes on with the
-        # last valid one.
+        # A command rejected for its content is an answer, too: the tick continues with the last
+        # valid one.
         own = refusal not in ("source", "leader") and stamp_ns == self._plant.measure().stamp_ns
         if self._lockstep and own and not self._pace.answered:
             self._pace.answered = True
@@ -243,7 +243,7 @@ class PlantNode(ManagedNode):
         self._stop.look()
 
     def _on_progress(self, message: WeldProgress) -> None:
-        """The tool goes where the programme of the weld says, and stands while that is held."""
+        """Move the tool by the weld's programme; it stands while the programme is held."""
         if not self._running:
             return
         age_ns = self._plant.measure().stamp_ns - convert.stamp_ns(message.header.stamp)
@@ -255,17 +255,16 @@ class PlantNode(ManagedNode):
             self._go_on()
 
     def _go_on(self) -> None:
-        """Begin the next tick of lockstep, if nothing of this one is waited for."""
+        """Begin the next tick of lockstep if nothing is awaited any more."""
         if self._running and self._pace.complete:
             if self._plant.tick % _ARRIVAL_TICKS == 0:
                 self._await_arrival()
             self._next_tick()
 
     def _await_arrival(self) -> None:
-        """Wait until all subscribers have what was sent; the recorder, which no tick waits for, must miss nothing.
+        """Wait until all subscribers have the samples: the recorder must not miss any.
 
-        A subscriber that stands still for too long is not waited for again before it has caught
-        up.
+        A subscriber that is stalled for too long is not awaited again before it has caught up.
         """
         before = self._arrived
         self._arrived = self.has_arrived(self._settings["lockstep_timeout_s"] if before else 0.0)
@@ -276,7 +275,7 @@ class PlantNode(ManagedNode):
 
     def _go_on_without_player(self) -> None:
         self._pace.player_present = False
-        self._await_arrival()  # whoever started the weld may end this process now
+        self._await_arrival()  # the parent process may end this one now
         self._go_on()
 
     # ---------------------------------------------------------------- watching
@@ -355,7 +354,7 @@ class PlantNode(ManagedNode):
     # ---------------------------------------------------------------- settings and services
 
     def _why_not(self, values: dict[str, Any]) -> str | None:
-        """Why parameters cannot be taken together, or None."""
+        """Why parameters contradict each other; None if they do not."""
         try:
             PlantConfig.from_values(values)
             if not self.is_configured or values["scenario"] != self._scenario:
@@ -376,7 +375,7 @@ class PlantNode(ManagedNode):
 
 
 def _lacking(publishers: Iterable[Publisher], wanted: int) -> list[str]:
-    """Subscribers that are still to come, in words."""
+    """Missing subscribers, as a text."""
     return [
         f"{wanted - count} more subscribers of {publisher.topic_name}"
         for publisher in publishers

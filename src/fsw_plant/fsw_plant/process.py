@@ -1,4 +1,4 @@
-"""The process of a plant, by its settings: the paper's, or one with heat conduction in a canister."""
+"""The process of a plant: the paper's, or with heat conduction in a canister."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from fsw_plant.tool_path import Motion
 from fsw_schema.extensions import loaded
 from fsw_schema.models import InputError
 
-#: is told the share that is done, and of what
+#: gets the completed share, and the name of the task
 Progress = Callable[[float, str], None]
 
 _reduced: dict[CanisterParameters, CompactCanister] = {}
 
 
 class PlantProcess(Protocol):
-    """What a plant asks of its process."""
+    """Interface of a plant's process."""
 
     def start(
         self, depth_mm: float, temperature_c: float, power_kw: float, motion: Motion
     ) -> Equilibrium:
-        """Where a weld starts; on a canister, what ``power_kw`` has heated while the tool had this motion.
+        """Start of a weld; on a canister, after heating by ``power_kw`` with this tool motion.
 
         Raises
         ------
@@ -44,7 +44,7 @@ class PlantProcess(Protocol):
         motion: Motion,
         added_nm: float = 0.0,
     ) -> None:
-        """Advance ``state`` in place by one step with the inputs held, and ``added_nm`` to M_sp of (18).
+        """Advance ``state`` in place by a step; ``added_nm`` is added to M_sp in (18).
 
         Raises
         ------
@@ -56,11 +56,11 @@ class PlantProcess(Protocol):
         """Outputs in a state under given inputs."""
 
     def refit(self, state: ProcessState) -> None:
-        """Make a state of other parameters one of these, by its history as far as the dead time reaches."""
+        """Convert a state of other parameters, with its history within the dead time."""
 
 
 class PaperProcess:
-    """The paper's process (5)-(27), a :class:`PlantProcess`: it starts in an equilibrium."""
+    """The paper's process (5)-(27), a :class:`PlantProcess`; it starts in equilibrium."""
 
     def __init__(self, parameters: ModelParameters) -> None:
         self._model = ProcessModel(parameters)
@@ -69,7 +69,7 @@ class PaperProcess:
     def start(
         self, depth_mm: float, temperature_c: float, power_kw: float, motion: Motion
     ) -> Equilibrium:
-        """As of :class:`PlantProcess`."""
+        """See :class:`PlantProcess`."""
         return self._model.equilibrium(depth_mm, temperature_c)
 
     def advance(
@@ -80,19 +80,19 @@ class PaperProcess:
         motion: Motion,
         added_nm: float = 0.0,
     ) -> None:
-        """As of :class:`PlantProcess`."""
+        """See :class:`PlantProcess`."""
         self._model.step(state, force_kn, speed_rpm)
         if added_nm:
             lag_s = self._model.parameters.motor_lag_s
             state.x = (*state.x[:MOTOR], state.x[MOTOR] + lag_risen(lag_s) * added_nm)
-            # what is added rises within the step as 1 - exp(-s / lag): the first and the last
+            # the added torque rises within the step as 1 - exp(-s / lag): the first and the last
             # function of the power
             more_kw = power_kw(added_nm, speed_rpm)
             constant, linear, square, fading = state.power[-1]
             state.power[-1] = (constant + more_kw, linear, square, fading - more_kw)
 
     def refit(self, state: ProcessState) -> None:
-        """As of :class:`PlantProcess`."""
+        """See :class:`PlantProcess`."""
         state.power = self._model.with_history(state.power)
 
 
@@ -104,30 +104,31 @@ def process_of(config: PlantConfig) -> PlantProcess:
 
 
 def prepare(config: PlantConfig, progress: Progress | None = None) -> None:
-    """Make what takes long before a plant's first tick: nothing with the paper's process, else the compact canister."""
+    """Prepare what is slow before the first tick: for a canister, its compact model."""
     if config.canister is not None:
         reduced(config.canister, progress)
 
 
 @lru_cache(maxsize=16)
 def _paper_process(parameters: ModelParameters) -> PaperProcess:
-    """The process of these parameters, for all plants: it takes a tenth of a second to make."""
+    """The paper's process for these parameters, cached: it takes a tenth of a second to make."""
     return PaperProcess(parameters)
 
 
 def reduced(parameters: CanisterParameters, progress: Progress | None = None) -> CompactCanister:
-    """The compact canister of these parameters, the last one kept; a new geometry takes a while, which is reported.
+    """The compact canister model, cached; a new geometry takes a while, with progress reports.
 
     Raises
     ------
     fsw_schema.models.InputError
-        When no installed distribution makes it.
+        If no installed distribution makes it.
     """
     if parameters not in _reduced:
         make = loaded("fsw.processes", "canister")
         if make is None:
             raise InputError(
-                "process canister: nothing here makes its heat model: pip install 'fsw-lab[canister]'"
+                "process canister: nothing here makes its heat model: "
+                "pip install 'fsw-lab[canister]'"
             )
         made: CompactCanister = make(parameters, progress=progress)
         _reduced.clear()

@@ -1,4 +1,4 @@
-"""Diagnostics of the plant, one line for each part."""
+"""Diagnostics of the plant, one entry per part."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["clock", "commands", "process", "sensors", "watchdog"]
 
 
 def clock(mode: str, running: bool, jumps: int, resent: int) -> Report:
-    """Timing: jumps of the stamps in real time, and repetitions of the present tick in lockstep."""
+    """Timing: jumps of the stamps in real time, resent ticks in lockstep."""
     values = {"mode": mode, "jumps of the stamps": jumps, "tick repeated": resent}
     if not running:
         return Report("clock", WARN, "first tick waits for subscribers", values)
@@ -49,7 +49,7 @@ def watchdog(plant: PlantEmulator) -> Report:
 
 
 def sensors(plant: PlantEmulator) -> Report:
-    """Active faults and disturbances, which were set on purpose."""
+    """Active faults and disturbances."""
     faults = list(map(str, plant.faults.values()))
     disturbances = [
         str(item) for item in plant.disturbances.values() if not item.over(plant.time_s)

@@ -1,4 +1,4 @@
-"""A disturbance or a fault as a request of the emulated plant's service, and which service that is."""
+"""Service requests for disturbances and faults of the emulated plant."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from fsw_msgs.srv import SetDisturbance, SetFault
 from fsw_plant.event_schema import amplitude_unit, magnitude_unit
 from fsw_plant.events import Disturbance, PlantEvent
 
-#: by whether the event is a disturbance; else a fault
+#: service by whether the event is a disturbance (else a fault)
 SERVICES: dict[bool, tuple[Any, str]] = {
     True: (SetDisturbance, "fsw/plant/set_disturbance"),
     False: (SetFault, "fsw/plant/set_fault"),
@@ -17,7 +17,7 @@ SERVICES: dict[bool, tuple[Any, str]] = {
 
 
 def event_request(event: PlantEvent) -> Any:
-    """The request for an event that begins with the next tick."""
+    """The request for an event that starts with the next tick."""
     amount, kind = event.amount, event.kind
     if isinstance(event, Disturbance):
         return SetDisturbance.Request(

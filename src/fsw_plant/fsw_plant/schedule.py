@@ -15,7 +15,7 @@ from fsw_schema.models import Many, Model, content_of, read_text, validate
 
 
 class EventEntry(Model):
-    """An event of a scenario: its time and exactly one of the kinds, of which the first two are for the plant."""
+    """An event of a scenario: its time and exactly one kind; the first two are for the plant."""
 
     at_s: Annotated[float, TIME_S]
     disturbance: DisturbanceEntry | None = None
@@ -30,18 +30,19 @@ class EventEntry(Model):
         given = [kind for kind in kinds if getattr(self, kind) is not None]
         if len(given) != 1:
             raise ValueError(
-                f"needs exactly one of {', '.join(kinds)}, has {' and '.join(given) or 'none of them'}"
+                f"needs exactly one of {', '.join(kinds)}, "
+                f"has {' and '.join(given) or 'none of them'}"
             )
         return self
 
     def plant_event(self) -> PlantEvent | None:
-        """The plant's part of the event, None if it is not for the plant."""
+        """The plant's part of the event; None if it is not for the plant."""
         entry = self.disturbance or self.fault
         return None if entry is None else entry.event(self.at_s)
 
 
 class _Scenario(Model):
-    """A scenario, of which the plant only reads the events and the tool's path."""
+    """A scenario, of which the plant reads only the events and the tool's path."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -60,13 +61,13 @@ class PlantSchedule:
     Parameters
     ----------
     events : iterable of PlantEvent
-        In any order; those of one time are applied in the order given.
+        In any order; events at the same time are applied in the given order.
     path : sequence of Waypoint
-        Of the tool; for a plant on a canister.
+        Path of the tool, for a plant on a canister.
     """
 
     def __init__(self, events: Iterable[PlantEvent] = (), path: Sequence[Waypoint] = ()) -> None:
-        #: those to come, in order of time
+        #: future events, in order of time
         self.events = deque(sorted(events, key=lambda event: event.at_s))
         self.path = tuple(path)
 
@@ -76,7 +77,7 @@ class PlantSchedule:
         return self.path[-1].at_s if self.path else 0.0
 
     def due(self, time_s: float) -> list[PlantEvent]:
-        """Take the events that a tick at ``time_s`` has reached."""
+        """Remove and return the events that are due at a tick at ``time_s``."""
         due: list[PlantEvent] = []
         while self.events and self.events[0].at_s <= time_s + EPSILON_S:
             due.append(self.events.popleft())
@@ -84,18 +85,18 @@ class PlantSchedule:
 
     @classmethod
     def of(cls, entries: Iterable[EventEntry], path: Sequence[Waypoint] = ()) -> PlantSchedule:
-        """That of a scenario's events, without those that are not for the plant."""
+        """The schedule of a scenario's events, without those that are not for the plant."""
         found = (entry.plant_event() for entry in entries)
         return cls((event for event in found if event is not None), path)
 
     @classmethod
     def from_yaml(cls, text: str, where: str = "scenario") -> PlantSchedule:
-        """Read YAML text: a list of events or a scenario with ``events``; those not for the plant are ignored.
+        """Read YAML text: a list of events, or a scenario; ignores events of other parts.
 
         Raises
         ------
         fsw_schema.models.InputError
-            If an event is not understood; the message says where and what is allowed.
+            If an event is invalid; the message says where and what is allowed.
         """
         content = content_of(text, where)
         scenario = validate(
@@ -105,7 +106,7 @@ class PlantSchedule:
 
     @classmethod
     def from_text_or_file(cls, source: str) -> PlantSchedule:
-        """Read YAML text (if it has a line break or brackets) or the file of that path, see :meth:`from_yaml`."""
+        """Read YAML text (recognised by line breaks or brackets) or a file by its path."""
         if not source.strip():
             return cls()
         if "\n" in source or source.lstrip()[0] in "[{":

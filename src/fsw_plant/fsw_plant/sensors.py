@@ -1,4 +1,4 @@
-"""Sensors: noise, quantisation and faults, each sensor with its own random stream; lag of the thermocouple's probe."""
+"""Sensors: noise, quantisation, faults and the thermocouple's lag, each with a random stream."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from fsw_plant.config import PlantConfig
 from fsw_plant.events import Fault, Sample
 from fsw_plant.lag import lag_left, lag_mean
 
-#: Random numbers drawn at once: numpy is too slow to be called for single ones.
+#: number of random values drawn at once: numpy is too slow for single ones
 BLOCK = 1024
 
 
 class Noise(NamedTuple):
-    """What a sensor adds to a value."""
+    """Noise and quantisation of a sensor."""
 
     deviation: float = 0.0  #: standard deviation of the noise, in the sensor's unit; 0: none
     resolution: float = 0.0  #: quantisation, in the sensor's unit; 0: none
@@ -28,16 +28,16 @@ class Noise(NamedTuple):
 
     @property
     def autocorrelation(self) -> float:
-        """From tick to tick: the share of the noise that is left."""
+        """Share of the noise that remains after a tick."""
         return lag_left(self.correlation_s)
 
 
 class Sensor:
-    """One sensor with its noise, a first-order Gauss-Markov process whose samples are exact: n' = a n + sqrt(1 - a²) e.
+    """A sensor whose noise is a first-order Gauss-Markov process: n' = a n + sqrt(1 - a²) e.
 
-    Here a = exp(-tick / correlation time), and the e are standard normal. The first sample is a
-    stationary one. Each reading takes one random number, whatever happens to it, so the stream
-    depends on seed and tick alone.
+    Here a = exp(-tick / correlation time), so the samples are exact, and e is standard normal. The
+    first sample is stationary. Each reading takes one random number, whatever happens to it, so
+    the stream depends on seed and tick alone.
     """
 
     def __init__(self, seed: int, index: int, noise: Noise) -> None:
@@ -48,13 +48,13 @@ class Sensor:
         self._noise: float | None = None  # in standard deviations
 
     def configure(self, noise: Noise) -> None:
-        """Change the noise; what a correlated one is at goes on."""
+        """Change the noise; a correlated noise keeps its present value."""
         self._deviation, self._resolution = noise.deviation, noise.resolution
         self._kept = noise.autocorrelation
         self._fresh = sqrt(1.0 - self._kept**2)
 
     def read(self, value: float) -> float:
-        """The reading of ``value``."""
+        """Return the reading of ``value``."""
         if not self._block:
             self._block = self._generator.standard_normal(BLOCK)[::-1].tolist()
         noise = self._block.pop()
@@ -69,18 +69,18 @@ class Sensor:
     def send(
         self, value: float, stamp_ns: int, fault: Fault | None, time_s: float
     ) -> tuple[Sample, ...]:
-        """The samples of ``value`` that leave the sensor at a tick, with its fault at that time."""
+        """Samples of ``value`` that leave the sensor at a tick, with the fault at that time."""
         last, self._last = self._last, self.read(value)
         sample = Sample(stamp_ns, self._last)
         return (sample,) if fault is None else fault.pass_on(sample, time_s, last)
 
 
 class Probe:
-    """The thermocouple's probe: it follows the temperature around it with a first-order lag, 0: at once.
+    """The thermocouple's probe, which follows the surrounding temperature with a lag (0: none).
 
-    Between two ticks the process's temperature is taken as a straight line and a disturbance of it
-    as held, for which the lag is solved exactly. At the start, when the process has the
-    temperature ``start_c``, the probe is at rest.
+    Between ticks the process temperature is linear and a disturbance of it constant; the
+    first-order lag is solved exactly for both. At the start, when the process has the temperature
+    ``start_c``, the probe is in equilibrium.
     """
 
     def __init__(self, lag_s: float, start_c: float) -> None:
@@ -88,12 +88,12 @@ class Probe:
         self.lag_s = lag_s
 
     def read(self, around_c: float) -> float:
-        """The probe's temperature at a tick where ``around_c`` is that around it, disturbance included."""
+        """The probe's temperature at a tick; ``around_c`` includes the disturbance."""
         self._around_c = around_c
         return self._value_c if self.lag_s else around_c
 
     def advance(self, process_c: float) -> None:
-        """Follow for a tick at whose end the process has this temperature; the disturbance that was read is held."""
+        """Follow the process for a tick up to this temperature; the disturbance is held."""
         left, mean = lag_left(self.lag_s), lag_mean(self.lag_s)
         held_c, change_c = self._around_c, process_c - self._process_c
         self._value_c = held_c + left * (self._value_c - held_c) + (1.0 - mean) * change_c
@@ -101,7 +101,7 @@ class Probe:
 
 
 class Sensors:
-    """The sensors of a plant, the thermocouple at rest at ``start_c``."""
+    """The sensors of a plant; the thermocouple starts in equilibrium at ``start_c``."""
 
     def __init__(self, config: PlantConfig, start_c: float) -> None:
         noises = enumerate(noise_of(config).items())
@@ -115,7 +115,7 @@ class Sensors:
         self._probe.lag_s = config["sensors.temperature_lag_s"]
 
     def heat(self, process_c: float) -> None:
-        """End a tick: see :meth:`Probe.advance`."""
+        """End a tick, see :meth:`Probe.advance`."""
         self._probe.advance(process_c)
 
     def send(
@@ -125,7 +125,7 @@ class Sensors:
         faults: Mapping[str, Fault],
         time_s: float,
     ) -> dict[str, tuple[Sample, ...]]:
-        """The samples of the values that leave the sensors at a tick, by sensor."""
+        """Samples that leave the sensors at a tick, by sensor."""
         shown = {**values, "thermocouple": self._probe.read(values["thermocouple"])}
         return {
             name: sensor.send(shown[name], stamp_ns, faults.get(name), time_s)

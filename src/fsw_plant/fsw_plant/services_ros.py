@@ -1,4 +1,4 @@
-"""The services by which a running plant is disturbed and reset."""
+"""Services that disturb and reset a running plant."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class PlantServices:
         node.create_service(ResetPlant, "fsw/plant/reset", self._on_reset)
 
     def _answer(self, response: Any, what: str, act: Callable[[], str]) -> None:
-        """Fill in a service's response: ``act`` performs it and returns a description, or raises the reason."""
+        """Fill in a response: ``act`` returns a description, or raises the reason of a failure."""
         try:
             response.message, response.ok = act(), True
             self._logger.info(f"{what}: {response.message}")

@@ -6,31 +6,31 @@ from math import copysign
 
 from fsw_control.weld import TICK_NS
 
-#: Distance of a stamp from the wall clock at which it is drawn back towards it, and at which it
-#: jumps to it.
+#: deviation of a stamp from the wall clock at which it is corrected gradually, and at which it
+#: jumps
 DRAW_NS = 5_000_000
 JUMP_NS = TICK_NS // 2
-#: Largest correction per tick: 100 ppm, more than clocks differ.
+#: largest correction per tick: 100 ppm, more than clocks deviate
 NUDGE_NS = 10_000
 
 
 class TickStamps:
-    """Stamps exactly one tick apart, independent of the timer's jitter, that follow the wall clock and never go back.
+    """Stamps exactly one tick apart that follow the wall clock without jitter and never go back.
 
-    Where the wall clock goes back against the steady clock, it was set: the stamps continue as if
-    it had not been. So no stamp comes twice, and no command to a new measurement looks like one to
-    an old measurement.
+    If the wall clock goes back relative to the steady clock, it was set: the stamps continue
+    unaffected. So no stamp occurs twice, and a command for a new measurement never looks like one
+    for an old measurement.
     """
 
     def __init__(self) -> None:
-        #: how often the wall clock was set, or the process could not run for a while
+        #: number of times that the wall clock was set or the process was suspended
         self.jumps = 0
-        self.ahead_ns = 0  #: stamp less wall clock, after that was set back
+        self.ahead_ns = 0  #: stamp less wall clock, after it was set back
         self._last_ns: int | None = None
         self._wall_ns = self._steady_ns = 0
 
     def next(self, wall_ns: int, steady_ns: int) -> int:
-        """Stamp of the tick that is due now, on the wall clock; ``steady_ns`` is the time on the steady clock."""
+        """Stamp of the tick due now by the wall clock; ``steady_ns`` is the steady clock."""
         set_by_ns = wall_ns - self._wall_ns - (steady_ns - self._steady_ns)
         self._wall_ns, self._steady_ns = wall_ns, steady_ns
         if self._last_ns is None:

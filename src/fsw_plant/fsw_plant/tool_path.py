@@ -1,4 +1,4 @@
-"""Where the tool is on the canister: points of its path over time, and what it moves within a tick."""
+"""Position of the tool on the canister: points of its path, and its motion within a tick."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from fsw_schema.ranges import Range
 
 
 class Waypoint(Model):
-    """A place of the tool on the canister at a time; in between it moves straight and evenly."""
+    """Position of the tool at a time; it moves linearly in between."""
 
     at_s: Annotated[float, TIME_S]
     arc_mm: Annotated[float, Range(0.0, 10_000.0, "mm")]
-    """travelled around the canister"""
+    """distance travelled around the canister"""
     axial_mm: Annotated[float, Range(-200.0, 500.0, "mm")] = 0.0
-    """above the joint line, towards the lid"""
+    """position above the joint line, towards the lid"""
 
 
 def check_order(path: Sequence[Waypoint]) -> None:
-    """For a validator: points must come in order of time, and the tool does not go back.
+    """For a validator: points must be in order of time, and the tool must not go back.
 
     Raises
     ------
     pydantic_core.ValidationError
-        At the first that does.
+        At the first violation.
     """
     for i in range(1, len(path)):
         if path[i].at_s <= path[i - 1].at_s:
@@ -44,36 +44,36 @@ def check_order(path: Sequence[Waypoint]) -> None:
 
 
 class Motion(NamedTuple):
-    """Of the tool within a tick: its traverse around the canister, and its height above the joint line."""
+    """Motion of the tool within a tick: traverse around the canister, height above the joint."""
 
     traverse_mm_per_s: float
     axial_mm: float
 
 
 class ToolPath:
-    """The path of the tool; before its first point and after its last it stands there.
+    """The path of the tool; it stands before the first and after the last point.
 
-    ``steady`` is what the tool does where there are no points.
+    ``steady`` is its motion if there are no points.
     """
 
     def __init__(self, points: Sequence[Waypoint], steady: Motion) -> None:
         self._steady = steady if not points else None
         self._at_s = [one.at_s for one in points]
         self._axial_mm = [one.axial_mm for one in points]
-        # one number for each part of the path: the canister computes anew for another
+        # one number per section of the path: the canister makes new matrices for each speed
         self._speeds = [
             (two.arc_mm - one.arc_mm) / (two.at_s - one.at_s) for one, two in pairwise(points)
         ]
 
     @classmethod
     def of(cls, points: Sequence[Waypoint], config: PlantConfig) -> ToolPath:
-        """The path of these points; without any, the steady motion that a plant's settings have."""
+        """The path of these points; without any, the constant motion of the plant's settings."""
         return cls(
             points, Motion(config["tool.traverse_mm_per_min"] / 60.0, config["tool.axial_mm"])
         )
 
     def motion(self, time_s: float, standing: bool = False) -> Motion:
-        """Motion over the tick that begins at a time; ``standing``: held there."""
+        """Motion over the tick that begins at a time; ``standing``: the tool is held there."""
         if self._steady is not None:
             return Motion(0.0, self._steady.axial_mm) if standing else self._steady
         if standing:
@@ -87,7 +87,7 @@ class ToolPath:
 
 
 class ToolTravel:
-    """Where the tool is by the time of the programme, which lags behind the plant's once the programme was held."""
+    """Tool motion by the programme's time, which lags the plant's after a hold."""
 
     def __init__(self, points: Sequence[Waypoint], config: PlantConfig) -> None:
         self._config = config
@@ -99,23 +99,23 @@ class ToolTravel:
         self._path = ToolPath.of(points, self._config)
 
     def follow(self, tick: int, time_s: float, standing: bool, age_ticks: int) -> None:
-        """As :meth:`fsw_plant.PlantEmulator.follow_programme`, at a tick."""
+        """See :meth:`fsw_plant.PlantEmulator.follow_programme`."""
         passed = 0 if standing else age_ticks
         self._lag_ticks, self._standing = tick - passed - round(time_s / STEP_S), standing
 
     @property
     def lag_s(self) -> float:
-        """By which the programme's time is behind the plant's."""
+        """Lag of the programme's time behind the plant's."""
         return self._lag_ticks / 10
 
     def programme_s(self, tick: int) -> float:
-        """Time of the programme at a tick."""
+        """Programme time at a tick."""
         return (tick - self._lag_ticks) / 10
 
     def motion(self, tick: int) -> Motion:
-        """Motion of the tool from a tick to the next."""
+        """Motion of the tool from this tick to the next."""
         return self._path.motion(self.programme_s(tick), self._standing)
 
     def end_tick(self) -> None:
-        """Let a tick pass."""
+        """Advance by a tick."""
         self._lag_ticks += self._standing

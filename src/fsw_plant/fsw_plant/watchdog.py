@@ -1,4 +1,4 @@
-"""The plant's watchdog: how the plant reacts when no commands arrive."""
+"""The plant's watchdog: its reaction to missing commands."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import IntEnum
 from fsw_model import STEP_S
 from fsw_plant.config import PlantConfig
 
-#: a plant that steps later than this was suspended, and its process stood still [s]
+#: longer steps mean that the plant was suspended, and its process with it [s]
 _LONGEST_STEP_S = 1.0
 
 
@@ -23,9 +23,9 @@ class Watchdog:
     """Measures the time since the last valid command.
 
     OK until ``timeout_s`` without a valid command; then HOLD: the last command stays; after
-    another ``hold_s`` SAFE: the force goes down to ``safe_force_kn`` at ``safe_rate_kn_per_s`` (a
-    lower force stays) and the spindle keeps the speed it has. A valid command ends both at once.
-    Before the first valid command it holds and does not go to SAFE, unless ``armed_at_start``. The
+    another ``hold_s`` SAFE: the force decreases to ``safe_force_kn`` at ``safe_rate_kn_per_s`` (a
+    lower force stays) and the spindle keeps its speed. A valid command ends both at once. Before
+    the first valid command it holds without going to SAFE, unless ``armed_at_start``. The
     settings are those of ``plant.yaml``.
     """
 
@@ -40,23 +40,22 @@ class Watchdog:
         self.armed: bool = self.config["watchdog.armed_at_start"]
 
     def feed(self) -> None:
-        """A valid command has come."""
+        """Note a valid command."""
         self.age_s = 0.0
         self.armed = True
         self.state = WatchdogState.OK
 
     def expire(self) -> None:
-        """Ramp to the safe state now: the commands that come do not carry out a safe stop that is in force."""
+        """Ramp to the safe state now, as the incoming commands ignore a safe stop in force."""
         self.armed = True
         self.age_s = max(
             self.age_s, self.config["watchdog.timeout_s"] + self.config["watchdog.hold_s"]
         )
 
     def advance(self, force_kn: float, elapsed_s: float = STEP_S) -> float:
-        """Decide for the step that begins now, and count it: the force to apply instead of ``force_kn``.
+        """Decide for the step that begins now, and count it: returns the force to apply.
 
-        ``elapsed_s`` is the time since the step before on the steady clock; it counts where the
-        steps are late.
+        ``elapsed_s`` is the steady time since the previous step, for steps that are late.
         """
         step_s = min(max(elapsed_s, STEP_S), _LONGEST_STEP_S)
         self.age_s += step_s - STEP_S
