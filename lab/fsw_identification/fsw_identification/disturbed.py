@@ -1,4 +1,4 @@
-"""Sudden disturbances in the residuals: shifts, which are estimated along, and windows that are left out."""
+"""Sudden disturbances in the residuals: shifts, which are estimated, and windows to exclude."""
 
 from __future__ import annotations
 
@@ -14,29 +14,28 @@ from fsw_identification.problem import HEAT, Problem, Shift
 from fsw_identification.simulation import OUTPUTS
 from fsw_identification.solver import solve
 
-#: a shift of an output: samples before and after that are compared, and how many standard
-#: deviations are a shift
+#: samples before and after a shift that are compared, and standard deviations that make it one
 _SHIFT_TICKS, SHIFT = 30, 9.0
 _MOST_SHIFTS = 12
-#: a shift of fewer standard deviations is dropped in the end
+#: a shift of fewer standard deviations is dropped in the final solution
 _REAL_SHIFT = 5.0
-#: residuals are limited to this many standard deviations where shifts are looked for, so that a
-#: spike does not count
+#: limit of the residuals, in standard deviations, in the search for shifts, so that spikes do not
+#: count
 _CLIP = 5.0
-#: and to this many where windows are looked for, so that the edge of a shift does not count
+#: the same in the search for windows, so that the edge of a shift does not count
 _EDGE = 3.0
-#: windows whose mean residual is beyond so many of its standard deviations are left out, with a
-#: window on each side
+#: length of a window; it is excluded, with its neighbours, if its mean residual exceeds this many
+#: standard deviations
 _WINDOW_TICKS, _BIASED = 30, 5.0
-#: and those whose variance exceeds that of the noise by this factor
+#: or if its variance exceeds the noise variance by this factor
 _RESTLESS = 3.0
-#: how often windows are looked for, and the share of an output from which on the model is wrong,
-#: not disturbed
+#: number of such searches, and the excluded share of an output from which the model counts as
+#: wrong instead of disturbed
 _ROUNDS, _LARGEST_SHARE = 4, 0.4
 
 
 def find_shifts(problem: Problem) -> list[Shift]:
-    """The largest shift in the residuals of each output of each segment, where there is one."""
+    """The largest shift in the residuals of each output of each segment, if any."""
     found: list[Shift] = []
     for i, whitened in enumerate(problem.whitened):
         sizes = shift_sizes(whitened / problem.noise, problem.autocorrelation)
@@ -64,9 +63,9 @@ def find_shifts(problem: Problem) -> list[Shift]:
 
 
 def shift_sizes(whitened: FloatArray, autocorrelation: FloatArray) -> FloatArray:
-    """Estimate of a shift at each tick but the first, beside a level, in its standard deviations.
+    """Estimated shift at each tick but the first, in its standard deviations, beside a level.
 
-    For white noise it is the difference of the means after and before.
+    For white noise it is the difference of the means after and before (a two-sample test).
     """
     limited, known = np.nan_to_num(np.clip(whitened, -_CLIP, _CLIP)), np.isfinite(whitened)
     sums, counts = (
@@ -89,7 +88,7 @@ def shift_sizes(whitened: FloatArray, autocorrelation: FloatArray) -> FloatArray
 
 
 def drop_small_shifts(problem: Problem) -> None:
-    """Drop shifts that turned out to be insignificant, e.g. at the end of an excluded window."""
+    """Drop shifts that became insignificant, e.g. at the end of an excluded window."""
     if not problem.shifts:
         return
     variances = np.diag(np.linalg.pinv(problem.information()))[len(problem.free) : -2]
@@ -98,10 +97,10 @@ def drop_small_shifts(problem: Problem) -> None:
 
 
 def leave_out(problem: Problem, noise: FloatArray, progress: Callable[[], None]) -> list[str]:
-    """Exclude windows in which the model does not follow an output; returns the excluded ones.
+    """Exclude windows in which the model does not follow an output; returns notes on them.
 
-    ``noise`` is the sensors' by itself, whitened. Again and again, because a disturbance hides in
-    the parameters that it biases.
+    ``noise`` is the whitened sensor noise. Iterated, because a disturbance hides in the parameters
+    that it biases.
     """
     left = [np.zeros(segment.measured.shape, dtype=bool) for segment in problem.segments]
     followed, share = np.ones(len(OUTPUTS), dtype=bool), np.zeros(len(OUTPUTS))
@@ -122,7 +121,8 @@ def leave_out(problem: Problem, noise: FloatArray, progress: Callable[[], None])
             )
         solve(problem, progress)
     notes = [
-        f"{OUTPUTS[i]}: the model does not follow it in {100 * share[i]:.0f} % of the time; do not rely on "
+        f"{OUTPUTS[i]}: the model does not follow it in {100 * share[i]:.0f} % of the time; "
+        "do not rely on "
         "parameters that depend on it"
         for i in np.flatnonzero(~followed)
     ]
@@ -132,13 +132,14 @@ def leave_out(problem: Problem, noise: FloatArray, progress: Callable[[], None])
             for begin, end in edges.reshape(-1, 2):
                 begin_s, end_s = segment.time_s[begin], segment.time_s[end - 1] + TICK_S
                 notes.append(
-                    f"{name}: disturbed at {begin_s:.0f} to {end_s:.0f} s, left out: the model does not follow it there"
+                    f"{name}: disturbed at {begin_s:.0f} to {end_s:.0f} s, left out: "
+                    "the model does not follow it there"
                 )
     return notes
 
 
 def disturbed_windows(residuals: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
-    """Samples in windows whose mean or variance is not that of noise, and in the adjacent windows; same shape."""
+    """Samples in windows, or next to them, whose mean or variance is not that of noise."""
     parts = np.array_split(np.arange(len(residuals)), max(1, 2 * len(residuals) // _WINDOW_TICKS))
     found = np.zeros(residuals.shape, dtype=bool)
     for output in range(residuals.shape[1]):

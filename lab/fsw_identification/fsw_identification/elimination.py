@@ -1,10 +1,11 @@
-"""Least squares of one output of one segment; what is unknown at the knots is eliminated by orthogonal transformations.
+"""Least squares of an output of a segment, with the unknowns at the knots eliminated by QR.
 
-The unknowns are values at the knots, each coupled to the next by the data between them and by the
-random walk; and a few others, on which all samples may depend: the border. Nothing is squared
-before the knots are gone: force against depth offset, or power against temperature offset, are
-told apart so weakly, beside trends that hardly change, that normal equations lose all digits.
-Every other knot is eliminated at a time, all of them in one call of LAPACK.
+The unknowns are values at the knots, each coupled to the next by the data in between and by the
+random walk, and a few others on which all samples may depend: the border. This is a square-root
+information smoother (Bierman 1977): nothing is squared before the knots are gone, as force and
+depth offset, or power and temperature offset, differ so weakly, beside trends that hardly change,
+that normal equations would lose all digits. Every other knot is eliminated at a time (cyclic
+reduction), all in a single call of LAPACK.
 """
 
 from __future__ import annotations
@@ -18,14 +19,14 @@ from fsw_analysis.weld_signals import FloatArray, IntArray
 from fsw_identification.noise import Whitening
 from fsw_identification.simulation import KNOT_TICKS, Walks
 
-#: knots that were eliminated together, those beside them, and their rows
+#: knots eliminated together, their neighbours, and their rows
 Level = tuple[IntArray, IntArray, FloatArray]
-#: the states at two knots fit to so small a share of the noise
+#: states at two knots are tied together to this small a share of the noise
 _STIFF = 1e-3
 
 
 class Compressed(NamedTuple):
-    """As many rows of least squares as there are unknowns, instead of one for each sample; in units of the noise."""
+    """Triangular rows that replace one row per sample, in units of the noise."""
 
     rows: FloatArray  #: (k - 1, rows, 2 p + 1 + border): by knot, next knot, residual and border
     border: FloatArray  #: (1 + border, 1 + border): information of the rows without knots
@@ -33,24 +34,23 @@ class Compressed(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Eliminated:
-    """What is left for the border."""
+    """What remains for the border."""
 
-    border: (
-        FloatArray  #: (1 + border, 1 + border): information; first row and column of the residuals
-    )
-    logdet: float  #: of the information of the knots
+    #: (1 + border, 1 + border): information; first row and column belong to the residuals
+    border: FloatArray
+    logdet: float  #: log determinant of the knots' information
     levels: list[Level]
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(k, p): knots, and unknowns at each."""
+        """(k, p): number of knots, and of unknowns at each."""
         together, _, rows = self.levels[0]
         return 1 + max(int(at.max()) for at, _, _ in self.levels), rows.shape[1] // together.shape[
             1
         ]
 
     def values(self) -> FloatArray:
-        """(k, p, 1 + border): at the knots, from the residuals and by each of the border; by back substitution."""
+        """(k, p, 1 + border): knots by residuals and border, from back substitution."""
         width, (k, p) = len(self.border), self.shape
         values = np.zeros((k, p, width))
         for at, beside, rows in reversed(self.levels):
@@ -62,7 +62,7 @@ class Eliminated:
         return values
 
     def variance(self, weights: FloatArray) -> float:
-        """Of a weighted sum, (k, p), of the values at the knots; the border known."""
+        """Variance of a weighted sum, (k, p), of the values at the knots, for a given border."""
         left, squares = weights.copy(), 0.0
         for at, beside, rows in self.levels:
             n = at.shape[1] * weights.shape[1]
@@ -76,19 +76,19 @@ class Eliminated:
 
 
 def knots(n_ticks: int) -> int:
-    """How many knots a segment has."""
+    """Number of knots of a segment."""
     return -(-n_ticks // KNOT_TICKS) + 1
 
 
 def compress(
     walk: Walks, factor: FloatArray, columns: FloatArray, weights: FloatArray, white: Whitening
 ) -> Compressed:
-    """Rows of the data.
+    """Compress the data between each two knots by QR into as many rows as there are unknowns.
 
-    ``columns`` (n, 1 + border) are residuals and slopes by the border, ``factor`` (n,) multiplies
-    what the knots add, ``weights`` (n,) belong to the whitened rows.
+    ``columns`` (n, 1 + border) are residuals and slopes by the border, ``factor`` (n,) scales the
+    knots' contribution, ``weights`` (n,) apply to the whitened rows.
 
-    Between two knots are the ticks after the one, up to the other: each with the sample before.
+    An interval contains the ticks after one knot up to the next, each with its previous sample.
     """
     n, count, width = len(columns), knots(len(columns)) - 1, columns.shape[1]
     by_knots = np.hstack([walk.here, walk.ahead])
@@ -104,7 +104,7 @@ def compress(
             samples, (white.before[at] - ticks[:, :1])[:, :, None].clip(0), axis=1
         )
         stacked -= (scale * white.share[at])[:, :, None] * before
-    stacked[1:, 0] = 0.0  # belongs to the knots before
+    stacked[1:, 0] = 0.0  # belongs to the previous interval
     triangles = _triangles(stacked)
     rows = np.zeros((count, used.size, by_knots.shape[1] + width))
     rows[:, :, used] = triangles[:, : used.size, : used.size]
@@ -124,10 +124,11 @@ def eliminate(
     noise : float
         Standard deviation of the samples.
     start, steps : (p,) arrays
-        Standard deviations of the values at the first knot, and of what changes from knot to knot;
-        0: nothing does.
+        Standard deviations of the values at the first knot, and of their change per knot; 0: no
+        change.
     """
     p, width = walk.here.shape[1], data.border.shape[1]
+    # The random walk is one more set of rows: after x[k+1] - before x[k] ~ N(0, steps^2).
     gains = np.abs(walk.here[0])
     tight = 1.0 / np.where(
         steps > 0.0, np.maximum(steps, 1e-300), _STIFF * noise / np.maximum(gains, 1e-12)
@@ -138,12 +139,13 @@ def eliminate(
     )
     border, left = data.border / noise**2, np.arange(len(edges) + 1)
     levels: list[Level] = []
+    # Cyclic reduction: QR with the knot's own columns first leaves p rows that define it (kept for
+    # back substitution), and rows that couple its neighbours and the border.
     while len(edges) > 1:
         both = edges[: len(edges) // 2 * 2]
         at, n = left[1 : len(both) : 2], both.shape[1]
-        stacked = np.zeros(
-            (at.size, 2 * n, 3 * p + width)
-        )  # by the knot, the one before, the one after, border
+        # columns: the knot, the one before, the one after, border
+        stacked = np.zeros((at.size, 2 * n, 3 * p + width))
         stacked[:, :n, :p], stacked[:, :n, p : 2 * p] = both[::2, :, p : 2 * p], both[::2, :, :p]
         stacked[:, n:, :p], stacked[:, n:, 2 * p : 3 * p] = (
             both[1::2, :, :p],
@@ -171,11 +173,11 @@ def eliminate(
 
 
 def _triangles(rows: FloatArray) -> FloatArray:
-    """R of QR of each of a stack."""
+    """R of the QR factorisation of each matrix of a stack."""
     return np.asarray(cast("Any", np.linalg.qr(rows, mode="r")), dtype=np.float64)
 
 
 def _squares(rows: FloatArray) -> FloatArray:
-    """Information of rows, (any, rows, width)."""
+    """Information matrix of rows, (any, rows, width)."""
     flat = rows.reshape(-1, rows.shape[2])
     return np.asarray(flat.T @ flat)

@@ -1,9 +1,10 @@
-"""Maximum-likelihood estimate of model parameters, initial states and slow disturbances from recorded welds.
+"""Maximum-likelihood estimate of model parameters, initial states and slow disturbances.
 
-The recorded inputs drive the model; the rest of the outputs is the sensors' noise. Inputs are what
-acted, so a closed loop does not bias the estimate. Unknown slow disturbances of force, heat and
-outputs are random walks, whose size is chosen by the evidence; sudden shifts of an output are
-found in the residuals and estimated along.
+The recorded inputs of welds drive the model; the residuals are sensor noise (output error method,
+Ljung 1999, chapter 7). Inputs are those that acted, so a closed loop does not bias the estimate.
+Unknown slow disturbances of force, heat and outputs are random walks whose size maximises the
+evidence (marginal likelihood); sudden shifts of an output are found in the residuals and estimated
+jointly.
 """
 
 from __future__ import annotations
@@ -39,36 +40,33 @@ from fsw_identification.weld_data import Segment
 from fsw_model import ModelParameters
 from fsw_schema.models import InputError
 
-#: a parameter with a larger relative standard deviation is not identifiable
+#: a parameter with a larger relative standard deviation counts as not identifiable
 LARGEST_DEVIATION = 0.25
-#: as ``LARGEST_DEVIATION``, but at the nominal parameters, before anything is known
+#: the same at the nominal parameters, before anything is known
 _LARGEST_AT_START = 0.3
-#: never estimated: (19)-(22) have six coefficients for the three things that welds show
+#: never estimated: (19)-(22) have six coefficients for three observable quantities
 STRUCTURAL = ("geometry_factor", "contact_radius_m", "geometry_offset_m3")
 _WHY_STRUCTURAL = (
     "(19)-(22) have six coefficients, welds identify three: "
     "the torque, its slope over force and over depth"
 )
-#: identifiable even at rest, if the other torque parameters are kept nominal
+#: identifiable even at rest if the other torque parameters are nominal
 _LEVEL = "sliding_friction"
-#: which are kept nominal first, where several are not identifiable together
+#: kept nominal first if several are not identifiable together
 _KEPT_FIRST = ("sticking_stress_pa", "contact_slope")
-#: up to this share of disturbed windows the start is right, and the rest is a disturbance
+#: up to this share of disturbed windows the start is good, and the rest is a disturbance
 _SHARE_OF_DISTURBANCE = 0.25
-#: correlation of the residuals from tick to tick, of any output, from which on the noise is tried
-#: as coloured
+#: residual autocorrelation of an output, from tick to tick, above which coloured noise is tried
 _COLOURED = 0.2
-#: a lag of the thermocouple of more standard deviations is tried; how often the sensors are looked
-#: at
+#: a thermocouple lag of more standard deviations is tried; number of such reviews of the sensors
 _LAGS, _LOOKS = 5.0, 2
 #: iterations between two searches for shifts
 _FEW = 6
 #: assumed relative standard deviation of a parameter that is kept nominal
 _KEPT_DEVIATION = 0.2
-#: residuals that exceed the noise between neighbouring samples by less than this factor count as
-#: noise alone
+#: residuals within this factor of the noise between neighbouring samples count as noise alone
 _AS_GOOD = 1.1
-#: factors on the starting values, tried one after the other
+#: factors on the starting values, tried in sequence
 _STARTS: tuple[dict[str, float], ...] = (
     {},
     {"dead_time_s": 0.7, "tool_lag_s": 1.5, "copper_lag_s": 0.8, "depth_gain_mm_per_kn_s": 1.3},
@@ -76,7 +74,7 @@ _STARTS: tuple[dict[str, float], ...] = (
 )
 
 Progress = Callable[[], None]
-#: whether the noise is coloured, and by how much the thermocouple lags [s]
+#: coloured noise or not, and the thermocouple's lag [s]
 Sensors = tuple[bool, float]
 
 
@@ -84,19 +82,16 @@ Sensors = tuple[bool, float]
 class Fit:
     """An estimate."""
 
-    parameters: ModelParameters  #: those that were not estimated are as they were given
+    parameters: ModelParameters  #: parameters that were not estimated keep their given values
     free: tuple[str, ...]  #: names of the estimated parameters
     #: (n, n): of the logarithms of the estimated parameters, i.e. of their relative errors
     covariance: FloatArray
-    kept: dict[str, str]  #: by name, why a candidate was not estimated but kept nominal
-    noise: (
-        FloatArray  #: (3,): standard deviations of the outputs' noise in the order of ``OUTPUTS``
-    )
-    correlation_s: (
-        FloatArray  #: (3,): time after which the noise's autocorrelation is down to 1/e, 0: white
-    )
-    #: (3,): by how much the variance of a mean of the whitened residuals exceeds that of white
-    #: noise; 1: they are white
+    kept: dict[str, str]  #: by name, why a candidate was kept nominal
+    #: (3,): standard deviations of the outputs' noise in the order of ``OUTPUTS``
+    noise: FloatArray
+    #: (3,): correlation time of the noise (decay to 1/e), 0: white
+    correlation_s: FloatArray
+    #: (3,): variance of a mean of the whitened residuals relative to white noise; 1: white
     colour: FloatArray
     segments: list[Segment]
     #: (n, 3) by segment; residuals are NaN where a sample was missing or left out
@@ -108,15 +103,14 @@ class Fit:
     offset: FloatArray
     offset_std: FloatArray
     shifts: list[tuple[Shift, float, float]]  #: with size and standard deviation
-    #: of the tool in slow disturbances of the temperature, and its standard deviation; the rest is
-    #: the sensor's
+    #: tool's share in slow temperature disturbances, and its standard deviation; the rest is the
+    #: sensor's
     share: tuple[float, float]
-    #: of the thermocouple behind the tool, and its standard deviation; None where the data do not
-    #: tell of any
+    #: thermocouple lag and its standard deviation; None if the data do not show one
     lag_s: tuple[float, float] | None
     lag_correlation: FloatArray  #: (n,): of its estimate with those of the parameters
     heat_and_offset: float  #: correlation of slow heat and offset of the temperature
-    notes: list[str]  #: what was left out, one line each
+    notes: list[str]  #: exclusions, one line each
 
     @property
     def std(self) -> dict[str, float]:
@@ -129,12 +123,12 @@ class Fit:
 
     @property
     def known_lag_s(self) -> float:
-        """Lag of the thermocouple; 0 where the data do not tell of any."""
+        """Lag of the thermocouple; 0 if the data do not show one."""
         return 0.0 if self.lag_s is None else self.lag_s[0]
 
     @property
     def shown(self) -> ModelParameters:
-        """The parameters as a controller sees the process: what the thermocouple shows, with its lag."""
+        """Parameters as seen by a controller: of the thermocouple's reading, with its lag."""
         return (
             self.parameters if self.lag_s is None else as_shown(self.parameters, self.known_lag_s)
         )
@@ -157,19 +151,20 @@ def identify(
     Parameters
     ----------
     segments : sequence of Segment
-        Of one or more welds of one process.
+        Segments of one or more welds of one process.
     start : ModelParameters, optional
-        The paper's by default; parameters that are not identifiable keep these values.
+        Initial values, by default the paper's; parameters that are not identifiable keep them.
     progress : callable, optional
-        Called with the share done.
+        Called with the completed share.
     steady : bool
-        Disturbances are constant, without drifts and shifts, so that what is slow is the
+        Assume constant disturbances, without drifts and shifts, so that slow effects are
+        attributed to the process.
         process's.
 
     Raises
     ------
     InputError
-        No parameter is identifiable, or none can be computed.
+        If no parameter is identifiable, or the computation fails.
     """
     iterations = 0
 
@@ -185,8 +180,8 @@ def identify(
         return _identify(segments, start or ModelParameters(), count, steady)
     except np.linalg.LinAlgError as error:
         raise InputError(
-            f"the estimate broke down ({error}); start nearer to the process (--model), or weld a designed experiment, "
-            "see --design"
+            f"the estimate broke down ({error}); start nearer to the process (--model), "
+            "or weld a designed experiment, see --design"
         ) from error
 
 
@@ -194,6 +189,8 @@ def _identify(
     segments: Sequence[Segment], start: ModelParameters, count: Progress, steady: bool
 ) -> Fit:
     kept: dict[str, str] = {}
+    # Stages: candidates by their expected deviation, starts, sensors (noise colour, lag) by the
+    # evidence, removal of parameters that turn out not identifiable, disturbed windows, outliers.
     first = Problem(segments, start, CANDIDATES)
     first.noise = _sensor_noise(segments)
     first.settle()
@@ -217,8 +214,8 @@ def _identify(
     solve(best, count, reject=True)
     if steady:
         notes += [
-            f"{name}: residuals are correlated over {over_s:.2g} s; --steady takes noise for white, and enlarges the "
-            "standard deviations instead"
+            f"{name}: residuals are correlated over {over_s:.2g} s; "
+            "--steady takes noise for white, and enlarges the standard deviations instead"
             for name, over_s in zip(OUTPUTS, correlation_s(likely_colour(best)), strict=True)
             if over_s > WHITE_S
         ]
@@ -226,7 +223,7 @@ def _identify(
 
 
 def _sensors(problem: Problem) -> Sensors:
-    """What the data tell of the sensors at a solution."""
+    """Noise colour and thermocouple lag suggested by a solution."""
     coloured = problem.coloured or bool(likely_colour(problem).max() > _COLOURED)
     if problem.lagged:
         return coloured, problem.lag_s
@@ -243,7 +240,7 @@ def _best_start(
     steady: bool,
     sensors: Sensors = (False, 0.0),
 ) -> Problem:
-    """The solution with the largest evidence from several starts, as many as needed."""
+    """Best solution by evidence from several starts, as many as needed."""
     best: Problem | None = None
     for factors in _STARTS:
         scaled = start.scaled(**{name: factor for name, factor in factors.items() if name in free})
@@ -258,7 +255,7 @@ def _best_start(
             axis=0
         )
         if (solved.noise < _AS_GOOD * alone).all() or (share < _SHARE_OF_DISTURBANCE).all():
-            # what remains is the sensors' noise, or a disturbance: no start can lead to less
+            # the rest is sensor noise or a disturbance: no start can improve on that
             break
     assert best is not None
     return best
@@ -267,7 +264,7 @@ def _best_start(
 def _solve_steady(
     start: ModelParameters, segments: Sequence[Segment], free: tuple[str, ...], count: Progress
 ) -> Problem:
-    """Solution from a start with disturbances that hardly change, and no shifts."""
+    """Solve with disturbances that hardly change, and without shifts."""
     problem = Problem(segments, start, [name for name in free if name not in _KEPT_FIRST])
     problem.walk = WALK[0]
     solve(problem, count)
@@ -283,10 +280,10 @@ def _solve_twice(
     count: Progress,
     sensors: Sensors,
 ) -> Problem:
-    """Solution from a start, with shifts and slow disturbances.
+    """Solve with shifts and slow disturbances.
 
-    Shifts are found in the residuals of a model that they have biased; so it is repeated from the
-    start, with these shifts.
+    Shifts are found in the residuals of a model that they have biased; the solution is therefore
+    repeated from the start with these shifts.
     """
     problem = _solve(start, segments, free, [], np.zeros(0), count, sensors)
     if not problem.shifts:
@@ -304,9 +301,8 @@ def _solve(
     count: Progress,
     sensors: Sensors,
 ) -> Problem:
-    """Solution from a start with known shifts, and others that are found."""
-    # without the weakly identifiable parameters first: the valley that they open is long and
-    # curved
+    """Solve with known shifts, and search for others."""
+    # first without the weakly identifiable parameters, which open a long and curved valley
     problem = Problem(segments, start, [name for name in free if name not in _KEPT_FIRST])
     problem.set_shifts(shifts, sizes)
     problem.coloured, problem.lag_s = sensors
@@ -315,7 +311,7 @@ def _solve(
     problem.free = free
     solve(problem, count)
     if problem.coloured and problem.autocorrelation.max() < _COLOURED:
-        # a lag or a shift had made the residuals look so
+        # a lag or a shift had coloured the residuals
         problem.coloured, problem.autocorrelation = False, np.zeros(len(OUTPUTS))
     _add_shifts(problem, count)
     problem.fixed_walk = False
@@ -325,7 +321,7 @@ def _solve(
 
 
 def _add_shifts(problem: Problem, count: Progress) -> None:
-    """Add shifts and solve again, until there are no others."""
+    """Add shifts and solve again until no more are found."""
     while found := find_shifts(problem):
         problem.set_shifts(
             [*problem.shifts, *found], np.append(problem.sizes, np.zeros(len(found)))
@@ -334,9 +330,9 @@ def _add_shifts(problem: Problem, count: Progress) -> None:
 
 
 def validate(segments: Sequence[Segment], parameters: ModelParameters, lag_s: float = 0.0) -> Fit:
-    """How well a model predicts welds: only initial states and constant disturbances are estimated.
+    """Assess a model on welds: only initial states and constant disturbances are estimated.
 
-    Parameters and return value as of :func:`identify`; ``lag_s`` is that of the thermocouple.
+    Parameters and return value as in :func:`identify`; ``lag_s`` is the thermocouple's lag.
     """
     problem = Problem(segments, parameters, ())
     problem.walk, problem.lag_s = WALK[0], lag_s
@@ -347,7 +343,7 @@ def validate(segments: Sequence[Segment], parameters: ModelParameters, lag_s: fl
 def expected_deviations(
     segments: Sequence[Segment], parameters: ModelParameters, noise: FloatArray
 ) -> dict[str, float]:
-    """Relative standard deviations to expect of a weld, by the information of the model at ``parameters``.
+    """Relative standard deviations to expect from a weld, by the Fisher information.
 
     Parameters
     ----------
@@ -365,7 +361,7 @@ def expected_deviations(
 
 
 def _innovation(noise: FloatArray, autocorrelation: FloatArray) -> FloatArray:
-    """Standard deviation of whitened noise from the differences' ``noise`` of :func:`_sensor_noise`."""
+    """Standard deviation of whitened noise from that of differences (:func:`_sensor_noise`)."""
     return np.asarray(noise * np.sqrt(1.0 + autocorrelation))
 
 
@@ -377,9 +373,9 @@ def _sensor_noise(segments: Sequence[Segment]) -> FloatArray:
 
 
 def _select(problem: Problem, kept: dict[str, str], largest: float) -> tuple[str, ...]:
-    """The parameters that are identifiable to ``largest``; for the others ``kept`` says why not.
+    """Parameters that are identifiable to ``largest``; ``kept`` gets the reason for the others.
 
-    Of several that are not identifiable together the least important one is kept nominal first.
+    Of several that are not identifiable together, the least important one is kept nominal first.
     """
     whole = problem.information()
     left, others = list(range(len(problem.free))), range(len(problem.free), len(whole))
@@ -388,7 +384,8 @@ def _select(problem: Problem, kept: dict[str, str], largest: float) -> tuple[str
         names = [problem.free[i] for i in left]
         if not names or names == [_LEVEL]:
             raise InputError(
-                "no parameter can be identified except perhaps the level of the torque: force and speed hardly move; "
+                "no parameter can be identified except perhaps the level of the torque: "
+                "force and speed hardly move; "
                 "weld with steps, see --design"
             )
         chosen = np.array([*left, *others])
@@ -408,7 +405,7 @@ def _select(problem: Problem, kept: dict[str, str], largest: float) -> tuple[str
 
 
 def _by_kept(problem: Problem, kept: Sequence[str], covariance: FloatArray) -> FloatArray:
-    """What errors of parameters that are kept nominal add to the covariance of everything else."""
+    """Covariance added to everything else by errors of parameters that are kept nominal."""
     n, information = len(problem.free), problem.variant(free=(*problem.free, *kept)).information()
     at = np.arange(n, n + len(kept))
     others = np.delete(np.arange(len(information)), at)
@@ -417,10 +414,10 @@ def _by_kept(problem: Problem, kept: Sequence[str], covariance: FloatArray) -> F
 
 
 def _by_doubt(problem: Problem) -> FloatArray:
-    """Information that free parameters, shifts, share and lag have in common with errors of the same.
+    """Information shared by free parameters, shifts, share and lag with their own errors.
 
-    Counts errors that reach the depth through the doubtful part of the temperature; the rest is
-    treated as known.
+    It accounts for errors that reach the depth through the doubtful part of the temperature; the
+    rest is treated as known.
     """
     free, p, parts = (
         len(problem.free),
@@ -466,7 +463,7 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str], rejected: boo
     robust = np.diag(long_run_covariance(problem))
     wide = problem.variant(noise=problem.noise * np.sqrt(colour))
     covariance = np.asarray(np.linalg.inv(wide.information()), dtype=np.float64)
-    # never smaller than by the model: of a short weld the residuals' own is too small by chance
+    # never smaller than by the model: residuals of a short weld underestimate it by chance
     wider = np.sqrt(np.maximum(1.0, robust / np.diag(covariance)))
     covariance *= np.outer(wider, wider)
     with_doubt = np.eye(len(covariance)) - covariance @ _by_doubt(wide)
@@ -500,7 +497,7 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str], rejected: boo
 
 
 def _mean_disturbance(problem: Problem, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(2,): mean disturbances of force and power, and their standard deviations; ``covariance`` of the border."""
+    """(2,): mean disturbances of force and power, and their standard deviations."""
     parts = problem.linearised(problem.parameters, True)
     means, variances, by_border = np.zeros(2), np.zeros(2), np.zeros((2, len(covariance)))
     total = sum(segment.n_ticks for segment in problem.segments)
@@ -515,7 +512,7 @@ def _mean_disturbance(problem: Problem, covariance: FloatArray) -> tuple[FloatAr
 
 
 def _heat_and_offset(problem: Problem) -> float:
-    """Correlation of heat and offset of the temperature: of their mean rises since the beginning."""
+    """Correlation of the mean rises of heat and temperature offset since the beginning."""
     parts = problem.linearised(problem.parameters, False)
     variances = np.zeros(3)
     for part, one in zip(parts, problem.eliminate(parts, False)[1], strict=True):

@@ -1,4 +1,8 @@
-"""What is chosen by the evidence: sizes of the random walks, colour of the sensors' noise, lag of the thermocouple."""
+"""Choices by the evidence: size of the random walks, colour of the noise, thermocouple lag.
+
+The evidence is the marginal likelihood with knots and border integrated out (MacKay 1992): it
+rewards the fit and penalises freedom, so that a walk does not absorb what the model explains.
+"""
 
 from __future__ import annotations
 
@@ -13,16 +17,16 @@ from fsw_identification.noise import autocorrelation_of
 from fsw_identification.problem import STATE_PRIOR, WALK, WALKS_OF, Part, Problem
 from fsw_identification.simulation import OUTPUTS
 
-#: largest factor on the size of a walk in one iteration
+#: largest factor on the size of a walk per iteration
 _WALK_STEP = 4.0
-#: what a disturbance has to add to the evidence before its size is e times the smallest
+#: evidence that a disturbance has to add before its size may be e times the smallest
 _PARSIMONY = 4.0
-#: shortest and longest correlation times of the noise that are tried [s]
+#: shortest and longest correlation time of the noise [s]
 _CORRELATION_S = (0.02, 30.0)
 
 
 def _evidence_of(problem: Problem, border: FloatArray, parts: Sequence[Eliminated]) -> float:
-    """Minus twice its logarithm, but for a constant, at the present parameters with the best shifts."""
+    """Minus twice the log evidence, up to a constant, at the parameters and best shifts."""
     n = 1 + len(problem.free)
     cost = border[0, 0] - border[n:, 0] @ np.linalg.solve(border[n:, n:], border[n:, 0])
     cost += 2.0 * np.log(problem.lag_deviation_s)
@@ -30,7 +34,7 @@ def _evidence_of(problem: Problem, border: FloatArray, parts: Sequence[Eliminate
 
 
 def likely_walk(problem: Problem, parts: Sequence[Part]) -> FloatArray:
-    """Sizes of the random walks with the largest evidence, of one after the other."""
+    """Sizes of the random walks with the largest evidence, by coordinate search."""
     found: FloatArray = problem.walk.copy()
 
     def of_size(log_size: float, of_output: list[Part], at: tuple[int, int]) -> float:
@@ -59,7 +63,7 @@ def likely_walk(problem: Problem, parts: Sequence[Part]) -> FloatArray:
 
 
 def take_likely_colour(problem: Problem, parts: Sequence[Part]) -> None:
-    """Take the correlation of each output's noise with the largest evidence."""
+    """Set the correlation of each output's noise to that with the largest evidence."""
     for output in range(len(OUTPUTS)):
         of_output = [part for part in parts if part.output == output]
 
@@ -81,10 +85,10 @@ def take_likely_colour(problem: Problem, parts: Sequence[Part]) -> None:
 
 
 def evidence(problem: Problem) -> float:
-    """Minus twice the logarithm of the evidence at the last solution, but for a constant."""
+    """Minus twice the log evidence at the last solution, up to a constant."""
     parts = problem.linearised(problem.parameters, True)
     found = _evidence_of(problem, *problem.eliminate(parts, True))
-    # a thermocouple that lags is another state
+    # a lagging thermocouple is another state
     found += sum(
         2.0 * float(np.log(STATE_PRIOR[p.output][: p.response.gains.size]).sum()) for p in parts
     )
@@ -92,7 +96,7 @@ def evidence(problem: Problem) -> float:
 
 
 def of_samples(problem: Problem, output: int) -> float:
-    """What the density of the samples of an output adds to minus twice the logarithm of the evidence."""
+    """Contribution of an output's sample density to minus twice the log evidence."""
     found = 0.0
     for i, weights in enumerate(problem.weights):
         scale = problem.whitening(i, output).scale[weights[:, output] > 0.0]
@@ -101,7 +105,7 @@ def of_samples(problem: Problem, output: int) -> float:
 
 
 def likely_colour(problem: Problem) -> FloatArray:
-    """(3,): autocorrelation of the noise from tick to tick with the largest evidence at a solution, which stays."""
+    """(3,): most likely autocorrelation of the noise at a solution, which is not changed."""
     trial = problem.variant(
         autocorrelation=problem.autocorrelation.copy(), noise=problem.noise.copy()
     )
@@ -110,9 +114,9 @@ def likely_colour(problem: Problem) -> FloatArray:
 
 
 def likely_lag(problem: Problem) -> tuple[float, float]:
-    """Lag of the thermocouple according to the depth, and its standard deviation.
+    """Thermocouple lag suggested by the depth, and its standard deviation.
 
-    Computed at a solution without a lag, which stays as it is.
+    Computed at a solution without lag, which is not changed.
     """
     border, _ = problem.variant(lagged=True).eliminate(
         problem.linearised(problem.parameters, True), True

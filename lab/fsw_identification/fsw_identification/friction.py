@@ -11,11 +11,11 @@ from fsw_model import ModelParameters
 from fsw_schema.models import InputError
 
 _NAMES = ("friction_constant_nm", "friction_linear_nm_per_rpm", "friction_quadratic_nm_per_rpm2")
-#: after a change of the speed the torque settles for this many motor lags
+#: settling time of the torque after a speed change, in motor lags
 _SETTLED = 8.0
-#: slower changes count as a constant speed [rpm/s]
+#: slower changes count as constant speed [rpm/s]
 _STEADY_RPM_PER_S = 1.0
-#: speeds that are nearer to each other are one, and how many the parabola needs [rpm]
+#: speeds closer than this count as one, and the number that the parabola requires [rpm]
 _ONE_SPEED_RPM, _FEWEST_SPEEDS = 10.0, 3
 
 
@@ -41,7 +41,7 @@ def from_air(
     Raises
     ------
     InputError
-        The run has too few speeds.
+        If the run has too few speeds.
     """
     wait = round(_SETTLED * start.motor_lag_s / TICK_S)
     speeds, torques = [], []
@@ -55,7 +55,8 @@ def from_air(
     distinct = 1 + int((np.diff(np.sort(speed)) > _ONE_SPEED_RPM).sum()) if speed.size else 0
     if distinct < _FEWEST_SPEEDS:
         raise InputError(
-            f"{signals.path}: friction (23) needs a run in air at {_FEWEST_SPEEDS} or more constant speeds, "
+            f"{signals.path}: friction (23) needs a run in air at {_FEWEST_SPEEDS} or more "
+            "constant speeds, "
             f"{_ONE_SPEED_RPM:g} rpm or more apart; it has {distinct}"
         )
     found, covariance = np.polyfit(speed, torque, 2, cov=True)

@@ -1,7 +1,7 @@
-"""Sensor noise that is correlated in time: a first-order Gauss-Markov process, n' = a n + e, white where a is 0.
+"""Correlated sensor noise: a first-order Gauss-Markov process n' = a n + e, white if a is 0.
 
-Whitening subtracts from each sample what the one before lets expect. In units of e, as the rows of
-least squares are.
+Whitening subtracts from each sample its prediction from the previous one, in units of e, like the
+rows of the least-squares problem.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from fsw_analysis.weld_signals import FloatArray, IntArray
 from fsw_control.weld import TICK_S
 from fsw_identification.simulation import KNOT_TICKS
 
-#: noise that is correlated over less is called white [s]
+#: noise with a shorter correlation time counts as white [s]
 WHITE_S = 0.05
 
 
 class Whitening(NamedTuple):
-    """Of the samples of one output of one segment, (n,) each: ``scale (sample - share sample before)``."""
+    """Whitening of an output's samples: ``scale (sample - share previous sample)``, (n,) each."""
 
-    before: IntArray  #: tick of the sample before
+    before: IntArray  #: tick of the previous sample
     share: FloatArray
     scale: FloatArray
 
@@ -32,10 +32,9 @@ class Whitening(NamedTuple):
 
 
 def whitening(known: NDArray[np.bool_], autocorrelation: float) -> Whitening:
-    """Of samples, where ``known``, whose noise has this ``autocorrelation`` from tick to tick.
+    """Whitening of ``known`` samples whose noise has this ``autocorrelation`` per tick.
 
-    The sample before may be several ticks ago, but not on the other side of a knot: then it is
-    taken for unknown.
+    The previous sample may be several ticks ago, but not beyond a knot: it then counts as missing.
     """
     at = np.arange(known.size)
     last = np.maximum.accumulate(np.where(known, at, -1))
@@ -53,5 +52,5 @@ def autocorrelation_of(correlation_s: float) -> float:
 
 
 def correlation_s(autocorrelation: FloatArray) -> FloatArray:
-    """Time after which the autocorrelation is down to 1/e; 0 of white noise."""
+    """Time for the autocorrelation to decay to 1/e; 0 for white noise."""
     return np.asarray([-TICK_S / np.log(one) if one > 0.0 else 0.0 for one in autocorrelation])

@@ -1,4 +1,9 @@
-"""The linearised problem of the estimate of :mod:`fsw_identification.estimation`."""
+"""The linearised least-squares problem of :mod:`fsw_identification.estimation`.
+
+Variable projection (Golub and Pereyra 1973): disturbances, initial states and shifts enter
+linearly, so they are eliminated exactly for given parameters; Newton steps are taken only in the
+few nonlinear parameters (the border).
+"""
 
 from __future__ import annotations
 
@@ -35,63 +40,62 @@ from fsw_identification.weld_data import Segment
 from fsw_model import STEP_S, ModelParameters
 from fsw_model.equations import power_kw
 
-#: prior standard deviation of the logarithm of a parameter: practically none
+#: prior standard deviation of the logarithm of a parameter: practically uninformative
 _PRIOR_LOG = 2.0
 #: prior standard deviations of the disturbances at the first knot
 _OFFSET_PRIOR = np.array([10.0, 20.0, 1e-4, 1e-3, 1e-2])
 #: prior standard deviations of shifts of ``OUTPUTS``, and of ``HEAT``
 _SHIFT_PRIOR = np.array([1.0, 100.0, 500.0, 100.0])
-#: slow disturbances: of force [kN] and power [kW], which act on the process, and of what is shown
-#: of the outputs
+#: slow disturbances: of force [kN] and power [kW], which act on the process, and of the measured
+#: outputs
 WALKS = ("force [kN]", "power [kW]", "depth [mm]", "temperature [°C]", "torque [N·m]")
-#: of an output: the walks of its input and of itself
+#: by output, the walks of its input and of itself
 WALKS_OF = ((0, 2), (1, 3), (4,))
-#: prior standard deviations of the states at the first knot, by output; the temperature's third is
-#: the thermocouple's
+#: prior standard deviations of the states at the first knot, by output; the third one of the
+#: temperature is the thermocouple's
 STATE_PRIOR = (np.array([500.0, 50.0]), np.array([20.0, 20.0, 20.0]), np.zeros(0))
-#: standard deviations of a disturbance's change from knot to knot, and (second row) of the change
-#: of its trend: smallest, at the start, largest
+#: standard deviations per knot of a disturbance and (second row) of its trend: smallest, at the
+#: start, largest
 WALK = np.array(
     [[1e-3, 1e-3, 2e-5, 1e-3, 1e-2], [0.01, 0.01, 2e-4, 0.01, 0.1], [3.0, 5.0, 0.1, 5.0, 50.0]]
 )
 WALK = np.stack([WALK, 0.03 * WALK], axis=1)
-#: at the beginning of a segment the outputs are not used for so long: dead time and tool, motor
+#: settling time of the outputs at the start of a segment: dead time and tool, motor
 _SETTLING_TICKS = (0, 40, 20)
-#: smallest noise that is assumed, so that noise-free data do not get infinite weight
+#: lower bound of the noise, so that noise-free data do not get infinite weight
 NOISE_FLOOR = np.array([1e-4, 5e-3, 0.1])
-#: residuals beyond this many standard deviations are left out, at the end
+#: residuals beyond this many standard deviations are rejected in the final solution
 OUTLIER = 5.0
 _HUBER = 3.0
-#: the part of the disturbance of the torque which acts on the process and is not measured
+#: the part of a torque disturbance that acts on the process but is not measured
 HEAT = 3
-#: of a slow disturbance of the temperature this share is one of the tool itself, which softens the
-#: copper, and the rest is one of the sensor: mean and standard deviation before the depth tells
+#: share of a slow temperature disturbance that is real, in the tool, and softens the copper; the
+#: rest is the sensor's: prior mean and standard deviation
 SHARE, _SHARE_DEVIATION = 0.5, 0.5
-#: prior standard deviation of the thermocouple's lag, by whether it is estimated [s]
+#: prior standard deviation of the thermocouple's lag: fixed, estimated [s]
 _LAG_PRIOR_S = (1e-6, 5.0)
-#: a trend at the first knot, in what changes it from knot to knot
+#: prior of the trend at the first knot, relative to its change per knot
 _TREND = 3.0
-#: difference of the logarithm of a parameter by which slopes are computed
+#: step of the numerical derivatives in the logarithm of a parameter
 _SLOPE = 1e-5
-#: the measured temperature is smoothed over so many ticks for its effect on the depth
+#: window for smoothing the measured temperature before it enters the depth
 _SMOOTH_TICKS = 21
 
 
 @dataclass(frozen=True, slots=True)
 class Shift:
-    """A sudden change of an output that the model does not explain, which stays."""
+    """A sudden, lasting change of an output that the model does not explain."""
 
-    #: where, ``output`` in the order of ``OUTPUTS``; ``HEAT``: of the heat of a shift of the
-    #: torque, beyond what the torque by itself would give (all of it, less, when the sensor is
-    #: wrong)
+    #: its place; ``output`` in the order of ``OUTPUTS``, or ``HEAT``: the heat of a torque shift
+    #: beyond what the measured torque gives (negative if the sensor is wrong)
     segment: int
     output: int
-    tick: int  #: first row of the segment that is shifted
+    tick: int  #: first shifted row of the segment
 
 
 @dataclass(slots=True)
 class Part:
-    """One output of one segment, at some parameters."""
+    """An output of a segment, linearised at some parameters."""
 
     segment: int
     output: int
@@ -102,40 +106,36 @@ class Part:
     data: Compressed = field(init=False)
 
     def shown(self) -> FloatArray:
-        """Without shifts."""
+        """Model output without shifts."""
         return shown(self.response, self.walk, self.at_knots)
 
 
 class Problem:
-    """Normal equations of one linearisation after the other; all segments of all welds at once.
+    """Normal equations of successive linearisations, over all segments of all welds together.
 
-    The border is the logarithms of the free parameters, the sizes of the shifts, the share of the
-    tool in slow disturbances of the temperature, and the lag of the thermocouple. ``free`` are the
-    names of the parameters to estimate, which begin at ``start``.
+    The border consists of the logarithms of the free parameters, the sizes of the shifts, the
+    tool's share in slow temperature disturbances, and the thermocouple's lag. ``free`` are the
+    names of the estimated parameters, whose initial values are in ``start``.
     """
 
     def __init__(
         self, segments: Sequence[Segment], start: ModelParameters, free: Sequence[str]
     ) -> None:
         self.parameters, self.free = start, tuple(free)
-        self.noise = np.array(
-            [0.01, 1.0, 10.0]
-        )  #: (3,): standard deviation of each output's whitened residuals
-        self.autocorrelation = np.zeros(
-            len(OUTPUTS)
-        )  #: (3,): of the noise of each output, from tick to tick
+        #: (3,): standard deviation of each output's whitened residuals
+        self.noise = np.array([0.01, 1.0, 10.0])
+        #: (3,): autocorrelation of each output's noise from tick to tick
+        self.autocorrelation = np.zeros(len(OUTPUTS))
         self.coloured = False  #: whether ``autocorrelation`` is estimated
-        #: (2, 5): standard deviation of the change from knot to knot of each of ``WALKS``, and of
-        #: its trend
+        #: (2, 5): standard deviation per knot of each of ``WALKS``, and of its trend
         self.walk = WALK[1].copy()
-        self.fixed_walk = True  #: whether ``walk`` stays as it is
+        self.fixed_walk = True  #: whether ``walk`` is kept
         self.shifts: list[Shift] = []
         self.sizes = np.zeros(0)  #: of the shifts
-        self.lag_s = (
-            0.0  #: of the thermocouple behind the tool, which softens the copper; 0: there is none
-        )
+        #: of the thermocouple behind the tool, which softens the copper; 0: none
+        self.lag_s = 0.0
         self.lagged = False  #: whether ``lag_s`` is estimated
-        self.share = SHARE  #: of the tool in slow disturbances of the temperature
+        self.share = SHARE  #: of the tool in slow temperature disturbances
         self.segments = list(segments)
         self.weights = [
             np.isfinite(_settled(segment.measured)).astype(float) for segment in segments
@@ -150,7 +150,7 @@ class Problem:
         self.parts: list[Part] = []
 
     def variant(self, **attributes: Any) -> Self:
-        """The same with other attributes, for a question to the solution; nothing of this one may be changed by it."""
+        """Return a shallow copy with other attributes, for queries that must not change this."""
         other = copy(self)
         vars(other).update(attributes)
         return other
@@ -165,7 +165,7 @@ class Problem:
         return _LAG_PRIOR_S[self.lagged]
 
     def disturbances(self) -> list[FloatArray]:
-        """(n, 5) by segment: courses of ``WALKS``."""
+        """(n, 5) by segment: time series of ``WALKS``."""
         found = [np.zeros((segment.n_ticks, len(WALKS))) for segment in self.segments]
         for part in self.parts:
             for which, at_knots in zip(
@@ -177,9 +177,9 @@ class Problem:
     def _shift_slopes(
         self, i: int, output: int, p: ModelParameters, real: bool = True
     ) -> FloatArray:
-        """Effect of a unit of each shift and of the share on an output of a segment, (n, shifts + 1).
+        """Effect of a unit of each shift and of the share on an output, (n, shifts + 1).
 
-        If not ``real``, only the effect on what the sensor shows.
+        If not ``real``, only the effect on the sensor's reading.
         """
         segment, known = self.segments[i], self.known[i]
         slopes = np.zeros((segment.n_ticks, len(self.shifts) + 1))
@@ -199,13 +199,14 @@ class Problem:
         return slopes
 
     def by_rise(self, i: int, p: ModelParameters) -> FloatArray:
-        """(n,): depth by the tool's temperature [mm/°C]."""
+        """(n,): sensitivity of the depth to the tool's temperature [mm/°C], by (27)."""
         return p.softening_per_c * self.known[i].depth_mm / softened(p, self.known[i], self.lag_s)
 
     def _slopes(self, i: int, output: int, at_knots: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Derivatives of an output by the logarithms of the parameters, (n, free), and by the lag, (n,).
+        """Derivatives of an output by the parameters' logarithms, (n, free), and by the lag, (n,).
 
-        ``at_knots`` are the values at the knots.
+        ``at_knots`` are the values at the knots. They are finite differences with the unknowns at
+        the knots held fixed, as variable projection requires.
         """
         segment, known, p = self.segments[i], self.known[i], self.parameters
 
@@ -227,7 +228,7 @@ class Problem:
         return slopes, by_lag
 
     def linearised(self, p: ModelParameters, slopes: bool) -> list[Part]:
-        """All parts: residuals without shifts and knots, slopes by shifts, and if asked for by parameters and lag."""
+        """All parts: raw residuals, slopes by shifts and, if ``slopes``, by parameters and lag."""
         parts: list[Part] = []
         for i, segment in enumerate(self.segments):
             for output in range(len(OUTPUTS)):
@@ -250,14 +251,14 @@ class Problem:
         return parts
 
     def whitening(self, i: int, output: int) -> Whitening:
-        """Of an output of a segment."""
+        """Whitening of an output of a segment."""
         return whitening(
             np.isfinite(_settled(self.segments[i].measured)[:, output]),
             float(self.autocorrelation[output]),
         )
 
     def compress(self, part: Part) -> None:
-        """Rows of a part, with the present noise and weights."""
+        """Compress a part's rows with the present noise and weights."""
         white, weights = (
             self.whitening(part.segment, part.output),
             self.weights[part.segment][:, part.output],
@@ -267,7 +268,7 @@ class Problem:
     def eliminate(
         self, parts: Sequence[Part], slopes: bool, sizes: FloatArray | None = None
     ) -> tuple[FloatArray, list[Eliminated]]:
-        """Information of residuals and border, prior included, without knots; and what each part is without them."""
+        """Information of residuals and border, with prior, without knots; the eliminated parts."""
         walk, found = self.walk if sizes is None else sizes, []
         of_shifts = _SHIFT_PRIOR[[shift.output for shift in self.shifts]] ** -2.0
         of_free = [_PRIOR_LOG**-2.0] * (len(self.free) if slopes else 0)
@@ -279,7 +280,7 @@ class Problem:
         return border, found
 
     def eliminated(self, part: Part, walk: FloatArray) -> Eliminated:
-        """A part without its knots, with these sizes of the walks."""
+        """Eliminate the knots of a part, for given sizes of the walks."""
         which, states = (
             list(WALKS_OF[part.output]),
             STATE_PRIOR[part.output][: part.response.gains.size],
@@ -289,9 +290,11 @@ class Problem:
         return eliminate(part.data, part.walk, float(self.noise[part.output]), start, steps)
 
     def profile(self, p: ModelParameters) -> tuple[float, list[Part], FloatArray]:
-        """Cost at parameters, with the best knots, shifts and share, these and these."""
+        """Cost at parameters with optimal knots, shifts and share; also those two."""
         parts = self.linearised(p, False)
         border, found = self.eliminate(parts, False)
+        # The border's optimum follows from the Schur complement: minimise the quadratic form
+        # [1, -s] border [1, -s]' over s.
         sizes = np.asarray(np.linalg.solve(border[1:, 1:], border[1:, 0]), dtype=np.float64)
         for part, one in zip(parts, found, strict=True):
             values = one.values()
@@ -299,10 +302,10 @@ class Problem:
         return float(border[0, 0] - border[1:, 0] @ sizes), parts, sizes
 
     def settle(self) -> None:
-        """Take the best knots, shifts and share at the present parameters, for predictions and between the outputs.
+        """Update knots, shifts and share at the present parameters, and the links between outputs.
 
-        The temperature is told as it was measured, smoothed: a model's would tell the depth the
-        errors of the model.
+        The depth equation uses the smoothed measured temperature; the model's would carry its own
+        errors into it.
         """
         _, self.parts, sizes = self.profile(self.parameters)
         self.sizes, self.share = sizes[:-1], SHARE + float(sizes[-1])
@@ -328,12 +331,13 @@ class Problem:
             depth = self.predicted[-1] - of_sensor if not self.fixed_walk else _smooth(seen)
             doubtful = self.known[i].doubtful_c
             rate = _rate(seen[:, TEMPERATURE])
-            if (
-                not self.fixed_walk
-            ):  # by the model, whose states are known only from where the temperature is used
-                told = rising(p, segment, self.known[i], self.lag_s, parts[TEMPERATURE].at_knots)
-                told += _rate((shifts - of_sensor)[:, TEMPERATURE])
-                rate[_SETTLING_TICKS[TEMPERATURE] :] = told[_SETTLING_TICKS[TEMPERATURE] :]
+            if not self.fixed_walk:
+                # by the model, whose states are known only once the temperature is used
+                model_rate = rising(
+                    p, segment, self.known[i], self.lag_s, parts[TEMPERATURE].at_knots
+                )
+                model_rate += _rate((shifts - of_sensor)[:, TEMPERATURE])
+                rate[_SETTLING_TICKS[TEMPERATURE] :] = model_rate[_SETTLING_TICKS[TEMPERATURE] :]
             rise = (
                 _smooth(seen)[:, TEMPERATURE]
                 - (1.0 - SHARE) * doubtful
@@ -344,7 +348,7 @@ class Problem:
             )
 
     def information(self) -> FloatArray:
-        """Of free parameters, shifts and share, of data and prior."""
+        """Information of free parameters, shifts and share, from data and prior."""
         return self.eliminate(self.linearised(self.parameters, True), True)[0][1:, 1:]
 
     def _white(self, i: int, output: int) -> FloatArray:
@@ -352,12 +356,12 @@ class Problem:
         return self.whitening(i, output).of(self.residuals[i][:, output])
 
     def take_noise(self, output: int) -> None:
-        """Noise of an output from its whitened residuals, without outliers."""
+        """Estimate an output's noise from its whitened residuals, without outliers."""
         whitened = np.concatenate([self._white(i, output) for i in range(len(self.segments))])
         self.noise[output] = max(_spread(whitened), NOISE_FLOOR[output])
 
     def estimate_noise(self, reject: bool) -> None:
-        """Noise of each output, and the weights of the samples: outliers count less (Huber), or not at all."""
+        """Estimate the noise and weight the samples: outliers count less (Huber), or not."""
         for output in range(len(OUTPUTS)):
             self.take_noise(output)
         for i, whitened in enumerate(self.whitened):
@@ -369,7 +373,7 @@ class Problem:
 
 
 def _spread(values: FloatArray) -> float:
-    """Standard deviation without outliers."""
+    """Standard deviation without outliers (median absolute deviation, then trimmed)."""
     known = values[np.isfinite(values)]
     spread = float(np.median(np.abs(known))) / 0.6745 if known.size else 0.0
     good = known[np.abs(known) < OUTLIER * spread]
@@ -377,12 +381,12 @@ def _spread(values: FloatArray) -> float:
 
 
 def _between(at_knots: FloatArray, n: int) -> FloatArray:
-    """Linear between knots."""
+    """Linear interpolation between knots."""
     return np.interp(np.arange(n), KNOT_TICKS * np.arange(len(at_knots)), at_knots)
 
 
 def _settled(measured: FloatArray) -> FloatArray:
-    """Without the first outputs that depend on power or torque from before the segment, which is taken for constant."""
+    """Mask the first samples that depend on the unknown past power or torque."""
     settled = measured.copy()
     for output, ticks in enumerate(_SETTLING_TICKS):
         settled[:ticks, output] = np.nan
@@ -409,7 +413,7 @@ def measured(segment: Segment, p: ModelParameters) -> Knowledge:
 
 
 def _rate(values: FloatArray) -> FloatArray:
-    """Smoothed, per second."""
+    """Smoothed derivative per second (Savitzky-Golay)."""
     return np.asarray(scipy.signal.savgol_filter(values, _SMOOTH_TICKS, 2, deriv=1, delta=STEP_S))
 
 

@@ -1,4 +1,4 @@
-"""One page on an identification: figures like the paper's Figs. 4 and 5, statistics and tables, as HTML and PNG."""
+"""Report of an identification on one page, as HTML and PNG: figures, statistics and tables."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _courses(axes: Sequence[Axes], fit: Fit, judgement: Judgement, what: str) ->
 
 
 def _statistics(axes: Sequence[Axes], judgement: Judgement) -> None:
-    """Autocorrelation of the residuals, and their correlation with changes of the inputs, with bounds of 99 %."""
+    """Autocorrelation of the residuals and cross-correlation with input changes, 99 % bounds."""
     both_s = TICK_S * np.arange(-LAGS, LAGS + 1)
     for output, axis in enumerate(axes):
         axis.axhspan(-judgement.bound, judgement.bound, color="black", alpha=0.12, linewidth=0.0)
@@ -93,7 +93,8 @@ def _statistics(axes: Sequence[Axes], judgement: Judgement) -> None:
                 label=f"with {name}",
             )
         axis.set_title(
-            f"{NAMES[output]}: correlation of whitened residuals, bounds of 99 % (left of 0: feedback)",
+            f"{NAMES[output]}: correlation of whitened residuals, "
+            "bounds of 99 % (left of 0: feedback)",
             loc="left",
             fontsize=9.0,
         )
@@ -105,7 +106,7 @@ def _statistics(axes: Sequence[Axes], judgement: Judgement) -> None:
 
 
 def _deviations(axis: Axes, fit: Fit) -> None:
-    """Standard deviation of each parameter, in percent of it."""
+    """Relative standard deviation of each parameter in percent."""
     share = 100.0 * np.sqrt(np.diag(fit.covariance))
     axis.barh(range(len(fit.free)), share, color=COLOURS[0])
     axis.set_yticks(range(len(fit.free)), fit.free, fontsize=8.0)

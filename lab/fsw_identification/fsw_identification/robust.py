@@ -1,4 +1,4 @@
-"""Covariance of an estimate by its residuals, whatever the noise's colour (Newey and West, Econometrica 55, 1987)."""
+"""Covariance of an estimate, robust to coloured noise (Newey and West, Econometrica 1987)."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.problem import Problem
 from fsw_identification.simulation import KNOT_TICKS, shown
 
-#: correlation of the scores that counts, falling linearly to 0; beyond it, the noise is a slow
-#: disturbance's
+#: lags of the scores' correlation that count, with weights decreasing linearly to 0; beyond it the
+#: noise counts as a slow disturbance
 _WINDOW_TICKS = KNOT_TICKS
 
 
 def long_run_covariance(problem: Problem) -> FloatArray:
-    """(border, border): of free parameters, shifts, share and lag at a solution.
+    """(border, border): covariance of free parameters, shifts, share and lag at a solution.
 
-    The information of the samples is replaced by the long-run variance of their scores: of the
-    slopes, without what the knots take of them, times the residuals. The prior's stays.
+    The information of the samples is replaced by the long-run variance of their scores (slopes
+    after elimination of the knots, times residuals): the sandwich estimator. The prior's stays.
     """
     parts = problem.linearised(problem.parameters, True)
     border, found = problem.eliminate(parts, True)
@@ -42,7 +42,7 @@ def long_run_covariance(problem: Problem) -> FloatArray:
 
 
 def _long_run(scores: FloatArray) -> FloatArray:
-    """(n, any): sum over all lags of the products, with Bartlett's weights: of sums over a moving window."""
+    """(n, any): sum of lagged products with Bartlett weights, as sums over a moving window."""
     padded = np.pad(scores, ((_WINDOW_TICKS, _WINDOW_TICKS - 1), (0, 0)))
     sums = np.cumsum(padded, axis=0)
     moving = sums[_WINDOW_TICKS:] - sums[:-_WINDOW_TICKS]

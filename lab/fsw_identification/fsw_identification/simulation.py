@@ -1,11 +1,11 @@
-"""The model's outputs along recorded inputs: the response that is known, and what unknown slow disturbances add.
+"""The model's outputs along recorded inputs, and the effect of unknown slow disturbances.
 
 The static equations are those of :mod:`fsw_model.equations`. Each output follows from the inputs
-and from the others as they were measured and smoothed: depth (17), (27) from force and
-temperature; torque (18)-(23) from force, speed and depth; temperature (16), (24) from the power of
-that torque, behind the thermocouple's lag if there is one. So each is a linear response, of lags
-in parallel, exact for an input that is linear within a step. The fast pole of (17) is left out: it
-is a hundred times faster than a step.
+and from the other outputs as measured and smoothed: depth (17), (27) from force and temperature;
+torque (18)-(23) from force, speed and depth; temperature (16), (24) from the power of that torque,
+behind the thermocouple's lag if there is one. Each is thus a linear response of parallel lags,
+exact for inputs that are linear within a step. The fast pole of (17) is omitted: it is a hundred
+times faster than a step.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from fsw_model.equations import friction_torque_nm, power_kw, process_torque_nm
 
 OUTPUTS = ("depth_mm", "temperature_c", "torque_nm")
 DEPTH, TEMPERATURE, TORQUE = range(3)
-#: what may be identifiable, by output; the rest of the model is the point of linearisation, the
-#: fast pole, the friction
+#: candidates for estimation by output; the others are the operating point, the fast pole and the
+#: friction
 OF_TEMPERATURE = ("thermal_gain_c_per_kw", "copper_lag_s", "tool_lag_s", "dead_time_s")
 OF_DEPTH = ("depth_gain_mm_per_kn_s", "depth_zero_s", "depth_pole_slow_s", "softening_per_c")
 OF_TORQUE = (
@@ -35,33 +35,32 @@ OF_TORQUE = (
     "spindle_inertia_kgm2",
 )
 CANDIDATES: tuple[str, ...] = (*OF_TEMPERATURE, *OF_DEPTH, *OF_TORQUE)
-#: on which an output depends; on ``OF_TORQUE`` the temperature does by the power
+#: parameters of each output; the temperature depends on ``OF_TORQUE`` through the power
 DEPENDS = (OF_DEPTH, (*OF_TEMPERATURE, *OF_TORQUE), OF_TORQUE)
-#: two lags of the temperature that are nearer to each other than this share are taken for so far
-#: apart
+#: two temperature lags that are closer than this share are treated as this far apart
 _APART = 1e-3
-#: between two knots of a slow disturbance, which is linear in between
+#: distance of the knots of a slow disturbance, which is linear in between
 KNOT_TICKS = 100
 
 
 class Response(NamedTuple):
-    """An output over the ticks of a segment: ``factor (course + modes of the disturbed input)``."""
+    """Output over the ticks of a segment: ``factor (course + modes of the disturbed input)``."""
 
     course: FloatArray  #: (n,): from rest, along the recorded inputs
-    #: (modes,): time constants [s], infinite of an integrator, and gains of the lags by which the
-    #: input acts
+    #: (modes,): time constants [s] (infinite for an integrator) and gains of the lags between
+    #: input and output
     lags_s: FloatArray
     gains: FloatArray
     factor: FloatArray  #: (n,)
 
 
 class Knowledge(NamedTuple):
-    """What one output takes of the others, (n,) each."""
+    """Inputs of an output from the other outputs, (n,) each."""
 
     rise_c: FloatArray  #: over the operating temperature, as a thermocouple shows it
     depth_mm: FloatArray  #: of the tool
     torque_nm: FloatArray  #: that acts in addition to the model's
-    #: slow disturbance of the temperature, of which only a share is known to be of the tool; that
+    #: slow disturbance of the temperature, of which only a share is known to be real; that share
     #: is in ``rise_c``
     doubtful_c: FloatArray
     rate_c_per_s: FloatArray  #: at which that rises
@@ -70,7 +69,7 @@ class Knowledge(NamedTuple):
 def respond(
     output: int, p: ModelParameters, segment: Segment, known: Knowledge, lag_s: float = 0.0
 ) -> Response:
-    """Response of one of ``OUTPUTS``; ``lag_s`` is that of the thermocouple behind the tool."""
+    """Response of one of ``OUTPUTS``; ``lag_s`` is the thermocouple's lag behind the tool."""
     none, ones = np.zeros(0), np.ones(segment.n_ticks)
     if output == DEPTH:
         pushed, pole_s = segment.force_kn - p.operating_force_kn, p.depth_pole_slow_s
@@ -89,7 +88,7 @@ def respond(
 def _power_kw(
     p: ModelParameters, segment: Segment, known: Knowledge
 ) -> tuple[FloatArray, FloatArray]:
-    """Power (24) over the operating power at the begin and the end of each step."""
+    """Power (24) over the operating power at both ends of each step."""
     speed: Any = segment.speed_rpm
     torque = _motor_nm(p, segment, known.depth_mm)
     other = known.torque_nm - friction_torque_nm(p, speed)
@@ -99,7 +98,7 @@ def _power_kw(
 
 
 def softened(p: ModelParameters, known: Knowledge, lag_s: float = 0.0) -> FloatArray:
-    """Factor (27) of the depth; the tool is ahead of a thermocouple that lags."""
+    """Factor (27) of the depth; the tool leads a lagging thermocouple."""
     return 1.0 + p.softening_per_c * (known.rise_c + lag_s * known.rate_c_per_s)
 
 
@@ -112,9 +111,9 @@ def heated(
 
 
 def _thermal_modes(p: ModelParameters, lag_s: float) -> tuple[FloatArray, FloatArray]:
-    """Time constants [s] and gains of the lags in parallel that are (16), and the thermocouple's lag, in series."""
+    """Time constants [s] and gains of (16) and the thermocouple's lag as parallel lags."""
     lags_s = np.array([p.copper_lag_s, p.tool_lag_s, lag_s][: 3 if lag_s > 0.0 else 2])
-    if lag_s > 0.0:  # lags in parallel differ
+    if lag_s > 0.0:  # partial fractions need distinct lags
         for other_s in lags_s[:2]:
             if abs(lags_s[2] - other_s) < _APART * other_s:
                 lags_s[2] = (1.0 + _APART) * other_s
@@ -125,10 +124,9 @@ def _thermal_modes(p: ModelParameters, lag_s: float) -> tuple[FloatArray, FloatA
 
 
 def as_shown(p: ModelParameters, lag_s: float) -> ModelParameters:
-    """Parameters of (16) for what a thermocouple with a lag shows.
+    """Parameters of (16) for the reading of a lagging thermocouple.
 
-    They have the dead time and the shorter lag whose response to a step is nearest to that of all
-    three lags, in the sense of least squares.
+    Dead time and shorter lag are those with the least-squares step response to all three lags.
     """
     step = np.ones(round((p.dead_time_s + 10.0 * (p.tool_lag_s + lag_s)) / STEP_S))
     step[0] = 0.0
@@ -156,7 +154,7 @@ def rising(
     lags_s, gains = _thermal_modes(p, lag_s)
     power, heat = _power_kw(p, segment, known), at_knots.copy()
     heat[:, -1] = 0.0
-    gains = -gains / lags_s  # of what comes at once they leave nothing: the lags are in series
+    gains = -gains / lags_s  # their sum is 0: lags in series have no direct feedthrough
     course = gains @ [_late(*power, one_s, p.dead_time_s) for one_s in lags_s]
     response = Response(course, lags_s, gains, np.ones(segment.n_ticks))
     return shown(response, walks(response), heat)
@@ -178,7 +176,7 @@ def _filtered(added: FloatArray, left: float) -> FloatArray:
 
 
 def _ramped(begin: FloatArray, slope: FloatArray, span_s: float, lag_s: float) -> FloatArray:
-    """What an input adds to a first-order lag within ``span_s``."""
+    """Contribution of an input to a first-order lag within ``span_s``."""
     left = np.exp(-span_s / lag_s)
     return np.asarray(begin * (1.0 - left) + slope * (span_s - lag_s * (1.0 - left)))
 
@@ -191,12 +189,12 @@ def _lagged(begin: FloatArray, end: FloatArray, lag_s: float) -> FloatArray:
 
 
 def _late(begin: FloatArray, end: FloatArray, lag_s: float, dead_time_s: float) -> FloatArray:
-    """As :func:`_lagged`, after a dead time of a step or more, settled before the first step."""
+    """As :func:`_lagged`, after a dead time of at least a step, settled before the first step."""
     whole = int(np.floor(dead_time_s / STEP_S + 1e-9))
     part_s = dead_time_s - whole * STEP_S
     rest_s, first = STEP_S - part_s, begin[0]
     slope = (end - begin) / STEP_S
-    # of a step that arrives, the end of the older one comes first
+    # of an arriving step, the end of the older one comes first
     older = _ramped(begin - first + slope * rest_s, slope, part_s, lag_s) * np.exp(-rest_s / lag_s)
     newer = _ramped(begin - first, slope, rest_s, lag_s)
     arriving = np.zeros(begin.size + 1)
@@ -207,10 +205,10 @@ def _late(begin: FloatArray, end: FloatArray, lag_s: float, dead_time_s: float) 
 
 
 class Walks(NamedTuple):
-    """How what is unknown at the knots acts.
+    """Effect of the unknowns at the knots.
 
-    In this order: states of the modes; then of the input's disturbance (if there are modes) and of
-    the output's what they change to the next knot, and themselves.
+    In this order: states of the modes; then, for the disturbances of the input (if there are
+    modes) and of the output, their trend per knot and their values.
     """
 
     here: FloatArray  #: (KNOT_TICKS + 1, p): on the ticks from a knot to the next
@@ -244,7 +242,7 @@ def walks(response: Response) -> Walks:
 
 
 def driven(walk: Walks, at_knots: FloatArray) -> FloatArray:
-    """Values at the knots with the states that the disturbance of the input leads to."""
+    """Values at the knots, with the states caused by the input's disturbance."""
     driven = at_knots.copy()
     for i in range(at_knots.shape[1] - 4):
         added = at_knots[:-1, -2] * walk.before[i, -2] - at_knots[1:, -2] * walk.after[i, -2]
@@ -255,13 +253,13 @@ def driven(walk: Walks, at_knots: FloatArray) -> FloatArray:
 
 
 def shown(response: Response, walk: Walks, at_knots: FloatArray) -> FloatArray:
-    """An output of values at the knots, without shifts."""
+    """Output for values at the knots, without shifts."""
     added = at_knots[:-1] @ walk.here[:-1].T + at_knots[1:] @ walk.ahead[:-1].T
     return np.asarray(response.factor * (response.course + added.ravel()[: response.course.size]))
 
 
 def added(response: Response, walk: Walks, at_knots: FloatArray) -> FloatArray:
-    """What values at the knots add to an output since the beginning; the disturbance of the input has settled there."""
+    """Effect of knot values on an output; the input's disturbance starts in equilibrium."""
     settled = at_knots.copy()
     settled[0, :-4] = settled[0, -2]
     course = shown(response, walk, driven(walk, settled)) - response.factor * response.course

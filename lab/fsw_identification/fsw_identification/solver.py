@@ -1,7 +1,7 @@
 """Levenberg-Marquardt steps of the estimate of :mod:`fsw_identification.estimation`.
 
-No solver of SciPy does this: noise and size of the random walks are estimated again before each
-step, so that what is minimised changes from step to step.
+SciPy's solvers do not apply: noise and random walks are estimated again before each step, so the
+objective changes from step to step.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from fsw_model import STEP_S, ModelParameters
 _LAG_LIMITS_S = (0.05, 10.0)
 _LARGEST_MOVE = 0.3
 _WALK_SETTLED = 0.3
-#: a relative change of the noise's correlation that matters
+#: a relative change of the noise's correlation that counts as settled
 _COLOUR_SETTLED = 0.1
 _LEAST, _ITERATIONS = 3, 30
 _MOST_DAMPED = 1e4
@@ -34,7 +34,7 @@ def solve(
     iterations: int = _ITERATIONS,
     reject: bool = False,
 ) -> None:
-    """Levenberg-Marquardt from the present values; outliers count less, or if ``reject``, not at all."""
+    """Levenberg-Marquardt iterations; outliers count less, or with ``reject`` not at all."""
     damping = 1e-3
     for segment, weights in zip(problem.segments, problem.weights, strict=True):
         weights *= np.isfinite(segment.measured)
@@ -70,7 +70,7 @@ def solve(
 def _descend(
     problem: Problem, border: FloatArray, before: float, damping: float
 ) -> tuple[float, float]:
-    """Move so that the cost does not rise; the next damping, too large if no move does, and its size."""
+    """Move without raising the cost; returns the next damping (too large: none) and the size."""
     n, information = len(problem.free), border[1:, 1:]
     moving = [*range(n), *([len(information) - 1] if problem.lagged else [])]
     while n and damping <= _MOST_DAMPED:
@@ -89,7 +89,7 @@ def _descend(
 
 
 def _move(border: FloatArray, moving: Sequence[int], damping: float) -> FloatArray:
-    """What moves, damped and bounded."""
+    """The move, damped and bounded."""
     extra = np.zeros(len(border) - 1)
     extra[moving] = damping * np.diag(border)[1:][moving]
     by = np.asarray(

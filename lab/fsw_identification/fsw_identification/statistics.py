@@ -1,4 +1,4 @@
-"""Figures by which a fit is judged: share explained, whiteness of the residuals, correlation with the inputs."""
+"""Figures of a fit's quality: explained share, whiteness of residuals, correlation with inputs."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ import scipy
 from fsw_analysis.weld_signals import FloatArray, IntArray
 from fsw_identification.weld_data import Segment
 
-#: lags at which residuals are judged [ticks]
+#: lags at which residuals are tested [ticks]
 LAGS = 50
-#: correlation of two estimates from which on they are reported as identifiable only together
+#: correlation of two estimates above which they are reported as identifiable only together
 CORRELATED = 0.9
-#: quantile of the normal distribution for bounds of 99 %
+#: normal quantile for bounds of 99 %
 _QUANTILE = 2.576
-#: sum of the autocorrelations at all ``LAGS``, in its standard deviations, from which on residuals
-#: are not white: of a slow part that no single lag tells
+#: sum of the autocorrelations over all ``LAGS``, in standard deviations, above which residuals are
+#: not white: a slow component that no single lag shows
 SLOW = 3.0
 
 
 def fit_percent(measured: Sequence[FloatArray], residuals: Sequence[FloatArray]) -> float:
-    """Share of an output that a model explains, 100 (1 - |residual| / |measured - mean|) in percent (NRMSE)."""
+    """Share of an output that a model explains, 100 (1 - |residual| / |measured - mean|) [%]."""
     everything = np.column_stack([np.concatenate(measured), np.concatenate(residuals)])
     shown, rest = everything[np.isfinite(everything[:, 1])].T
     spread = float(np.linalg.norm(shown - shown.mean())) if shown.size else 0.0
@@ -33,7 +33,7 @@ def fit_percent(measured: Sequence[FloatArray], residuals: Sequence[FloatArray])
 def correlation(
     first: Sequence[FloatArray], second: Sequence[FloatArray], lags: IntArray
 ) -> tuple[FloatArray, int]:
-    """Correlation of ``first[k + lag]`` with ``second[k]`` over all segments, and the number of pairs at lag 0.
+    """Correlation of ``first[k + lag]`` with ``second[k]`` over all segments; pairs at lag 0.
 
     Missing samples (NaN) are left out.
     """
@@ -60,10 +60,10 @@ def correlation(
 
 
 def long_run_factor(residuals: Sequence[FloatArray]) -> float:
-    """Variance of a mean of residuals over that of white noise; 1 unless they are clearly not white.
+    """Variance of a mean of residuals relative to white noise; 1 unless they are clearly coloured.
 
-    The first lags of the autocorrelation whose size is beyond the bounds of 99 % count; all lags
-    where they are beyond theirs together.
+    The first lags of the autocorrelation that exceed the 99 % bounds count; all lags if their sum
+    exceeds its own.
     """
     if sum(int(np.isfinite(one).sum()) for one in residuals) < 2 * LAGS:
         return 1.0
@@ -87,7 +87,7 @@ class Judgement:
     cross: FloatArray
 
     def outside(self, output: int) -> tuple[float, float]:
-        """Shares of the lags of autocorrelation and cross-correlation that are beyond the bound; expected: 0.01.
+        """Shares of auto- and cross-correlation lags beyond the bound; expected: 0.01.
 
         At lags up to 0 a controller that feeds the noise back correlates it with the inputs, which
         is no fault of the model: only inputs of the past count.
@@ -97,14 +97,14 @@ class Judgement:
         return float(auto.mean()), float(cross.mean())
 
     def together(self, output: int) -> float:
-        """Sum of the autocorrelations at all lags, in standard deviations of that of white noise."""
+        """Sum of the autocorrelations, in standard deviations of that of white noise."""
         return float(self.auto[output].sum() / np.sqrt(LAGS) / (self.bound / _QUANTILE))
 
 
 def judge(
     segments: Sequence[Segment], residuals: Sequence[FloatArray], whitened: Sequence[FloatArray]
 ) -> Judgement:
-    """Judge residuals, one (n, 3) array for each segment; whether the noise that is assumed explains them, whitened."""
+    """Test residuals, an (n, 3) array per segment, against the assumed noise (whitened)."""
     auto, cross, n, fits = np.zeros((3, LAGS)), np.zeros((3, 2, 2 * LAGS + 1)), 1, []
     changes = [
         [np.diff(column, prepend=column[0]) for column in (one.force_kn, one.speed_rpm)]

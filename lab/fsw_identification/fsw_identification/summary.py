@@ -17,12 +17,11 @@ from fsw_model import ModelParameters
 
 NAMES = ("depth [mm]", "temperature [°C]", "torque [N·m]")
 _95 = 1.96
-#: slow disturbances that are worth a remark, in the order of WALKS
+#: slow disturbances worth reporting, in the order of WALKS
 _REMARKABLE = (0.1, 0.2, 0.002, 0.2, 4.0)
-#: correlation time [s] from which on noise is as slow as the process, and more likely a
-#: disturbance
+#: correlation time [s] above which noise is as slow as the process, and more likely a disturbance
 _SLOW_S = 10.0
-#: share of lags beyond the bounds of 99 % from which on residuals are not called white
+#: share of lags beyond the 99 % bounds above which residuals are not called white
 _WHITE = 0.07
 
 
@@ -50,7 +49,7 @@ class Summary:
 
 
 def parameter_rows(result: Summary) -> list[list[str]]:
-    """Header and a row per parameter: value, standard deviation, 95 % interval, nominal value."""
+    """Header, and a row per parameter: value, standard deviation, 95 % interval, nominal value."""
     nominal = ModelParameters()
     rows = [["parameter", "estimate", "std", "std [%]", "95 % interval", "nominal"]]
     for name, (value, std) in estimates(result.fit, result.air).items():
@@ -94,26 +93,30 @@ def disturbances(fit: Fit) -> list[str]:
         at_s = fit.segments[shift.segment].time_s[shift.tick]
         if shift.output == HEAT:
             lines.append(
-                f"torque_nm: its shift at {at_s:.1f} s heats like one larger by {size:+.3g} (std {std:.1g}); if "
+                f"torque_nm: its shift at {at_s:.1f} s heats like one larger by {size:+.3g} "
+                f"(std {std:.1g}); if "
                 "nothing of it heats, the sensor was wrong"
             )
         else:
             lines.append(
-                f"{OUTPUTS[shift.output]}: disturbed at {at_s:.1f} s, shifts by {size:+.3g} (std {std:.1g}; a "
+                f"{OUTPUTS[shift.output]}: disturbed at {at_s:.1f} s, "
+                f"shifts by {size:+.3g} (std {std:.1g}; a "
                 "disturbance or a sensor fault); estimated along"
             )
     lines += fit.notes
     for name, over_s in zip(NAMES, fit.correlation_s, strict=True):
         if over_s > _SLOW_S:
             lines.append(
-                f"what is left of {name} is correlated over {over_s:.2g} s and counts as noise, but is as slow as the "
+                f"what is left of {name} is correlated over {over_s:.2g} s and counts as noise, "
+                "but is as slow as the "
                 "process: more likely a disturbance; do not rely on parameters that depend on it"
             )
     for which, name in enumerate(WALKS):
         largest = max(float(np.ptp(one[:, which])) for one in fit.disturbances)
         if largest > _REMARKABLE[which]:
             lines.append(
-                f"a slow disturbance of {name}, {largest:.2g} from lowest to highest, was estimated along"
+                f"a slow disturbance of {name}, {largest:.2g} from lowest to highest, "
+                "was estimated along"
             )
     if any(
         float(np.ptp(one[:, which])) > _REMARKABLE[which]
@@ -121,7 +124,8 @@ def disturbances(fit: Fit) -> list[str]:
         for which in (1, 3)
     ):
         lines.append(
-            f"heat and offset of the temperature: correlation {fit.heat_and_offset:+.2f}; of their sum the depth takes "
+            f"heat and offset of the temperature: correlation {fit.heat_and_offset:+.2f}; "
+            "of their sum the depth takes "
             f"{fit.share[0]:.2f} (std {fit.share[1]:.2g}) for the tool's, 0: all is the sensor's"
         )
     return lines
@@ -145,7 +149,8 @@ def remarks(result: Summary) -> list[str]:
     for i, name in enumerate(NAMES):
         if max(result.judgement.outside(i)) > _WHITE or result.judgement.together(i) > SLOW:
             lines.append(
-                f"residuals of {name} are not white: the model does not explain all of it, or its noise is of another "
+                f"residuals of {name} are not white: the model does not explain all of it, "
+                "or its noise is of another "
                 f"colour; standard deviations are enlarged (× {fit.colour[i] ** 0.5:.1f})"
             )
     return lines

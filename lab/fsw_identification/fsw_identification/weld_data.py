@@ -1,4 +1,4 @@
-"""The data of a recorded weld for identification: mean inputs over each step, and valid sensor samples."""
+"""Data of a recorded weld for identification: mean inputs per step, and valid sensor samples."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class Segment:
     acceleration_rpm_per_s: (
         FloatArray  #: (n,): mean of the spindle over the step that ends at the row
     )
-    #: (n, 3): depth [mm], temperature [degC] and motor torque [N m]; NaN where there is no sample
-    #: that may be used
+    #: (n, 3): depth [mm], temperature [degC] and motor torque [N m]; NaN where there is no usable
+    #: sample
     measured: FloatArray
 
     @property
@@ -67,14 +67,14 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
     signals : WeldSignals
         The emulator's truth in it is not used.
     drive_lag_s : float
-        Time constant of the drives, by which the inputs between two ticks are known.
+        Time constant of the drives, from which the inputs between ticks follow.
     in_air : bool
-        A run without copper: only the torque is needed, and it may have any size.
+        A run without copper: only the torque is required, and it may have any size.
 
     Raises
     ------
     InputError
-        The weld lacks sensors or inputs, or is too short.
+        If the weld lacks sensors or inputs, or is too short.
     """
     name = str(signals.path)
     sensors = np.column_stack([signals.depth_mm, signals.temperature_c, signals.torque_nm])
@@ -105,7 +105,8 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
         ends = np.column_stack([_filled(grid[:, i]) for i in range(2)])
         if not np.isfinite(ends).all():
             notes.append(
-                f"{n * TICK_S:.1f} s from {row[part[0]] * TICK_S:.1f} s on left out: no force or speed"
+                f"{n * TICK_S:.1f} s from {row[part[0]] * TICK_S:.1f} s on left out: "
+                "no force or speed"
             )
             continue
         means = _means(ends, drive_lag_s)
@@ -115,13 +116,14 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
         )
     if not segments:
         raise InputError(
-            f"{name}: no stretch of {_SHORTEST_S:g} s with sensors, force and speed ({signals.duration_s:.1f} s in all)"
+            f"{name}: no stretch of {_SHORTEST_S:g} s with sensors, force and speed "
+            f"({signals.duration_s:.1f} s in all)"
         )
     return WeldData(name, segments, notes)
 
 
 def _acting(signals: WeldSignals, lag_s: float, notes: list[str]) -> FloatArray:
-    """Actual force and speed at each tick: the drives' feedback, else the commands filtered by the drives' lag."""
+    """Actual force and speed per tick: drive feedback, or commands filtered by the drive lag."""
     if signals.drives is not None:
         acting = np.column_stack([signals.drives.force_kn, signals.drives.speed_rpm])
         if np.isfinite(acting).all(axis=1).mean() > 0.5:
@@ -142,7 +144,7 @@ def _acting(signals: WeldSignals, lag_s: float, notes: list[str]) -> FloatArray:
 
 
 def _means(ends: FloatArray, lag_s: float) -> FloatArray:
-    """Mean inputs over each step from those at its ends, each reached through a first-order lag."""
+    """Mean inputs over each step from their end values, through a first-order lag."""
     after = np.vstack([ends[1:], ends[-1:]])
     if lag_s <= 0.0:
         return after
@@ -153,7 +155,7 @@ def _means(ends: FloatArray, lag_s: float) -> FloatArray:
 
 
 def _filled(values: FloatArray) -> FloatArray:
-    """The last known value where one is missing, before the first the first; NaN if none is known."""
+    """Fill missing values with the last known (at the start the first); NaN if none is known."""
     known = np.flatnonzero(np.isfinite(values))
     if not known.size:
         return values
