@@ -1,7 +1,7 @@
-"""Scenarios and weld programmes as data, run in one process or in the graph."""
+"""Scenarios and weld programmes as data, run in a single process or in the graph."""
 
 import os
 
-# The matrices here are small: threads of the linear algebra only get into each other's way, and
-# into that of other processes. Takes effect when numpy is not loaded yet.
+# The matrices here are small: threads of the linear algebra would only slow each other and other
+# processes. Takes effect unless numpy is loaded already.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -1,4 +1,4 @@
-"""Who listens to a player's set-points, whether another player sends some, and which controllers there are."""
+"""Discovery for a player: listeners to its set-points, other players, and controllers."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 
 class Audience:
-    """Who subscribes to set-points and to their plan: so many controllers are ``wanted``, among them those ``named``.
+    """Subscribers of set-points and plan; expects ``wanted`` controllers with ``named`` ones.
 
-    ``publishers`` are those of ``SetPoints``, that of the set-points first.
+    ``publishers`` are those of ``SetPoints``, the set-points' first.
     """
 
     def __init__(
@@ -28,7 +28,7 @@ class Audience:
         self._topic = publishers[0].topic_name
 
     def is_complete(self) -> bool:
-        """Whether all that listen get set-points and plan, and enough of these are controllers."""
+        """Whether all listeners get set-points and plan, and enough of them are controllers."""
         node = self._node
         for publisher in self._publishers:
             if publisher.get_subscription_count() < node.count_subscribers(publisher.topic_name):
@@ -45,29 +45,30 @@ class Audience:
         return len(proposing.intersection(map(_node_of, infos))) >= self._wanted
 
     def is_alone(self) -> bool:
-        """Whether no other player sets the points of this weld; one that was killed is seen until its lease ends."""
+        """Whether no other player is present; a killed one is visible until its lease ends."""
         me = (self._node.get_namespace(), self._node.get_name())
         senders = map(_node_of, self._node.get_publishers_info_by_topic(self._topic))
         return sum(sender == me for sender in senders) < 2
 
     def absent(self) -> str:
-        """Which of the named controllers are not in the weld's graph, and which are, in words; empty: all are."""
+        """Text about named controllers that are missing in the weld's graph; empty if none are."""
         present = self._controllers()
         lacking = [repr(name[:40]) for name in self._named if name not in present]
         if not lacking:
             return ""
-        return f"no controller {', '.join(lacking)} in the graph; there: {', '.join(present) or 'none'}"
+        there = ", ".join(present) or "none"
+        return f"no controller {', '.join(lacking)} in the graph; there: {there}"
 
     def _controllers(self) -> list[str]:
         pattern = re.compile(
             rf"{re.escape(self._node.get_namespace().rstrip('/'))}/fsw/(\w+)/proposal"
         )
         found = [pattern.fullmatch(name) for name, _ in self._node.get_topic_names_and_types()]
-        # the supervisor also subscribes to the proposals of its fallbacks that do not run
+        # the supervisor also subscribes to proposals of fallbacks that do not run
         return sorted(one[1] for one in found if one and self._node.count_publishers(one[0]))
 
     def missing(self) -> str:
-        """What the player waits for, in words."""
+        """What the player waits for, as a text."""
         if not self.is_alone():
             return "another scenario player in the graph"
         return self.absent() or f"no {self._wanted} controllers listening"

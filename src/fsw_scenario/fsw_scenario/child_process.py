@@ -1,4 +1,4 @@
-"""Runs the ``main`` of a module as a child that ends when its parent does, however the parent ends.
+"""Runs the ``main`` of a module as a child that ends with its parent, however that ends.
 
 usage: python -m fsw_scenario.child_process <parent's pid> <module> [arguments]
 """
@@ -16,7 +16,7 @@ _PR_SET_PDEATHSIG = 1
 
 
 def end_with_parent(parent_pid: int) -> None:
-    """Ask the kernel for SIGTERM when the parent dies (Linux; elsewhere nothing can be asked for)."""
+    """Request SIGTERM from the kernel when the parent dies (Linux only)."""
     if sys.platform == "linux":
         ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
     if os.getppid() != parent_pid:
@@ -24,7 +24,7 @@ def end_with_parent(parent_pid: int) -> None:
 
 
 def main() -> int:
-    """Run the module named on the command line; returns its exit code."""
+    """Run the module named on the command line; returns the exit code."""
     parent_pid, module, *arguments = sys.argv[1:]
     end_with_parent(int(parent_pid))
     sys.argv = [module, *arguments]

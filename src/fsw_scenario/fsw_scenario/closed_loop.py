@@ -1,4 +1,4 @@
-"""The closed loop in one process: plant emulator, controllers and selection, without middleware, at full speed."""
+"""The closed loop in one process, without middleware: plant, controllers and selection."""
 
 from __future__ import annotations
 
@@ -41,19 +41,19 @@ from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine
 from fsw_scenario.weld_programme_course import Course
 from fsw_schema.models import InputError
 
-#: ticks between two reports of progress
+#: ticks between progress reports
 _PROGRESS_TICKS = 100
 
 
 def plant_of(scenario: Scenario) -> PlantEmulator:
-    """The plant that a scenario sets up, with its disturbances and faults."""
+    """The plant of a scenario, with its disturbances and faults."""
     return PlantEmulator(
         PlantConfig.from_values(scenario.plant), PlantSchedule.of(scenario.events, scenario.path)
     )
 
 
 class _Programme:
-    """The set-points by tick; on a canister the programme may be shortened by a phase that waits for a temperature."""
+    """Set-points by tick; on a canister a phase may end early, when its temperature is reached."""
 
     def __init__(self, scenario: Scenario) -> None:
         self._course = Course(references(scenario, start_reference(scenario.plant)))
@@ -79,7 +79,7 @@ class _Programme:
         return tick - self._held > self._n_ticks
 
     def begin(self, tick: int) -> Reference:
-        """The set-points at a tick, with what is announced."""
+        """Set-points at a tick, with the announced ones."""
         coming = self._course.coming
         while coming and coming[0][0] <= tick - self._held:
             self.reference = coming.popleft()[1]
@@ -88,7 +88,7 @@ class _Programme:
         return replace(self.reference, coming=self.plan.after(tick * TICK_NS, self.reference))
 
     def end(self, tick: int, plant: PlantEmulator, shown_c: float) -> int:
-        """Follow what the thermocouple shows at a tick, and let the plant follow; returns the tick of the programme."""
+        """Follow the thermocouple at a tick and move the tool; returns the programme's tick."""
         self._shown.append(shown_c)
         if self._machine is not None:
             if self._machine.follow(tick, self._shown[0]):
@@ -100,7 +100,7 @@ class _Programme:
 
 
 class _Tick(NamedTuple):
-    """What happened at one tick; of each controller the proposal, and how long it took."""
+    """Record of a tick, with the proposal and computing time of each controller."""
 
     stamp_ns: int
     values: dict[str, float]
@@ -118,17 +118,16 @@ class _Tick(NamedTuple):
 class ClosedLoop:
     """Runs a scenario offline, with controllers by name; an open-loop scenario needs none.
 
-    All controllers are always ready, as in the graph: each is stepped at every tick and follows
-    the applied command. The supervisor's arbiter applies one of several, with fallback,
-    inhibition, interlocks and all else, so that the trajectory is that of the graph in lockstep;
-    and so it does with one alone when the scenario has sensor faults. Otherwise one alone is
-    studied without supervisor: its proposal is limited and applied, and the last command is held
-    while it is unhealthy.
+    All controllers are always ready, as in the graph: each is stepped at every tick and tracks the
+    applied command. With several, or with sensor faults in the scenario, the supervisor's arbiter
+    selects, including fallback, inhibition and interlocks, so that the trajectory equals that of
+    the graph in lockstep. Otherwise a single controller is studied without supervisor: its
+    proposal is limited and applied, and the last command is held while it is unhealthy.
 
     Raises
     ------
     fsw_schema.models.InputError
-        If the scenario selects a controller that is not there.
+        If the scenario selects a controller that is not available.
     """
 
     def __init__(
@@ -152,9 +151,9 @@ class ClosedLoop:
     def run(self, progress: Callable[[float], None] | None = None) -> WeldSignals:
         """Run to the end and return the same signals as a bag of the weld.
 
-        ``progress`` is called now and then with the share done, 0 to 1. InputError with the reason
-        at the first tick if the controller that was selected proposed nothing that could be
-        applied: figures of a held command are none.
+        ``progress`` is called now and then with the completed share, 0 to 1. Raises InputError
+        with the reason at the first tick if the selected controller proposed nothing usable at any
+        tick, as the figures of a held command are meaningless.
         """
         scenario, plant, limits = self.scenario, self.plant, Limits()
         programme, swaps = _Programme(scenario), deque(switches(scenario).items())
@@ -210,7 +209,8 @@ class ClosedLoop:
         if ticks and not any(row.answers[first][0].healthy for row in ticks):
             why = Reason.of(ticks[0].answers[first][0].reason).words
             raise InputError(
-                f"{scenario.name}: {first} proposed nothing usable at any of {len(ticks)} ticks: {why}"
+                f"{scenario.name}: {first} proposed nothing usable "
+                f"at any of {len(ticks)} ticks: {why}"
             )
         return self._signals(ticks)
 
@@ -280,7 +280,7 @@ def _status_signals(ticks: Sequence[_Tick], name: str) -> StatusSignals:
 
 
 def _group(kind: Any, sources: Sequence[Any], **known: Any) -> Any:
-    """A group of signals from objects whose attributes have the names of its columns, but for those known."""
+    """A group of signals from objects with attributes named like its columns, plus known ones."""
     wanted = [one for one in fields(kind) if one.name not in known]
     columns = zip(*map(attrgetter(*(one.name for one in wanted)), sources), strict=True)
     for one, values in zip(wanted, columns, strict=True):
@@ -294,7 +294,7 @@ def _group(kind: Any, sources: Sequence[Any], **known: Any) -> Any:
 
 
 def _sensors(ticks: Sequence[_Tick], names: Iterable[str]) -> dict[str, Any]:
-    """Samples of sensors, by signal."""
+    """Sensor samples by signal."""
     return {
         SENSORS[name].signal: _numbers(tick.values.get(name, nan) for tick in ticks)
         for name in names

@@ -1,4 +1,4 @@
-"""Any controller as a node: one that is known by its name, or a user's own."""
+"""Any controller as a node: known by its name, or a user's own."""
 
 from __future__ import annotations
 

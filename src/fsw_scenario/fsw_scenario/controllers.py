@@ -1,4 +1,4 @@
-"""Controllers by name: ours, those of installed packages, and those in a user's own module or file."""
+"""Controllers by name: ours, those of installed packages, and those in a user's module or file."""
 
 from __future__ import annotations
 
@@ -17,47 +17,49 @@ from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.scenario import Scenario
 from fsw_schema.models import InputError
 
-#: Ours, by name: where the class is. They are entry points, too; none of another package takes
-#: their place.
+#: location of our classes, by name. They are entry points, too; other packages cannot replace
+#: them.
 OURS = {"decentral": "fsw_decentral:DecentralController", "nmpc": "fsw_nmpc:NmpcController"}
 
 
 def _known() -> dict[str, str]:
-    """Ours, and the entry points ``name = module:Class`` of installed packages."""
+    """Our controllers, and entry points ``name = module:Class`` of installed packages."""
     return {one.name: one.value for one in metadata.entry_points(group="fsw.controllers")} | OURS
 
 
-#: All that are known by their name.
+#: controllers known by name
 KNOWN = _known()
 
 
 def name_of(label: str) -> str:
-    """Name of the controller of a label, as in :func:`make`.
+    """Name of the controller in a label, see :func:`make`.
 
-    A class that was given as ``MODULE:CLASS`` or ``FILE.py:CLASS`` is known by its name from then
-    on.
+    A class given as ``MODULE:CLASS`` or ``FILE.py:CLASS`` is known by its name afterwards.
 
     Raises
     ------
     fsw_schema.models.InputError
-        When there is no such controller.
+        If there is no such controller.
     """
     return _parts(label)[0]
 
 
 def short(label: str) -> str:
-    """Label without the module or file of the class; errors as :func:`name_of`."""
+    """Label without module or file of the class; errors as in :func:`name_of`."""
     return ":".join(filter(None, _parts(label)))
 
 
 def _parts(label: str) -> tuple[str, str]:
-    """Name and variant of a label."""
+    """Name and variant in a label."""
     first, _, rest = label.partition(":")
     if first in KNOWN:
         return first, rest
     word, _, variant = rest.partition(":")
     if not word:
-        known = f"available: {', '.join(sorted(KNOWN))}; or name your own as MODULE:CLASS or FILE.py:CLASS"
+        known = (
+            f"available: {', '.join(sorted(KNOWN))}; "
+            "or name your own as MODULE:CLASS or FILE.py:CLASS"
+        )
         raise InputError(f"controller {label or '(no name)'} is not available; {known}")
     # absolute, so that a process started in another folder finds the file
     place = f"{Path(first).resolve() if first.endswith('.py') else first}:{word}"
@@ -88,7 +90,8 @@ def _class_at(place: str) -> Any:
         )
     if not re.fullmatch(r"[a-zA-Z]\w*", found.name, re.ASCII):
         raise InputError(
-            f"controller {place}: its name {found.name!r} has other characters than letters, digits, _"
+            f"controller {place}: its name {found.name!r} has other characters "
+            "than letters, digits, _"
         )
     return found
 
@@ -98,18 +101,18 @@ def _words(error: Exception) -> str:
 
 
 def described_in(label: str) -> Source:
-    """Where the parameters of a controller are described; errors as :func:`name_of`."""
+    """Description of a controller's parameters; errors as in :func:`name_of`."""
     source: Source = getattr(kind_of(label), "parameters", None)
     return source
 
 
 def kind_of(label: str) -> Any:
-    """Class of a controller, by label; errors as :func:`name_of`."""
+    """Class of a controller, by label; errors as in :func:`name_of`."""
     return _class_at(KNOWN[name_of(label)])
 
 
 def source_of(label: str) -> bytes:
-    """Text of the file with the class of a controller that is not ours, else empty; errors as :func:`name_of`."""
+    """Source file of a controller that is not ours, else empty; errors as in :func:`name_of`."""
     name = name_of(label)
     module = KNOWN[name].rpartition(":")[0]
     file = module if module.endswith(".py") else getattr(find_spec(module), "origin", None)
@@ -117,7 +120,7 @@ def source_of(label: str) -> bytes:
 
 
 def program(name: str) -> tuple[str, str, list[str]]:
-    """Package, program and arguments that run a known controller as a node; ``<program>_node`` is its module."""
+    """Package, program and arguments to run a known controller as a node (``<program>_node``)."""
     if name in OURS:
         return OURS[name].partition(":")[0], name, []
     if name == OpenLoopController.name:
@@ -126,7 +129,7 @@ def program(name: str) -> tuple[str, str, list[str]]:
 
 
 def make(label: str, parameters: Mapping[str, Any] | None = None) -> Controller:
-    """Make a controller.
+    """Create a controller.
 
     Parameters
     ----------
@@ -134,12 +137,12 @@ def make(label: str, parameters: Mapping[str, Any] | None = None) -> Controller:
         Name, ``MODULE:CLASS`` or ``FILE.py:CLASS``, optionally followed by ``:variant``, one of
         its documented tunings, e.g. ``decentral:tight``.
     parameters : mapping of str to value, optional
-        Of the controller's node, by name; the others have their defaults.
+        Parameters of the controller's node, by name; others have their default.
 
     Raises
     ------
     fsw_schema.models.InputError
-        When there is no such controller or variant, or it refuses its parameters.
+        If there is no such controller or variant, or it rejects its parameters.
     """
     make_one = maker(label)
     try:
@@ -158,13 +161,13 @@ def make(label: str, parameters: Mapping[str, Any] | None = None) -> Controller:
 
 
 def maker(label: str) -> Callable[[dict[str, Any]], Controller]:
-    """Function that makes a controller from all its parameters, {} if it has none; errors as :func:`name_of`."""
+    """Function from a controller's parameters (or {}) to the controller; raises as `name_of`."""
     kind: Callable[..., Controller] = kind_of(label)
     return kind if described_in(label) is not None else lambda _: kind()
 
 
 def variant_of(label: str) -> dict[str, str]:
-    """The parameter that the variant in a label of :func:`make` sets; empty without variant."""
+    """Parameter set by the variant in a label, see :func:`make`; empty without variant."""
     (_, variant), parameter = _parts(label), getattr(kind_of(label), "variant", None)
     if not variant:
         return {}
@@ -174,12 +177,12 @@ def variant_of(label: str) -> dict[str, str]:
 
 
 def variants_of(labels: Iterable[str]) -> dict[str, dict[str, str]]:
-    """What :func:`variant_of` says of each controller of a graph, by its name.
+    """Result of :func:`variant_of` for each controller of a graph, by its name.
 
     Raises
     ------
     fsw_schema.models.InputError
-        As :func:`variant_of`, and when a controller is named twice: it is one node.
+        As in :func:`variant_of`, and if a controller is named twice: it is one node.
     """
     found: dict[str, dict[str, str]] = {}
     for label in labels:
@@ -192,14 +195,15 @@ def variants_of(labels: Iterable[str]) -> dict[str, dict[str, str]]:
 def make_all(
     scenario: Scenario, label: str, parameters: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Controller]:
-    """Make the controllers of a scenario by name, with their parameters; the one in ``label`` in its variant.
+    """Create the controllers of a scenario; the one in ``label`` in its variant.
 
-    Errors as :func:`make`, and InputError for a ``label`` that is no controller of the scenario.
+    Errors as in :func:`make`, and InputError if ``label`` is not a controller of the scenario.
     """
     name = "" if scenario.open_loop else name_of(label)
     if name and name not in scenario.controllers:
         raise InputError(
-            f"{scenario.name}: {name} is none of its controllers, {', '.join(scenario.controllers)}"
+            f"{scenario.name}: {name} is none of its controllers, "
+            f"{', '.join(scenario.controllers)}"
         )
     variants = {other: label if other == name else other for other in scenario.controllers}
     return {other: make(variant, parameters.get(other)) for other, variant in variants.items()}

@@ -1,4 +1,4 @@
-"""What in a weld was not as its scenario has it, for the result."""
+"""Deviations of the executed weld from its scenario, for the result."""
 
 from __future__ import annotations
 
@@ -6,13 +6,12 @@ from collections import Counter
 
 from fsw_control.weld import TICK_S
 
-#: after this time a controller that was asked for is in control, or another one is in its place
-#: (chosen)
+#: time for a requested controller, or its replacement, to be in control (chosen)
 _SWITCH_TICKS = 20
 
 
 class Deviations:
-    """Counts the ticks under a controller that was not asked for, and notes set-points by hand; its text has both."""
+    """Counts ticks under an unrequested controller and notes manual set-points; makes the text."""
 
     def __init__(self) -> None:
         self._asked: tuple[int, str] | None = None
@@ -20,11 +19,11 @@ class Deviations:
         self._by_hand_tick: int | None = None
 
     def ask(self, controller: str, tick: int) -> None:
-        """A controller is asked for at a tick."""
+        """Note a controller requested at a tick."""
         self._asked = tick, controller
 
     def count(self, controller: str, tick: int, ticks: int) -> None:
-        """A controller (empty: it is not known which) has been in control for some ticks up to this one."""
+        """Note the controller (empty: unknown) in control for some ticks up to this one."""
         if self._asked is None or controller in ("", self._asked[1]):
             return
         late = tick - self._asked[0] - _SWITCH_TICKS
@@ -32,7 +31,7 @@ class Deviations:
             self._others[controller] += min(ticks, late)
 
     def note_by_hand(self, tick: int) -> None:
-        """Set-points by hand are in force from a tick on."""
+        """Note manual set-points in force from a tick on."""
         self._by_hand_tick = tick
 
     def __str__(self) -> str:

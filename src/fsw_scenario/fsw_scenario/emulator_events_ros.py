@@ -1,4 +1,4 @@
-"""The disturbances and faults of a scenario that was not given to the emulated plant at its start."""
+"""Disturbances and faults of a scenario that the emulated plant did not get at its start."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def emulator_listens(node: Node) -> bool:
 
 
 class EmulatorEvents:
-    """Asks the emulated plant, a tick before each event, for what is to begin with the next one."""
+    """Requests each event from the emulated plant, a tick before it begins."""
 
     def __init__(self, node: Node, scenario: Scenario) -> None:
         self._node = node
@@ -27,7 +27,7 @@ class EmulatorEvents:
         self._clients = {kind: node.create_client(*service) for kind, service in SERVICES.items()}
 
     def send_until(self, tick: int) -> None:
-        """Ask for all events up to a tick."""
+        """Request all events up to a tick."""
         for event in self._schedule.due(tick * TICK_S):
             self._send(event)
 

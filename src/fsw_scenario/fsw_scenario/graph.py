@@ -1,4 +1,4 @@
-"""The processes of a weld graph for one scenario, and running it to its end."""
+"""The processes of a weld graph for a scenario, and their execution to its end."""
 
 from __future__ import annotations
 
@@ -21,12 +21,11 @@ from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.scenario import Scenario
 from fsw_schema.files import write_whole
 
-#: Node name of the supervisor that stands by.
+#: node name of the standby supervisor
 STANDBY = "fsw_supervisor_standby"
-#: how long the first tick may take, and how much longer than the scenario its end
+#: time limit for the first tick, and for the end after the scenario's duration
 _PATIENCE_S = 240.0
-#: how long lockstep waits for controllers, so that a machine that stalls meanwhile gives the same
-#: weld
+#: time for which lockstep waits for controllers, so that a stalled machine gives the same weld
 _LOCKSTEP_S = 30.0
 _SUPERVISOR_SECTION = re.compile(
     r"^(\s*[\"']?(?:[^#\s:\"']*/)?)fsw_supervisor([\"']?\s*:)", re.MULTILINE
@@ -34,28 +33,27 @@ _SUPERVISOR_SECTION = re.compile(
 
 
 def for_standby(parameter_file: str) -> str:
-    """Text of a parameter file in which the entries for the supervisor, in any namespace, are those of the standby."""
+    """Parameter file whose supervisor entries, in any namespace, apply to the standby instead."""
     return _SUPERVISOR_SECTION.sub(rf"\g<1>{STANDBY}\g<2>", parameter_file)
 
 
 @dataclass(slots=True)
 class WeldGraph:
-    """Everything that runs for one scenario."""
+    """All processes of a scenario."""
 
     scenario: Scenario
-    #: gets ``scenario.yaml``, ``parameters.yaml``, ``log/`` and, with ``record``, ``bag/``; made
-    #: if need be
+    #: for ``scenario.yaml``, ``parameters.yaml``, ``log/`` and, with ``record``, ``bag/``; created
+    #: if necessary
     folder: Path
-    controllers: Sequence[str] = ()  #: all that run, by name; the scenario's own are added
+    controllers: Sequence[str] = ()  #: running controllers by name; the scenario's are added
     realtime: bool = False  #: 10 Hz on the wall clock instead of lockstep
     record: bool = True  #: whether a recorder runs
     standby: bool = False  #: whether a second supervisor stands by
-    #: parameters of the controllers' nodes, by name of the controller; the others have their
-    #: defaults
+    #: parameters of the controllers' nodes, by name of the controller; others have their default
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     #: further processes, by name the module of their node; the first tick does not wait for them
     companions: Mapping[str, str] = field(default_factory=dict)
-    #: further parameters, by node: of the companions, or what follows from a welding procedure
+    #: further parameters by node: of companions, or derived from a welding procedure
     derived: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
@@ -65,18 +63,18 @@ class WeldGraph:
 
     @property
     def all_controllers(self) -> list[str]:
-        """Names of the controllers that run, the one selected at the start first."""
+        """Names of the running controllers, the initially selected one first."""
         if self.scenario.open_loop:
             return [OpenLoopController.name]
         return list(dict.fromkeys([*self.scenario.controllers, *self.controllers]))
 
     def start(self, launcher: Launcher) -> Child:
-        """Start all processes; the plant's first tick waits for all others. Returns the player.
+        """Start all processes; the plant's first tick waits for the others. Returns the player.
 
         Raises
         ------
         fsw_schema.models.InputError
-            When a controller is not known.
+            If a controller is not known.
         """
         programs = {name: program(name) for name in self.all_controllers}
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -101,7 +99,7 @@ class WeldGraph:
         return launcher.start("scenario", "fsw_scenario.scenario_node", ros_args)
 
     def parameter_file(self, scenario_file: Path) -> dict[str, Any]:
-        """Content of the parameter file: what each node needs for the scenario."""
+        """Content of the parameter file with the parameters of each node."""
         start = plant_of(self.scenario).applied
         names = self.all_controllers
         plant = validate(plant_parameters(), self.scenario.plant)
@@ -157,15 +155,15 @@ class WeldGraph:
         return {name: {"ros__parameters": values} for name, values in nodes.items()}
 
     def run(self, launcher: Launcher, progress: Callable[[float], None] | None = None) -> float:
-        """Start everything, wait for the scenario's end, end everything.
+        """Start all processes, wait for the scenario's end, end all.
 
-        Returns the wall time from the first tick to the last [s], as the player saw it.
-        ``progress`` is called with the share done, 0 to 1.
+        Returns the wall time from the first tick to the last [s], as measured by the player.
+        ``progress`` is called with the completed share, 0 to 1.
 
         Raises
         ------
         LaunchError
-            When a process ends too early or nothing moves.
+            If a process ends too early or there is no progress.
         """
         player = self.start(launcher)
         others = [name for name in launcher.children if name != "scenario"]
@@ -183,7 +181,7 @@ class WeldGraph:
             raise LaunchError(
                 f"the scenario player failed: {player.last_lines()} (see {player.log})"
             )
-        codes = launcher.stop("plant")  # first, so that the bag does not show how the others leave
+        codes = launcher.stop("plant")  # first, so that the bag does not show the others leaving
         codes |= launcher.stop() | {"scenario": player.process.returncode}
         if codes.get("recorder", 0) > 0:  # the bag could not be written
             raise LaunchError(

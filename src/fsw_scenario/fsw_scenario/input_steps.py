@@ -1,4 +1,4 @@
-"""Steps of force and speed, and the course of the bare process under them: no drives, no sensors, no noise."""
+"""Steps of force and speed, and the response of the bare process: no drives, sensors or noise."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ COLUMNS = (
     *("force_kn", "speed_rpm"),
 )
 _SHIPPED = Path(__file__).parent / "events"
-#: simulated after the last event where the file does not say how long
+#: simulated time after the last event by default
 _AFTERWARDS_S = 30.0
 _TICKS_PER_S = round(1.0 / TICK_S)
 
@@ -31,7 +31,7 @@ def _on_a_tick(time_s: float) -> float:
 
 
 class InputStep(Model):
-    """New inputs from a time on; an omitted one keeps its value. Their ranges are far beyond what drives can do."""
+    """New inputs from a time on; an omitted one is kept. The ranges far exceed real drives'."""
 
     at_s: Annotated[float, TIME_S, AfterValidator(_on_a_tick)]
     force_kn: Annotated[float, Range(0.0, 1000.0, "kN")] | None = None
@@ -45,7 +45,7 @@ class InputStep(Model):
 
 
 class InputSteps(Model):
-    """A file of input steps."""
+    """Content of a file of input steps."""
 
     events: Many[InputStep]
     duration_s: Annotated[float, DURATION_S, AfterValidator(_on_a_tick)] | None = None
@@ -65,7 +65,7 @@ class InputSteps(Model):
 
     @property
     def last_tick(self) -> int:
-        """Tick at which the simulation ends."""
+        """Last tick of the simulation."""
         latest_s = self.events[-1].at_s if self.events else 0.0
         return round(
             _TICKS_PER_S
@@ -74,12 +74,12 @@ class InputSteps(Model):
 
 
 def shipped() -> list[str]:
-    """Names of the files of input steps that come with the package."""
+    """Names of the shipped files of input steps."""
     return shipped_names(_SHIPPED)
 
 
 def read(source: str) -> InputSteps:
-    """Input steps of a file, or of one that comes with the package, by name; InputError when something is wrong."""
+    """Read input steps from a file or a shipped one by name; InputError if invalid."""
     content = content_of(read_text(source, "events", _SHIPPED), source)
     return validate(
         InputSteps, {"events": content} if isinstance(content, list) else content, source
@@ -87,12 +87,12 @@ def read(source: str) -> InputSteps:
 
 
 def simulate(steps: InputSteps, model: ProcessModel) -> dict[str, Any]:
-    """Course of the process from the operating point, every column an array with one value per tick.
+    """Response of the process from the operating point, columns with a value per tick.
 
     Raises
     ------
     fsw_model.OperatingPointError
-        The shoulder leaves the copper.
+        If the shoulder leaves the copper.
     """
     start = model.equilibrium()
     inputs = {
@@ -104,5 +104,5 @@ def simulate(steps: InputSteps, model: ProcessModel) -> dict[str, Any]:
             if getattr(step, name) is not None:
                 values[round(step.at_s * _TICKS_PER_S) :] = getattr(step, name)
     course = model.simulate(inputs["force_kn"].tolist(), inputs["speed_rpm"].tolist(), start)
-    course["time_s"] = course["time_s"].round(6)  # whole tenths, as they are written
+    course["time_s"] = course["time_s"].round(6)  # whole tenths, as in the file
     return {name: course[name] for name in COLUMNS}

@@ -1,4 +1,4 @@
-"""Starts the parts of the graph as processes, monitors them and ends them all in any case."""
+"""Starts the parts of the graph as processes, monitors them, and always ends them."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from fsw_control.fast_dds import stay_on_this_machine
 from fsw_control.status_file import VARIABLE, read_status
 
 _POLL_S = 0.02
-#: exit code of a node whose arguments or parameters are wrong
+#: exit code of a node with invalid arguments or parameters
 REFUSED = 2
 #: exit code of the scenario player after the programme of a weld was aborted
 ABORTED = 3
-#: pause before a process is started again, doubled each time that it ended sooner than _SOON_S;
-#: how often (chosen)
+#: pause before a restart, doubled each time that the process ended sooner than _SOON_S; number of
+#: such restarts (chosen)
 RESPAWN_DELAY_S, _SOON_S, _MOST_SOON = 0.5, 10.0, 6
 
 
 class LaunchError(RuntimeError):
-    """A process could not be started, ended too early, or an awaited condition was not met in time."""
+    """A process could not be started, ended too early, or a condition timed out."""
 
 
 @dataclass(slots=True)
 class Child:
-    """One running part of the graph; its log has everything that it prints, after what its predecessors printed."""
+    """A running part of the graph; its log contains its output after its predecessors'."""
 
     name: str
     process: subprocess.Popen[bytes]
@@ -42,7 +42,7 @@ class Child:
 
     @property
     def running(self) -> bool:
-        """Whether it has not ended."""
+        """Whether it is running."""
         return self.process.poll() is None
 
     def text(self) -> str:
@@ -50,22 +50,22 @@ class Child:
         return self.log.read_bytes()[self.begin :].decode(errors="replace")
 
     def status(self) -> dict[str, Any]:
-        """The status that it wrote last, see ``fsw_control.status_file``."""
+        """Its last status, see ``fsw_control.status_file``."""
         return read_status(self.log.with_suffix(".status"))
 
     def last_lines(self) -> str:
-        """The last lines that it printed, as one line; none of information where there are others."""
+        """Its last output lines joined; without information lines if there are others."""
         lines = self.text().strip().splitlines()
         wrong = [line for line in lines if not line.startswith(("[DEBUG]", "[INFO]"))]
         return " | ".join((wrong or lines)[-5:]) or "it printed nothing"
 
 
 class Launcher:
-    """Context in which processes run; leaving it ends them: SIGINT, then SIGTERM, then SIGKILL, ``patience_s`` apart.
+    """Context of processes; on exit: SIGINT, SIGTERM, SIGKILL, ``patience_s`` apart.
 
-    All are in one ROS domain, and each has its ``<name>.log`` in ``log_folder``, which is made if
-    necessary. Children that outlive the launcher because it was killed get SIGTERM from the kernel
-    (Linux). A discovery server is not used: it joins the nodes of all domains into one graph.
+    All share a ROS domain, and each has its ``<name>.log`` in ``log_folder``, which is created if
+    necessary. Children that survive a killed launcher get SIGTERM from the kernel (Linux). There
+    is no discovery server: it would join the nodes of all domains into one graph.
     """
 
     def __init__(self, log_folder: Path, domain: int, patience_s: float = 15.0) -> None:
@@ -91,12 +91,12 @@ class Launcher:
     def start(self, name: str, module: str, arguments: Sequence[str] = ()) -> Child:
         """Start the ``main`` of a Python module as a process.
 
-        One that has ended may be restarted; its log is continued.
+        A process that has ended may be restarted; its log is continued.
 
         Raises
         ------
         LaunchError
-            When a process of this name runs already.
+            If a process of this name is running.
         """
         if name in self.children and self.children[name].running:
             raise LaunchError(f"{name} is running already")
@@ -119,7 +119,7 @@ class Launcher:
                 stdin=subprocess.DEVNULL,
                 stdout=file,
                 stderr=subprocess.STDOUT,
-                # a session of its own: Ctrl-C reaches the launcher alone, which then ends its
+                # a session of its own: Ctrl-C reaches only the launcher, which then ends its
                 # children in order
                 start_new_session=True,
             )
@@ -127,13 +127,14 @@ class Launcher:
         return child
 
     def check(self, expected_to_run: Sequence[str] | None = None) -> None:
-        """Raise LaunchError if a process (any, or one of those named) has ended."""
+        """Raise LaunchError if a process (any, or a named one) has ended."""
         for name in self.children if expected_to_run is None else expected_to_run:
             child = self.children[name]
             if not child.running:
                 code = child.process.returncode
                 raise LaunchError(
-                    f"{name} has ended with exit code {code}: {child.last_lines()} (see {child.log})"
+                    f"{name} has ended with exit code {code}: "
+                    f"{child.last_lines()} (see {child.log})"
                 )
 
     def wait_until(
@@ -143,24 +144,25 @@ class Launcher:
         what: str,
         watch: Sequence[str] | None = None,
     ) -> None:
-        """Wait until ``condition`` is true while the processes run; ``what`` names it in the error message.
+        """Wait for a ``condition`` while the processes run; ``what`` names it in errors.
 
         Raises
         ------
         LaunchError
-            When a process of ``watch`` (by default any) ends, or when it takes too long.
+            If a process of ``watch`` (by default any) ends, or on a time-out.
         """
         end = time.monotonic() + timeout_s
         while not condition():
             self.check(watch)
             if time.monotonic() > end:
                 raise LaunchError(
-                    f"waited {timeout_s:g} s without success for {what}; logs are in {self.log_folder}"
+                    f"waited {timeout_s:g} s without success for {what}; "
+                    f"logs are in {self.log_folder}"
                 )
             time.sleep(_POLL_S)
 
     def stop(self, *names: str) -> dict[str, int]:
-        """End processes (all by default, the last started first) and return their exit codes."""
+        """End processes (default: all, last started first) and return their exit codes."""
         chosen = (
             [self.children[name] for name in names]
             if names
@@ -168,7 +170,7 @@ class Launcher:
         )
         for sign in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
             for child in chosen:
-                child.process.send_signal(sign)  # nothing happens to one that has ended
+                child.process.send_signal(sign)  # no effect on one that has ended
             end = time.monotonic() + self._patience_s
             while any(child.running for child in chosen) and time.monotonic() < end:
                 time.sleep(_POLL_S)
@@ -180,16 +182,16 @@ class _Restarts:
     """State of a process that is restarted when it ends."""
 
     began_s: float
-    due_s: float | None = None  #: when it is to be started again
-    first: bool = True  #: whether it has not been started again yet
-    soon: int = 0  #: how often in succession it ended soon after its start
+    due_s: float | None = None  #: time of the next restart
+    first: bool = True  #: it has not been restarted yet
+    soon: int = 0  #: number of consecutive early ends
 
 
 class Respawn:
-    """Restarts processes that have ended, as the launch file does, and says so.
+    """Restarts processes that have ended, like the launch file, and reports it.
 
-    ``names`` are running processes; ``report`` gets a line for the person at the console;
-    ``clock`` is monotonic.
+    ``names`` are running processes; ``report`` gets a line for the console; ``clock`` is
+    monotonic.
     """
 
     def __init__(
@@ -203,13 +205,13 @@ class Respawn:
         self._restarts = {name: _Restarts(clock()) for name in names}
 
     def update(self) -> None:
-        """Restart processes that have ended; to be called often.
+        """Restart processes that have ended; call it often.
 
         Raises
         ------
         LaunchError
-            When a process refuses its very first start. A later refusal may pass, as a full disk
-            does.
+            If a process is refused at its very first start. A later refusal may be temporary, such
+            as a full disk.
         """
         now_s = self._clock()
         for name, restarts in self._restarts.items():

@@ -1,4 +1,4 @@
-"""A weld in real time with the operator's page."""
+"""A weld in real time with the operator page."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _PATIENCE_S = 120.0
 
 
 def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
-    """Weld to the scenario's end; Ctrl-C ends everything. Returns the exit code.
+    """Weld to the scenario's end; Ctrl-C ends all processes. Returns the exit code.
 
-    Processes that die are restarted, except for plant and player: a weld cannot be started
-    half-way. Without its player it continues until Ctrl-C, so that the operator sees why it has
-    stopped or can stop it.
+    Processes that die are restarted, except for plant and player: a weld cannot start half-way.
+    Without its player it continues until Ctrl-C, so that the operator can see why it has stopped,
+    or stop it.
     """
     graph.folder.mkdir(parents=True, exist_ok=True)
     token, token_file = secrets.token_urlsafe(12), graph.folder / "token"
@@ -36,18 +36,20 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
     )
     launcher.wait_until(hmi.status, _PATIENCE_S, "the operator's page")
     url = hmi.status()["url"]
-    # the same port when it is started again
+    # the same port after a restart
     hmi.arguments = ["--port", str(urlsplit(url).port), *hmi.arguments[2:]]
     print(f"operator's page: {url}")
     print(f"token: {token}")
     minutes = graph.scenario.duration_s / 60.0
     print(
-        f"{graph.scenario.name} takes {minutes:.0f} min and continues if the page is closed; Ctrl-C ends it"
+        f"{graph.scenario.name} takes {minutes:.0f} min and continues if the page is closed; "
+        "Ctrl-C ends it"
     )
     print(f"bag: {graph.bag}")
-    # a domain of its own keeps the weld apart from others on this machine; fsw.py needs to know it
+    # a domain of its own separates the weld from others on this machine; fsw.py has to know it
     print(
-        f"ROS domain: {launcher.domain}; in another terminal: export ROS_DOMAIN_ID={launcher.domain}",
+        f"ROS domain: {launcher.domain}; "
+        f"in another terminal: export ROS_DOMAIN_ID={launcher.domain}",
         flush=True,
     )
     player = graph.start(launcher)
@@ -93,7 +95,7 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
 
 
 def _write_secret(path: Path, text: str) -> None:
-    """Write a file that its owner alone may read."""
+    """Write a file that only its owner can read."""
     with os.fdopen(
         os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8"
     ) as file:

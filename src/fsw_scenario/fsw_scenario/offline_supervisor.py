@@ -1,4 +1,4 @@
-"""The supervisor's arbiter without middleware, for several controllers in one process."""
+"""The supervisor's arbiter without middleware, for several controllers in a process."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from fsw_supervisor import Arbiter, ArbiterSettings, Decision, ProposalInput
 
 
 class OfflineSupervisor:
-    """Decides every tick as the supervisor does in a lockstep graph, with its default parameters.
+    """Decides every tick like the supervisor of a lockstep graph, with default parameters.
 
-    It starts with the controller ``selected``. Controllers that its parameter ``fallbacks`` does
-    not name come after those that it does.
+    It starts with the controller ``selected``. Controllers that are not in its parameter
+    ``fallbacks`` follow after those that are.
     """
 
     def __init__(self, controllers: Mapping[str, Controller], selected: str) -> None:
@@ -37,7 +37,7 @@ class OfflineSupervisor:
         return self._arbiter.machine.active, str(self._arbiter.machine.mode)
 
     def switch(self, name: str) -> None:
-        """Ask for a controller from the next tick on."""
+        """Request a controller for the next tick on."""
         self._arbiter.operator.ask_switch(
             name, False, self._switch_timeout_s, "scenario", self._now_s
         )
@@ -49,7 +49,7 @@ class OfflineSupervisor:
         drives: Command,
         proposals: Mapping[str, Proposal],
     ) -> Decision:
-        """The command that answers the measurement of a tick, given the samples by sensor (mm, N m, degC)."""
+        """Command that answers a tick, given the samples by sensor (mm, N m, degC)."""
         arbiter = self._arbiter
         self._now_s += TICK_S
         decisions = arbiter.on_drives(stamp_ns, drives, self._now_s)

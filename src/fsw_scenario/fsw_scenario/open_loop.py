@@ -1,4 +1,4 @@
-"""The manipulated variables driven by the scenario's command events, as a controller like any other."""
+"""A scenario's command events as a controller."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fsw_scenario.timeline import commands
 
 
 class OpenLoopController:
-    """Proposes what a scenario with ``controller: none`` commands, whatever is measured.
+    """Proposes the commands of a scenario with ``controller: none``, whatever is measured.
 
     ``start`` is proposed before the first event; a step larger than a move limit takes several
     ticks. With ``from_first_tick`` the scenario's time counts from the first measurement (wall

@@ -1,4 +1,4 @@
-"""Files of welding procedures: those that are shipped, and what differs between two."""
+"""Files of welding procedures: shipped ones, and differences between two."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SHIPPED = Path(__file__).parent / "procedures"
 
 
 def shipped() -> list[str]:
-    """Names of the procedures that come with the package."""
+    """Names of the shipped procedures."""
     return shipped_names(_SHIPPED)
 
 
@@ -46,7 +46,7 @@ def load(source: str | Path) -> Procedure:
     Raises
     ------
     fsw_schema.models.InputError
-        It cannot be read, something in it is wrong, or it was changed after it was signed.
+        If it cannot be read, is invalid, or was changed after it was signed.
     """
     signer_of(source, None)
     return validate(
@@ -57,23 +57,23 @@ def load(source: str | Path) -> Procedure:
 def signer_of(
     source: str | Path, trusted: Sequence[TrustedKey] | None, required: bool = False
 ) -> Signer | None:
-    """Who signed a procedure that `load` reads; as ``fsw_analysis.procedure.signer_of``."""
+    """Signer of a procedure, see ``fsw_analysis.procedure.signer_of``."""
     return procedure.signer_of(path_of(source), trusted, required)
 
 
 def check_signed(source: str | Path, trusted: Sequence[Path], required: bool) -> None:
-    """Whether a procedure is signed as is demanded; ``trusted`` are files with keys, without any all keys will do.
+    """Check a procedure's signature if required; ``trusted`` are key files, default: any key.
 
     Raises
     ------
     EvidenceError
-        As :func:`signer_of`.
+        As in :func:`signer_of`.
     """
     signer_of(source, load_trusted(trusted) if trusted else None, required)
 
 
 def differences(old: Procedure, new: Procedure) -> list[tuple[str, str, str]]:
-    """Path, former and present value of all that differs; ``-`` for what is only in one of them."""
+    """Differences as path, old and new value; ``-`` for entries in only one of them."""
     before, after = (
         dict(_leaves("", one.model_dump(mode="json", exclude_none=True))) for one in (old, new)
     )
@@ -86,7 +86,7 @@ def differences(old: Procedure, new: Procedure) -> list[tuple[str, str, str]]:
 
 
 def _leaves(path: str, value: Any) -> Iterator[tuple[str, str]]:
-    """Values with their paths; entries of a list by name where they have one, so that a new one shifts nothing."""
+    """Values by path; list entries by their name if they have one, so that paths are stable."""
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from _leaves(f"{path}.{key}" if path else key, inner)

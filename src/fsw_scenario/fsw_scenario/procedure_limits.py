@@ -1,4 +1,4 @@
-"""What nodes need of a procedure, as their parameters, so that no limit is stated twice."""
+"""Node parameters derived from a procedure, so that no limit is stated twice."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fsw_scenario.procedure import Procedure, load, path_of
 from fsw_schema.extensions import all_loaded
 from fsw_schema.models import InputError
 
-#: the supervisor's interlock against too low or too high values, by variable
+#: the supervisor's low and high interlocks by variable
 _LOW: dict[Variable, str] = {
     "temperature_c": "temperature_low",
     "depth_mm": "depth_low",
@@ -27,8 +27,7 @@ _HIGH: dict[Variable, str] = {
     "torque_nm": "torque_high",
     "power_kw": "power_high",
 }
-#: bounds of the supervisor's commands: those of the drives, which a procedure may narrow, not
-#: widen
+#: limits of the supervisor's commands: the drives', which a procedure may narrow but not widen
 _COMMANDS: dict[Variable, str] = {
     "force_kn": "limits.force_{}_kn",
     "speed_rpm": "limits.speed_{}_rpm",
@@ -38,23 +37,23 @@ _COMMANDS: dict[Variable, str] = {
 def node_parameters(
     procedure: Procedure, supervisor: Mapping[str, Any]
 ) -> dict[str, dict[str, Any]]:
-    """Parameters that follow from a procedure, by node: the supervisor's; the operator's page reads the file itself.
+    """Supervisor parameters derived from a procedure (the operator page reads the file itself).
 
-    Only limits that hold in every phase count: the supervisor does not know the phase. Trips are
-    the essential limits; warnings are the ends of the permitted set-points or, where there are
-    none, as far from the trip as by the ``supervisor``'s default parameters. What does not follow
-    from the procedure is left out.
+    Only limits of all phases count, as the supervisor does not know the phase. Trips are the
+    essential limits; warnings are the ends of the permitted set-points or, without any, at the
+    same distance from the trip as in the ``supervisor``'s defaults. Parameters that do not follow
+    from the procedure are omitted.
 
     Raises
     ------
     fsw_schema.models.InputError
-        Its limits leave nothing of what the drives can do.
+        If its limits exclude the whole range of the drives.
     """
     return {"fsw_supervisor": _supervisor(procedure, supervisor)}
 
 
 def graph_parameters(source: str, supervisor: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Parameters of all nodes of a weld by a procedure: also of the recorder, which then runs the hooks.
+    """Node parameters of a weld by a procedure, including the recorder's hooks.
 
     ``source`` is a YAML file or the name of a shipped procedure, ``supervisor`` the supervisor's
     default parameters.
@@ -62,10 +61,10 @@ def graph_parameters(source: str, supervisor: Mapping[str, Any]) -> dict[str, di
     Raises
     ------
     fsw_schema.models.InputError
-        The procedure cannot be used.
+        If the procedure cannot be used.
     """
     file = str(path_of(source))
-    # what is signed may lie anywhere: the file itself is read, beside its signature
+    # a signed file may be anywhere: it is read in place, with its signature
     commands = [
         shlex.join(command_of(BAG, file)) for command_of in all_loaded("fsw.record_hooks").values()
     ]
@@ -78,13 +77,13 @@ def graph_parameters(source: str, supervisor: Mapping[str, Any]) -> dict[str, di
 
 
 def check_possible(procedure: Procedure) -> None:
-    """Compare the essential limits with what the model needs for the procedure's own set-points.
+    """Compare the essential limits with the model's needs at the procedure's set-points.
 
     Raises
     ------
     fsw_schema.models.InputError
-        A weld at its set-points would be outside an essential limit, or the model has no
-        equilibrium there.
+        If a weld at its set-points violates an essential limit, or the model has no equilibrium
+        there.
     """
     points = procedure.set_points
     at = f"{points.depth_mm.value:g} mm and {points.temperature_c.value:g} °C"
@@ -113,7 +112,8 @@ def check_possible(procedure: Procedure) -> None:
                 else f"the model needs at {at}"
             )
             raise InputError(
-                f"procedure {procedure.id}: essential limit {limit.words} is impossible: {value:.4g} is what {whose}"
+                f"procedure {procedure.id}: essential limit {limit.words} is impossible: "
+                f"{value:.4g} is what {whose}"
             )
 
 
@@ -157,7 +157,8 @@ def _supervisor(procedure: Procedure, default: Mapping[str, Any]) -> dict[str, A
         if bounds[0] >= bounds[1]:
             ends = [default[pattern.format(end)] for end in ("min", "max")]
             raise InputError(
-                f"procedure {procedure.id}: essential limits of {variable} leave nothing of what the drives can do, "
+                f"procedure {procedure.id}: essential limits of {variable} "
+                "leave nothing of what the drives can do, "
                 f"{ends[0]:g} to {ends[1]:g}"
             )
     return found

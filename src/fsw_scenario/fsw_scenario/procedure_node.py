@@ -1,4 +1,4 @@
-"""Tells on diagnostics, at once, when a running weld leaves its procedure; commands nothing."""
+"""Reports at once in the diagnostics when a running weld leaves its procedure; no commands."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from fsw_scenario.procedure_watch import ProcedureWatch
 from fsw_schema.yaml_text import load_yaml
 
 _REPORT_S = 1.0
-#: name of a controller's node before the controller's
+#: prefix of the names of controllers' nodes
 _PREFIX = "fsw_"
 
 
 class ProcedureNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere
-    """Hears set-points in force, the supervisor's state and parameters of controllers.
+    """Monitors set-points, the supervisor's state and controllers' parameters.
 
     Raises
     ------
     fsw_schema.models.InputError
-        The procedure cannot be used.
+        If the procedure cannot be used.
     """
 
     def __init__(self, **arguments: Any) -> None:
@@ -61,7 +61,7 @@ class ProcedureNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no type
         try:
             now = convert.reference(message)
         except ValueError:
-            return  # the supervisor puts no such set-points in force
+            return  # the supervisor does not accept such set-points
         self._watch.set_points(now.depth_mm, now.temperature_c)
         self._tell()
 
@@ -89,7 +89,7 @@ class ProcedureNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no type
         self._tell()
 
     def _tell(self) -> None:
-        """Log and publish what is new."""
+        """Log and publish changes."""
         now, before = self._watch.deviations, self._told
         for name, text in now.items():
             if before.get(name) != text:

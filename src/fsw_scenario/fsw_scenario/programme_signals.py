@@ -1,4 +1,4 @@
-"""What the player of a programme reports, added to the signals of a weld that was simulated in this process."""
+"""A programme's progress reports, added to the signals of a weld simulated in one process."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine, Progres
 
 
 def progress(scenario: Scenario, signals: WeldSignals) -> list[Progress]:
-    """How far the programme had come at each tick; the thermocouple's reading reaches the player some ticks late."""
+    """Progress of the programme at each tick; the player gets thermocouple readings late."""
     machine, found = PhaseMachine(scenario.phases), []
     shown = signals.temperature_c.tolist()
     readings = [*shown[:1] * READING_AGE_TICKS, *shown]
@@ -24,7 +24,7 @@ def progress(scenario: Scenario, signals: WeldSignals) -> list[Progress]:
 
 
 def with_programme(signals: WeldSignals, scenario: Scenario) -> WeldSignals:
-    """The signals with phases, positions and the end of the weld, as a bag has them; as they are without phases."""
+    """Signals with phases, positions and end of the weld as in a bag; unchanged without phases."""
     if not scenario.phases or not signals.n_ticks:
         return signals
     reports = list(zip(signals.time_s.tolist(), progress(scenario, signals), strict=True))

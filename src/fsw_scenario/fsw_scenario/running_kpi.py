@@ -1,4 +1,4 @@
-"""Figures of merit of a weld while it runs, from what the sensors show."""
+"""Figures of merit of a running weld, from sensor readings."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fsw_control.contract import Reference
 
 @dataclass(slots=True)
 class RunningKpi:
-    """Integral [mm s, degC s] and largest value [mm, degC] of the absolute errors against the set-points in force."""
+    """Integral [mm s, degC s] and maximum [mm, degC] of the absolute errors to the set-points."""
 
     depth_iae: float = 0.0
     temperature_iae: float = 0.0
@@ -20,7 +20,7 @@ class RunningKpi:
     def add(
         self, lasted_s: float, wanted: Reference, depth_mm: float, temperature_c: float
     ) -> None:
-        """Take what is shown at the end of a time; a value that is not finite is left out."""
+        """Take the readings at the end of an interval; values that are not finite are skipped."""
         for name, error in (
             ("depth", abs(depth_mm - wanted.depth_mm)),
             ("temperature", abs(temperature_c - wanted.temperature_c)),

@@ -1,4 +1,4 @@
-"""A scenario: what happens in a weld experiment, as validated data."""
+"""A scenario, i.e. the events of a weld experiment, as validated data."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from fsw_scenario.weld_programme_file import joined, set_points, tool_path
 from fsw_schema.models import InputError, Many, Model, Name, needs_one, problem, without_default
 from fsw_schema.ranges import Range
 
-#: Name of the controller in scenarios that drive the manipulated variables themselves.
+#: controller name of scenarios that command the inputs themselves
 OPEN_LOOP = "none"
 _EPSILON_S = 1e-9
 
@@ -35,7 +35,7 @@ def tick_of(at_s: float) -> int:
 
 
 def start_reference(plant: Mapping[str, Any]) -> Reference:
-    """Set-points in force before the first reference event: those that a plant with such parameters starts from."""
+    """Set-points before the first reference event: those of a plant's start."""
     return Reference(
         float(plant.get("start.depth_mm", weld.DEPTH_MM)),
         float(plant.get("start.temperature_c", weld.TEMPERATURE_C)),
@@ -74,7 +74,7 @@ class CommandEntry(Model):
 
 
 class Event(EventEntry):
-    """Has its time and exactly one of `disturbance`, `fault`, `reference`, `switch`, `command`."""
+    """Time and exactly one of `disturbance`, `fault`, `reference`, `switch`, `command`."""
 
     at_s: Annotated[float, TIME_S] = Field(0.0, json_schema_extra=without_default)
     """time; the event takes effect at the first tick at or after it"""
@@ -94,7 +94,7 @@ class Event(EventEntry):
 
 
 class _PlantParameters:
-    """The JSON Schema of ``plant``."""
+    """JSON Schema of ``plant``."""
 
     @staticmethod
     def __get_pydantic_json_schema__(_: Any, __: Any) -> dict[str, Any]:
@@ -104,8 +104,8 @@ class _PlantParameters:
 class Scenario(Model):
     """A weld experiment: ticks 1 (stamp 0.1 s) to ``n_ticks``.
 
-    Once read, it is complete: all events have ``at_s``, and the set-points of phases are among
-    them; ``plant`` has dotted names.
+    When read, it is completed: all events have ``at_s``, and include the set-points of phases;
+    ``plant`` has dotted names.
     """
 
     name: Name
@@ -160,7 +160,8 @@ class Scenario(Model):
             raise ValueError("lacks duration_s")
         if not self.on_canister and any(phase.until_c is not None for phase in phases):
             raise problem(
-                "has until_c, which needs plant: {process: canister}; the paper's process starts warm",
+                "has until_c, which needs plant: {process: canister}; "
+                "the paper's process starts warm",
                 "phases",
             )
         own = [
@@ -177,7 +178,7 @@ class Scenario(Model):
         return self.model_copy(update=complete | {"path": path})
 
     def _placed(self, phases: Sequence[Phase]) -> list[Event]:
-        """The events, those with an angle at the time at which the tool first passes there."""
+        """The events, those with an angle at the time when the tool first passes it."""
         events = list(self.events)
         for i, event in enumerate(events):
             if event.at_deg is not None:
@@ -224,12 +225,12 @@ class Scenario(Model):
 
     @property
     def open_loop(self) -> bool:
-        """Whether the events drive the manipulated variables instead of a controller."""
+        """Whether the events command the inputs instead of a controller."""
         return self.controller == OPEN_LOOP
 
     @property
     def controllers(self) -> tuple[str, ...]:
-        """Names of the controllers that are selected at some time, the first first."""
+        """Names of the controllers that are ever selected, in order."""
         names = [] if self.open_loop else [self.controller]
         return tuple(
             dict.fromkeys(

@@ -1,4 +1,4 @@
-"""Reads scenarios from YAML and checks every entry."""
+"""Reads and validates scenarios in YAML."""
 
 from __future__ import annotations
 
@@ -15,13 +15,12 @@ from fsw_schema import models
 from fsw_schema.models import InputError, read_text, shipped_names, validate
 
 _SHIPPED = Path(__file__).parent / "scenarios"
-#: a step of a path such as ``events[2].disturbance.amplitude_mm``: a key or the number of a list's
-#: entry
+#: a step of a path such as ``events[2].disturbance.amplitude_mm``: a key or a list index
 _STEP = re.compile(r"\.?([^.\[\]]+)|\[(\d+)\]")
 
 
 def shipped() -> list[str]:
-    """Names of the scenarios that come with the package."""
+    """Names of the shipped scenarios."""
     return shipped_names(_SHIPPED)
 
 
@@ -39,13 +38,13 @@ def load(source: str | Path, overrides: Sequence[str] = ()) -> Scenario:
     Raises
     ------
     fsw_schema.models.InputError
-        If there is no such scenario or something in it is wrong.
+        If there is no such scenario or it is invalid.
     """
     return parse(text_of(source), str(source), overrides)
 
 
 def text_of(source: str | Path) -> str:
-    """Text of a scenario's file, which is not checked; see :func:`load`."""
+    """Return the text of a scenario's file without validation; see :func:`load`."""
     return read_text(source, "scenario", _SHIPPED)
 
 
@@ -60,7 +59,7 @@ def parse(text: str, where: str = "scenario", overrides: Sequence[str] = ()) -> 
 
 
 def content_of(text: str, where: str = "scenario") -> dict[str, Any]:
-    """What YAML text holds, if that is a mapping; nothing in it is checked. Errors as :func:`load`."""
+    """Return the mapping in a YAML text, without further validation. Errors as in :func:`load`."""
     content = models.content_of(text, where)
     if not isinstance(content, dict):
         keys = ", ".join(Scenario.model_fields)
@@ -69,13 +68,13 @@ def content_of(text: str, where: str = "scenario") -> dict[str, Any]:
 
 
 def read(content: dict[str, Any], where: str = "scenario", text: str | None = None) -> Scenario:
-    """Read a scenario from the content of a file; ``text`` is the file's, JSON (which is YAML) by default.
+    """Read a scenario from the content of a file; ``text`` is its text, by default JSON (YAML).
 
-    Errors as :func:`load`.
+    Errors as in :func:`load`.
     """
     scenario = validate(Scenario, content, where)
     if scenario.phases:
-        # The plant reads the same text, which for it has times, but neither phases nor angles.
+        # The plant reads the same text, but understands times only, neither phases nor angles.
         timed = [event.at_s for event in scenario.events if event.reference is None]
         events = [
             {key: value for key, value in entry.items() if key != "at_deg"} | {"at_s": at_s}
@@ -101,12 +100,12 @@ def _override(content: dict[str, Any], override: str) -> None:
 
 
 def put(content: dict[str, Any], path: str, value: Any, where: str = "override") -> None:
-    """Set a value in the content of a scenario file; the path is as in the overrides of :func:`load`.
+    """Set a value in the content of a scenario file; the path is as in overrides of :func:`load`.
 
     Raises
     ------
     fsw_schema.models.InputError
-        If the path leads nowhere.
+        If the path does not exist.
     """
     steps: list[Any] = [key or int(number) for key, number in _STEP.findall(path)]
     if _STEP.sub("", path) or not steps or path.startswith("."):

@@ -1,8 +1,8 @@
-"""Plays scenarios and weld programmes in the graph: one given at start, or as goals of the action ``fsw/run_weld``.
+"""Plays scenarios and weld programmes in the graph: at the start, or as ``fsw/run_weld`` goals.
 
-Without a scenario the player waits for goals. The plant plays its own part of a scenario
-(disturbances, faults) that it was given at start, too; see its parameter ``scenario``. Those of a
-goal it gets by its services.
+Without a scenario the player waits for goals. Disturbances and faults of a scenario that is known
+at the start are played by the plant itself (its parameter ``scenario``); those of a goal are
+requested by its services.
 """
 
 from __future__ import annotations
@@ -41,31 +41,31 @@ from fsw_scenario.weld_programme import State
 from fsw_schema.models import InputError
 
 ACTION = "fsw/run_weld"
-#: how long this node may take to answer its own goal, on a machine that stands still (chosen)
+#: time limit for this node's answer to its own goal, on a stalled machine (chosen)
 _OWN_GOAL_S = 60.0
-#: for so long a player must have seen no other before it begins, so that two that start together
-#: see each other; the plant looks for another one as long (chosen)
+#: time in which a player must see no other one before it begins, so that two that start together
+#: see each other; the plant searches for other plants as long (chosen)
 ALONE_S = 0.5
 
 
 class ScenarioNode(LightNode, Node):
     """The player; ``source`` is a scenario in place of the parameter ``scenario``.
 
-    A scenario given at start is a goal that the node sends to itself; when it is over the process
-    ends. At most one player begins a weld in a namespace: of two that see each other none does,
+    A scenario given at the start is a goal that the node sends to itself; the process ends with
+    it. At most one player begins a weld in a namespace: of two that see each other none does,
     until one of them has left.
 
     Raises
     ------
     fsw_schema.models.InputError
-        If the scenario is wrong.
+        If the scenario is invalid.
     """
 
     def __init__(self, source: str | None = None) -> None:
         super().__init__("fsw_scenario")
         self._settings = declare(self, "fsw_scenario", "player.yaml")
         given = self._settings["scenario"] if source is None else source
-        #: the goal that this node sends to itself
+        #: the node's goal to itself
         self._own = (
             RunWeld.Goal(scenario=given, overrides=self._settings["overrides"]) if given else None
         )
@@ -122,7 +122,7 @@ class ScenarioNode(LightNode, Node):
                 self._ended = Outcome(FAILED, f"{missing} for {patience_s:g} s")
 
     def _is_alone(self) -> bool:
-        """Whether no other player would get the goal; one that was killed is seen until its lease ends."""
+        """Whether no other player would get the goal; killed ones persist until a lease ends."""
         return self.count_publishers(f"{self.resolve_topic_name(ACTION)}/_action/status") < 2
 
     def _on_answer(self, future: Future) -> None:
@@ -143,7 +143,7 @@ class ScenarioNode(LightNode, Node):
         rclpy.try_shutdown()
 
     def destroy_node(self) -> None:
-        """End; a scenario that was not played to its end is reported."""
+        """End the node; a scenario that was not played to its end is reported."""
         if self.weld is not None or (self._own is not None and self._ended is None):
             print("scenario: stopped before the end of the scenario", file=sys.stderr)
         # rclpy leaves actions to their owner, and a node lives as long as they do
@@ -155,7 +155,7 @@ class ScenarioNode(LightNode, Node):
     # ---------------------------------------------------------------- the action
 
     def _scenario_of(self, goal: Any) -> Scenario:
-        """The scenario of a goal; InputError with the reason why it cannot be played."""
+        """The scenario of a goal; InputError with the reason if it cannot be played."""
         if self.weld is not None:
             raise InputError(
                 f"{self.weld.scenario.name} is under way ({self.weld.describe()}); abort it first"
@@ -166,7 +166,8 @@ class ScenarioNode(LightNode, Node):
             return self._start
         if not self._is_alone():
             raise InputError(
-                "another scenario player would get the goal, too; end one, and send it again in ten seconds"
+                "another scenario player would get the goal, too; end one, "
+                "and send it again in ten seconds"
             )
         if not goal.scenario.strip():
             raise InputError("scenario is empty; give a shipped one, a file, or YAML text")
@@ -180,12 +181,13 @@ class ScenarioNode(LightNode, Node):
         if PlantSchedule.of(scenario.events).events and not emulator_listens(self):
             what = "has disturbances or faults, which need the emulated plant, and none is found"
             raise InputError(
-                f"{scenario.name} {what}; where it has just been started, send the goal again in a second"
+                f"{scenario.name} {what}; where it has just been started, "
+                "send the goal again in a second"
             )
         return scenario
 
     def _on_accepted(self, handle: Any) -> None:
-        """Begin the weld of a goal, or answer why not: a rejection could not carry the reason."""
+        """Begin the weld of a goal, or answer with a reason: a rejection cannot carry one."""
         try:
             scenario = self._scenario_of(handle.request)
         except InputError as error:
@@ -200,7 +202,8 @@ class ScenarioNode(LightNode, Node):
         )
         if scenario.plant and self._start is None:
             self.get_logger().warning(
-                f"the plant is running and keeps its parameters; those of {scenario.name} are not applied: "
+                f"the plant is running and keeps its parameters; "
+                f"those of {scenario.name} are not applied: "
                 + ", ".join(f"{name}={value}" for name, value in scenario.plant.items())
             )
         self._goal, self._over = handle, Future()
@@ -222,7 +225,7 @@ class ScenarioNode(LightNode, Node):
             )
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        """Note the bag that the weld's recorder writes."""
+        """Note the bag written by the weld's recorder."""
         for status in message.status:
             if status.name == self._recorder:
                 self._bag = next(
@@ -273,8 +276,8 @@ def main(args: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 when the scenario was played to its end, or stopped before (which is reported); 1 when it
-        cannot go on, 2 when an argument is wrong, 3 when the programme was aborted.
+        0 if the scenario was played to its end, or stopped before (which is reported); 1 if it
+        cannot continue, 2 if an argument is invalid, 3 if the programme was aborted.
     """
     parameters = load_parameters("fsw_scenario", "player.yaml")
     return run(

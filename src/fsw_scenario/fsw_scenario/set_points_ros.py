@@ -1,4 +1,4 @@
-"""The set-points of a scenario on their way to the controllers: marked, announced, and sent ahead of their ticks."""
+"""Sends the set-points of a scenario to the controllers: marked, announced, and ahead of time."""
 
 from __future__ import annotations
 
@@ -19,11 +19,10 @@ from fsw_scenario.scenario import Scenario, start_reference
 from fsw_scenario.timeline import references
 from fsw_scenario.weld_programme_course import Course
 
-#: References are sent ahead with their time in the stamp, so that none comes late however fast the
-#: ticks are; half of what the topic keeps.
+#: Number of references sent ahead with their time in the stamp, so that none is late however fast
+#: the ticks are; half of what the topic keeps.
 _AHEAD = LATCHED.depth // 2
-#: On the wall clock a reference is sent this long before it holds, whichever machine's clock is
-#: ahead.
+#: On the wall clock a reference is sent this long in advance, whichever machine's clock is ahead.
 _AHEAD_REAL_NS = 5_000_000_000
 #: mark by which the player recognises its own set-points
 _MARK = "programme {}"
@@ -31,11 +30,11 @@ _MARK = "programme {}"
 
 @dataclass(slots=True)
 class ScenarioTime:
-    """Where in the scenario the newest measurement is."""
+    """Position of the newest measurement in the scenario."""
 
     first_ns: int | None = None  #: stamp of its first tick
     stamp_ns: int = 0  #: of the newest measurement
-    tick: int = 0  #: of the scenario; that of the process is larger by the ticks held
+    tick: int = 0  #: of the scenario; the process's tick is larger by the ticks held
     held: int = 0
 
     def ns(self, tick: int) -> int:
@@ -46,10 +45,10 @@ class ScenarioTime:
 
 
 class SetPoints:
-    """Sends the set-points of a scenario; knows those that the controllers follow, whoever has sent them.
+    """Sends the set-points of a scenario, and tracks those that the controllers follow.
 
-    ``synchronous``: the player is part of the first tick in simulated time, so that all that is
-    known goes out before.
+    ``synchronous``: the player is part of the first tick in simulated time, so that all known
+    set-points are sent before.
     """
 
     def __init__(
@@ -67,9 +66,9 @@ class SetPoints:
             synchronous,
         )
         self.course = Course(references(scenario, start_reference(scenario.plant)))
-        #: what the controllers follow, by the same rule, including what this node sends
+        #: set-points that the controllers follow, by the same rules, including this node's
         self.received = reference_queue(node)
-        # a scenario given at start sends none, so that its bag stays what it was
+        # a scenario given at the start sends none, so that its bag is unchanged
         self._mark = _MARK.format(0) if scenario.phases or not from_start else ""
         self._mark_received, self._restarts = False, 0
         self._references = node.create_publisher(WeldReference, "fsw/reference", LATCHED)
@@ -85,7 +84,7 @@ class SetPoints:
             self._node.destroy_publisher(publisher)
 
     def begin(self) -> None:
-        """Send the first set-points, and listen to those that are sent from now on."""
+        """Send the first set-points, and listen to all set-points from now on."""
         _, first = self.course.coming.popleft()
         if self._synchronous:
             self.announce()
@@ -95,15 +94,15 @@ class SetPoints:
         self._subscription = subscribe_sent(self._node, self.received, self._on_received)
 
     def have_arrived(self) -> bool:
-        """Whether all subscribers have all that was sent."""
+        """Whether all subscribers have received everything."""
         return all(publisher.wait_for_all_acked(Duration()) for publisher in self.publishers)
 
     def _on_received(self, mark: str) -> None:
-        """Note that this node's newest set-points have arrived; those with another mark are then someone else's."""
+        """Note that this node's newest set-points have arrived; other marks are someone else's."""
         self._mark_received = self._mark_received or mark == self._mark
 
     def in_force(self) -> Reference:
-        """The set-points that the controllers follow now."""
+        """Set-points that the controllers follow now."""
         return self.received.at(self._time.stamp_ns) or self.planned()
 
     def planned(self) -> Reference:
@@ -111,24 +110,24 @@ class SetPoints:
         return self.course.programme_at(self._time.tick)
 
     def are_by_hand(self) -> bool:
-        """Whether set-points that are not this node's are in force while it still sends its own."""
+        """Whether foreign set-points are in force while this node still sends its own."""
         self.received.at(self._time.stamp_ns)
         return self.course.followed and self._mark_received and self.received.mark != self._mark
 
     def leave(self) -> None:
-        """Send nothing more; those in force stay."""
+        """Stop sending; the set-points in force stay."""
         present = self.in_force()
         self.course.leave()
         self._send(present, 0)  # voids those sent ahead
 
     def resume(self, present: Reference) -> None:
-        """Go on with the course from the present set-points and the present tick; nothing if it has been left."""
+        """Resume the programme from the present set-points and tick, if it has been left."""
         if self.course.followed:
             self.course.resume(present, self._time.tick)
             self.restart(present)
 
     def restart(self, present: Reference) -> None:
-        """Send set-points that take effect at once and void those sent ahead, and then the future ones."""
+        """Send set-points, effective at once and voiding those sent ahead, and the future ones."""
         self._restarts += 1
         self._mark, self._mark_received = _MARK.format(self._restarts), False
         self.announce()
@@ -139,7 +138,7 @@ class SetPoints:
         self._references.publish(convert.reference_message(one, stamp_ns, mark=self._mark))
 
     def announce(self) -> None:
-        """Publish the plan of all set-points, where the scenario has one."""
+        """Publish the plan of all set-points if the scenario has one."""
         if self._scenario.announced:
             planned = [
                 (self._time.ns(tick), reference) for tick, reference in stair(self.course.coming)
@@ -147,7 +146,7 @@ class SetPoints:
             self._plan.publish(convert.reference_plan_message(planned, self._time.ns(0)))
 
     def send_ahead(self) -> None:
-        """Send those that are due soon."""
+        """Send set-points that are due soon."""
         coming = self.course.coming
         for _ in range(_AHEAD):
             if not coming or coming[0][0] > self._horizon():
@@ -158,7 +157,7 @@ class SetPoints:
     def _horizon(self) -> int:
         if not self._synchronous:
             return self._time.tick + _AHEAD_REAL_NS // TICK_NS
-        # Steps are few and all go out at the start; a ramp or a sine has a reference per tick.
+        # Steps are few and all sent at the start; a ramp or a sine has a reference per tick.
         return (
             self._time.tick + _AHEAD
             if len(self.course.coming) > _AHEAD

@@ -1,4 +1,4 @@
-"""The content of a scenario by tick: the set-points, the open-loop manipulated variables, the selected controller."""
+"""A scenario by tick: set-points, open-loop inputs, selected controller."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from fsw_scenario.scenario import Scenario, tick_of
 
 
 def references(scenario: Scenario, start: Reference) -> dict[int, Reference]:
-    """Changes of the set-points by tick, in order; tick 0 has ``start``, which is in force before the first event.
+    """Changes of the set-points by tick, in order; tick 0 is ``start``, before the first event.
 
-    A tick that is not a key keeps the last set-points.
+    A tick without entry keeps the last set-points.
     """
     events = [
         (event.at_s, event.reference) for event in scenario.events if event.reference is not None
@@ -50,7 +50,7 @@ def references(scenario: Scenario, start: Reference) -> dict[int, Reference]:
 
 
 def commands(scenario: Scenario, start: Command) -> dict[int, Command]:
-    """Changes of the open-loop manipulated variables by tick; as :func:`references`."""
+    """Changes of the open-loop inputs by tick; see :func:`references`."""
     changes = {0: start}
     present = start
     for event in scenario.events:

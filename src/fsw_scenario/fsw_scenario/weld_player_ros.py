@@ -1,4 +1,4 @@
-"""Plays one scenario in the graph: set-points and switches, each before its tick."""
+"""Plays a scenario in the graph: set-points and switches, each before its tick."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ from fsw_scenario.weld_programme_ros import (
     SafeStop,
 )
 
-#: a controller that a goal names must be found within this time
+#: time limit for finding a controller named by a goal
 _CONTROLLER_S = 5.0
-#: in lockstep a request may take so long to arrive on a busy machine; a dead supervisor costs no
-#: more (chosen)
+#: in lockstep, time limit for the delivery of a request on a busy machine, also lost on a dead
+#: supervisor (chosen)
 _DELIVERY = Duration(seconds=2)
 FAILED, REFUSED = "failed", "refused"
 _TIME_JUMPED = (
@@ -50,7 +50,7 @@ _TIME_JUMPED = (
 
 
 class Outcome(NamedTuple):
-    """How a weld has ended: ``verdict`` is ``done``, ``aborted``, ``failed``, or ``refused``: it never began."""
+    """End of a weld; ``verdict`` is ``done``, ``aborted``, ``failed``, or ``refused`` to begin."""
 
     verdict: str
     message: str
@@ -62,17 +62,17 @@ class PlayerOptions:
 
     wait_for_controllers: int
     silence_timeout_s: float
-    #: whether the plant and the controllers were started for this scenario: the player then is
-    #: part of the first tick in simulated time, and the plant plays its own part of the scenario
+    #: plant and controllers were started for this scenario: the player is part of the first tick
+    #: in simulated time, and the plant plays its own part of the scenario
     from_start: bool
 
 
 class WeldPlayer:
-    """Plays a scenario from the next tick on; ``over`` gets the outcome, ``report`` the progress once a second.
+    """Plays a scenario from the next tick on; ``over`` gets the outcome, ``report`` the progress.
 
     It subscribes to the sensors only when the controllers listen and the first set-points have
-    been sent, in lockstep also received, so a plant that waits for its subscribers starts when
-    everything is ready.
+    been sent (in lockstep: received), so that a plant that waits for its subscribers starts when
+    everything is ready. The progress is reported once a second.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class WeldPlayer:
                 part.destroy()
 
     def abort(self) -> tuple[bool, str]:
-        """Abort the weld and ask for the safe stop; returns whether, and the answer in words."""
+        """Abort the weld and request the safe stop; returns success and the answer's text."""
         if self._programme is not None:
             ok, answer = self._programme.abort()
         else:
@@ -157,10 +157,11 @@ class WeldPlayer:
         return ok, answer
 
     def describe(self) -> str:
-        """State of the weld in words."""
+        """State of the weld as a text."""
         if self._programme is not None:
             return self._programme.machine.describe()
-        return f"{State.ABORTED if self._aborted else State.RUNNING} at {self.time.tick * TICK_S:.1f} s"
+        state = State.ABORTED if self._aborted else State.RUNNING
+        return f"{state} at {self.time.tick * TICK_S:.1f} s"
 
     def _on_watch(self) -> None:
         if self.finished:
@@ -193,7 +194,8 @@ class WeldPlayer:
         elif silent_s > silence_s:
             self._end(
                 FAILED,
-                f"{self._missing()} for {silence_s:g} s; is the graph running, on the same domain?",
+                f"{self._missing()} for {silence_s:g} s; "
+                "is the graph running, on the same domain?",
             )
 
     def _missing(self) -> str:
@@ -236,7 +238,7 @@ class WeldPlayer:
             self._ready.publish(Header(stamp=convert.stamp_from_ns(stamp_ns)))
 
     def _follow(self, sensor: str, stamp_ns: int, value: float) -> None:
-        """Continue with the depth; the other sensors confirm a jump in time."""
+        """Advance by the depth sample; the other sensors confirm a jump in time."""
         before_ns = self._stamps.newest_ns
         accepted = self._stamps.offer(sensor, stamp_ns, value, time.monotonic())
         if accepted is None:
@@ -301,7 +303,7 @@ class WeldPlayer:
             self._end(State.DONE, f"{over}{self._deviations}")
 
     def _yield_to_hand(self) -> None:
-        """Send nothing more when set-points that are not this node's are in force."""
+        """Stop sending if foreign set-points are in force."""
         if not self.set_points.are_by_hand():
             return
         what = "no more in this scenario" if self._programme is None else "after a resume"
@@ -314,7 +316,7 @@ class WeldPlayer:
             self._deviations.note_by_hand(self.time.tick)
 
     def _judge(self, depth_mm: float) -> None:
-        """Keep the figures of merit, and who is in control."""
+        """Update the figures of merit and the controller in command."""
         ticks, self._judged = (
             self.time.tick + self.time.held - self._judged,
             self.time.tick + self.time.held,
@@ -326,7 +328,7 @@ class WeldPlayer:
         self.kpi.add(max(ticks, 0) * TICK_S, wanted, depth_mm, shown_c)
 
     def _feed_back(self, stamp_ns: int) -> None:
-        """Report the progress of a scenario without phases, when it is due."""
+        """Report the progress of a scenario without phases when due."""
         left = max(self.scenario.n_ticks - self.time.tick, 0)
         if left and 0 < self.time.tick - self._fed < TICKS_PER_REPORT:
             return
@@ -347,7 +349,7 @@ class WeldPlayer:
 
 
 def _reading_c(shown: Iterable[tuple[int, float]], stamp_ns: int) -> float:
-    """The thermocouple's reading some ticks ago; NaN where it is unknown."""
+    """The thermocouple's reading some ticks ago; NaN if unknown."""
     known_ns = stamp_ns - READING_AGE_TICKS * TICK_NS
     return next((value for at_ns, value in reversed([*shown]) if at_ns <= known_ns), nan)
 
@@ -355,7 +357,7 @@ def _reading_c(shown: Iterable[tuple[int, float]], stamp_ns: int) -> float:
 def _progress(
     stamp_ns: int, state: State, ticks_left: int, planned: Reference, left: bool
 ) -> WeldProgress:
-    """The progress of a scenario without phases."""
+    """Progress of a scenario without phases."""
     return WeldProgress(
         header=convert.header(stamp_ns),
         state=str(state),

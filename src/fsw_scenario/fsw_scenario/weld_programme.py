@@ -1,4 +1,4 @@
-"""The programme of a whole weld: phases along the tool's path around the canister, and the machine that runs it."""
+"""The programme of a whole weld: phases along the tool's path, and their state machine."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from fsw_plant.event_schema import DURATION_S, TIME_S
 from fsw_schema.models import Many, Model, needs_one, without_default
 from fsw_schema.ranges import Range
 
-#: Diameter of the joint line: about 1 m in the paper; 1.05 m at 86 mm/min gives the published 38
-#: to 40 min per turn.
+#: Diameter of the joint line: about 1 m in the paper; with 1.05 m at 86 mm/min a turn takes the
+#: published 38 to 40 min.
 CANISTER_DIAMETER_MM = 1050.0
-#: Arc of one degree.
+#: arc length of one degree
 MM_PER_DEG = pi * CANISTER_DIAMETER_MM / 360.0
 PhaseName = Literal["dwell", "start", "downward", "joint_line", "overlap", "parking"]
-#: The sequences of a weld in their order; one may be left out.
+#: phases of a weld in order; each may be omitted
 PHASES: tuple[PhaseName, ...] = get_args(PhaseName)
 ANGLE_DEG, LENGTH_MM = Range(0.0, 720.0, "deg"), Range(0.0, 10_000.0, "mm")
-#: age of the thermocouple's sample that decides, so that it has arrived in the graph, too (chosen)
+#: age of the thermocouple sample that decides, so that it has arrived in the graph, too (chosen)
 READING_AGE_TICKS = 2
 #: ticks for which `until_c` must be reached, so that noise does not end the phase (chosen)
 _WARM_TICKS = 10
-#: tick numbers that are further apart mean that the clock has jumped
+#: larger differences between tick numbers mean that the clock has jumped
 _CLOCK_JUMP_TICKS = 100
 
 
@@ -40,7 +40,7 @@ class SetPointEntry(Model):
     depth_mm: Annotated[float, REFERENCE_DEPTH_MM] | None = None
     temperature_c: Annotated[float, REFERENCE_TEMPERATURE_C] | None = None
     over_s: Annotated[float, TIME_S] = 0.0
-    """length of a ramp to them; 0: a step"""
+    """duration of a ramp to them; 0: a step"""
 
     @model_validator(mode="after")
     def _check_any(self) -> Self:
@@ -51,25 +51,25 @@ class PhaseSetPoint(SetPointEntry):
     """New set-points in a phase; an omitted one keeps its value."""
 
     at_s: Annotated[float, TIME_S] = 0.0
-    """time from the phase's beginning"""
+    """time from the phase's start"""
 
 
 class Phase(Model):
-    """A part of the weld: of a duration, or with travel from an angle of the path to another."""
+    """A part of the weld: of a given duration, or with travel between two angles of the path."""
 
     name: PhaseName
-    """in this order; one may be left out"""
+    """in this order; each may be omitted"""
     duration_s: Annotated[float, DURATION_S] = Field(0.0, json_schema_extra=without_default)
     """of a phase without travel"""
     until_c: Annotated[float, REFERENCE_TEMPERATURE_C] | None = None
-    """in a `dwell` without travel: it ends once the thermocouple has shown at least this temperature for 1 s;
-    `duration_s` is then the longest it may take"""
+    """in a `dwell` without travel: it ends once the thermocouple has shown at least this
+    temperature for 1 s; `duration_s` is then its longest duration"""
     to_deg: Annotated[float, ANGLE_DEG] = Field(0.0, json_schema_extra=without_default)
     """end of a phase with travel"""
     from_deg: Annotated[float, ANGLE_DEG] = Field(0.0, json_schema_extra=without_default)
     """start of a phase with travel; default: the end of the previous phase"""
     length_mm: Annotated[float, LENGTH_MM] = Field(0.0, json_schema_extra=without_default)
-    """of the path; default: the arc on the canister, and not less"""
+    """of the path; default: the arc on the canister, which is the minimum"""
     speed_mm_per_min: Annotated[float, Range(10.0, 300.0, "mm/min")] = 86.0
     """traverse speed; the default is the paper's, section II"""
     set_points: Many[PhaseSetPoint] = ()
@@ -106,7 +106,7 @@ class State(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a programme has come; ``time_left_s`` is without holds."""
+    """Progress of a programme; ``time_left_s`` is without holds."""
 
     state: State
     phase: str
@@ -116,7 +116,7 @@ class Progress:
 
 
 def spans(phases: Sequence[Phase], whole_s: float | None = None) -> list[tuple[str, float, float]]:
-    """Name, begin and end of each phase [s], as planned, or with the dwell shortened to a weld of ``whole_s``."""
+    """Name, start and end of each phase [s], as planned, or shortened to a weld of ``whole_s``."""
     lengths = [phase.duration_s for phase in phases]
     if whole_s is not None and phases[0].until_c is not None:
         lengths[0] -= max(sum(lengths) - whole_s, 0.0)
@@ -128,21 +128,21 @@ def spans(phases: Sequence[Phase], whole_s: float | None = None) -> list[tuple[s
 
 
 def time_at(phases: Sequence[Phase], angle_deg: float) -> float:
-    """When the tool first passes an angle of the path [s]."""
+    """Time at which the tool first passes an angle of the path [s]."""
     for phase, (_, begin_s, end_s) in zip(phases, spans(phases), strict=True):
         if phase.from_deg <= angle_deg <= phase.to_deg > phase.from_deg:
             return begin_s + (end_s - begin_s) * (angle_deg - phase.from_deg) / (
                 phase.to_deg - phase.from_deg
             )
-    return 0.0  # a weld that stands still
+    return 0.0  # a weld without travel
 
 
 class PhaseMachine:
-    """Runs through the phases (at least one) in order, tick by tick; can be held and resumed in any, and aborted.
+    """Runs through the phases (at least one) tick by tick; can be held, resumed and aborted.
 
-    ``tick`` counts the ticks of the programme that have passed; ``held`` is by how much the number
-    of the process's tick is larger: the ticks of holds and jumps of the clock, less those by which
-    phases ended early because their temperature was reached.
+    ``tick`` counts the programme's ticks so far; ``held`` is the lead of the process's tick
+    number: ticks of holds and clock jumps, less those by which phases ended early because their
+    temperature was reached.
     """
 
     def __init__(self, phases: Sequence[Phase]) -> None:
@@ -153,10 +153,10 @@ class PhaseMachine:
         self.state = State.RUNNING
 
     def follow(self, number: int, temperature_c: float = nan) -> bool:
-        """Take the number of the process's tick, 1 at the first, and the thermocouple's reading.
+        """Take the number of the process's tick (the first is 1) and the thermocouple's reading.
 
         Returns whether the programme has jumped to the end of a phase because its temperature is
-        reached. A number that is old or of another clock does no harm.
+        reached. A number that is old or from another clock does no harm.
         """
         passed = number - self.tick - self.held
         if abs(passed) > _CLOCK_JUMP_TICKS:
@@ -188,12 +188,12 @@ class PhaseMachine:
         return left > 0
 
     def _present(self) -> tuple[Phase, float, float]:
-        """The present phase, its begin and its end."""
+        """The present phase, its start and its end."""
         parts = [(phase, *span[1:]) for phase, span in zip(self._phases, self._spans, strict=True)]
         return next((part for part in parts if self.tick * TICK_S < part[2]), parts[-1])
 
     def hold(self) -> tuple[bool, str]:
-        """Stop the travel; returns whether, and the answer in words."""
+        """Stop the travel; returns success and the answer's text."""
         return self._go(State.HELD, (State.RUNNING,))
 
     def resume(self) -> tuple[bool, str]:
@@ -211,12 +211,12 @@ class PhaseMachine:
         return True, self.describe()
 
     def describe(self) -> str:
-        """State, phase and angle in words."""
+        """State, phase and angle as a text."""
         at = self.progress()
         return f"{at.state} in phase {at.phase} at {at.angle_deg:.1f} deg"
 
     def progress(self) -> Progress:
-        """How far it has come."""
+        """Present progress."""
         time_s, length_mm = self.tick * TICK_S, 0.0
         for phase, (_, begin_s, end_s) in zip(self._phases, self._spans, strict=True):
             share = min((time_s - begin_s) / phase.duration_s, 1.0)

@@ -1,4 +1,4 @@
-"""The set-points of a programme as they go out: as planned, left for those in force, and back by a ramp."""
+"""Set-points of a programme as sent: as planned, left for those in force, and back by a ramp."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from fsw_control.contract import Reference
 from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S
 from fsw_control.weld import TICK_S
 
-#: a way back begins so many ticks later, so that none of it comes late
+#: a return ramp begins this many ticks later, so that none of its steps is late
 _LEAD_TICKS = 5
 
 
 class WayBack(NamedTuple):
-    """From the set-points in force to the programme."""
+    """The ramp from the set-points in force to the programme."""
 
-    #: where it begins, and where it meets the programme
+    #: its start, and where it meets the programme
     start: Reference
     goal: Reference
     duration_s: float
@@ -31,36 +31,39 @@ class WayBack(NamedTuple):
             f"{one.depth_mm:.4g} mm, {one.temperature_c:.5g} degC"
             for one in (self.start, self.goal)
         )
-        return f"set-points from {start} back to the programme's {goal} by a ramp over {self.duration_s:.1f} s"
+        return (
+            f"set-points from {start} back to the programme's {goal} "
+            f"by a ramp over {self.duration_s:.1f} s"
+        )
 
 
 class Course:
-    """Sends the set-points of a programme, given as its changes by tick, in order, with one at tick 0.
+    """Sends a programme's set-points, given as its changes by tick, in order, from tick 0 on.
 
-    As long as it is *followed*, its set-points are sent as planned. A hold, or manual set-points,
+    While it is *followed*, its set-points are sent as planned. A hold, or manual set-points,
     *leave* it: the set-points then in force stay. A resume ramps back to the programme at the
-    permitted rates while its time continues, so that no part of it is skipped and nothing jumps
-    that does not jump in the programme.
+    permitted rates while its time continues, so that no part of it is skipped and there are no
+    jumps other than the programme's own.
     """
 
     def __init__(self, programme: Mapping[int, Reference]) -> None:
         self._programme = dict(programme)
         self._ticks = list(programme)
-        #: what is still to be sent, in order of ticks; the caller takes it from the left
+        #: set-points still to be sent, in order of ticks; the caller takes them from the left
         self.coming: deque[tuple[int, Reference]] = deque(self._programme.items())
-        self.followed = True  #: whether the programme, or the way back to it, is what goes out
+        self.followed = True  #: the programme, or the ramp back to it, is being sent
 
     def programme_at(self, tick: int) -> Reference:
         """The programme's set-points at a tick."""
         return self._programme[self._ticks[max(bisect_right(self._ticks, tick) - 1, 0)]]
 
     def leave(self) -> None:
-        """Send nothing more until :meth:`resume`."""
+        """Stop sending until :meth:`resume`."""
         self.coming.clear()
         self.followed = False
 
     def way_back(self, in_force: Reference, tick: int) -> WayBack:
-        """The way back from the set-points in force at a tick of the programme."""
+        """The ramp from the set-points in force to the programme, at a tick of it."""
         changes: dict[int, Reference] = {}
         present, now = in_force, tick
         if in_force != self.programme_at(tick):
@@ -72,7 +75,7 @@ class Course:
         return WayBack(in_force, present, (now - tick) * TICK_S, changes)
 
     def resume(self, in_force: Reference, tick: int) -> WayBack:
-        """Go back to the programme; the caller sends ``in_force`` first, which voids what others have sent ahead."""
+        """Return to the programme; the caller first sends ``in_force``, voiding foreign ones."""
         way = self.way_back(in_force, tick)
         met = max(way.changes, default=tick)
         self.coming = deque(way.changes.items())

@@ -1,7 +1,6 @@
 """Results of the phases of a whole weld: durations, and set-points over time.
 
-All errors are for a validator of the scenario: they say at which of its ``phases`` something is
-wrong.
+All errors are for a validator of the scenario and give the place in its ``phases``.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ LIMITS = {
 
 
 def joined(entries: Sequence[Phase]) -> tuple[Phase, ...]:
-    """The phases one after the other, with everything that they leave out filled in."""
+    """The phases in sequence, with all omitted values filled in."""
     if not entries:
         raise problem(f"is empty; some of {', '.join(PHASES)}", "phases")
     phases: list[Phase] = []
@@ -68,10 +67,10 @@ def joined(entries: Sequence[Phase]) -> tuple[Phase, ...]:
 
 
 def tool_path(phases: Sequence[Phase]) -> tuple[Waypoint, ...]:
-    """The tool's places at the ends of the phases.
+    """Positions of the tool at the ends of the phases.
 
-    Where the path of ``downward`` or ``parking`` is longer than its arc, the rest leads down to
-    the joint line or up.
+    If the path of ``downward`` or ``parking`` is longer than its arc, the excess leads down to the
+    joint line or up.
     """
     climb = {"downward": -1.0, "parking": 1.0}
     points, time_s, arc_mm, axial_mm = [(0.0, 0.0, 0.0)], 0.0, 0.0, 0.0
@@ -82,7 +81,7 @@ def tool_path(phases: Sequence[Phase]) -> tuple[Waypoint, ...]:
         axial_mm += climb.get(phase.name, 0.0) * sqrt(max(phase.length_mm**2 - arc**2, 0.0))
         line_mm = axial_mm if phase.name == "downward" else line_mm
         points.append((time_s, arc_mm, axial_mm))
-    # rounded, as the text of the scenario has it
+    # rounded, as in the text of the scenario
     return tuple(
         Waypoint(at_s=round(at_s, 3), arc_mm=round(arc, 3), axial_mm=round(axial - line_mm, 3))
         for at_s, arc, axial in points
@@ -90,7 +89,7 @@ def tool_path(phases: Sequence[Phase]) -> tuple[Waypoint, ...]:
 
 
 def set_points(phases: Sequence[Phase], start: Reference) -> Iterator[tuple[float, PhaseSetPoint]]:
-    """The set-points of phases with their times from the weld's begin; ``start`` is in force before the first."""
+    """Set-points of phases with times from the weld's start; ``start`` precedes the first."""
     present = {name: getattr(start, name) for name in LIMITS}
     begin_s = 0.0
     for i, phase in enumerate(phases):

@@ -1,4 +1,4 @@
-"""The programme of a weld on topics and services: progress; hold and resume; the safe stop of an aborted weld."""
+"""A weld programme on topics and services: progress, hold, resume, and the abort's safe stop."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from fsw_scenario.weld_programme import PhaseMachine, State
 from fsw_scenario.weld_programme_course import Course
 from fsw_supervisor.state_machine import Mode
 
-#: between two reports of the progress
+#: ticks between two progress reports
 TICKS_PER_REPORT = 10
-#: how long the end waits for subscribers that do not acknowledge the last message
+#: time limit for the delivery of the last message to subscribers
 _DELIVERY = Duration(seconds=1.0)
 
 
 class SafeStop:
-    """Asks the supervisor for the safe stop of an aborted weld; ``answer`` is its answer, empty until it has one."""
+    """Requests the safe stop of an aborted weld; ``answer`` is empty until there is an answer."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self.answer = ""
-        self.controller = ""  #: in control, as the supervisor has last said
+        self.controller = ""  #: in control, by the supervisor's last report
         self._asked: Future | None = None
         self._set_mode = node.create_client(SetMode, "fsw/set_mode")
         self._states: Subscription | None = None
 
     def watch(self, abort: Callable[[], tuple[bool, str]]) -> None:
-        """Call ``abort`` when a safe stop comes from elsewhere; that returns whether there was a weld to abort."""
+        """Call ``abort`` on a safe stop from elsewhere; it returns whether a weld was aborted."""
 
         def on_state(message: SupervisorState) -> None:
             self.controller = message.actual_controller
@@ -55,7 +55,7 @@ class SafeStop:
         )
 
     def ask(self) -> None:
-        """Ask, again and again until the supervisor has answered; to be called often."""
+        """Request repeatedly until the supervisor has answered; call it often."""
         if self.answer:
             return
         if self._asked is not None and self._asked.done():
@@ -80,7 +80,7 @@ class SafeStop:
 
 
 def _serve(node: Node, name: str, ask: Callable[[], tuple[bool, str]]) -> Service:
-    """The service of that name, which ``ask`` answers: whether, and in words."""
+    """Create the service of that name; ``ask`` returns success and the answer's text."""
 
     def on_request(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success, response.message = ask()
@@ -94,7 +94,7 @@ def _serve(node: Node, name: str, ask: Callable[[], tuple[bool, str]]) -> Servic
 
 
 class NoProgramme:
-    """Refuses ``fsw/weld/hold|resume`` while a scenario without phases is played."""
+    """Rejects ``fsw/weld/hold|resume`` while a scenario without phases is played."""
 
     def __init__(self, node: Node, scenario: str) -> None:
         self._node = node
@@ -111,7 +111,7 @@ class ProgrammeServer:
     """Publishes ``fsw/weld_progress`` and serves ``fsw/weld/hold|resume``.
 
     ``in_force`` returns the set-points in force; ``restart`` sends set-points that take effect at
-    once, and the future ones of the course; ``published`` gets every report.
+    once, and the future ones of the programme; ``published`` gets every report.
     """
 
     def __init__(
@@ -135,7 +135,7 @@ class ProgrammeServer:
         ]
 
     def destroy(self) -> None:
-        """Leave the graph, once its last message, the end of the weld, has arrived."""
+        """Leave the graph after delivery of the last message, the end of the weld."""
         self._publisher.wait_for_all_acked(_DELIVERY)
         self._node.destroy_publisher(self._publisher)
         for service in self._services:
@@ -145,11 +145,11 @@ class ProgrammeServer:
         return self._keep(*self.machine.hold())
 
     def abort(self) -> tuple[bool, str]:
-        """Abort the weld; returns whether, and the answer in words. The caller asks for the safe stop."""
+        """Abort the weld; returns success and text. The caller requests the safe stop."""
         return self._keep(*self.machine.abort())
 
     def _keep(self, ok: bool, answer: str) -> tuple[bool, str]:
-        """Keep the set-points in force: sending them voids those sent ahead."""
+        """Keep the set-points in force; sending them voids those sent ahead."""
         if ok:
             present = self._in_force()
             self._course.leave()
@@ -158,7 +158,7 @@ class ProgrammeServer:
         return ok, answer
 
     def _resume(self) -> tuple[bool, str]:
-        """Go back to the programme, from a hold or from set-points by hand."""
+        """Return to the programme from a hold or from manual set-points."""
         by_hand = self.machine.state is State.RUNNING and not self._course.followed
         ok, answer = (True, self.machine.describe()) if by_hand else self.machine.resume()
         if not ok:
@@ -170,14 +170,14 @@ class ProgrammeServer:
         return ok, f"{answer}; {way}"
 
     def on_tick(self, stamp_ns: int) -> None:
-        """Report the progress when it is due."""
+        """Report the progress when due."""
         self._stamp_ns = stamp_ns
         self._ticks_since_report += 1
         if self._state() != self._reported or self._ticks_since_report >= TICKS_PER_REPORT:
             self.publish(stamp_ns)
 
     def _state(self) -> tuple[object, ...]:
-        """The fields that are reported at once when they change."""
+        """Fields whose changes are reported at once."""
         now = self.machine.progress()
         left_for = (
             None if self._course.followed else self._in_force()
