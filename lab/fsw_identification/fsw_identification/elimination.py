@@ -66,6 +66,7 @@ class Eliminated:
         left, squares = weights.copy(), 0.0
         for at, beside, rows in self.levels:
             n = at.shape[1] * weights.shape[1]
+            # forward substitution with R': the variance is the squared norm of R'^-1 w
             solved = np.linalg.solve(rows[:, :, :n].swapaxes(1, 2), left[at].reshape(-1, n, 1))
             squares += float(np.sum(solved**2))
             others = (
@@ -103,6 +104,7 @@ def compress(
         before = np.take_along_axis(
             samples, (white.before[at] - ticks[:, :1])[:, :, None].clip(0), axis=1
         )
+        # whitening: each row less its prediction from the sample before
         stacked -= (scale * white.share[at])[:, :, None] * before
     stacked[1:, 0] = 0.0  # belongs to the previous interval
     triangles = _triangles(stacked)
@@ -161,6 +163,7 @@ def eliminate(
         border += _squares(rows[:, 3 * p :, 3 * p :])
         edges = np.concatenate([rows[:, p : 3 * p, p:], edges[len(both) :]])
         left = np.concatenate([left[: len(both) + 1 : 2], left[len(both) + 1 :]])
+    # the last two knots, closed by the prior of the first one
     first = np.hstack([np.diag(1.0 / start), np.zeros((p, p + width))])
     rows = _triangles(np.concatenate([edges, first[None]], axis=1))
     levels.append((left[None], np.zeros((1, 0), dtype=int), rows[:, : 2 * p]))
@@ -168,6 +171,7 @@ def eliminate(
     logdet = sum(
         2.0 * float(np.log(np.abs(np.diagonal(of, axis1=1, axis2=2))).sum()) for _, _, of in levels
     )
+    # the walk's rows were scaled by 1 / steps; their density has that factor, too
     logdet += 2.0 * len(data.rows) * -float(np.log(tight).sum())
     return Eliminated(border, logdet, levels)
 

@@ -289,6 +289,7 @@ def _solve_twice(
     if not problem.shifts:
         return problem
     again = _solve(start, segments, free, problem.shifts, problem.sizes, count, sensors)
+    # by the evidence (as minus twice its logarithm), since both have different numbers of shifts
     return min(problem, again, key=evidence)
 
 
@@ -391,6 +392,7 @@ def _select(problem: Problem, kept: dict[str, str], largest: float) -> tuple[str
         chosen = np.array([*left, *others])
         covariance = np.linalg.inv(whole[np.ix_(chosen, chosen)])[: len(left), : len(left)]
         deviation = np.sqrt(np.diag(covariance))
+        # One at a time, since removing a parameter makes those correlated with it identifiable.
         poor = [i for i in range(len(left)) if deviation[i] > largest]
         if not poor:
             return tuple(names)
@@ -409,6 +411,8 @@ def _by_kept(problem: Problem, kept: Sequence[str], covariance: FloatArray) -> F
     n, information = len(problem.free), problem.variant(free=(*problem.free, *kept)).information()
     at = np.arange(n, n + len(kept))
     others = np.delete(np.arange(len(information)), at)
+    # First-order propagation: an error d of a kept parameter moves the estimate by
+    # covariance @ information[others, kept] d.
     gain = _KEPT_DEVIATION * covariance @ information[np.ix_(others, at)]
     return np.asarray(gain @ gain.T)
 
@@ -459,6 +463,8 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str], rejected: boo
             if n
         ]
         residuals = inside
+    # Three corrections of the model's covariance: coloured residuals (as more noise), the sandwich
+    # estimate where it is larger, and errors shared through doubtful temperatures or kept values.
     colour = np.array([long_run_factor([one[:, i] for one in whitened]) for i in range(3)])
     robust = np.diag(long_run_covariance(problem))
     wide = problem.variant(noise=problem.noise * np.sqrt(colour))

@@ -27,6 +27,8 @@ _CORRELATION_S = (0.02, 30.0)
 
 def _evidence_of(problem: Problem, border: FloatArray, parts: Sequence[Eliminated]) -> float:
     """Minus twice the log evidence, up to a constant, at the parameters and best shifts."""
+    # Laplace's approximation, exact here for the linear unknowns: the cost at the best shifts plus
+    # the log determinants of everything that is integrated out (border and knots).
     n = 1 + len(problem.free)
     cost = border[0, 0] - border[n:, 0] @ np.linalg.solve(border[n:, n:], border[n:, 0])
     cost += 2.0 * np.log(problem.lag_deviation_s)
@@ -45,6 +47,7 @@ def likely_walk(problem: Problem, parts: Sequence[Part]) -> FloatArray:
             + _PARSIMONY * log_size
         )
 
+    # One walk after the other, by output, as the parts of other outputs do not depend on it.
     for output, which in enumerate(WALKS_OF):
         of_output = [part for part in parts if part.output == output]
         for at in ((i, walk) for walk in which for i in range(2)):
@@ -118,6 +121,7 @@ def likely_lag(problem: Problem) -> tuple[float, float]:
 
     Computed at a solution without lag, which is not changed.
     """
+    # A single Gauss-Newton step from lag 0, which decides whether a full solution is tried.
     border, _ = problem.variant(lagged=True).eliminate(
         problem.linearised(problem.parameters, True), True
     )

@@ -37,6 +37,7 @@ def long_run_covariance(problem: Problem) -> FloatArray:
             * scale[:, None]
         )
         residuals = np.nan_to_num(problem.whitened[i][:, output]) * scale
+        # For white noise both terms cancel in the mean: the covariance is the inverse.
         scores += _long_run(rows * residuals[:, None]) - rows.T @ rows
     return np.asarray(inverse @ scores @ inverse)
 

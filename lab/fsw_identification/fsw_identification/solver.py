@@ -78,6 +78,7 @@ def _descend(
         moved, lag_s = _moved(problem.parameters, problem.free, by[:n]), problem.lag_s
         if problem.lagged:
             lag_s = float(np.clip(lag_s + by[-1], *_LAG_LIMITS_S))
+        # Judged by the profile cost: knots and shifts are optimal for the moved parameters.
         after, parts, _ = problem.variant(lag_s=lag_s).profile(moved)
         if np.isfinite(after) and after <= before + 1e-6:
             problem.parameters, problem.parts, problem.lag_s = moved, parts, lag_s
@@ -90,6 +91,8 @@ def _descend(
 
 def _move(border: FloatArray, moving: Sequence[int], damping: float) -> FloatArray:
     """The move, damped and bounded."""
+    # Marquardt's scaling: the damping is relative to the diagonal, so units do not matter. Shifts
+    # and share are linear and solved with the parameters, undamped.
     extra = np.zeros(len(border) - 1)
     extra[moving] = damping * np.diag(border)[1:][moving]
     by = np.asarray(
