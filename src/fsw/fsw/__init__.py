@@ -1,7 +1,7 @@
 """Friction stir welding, simulated, controlled and analysed.
 
-``import fsw`` loads next to nothing; what is used is imported at its first use. Other
-distributions add public names by entry points (``fsw.api``). The command line is beside it, a
+``import fsw`` loads next to nothing; modules are imported at their first use. Other distributions
+add public names by entry points (``fsw.api``). The command line is in the same package, with a
 module per command.
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-import fsw_scenario  # noqa: F401  (before numpy: it sets the threads of the linear algebra)
+import fsw_scenario  # noqa: F401  (before numpy: it sets the number of linear algebra threads)
 
 if TYPE_CHECKING:
     from fsw.controller import Controller as Controller
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from fsw_control.contract import Reference as Reference
 
 __version__ = "0.3.0"
-#: public names, by the module that has them
+#: public names by module
 _PLACES = {
     "fsw.controller": ("Controller",),
     "fsw.processes": ("Model", "model"),

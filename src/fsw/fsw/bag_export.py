@@ -30,7 +30,8 @@ def export(arguments: argparse.Namespace) -> int:
         if signals.n_ticks < whole:
             print_notes(
                 [
-                    f"{whole - signals.n_ticks} ticks after the end of the scenario are omitted; --all includes them"
+                    f"{whole - signals.n_ticks} ticks after the end of the scenario are omitted; "
+                    "--all includes them"
                 ]
             )
     print(f"{export_weld(signals, target)} rows written to {target}")

@@ -17,7 +17,8 @@ from fsw_analysis.weld_signals import WeldSignals
 
 @command(
     "bag kpi",
-    "figures of merit of a weld, and of each phase of a whole weld; several bags are shown side by side",
+    "figures of merit of a weld, and of each phase of a whole weld; "
+    "several bags are shown side by side",
     bag_argument(nargs="+"),
     file("--json", "also write them, and those of each event"),
     FORCE,

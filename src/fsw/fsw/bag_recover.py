@@ -1,4 +1,4 @@
-"""``fsw.py bag recover``: a whole copy of a damaged bag."""
+"""``fsw.py bag recover``: an intact copy of a damaged bag."""
 
 from __future__ import annotations
 

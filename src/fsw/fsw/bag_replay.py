@@ -1,4 +1,4 @@
-"""``fsw.py bag verify`` and ``shadow``: recorded welds replayed to controllers."""
+"""``fsw.py bag verify`` and ``shadow``: replay of recorded welds to controllers."""
 
 from __future__ import annotations
 
@@ -16,15 +16,14 @@ from fsw_scenario.controllers import described_in, maker, name_of, variant_of
 from fsw_schema.models import InputError
 from fsw_schema.ranges import Range
 
-#: how a controller is named
+#: help text on names of controllers
 _NAME_OR_CLASS = "NAME, or MODULE:CLASS or FILE.py:CLASS of your own controller"
-#: what only the conversion to the units of the wire, or another processor changes (about 1e-12)
-#: counts as equal; an operator could notice 1e-4
+#: differences from the conversion of units, or another processor (about 1e-12), count as equal; an
+#: operator could notice 1e-4
 _TOLERANCE = 1e-9
-#: exit code when all replayed controllers agree, but one of the bag could not be replayed
+#: exit code if all replayed controllers agree, but one of the bag could not be replayed
 _LEFT_OUT = 3
-#: exit code when proposals differ, but only those of controllers whose inputs are not known for
-#: certain
+#: exit code if proposals differ, but only of controllers whose inputs are uncertain
 _NOT_COMPARABLE = 4
 
 
@@ -42,14 +41,17 @@ _NOT_COMPARABLE = 4
         "--tolerance",
         "X",
         Range(0.0, inf, ""),
-        "commands count as equal that differ by up to X (1 + recorded value), in kN or rpm; 0: bit by bit "
+        "commands count as equal that differ by up to X (1 + recorded value), in kN or rpm; "
+        "0: bit by bit "
         f"(default: {_TOLERANCE:g}, more than another kind of processor changes)",
         _TOLERANCE,
     ),
-    description="Drive controllers by a bag instead of the clock and compare their proposals with the recorded "
+    description="Drive controllers by a bag instead of the clock "
+    "and compare their proposals with the recorded "
     "ones. Exit code 0: all equal; 1: they differ, or the bag cannot be replayed; "
     f"{_LEFT_OUT}: equal, but a controller of the bag is unknown here and was skipped; "
-    f"{_NOT_COMPARABLE}: they differ and cannot be compared, as the bag begins in mid-weld or its stamps go back.",
+    f"{_NOT_COMPARABLE}: they differ and cannot be compared, "
+    "as the bag begins in mid-weld or its stamps go back.",
 )
 def verify(arguments: argparse.Namespace) -> int:
     messages = read_messages(arguments.bag)
@@ -97,7 +99,8 @@ def verify(arguments: argparse.Namespace) -> int:
     file("--out", "folder for the new bag (default: <bag>_shadow_<controller>)", "DIR"),
     file("--json", "also write the differences as JSON"),
     FORCE,
-    description="Replay the measurements, set-points and commands of a bag to a controller in shadow, record its "
+    description="Replay the measurements, set-points and commands of a bag "
+    "to a controller in shadow, record its "
     "proposals and compare them with the commands applied in the weld.",
 )
 def shadow(arguments: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""Shared by the commands on recorded welds."""
+"""Common parts of the commands on recorded welds."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fsw_analysis.messages import WeldMessages
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import WeldSignals
 
-#: what a command takes that also reads damaged bags
+#: help text of a bag argument if damaged bags are accepted
 DAMAGED_TOO = "bag folder or file (MCAP, sqlite3; intact, truncated or damaged)"
 
 
@@ -22,7 +22,7 @@ BAG = group("bag", "inspect recorded welds", "Inspect recorded welds.")
 
 
 def bag_argument(text: str = "bag of a weld", nargs: str | None = None) -> Option:
-    """The argument of all commands on one or several bags."""
+    """The argument of all commands on one or more bags."""
     return option("bag", type=Path, help=text, nargs=nargs)
 
 
@@ -49,7 +49,7 @@ def read_messages(bag: Path) -> WeldMessages:
 
 
 def welds_of(bags: list[Path]) -> dict[str, WeldSignals]:
-    """Welds by the labels that distinguish them, each cut to the length of its scenario."""
+    """Welds by distinguishing labels, each cut to the length of its scenario."""
     return {
         label: cut_to_scenario(read_weld(bag))
         for label, bag in zip(labels(bags), bags, strict=True)

@@ -1,4 +1,4 @@
-"""How a command is declared: by ``@command`` above the function that carries it out, with options of one form."""
+"""Declaration of commands by ``@command`` above their function, with uniform options."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ Option = Callable[[argparse.ArgumentParser], object]
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command, or a group of commands, which has no ``run``; ``main`` makes the parser of all of a module."""
+    """A command, or a group without ``run``; ``main`` builds the parser from all of a module."""
 
     name: str  #: all words, e.g. ``bag kpi``
-    text: str  #: in the list of commands
+    text: str  #: description in the list of commands
     description: str
     options: Sequence[Option] = ()
     run: Run | None = None
@@ -34,7 +34,7 @@ class Command:
     needs: Extra | None = None  #: installed at first use in a clone of the repository
 
     def __call__(self, arguments: argparse.Namespace) -> int:
-        """Carry it out; MissingExtraError when its extra is not installed."""
+        """Run it; MissingExtraError if its extra is not installed."""
         if self.needs is not None:
             self.needs.need(self.name.split()[0])
         return self.run(arguments) if self.run else 2
@@ -48,14 +48,14 @@ def command(
     usage: str | None = None,
     needs: Extra | None = None,
 ) -> Callable[[Run], Command]:
-    """Make a function that returns the exit code a command; texts call the command line ``fsw.py``."""
+    """Turn a function that returns the exit code into a command; texts say ``fsw.py``."""
     return lambda run: Command(
         name, text, description or _sentence(name, text), options, run, usage, needs
     )
 
 
 def group(name: str, text: str, description: str = "") -> Command:
-    """Commands whose names begin with this one's."""
+    """Commands whose names begin with this command's."""
     return Command(name, text, description or _sentence(name, text))
 
 
@@ -64,12 +64,12 @@ def _sentence(name: str, text: str) -> str:
 
 
 def as_typed(text: str) -> str:
-    """A text with the name of the command line as the user types it."""
+    """A text with the program name as typed by the user."""
     return text.replace("fsw.py ", f"{program()} ")
 
 
 def option(*flags: str, **settings: Any) -> Option:
-    """An option or argument as :meth:`argparse.ArgumentParser.add_argument` takes it."""
+    """An option or argument, as for :meth:`argparse.ArgumentParser.add_argument`."""
 
     def add(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(*flags, **settings | {"help": as_typed(settings.get("help", ""))})
@@ -102,7 +102,7 @@ def number(
     default: float | None = None,
     kind: type[float] = float,
 ) -> Option:
-    """An option that takes a number in a range, which the error names; ``kind`` is int for a whole number."""
+    """An option with a number in a range, given in errors; ``kind`` is int for whole numbers."""
 
     def read(text: str) -> float:
         try:
@@ -117,7 +117,7 @@ def number(
 
 
 def assignment(option: str, text: str) -> tuple[str, Any]:
-    """Name and value, which is YAML, of an argument NAME=VALUE."""
+    """Name and value (YAML) of an argument NAME=VALUE."""
     name, separator, value = text.partition("=")
     if not separator or not name.strip():
         raise CommandError(f"{option} {text}: write NAME=VALUE")
@@ -128,7 +128,7 @@ def assignment(option: str, text: str) -> tuple[str, Any]:
 
 
 FORCE = switch("--force", "replace files that exist")
-#: of all commands that talk to the graph
+#: options of all commands that use the graph
 GRAPH = (
     number(
         "--timeout",

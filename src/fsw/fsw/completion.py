@@ -1,4 +1,4 @@
-"""``fsw completion``: the script by which a shell completes commands and options."""
+"""``fsw completion``: shell script that completes commands and options."""
 
 from __future__ import annotations
 

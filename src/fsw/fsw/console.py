@@ -10,17 +10,16 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-#: of lines elsewhere than on a terminal
+#: width of lines if stdout is not a terminal
 _ANY_WIDTH = 10_000
 
 
 def print_table(
     rows: Sequence[Sequence[str]], header: Sequence[str] = (), words: int | None = None
 ) -> None:
-    """Print columns; plain text of any width where stdout is no terminal.
+    """Print columns; plain text of any width if stdout is not a terminal.
 
-    The first ``words`` columns are words; the numbers after them are aligned right. By default all
-    are words.
+    The first ``words`` columns are text (default: all), the others numbers, aligned to the right.
     """
     table = Table(box=None, pad_edge=False, show_header=bool(header), padding=(0, 2, 0, 0))
     for i, title in enumerate(header or [""] * len(rows[0])):
@@ -38,5 +37,5 @@ def print_table(
 
 
 def program() -> str:
-    """Name of the command line: ``fsw`` where the package is installed, ``fsw.py`` in the repository."""
+    """Program name: ``fsw`` if the package is installed, ``fsw.py`` in the repository."""
     return "fsw" if Path(sys.argv[0]).name == "fsw" else "fsw.py"

@@ -1,4 +1,4 @@
-"""Base class for a controller of one's own."""
+"""Base class for user-defined controllers."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from fsw_control.reason import Reason, ReasonCode
 class Controller:
     """Derive your controller from this: give it a ``name`` and a :meth:`command`.
 
-    The command is limited to bounds and rates, and a tick at which a needed sensor is invalid is
-    answered with an unhealthy proposal. A class with ``step`` and ``reset`` of its own
+    The command is limited to bounds and rates, and a tick with an invalid required sensor is
+    answered by an unhealthy proposal. A class with its own ``step`` and ``reset``
     (:class:`fsw_control.contract.Controller`) needs no base.
 
     Attributes
@@ -40,7 +40,7 @@ class Controller:
     limits = Limits()
 
     def command(self, measurement: Measurement, reference: Reference, applied: Command) -> Command:
-        """Force and speed wanted at this tick; ``applied`` is the command in force during the last one."""
+        """Force and speed for this tick; ``applied`` was in force during the last one."""
         raise NotImplementedError(f"{type(self).__name__} needs a method 'command'")
 
     def step(
@@ -57,4 +57,4 @@ class Controller:
         return Proposal(self.limits.clip(self.command(measurement, reference, applied), applied))
 
     def reset(self, applied: Command) -> None:
-        """Forget the past; a controller without memory has none."""
+        """Forget the past; nothing to do for a controller without memory."""

@@ -1,4 +1,4 @@
-"""The demonstration: the whole graph as processes, its bags, figures of merit and figures."""
+"""The demonstration: the whole graph as processes, with bags, figures of merit and figures."""
 
 from __future__ import annotations
 
@@ -43,19 +43,21 @@ LIVE_SCENARIO = "canister_weld"
         "--scenario",
         action="append",
         metavar="NAME",
-        help=f"YAML file or one of {', '.join(shipped())}; several times (default: {', '.join(DEFAULT_SCENARIOS)})",
+        help=f"YAML file or one of {', '.join(shipped())}; "
+        f"several times (default: {', '.join(DEFAULT_SCENARIOS)})",
     ),
     option(
         "--controller",
         action="append",
         metavar="NAME",
-        help=f"compare only these controllers, in this order (default: {', '.join(OURS)}); your own: MODULE:CLASS or "
-        "FILE.py:CLASS",
+        help=f"compare only these controllers, in this order (default: {', '.join(OURS)}); "
+        "your own: MODULE:CLASS or FILE.py:CLASS",
     ),
     switch(
         "--live",
         "one weld in real time, to monitor and control on the operator's page "
-        f"(default: {LIVE_SCENARIO}, 45 min, with all controllers, recorder and standby supervisor)",
+        f"(default: {LIVE_SCENARIO}, 45 min, "
+        "with all controllers, recorder and standby supervisor)",
     ),
     option(
         "--port",
@@ -64,7 +66,8 @@ LIVE_SCENARIO = "canister_weld"
         help="of the page of --live; 0: any free one (default 8080)",
     ),
     option("--out", type=Path, help="folder for the results (default: out/<date>)"),
-    description="Run welds in closed loop over DDS; plant, controllers, supervisor, recorder and player are "
+    description="Run welds in closed loop over DDS; "
+    "plant, controllers, supervisor, recorder and player are "
     "processes. Leaves bags, figures of merit and figures.",
 )
 def demo(parsed: argparse.Namespace) -> int:
@@ -108,7 +111,7 @@ def _live(parsed: argparse.Namespace) -> int:
 
 
 def _controllers(parsed: argparse.Namespace) -> dict[str, dict[str, str]]:
-    """The controllers requested, or the project's own: names, with the parameters that their variants set."""
+    """Requested controllers, by default ours: names, with the parameters of their variants."""
     labels = set(parsed.controller or OURS)
     controllers = {name_of(label): variant_of(label) for label in parsed.controller or OURS}
     if len(controllers) < len(labels):
@@ -160,7 +163,7 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
 def _without_middleware(
     name: str, controllers: dict[str, dict[str, str]], folder: Path
 ) -> list[Path]:
-    """Run a scenario once with each controller in this process; returns the files."""
+    """Run a scenario once per controller in this process; returns the files."""
     scenario = load(name)
     runs: list[Run] = []
     for title in _variants(scenario, controllers):
@@ -184,7 +187,7 @@ def _print_end(began: float, written: Sequence[Path]) -> int:
 def _graphs(
     scenario: Scenario, controllers: dict[str, dict[str, str]], folder: Path, realtime: bool
 ) -> dict[str, WeldGraph]:
-    """The welds of a scenario by title: each controller commands once while the others run along."""
+    """Welds of a scenario by title: each controller commands once while the others run along."""
     graphs = {}
     for title, variant in _variants(scenario, controllers).items():
         others = () if variant.open_loop else tuple(controllers)

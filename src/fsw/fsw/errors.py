@@ -1,4 +1,4 @@
-"""The errors that a command shows in one line, and the exit code that follows."""
+"""Errors that a command shows in one line, and the resulting exit code."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from fsw_schema.models import InputError
 
 
 class CommandError(Exception):
-    """A command cannot be carried out; the text says what, where and what to do."""
+    """A command cannot be run; the text says what, where and what to do."""
 
 
 SHOWN = (
@@ -36,7 +36,7 @@ SHOWN = (
 
 
 def _said(error: BaseException) -> str:
-    """Text of an error in one line; commands that it advises have the name that the user types."""
+    """Text of an error in one line; commands in it get the program name typed by the user."""
     return " ".join(str(error).split()).replace("fsw.py ", f"{program()} ")
 
 
@@ -50,7 +50,7 @@ def _without_ros(error: BaseException) -> str:
 
 @contextmanager
 def _termination_as_ctrl_c() -> Iterator[None]:
-    """SIGTERM raises KeyboardInterrupt, so that a file half written is removed; where it is ignored it stays so."""
+    """Let SIGTERM raise KeyboardInterrupt, so that partial files are removed, unless ignored."""
     in_main_thread = threading.current_thread() is threading.main_thread()
     if not in_main_thread or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
         yield
@@ -63,7 +63,7 @@ def _termination_as_ctrl_c() -> Iterator[None]:
 
 
 def exit_code(action: Callable[[], int]) -> int:
-    """Carry out a command; 0 done, 1 not possible (said in one line), 130 interrupted, by Ctrl-C or SIGTERM."""
+    """Run a command; returns 0, 1 on an expected error (printed in one line), 130 on interrupt."""
     try:
         with _termination_as_ctrl_c():
             code = action()
@@ -80,10 +80,10 @@ def exit_code(action: Callable[[], int]) -> int:
         print(f"interrupted{f': {_said(interrupt)}' if interrupt.args else ''}", file=sys.stderr)
         return 130
     except BrokenPipeError:
-        # the reader of the output has ended; nothing may be flushed at exit
+        # the reader of the output has ended: do not flush at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except OSError as error:  # a file that cannot be read or written, wherever it occurs
+    except OSError as error:  # an unreadable or unwritable file, wherever it occurs
         full = error.errno in (
             errno.ENOSPC,
             errno.EDQUOT,

@@ -1,4 +1,4 @@
-"""The commands for a running weld: what they take. `graph_ros`, `weld_ros`, `params_ros`, `lifecycle_ros` do it."""
+"""Declarations of the commands for a running weld; the ``*_ros`` modules implement them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from fsw_plant.event_schema import (
 )
 from fsw_schema.ranges import Range
 
-#: what ends a disturbance or a fault; ``none`` in scenarios and services
+#: ends a disturbance or a fault; ``none`` in scenarios and services
 CLEAR = "clear"
 _AMPLITUDES = ", ".join(
     f"{name} {allowed}" for name, (_, allowed) in DISTURBANCE_AMPLITUDE.items()
@@ -28,7 +28,7 @@ _MAGNITUDES += f" (drift: per s), delay {FAULT_DELAY_S}"
 
 
 def _command(name: str, text: str, place: str, *options: Option) -> Command:
-    """A command done by ``module:function``, which is imported when it is called: the others do without rclpy."""
+    """A command run by ``module:function``, imported on use: other commands work without rclpy."""
 
     def run(arguments: argparse.Namespace) -> int:
         module, _, function = place.partition(":")
@@ -92,7 +92,8 @@ CONTROLLERS = _command(
 )
 MODE = _command(
     "mode",
-    "source of commands: a controller (auto), your values (manual), the last command (hold), safe stop",
+    "source of commands: a controller (auto), your values (manual), "
+    "the last command (hold), safe stop",
     "graph_ros:mode",
     option("mode", choices=OPERATOR_MODES),
     number("--force", "KN", ranges.COMMAND_FORCE_KN, f"manual: {ranges.COMMAND_FORCE_KN}"),

@@ -1,4 +1,4 @@
-"""What the commands for a running weld do that need one service, and what ``status`` shows."""
+"""Commands for a running weld that need a single service, and ``status``."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from fsw_plant.event_schema import fault as checked_fault
 from fsw_plant.requests_ros import SERVICES, event_request
 from fsw_schema.models import validate
 
-#: how long to go on listening after the first message
+#: listening time after the first message
 _SETTLE_S = 1.0
-#: nodes report once a second; so long for one to be found and to report
+#: nodes report once a second; time limit for discovery and a report
 _REPORT_S = 2.5
 _SILENT = "measures and reports nothing; is it active? See"
 
 
 def reference(arguments: argparse.Namespace) -> int:
-    """New set-points."""
+    """Set new set-points."""
     depth, temperature = arguments.depth, arguments.temperature
     if depth is None and temperature is None:
         raise CommandError("reference: give --depth, --temperature or both")
@@ -44,7 +44,7 @@ def reference(arguments: argparse.Namespace) -> int:
 
 
 def disturb(arguments: argparse.Namespace) -> int:
-    """A disturbance of the emulated plant."""
+    """Disturb the emulated plant."""
     shape = "none" if arguments.shape == CLEAR else arguments.shape
     key, allowed = DISTURBANCE_AMPLITUDE[arguments.channel]
     if shape == "none" and arguments.amplitude is not None:
@@ -63,7 +63,7 @@ def disturb(arguments: argparse.Namespace) -> int:
 
 
 def fault(arguments: argparse.Namespace) -> int:
-    """A fault of a sensor of the emulated plant."""
+    """Fault a sensor of the emulated plant."""
     kind = "none" if arguments.kind == CLEAR else arguments.kind
     if (kind in WITH_MAGNITUDE) != (arguments.magnitude is not None):
         needs = "needs a" if kind in WITH_MAGNITUDE else "takes no"
@@ -73,7 +73,7 @@ def fault(arguments: argparse.Namespace) -> int:
 
 
 def switch(arguments: argparse.Namespace) -> int:
-    """Another controller."""
+    """Switch to another controller."""
     request = convert.switch_request(arguments.controller, arguments.wait, arguments.strict)
     return ask(
         arguments, SwitchController, "fsw/switch_controller", request, extra_s=arguments.wait
@@ -81,7 +81,7 @@ def switch(arguments: argparse.Namespace) -> int:
 
 
 def mode(arguments: argparse.Namespace) -> int:
-    """The source of commands."""
+    """Set the source of commands."""
     manual, given = arguments.mode == "manual", (arguments.force, arguments.speed)
     if manual and None in given:
         raise CommandError("mode manual needs --force and --speed")
@@ -91,12 +91,12 @@ def mode(arguments: argparse.Namespace) -> int:
 
 
 def acknowledge(arguments: argparse.Namespace) -> int:
-    """A safe stop whose causes are gone."""
+    """Acknowledge a safe stop whose causes are gone."""
     return ask(arguments, Trigger, "fsw/acknowledge")
 
 
 def controllers(arguments: argparse.Namespace) -> int:
-    """The controllers in the graph."""
+    """List the controllers in the graph."""
     with operator(arguments) as node:
         response = node.call(ListControllers, "fsw/list_controllers", ListControllers.Request())
     print(f"mode {response.mode}, active {response.active or 'none'}")
@@ -126,14 +126,14 @@ def controllers(arguments: argparse.Namespace) -> int:
 
 
 def health(controller: Any) -> str:
-    """Whether a controller can be selected, in words."""
+    """Whether a controller can be selected, as a text."""
     if lacks := convert.readiness(controller).words(controller.name):
         return f"cannot be selected: {lacks}"
     return "ready" if controller.warm else "not ready yet"
 
 
 def status(arguments: argparse.Namespace) -> int:
-    """What runs in the graph."""
+    """Show what runs in the graph."""
     with operator(arguments) as node:
         states = node.watch(SupervisorState, "fsw/supervisor/state", LATEST)
         set_points = node.watch_set_points()
@@ -145,7 +145,8 @@ def status(arguments: argparse.Namespace) -> int:
         received = (states, set_points, stated, commands, *(sensors[name] for name in REQUIRED))
         if not node.wait_until(lambda: any(received)):
             raise CommandError(
-                f"no weld graph on {graph_text(node)}: start it, or set ROS_DOMAIN_ID or --namespace"
+                f"no weld graph on {graph_text(node)}: "
+                "start it, or set ROS_DOMAIN_ID or --namespace"
             )
         node.wait_until(
             lambda: all(received) and _publishers(node.node) <= node.node_names(), _SETTLE_S
@@ -156,7 +157,7 @@ def status(arguments: argparse.Namespace) -> int:
                 lambda: depths or _latest(reports, space, _measuring(node.node)), _REPORT_S
             )
         sources = _measuring(node.node)
-        # hidden ones, e.g. that of the ros2 command, begin with an underscore
+        # hidden nodes, e.g. that of the ros2 command, begin with an underscore
         shown = (
             name
             for name in node.node_names()
@@ -204,12 +205,12 @@ def _publishers(node: Any) -> set[str]:
 
 
 def _measuring(node: Any) -> set[str]:
-    """Names of the nodes that publish measurements: the plant or the gateway, whether they measure now or not."""
+    """Names of the nodes that publish measurements (plant or gateway), active or not."""
     return {publisher.node_name for publisher in node.get_publishers_info_by_topic("fsw/depth")}
 
 
 def _latest(reports: Iterable[Any], namespace: str, nodes: set[str]) -> dict[str, Any]:
-    """The newest diagnostics of these nodes by name (``NODE: PART``), without those of other welds."""
+    """Latest diagnostics of these nodes by name (``NODE: PART``), without other welds'."""
     named = (
         (local_name(one.name, one.hardware_id, namespace), one)
         for array in reports
@@ -221,16 +222,16 @@ def _latest(reports: Iterable[Any], namespace: str, nodes: set[str]) -> dict[str
 def source_rows(
     measured: bool, sources: Collection[str], latest: Mapping[str, Any]
 ) -> list[tuple[str, str]]:
-    """What the plant or the gateway reports that is not as it should be, and why nothing is measured.
+    """Problems reported by plant or gateway, and why nothing is measured.
 
     Parameters
     ----------
     measured : bool
-        Whether a measurement has come.
+        Whether a measurement has arrived.
     sources : collection of str
         Nodes that publish measurements.
     latest : mapping
-        Their newest ``DiagnosticStatus`` by name.
+        Their latest ``DiagnosticStatus`` by name.
     """
     rows = [(name, one.message) for name, one in sorted(latest.items()) if one.level != OK]
     if not measured and not sources:

@@ -1,4 +1,4 @@
-"""``fsw.py hmi user``: who may command by the operator's page."""
+"""``fsw.py hmi user``: named users of the operator page."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ def _run(arguments: argparse.Namespace) -> int:
     except ValueError as error:
         raise CommandError(str(error)) from None
     print(
-        f"{arguments.name} {'removed from' if verb == 'remove' else 'written to'} {path}: restart the page's server"
+        f"{arguments.name} {'removed from' if verb == 'remove' else 'written to'} {path}: "
+        "restart the page's server"
     )
     return 0
 

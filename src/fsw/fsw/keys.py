@@ -1,4 +1,4 @@
-"""Shared by the commands that sign and verify."""
+"""Common options of the commands that sign and verify."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ REQUIRE_SIGNED_PROCEDURE = switch("--require-signed", "refuse a procedure that n
 
 
 def private_key(arguments: argparse.Namespace) -> SigningKey:
-    """The key that signs."""
+    """The signing key."""
     return load_private(arguments.key or default_key())
 
 
 def trusted_keys(
     arguments: argparse.Namespace, default: Sequence[Path] = ()
 ) -> tuple[TrustedKey, ...]:
-    """The keys whose signatures count."""
+    """The trusted keys."""
     return load_trusted(arguments.trusted or default)

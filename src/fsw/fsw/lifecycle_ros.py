@@ -1,4 +1,4 @@
-"""Lists managed nodes, gets their states and asks for transitions by the standard services."""
+"""Lists managed nodes, gets their states and requests transitions by the standard services."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _TYPE = "lifecycle_msgs/srv/GetState"
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Carry the command out; returns the exit code."""
+    """Run the command; returns the exit code."""
     with operator(arguments) as node:
         managed = _managed(node, arguments.node)
         if not arguments.node:
@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _managed(node: Operator, wanted: str) -> list[str]:
-    """Names of the managed nodes of the namespace, as soon as there is the wanted one, or any."""
+    """Names of the namespace's managed nodes, once the requested one, or any, is found."""
     home = node.node.get_namespace().rstrip("/") + "/"
 
     def found() -> list[str]:
@@ -55,7 +55,7 @@ def _state(node: Operator, name: str) -> str:
 
 
 def _transitions(node: Operator, name: str) -> dict[str, tuple[int, str]]:
-    """Identifier of each transition that the node has now, and the state it leads to, by label."""
+    """Transitions that are possible now by label: identifier and resulting state."""
     request = GetAvailableTransitions.Request()
     answer = node.call(GetAvailableTransitions, f"{name}/get_available_transitions", request)
     return {
@@ -65,7 +65,7 @@ def _transitions(node: Operator, name: str) -> dict[str, tuple[int, str]]:
 
 
 def _change(node: Operator, name: str, label: str) -> None:
-    # looked up first: a request that does not fit the state is an error in the node
+    # checked first: a request that does not fit the state is an error in the node
     known = _transitions(node, name)
     if label not in known:
         has = ", ".join(known) or "none"

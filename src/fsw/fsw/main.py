@@ -1,4 +1,4 @@
-"""The operator's command: one parser for all commands."""
+"""The command line: one parser for all commands."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from fsw.errors import exit_code
 from fsw_schema.extensions import extensions, loaded
 from fsw_schema.models import InputError
 
-#: entry points: modules that declare commands, by their first word; what follows a dot only tells
-#: them apart
+#: entry points: modules that declare commands, by their first word; a suffix after a dot only
+#: distinguishes them
 GROUP = "fsw.commands"
 
 
 def parser(name: str = "fsw.py", word: str = "") -> argparse.ArgumentParser:
-    """The command line: all of it, or the commands that begin with a word, so that nothing else is imported.
+    """Parser of all commands, or of those that begin with a word, to import nothing else.
 
-    ``name`` is what the user has typed, ``fsw`` where the package is installed.
+    ``name`` is the program as typed by the user, ``fsw`` if the package is installed.
     """
     whole = argparse.ArgumentParser(
         prog=name,
@@ -52,10 +52,10 @@ def parser(name: str = "fsw.py", word: str = "") -> argparse.ArgumentParser:
 
 
 def _modules(word: str) -> Iterable[ModuleType]:
-    """Modules whose commands begin with a word, e.g. ``bag`` and ``bag.info``; all if there are none.
+    """Modules whose commands begin with a word, e.g. ``bag`` and ``bag.info``; all if none does.
 
     A module of another distribution that cannot be imported is skipped with a note, unless it is
-    the one wanted.
+    the requested one.
     """
     names = list(extensions(GROUP))
     wanted = [name for name in names if name.partition(".")[0] == word]
@@ -79,7 +79,7 @@ def _places(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit code, which is 2 for wrong arguments."""
+    """Run the command; returns the exit code, 2 for invalid arguments."""
     words = sys.argv[1:] if arguments is None else list(arguments)
 
     def run() -> int:

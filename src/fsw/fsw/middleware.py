@@ -1,10 +1,10 @@
-"""Whether ROS 2 is here, without which welds run in one process and there is no graph."""
+"""Whether ROS 2 is installed; without it welds run in one process and there is no graph."""
 
 from __future__ import annotations
 
 from importlib.util import find_spec
 
-#: where to read how it is installed
+#: documentation of its installation
 HOW = "see docs/how-to/install.md"
 
 

@@ -27,10 +27,13 @@ from fsw_schema.files import replacing
     file("--figure", "also plot it like the paper's Figs. 4 and 5", "FILE.png"),
     file("--model", "model parameters (YAML) instead of the paper's"),
     FORCE,
-    description="Simulate the process alone (no drives, no sensors, no noise) in open loop from the operating "
-    "point and write its trajectories as CSV, a row every 0.1 s. The file lists steps {at_s, force_kn, speed_rpm}, "
-    "or is a mapping with events: and duration_s: (default: 30 s after the last event). Values are "
-    "absolute and in force from at_s, a multiple of 0.1 s; an omitted one keeps its value.",
+    description="Simulate the process alone (no drives, no sensors, no noise) "
+    "in open loop from the operating "
+    "point and write its trajectories as CSV, a row every 0.1 s. "
+    "The file lists steps {at_s, force_kn, speed_rpm}, "
+    "or is a mapping with events: and duration_s: (default: 30 s after the last event). "
+    "Values are absolute and in force from at_s, a multiple of 0.1 s; "
+    "an omitted one keeps its value.",
 )
 def model(arguments: argparse.Namespace) -> int:
     files = [arguments.csv] if arguments.figure is None else [arguments.csv, arguments.figure]

@@ -1,4 +1,4 @@
-"""``fsw node``: one node of the graph, where the package is installed; in the repository ``scripts/run_*.py`` do it."""
+"""``fsw node``: runs a node of the installed package; the repository has ``scripts/run_*.py``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A short-lived node in the graph: watches topics, calls services."""
+"""A short-lived node that watches topics and calls services."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import ShoulderDepth
 
-#: what must be there for the services, by the second part of their names
+#: requirement of the services, by the second part of their names
 _SERVERS = {
     "plant": "the plant running",
     "weld": "a weld under way",
     "run_weld": "the scenario player running",
 }
-#: by how much the clocks of two computers may differ (chosen)
+#: largest difference between the clocks of two computers (chosen)
 _CLOCKS_S = 0.5
 
 
@@ -47,7 +47,7 @@ class Operator:
         self.timeout_s = timeout_s
 
     def wait_until(self, condition: Callable[[], object], timeout_s: float | None = None) -> bool:
-        """Spin until a condition holds; False when it takes too long."""
+        """Spin until a condition holds; False on time-out."""
         end = time.monotonic() + (self.timeout_s if timeout_s is None else timeout_s)
         while True:
             try:
@@ -59,20 +59,21 @@ class Operator:
             except Exception as error:
                 if rclpy.ok() and not isinstance(error, ExternalShutdownException):
                     raise
-                # SIGTERM has shut ROS down, after which it raises various exceptions
+                # SIGTERM has shut ROS down, which raises various exceptions
                 raise KeyboardInterrupt from None
 
     def answer(self, future: Any, name: str, extra_s: float = 0.0) -> Any:
-        """Result of a future; CommandError when ``name`` does not answer in time."""
+        """Result of a future; CommandError if ``name`` does not answer in time."""
         timeout_s = self.timeout_s + extra_s
         if not self.wait_until(future.done, timeout_s):
             raise CommandError(
-                f"{name} did not answer within {timeout_s:g} s; if it is running, give a longer --timeout"
+                f"{name} did not answer within {timeout_s:g} s; "
+                "if it is running, give a longer --timeout"
             )
         return future.result()
 
     def call(self, service: Any, name: str, request: Any, extra_s: float = 0.0) -> Any:
-        """Call a service; CommandError when no node offers it or none answers in time."""
+        """Call a service; CommandError if no node offers it or answers in time."""
         client = self.node.create_client(service, name)
         if not self.wait_until(client.service_is_ready):
             server = _SERVERS.get(name.split("/")[1], "the supervisor running")
@@ -81,7 +82,7 @@ class Operator:
         return self.answer(client.call_async(request), name, extra_s)
 
     def node_names(self) -> set[str]:
-        """Nodes in the namespace."""
+        """Names of the nodes in the namespace."""
         own = self.node.get_namespace()
         return {
             name
@@ -90,19 +91,19 @@ class Operator:
         }
 
     def watch(self, kind: Any, topic: str, profile: QoSProfile = STREAM) -> list[Any]:
-        """A list that gets every message of a topic while this object spins."""
+        """A list that collects the messages of a topic while this object spins."""
         received: list[Any] = []
         self.node.create_subscription(kind, topic, received.append, profile)
         return received
 
     def watch_sensors(self, names: Iterable[str] = REQUIRED) -> dict[str, list[Any]]:
-        """The same of sensors, by name."""
+        """Lists of sensor messages by name, like :meth:`watch`."""
         return {
             name: self.watch(convert.message_type(name), SENSORS[name].topic) for name in names
         }
 
     def watch_set_points(self) -> ReferenceQueue:
-        """Set-points as they were sent and as the supervisor keeps them, while this object spins."""
+        """Collect set-points, as sent and as stated by the supervisor, while this object spins."""
         queue = reference_queue(self.node)
         subscribe_references(self.node, queue)
         return queue
@@ -110,17 +111,17 @@ class Operator:
     def set_points_in_force(
         self, set_points: ReferenceQueue, depths: list[ShoulderDepth]
     ) -> Reference | None:
-        """The set-points that hold at the last measurement, or else now; None if there are none."""
+        """The set-points in force at the last measurement, or else now; None if there are none."""
         if depths:
             return set_points.at(convert.stamp_ns(depths[-1].header.stamp))
         return set_points.at(self.node.get_clock().now().nanoseconds)
 
 
 class ErrorLines:
-    """Errors that a node of the namespace logs from now on.
+    """Errors logged by a node of the namespace from now on.
 
-    By the clocks of two computers, where it runs on another one. What was logged before the
-    subscription was matched is sent once more, so none is missed.
+    For a node on another computer, by both computers' clocks. Lines logged before the subscription
+    was matched are sent again, so none is missed.
     """
 
     def __init__(self, node: Operator, name: str) -> None:
@@ -140,27 +141,27 @@ class ErrorLines:
         ]
 
     def last(self) -> str:
-        """The newest line, which may come after an answer; empty if none comes in time."""
+        """The newest line, which may follow an answer; empty if none arrives in time."""
         self._node.wait_until(self._lines)
         return next(reversed(self._lines()), "")
 
 
 def domain_text() -> str:
-    """The ROS domain in words."""
+    """The ROS domain as a text."""
     return f"ROS domain {os.environ.get('ROS_DOMAIN_ID') or '0'}"
 
 
 def graph_text(node: Operator) -> str:
-    """The ROS domain and the namespace in words."""
+    """ROS domain and namespace as a text."""
     return f"{domain_text()}, namespace {node.node.get_namespace()}"
 
 
 @contextlib.contextmanager
 def operator(arguments: argparse.Namespace) -> Iterator[Operator]:
-    """Join the graph of ``--namespace`` as ``fsw_operator`` for as long as the context lasts."""
+    """Join the graph of ``--namespace`` as ``fsw_operator`` while the context lasts."""
     os.environ.update(fast_dds.settings(os.environ))
     try:
-        # Ctrl-C must leave the graph reachable: whoever is interrupted aborts what it has begun
+        # Ctrl-C must leave the graph reachable: an interrupted command aborts what it has begun
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # the environment is wrong, e.g. ROS_DOMAIN_ID
         raise CommandError(str(error)) from None
@@ -183,7 +184,7 @@ def ask(
     request: Any = None,
     extra_s: float = 0.0,
 ) -> int:
-    """Call a service that answers with success and a message."""
+    """Call a service whose response is success and a message."""
     with operator(arguments) as node:
         response = node.call(service, name, request or service.Request(), extra_s)
     if not (response.success if service is Trigger else response.ok):

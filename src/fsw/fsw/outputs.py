@@ -1,4 +1,4 @@
-"""Files and folders that a command writes: none that exists is replaced unless ``--force`` says so."""
+"""Output files and folders of commands: existing ones are replaced only with ``--force``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fsw_schema import files
 
 
 def check_new(wanted: Iterable[Path | None], force: bool) -> None:
-    """Refuse files that exist, before any work is done; CommandError names the first."""
+    """Reject existing files before any work is done; CommandError names the first one."""
     for file in wanted:
         if file is not None and file.is_dir():
             raise CommandError(f"cannot write {file}: it is a folder")
@@ -24,7 +24,7 @@ def check_new(wanted: Iterable[Path | None], force: bool) -> None:
 
 
 def write_text(file: Path, text: str) -> None:
-    """Write a text file, its folder first; CommandError when that is not possible."""
+    """Write a text file, creating its folder; CommandError if that is not possible."""
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         files.write_whole(file, text)
@@ -33,26 +33,27 @@ def write_text(file: Path, text: str) -> None:
 
 
 def write_whole(file: Path, write: Callable[[Path], object]) -> None:
-    """Write a file that is there only when it is whole, its folder first."""
+    """Write a file atomically, creating its folder."""
     file.parent.mkdir(parents=True, exist_ok=True)
     with files.replacing(file) as part:
         write(part)
 
 
 def write_json(file: Path | None, values: Any) -> None:
-    """Write values as JSON where a file is given."""
+    """Write values as JSON if a file is given."""
     if file is not None:
         write_text(file, json.dumps(values, indent=2, allow_nan=False) + "\n")
 
 
 def new_folder(wanted: Path | None, name: str, option: str = "--out") -> Path:
-    """Make a folder for results; CommandError when it is not empty or cannot be made."""
+    """Create a folder for results; CommandError if it is not empty or cannot be created."""
     folder = wanted or default_folder(name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
             raise CommandError(
-                f"folder {folder} exists and is not empty; nothing is overwritten, choose another {option}"
+                f"folder {folder} exists and is not empty; "
+                f"nothing is overwritten, choose another {option}"
             )
     except OSError as error:
         raise CommandError(f"cannot make folder {folder}: {error.strerror}") from None
@@ -60,5 +61,5 @@ def new_folder(wanted: Path | None, name: str, option: str = "--out") -> Path:
 
 
 def default_folder(name: str) -> Path:
-    """Folder for results where none is given."""
+    """Default folder for results."""
     return Path("out") / f"{time.strftime('%Y%m%d-%H%M%S')}_{name}"

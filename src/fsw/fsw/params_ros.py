@@ -17,7 +17,7 @@ from fsw_control.parameters import ParameterSpec, require_known
 from fsw_schema.models import InputError
 from fsw_schema.yaml_text import load_yaml
 
-#: type of a value on the wire: what it is called in the parameter files
+#: names of the types in parameter files
 _TYPES = {
     Parameter.Type.BOOL: "bool",
     Parameter.Type.INTEGER: "int",
@@ -29,7 +29,7 @@ _TYPES = {
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Carry the command out; returns the exit code."""
+    """Run the command; returns the exit code."""
     with operator(arguments) as node:
         client = client_of(node, arguments.node)
 
@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def client_of(node: Operator, name: str) -> AsyncParameterClient:
-    """The client of a node's parameters; CommandError when there is no such node."""
+    """Client of a node's parameters; CommandError if there is no such node."""
     try:
         client = AsyncParameterClient(node.node, name)
     except NameValidationException:
@@ -84,7 +84,7 @@ def _text(value: Any) -> str:
 
 
 def _parameter(name: str, kind: Parameter.Type, text: str) -> Parameter:
-    """The parameter from its value as YAML; a string's is taken as it is written."""
+    """Parameter from its value as YAML; the value of a string is taken literally."""
     if kind == Parameter.Type.STRING:
         return Parameter(name, kind, text)
     try:

@@ -1,4 +1,4 @@
-"""The process model for use in Python: its equations, linearisations and forms for other tools."""
+"""The process model for Python: its equations, linearisations and forms for other tools."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class Model:
     ----------
     parameters : ModelParameters
     process : ProcessModel
-        Steps it by numbers; its ``step_function`` and ``output_function`` are the CasADi functions
-        of one tick.
+        Numeric process; its ``step_function`` and ``output_function`` are CasADi functions of a
+        tick.
 
     Examples
     --------
@@ -52,7 +52,7 @@ class Model:
 
     @checked
     def equation(self, number: int) -> ca.Function:
-        """An equation of the paper as a CasADi function; names of arguments and results hold the units.
+        """An equation of the paper as a CasADi function; its argument names include the units.
 
         (16), (17), (18) are derivatives with respect to time, (16) without its dead time; (19)
         holds (20)-(22).
@@ -123,11 +123,11 @@ class Model:
 
     @cached_property
     def discrete(self) -> ca.Function:
-        """One tick of 0.1 s, the dead time in the state: (x, u) -> (x next, y), exact between ticks.
+        """A tick of 0.1 s as (x, u) -> (x next, y), exact, with the dead time in the state.
 
         ``x`` holds the six states of :mod:`fsw_model.equations` and the power of each tick of the
         dead time, four numbers each; ``u`` is (force kN, speed rpm), ``y`` (depth mm, temperature
-        degC, motor torque N m) at the beginning of the tick. Explicit, as acados takes it for
+        degC, motor torque N m) at the start of the tick. Explicit, as required for acados'
         ``disc_dyn_expr``.
 
         Examples
@@ -151,7 +151,7 @@ class Model:
 
     @checked
     def state(self, at: Equilibrium | None = None) -> Vector:
-        """State of :attr:`discrete` at an equilibrium, that of the operating point by default."""
+        """State of :attr:`discrete` at an equilibrium, by default the operating point."""
         state = (at or self.process.equilibrium()).state
         return np.concatenate([state.x, np.ravel(state.power)])
 
@@ -163,15 +163,17 @@ class Model:
         delay: Literal["pade", "exact"] = "pade",
         order: int = 4,
     ) -> Any:
-        """Linearise about an equilibrium, as a ``control.StateSpace`` of deviations; ImportError without that.
+        """Linearise about an equilibrium, as a ``control.StateSpace`` of deviations.
+
+        Raises ImportError without the package ``control``.
 
         Parameters
         ----------
         depth_mm, temperature_c : float, optional
-            Those of the operating point by default.
+            By default those of the operating point.
         delay : {"pade", "exact"}
-            Continuous, with the Padé approximation of the dead time; or per tick of 0.1 s, where
-            the dead time is exact.
+            Continuous, with a Padé approximation of the dead time; or per tick of 0.1 s, with the
+            exact dead time.
         order : int
             Of the Padé approximation.
 
@@ -207,7 +209,7 @@ class Model:
         return control.ss(a, b, c, np.zeros((3, 2)), **names)
 
     def _slopes(self, x: Vector, u: Sequence[float]) -> list[Vector]:
-        """A, B, C, D of :attr:`discrete` at a point."""
+        """Matrices A, B, C, D of :attr:`discrete` at a point."""
         states, inputs = ca.SX.sym("x", x.size), ca.SX.sym("u", 2)
         parts = [
             ca.jacobian(of, by) for of in self.discrete(states, inputs) for by in (states, inputs)
@@ -215,7 +217,7 @@ class Model:
         return [part.full() for part in ca.Function("slopes", [states, inputs], parts)(x, u)]
 
     def _with_pade(self, at: Equilibrium, order: int) -> tuple[Vector, Vector, Vector]:
-        """A, B, C in continuous time; the states of the approximation of the dead time follow those of the process."""
+        """A, B, C in continuous time; the states of the Padé approximation come last."""
         control = needed("control")
         from scipy.signal import tf2ss
 
@@ -233,7 +235,7 @@ class Model:
         return a, b, np.hstack([lin.c, np.zeros((3, order))])
 
     def to_do_mpc(self) -> Any:
-        """Make a discrete ``do_mpc.model.Model`` of 0.1 s per step, set up; ImportError without do-mpc.
+        """Create a discrete ``do_mpc.model.Model`` with 0.1 s per step; needs do-mpc.
 
         Its state ``x`` is that of :attr:`discrete`, its inputs are ``force_kn`` and ``speed_rpm``,
         and its expressions ``depth_mm``, ``temperature_c`` and ``motor_torque_nm``.
@@ -267,14 +269,14 @@ def model(source: str | Path | ModelParameters | None = None, **factors: float) 
     Parameters
     ----------
     source : str, Path or ModelParameters, optional
-        Model file, e.g. from :func:`identify`, or parameters; the paper's by default.
+        Model file, e.g. from :func:`identify`, or parameters; by default the paper's.
     **factors : float
         Factors on parameters, e.g. ``thermal_gain_c_per_kw=1.2``.
 
     Raises
     ------
     fsw_schema.models.InputError
-        When the file cannot be read or a value is not physical.
+        If the file cannot be read or a value is not physical.
 
     Examples
     --------

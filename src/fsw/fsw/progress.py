@@ -1,4 +1,4 @@
-"""A progress bar on a terminal, a line now and then elsewhere, both on stderr."""
+"""A progress bar on a terminal, else lines now and then; both on stderr."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-#: Elsewhere than on a terminal a line is written this often.
+#: period of the lines if stderr is not a terminal
 _LINE_S = 30.0
 
 
 class ProgressBar(Progress):
-    """Shows how much of a piece of work is done, as a share or of a number of pieces; a context."""
+    """Shows progress as a share or a number of pieces; a context manager."""
 
     def __init__(self, title: str, pieces: int | None = None) -> None:
         console = Console(stderr=True)

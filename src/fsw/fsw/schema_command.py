@@ -1,4 +1,4 @@
-"""``fsw schema``: the JSON Schema of a kind of file, by which an editor completes and checks it."""
+"""``fsw schema``: JSON Schema of a kind of file, for completion and checks in editors."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ GROUP = "fsw.schemas"
 
 
 def kinds() -> list[str]:
-    """Kinds of files that the installed distributions describe."""
+    """Kinds of files with a model in the installed distributions."""
     return list(extensions(GROUP))
 
 

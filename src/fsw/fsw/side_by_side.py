@@ -1,4 +1,4 @@
-"""Runs several weld graphs at a time, each in a ROS domain of its own."""
+"""Runs several weld graphs at a time, each in its own ROS domain."""
 
 from __future__ import annotations
 
@@ -17,10 +17,9 @@ class _StoppedError(Exception):
 
 
 def run_side_by_side(graphs: Sequence[WeldGraph], at_a_time: int) -> None:
-    """Run all welds to their ends; after a failure or Ctrl-C all are ended, and the first exception is raised.
+    """Run all welds to their ends; on a failure or Ctrl-C end all and raise the first exception.
 
-    A lockstep weld waits for messages half of the time, so that one weld for each core is about
-    the fastest.
+    A lockstep weld waits for messages half of the time; about one weld per core is the fastest.
     """
     stop = threading.Event()
     shares = [0.0] * len(graphs)
@@ -38,7 +37,7 @@ def run_side_by_side(graphs: Sequence[WeldGraph], at_a_time: int) -> None:
             graph.run(launcher, progress)
 
     title = f"{len(graphs)} welds, {min(at_a_time, len(graphs))} at a time"
-    # threads that live until all have ended: the kernel ends the children of a thread that is gone
+    # threads that live until all welds have ended: the kernel ends the children of a dead thread
     with ProgressBar(title) as bar, ThreadPoolExecutor(at_a_time) as pool:
         futures = [pool.submit(run, position, graph, bar) for position, graph in enumerate(graphs)]
         try:

@@ -48,8 +48,8 @@ from fsw_schema.models import content_of, read_text
         "--controller",
         action="append",
         metavar="NAME[:TUNING]",
-        help="run with this controller instead of the scenario's; several times: compare, e.g. decentral:tight; your "
-        "own: MODULE:CLASS or FILE.py:CLASS",
+        help="run with this controller instead of the scenario's; "
+        "several times: compare, e.g. decentral:tight; your own: MODULE:CLASS or FILE.py:CLASS",
     ),
     repeated(
         "--parameter",
@@ -74,7 +74,8 @@ from fsw_schema.models import content_of, read_text
         "--procedure",
         metavar="PROCEDURE",
         default="",
-        help="with --bag: procedure that it is welded by, whose limits hold; the weld's record is written into the "
+        help="with --bag: procedure that it is welded by, whose limits hold; "
+        "the weld's record is written into the "
         f"bag; one of {', '.join(procedures())}",
     ),
     TRUSTED,
@@ -82,11 +83,13 @@ from fsw_schema.models import content_of, read_text
     repeated(
         "--identity",
         "KEY=VALUE",
-        f"with --bag: what is welded with what, into the bag's metadata and the record: {', '.join(IDENTITY)}",
+        "with --bag: what is welded with what, into the bag's metadata and the record: "
+        f"{', '.join(IDENTITY)}",
     ),
     switch("--no-figures", "figures of merit only"),
     switch("--list", "list the shipped scenarios and exit"),
-    description="Run a scenario in this process, without middleware: plant emulator and controllers at full speed.",
+    description="Run a scenario in this process, without middleware: "
+    "plant emulator and controllers at full speed.",
 )
 def simulate(arguments: argparse.Namespace) -> int:
     if arguments.list:
@@ -159,7 +162,8 @@ def _loops(
     unused = [name for name in parameters if name not in used]
     if unused:
         raise CommandError(
-            f"simulate: --parameter is for {', '.join(unused)}, but {', '.join(used) or 'none'} run"
+            f"simulate: --parameter is for {', '.join(unused)}, "
+            f"but {', '.join(used) or 'none'} run"
         )
     return loops
 
@@ -167,7 +171,7 @@ def _loops(
 def write_results(
     scenario: Scenario, runs: Sequence[Run], folder: Path, with_figures: bool = True
 ) -> list[Path]:
-    """Print figures of merit, and write them and figures, for a whole weld also by phase; returns the files."""
+    """Print and write figures of merit and figures (by phase for a whole weld); returns files."""
     results = [kpi.compute(run.signals, run.label) for run in runs]
     print(kpi_table.markdown(results), end="")
     paths = kpi_table.write(results, folder)
@@ -191,14 +195,15 @@ def write_results(
 
 
 def _print_health(run: Run) -> None:
-    """Report on stderr how often a controller was unhealthy, and the first reason."""
+    """Report on stderr how often a controller was unhealthy, with the first reason."""
     notes = list(run.signals.problems)
     for name, proposal in run.signals.proposals.items():
         ticks = np.flatnonzero(proposal.healthy == 0.0)
         if ticks.size:
             text = f"{name} is unhealthy in {ticks.size} of {run.signals.n_ticks} ticks"
             notes.append(
-                f"{text}, first at {run.signals.time_s[ticks[0]]:.1f} s: {proposal.reason[ticks[0]]}"
+                f"{text}, first at {run.signals.time_s[ticks[0]]:.1f} s: "
+                f"{proposal.reason[ticks[0]]}"
             )
     print_notes(f"{run.label}: {note}" for note in notes)
 
@@ -211,7 +216,7 @@ def _record(
     by_procedure: Mapping[str, dict[str, Any]],
     identity: Sequence[str],
 ) -> None:
-    """Run a scenario in the graph, in lockstep, and leave its bag in a folder."""
+    """Run a scenario in the graph, in lockstep, and store its bag in a folder."""
     nodes = {name: parameters.get(name, {}) for name in scenario.controllers}
     if not scenario.open_loop:
         nodes[name_of(label)] = nodes[name_of(label)] | variant_of(label)
@@ -229,7 +234,7 @@ def _record(
 
 
 def _identity(arguments: argparse.Namespace) -> list[str]:
-    """What is welded with what, from the options, as the recorder takes it."""
+    """Identity of the welded parts from the options, as parameters of the recorder."""
     if arguments.identity and not arguments.bag:
         raise CommandError("simulate: --identity needs --bag: it is noted in the bag")
     found: dict[str, str] = {}
@@ -245,7 +250,7 @@ def _identity(arguments: argparse.Namespace) -> list[str]:
 
 
 def run_graph(graph: WeldGraph, title: str) -> None:
-    """Run a weld in processes, to its end."""
+    """Run a weld in processes to its end."""
     with (
         ProgressBar(title) as bar,
         free_domain() as domain,

@@ -1,4 +1,4 @@
-"""Sends goals of the action ``fsw/run_weld``, cancels them, and holds and resumes a programme."""
+"""Sends and cancels goals of the action ``fsw/run_weld``; holds and resumes a programme."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from fsw_scenario.weld_player_ros import REFUSED
 from fsw_scenario.weld_programme import State
 
 _ACTION = "fsw/run_weld"
-#: seconds of the weld between two lines of feedback where stdout is no terminal, as in a log
+#: weld time between two lines of feedback if stdout is not a terminal [s]
 _LOGGED_EVERY_S = 10.0
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run a scenario and follow it; exit code 1 for a weld that was not done."""
+    """Run a scenario and follow it; exit code 1 if the weld was not completed."""
     scenario = load(
         arguments.scenario, arguments.set
     )  # what is wrong in it is said before anything is sent
@@ -40,14 +40,15 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"{outcome.verdict}: {outcome.message}")
     print(f"IAE: {units.mm_from_m(kpi.depth_iae):.4g} mm s, {kpi.temperature_iae:.4g} degC s")
     print(
-        f"largest error: {units.mm_from_m(kpi.depth_max_error):.4g} mm, {kpi.temperature_max_error:.4g} degC"
+        f"largest error: {units.mm_from_m(kpi.depth_max_error):.4g} mm, "
+        f"{kpi.temperature_max_error:.4g} degC"
     )
     print(f"bag: {outcome.bag or 'none is recorded'}")
     return 0 if outcome.verdict == State.DONE else 1
 
 
 def hold_or_resume(arguments: argparse.Namespace) -> int:
-    """Stop the travel of the programme, or go back to it."""
+    """Stop the travel of the programme, or resume it."""
     return ask(arguments, Trigger, f"fsw/weld/{arguments.verb}")
 
 
@@ -62,7 +63,7 @@ def abort_weld(arguments: argparse.Namespace) -> int:
 
 
 def abort(node: Operator) -> bool:
-    """Cancel whatever goal there is; returns whether there was one."""
+    """Cancel any goal; returns whether there was one."""
     return bool(
         node.call(
             CancelGoal, f"{_ACTION}/_action/cancel_goal", CancelGoal.Request()
@@ -71,11 +72,10 @@ def abort(node: Operator) -> bool:
 
 
 def follow(node: Operator, goal: Any, over: Callable[[], object] = lambda: False) -> Any:
-    """Send a goal and print its feedback; returns the result, or None if an aborted weld does not end in time.
+    """Send a goal and print its feedback; returns the result, None if an abort does not end it.
 
-    Once it is sent its answer is waited for as long as the player is there: a weld that begins
-    late is followed, too. When ``over`` comes true the weld is aborted, one that begins late as
-    soon as it begins.
+    The answer to the goal is awaited as long as the player is present: a weld that begins late is
+    followed, too. When ``over`` becomes true the weld is aborted, a late one as soon as it begins.
     """
     client = ActionClient(node.node, RunWeld, _ACTION)
     if not node.wait_until(client.server_is_ready):
@@ -104,7 +104,7 @@ def follow(node: Operator, goal: Any, over: Callable[[], object] = lambda: False
 
 
 class FeedbackLines:
-    """Prints the feedback of a weld: on a terminal all of it, else every ten seconds of the weld and at changes."""
+    """Prints the feedback of a weld: all on a terminal, else at changes and every ten seconds."""
 
     def __init__(self, all_of_it: bool) -> None:
         self._all = all_of_it

@@ -1,4 +1,4 @@
-"""Welds for use in Python: simulated, read from bags, compared."""
+"""Welds for Python: simulated, read from bags, compared."""
 
 from __future__ import annotations
 
@@ -33,11 +33,14 @@ Progress = Callable[[float], None]
 
 
 def needed(module: str) -> Any:
-    """A module of the extra ``science``; ImportError, which says how to install it, without that."""
+    """A module of the extra ``science``; otherwise an ImportError that says how to install it."""
     try:
         return import_module(module)
     except ImportError:
-        install = "pip install 'fsw-control[science]'; in the repository: pip install -r requirements/science.lock"
+        install = (
+            "pip install 'fsw-control[science]'; "
+            "in the repository: pip install -r requirements/science.lock"
+        )
         raise ImportError(f"{module} is missing: {install}") from None
 
 
@@ -47,7 +50,7 @@ class Weld:
     Parameters
     ----------
     label : str
-        Its name in tables and legends.
+        Name in tables and legends.
     signals : WeldSignals
 
     Attributes
@@ -79,7 +82,7 @@ class Weld:
         )
 
     def __getitem__(self, name: str) -> Column:
-        """A signal by name; KeyError where there is none."""
+        """A signal by name; KeyError if there is none."""
         try:
             return self.table[name]
         except (KeyError, TypeError):
@@ -112,7 +115,7 @@ class Weld:
         return pandas.DataFrame(self.table).set_index("time_s")
 
     def to_xarray(self) -> xr.Dataset:
-        """All signals over the coordinate ``time_s``, with their units as attributes; ImportError without xarray.
+        """All signals over the coordinate ``time_s``, with units as attributes; needs xarray.
 
         Examples
         --------
@@ -134,12 +137,12 @@ class Weld:
 
     @checked
     def to_csv(self, path: str | Path) -> None:
-        """Write all signals as a table; fsw_recorder.errors.BagError where that is not possible."""
+        """Write all signals as a table; fsw_recorder.errors.BagError if that fails."""
         export_weld(self.signals, Path(path))
 
     @checked
     def plot(self, number: int | None = None) -> Figure:
-        """Draw an overview, or a figure as the paper's 4 to 9.
+        """Draw an overview, or a figure like the paper's 4 to 9.
 
         Examples
         --------
@@ -151,7 +154,7 @@ class Weld:
 
 
 class Comparison(dict[str, Weld]):
-    """Welds by label, to be compared.
+    """Welds by label, for comparison.
 
     Examples
     --------
@@ -165,7 +168,7 @@ class Comparison(dict[str, Weld]):
 
     @property
     def kpi(self) -> list[dict[str, Any]]:
-        """Figures of merit of each."""
+        """Figures of merit of each weld."""
         return [weld.kpi for weld in self.values()]
 
     def __str__(self) -> str:
@@ -186,11 +189,11 @@ class Comparison(dict[str, Weld]):
 
     @checked
     def plot(self, number: int | None = None) -> Figure:
-        """Draw all into one overview, or one figure as the paper's 4 to 9."""
+        """Draw all welds into an overview, or a figure like the paper's 4 to 9."""
         return _figure(list(self.values()), number)
 
 
-#: units by the end of a signal's name
+#: units by the suffix of a signal's name
 _UNITS = {
     "mm": "mm",
     "c": "degC",
@@ -236,9 +239,8 @@ def simulate(
     ----------
     scenario : str or Path
         Name of a shipped scenario, e.g. ``reference_tracking``, or a YAML file.
-    controller : str or Controller, optional
         Name, also with a variant, e.g. ``nmpc:paper``; ``MODULE:CLASS``, ``FILE.py:CLASS``, or an
-        object of your own class. The scenario's by default.
+        object of your own class. By default the scenario's.
     plant : mapping of str to value, optional
         Parameters of the plant, e.g. ``{"seed": 3, "model.thermal_gain_c_per_kw": 1.2}``.
     parameters : mapping of str to value, optional
@@ -248,17 +250,17 @@ def simulate(
     noise : bool, optional
         Whether sensors have noise and resolution.
     label : str, optional
-        Name of the weld in tables and legends; the controller's by default.
+        Name of the weld in tables and legends; by default the controller's.
     progress : callable, optional
-        Called with the share done, 0 to 1.
+        Called with the completed share, 0 to 1.
 
     Raises
     ------
     fsw_schema.models.InputError
-        When something of this is not there or out of range, or the controller proposed nothing
-        that could be applied.
+        If something is missing, invalid or out of range, or the controller proposed nothing
+        usable.
     fsw_model.OperatingPointError
-        When the plant has no equilibrium to start from.
+        If the plant has no equilibrium to start from.
 
     Examples
     --------
@@ -283,7 +285,7 @@ def simulate(
 def overrides_of(
     plant: Mapping[str, Any] | None, changes: Mapping[str, Any] | None, noise: bool | None
 ) -> list[str]:
-    """Other values of a scenario, see :func:`simulate`, as :func:`fsw_scenario.scenario_file.load` takes them."""
+    """Overrides for :func:`fsw_scenario.scenario_file.load` from values by path."""
     values = {
         **(changes or {}),
         **{f"plant.{name}": value for name, value in (plant or {}).items()},
@@ -311,16 +313,17 @@ def closed_loop(
     overrides: Sequence[str] = (),
     parameters: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> tuple[str, ClosedLoop]:
-    """Label of a weld, and what runs it; see :func:`simulate`.
+    """Label of a weld, and its simulation; see :func:`simulate`.
 
-    ``overrides`` are as :func:`fsw_scenario.scenario_file.load` takes them, ``parameters`` by name
-    of the controller.
+    ``overrides`` are those of :func:`fsw_scenario.scenario_file.load`, ``parameters`` by name of
+    the controller.
     """
     if not isinstance(controller, str | None) and (
         isinstance(controller, type) or not hasattr(controller, "step")
     ):
         raise InputError(
-            f"simulate: controller is a name or an object of a controller's class, not {controller!r}"
+            "simulate: controller is a name or an object of a controller's class, "
+            f"not {controller!r}"
         )
     scenario = load(source, overrides)
     if scenario.open_loop and controller is not None:
@@ -350,7 +353,7 @@ def closed_loop(
 def compare(
     scenario: str | Path, controllers: Sequence[str | Controller] = tuple(OURS), **options: Any
 ) -> Comparison:
-    """Weld a scenario with each of several controllers; ``options`` are those of :func:`simulate`.
+    """Weld a scenario with each of several controllers; ``options`` as for :func:`simulate`.
 
     Of controllers with the same label all but the first get a number.
 
@@ -376,7 +379,7 @@ def compare(
 
 @checked
 def read_bag(bag: str | Path, label: str | None = None, progress: Progress | None = None) -> Weld:
-    """A recorded weld, cut to the length of its scenario. Problems of the bag are in ``signals.problems``.
+    """A recorded weld, cut to its scenario's length; ``signals.problems`` has the bag's problems.
 
     Parameters
     ----------
@@ -390,7 +393,7 @@ def read_bag(bag: str | Path, label: str | None = None, progress: Progress | Non
     Raises
     ------
     fsw_recorder.errors.BagError
-        When nothing can be read.
+        If nothing can be read.
 
     Examples
     --------
