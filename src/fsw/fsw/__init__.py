@@ -35,13 +35,13 @@ _PLACES = {
     "fsw.welds": ("Comparison", "Weld", "compare", "read_bag", "simulate"),
     "fsw_control.contract": ("Command", "Limits", "Measurement", "Proposal", "Reference"),
 }
-_PLACE = {name: module for module, names in _PLACES.items() for name in names}
-__all__ = sorted(_PLACE)
+MODULE_OF = {name: module for module, names in _PLACES.items() for name in names}
+__all__ = sorted(MODULE_OF)
 
 
 def __getattr__(name: str) -> Any:
-    if name in _PLACE:
-        value = getattr(import_module(_PLACE[name]), name)
+    if name in MODULE_OF:
+        value = getattr(import_module(MODULE_OF[name]), name)
     else:
         value = (
             None

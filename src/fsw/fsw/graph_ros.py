@@ -154,7 +154,7 @@ def status(arguments: argparse.Namespace) -> int:
         space = node.node.get_namespace()
         if not depths:
             node.wait_until(
-                lambda: depths or _latest(reports, space, _measuring(node.node)), _REPORT_S
+                lambda: depths or latest_reports(reports, space, _measuring(node.node)), _REPORT_S
             )
         sources = _measuring(node.node)
         # hidden nodes, e.g. that of the ros2 command, begin with an underscore
@@ -166,7 +166,7 @@ def status(arguments: argparse.Namespace) -> int:
         nodes = sorted(shown)
         reference = node.set_points_in_force(set_points, depths)
     rows = [("nodes", ", ".join(nodes)), *_supervisor_rows(states[-1] if states else None)]
-    rows += source_rows(bool(depths), sources, _latest(reports, space, sources))
+    rows += source_rows(bool(depths), sources, latest_reports(reports, space, sources))
     for name, messages in sensors.items():
         if not messages and name not in REQUIRED:
             continue
@@ -209,8 +209,8 @@ def _measuring(node: Any) -> set[str]:
     return {publisher.node_name for publisher in node.get_publishers_info_by_topic("fsw/depth")}
 
 
-def _latest(reports: Iterable[Any], namespace: str, nodes: set[str]) -> dict[str, Any]:
-    """Latest diagnostics of these nodes by name (``NODE: PART``), without other welds'."""
+def latest_reports(reports: Iterable[Any], namespace: str, nodes: set[str]) -> dict[str, Any]:
+    """The newest diagnostics of these nodes by name (``NODE: PART``), without those of other welds."""
     named = (
         (local_name(one.name, one.hardware_id, namespace), one)
         for array in reports

@@ -1,7 +1,6 @@
 """``import fsw``: what its docstrings show, and that it tells what the command line and the model tell."""
 
 import csv
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -17,7 +16,7 @@ from fsw.welds import overrides_of
 from fsw_schema.models import InputError
 from fsw_test_support.doc_examples import check, examples
 
-EXAMPLES = examples(set(fsw._PLACE.values()) - {"fsw_control.contract"})
+EXAMPLES = examples(set(fsw.MODULE_OF.values()) - {"fsw_control.contract"})
 #: modules that some examples need, which are extras
 NEEDED = {
     "to_pandas": "pandas",
@@ -25,6 +24,11 @@ NEEDED = {
     "linearise": "control",
     "to_do_mpc": "do_mpc",
 }
+
+
+def missing(facts, raised):
+    """The facts that the text of an error lacks."""
+    return [fact for fact in facts if fact not in str(raised.value)]
 
 
 @pytest.mark.slow
@@ -36,7 +40,7 @@ def test_the_examples_in_the_docstrings(example):
 
 def test_every_public_name_has_an_example():
     shown = {example.name for example in EXAMPLES}
-    for name, place in fsw._PLACE.items():
+    for name, place in fsw.MODULE_OF.items():
         if place != "fsw_control.contract":
             assert f"{place}.{name}" in shown
 
@@ -82,56 +86,53 @@ def test_plant_parameters_and_changes_arrive():
 
 
 @pytest.mark.parametrize(
-    ("scenario", "options", "words"),
+    ("scenario", "options", "facts"),
     [
-        ("nowhere", {}, "nowhere"),
-        ("quick", {"controller": "nobody"}, "nobody"),
-        ("quick", {"plant": {"no_such": 1.0}}, "no_such"),
-        ("quick", {"parameters": {"tuning": "tight"}}, "by its name"),
-        ("open_loop_force_steps", {"controller": "nmpc"}, "open-loop"),
-        ("quick", {"controller": fsw.Controller}, "an object of"),
-        ("quick", {"controller": 3}, "controller is a name"),
-        ("quick", {"plant": 3}, "plant is a mapping"),
-        ("quick", {"changes": "duration_s=3"}, "changes is a mapping"),
-        ({"a": 1}, {}, "^simulate: scenario is text or a path, not {'a': 1}$"),
-        (None, {}, "scenario is text or a path, not None"),
-        ("quick", {"noise": "no"}, "noise is True or False, not 'no'"),
-        ("quick", {"progress": 3}, "progress is a function"),
-        ("quick", {"changes": {"events": {(1, 2): 3}}}, "^events is a number, text, list"),
-        (
-            "quick",
-            {"plant": {"seed": b"3"}},
-            "plant.seed is a number, text, list or mapping, not b'3'",
-        ),
+        ("nowhere", {}, ["nowhere"]),
+        ("quick", {"controller": "nobody"}, ["nobody"]),
+        ("quick", {"plant": {"no_such": 1.0}}, ["no_such"]),
+        ("quick", {"parameters": {"tuning": "tight"}}, ["parameters", "its name"]),
+        ("open_loop_force_steps", {"controller": "nmpc"}, ["open-loop"]),
+        ("quick", {"controller": fsw.Controller}, ["controller", "an object"]),
+        ("quick", {"controller": 3}, ["controller is", "name"]),
+        ("quick", {"plant": 3}, ["plant is", "mapping"]),
+        ("quick", {"changes": "duration_s=3"}, ["changes is", "mapping"]),
+        ({"a": 1}, {}, ["simulate: scenario", "text", "path", "{'a': 1}"]),
+        (None, {}, ["scenario is", "path", "not None"]),
+        ("quick", {"noise": "no"}, ["noise is", "True", "False", "'no'"]),
+        ("quick", {"progress": 3}, ["progress is", "function"]),
+        ("quick", {"changes": {"events": {(1, 2): 3}}}, ["events is", "number", "list"]),
+        ("quick", {"plant": {"seed": b"3"}}, ["plant.seed is", "number", "mapping", "b'3'"]),
     ],
 )
-def test_wrong_arguments_are_named(scenario, options, words):
-    with pytest.raises(InputError, match=words):
+def test_wrong_arguments_are_named(scenario, options, facts):
+    with pytest.raises(InputError) as raised:
         fsw.simulate(scenario, **options)
+    assert missing(facts, raised) == []
 
 
 @pytest.mark.parametrize("controllers", ["decentral", [], 3])
 def test_a_comparison_takes_a_list(controllers):
-    with pytest.raises(InputError, match="compare: controllers is a list"):
+    with pytest.raises(InputError, match="compare: controllers is"):
         fsw.compare("quick", controllers)
 
 
 @pytest.mark.parametrize(
-    ("call", "words"),
+    ("call", "facts"),
     [
-        (lambda: fsw.read_bag(None), "read_bag: bag is text or a path, not None"),
-        (lambda: fsw.model([]), "model: source is text or a path or ModelParameters, not []"),
-        (lambda: fsw.model(np.eye(2)), "not array([[1., 0.], [0., 1.]])"),
-        (lambda: fsw.Model(3), "Model: parameters is ModelParameters, not 3"),
-        (lambda: fsw.model().equation([]), "equation: number is a whole number, not []"),
-        (lambda: fsw.model().linearise("deep"), "linearise: depth_mm is a number, not 'deep'"),
-        (lambda: fsw.model().linearise(True), "linearise: depth_mm is a number, not True"),
+        (lambda: fsw.read_bag(None), ["read_bag: bag", "path", "not None"]),
+        (lambda: fsw.model([]), ["model: source", "path", "ModelParameters", "not []"]),
+        (lambda: fsw.model(np.eye(2)), ["model: source", "not array([[1., 0.], [0., 1.]])"]),
+        (lambda: fsw.Model(3), ["Model: parameters", "ModelParameters", "not 3"]),
+        (lambda: fsw.model().equation([]), ["equation: number", "whole number", "not []"]),
+        (lambda: fsw.model().linearise("deep"), ["linearise: depth_mm", "number", "'deep'"]),
+        (lambda: fsw.model().linearise(True), ["linearise: depth_mm", "number", "not True"]),
     ],
 )
-def test_an_argument_of_a_wrong_type_is_named_in_one_line(call, words):
-    with pytest.raises(InputError, match=re.escape(words)) as raised:
+def test_an_argument_of_a_wrong_type_is_named_in_one_line(call, facts):
+    with pytest.raises(InputError) as raised:
         call()
-    assert "\n" not in str(raised.value)
+    assert missing(facts, raised) == [] and "\n" not in str(raised.value)
 
 
 def test_numbers_of_numpy_are_numbers():
@@ -147,24 +148,24 @@ def test_what_python_itself_refuses_has_the_name_of_the_function():
 
 
 def test_a_figure_that_is_not_there_and_a_factor_that_is_no_number_are_named():
-    with pytest.raises(InputError, match="no figure 99; there are 4, 5, 6, 7, 8, 9"):
+    with pytest.raises(InputError, match=r"figure 99;.* 4, 5, 6, 7, 8, 9"):
         fsw.simulate("quick").plot(99)
-    with pytest.raises(InputError, match="model: dead_time_s is a number, not 'x'"):
+    with pytest.raises(InputError, match=r"model: dead_time_s .*number, .*'x'"):
         fsw.model(dead_time_s="x")
 
 
 def test_a_signal_that_is_not_there_and_an_extra_that_is_missing_are_named(monkeypatch):
     weld = fsw.simulate("quick")
-    with pytest.raises(KeyError, match="no signal dept_mm; did you mean depth_mm"):
+    with pytest.raises(KeyError, match=r"signal dept_mm; .* depth_mm"):
         weld["dept_mm"]
-    with pytest.raises(KeyError, match=r"no signal x; all names: list\(weld.table\)"):
+    with pytest.raises(KeyError, match=r"signal x; .*list\(weld.table\)"):
         weld["x"]
-    with pytest.raises(KeyError, match="no signal 3"):
+    with pytest.raises(KeyError, match="signal 3"):
         weld[3]
     for module in ("pandas", "xarray", "control", "do_mpc.model"):
         monkeypatch.setitem(sys.modules, module, None)
     for convert in (weld.to_pandas, weld.to_xarray, fsw.model().linearise, fsw.model().to_do_mpc):
-        with pytest.raises(ImportError, match=r"is missing: pip install 'fsw-control\[science\]'"):
+        with pytest.raises(ImportError, match=r"'fsw-control\[science\]'"):
             convert()
 
 
@@ -191,12 +192,10 @@ class Late(Nothing):
 
 @pytest.mark.parametrize(
     ("controller", "why"),
-    [(Nothing, "needs a method 'command'"), (Silent, "NoneType"), (Blank, "command is")],
+    [(Nothing, "method 'command'"), (Silent, "NoneType"), (Blank, "command is")],
 )
 def test_a_controller_that_never_proposes_a_command_has_no_figures(controller, why):
-    with pytest.raises(
-        InputError, match=f"quick: nothing proposed nothing usable at any of 600 ticks: .*{why}"
-    ):
+    with pytest.raises(InputError, match=f"^quick: nothing .* 600 ticks: .*{why}"):
         fsw.simulate("quick", controller())
 
 
@@ -269,6 +268,6 @@ def test_the_example_with_do_mpc_moves_to_the_set_point():
 
 
 def test_an_equation_that_is_not_there_is_named():
-    with pytest.raises(InputError, match="equation 3: there are 8, 16"):
+    with pytest.raises(InputError, match=r"equation 3: .* 8, 16"):
         fsw.model().equation(3)
     assert float(fsw.model().equation(27)([0, 0, 0], [0, 0])) == pytest.approx(2.66)

@@ -1,5 +1,6 @@
 """Every command finds a controller of a user's own, and nothing that it does is a traceback."""
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -64,10 +65,8 @@ def test_one_that_never_works_has_no_figures(tmp_path, capsys, step):
         )
         == 1
     )
-    assert (
-        "own proposed nothing usable at any of 600 ticks: controller raised"
-        in capsys.readouterr().err
-    )
+    error = capsys.readouterr().err
+    assert "quick: own" in error and "600 ticks: controller raised" in error
 
 
 def test_one_that_fails_now_and_then_is_told_as_not_healthy(tmp_path, capsys):
@@ -86,10 +85,7 @@ def test_one_that_fails_now_and_then_is_told_as_not_healthy(tmp_path, capsys):
         )
         == 0
     )
-    assert (
-        "own is unhealthy in 9 of 600 ticks, first at 10.1 s: controller raised"
-        in capsys.readouterr().err
-    )
+    assert re.search(r"\bown .* 9 of 600 .* 10\.1 s: controller raised", capsys.readouterr().err)
 
 
 def test_parameters_of_a_shadow_are_checked(weld_bag, tmp_path, capsys):
@@ -103,7 +99,8 @@ def test_parameters_of_a_shadow_are_checked(weld_bag, tmp_path, capsys):
         str(tmp_path / "out"),
     ]
     assert main([*arguments, "--set", "tunning=tight"]) == 1
-    assert "did you mean tuning" in capsys.readouterr().err and not (tmp_path / "out").exists()
+    error = capsys.readouterr().err
+    assert "tunning" in error and "mean tuning" in error and not (tmp_path / "out").exists()
 
 
 def bag_with(monkeypatch, names, differences=(), not_comparable=()):
@@ -125,9 +122,8 @@ def test_verify_leaves_out_whom_it_does_not_know(weld_bag, monkeypatch, capsys):
     bag_with(monkeypatch, ["stranger", "decentral"])
     assert main(["bag", "verify", str(weld_bag)]) == 3
     captured = capsys.readouterr()
-    assert "stranger is left out" in captured.err and captured.out.startswith(
-        "decentral: all 1 proposals reproduced"
-    )
+    assert "stranger" in captured.err and "stranger" not in captured.out
+    assert captured.out.startswith("decentral: all 1 ")
 
 
 @pytest.mark.parametrize(

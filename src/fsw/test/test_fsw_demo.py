@@ -22,10 +22,7 @@ def test_without_middleware_the_weld_runs_in_one_process(
     words = ["--scenario", "quick", "--controller", "decentral", "--out", str(tmp_path / "out")]
     assert demo.main(words) == 0
     printed = capsys.readouterr()
-    assert (
-        "no ROS 2 here: welds in one process, without bags" in printed.err
-        and "IAE depth" in printed.out
-    )
+    assert "ROS 2" in printed.err and "without bags" in printed.err and "IAE depth" in printed.out
     assert (
         len(json.loads((tmp_path / "out" / "quick" / "kpi.json").read_text(encoding="utf-8"))) == 1
     )
@@ -37,5 +34,6 @@ def test_page_and_wall_clock_need_the_middleware(
     option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert demo.main([option, "--out", str(tmp_path / "out")]) == 1
-    assert f"{option} needs ROS 2: see docs/how-to/install.md" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert f"{option} needs ROS 2" in error and "docs/how-to/install.md" in error
     assert not (tmp_path / "out").exists()

@@ -67,14 +67,14 @@ def test_users_are_added_changed_listed_and_removed(run, file):
 @pytest.mark.parametrize(
     ("arguments", "stdin", "text"),
     [
-        (["add", "ANNA", "--role", "view"], PASSWORD, "has anna already"),
-        (["add", "\u0430nna", "--role", "view"], PASSWORD, "is not a user's name (ASCII letters"),
-        (["add", "anna b", "--role", "view"], PASSWORD, "is not a user's name"),
-        (["add", "bert", "--role", "view"], "short", "12 to 128 characters"),
-        (["add", "bert", "--role", "view"], "", "12 to 128 characters"),
-        (["passwd", "anna"], "x" * 200, "12 to 128 characters"),
-        (["passwd", "carl"], PASSWORD, "has no 'carl'; it has anna"),
-        (["remove", "carl"], "", "has no 'carl'; it has anna"),
+        (["add", "ANNA", "--role", "view"], PASSWORD, "anna already"),
+        (["add", "\u0430nna", "--role", "view"], PASSWORD, "(ASCII letters"),
+        (["add", "anna b", "--role", "view"], PASSWORD, "(ASCII letters"),
+        (["add", "bert", "--role", "view"], "short", "12 to 128"),
+        (["add", "bert", "--role", "view"], "", "12 to 128"),
+        (["passwd", "anna"], "x" * 200, "12 to 128"),
+        (["passwd", "carl"], PASSWORD, "no 'carl'"),
+        (["remove", "carl"], "", "no 'carl'"),
     ],
 )
 def test_what_cannot_be_done_is_told_in_a_line_and_the_file_stays(
@@ -92,9 +92,9 @@ def test_broken_or_open_file_is_told_and_not_touched(run, file):
     assert "No such file" in run("list")[2]
     file.write_text("- {name: anna}\n")
     file.chmod(0o600)
-    assert run("add", "bert", "--role", "view", stdin=PASSWORD)[2] == (
-        f"error: users_file: {file}, line 1: lacks role; lacks password\n"
-    )
+    error = run("add", "bert", "--role", "view", stdin=PASSWORD)[2]
+    assert f"users_file: {file}, line 1: " in error
+    assert "lacks role" in error and "lacks password" in error
     file.chmod(0o644)
     assert f"chmod 600 {file}" in run("add", "bert", "--role", "view", stdin=PASSWORD)[2]
     assert file.read_text() == "- {name: anna}\n"
@@ -105,9 +105,7 @@ def test_password_is_asked_for_twice_at_a_terminal(run, file, monkeypatch):
     monkeypatch.setattr("getpass.getpass", lambda _: next(answers))
     monkeypatch.setattr("io.StringIO", Terminal)
     assert run("add", "anna", "--role", "operate")[0] == 0
-    assert (
-        run("add", "bert", "--role", "operate")[2]
-        == "error: the two passwords differ; nothing is changed\n"
-    )
+    code, _, error = run("add", "bert", "--role", "operate")
+    assert code == 1 and "passwords differ" in error
     assert users.Users(users.read(file)).check("anna", PASSWORD) is not None
     assert len(users.read(file)) == 1

@@ -53,20 +53,20 @@ def test_states_are_listed_and_changed_and_a_refusal_says_why(welder, capsys):
     assert fsw("list")[1].split() == ["node", "state", "welder", "unconfigured"]
     assert fsw("get", "welder") == (0, "welder: unconfigured\n", "")
     assert fsw("set", "welder", "configure") == (0, "welder: inactive\n", "")
-    assert fsw("set", "welder", "activate") == (1, "", "error: cannot activate: no tool\n")
+    code, printed, error = fsw("set", "welder", "activate")
+    assert (code, printed) == (1, "") and "cannot activate" in error and "no tool" in error
     code, _, error = fsw("set", "welder", "configure")
-    assert (code, error) == (
-        1,
-        "error: welder is inactive and has no transition configure now; has cleanup, activate, shutdown\n",
-    )
+    assert code == 1 and "welder is inactive" in error and "transition configure" in error
+    assert error.endswith("cleanup, activate, shutdown\n")
     assert [line.split()[0] for line in fsw("list", "welder")[1].splitlines()] == [
         "cleanup",
         "activate",
         "shutdown",
     ]
     assert fsw("set", "welder", "shutdown") == (0, "welder: finalized\n", "")
-    error = "error: welder is finalized and has no transition configure now; has none\n"
-    assert fsw("set", "welder", "configure") == (1, "", error)
+    code, printed, error = fsw("set", "welder", "configure")
+    assert (code, printed) == (1, "")
+    assert "welder is finalized" in error and error.endswith(" none\n")
 
 
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])

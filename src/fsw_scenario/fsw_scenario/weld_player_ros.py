@@ -127,7 +127,7 @@ class WeldPlayer:
         self._programme: ProgrammeServer | None = None
         self._refusing: NoProgramme | None = None
         self._subscriptions: list[Subscription] = []
-        self._begun = self._listening = False
+        self._begun = self.listening = False
 
     def destroy(self) -> None:
         """Leave the graph."""
@@ -175,7 +175,7 @@ class WeldPlayer:
             self._begin()
         if (
             self._begun
-            and not self._listening
+            and not self.listening
             and (not self._synchronous or self.set_points.have_arrived())
         ):
             self._listen()
@@ -204,7 +204,7 @@ class WeldPlayer:
         topic = self.set_points.publishers[0].topic_name
         return (
             "no measurement on fsw/depth"
-            if self._listening
+            if self.listening
             else f"no acknowledgement of {topic} by all subscribers"
         )
 
@@ -223,7 +223,7 @@ class WeldPlayer:
             self._stop.watch(self.abort)
 
     def _listen(self) -> None:
-        self._listening = True
+        self.listening = True
         self._last_sample_s = time.monotonic()
         self._subscriptions += subscribe_sensors(self._node, self._on_sample)
         self._node.get_logger().info(

@@ -60,7 +60,7 @@ class Caller(PlayerGraph):
 
     def begin(self, content, overrides=()):
         handle = self.send(content, overrides)
-        self.until(lambda: self.weld._listening and self.listens(), "the beginning")
+        self.until(lambda: self.weld.listening and self.listens(), "the beginning")
         self.before = self.number
         return handle
 
@@ -227,9 +227,9 @@ def test_a_weld_begins_once_its_controller_has_joined_and_tells_who_was_in_contr
     monkeypatch.setattr("fsw_scenario.weld_player_ros._CONTROLLER_S", PATIENCE_S)
     sent = caller.send(SHORT, ["controller=unknown"])
     caller.until(lambda: caller.weld is not None and "'unknown'" in caller.weld._audience.absent())
-    assert not caller.weld._listening
+    assert not caller.weld.listening
     caller.peer.create_publisher(WeldCommand, "fsw/unknown/proposal", STREAM)
-    caller.until(lambda: caller.weld._listening and caller.listens(), "the beginning")
+    caller.until(lambda: caller.weld.listening and caller.listens(), "the beginning")
     caller.states.publish(SupervisorState(actual_controller="decentral"))
     caller.until(lambda: caller.weld._stop.controller, "the supervisor's state")
     for _ in range(29):
