@@ -94,6 +94,11 @@ class ReferenceQueue:
         """Whether references are known that do not hold yet."""
         return bool(self._waiting)
 
+    @property
+    def n_waiting(self) -> int:
+        """How many references are known that do not hold yet."""
+        return len(self._waiting)
+
     def join(self, now_ns: int) -> None:
         """Note the receiver's start, on its computer's clock."""
         self._joined_ns = now_ns

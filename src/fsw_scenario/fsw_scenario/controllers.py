@@ -22,13 +22,13 @@ from fsw_schema.models import InputError
 OURS = {"decentral": "fsw_decentral:DecentralController", "nmpc": "fsw_nmpc:NmpcController"}
 
 
-def _known() -> dict[str, str]:
-    """Our controllers, and entry points ``name = module:Class`` of installed packages."""
+def installed() -> dict[str, str]:
+    """Ours, and the entry points ``name = module:Class`` of installed packages."""
     return {one.name: one.value for one in metadata.entry_points(group="fsw.controllers")} | OURS
 
 
-#: controllers known by name
-KNOWN = _known()
+#: All that are known by their name.
+KNOWN = installed()
 
 
 def name_of(label: str) -> str:

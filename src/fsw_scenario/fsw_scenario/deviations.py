@@ -34,11 +34,21 @@ class Deviations:
         """Note manual set-points in force from a tick on."""
         self._by_hand_tick = tick
 
+    @property
+    def others_s(self) -> dict[str, float]:
+        """How long controllers that were not asked for were in control, by name."""
+        return {name: ticks * TICK_S for name, ticks in self._others.items()}
+
+    @property
+    def by_hand_from_s(self) -> float | None:
+        """Since when set-points by hand are in force."""
+        return None if self._by_hand_tick is None else self._by_hand_tick * TICK_S
+
     def __str__(self) -> str:
         found = [
-            f"; {name} was in control for {n * TICK_S:.1f} s, not asked for"
-            for name, n in self._others.items()
+            f"; {name} was in control for {time_s:.1f} s, not asked for"
+            for name, time_s in self.others_s.items()
         ]
-        if self._by_hand_tick is not None:
-            found.append(f"; set-points by hand from {self._by_hand_tick * TICK_S:.1f} s on")
+        if self.by_hand_from_s is not None:
+            found.append(f"; set-points by hand from {self.by_hand_from_s:.1f} s on")
         return "".join(found)

@@ -46,7 +46,7 @@ class ProcedureNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no type
         self._told: dict[str, str] = {}
         self._tunings: dict[str, dict[str, Any]] = {}
         self._diagnostics = DiagnosticsPublisher(self)
-        self._snapshots = ParameterSnapshots(self, self._on_parameters, self._is_of_this_weld)
+        self._snapshots = ParameterSnapshots(self, self._on_parameters, self.is_of_this_weld)
         self.create_subscription(
             WeldReference, "fsw/supervisor/reference", self._on_reference, LATCHED
         )
@@ -69,7 +69,8 @@ class ProcedureNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no type
         self._watch.state(message.actual_controller, message.actual_mode, Cause(message.cause))
         self._tell()
 
-    def _is_of_this_weld(self, node: str) -> bool:
+    def is_of_this_weld(self, node: str) -> bool:
+        """Whether a node, by its full name, belongs to this weld."""
         home, _, name = node.rpartition("/")
         return home == self.get_namespace().rstrip("/") and name.startswith(_PREFIX)
 

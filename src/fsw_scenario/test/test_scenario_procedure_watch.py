@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from typing import Any
 
@@ -92,13 +93,18 @@ def test_commands_are_narrowed_never_widened() -> None:
     ("variable", "limits"), [("force_kn", {"max": 20.0}), ("speed_rpm", {"min": 600.0})]
 )
 def test_limits_outside_of_the_drives_are_refused(variable: str, limits: dict[str, float]) -> None:
-    with pytest.raises(InputError, match=f"{variable} leave nothing of what the drives can do"):
+    with pytest.raises(InputError, match=f"{variable} leave nothing"):
         node_parameters(with_limits(essential(variable, **limits)), SUPERVISOR)
 
 
 def test_a_limit_of_some_phases_is_none_for_all() -> None:
     asked = with_limits(essential("torque_nm", max=1500.0, phases=["joint_line"]))
     assert node_parameters(asked, SUPERVISOR)["fsw_supervisor"] == {}
+
+
+def figures(text: str) -> list[float]:
+    """The numbers in a text."""
+    return [float(word) for word in re.findall(r"(?<!\w)\d[\d.]*", text)]
 
 
 @pytest.fixture
@@ -113,19 +119,21 @@ def watch() -> ProcedureWatch:
 
 def test_set_points_outside_are_told_until_they_are_back(watch: ProcedureWatch) -> None:
     watch.set_points(3.45, 905.0)
-    assert watch.deviations == {
-        "set_point_depth_mm": "set-point depth_mm 3.45 is in force; permitted: 1.7 to 3.4",
-        "set_point_temperature_c": "set-point temperature_c 905 is in force; permitted: 800 to 900",
-    }
+    assert set(watch.deviations) == {"set_point_depth_mm", "set_point_temperature_c"}
+    assert figures(watch.deviations["set_point_depth_mm"]) == [3.45, 1.7, 3.4]
+    assert figures(watch.deviations["set_point_temperature_c"]) == [905.0, 800.0, 900.0]
     watch.set_points(3.4, 800.0)
     assert watch.deviations == {}
 
 
 def test_a_foreign_controller_and_another_mode_are_told(watch: ProcedureWatch) -> None:
     watch.state("mine", "auto", Cause.SWAP_REQUESTED)
-    assert watch.deviations == {"controller": "mine is in command; permitted: decentral, nmpc"}
+    assert list(watch.deviations) == ["controller"]
+    assert watch.deviations["controller"].startswith("mine ")
+    assert watch.deviations["controller"].endswith(": decentral, nmpc")
     watch.state("decentral", "hold", Cause.INTERLOCK_TRIP)
-    assert watch.deviations == {"mode": "mode hold (interlock) instead of auto"}
+    assert list(watch.deviations) == ["mode"]
+    assert "mode hold (interlock)" in watch.deviations["mode"]
     watch.state("decentral", "auto", Cause.SWAP_REQUESTED)
     assert watch.deviations == {}
 

@@ -1,6 +1,7 @@
 """The programme of a whole weld: its phases as data, the machine that runs them, and bad input."""
 
 import itertools
+import re
 from math import pi
 
 import pytest
@@ -136,7 +137,7 @@ def test_an_event_at_an_angle_has_the_time_at_which_the_tool_first_passes():
     assert times == pytest.approx([5.0, 5.0 + 2.0 * per_deg, 5.0 + 3.0 * per_deg], abs=0.051)
     assert "at_deg" not in scenario.text, "the plant does not know angles"
     for wrong, words in (
-        ({"at_deg": 4.1}, "at_deg = 4.1 is outside 0 to 4 deg"),
+        ({"at_deg": 4.1}, r"at_deg = 4\.1 .* 0 to 4 deg"),
         ({"at_deg": 1, "at_s": 1}, "one of"),
     ):
         with pytest.raises(InputError, match=words):
@@ -144,9 +145,9 @@ def test_an_event_at_an_angle_has_the_time_at_which_the_tool_first_passes():
 
 
 def test_what_contradicts_the_phases_is_an_error():
-    with pytest.raises(InputError, match=r"duration_s = 99, but the phases take 30\.6 s"):
+    with pytest.raises(InputError, match=r"duration_s = 99, .* 30\.6 s"):
         parse(WELD, duration_s=99.0)
-    with pytest.raises(InputError, match="give set_points in the phases"):
+    with pytest.raises(InputError, match="give set_points"):
         parse(WELD, events=[{"at_s": 1.0, "reference": {"depth_mm": 2.7}}])
 
 
@@ -209,10 +210,13 @@ def test_a_finished_weld_is_over():
         ]
     )
     machine.follow(99)
-    assert machine.describe() == "done in phase start at 5.0 deg"
+    assert machine.state is State.DONE
+    assert (machine.progress().phase, machine.progress().angle_deg) == ("start", 5.0)
+    assert re.fullmatch(r"done .* start .* 5\.0 deg", machine.describe())
     assert machine.progress().length_mm == 7.0 and machine.progress().time_left_s == 0.0
     for ask in (machine.hold, machine.resume, machine.abort):
-        assert ask()[1].startswith("the weld is done; it must be ")
+        allowed, answer = ask()
+        assert not allowed and "is done" in answer
 
 
 # ---------------------------------------------------------------- a phase that waits for a temperature
@@ -261,10 +265,10 @@ def test_a_held_weld_does_not_jump():
 @pytest.mark.parametrize(
     ("phases", "others", "words"),
     [
-        (WAITS, {}, "phases has until_c, which needs plant"),
-        (changed(1, until_c=810.0), HEATED, r"phases\[1\] has until_c; only a dwell"),
-        (changed(0, until_c=20.0), HEATED, r"phases\[0\].until_c = 20 is outside 750 to 950"),
-        (WELD, {"path": [{"at_s": 0.0, "arc_mm": 3.0}]}, "path is not that of the phases"),
+        (WAITS, {}, r"phases .*until_c, .* plant"),
+        (changed(1, until_c=810.0), HEATED, r"phases\[1\] .*until_c; .* dwell"),
+        (changed(0, until_c=20.0), HEATED, r"phases\[0\]\.until_c = 20 .* 750 to 950"),
+        (WELD, {"path": [{"at_s": 0.0, "arc_mm": 3.0}]}, "path is not"),
     ],
 )
 def test_a_wait_or_a_path_that_cannot_be_is_one_line(phases, others, words):

@@ -81,7 +81,7 @@ class PlayerGraph(Spinner):
         weld = self.weld
         self.until(
             lambda: (
-                weld._stamps.newest_ns == stamp_ns
+                weld.time.stamp_ns == stamp_ns
                 and weld.time.tick + weld.time.held >= self.number - self.before
             )
         )
