@@ -78,7 +78,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         initial = Command(self._settings["initial_force"], self._settings["initial_speed"])
         self._controller.reset(initial)
         self._deviations = getattr(self._controller, "plan_deviations", None)
-        self._references = reference_queue(self, self._on_bad_reference)
+        self.references = reference_queue(self, self._on_bad_reference)
         self._plan = ReferencePlan()
         self._guard = SensorGuard(sensor_limits(self._settings.values))
         self._last_ns: int | None = None
@@ -87,12 +87,12 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._ticks = WeldTicks(
             self, self._consume, initial, self._settings["period"], await_drives=self._lockstep
         )
-        self._applied, self._synchronizer = self._ticks.applied, self._ticks.synchronizer
+        self.applied, self._synchronizer = self._ticks.applied, self._ticks.synchronizer
         self._health: tuple[bool, Reason] | None = None
         self._replaced: tuple[Reference | None, Reference | None] = None, None
         self._steps = 0
         self._unhealthy_steps = 0
-        self._refused_references = 0
+        self.refused_references = 0
         self._last_refused_reference = ""
         self._step_time_s = 0.0
         self._longest_step_s = 0.0
@@ -127,13 +127,13 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         # Before the set-points, so that a peer that has discovered the subscription to those can
         # rely on this one, too.
         self.create_subscription(WeldReferencePlan, "fsw/reference_plan", self._on_plan, LATEST)
-        subscribe_references(self, self._references)
+        subscribe_references(self, self.references)
         self.create_subscription(WeldCommand, "fsw/command", self._ticks.on_command, STREAM)
         subscribe_drives(self, self._ticks.on_drives)
         subscribe_sensors(self, self._ticks.on_sample)
 
     def _on_bad_reference(self, what: str) -> None:
-        self._refused_references += 1
+        self.refused_references += 1
         self._last_refused_reference = what
         self.get_logger().error(what, throttle_duration_sec=1.0)
 
@@ -172,8 +172,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
     def _tick(self, tick: SampleSet) -> None:
         if tick.restarted:
             self._guard.reset()
-            self._applied.restart()
-            self._controller.reset(self._applied.latest.command)
+            self.applied.restart()
+            self._controller.reset(self.applied.latest.command)
             self._last_ns = None
             self.get_logger().warning("the measurements' time has jumped: the controller restarts")
         dt_s = (
@@ -183,18 +183,18 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         )
         self._last_ns = tick.stamp_ns
         measurement = self._guard.measure(tick.stamp_ns * 1e-9, tick.values, tick.drives)
-        reference = self._references.at(tick.stamp_ns)
+        reference = self.references.at(tick.stamp_ns)
         if reference is not None and (coming := self._plan.after(tick.stamp_ns, reference)):
             reference = replace(reference, coming=coming)
         begin = time.perf_counter()
         proposal = answer(
-            self._controller, measurement, reference, self._applied.before(tick.stamp_ns), dt_s
+            self._controller, measurement, reference, self.applied.before(tick.stamp_ns), dt_s
         )
         elapsed_s = time.perf_counter() - begin
         self._last_proposal = proposal
         self._publish(tick.stamp_ns, proposal)
         self._replaced = reference, attainable_of(proposal.diagnosis.disturbances)
-        self._followed.update(tick.stamp_ns, reference, self._references.issued_ns)
+        self._followed.update(tick.stamp_ns, reference, self.references.issued_ns)
         self._steps += 1
         self._stream_of_ticks = True
         self._step_time_s += elapsed_s
@@ -214,7 +214,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
                     proposal,
                     time_ns,
                     self._controller_name,
-                    applied_source=self._applied.latest.source,
+                    applied_source=self.applied.latest.source,
                     tolerated_sensors=self._controller.tolerated_sensors,
                 )
             )
@@ -261,9 +261,9 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
             "unhealthy steps": self._unhealthy_steps,
             "mean step time [ms]": f"{1e3 * self._step_time_s / max(self._steps, 1):.4f}",
             "longest step time [ms]": f"{1e3 * self._longest_step_s:.4f}",
-            "applied from": self._applied.latest.source,
-            "commands ignored": self._applied.ignored,
-            "set-points refused": self._refused_references,
+            "applied from": self.applied.latest.source,
+            "commands ignored": self.applied.ignored,
+            "set-points refused": self.refused_references,
             "last refused set-points": self._last_refused_reference,
             "jumps of time": self._synchronizer.stamps.jumps,
         }

@@ -156,12 +156,12 @@ class MessageSynchronizer:
     sensors have sent newer samples (a topic keeps its order), when the second tick after it
     begins, or by :meth:`expire`.
 
-    Samples of the drives and of optional sensors neither begin nor confirm a tick, and a tick does
-    not wait for them. Only in lockstep (``await_drives``) does a tick wait for those that the
-    previous tick had.
+    The samples of the drives and of optional sensors neither begin nor confirm a tick, and a tick
+    does not wait for them. Only in lockstep (``await_drives``) does a tick wait for those that the
+    previous tick had. Without ``await_commands`` no tick waits for a command before the first one.
     """
 
-    def __init__(self, await_drives: bool = False) -> None:
+    def __init__(self, await_drives: bool = False, await_commands: bool = True) -> None:
         #: decides which stamps are accepted
         self.stamps = StampFilter(lockstep=await_drives)
         #: by sensor, its samples ``late``, ``duplicate`` and ``missing`` since start
@@ -172,7 +172,7 @@ class MessageSynchronizer:
         self.missed: frozenset[str] = frozenset()
         self._last_ns: int | None = None
         self._command_ns: int | None = None
-        self._awaits_command = True
+        self._awaits_command = await_commands
         self._unanswered = 0
         self._pending: list[SampleSet] = []
         self._restarted = False

@@ -165,8 +165,8 @@ class KeptReference:
         self._node = node
         self._leads = leads
         self._problem = problem
-        self._queue = reference_queue(node, self._on_refused)
-        self._queue.decides = False
+        self.queue = reference_queue(node, self._on_refused)
+        self.queue.decides = False
         self._statement: StatedReference | None = None
         self._service: Service | None = None
         self._group = (
@@ -185,17 +185,17 @@ class KeptReference:
             None  #: when the programme of the weld last said that it runs
         )
         node.create_subscription(WeldProgress, "fsw/weld_progress", self._on_programme, LATEST)
-        subscribe_sent(node, self._queue, self._on_received)
-        _subscribe_stated(node, self._queue, "fsw/supervisor/reference")
+        subscribe_sent(node, self.queue, self._on_received)
+        _subscribe_stated(node, self.queue, "fsw/supervisor/reference")
 
     def listen_to(self, controller: str) -> None:
         """Subscribe to the set-points that a controller reports as in force."""
         self._controllers.append(controller)
-        _subscribe_stated(self._node, self._queue, f"fsw/{controller}/reference")
+        _subscribe_stated(self._node, self.queue, f"fsw/{controller}/reference")
 
     def open(self) -> None:
-        """Take the lead: serve requests from now on, and publish from the next tick on."""
-        self._queue.decides = True
+        """Lead: serve requests from now on, and publish from the next tick on."""
+        self.queue.decides = True
         if self._statement is None:
             self._statement = StatedReference(self._node, "fsw/supervisor/reference")
             self._service = self._node.create_service(
@@ -204,7 +204,7 @@ class KeptReference:
 
     def close(self) -> None:
         """Stop publishing and serving requests."""
-        self._queue.decides = False
+        self.queue.decides = False
         if self._statement is not None:
             self._statement.close()
             self._node.destroy_service(self._service)
@@ -218,15 +218,15 @@ class KeptReference:
         if tick_ns == self._tick_ns:
             return
         self._tick_ns = tick_ns
-        present = self._queue.at(tick_ns)
+        present = self.queue.at(tick_ns)
         if self._statement is not None:
-            self._statement.update(tick_ns, present, self._queue.issued_ns)
+            self._statement.update(tick_ns, present, self.queue.issued_ns)
         self.look(time.monotonic())
 
     def look(self, now_s: float) -> None:
         """Answer requests that are in force or overdue; call it several times a second."""
         for one in [*self._asked]:
-            in_force = self._queue.mark == one.mark
+            in_force = self.queue.mark == one.mark
             overtaken = one.received_ns not in (None, self._tick_ns) and not in_force
             if not in_force and not overtaken and now_s < one.due_s:
                 continue
@@ -283,7 +283,7 @@ class KeptReference:
         asked = _Asked(next(self._marks), response, Future(executor=self._node.executor), due_s)
         self._asked.append(asked)
         try:
-            present = self._queue.at(self._tick_ns) if self._tick_ns >= 0 else None
+            present = self.queue.at(self._tick_ns) if self._tick_ns >= 0 else None
             goal = _goal(request, present)
             if problem := self._problem(goal.depth_mm, goal.temperature_c):
                 raise ValueError(problem)

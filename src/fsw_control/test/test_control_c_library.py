@@ -88,15 +88,14 @@ def test_what_setup_py_is_given(toy, monkeypatch):
 
 def test_without_a_compiler_one_line_says_what_to_do(toy, monkeypatch):
     monkeypatch.setattr(c_library, "compiler", lambda: None)
-    with pytest.raises(
-        RuntimeError, match="no C compiler found: install one, set CC, or 'pip install ziglang'"
-    ):
+    with pytest.raises(RuntimeError, match="C compiler") as raised:
         toy.ensure()
+    assert "\n" not in str(raised.value) and "CC" in str(raised.value)
 
 
 def test_a_compiler_that_fails_is_named(toy, monkeypatch):
     monkeypatch.setattr(c_library, "compiler", lambda: ["false"])
-    with pytest.raises(RuntimeError, match="did not compile with false"):
+    with pytest.raises(RuntimeError, match="with false"):
         toy.build()
     assert toy.find() is None
 
@@ -110,10 +109,9 @@ def test_without_a_place_for_it_one_line_says_what_to_do(toy, monkeypatch, tmp_p
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     monkeypatch.setattr(c_library, "compiler", lambda: ["cc"])
-    with pytest.raises(
-        RuntimeError, match=r"cannot write the kernel's library: .* \(set XDG_CACHE_HOME\)"
-    ):
+    with pytest.raises(RuntimeError, match="cannot write") as raised:
         toy.build()
+    assert "XDG_CACHE_HOME" in str(raised.value) and str(tmp_path / "file") in str(raised.value)
 
 
 @pytest.mark.slow

@@ -62,7 +62,9 @@ def test_publishers_are_logged_once_and_by_name():
         published[:] = names
         writers.look()
         assert writers.names == sorted(names)
-    assert said == ["2 publishers of fsw/command: one, two"]
+    assert (
+        len(said) == 1 and said[0].startswith("2 ") and said[0].endswith("fsw/command: one, two")
+    )
     published.append("three")
     writers.look()
     assert len(said) == 2

@@ -20,11 +20,8 @@ from fsw_control.sensors import REQUIRED
 STEP_NS = 100_000_000
 
 
-def join_without_commands():
-    """A join that has learned that nobody commands."""
-    join = MessageSynchronizer()
-    join._awaits_command = False
-    return join
+def join_without_commands(await_drives=False):
+    return MessageSynchronizer(await_drives, await_commands=False)
 
 
 def give_up(join):
@@ -250,8 +247,7 @@ def test_the_drives_sample_rides_along_and_is_never_waited_for():
 
 
 def test_where_time_waits_a_tick_waits_for_the_drives_sample():
-    join = MessageSynchronizer(await_drives=True)
-    join._awaits_command = False
+    join = join_without_commands(await_drives=True)
     assert add_all(join, 1) == [] and join.lacking == {"drives"}
     assert [tick.drives for tick in join.add_drives(STEP_NS, ACTING)] == [ACTING]
     assert add_all(join, 2) == []
@@ -265,8 +261,7 @@ def test_where_time_waits_a_tick_waits_for_the_drives_sample():
 
 
 def test_a_newer_drives_sample_ends_the_wait_for_an_older_one():
-    join = MessageSynchronizer(await_drives=True)
-    join._awaits_command = False
+    join = join_without_commands(await_drives=True)
     assert add_all(join, 1) == []
     assert add_all(join, 2) == []
     assert [tick.drives for tick in join.add_drives(2 * STEP_NS, ACTING)] == [None, ACTING]
@@ -361,8 +356,7 @@ def test_where_time_waits_a_tick_waits_for_an_optional_sensor_that_the_one_befor
 
 
 def test_drives_that_come_late_are_waited_for_again():
-    join = MessageSynchronizer(await_drives=True)
-    join._awaits_command = False
+    join = join_without_commands(await_drives=True)
     add_all(join, 1)
     give_up(join)
     join.add_drives(STEP_NS, ACTING)

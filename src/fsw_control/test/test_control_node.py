@@ -137,9 +137,9 @@ class Peer(Spinner):
         self.commands.publish(convert.command_message(Command(force, 400.0), k * STEP_NS, source))
 
     def refer(self, depth=2.66, stamp=0):
-        before = len(self.node._references._waiting)
+        before = self.node.references.n_waiting
         self.references.publish(convert.reference_message(Reference(depth, 850.0), stamp))
-        self.until(lambda: len(self.node._references._waiting) > before)
+        self.until(lambda: self.node.references.n_waiting > before)
 
     def tick(self, k, **how):
         count = len(self.got["proposal"])
@@ -243,10 +243,10 @@ def test_who_starts_in_mid_weld_takes_the_reference_that_the_supervisor_keeps(
     kept.publish(
         convert.reference_message(Reference(2.71, 850.0), 3 * STEP_NS, issued_ns + 10**12)
     )
-    peer.until(lambda: peer.node._references)
+    peer.until(lambda: peer.node.references)
     if not sender_is_gone:
         peer.references.publish(convert.reference_message(Reference(2.66, 850.0), 0))
-        peer.until(lambda: len(peer.node._references._waiting) == 2)
+        peer.until(lambda: peer.node.references.n_waiting == 2)
     assert peer.tick(9).healthy
     assert peer.controller.seen[-1][1].depth_mm == pytest.approx(2.71)
 
@@ -269,7 +269,7 @@ def test_hundreds_of_references_sent_ahead_all_arrive(start):
         peer.references.publish(
             convert.reference_message(Reference(2.66 + 1e-3 * k, 850.0), 10 * k * STEP_NS)
         )
-    peer.until(lambda: len(peer.node._references._waiting) == 400)
+    peer.until(lambda: peer.node.references.n_waiting == 400)
     peer.tick(1)
     assert peer.controller.seen[-1][1].depth_mm == pytest.approx(2.66)
     for k in (399 * 10 - 1, 399 * 10):
@@ -356,8 +356,8 @@ def test_bad_commands_and_references_are_ignored(start):
     peer.references.publish(WeldReference(depth=math.nan, temperature=850.0))
     peer.commands.publish(WeldCommand(axial_force=math.inf, spindle_speed=1.0))
     peer.command(0, force=77.0)
-    peer.until(lambda: peer.node._applied.ignored == 1 and peer.node._refused_references == 1)
-    peer.until(lambda: peer.node._applied.latest.stamp_ns == 0)
+    peer.until(lambda: peer.node.applied.ignored == 1 and peer.node.refused_references == 1)
+    peer.until(lambda: peer.node.applied.latest.stamp_ns == 0)
     peer.tick(1)
     assert peer.controller.seen[-1][1].depth_mm == pytest.approx(2.66)
     assert peer.controller.seen[-1][2].force_kn == pytest.approx(77.0)
@@ -378,7 +378,7 @@ def test_commands_that_the_supervisor_did_not_send_are_ignored(start):
         message = convert.command_message(Command(61.0, 310.0), k * STEP_NS, "echo")
         message.leader = writer
         peer.commands.publish(message)
-    peer.until(lambda: peer.node._applied.ignored == 5)
+    peer.until(lambda: peer.node.applied.ignored == 5)
     peer.tick(1001)
     assert peer.controller.seen[-1][2].force_kn == pytest.approx(77.0)
 

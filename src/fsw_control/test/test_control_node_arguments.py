@@ -1,6 +1,7 @@
 """The command line of a node: parameters that it does not have, and its help."""
 
 import os
+import re
 
 import pytest
 
@@ -41,23 +42,20 @@ def test_what_is_taken(words):
     ],
 )
 def test_wrong_names_are_refused(words):
-    with pytest.raises(InputError, match="unknown parameters dedaline; did you mean deadline"):
+    with pytest.raises(InputError, match=r"parameters dedaline; .* deadline"):
         ARGUMENTS.check(["program", "--ros-args", *words])
 
 
 @pytest.mark.parametrize(
     ("content", "wrong"),
     [
-        ("/**/fsw_one: {ros__parameters: {loop: {gian: 1.0}}}", "unknown parameters loop.gian"),
-        (
-            "hall: {fsw_one: {ros__parameters: {dedaline: 1.0, kind: a}}}",
-            "unknown parameters dedaline",
-        ),
+        ("/**/fsw_one: {ros__parameters: {loop: {gian: 1.0}}}", r"parameters loop\.gian"),
+        ("hall: {fsw_one: {ros__parameters: {dedaline: 1.0, kind: a}}}", "parameters dedaline"),
         ("fsw_other: {ros__parameters: {dedaline: 1.0}}", ""),
         ("/**: {ros__parameters: {dedaline: 1.0}}", ""),
         ("fsw_one: {ros__parameters: {loop: {gain: 1.0}, deadline: 1e-1}}", ""),
-        ("[no, parameter, file", "not valid YAML"),
-        ("a: &a [*a]", "alias .a is part of what it stands for"),
+        ("[no, parameter, file", "valid YAML"),
+        ("a: &a [*a]", "alias .a "),
     ],
 )
 def test_files(tmp_path, content, wrong):
@@ -75,9 +73,7 @@ def test_files(tmp_path, content, wrong):
 def test_a_pipe_of_parameters_is_refused_before_ros_would_wait_for_it(tmp_path):
     pipe = tmp_path / "parameters.yaml"
     os.mkfifo(pipe)
-    with pytest.raises(
-        InputError, match=r"parameters\.yaml: a pipe and not a file; save its content in a file"
-    ):
+    with pytest.raises(InputError, match=r"parameters\.yaml: a pipe"):
         ARGUMENTS.check(["program", "--ros-args", "--params-file", str(pipe)])
 
 
@@ -87,6 +83,9 @@ def test_help():
     )
     assert not asks_for_help(["--help"]) and not asks_for_help(["program", "--ros-args", "--help"])
     text = ARGUMENTS.help("run_one.py")
-    assert text.startswith("usage: run_one.py [FILE] [--ros-args ")
-    assert "deadline  (double; default 0.03 s; 0.001 to 1 s)\n      Wait so long" in text
-    assert "kind  (string; default a; one of a, b; at start only)" in text
+    assert text.startswith("usage: run_one.py [FILE] ")
+    deadline, kind = (
+        re.search(rf"^ +{name}  \((.*)\)$", text, re.M)[1] for name in ("deadline", "kind")
+    )
+    assert deadline.split("; ") == ["double", "default 0.03 s", "0.001 to 1 s"]
+    assert kind.split("; ")[:3] == ["string", "default a", "one of a, b"]

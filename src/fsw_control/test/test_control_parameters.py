@@ -105,7 +105,7 @@ def test_empty_file_describes_nothing(tmp_path):
 def test_validate_completes_and_refuses_unknown_names():
     specs = parameters.parse(TEXT)
     assert parameters.validate(specs, {"deadline": 2})["deadline"] == 2.0
-    with pytest.raises(InputError, match="unknown parameters dead_line; did you mean deadline"):
+    with pytest.raises(InputError, match=r"parameters dead_line; .* deadline"):
         parameters.validate(specs, {"dead_line": 2})
 
 

@@ -75,9 +75,9 @@ def test_defaults_and_descriptors(start):
         "weights": [1.0, 2.0],
     }
     descriptor = node.describe_parameter("wait")
-    assert descriptor.description == "Wait so long [s]"
+    assert descriptor.description.endswith(" [s]")
     assert descriptor.floating_point_range[0].to_value == 2.0
-    assert node.describe_parameter("kind").description == "Which (one of a, b)"
+    assert node.describe_parameter("kind").description.endswith("of a, b)")
     assert node.describe_parameter("count").integer_range[0].to_value == 9
     assert node.describe_parameter("fixed").read_only
     everything = node.get_parameters(list(values.values))  # raises if one has no value
