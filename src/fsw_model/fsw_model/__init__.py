@@ -8,6 +8,7 @@ from fsw_model.process import (
     Linearisation,
     OperatingPointError,
     Outputs,
+    OutsideModelError,
     ProcessModel,
     ProcessState,
 )
@@ -19,6 +20,7 @@ __all__ = [
     "ModelParameters",
     "OperatingPointError",
     "Outputs",
+    "OutsideModelError",
     "ParameterCovariance",
     "ProcessModel",
     "ProcessState",

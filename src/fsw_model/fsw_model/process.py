@@ -25,6 +25,17 @@ class OperatingPointError(ValueError):
     """No equilibrium at the desired depth and temperature, or the shoulder has left the copper."""
 
 
+class OutsideModelError(OperatingPointError):
+    """A step would leave the range of the model: the shoulder would leave the copper, or an input is not finite."""
+
+    def __init__(self, depth_mm: float, force_kn: float, speed_rpm: float) -> None:
+        super().__init__(
+            f"process model: depth {depth_mm:.4g} mm with {force_kn:.4g} kN, {speed_rpm:.4g} rpm; "
+            "the model is valid for finite inputs while the shoulder is in the copper, above 0 mm"
+        )
+        self.depth_mm, self.force_kn, self.speed_rpm = depth_mm, force_kn, speed_rpm
+
+
 @dataclass(slots=True)
 class ProcessState:
     """State of the process: the six states, and the power within the dead time."""
@@ -151,7 +162,7 @@ class ProcessModel:
 
         Raises
         ------
-        OperatingPointError
+        OutsideModelError
             If the shoulder would leave the copper (depth (27) not above 0) or an input is not
             finite; the state is then unchanged.
         """
@@ -160,11 +171,7 @@ class ProcessModel:
             *state.x, *power[0], *power[1 if self.delay_steps > 1 else 0], force_kn, speed_rpm
         )
         if not (result[10] > 0.0 and isfinite(result[6])):  # written so that NaN fails too
-            raise OperatingPointError(
-                f"process model: depth {result[10]:.4g} mm with {force_kn:.4g} kN, "
-                f"{speed_rpm:.4g} rpm; the model is valid for finite inputs "
-                "while the shoulder is in the copper, above 0 mm"
-            )
+            raise OutsideModelError(result[10], force_kn, speed_rpm)
         state.x = tuple(result[:6])
         power.popleft()
         power.append((result[6], result[7], result[8], result[9]))

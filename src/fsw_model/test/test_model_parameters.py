@@ -60,10 +60,10 @@ def test_some_parameters_over_the_nominal_ones(tmp_path):
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"", "holds no parameters"),
-        (b"# nothing\n", "holds no parameters"),
-        (b"\x89PNG\xff\xfe", "not a text file"),
-        (b"\x00\x01", "not valid YAML"),
+        (b"", "no parameters"),
+        (b"# nothing\n", "no parameters"),
+        (b"\x89PNG\xff\xfe", "UTF-8"),
+        (b"\x00\x01", "valid YAML"),
     ],
 )
 def test_a_file_that_is_no_model(tmp_path, content, words):
@@ -79,18 +79,18 @@ def test_a_file_that_is_no_model(tmp_path, content, words):
     "text, words",
     [
         ("[1, 2]", "not a mapping"),
-        ("a: b: c", "not valid YAML"),
-        ("coper_lag_s: 70", "coper_lag_s is an unknown key; did you mean copper_lag_s?"),
-        ("copper_lag_s: slow", "copper_lag_s is 'slow', not a number"),
+        ("a: b: c", "valid YAML"),
+        ("coper_lag_s: 70", "mean copper_lag_s?"),
+        ("copper_lag_s: slow", "copper_lag_s is 'slow'"),
         ("copper_lag_s: true", "not a number"),
         ("copper_lag_s: .nan", "not a finite number"),
         ("copper_lag_s: nan", "not a number"),
         (f"copper_lag_s: {10**400}", "not a number"),
         ("copper_lag_s: 2026-13-45", "not valid YAML"),
         ("[" * 2000, "not valid YAML"),
-        ("copper_lag_s: 0", "must be greater than 0"),
-        ("spindle_inertia_kgm2: -1", "must be greater than or equal to 0"),
-        ("depth_pole_slow_s: 1.0e-4", "depth_pole_slow_s must be larger than depth_pole_fast_s"),
+        ("copper_lag_s: 0", "copper_lag_s is 0"),
+        ("spindle_inertia_kgm2: -1", "spindle_inertia_kgm2 is -1"),
+        ("depth_pole_slow_s: 1.0e-4", "than depth_pole_fast_s"),
         ("dead_time_s: 0.04", "outside 0.1 to 10 s"),
         ("dead_time_s: 10.1", "outside 0.1 to 10 s"),
         ("depth_pole_fast_s: 0.1", "outside 1e-06 to 0.005 s"),
@@ -104,5 +104,5 @@ def test_wrong_yaml_is_one_clear_error(text, words):
 
 
 def test_unknown_names_in_code():
-    with pytest.raises(InputError, match="depth is an unknown key"):
+    with pytest.raises(InputError, match=r"depth .*unknown key"):
         nominal().scaled(depth=2.0)

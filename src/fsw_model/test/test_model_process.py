@@ -10,7 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw_model import STEP_S, OperatingPointError, ProcessModel, ProcessState, nominal
+from fsw_model import (
+    STEP_S,
+    OperatingPointError,
+    OutsideModelError,
+    ProcessModel,
+    ProcessState,
+    nominal,
+)
 from fsw_model.equations import COPPER, N_STATES, STATE_NAMES, TOOL
 
 MODEL = ProcessModel()
@@ -179,24 +186,28 @@ def test_frequency_response_is_that_of_the_stepped_model():
     [(0.0, 816.4), (nan, 816.4), (inf, 816.4), (2.66, 20.0), (2.66, inf), (2.66, nan)],
 )
 def test_no_equilibrium(depth_mm, temperature_c):
-    with pytest.raises(OperatingPointError, match="no equilibrium at"):
+    with pytest.raises(OperatingPointError, match="no equilibrium"):
         MODEL.equilibrium(depth_mm, temperature_c)
 
 
 @pytest.mark.parametrize("force, speed", [(nan, 400.0), (78.4, nan), (inf, 400.0), (78.4, -inf)])
 def test_inputs_must_be_finite(force, speed):
     state = MODEL.equilibrium().state.copy()
-    with pytest.raises(OperatingPointError, match="finite inputs"):
+    with pytest.raises(OutsideModelError) as raised:
         MODEL.step(state, force, speed)
+    assert [raised.value.force_kn, raised.value.speed_rpm] == pytest.approx(
+        [force, speed], nan_ok=True
+    )
     assert state == MODEL.equilibrium().state
 
 
 def test_leaving_the_copper_is_an_error_and_the_state_stays():
     state = MODEL.equilibrium().state.copy()
-    with pytest.raises(OperatingPointError, match=r"shoulder is in the copper, above 0 mm"):
+    with pytest.raises(OutsideModelError) as raised:
         for _ in range(100_000):
             before = state.copy()
             MODEL.step(state, 0.0, 400.0)
+    assert -0.1 < raised.value.depth_mm <= 0.0
     assert state == before
     assert 0.0 < MODEL.outputs(state, 0.0, 400.0).depth_mm < 0.1
 
@@ -217,10 +228,10 @@ def test_history_of_another_dead_time():
 
 
 def test_simulate_input_contract():
-    with pytest.raises(ValueError, match="2 forces but 1 speeds"):
+    with pytest.raises(ValueError, match=r"2 forces .* 1 speeds"):
         MODEL.simulate([78.4, 78.4], [400.0])
     longer = ProcessModel(nominal().changed(dead_time_s=3.0))
-    with pytest.raises(ValueError, match="28 steps of dead time, model 30"):
+    with pytest.raises(ValueError, match=r"28 steps .* 30"):
         longer.simulate([78.4], [400.0], MODEL.equilibrium())
     assert all(len(column) == 0 for column in MODEL.simulate([], []).values())
 

@@ -18,6 +18,7 @@ from fsw_model import (
     Equilibrium,
     ModelParameters,
     OperatingPointError,
+    OutsideModelError,
     ProcessModel,
     ProcessState,
 )
@@ -68,17 +69,13 @@ class CanisterProcess:
     ) -> None:
         """See :class:`fsw_plant.process.PlantProcess`."""
         assert isinstance(state, CanisterProcessState)
-        result = self._driven(*state.x, *self._met(state.copper), force_kn, speed_rpm)
+        result = self._driven(*state.x, *self.met(state.copper), force_kn, speed_rpm)
         mean_kw, depth_mm = result[6:]
         lag_s = self.parameters.motor_lag_s
         if added_nm:  # rises within the step as 1 - exp(-s / lag)
             mean_kw += (1.0 - lag_mean(lag_s)) * power_kw(added_nm, speed_rpm)
         if not (depth_mm > 0.0 and isfinite(mean_kw)):
-            raise OperatingPointError(
-                f"process model: depth {depth_mm:.4g} mm with {force_kn:.4g} kN, "
-                f"{speed_rpm:.4g} rpm; the model is valid for finite inputs "
-                "while the shoulder is in the copper, above 0 mm"
-            )
+            raise OutsideModelError(depth_mm, force_kn, speed_rpm)
         try:
             state.canister = self._canister.step(
                 state.canister, max(mean_kw, 0.0), *motion, STEP_S
@@ -94,8 +91,8 @@ class CanisterProcess:
             result[MOTOR] + lag_risen(lag_s) * added_nm,
         )
 
-    def _met(self, copper: deque[float]) -> tuple[float, float]:
-        """The copper temperature that the tool sees at both ends of the next step, delayed."""
+    def met(self, copper: deque[float]) -> tuple[float, float]:
+        """The copper as the tool meets it at start and end of the next step: what it was a dead time ago."""
         start, end = copper[0], copper[1]
         if self._overlap < 1e-9:
             return start, end
@@ -140,7 +137,7 @@ class CanisterProcess:
             now = self._deviation(canister)
             if copper:
                 tool_c = self._driven(
-                    *modes, copper[-1], tool_c, 0.0, *self._met(copper), force, 0.0
+                    *modes, copper[-1], tool_c, 0.0, *self.met(copper), force, 0.0
                 )[TOOL]
                 copper.append(now)
             else:

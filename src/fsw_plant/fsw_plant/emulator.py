@@ -41,6 +41,17 @@ FIRST_TICK = 1
 _REST_TICKS = 36_000
 
 
+class BeyondDrivesError(OperatingPointError):
+    """A start needs a force or a speed that the drives cannot give: ``required``."""
+
+    def __init__(self, words: str, required: Command) -> None:
+        super().__init__(
+            f"start: {words} needs {required.force_kn:.2f} kN and {required.speed_rpm:.1f} rpm, "
+            "beyond the drives' limits"
+        )
+        self.required = required
+
+
 class Reading(NamedTuple):
     """The samples sent by the sensors at a tick."""
 
@@ -110,7 +121,7 @@ class PlantEmulator:
         self.schedule = schedule or PlantSchedule()
         self.tick = FIRST_TICK  #: the present tick
         self._process = process_of(self.config)
-        self._travel = ToolTravel(self.schedule.path, self.config)
+        self.travel = ToolTravel(self.schedule.path, self.config)
         self._reading: Reading | None = None
         self._start(self._equilibrium(None, None))
 
@@ -119,14 +130,14 @@ class PlantEmulator:
         temperature = (
             self.config["start.temperature_c"] if temperature_c is None else temperature_c
         )
-        motion = self._travel.motion(self.tick)
+        motion = self.travel.motion(self.tick)
         start = self._process.start(depth, temperature, self.config["start.power_kw"], motion)
         _check_within(self.config.limits, start, f"{depth:g} mm, {temperature:g} degC")
         return start
 
     def _start(self, start: Equilibrium) -> None:
         config, limits = self.config, self.config.limits
-        self._state, self._outputs = start.state.copy(), start.outputs
+        self.state, self._outputs = start.state.copy(), start.outputs
         self._force = Actuator(start.force_kn, limits.force_step_kn, *config.drives)
         self._speed = Actuator(start.speed_rpm, limits.speed_step_rpm, *config.drives)
         #: the command that the drives follow (the watchdog's after it has taken over)
@@ -145,7 +156,7 @@ class PlantEmulator:
     def take(self, schedule: PlantSchedule) -> None:
         """Use another schedule."""
         self.schedule = schedule
-        self._travel.take(schedule.path)
+        self.travel.take(schedule.path)
 
     @property
     def time_s(self) -> float:
@@ -157,15 +168,15 @@ class PlantEmulator:
 
         Without programme reports the tool follows the clock. Future events shift with it.
         """
-        self._travel.follow(self.tick, time_s, standing, age_ticks)
+        self.travel.follow(self.tick, time_s, standing, age_ticks)
 
     def measure(self, stamp_ns: int | None = None) -> Reading:
         """The samples sent at the present tick; repeatable. ``stamp_ns`` replaces its stamp."""
         if self._reading is not None and self._reading.tick == self.tick:
             return self._reading
         if self.schedule.events:
-            lag_s = self._travel.lag_s
-            for event in self.schedule.due(self._travel.programme_s(self.tick)):
+            lag_s = self.travel.lag_s
+            for event in self.schedule.due(self.travel.programme_s(self.tick)):
                 self._begin(replace(event, at_s=event.at_s + lag_s) if lag_s else event)
         stamp = self.tick * weld.TICK_NS if stamp_ns is None else stamp_ns
         outputs, drop_nm_per_rpm = self._outputs, self.config["sensors.torque_drop_nm_per_rpm"]
@@ -240,7 +251,7 @@ class PlantEmulator:
             )
             self._advance_process(mean_kn, mean_rpm)
         self._sensors.heat(self._outputs.temperature_c)
-        self._travel.end_tick()
+        self.travel.end_tick()
         self.tick += 1
 
     def _advance_process(self, mean_kn: float, mean_rpm: float) -> None:
@@ -250,13 +261,13 @@ class PlantEmulator:
             self._force.position + disturbance.force_kn,
             self._speed.position + disturbance.speed_rpm,
         )
-        motion = self._travel.motion(self.tick)
+        motion = self.travel.motion(self.tick)
         try:
             force_kn, speed_rpm = mean_kn + disturbance.force_kn, mean_rpm + disturbance.speed_rpm
             self._process.advance(
-                self._state, force_kn, speed_rpm, motion, self._disturbance("torque")
+                self.state, force_kn, speed_rpm, motion, self._disturbance("torque")
             )
-            self._outputs = self._process.outputs(self._state, end.force_kn, end.speed_rpm)
+            self._outputs = self._process.outputs(self.state, end.force_kn, end.speed_rpm)
         except OperatingPointError as error:
             self.stopped = f"process stopped at {self.time_s:.1f} s: {error}"
             return
@@ -331,7 +342,7 @@ class PlantEmulator:
         """Change settings while running; start and seed take effect at the next :meth:`reset`."""
         if config.model != self.config.model:
             self._process = process_of(config)
-            self._process.refit(self._state)
+            self._process.refit(self.state)
         self.config = self.watchdog.config = config
         self.gate.configure(
             config.limits, config["commands.max_age_s"], config["commands.sources"]
@@ -356,9 +367,7 @@ def come_to_rest(plant: PlantEmulator) -> None:
 
 
 def _check_within(limits: Limits, start: Equilibrium, words: str) -> None:
-    """Reject a start beyond the limits of the drives."""
-    if refusal(Command(start.force_kn, start.speed_rpm), limits) is not None:
-        raise OperatingPointError(
-            f"start: {words} needs {start.force_kn:.2f} kN and {start.speed_rpm:.1f} rpm, "
-            "beyond the drives' limits"
-        )
+    """Refuse a start that the drives cannot give."""
+    required = Command(start.force_kn, start.speed_rpm)
+    if refusal(required, limits) is not None:
+        raise BeyondDrivesError(words, required)

@@ -81,7 +81,7 @@ class PlantNode(ManagedNode):
             PlantSchedule.from_text_or_file(values["scenario"]),
         )
         prepare(config, self._log_preparation)
-        self._plant = PlantEmulator(config, schedule)
+        self.emulator = PlantEmulator(config, schedule)
         self._speed = float(values["speed"])
         self._lockstep = self._speed == 0.0
         self._simulated = (
@@ -101,7 +101,7 @@ class PlantNode(ManagedNode):
         self._arrived = (
             True  #: whether all subscribers had what was sent when that was last looked at
         )
-        self._reported = (self._plant.watchdog.state, self._plant.stopped)
+        self._reported = (self.emulator.watchdog.state, self.emulator.stopped)
         self._stop = StopHolder(self, self._fence.register, self._fence.hear)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         if (
@@ -111,10 +111,12 @@ class PlantNode(ManagedNode):
         if self._lockstep:
             self.create_subscription(Header, PLAYER_READY, self._on_player_ready, LATEST)
         self._writers = CommandWriters(
-            self, lambda: self._plant.gate, lambda: self._settings["commands.sources"]
+            self, lambda: self.emulator.gate, lambda: self._settings["commands.sources"]
         )
         self._guard.check(self._settings["discovery_s"], self._announce)
-        self._plant_services = PlantServices(self, self._plant, on_reset=self._writers.set_sources)
+        self.emulator_services = PlantServices(
+            self, self.emulator, on_reset=self._writers.set_sources
+        )
         self.create_timer(_REPORT_S, self._report, clock=self._steady)
         self.create_timer(_WATCH_S, self._watch, clock=self._steady)
         self._ready_timer = self.create_timer(
@@ -126,9 +128,9 @@ class PlantNode(ManagedNode):
         """Bring the drives into the safe state, as the watchdog does; nothing is measured then."""
         was_running, self._running = self._running, False
         if was_running:
-            come_to_rest(self._plant)
-            self._fence.stop(StopCause.WATCHDOG, self._plant.measure().stamp_ns)
-        force_kn = self._plant.applied.force_kn
+            come_to_rest(self.emulator)
+            self._fence.stop(StopCause.WATCHDOG, self.emulator.measure().stamp_ns)
+        force_kn = self.emulator.applied.force_kn
         self.get_logger().info(
             f"deactivated; the drives are in the safe state at {force_kn:.4g} kN"
         )
@@ -181,17 +183,17 @@ class PlantNode(ManagedNode):
 
     def _next_tick(self) -> None:
         if self._fence.overdue:
-            self._plant.watchdog.expire()
-        stamp_ns = self._plant.measure().stamp_ns
+            self.emulator.watchdog.expire()
+        stamp_ns = self.emulator.measure().stamp_ns
         before_s, self._stepped_s = self._stepped_s, time.monotonic()
-        self._plant.step(TICK_S if self._simulated else self._stepped_s - before_s)
-        if self._plant.watchdog.state is WatchdogState.SAFE:
+        self.emulator.step(TICK_S if self._simulated else self._stepped_s - before_s)
+        if self.emulator.watchdog.state is WatchdogState.SAFE:
             self._fence.stop(StopCause.WATCHDOG, stamp_ns)
         self._publish_tick()
         self._stop.look()
 
     def _publish_tick(self) -> None:
-        plant = self._plant
+        plant = self.emulator
         self._fence.measure()
         wall_ns = self.get_clock().now().nanoseconds
         plant.measure(None if self._simulated else self._stamps.next(wall_ns, time.monotonic_ns()))
@@ -201,9 +203,9 @@ class PlantNode(ManagedNode):
             self._report_changes()
 
     def _send(self) -> None:
-        """Publish the present tick: drives first, as the last sensor sample completes the tick."""
-        reading, truth = self._plant.measure(), truth_message(self._plant.truth())
-        if not self._pace.resent:  # a player answers repeated ticks only once
+        """Publish the present tick; the drives first, because the sensors' last sample completes the tick."""
+        reading, truth = self.emulator.measure(), truth_message(self.emulator.truth())
+        if not self._pace.resent:  # the player, which stays, has answered a repeated tick, or will
             depths = reading.samples["depth"]
             self._pace.await_player(depths[-1].stamp_ns if depths else None)
         if self._clocks is not None:
@@ -222,9 +224,9 @@ class PlantNode(ManagedNode):
         stamp_ns = convert.stamp_ns(message.header.stamp)
         refusal, words = self._fence.check(convert.signature(message), message.source)
         if refusal:
-            self._plant.gate.refuse(refusal, words)
+            self.emulator.gate.refuse(refusal, words)
         else:
-            refusal = self._plant.apply(
+            refusal = self.emulator.apply(
                 convert.command(message), stamp_ns, message.source, message.healthy
             )
         if not refusal:
@@ -232,11 +234,11 @@ class PlantNode(ManagedNode):
         else:
             self._writers.note_refused(message.leader)
             self.get_logger().warning(
-                f"command refused: {self._plant.gate.last_refusal}", throttle_duration_sec=1.0
+                f"command refused: {self.emulator.gate.last_refusal}", throttle_duration_sec=1.0
             )
-        # A command rejected for its content is an answer, too: the tick continues with the last
-        # valid one.
-        own = refusal not in ("source", "leader") and stamp_ns == self._plant.measure().stamp_ns
+        # A command that is refused for its content is an answer too: the tick goes on with the
+        # last valid one.
+        own = refusal not in ("source", "leader") and stamp_ns == self.emulator.measure().stamp_ns
         if self._lockstep and own and not self._pace.answered:
             self._pace.answered = True
             self._go_on()
@@ -246,9 +248,9 @@ class PlantNode(ManagedNode):
         """Move the tool by the weld's programme; it stands while the programme is held."""
         if not self._running:
             return
-        age_ns = self._plant.measure().stamp_ns - convert.stamp_ns(message.header.stamp)
-        time_s = self._plant.schedule.path_end_s - message.time_left
-        self._plant.follow_programme(time_s, message.state != "running", round(age_ns / TICK_NS))
+        age_ns = self.emulator.measure().stamp_ns - convert.stamp_ns(message.header.stamp)
+        time_s = self.emulator.schedule.path_end_s - message.time_left
+        self.emulator.follow_programme(time_s, message.state != "running", round(age_ns / TICK_NS))
 
     def _on_player_ready(self, message: Header) -> None:
         if self._pace.on_player(convert.stamp_ns(message.stamp)):
@@ -257,7 +259,7 @@ class PlantNode(ManagedNode):
     def _go_on(self) -> None:
         """Begin the next tick of lockstep if nothing is awaited any more."""
         if self._running and self._pace.complete:
-            if self._plant.tick % _ARRIVAL_TICKS == 0:
+            if self.emulator.tick % _ARRIVAL_TICKS == 0:
                 self._await_arrival()
             self._next_tick()
 
@@ -270,7 +272,7 @@ class PlantNode(ManagedNode):
         self._arrived = self.has_arrived(self._settings["lockstep_timeout_s"] if before else 0.0)
         if before and not self._arrived:
             self.get_logger().warning(
-                f"tick {self._plant.tick}: a subscriber does not receive; continuing without it"
+                f"tick {self.emulator.tick}: a subscriber does not receive; continuing without it"
             )
 
     def _go_on_without_player(self) -> None:
@@ -292,19 +294,19 @@ class PlantNode(ManagedNode):
             self._watch_answer(waited_s)
         elif not self.count_publishers(PLAYER_READY):
             self.get_logger().info(
-                f"tick {self._plant.tick}: no player of a scenario any more; continuing without it"
+                f"tick {self.emulator.tick}: no player of a scenario any more; continuing without it"
             )
             self._go_on_without_player()
         elif waited_s >= self._settings["lockstep_timeout_s"]:
             self.get_logger().warning(
-                f"tick {self._plant.tick}: the player does not answer; continuing without it"
+                f"tick {self.emulator.tick}: the player does not answer; continuing without it"
             )
             self._go_on_without_player()
 
     def _watch_answer(self, waited_s: float) -> None:
         values = self._settings.values
         publishers = ", ".join(self._writers.names) or "no node"
-        what = f"no command for tick {self._plant.tick} within {waited_s:.1f} s"
+        what = f"no command for tick {self.emulator.tick} within {waited_s:.1f} s"
         what += f" (fsw/command is published by {publishers})"
         if 0.0 < values["lockstep_give_up_s"] <= waited_s:
             raise SystemExit(f"fsw_plant: {what}; giving up")
@@ -317,7 +319,7 @@ class PlantNode(ManagedNode):
 
     def _report_changes(self) -> None:
         """Log and report changes of watchdog and process."""
-        plant = self._plant
+        plant = self.emulator
         (state, stopped), self._reported = self._reported, (plant.watchdog.state, plant.stopped)
         if plant.watchdog.state != state:
             self._log(reports.watchdog(plant))
@@ -332,7 +334,7 @@ class PlantNode(ManagedNode):
         self._publish_reports([Report("clock", OK, SEARCHING, STARTING)])
 
     def _report(self) -> None:
-        plant, mode = self._plant, _mode(self._speed, self._simulated)
+        plant, mode = self.emulator, _mode(self._speed, self._simulated)
         refused = plant.gate.total()
         new, self._reported_refusals = max(0, refused - self._reported_refusals), refused
         self._publish_reports(
@@ -348,7 +350,7 @@ class PlantNode(ManagedNode):
         )
 
     def _publish_reports(self, lines: list[Report]) -> None:
-        time_ns = self._plant.measure().stamp_ns if self._simulated and self._running else None
+        time_ns = self.emulator.measure().stamp_ns if self._simulated and self._running else None
         self._diagnostics.publish(lines, time_ns)
 
     # ---------------------------------------------------------------- settings and services
@@ -368,8 +370,8 @@ class PlantNode(ManagedNode):
             return
         if values["scenario"] != self._scenario:
             self._scenario = values["scenario"]
-            self._plant.take(PlantSchedule.from_text_or_file(self._scenario))
-        self._plant.reconfigure(PlantConfig.from_values(values))
+            self.emulator.take(PlantSchedule.from_text_or_file(self._scenario))
+        self.emulator.reconfigure(PlantConfig.from_values(values))
         if self.is_active:
             self._writers.set_sources()
 

@@ -6,7 +6,7 @@ import pytest
 
 from fsw_canister import CanisterParameters
 from fsw_model import ModelParameters, OperatingPointError
-from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
+from fsw_plant import BeyondDrivesError, PlantConfig, PlantEmulator, PlantSchedule
 from fsw_plant.canister_process import CanisterProcess
 from fsw_plant.event_schema import disturbance
 from fsw_plant.tool_path import Motion, ToolPath, Waypoint
@@ -35,7 +35,7 @@ def test_the_tool_meets_the_copper_a_dead_time_late(block, dead_time_s, met):
     start = process.start(2.66, 800.0, 50.0, STILL)
     copper = start.state.copper
     rate = copper[-1] - copper[-2]  # of a block under constant power
-    first, second = process._met(copper)
+    first, second = process.met(copper)
     assert first == pytest.approx(copper[-1] - met * rate)
     assert second == pytest.approx(first + rate)
 
@@ -52,24 +52,21 @@ def test_the_thermocouple_lags_by_the_tool_behind_what_it_meets(block):
     assert shown.copper_temperature_c - shown.temperature_c == pytest.approx(
         rate * (p.dead_time_s + p.tool_lag_s), rel=2e-3
     )
-    tool = state.x[4]
-    state.copper.extend(
-        [tool + 10.0] * len(state.copper)
-    )  # not how it comes about, but a step for the tool
-    while len(state.copper) > process._delay_steps + 1:
-        state.copper.popleft()
+    tool, length = state.x[4], len(state.copper)
+    state.copper.clear()  # not how it comes about, but a step for the tool
+    state.copper.extend([tool + 10.0] * length)
     process.advance(state, start.force_kn, start.speed_rpm, STILL)
     assert state.x[4] - tool == pytest.approx(10.0 * (1.0 - exp(-0.1 / p.tool_lag_s)), rel=1e-9)
 
 
 def test_the_power_of_24_heats_the_canister_and_nothing_else_does(block):
     plant = plant_of()
-    before = plant._state.canister.energy_kj
+    before = plant.state.canister.energy_kj
     advance(plant, 100)
     powers = plant.truth().process_power_kw
-    assert plant._state.canister.energy_kj - before == pytest.approx(10.0 * powers, rel=0.05)
+    assert plant.state.canister.energy_kj - before == pytest.approx(10.0 * powers, rel=0.05)
     assert plant.truth().copper_temperature_c == pytest.approx(
-        20.0 + 0.1 * plant._state.canister.energy_kj
+        20.0 + 0.1 * plant.state.canister.energy_kj
     )
 
 
@@ -78,13 +75,13 @@ def test_a_torque_that_is_added_heats_the_canister_as_much_as_the_motor_shows(bl
     plants[0].begin(disturbance("torque", "step", 25.0))
     for plant in plants:
         advance(plant, 60)  # the motor settles
-    before, powers = [plant._state.canister.energy_kj for plant in plants], []
+    before, powers = [plant.state.canister.energy_kj for plant in plants], []
     for _ in range(10):
         for plant in plants:
             advance(plant, 1)
         powers.append(plants[0].truth().process_power_kw - plants[1].truth().process_power_kw)
     more, less = (
-        plant._state.canister.energy_kj - was for plant, was in zip(plants, before, strict=True)
+        plant.state.canister.energy_kj - was for plant, was in zip(plants, before, strict=True)
     )
     assert sum(powers) > 8.0 and more - less == pytest.approx(0.1 * sum(powers), rel=0.02)
 
@@ -100,11 +97,9 @@ def test_it_starts_where_the_thermocouple_shows_the_start_and_the_drives_give_th
 
 
 def test_a_start_that_cannot_be_is_one_line(block):
-    with pytest.raises(
-        OperatingPointError, match=r"start at 800 degC: 1 kW leave .*; raise start.power_kw"
-    ):
+    with pytest.raises(OperatingPointError, match=r"800 degC: 1 kW .* start\.power_kw"):
         plant_of(**{"start.power_kw": 1.0})
-    with pytest.raises(OperatingPointError, match="beyond the drives' limits"):
+    with pytest.raises(BeyondDrivesError):
         plant_of(**{"start.power_kw": 80.0})
 
 
@@ -159,18 +154,15 @@ def test_what_is_late_of_the_programme_is_taken_for_its_tick(block):
     plant = plant_of(PATH)
     advance(plant, 4)
     plant.follow_programme(0.3, standing=False, age_ticks=2)
-    assert plant._travel.programme_s(plant.tick) == pytest.approx(0.5)
+    assert plant.travel.programme_s(plant.tick) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(
     ("path", "words"),
     [
-        (
-            "[{at_s: 1.0, arc_mm: 0.0}, {at_s: 1.0, arc_mm: 1.0}]",
-            "not later than the point before",
-        ),
+        ("[{at_s: 1.0, arc_mm: 0.0}, {at_s: 1.0, arc_mm: 1.0}]", "not later"),
         ("[{at_s: 0.0, arc_mm: 2.0}, {at_s: 1.0, arc_mm: 1.0}]", "goes back"),
-        ("[{at_s: 0.0, arc_mm: 2.0, axial_mm: 900.0}]", "axial_mm = 900 is outside"),
+        ("[{at_s: 0.0, arc_mm: 2.0, axial_mm: 900.0}]", "axial_mm = 900"),
     ],
 )
 def test_a_path_that_cannot_be_is_one_line(path, words):
@@ -192,23 +184,23 @@ def test_parameters_of_the_canister_are_parameters_of_the_plant():
     config = PlantConfig.from_values({"process": "canister", "canister": {"wall_mm": 52.0}})
     assert config.canister == CanisterParameters(wall_mm=52.0)
     assert PlantConfig.from_values({"canister.wall_mm": 52.0}).canister is None
-    with pytest.raises(InputError, match=r"canister.wall_mm: -1 is outside"):
+    with pytest.raises(InputError, match=r"canister\.wall_mm: -1 "):
         PlantConfig.from_values({"canister.wall_mm": -1})
-    with pytest.raises(InputError, match="must be less than outer_radius_mm"):
+    with pytest.raises(InputError, match="than outer_radius_mm"):
         PlantConfig.from_values(
             {"process": "canister", "canister": {"wall_mm": 400.0, "outer_radius_mm": 300.0}}
         )
-    with pytest.raises(InputError, match=r"process: 'steel' is not one of paper, canister"):
+    with pytest.raises(InputError, match=r"process: 'steel' .* paper, canister"):
         PlantConfig.from_values({"process": "steel"})
 
 
 def test_a_change_of_the_dead_time_while_running_keeps_the_history(block):
     plant = plant_of()
-    newest = list(plant._state.copper)[-5:]
+    newest = list(plant.state.copper)[-5:]
     plant.reconfigure(
         PlantConfig.from_values({"process": "canister", "noise": False, "model.dead_time_s": 0.5})
     )
-    assert list(plant._state.copper)[-5:] == newest
-    assert len(plant._state.copper) == 15
+    assert list(plant.state.copper)[-5:] == newest
+    assert len(plant.state.copper) == 15
     advance(plant, 5)
     assert plant.stopped == ""

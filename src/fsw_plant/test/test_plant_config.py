@@ -42,16 +42,16 @@ def test_nested_and_dotted_are_the_same():
 @pytest.mark.parametrize(
     "text, words",
     [
-        ("sed: 1", "unknown parameters sed"),
-        ("start: {depth: 2.7}", "unknown parameters start.depth"),
-        ("seed: x", "seed: 'x' is not a number"),
-        ("noise: 1", "noise: 1 is not true or false"),
-        ("start: {depth_mm: 9}", "start.depth_mm: 9 is outside 1 to 5 mm"),
-        ("limits: {force_min_kn: 95}", r"limits: force_min \(95\) must be below force_max \(95\)"),
+        ("sed: 1", "parameters sed"),
+        ("start: {depth: 2.7}", r"parameters start\.depth"),
+        ("seed: x", "seed: 'x' .* number"),
+        ("noise: 1", "noise: 1 .* true"),
+        ("start: {depth_mm: 9}", r"start\.depth_mm: 9 .* 1 to 5 mm"),
+        ("limits: {force_min_kn: 95}", r"limits: force_min \(95\) .* force_max \(95\)"),
         ("model: {copper_lag_s: 0}", "outside 0.1 to 10"),
         (
             "model: {dead_time_s: 0.1, depth_pole_fast_s: 9}",
-            "depth_pole_fast_s = 0.00855 is outside 1e-06 to 0.005",
+            r"depth_pole_fast_s = 0\.00855 .* 1e-06 to 0\.005",
         ),
     ],
 )
@@ -83,24 +83,24 @@ def event(**content):
         ([{"fault": {"sensor": "depth", "kind": "nan"}}], r"events\[0\] lacks at_s"),
         (
             [{"at_s": -1, "fault": {"sensor": "depth", "kind": "nan"}}],
-            "-1 is outside 0 to 36000 s",
+            "-1 .* 0 to 36000 s",
         ),
         (event(fault=3), r"events\[0\].fault is 3, not a mapping"),
         (event(fault={"kind": "nan"}), r"events\[0\].fault lacks sensor"),
         (event(fault={"sensor": "depth", "kind": "odd"}), "fault.kind is 'odd'; one of freeze"),
         (
             event(fault={"sensor": "depth", "kind": "nan", "size": 1}),
-            "fault.size is an unknown key; known: sensor",
+            r"fault\.size .*unknown key; known: sensor",
         ),
         (event(fault={"sensor": "depth", "kind": "bias"}), "lacks magnitude_mm"),
         (event(fault={"sensor": "depth", "kind": "delay"}), "lacks magnitude_s"),
         (
             event(fault={"sensor": "depth", "kind": "delay", "magnitude_s": 99}),
-            "99 is outside 0 to 60 s",
+            "99 .* 0 to 60 s",
         ),
         (
             event(fault={"sensor": "depth", "kind": "bias", "magnitude": 1, "magnitude_mm": 1}),
-            "magnitude is an unknown key; did",
+            "magnitude .*unknown key; did",
         ),
         (
             event(fault={"sensor": "depth", "kind": "bias", "magnitude_c": 1}),

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from fsw_control import Command
 from fsw_control.weld import TICK_NS
-from fsw_model import OperatingPointError, ProcessModel
-from fsw_plant import FIRST_TICK, PlantConfig, PlantEmulator, PlantSchedule
+from fsw_model import ProcessModel
+from fsw_plant import FIRST_TICK, BeyondDrivesError, PlantConfig, PlantEmulator, PlantSchedule
 from fsw_plant.event_schema import disturbance, fault
 from fsw_schema.models import InputError
 
@@ -53,7 +53,7 @@ def test_a_torque_that_is_added_heats_as_much_as_the_motor_shows():
         plant.measure()
         plant.apply(plant.applied)
         plant.step()
-    constant, rising, _, fading = plant._state.power[-1]
+    constant, rising, _, fading = plant.state.power[-1]
     lag = plant.config.model.motor_lag_s / 0.1
     sent_kw = constant + rising / 2.0 + fading * lag * (1.0 - exp(-1.0 / lag))
     shown_kw = plant.truth().process_power_kw - plant.config.model.operating_power_kw
@@ -360,10 +360,10 @@ def test_own_model_parameters_from_a_file(tmp_path):
     file.write_text("copper_lag_s: 70\nsliding_friction: 4.0e-1\n")
     plant = plant_of(model_file=str(file), model={"copper_lag_s": 2.0})
     assert plant.config.model.copper_lag_s == 140.0 and plant.config.model.sliding_friction == 0.4
-    with pytest.raises(InputError, match="cannot read model"):
+    with pytest.raises(InputError, match=r"model .*none\.yaml"):
         plant_of(model_file=str(tmp_path / "none.yaml"))
     file.write_text("coper_lag_s: 70")
-    with pytest.raises(InputError, match="coper_lag_s is an unknown key"):
+    with pytest.raises(InputError, match=r"coper_lag_s .*unknown key"):
         plant_of(model_file=str(file))
 
 
@@ -399,10 +399,7 @@ def test_process_that_leaves_the_copper_stops_and_is_still_measured():
         plant.measure()
         plant.apply(low)
         plant.step()
-    assert (
-        plant.stopped.startswith("process stopped at ")
-        and "in the copper, above 0 mm" in plant.stopped
-    )
+    assert "stopped" in plant.stopped and "0 mm" in plant.stopped
     first, second = values_of(run(plant, [low] * 2))
     assert first == second and all(isfinite(value) for value in first)
     plant.reset()
@@ -423,7 +420,7 @@ def test_reset():
     plant.reset(seed=2, depth_mm=2.8, temperature_c=830.0)
     assert plant.config["seed"] == 2
     assert (plant.truth().depth_mm, plant.truth().temperature_c) == pytest.approx((2.8, 830.0))
-    with pytest.raises(OperatingPointError, match="beyond the drives' limits"):
+    with pytest.raises(BeyondDrivesError):
         plant.reset(temperature_c=560.0)
     assert plant.truth().depth_mm == pytest.approx(2.8)
 
@@ -437,10 +434,9 @@ def test_reset_between_measurement_and_command():
 
 
 def test_start_beyond_the_drives_is_refused():
-    with pytest.raises(
-        OperatingPointError, match=r"start: 2\.66 mm, 560 degC needs 78\.40 kN and 275.. rpm"
-    ):
+    with pytest.raises(BeyondDrivesError, match=r"2\.66 mm, 560 degC") as raised:
         plant_of(start={"temperature_c": 560.0})
+    assert raised.value.required == pytest.approx((78.4, 275.0), abs=0.5)
 
 
 @pytest.mark.requirement("S4")

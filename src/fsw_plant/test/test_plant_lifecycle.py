@@ -44,7 +44,8 @@ def test_it_ticks_while_active_and_is_safe_when_deactivated(graph, capfd):
     graph.until(lambda: len(peer.got["truth"]) > 30)
     assert peer.got["truth"][-1].axial_force > 79e3
     assert change(Transition.TRANSITION_DEACTIVATE)
-    assert plant._plant.applied.force_kn == plant._settings["watchdog.safe_force_kn"]
+    safe_kn = plant.get_parameter("watchdog.safe_force_kn").value
+    assert plant.emulator.applied.force_kn == safe_kn
     graph.until(
         lambda: not peer.node.count_subscribers("fsw/command"), "the end of its subscription"
     )
@@ -53,15 +54,13 @@ def test_it_ticks_while_active_and_is_safe_when_deactivated(graph, capfd):
     assert change(Transition.TRANSITION_ACTIVATE)
     graph.until(lambda: len(peer.got["truth"]) > seen + 30)
     # it begins where it was left: in the safe state, until that is acknowledged
-    assert peer.got["truth"][seen].axial_force == pytest.approx(
-        1e3 * plant._settings["watchdog.safe_force_kn"], rel=0.01
-    )
+    assert peer.got["truth"][seen].axial_force == pytest.approx(1e3 * safe_kn, rel=0.01)
     assert peer.got["truth"][-1].axial_force < 66e3
     peer.answer = lambda _, stamp: peer.command(stamp, force_kn=65.0, source="safe_stop")
     graph.until(lambda: peer.got["truth"][-1].watchdog == 0)
     peer.stop, peer.answer = Stop(plant._fence.register.value.epoch + 1, False), answer(graph)
     graph.until(lambda: peer.got["truth"][-1].axial_force > 79e3)
-    assert "watchdog: no valid command" not in capfd.readouterr().err.split("deactivated")[0]
+    assert "watchdog: " not in capfd.readouterr().err.split("deactivated")[0]
     assert change(Transition.TRANSITION_DEACTIVATE) and change(Transition.TRANSITION_CLEANUP)
     graph.until(lambda: not peer.node.count_publishers("fsw/depth"))
     assert change(Transition.TRANSITION_CONFIGURE) and change(Transition.TRANSITION_ACTIVATE)
@@ -89,14 +88,13 @@ def test_it_says_why_it_cannot_be_activated_beside_another(graph, capfd):
     thread.start()
     graph.until(lambda: not thread.is_alive(), "the answer")
     assert not future.result().success
-    assert "cannot activate: depth is measured already on /fsw/depth" in capfd.readouterr().err
+    error = capfd.readouterr().err
+    assert "cannot activate: " in error and "/fsw/depth" in error
     other.shutdown()
 
 
 def test_how_much_of_the_truth_is_kept_may_be_overridden(graph):
     graph.start("-p", "qos_overrides./fsw/plant/truth.publisher.depth:=3", connected=False)
-    assert (graph.plant._truths.qos_profile.depth, graph.plant._drives.qos_profile.depth) == (
-        3,
-        SENT.depth,
-    )
+    depths = {one.topic_name: one.qos_profile.depth for one in graph.plant.publishers}
+    assert (depths["/fsw/plant/truth"], depths["/fsw/drives"]) == (3, SENT.depth)
     assert not graph.plant.has_parameter("qos_overrides./fsw/plant/truth.publisher.reliability")

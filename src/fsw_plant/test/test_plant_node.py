@@ -3,6 +3,7 @@
 import math
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -145,7 +146,7 @@ def test_lockstep_waits_for_a_player_while_there_is_one(graph, monkeypatch):
     monkeypatch.setattr(
         Publisher,
         "wait_for_all_acked",
-        lambda *given: awaited.append(graph.plant._plant.tick) or wait(*given),
+        lambda *given: awaited.append(graph.plant.emulator.tick) or wait(*given),
     )
 
     def answer(tick, stamp):
@@ -309,9 +310,7 @@ def test_a_repeated_tick_does_not_wait_for_the_player_again(graph):
 
 def test_dead_lockstep_ends_with_an_error(graph):
     graph.start(speed=0.0, lockstep_timeout_s=0.1, lockstep_give_up_s=0.3)
-    with pytest.raises(
-        SystemExit, match=r"no command for tick 1 within .* published by peer\); giving up"
-    ):
+    with pytest.raises(SystemExit, match=r"tick 1 within .* by peer\)"):
         graph.until(lambda: False)
 
 
@@ -370,7 +369,7 @@ def test_watchdog_holds_and_ramps_until_that_is_acknowledged(graph):
     ]
     assert all(0.0 <= a - b <= 201.0 for a, b in pairwise(ramp))
     graph.until(lambda: (report := peer.report("watchdog")) and report.level == b"\x02")
-    assert "force goes to 65 kN, spindle keeps turning" in peer.report("watchdog").message
+    assert "65 kN" in peer.report("watchdog").message
     graph.until(lambda: drives and drives[-1].actuator.stop.stopped)
     stop = drives[-1].actuator.stop
     assert stop.epoch > 0 and stop.cause == Stop.WATCHDOG
@@ -400,7 +399,7 @@ def test_disturbance_and_fault_services(graph):
     answer = graph.call(
         disturb, SetDisturbance.Request(channel="depth", shape="step", amplitude=1e-4)
     )
-    assert answer.ok and answer.message == "depth: step from the next tick on"
+    assert answer.ok and answer.message.startswith("depth: step ")
     graph.until(lambda: peer.got["truth"][-1].depth_disturbance == pytest.approx(1e-4))
     graph.until(lambda: peer.got["depth"][-1].depth == pytest.approx(2.76e-3))
     speed = SetDisturbance.Request(channel="spindle_speed", shape="step", amplitude=1.0)
@@ -409,7 +408,7 @@ def test_disturbance_and_fault_services(graph):
     answer = graph.call(
         disturb, SetDisturbance.Request(channel="traverse", shape="step", amplitude=1.0)
     )
-    assert not answer.ok and "'traverse'; one of depth" in answer.message
+    assert not answer.ok and re.search(r"'traverse'; .*\bdepth\b", answer.message)
     answer = graph.call(
         disturb, SetDisturbance.Request(channel="depth", shape="step", amplitude=1e6)
     )
@@ -423,7 +422,7 @@ def test_disturbance_and_fault_services(graph):
     assert graph.call(fault, SetFault.Request(sensor="thermocouple", kind="nan")).ok
     graph.until(lambda: math.isnan(peer.got["temperature"][-1].temperature))
     answer = graph.call(fault, SetFault.Request(sensor="depth", kind="odd"))
-    assert not answer.ok and "'odd'; one of freeze" in answer.message
+    assert not answer.ok and re.search(r"'odd'; .*\bfreeze\b", answer.message)
     answer = graph.call(fault, SetFault.Request(sensor="depth", kind="bias", magnitude=1e6))
     assert not answer.ok and "outside -5 to 5 mm" in answer.message
     graph.until(
@@ -435,10 +434,10 @@ def test_reset_service(graph):
     peer = graph.start(speed=50.0, noise="false")
     reset = peer.node.create_client(ResetPlant, "fsw/plant/reset")
     answer = graph.call(reset, ResetPlant.Request(seed=-1, depth=2.8e-3, temperature=0.0))
-    assert answer.ok and answer.message == "at equilibrium: 2.800 mm, 816.4 degC"
+    assert answer.ok and answer.message.endswith(": 2.800 mm, 816.4 degC")
     graph.until(lambda: peer.got["depth"][-1].depth == pytest.approx(2.8e-3))
     answer = graph.call(reset, ResetPlant.Request(seed=2, depth=0.0, temperature=560.0))
-    assert not answer.ok and "beyond the drives' limits" in answer.message
+    assert not answer.ok and "drives' limits" in answer.message
     answer = graph.call(reset, ResetPlant.Request(seed=2, depth=math.nan, temperature=0.0))
     assert not answer.ok and "no equilibrium" in answer.message
 
@@ -454,10 +453,7 @@ def test_sensors_are_announced_last_so_that_who_has_them_has_the_other_topics_of
 def test_first_tick_waits_for_subscribers(graph):
     peer = graph.start(speed=0.0, wait_for_subscribers=2, lockstep_timeout_s=0.1, connected=False)
     graph.until(lambda: peer.report("clock") is not None)
-    assert (
-        peer.report("clock").message == "first tick waits for subscribers"
-        and not peer.got["depth"]
-    )
+    assert "for subscribers" in peer.report("clock").message and not peer.got["depth"]
     from sensor_msgs.msg import Temperature
 
     from fsw_msgs.msg import ShoulderDepth, SpindleTorque
@@ -489,7 +485,7 @@ def test_with_two_publishers_of_commands_only_known_sources_are_obeyed(graph):
     peer.command(peer.got["depth"][-1].header.stamp, 80.0, source="intruder")
     graph.until(lambda: peer.got["truth"][-1].refused_commands >= 1)
     graph.until(lambda: peer.report("commands").level == b"\x02")
-    assert "1 refused; last: source: source 'intruder'" in peer.report("commands").message
+    assert re.search(r"\b1 refused; .*'intruder'", peer.report("commands").message)
     peer.command(peer.got["depth"][-1].header.stamp, 79.5, source="decentral")
     graph.until(lambda: peer.got["truth"][-1].axial_force == pytest.approx(79.5e3, abs=1.0))
     assert max(state.axial_force for state in peer.got["truth"]) < 79.6e3
@@ -511,14 +507,13 @@ def test_parameters_at_runtime(graph):
             peer.got["depth"] and peer.got["depth"][-1].depth == pytest.approx(2.66e-3, abs=1e-10)
         )
     )
-    assert set_one(
-        "scenario", "[{at_s: 0, disturbance: {channel: depth, shape: step, amplitude_mm: 0.2}}]"
-    ).successful
+    step = "[{at_s: 0, disturbance: {channel: depth, shape: step, amplitude_mm: 0.2}}]"
+    assert set_one("scenario", step).successful
     graph.until(lambda: peer.got["depth"][-1].depth == pytest.approx(2.86e-3, abs=1e-10))
     assert set_one("model.thermal_gain_c_per_kw", 1.2).successful
     for name, value, words in (
-        ("limits.force_min_kn", 96.0, "must be below force_max"),
-        ("scenario", "[{at_s: 0}]", "needs exactly one of"),
+        ("limits.force_min_kn", 96.0, "below force_max"),
+        ("scenario", "[{at_s: 0}]", "exactly one"),
         ("model.dead_time_s", 9.0, "outside 0.1 to 10 s"),
         ("model.copper_lag_s", 99.0, "out"),
         ("commands.sources", 3, ""),
@@ -556,7 +551,8 @@ def test_second_plant_is_refused(graph):
             process.kill()
         _, error = process.communicate()
     assert process.returncode == 2
-    assert f"/fsw/depth of domain {graph.domain}" in error and error.count("\n") == 1
+    assert "/fsw/depth " in error and f"domain {graph.domain}" in error
+    assert error.count("\n") == 1
     assert issubclass(AnotherPlantError, RuntimeError) and PlantNode is type(graph.plant)
 
 
@@ -564,10 +560,10 @@ def test_second_plant_is_refused(graph):
     "parameter, words",
     [
         ("speed:=-1.0", "speed"),
-        ("limits.force_min_kn:=96.0", "limits: force_min (96) must be below force_max (95)"),
-        ("start.temperature_c:=560.0", "beyond the drives' limits"),
-        ("scenario:=/nowhere.yaml", "cannot read scenario /nowhere.yaml"),
-        ("model.dead_time_s:=9.0", "dead_time_s = 25.2 is outside 0.1 to 10 s"),
+        ("limits.force_min_kn:=96.0", "force_min (96)"),
+        ("start.temperature_c:=560.0", "drives' limits"),
+        ("scenario:=/nowhere.yaml", "scenario /nowhere.yaml"),
+        ("model.dead_time_s:=9.0", "dead_time_s = 25.2"),
     ],
 )
 def test_wrong_parameters_end_the_start_with_one_line(domain_id, capfd, parameter, words):
