@@ -21,7 +21,7 @@ class Machine:
     def __init__(self, machine, parameters, read_of):
         self.gateway = Gateway(machine, parameters)
         self.gateway.on_connected()
-        self._read_of = read_of
+        self.read_of = read_of
         self.counter = 100
         self.stamp_ns = None
         self.in_force = STEADY
@@ -36,7 +36,7 @@ class Machine:
             "force_in_force": self.in_force.force_kn,
             "speed_in_force": self.in_force.speed_rpm,
         } | changed
-        out = self.gateway.on_read(self._read_of(self.counter, steps=steps, **given))
+        out = self.gateway.on_read(self.read_of(self.counter, steps=steps, **given))
         self.stamp_ns = out.stamp_ns if out else self.stamp_ns
         return out
 
@@ -100,7 +100,7 @@ def test_where_the_machines_clock_is_set_the_stamps_go_on_by_a_cycle(running):
 
 
 def test_a_cycle_that_a_busy_machine_ends_late_is_no_step_of_its_clock(running):
-    late = running._read_of(
+    late = running.read_of(
         running.counter + 1, at_s=running.now_s + 0.7, source_ns=running.stamp_ns + 700_000_000
     )
     assert running.gateway.on_read(late).stamp_ns == late.source_ns
@@ -457,9 +457,7 @@ def test_a_write_that_may_have_arrived_counts_as_well(running):
 def test_what_is_in_force_outside_the_limits_is_told(running):
     running.cycle(force_in_force=40.0)
     assert running.command(60.0) is None
-    assert (
-        "outside the limits: the machine has to bring it back" in running.gateway.gate.last_refusal
-    )
+    assert running.refused and "the limits" in running.gateway.gate.last_refusal
 
 
 @pytest.mark.parametrize("how", ["jump", "failure"])
@@ -481,7 +479,7 @@ def test_commands_that_do_not_arrive_make_it_begin_anew(running, how):
 def test_without_known_set_points_in_force_nothing_is_written_and_it_is_told_why(running, node):
     running.cycle(**{node: None})
     assert running.command() is None and running.refused == {"jump"}
-    assert running.gateway.gate.last_refusal.endswith("not known: empty, not a number")
+    assert "not known" in running.gateway.gate.last_refusal
 
 
 def test_a_late_answer_to_an_order_from_before_a_loss_changes_nothing(running):

@@ -60,7 +60,7 @@ def check(shipped_text, changes, **kinds):
         (
             {},
             {"force_setpoint": "Int32"},
-            r"nodes.force_setpoint: .* is of type Int32, which has steps of 1 kN",
+            r"nodes\.force_setpoint: .* Int32, .* 1 kN",
         ),
         ({}, {"force_in_force": "Int32"}, r"nodes.force_in_force: .* steps of 1 kN"),
         (
@@ -117,7 +117,5 @@ def test_whole_numbers_that_are_fine_enough(shipped_text, changes, kinds):
 def test_clock_before_1970_or_after_2038_is_told():
     check_clock(0)
     for year, source in ((1601, datetime(1601, 1, 1)), (2040, datetime(2040, 1, 1))):
-        with pytest.raises(
-            LinkError, match=f"year {year}; set the machine's clock, or clock.stamps: received"
-        ):
+        with pytest.raises(LinkError, match=rf"year {year}; .* clock\.stamps: received"):
             check_clock(epoch_ns(source))

@@ -47,11 +47,10 @@ def test_the_machine(gateway, read_of):
     assert (
         reports.machine(gateway, 0.0, 0, 0).values["permissive"] is True
     )  # as the operator's page reads it
-    assert (
-        reports.machine(gateway, 0.7, 0, 0).text == "the cycle counter has not changed for 0.7 s"
-    )
+    assert "cycle counter" in (stands := reports.machine(gateway, 0.7, 0, 0).text)
+    assert stands.endswith("0.7 s")
     gateway.on_read(read_of(2, depth=None))
-    assert "depth: empty, not a number" in reports.machine(gateway, 0.0, 0, 0).text
+    assert "depth: empty" in reports.machine(gateway, 0.0, 0, 0).text
     gateway.on_read(read_of(3, permissive=False))
     assert reports.machine(gateway, 0.0, 0, 0).level == WARN
     assert reports.machine(gateway, 0.0, 0, 0).values["permissive"] is False

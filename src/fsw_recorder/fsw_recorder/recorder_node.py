@@ -106,8 +106,8 @@ class RecorderNode(ManagedNode):
         self._diagnostics = DiagnosticsPublisher(self)
 
     def activate(self) -> None:
-        """Create the bag and subscribe to the present topics."""
-        self._subscriptions_by_topic: dict[str, TopicSubscription] = {}
+        """Make the bag, and subscribe to what is there."""
+        self.subscriptions_by_topic: dict[str, TopicSubscription] = {}
         self._left_out: dict[str, str] = {}
         self._other_welds: set[str] = set()
         self._failure_told = False
@@ -223,7 +223,7 @@ class RecorderNode(ManagedNode):
             offers = tuple(
                 offered_by(one.qos_profile) for one in self.get_publishers_info_by_topic(name)
             )
-            known = self._subscriptions_by_topic.get(name)
+            known = self.subscriptions_by_topic.get(name)
             if known is None and offers:
                 self._subscribe(name, types, offers)
             elif known is not None:
@@ -257,15 +257,15 @@ class RecorderNode(ManagedNode):
             name, type_name, interface_definition(type_name), interface_hash(type_name), offers
         )
         self.writer.add_topic(topic)
-        self._subscriptions_by_topic[name] = TopicSubscription(
+        self.subscriptions_by_topic[name] = TopicSubscription(
             self, name, kind, self._depth, self.writer.write
         )
-        self._subscriptions_by_topic[name].update(offers)
+        self.subscriptions_by_topic[name].update(offers)
         self.get_logger().info(f"subscribed to {name} [{type_name}]")
 
     def _poll(self) -> None:
-        """Write the received messages."""
-        for subscription in self._subscriptions_by_topic.values():
+        """Write what has been received."""
+        for subscription in self.subscriptions_by_topic.values():
             subscription.poll()
 
     # ------------------------------------------------------------------ reports
@@ -291,7 +291,7 @@ class RecorderNode(ManagedNode):
             level, text = ERROR, str(error)
         values = {
             "bag": self.writer.folder,
-            "topics": len(self._subscriptions_by_topic),
+            "topics": len(self.subscriptions_by_topic),
             **counters,
             "lost": sum(lost.values()),
             **{f"lost {topic}": count for topic, count in lost.items()},
@@ -300,8 +300,8 @@ class RecorderNode(ManagedNode):
         self._diagnostics.publish([Report("recording", level, text, values)])
 
     def _lost(self) -> dict[str, int]:
-        """Number of missing messages by topic, from sequence numbers."""
-        return {name: one.lost for name, one in self._subscriptions_by_topic.items() if one.lost}
+        """Messages that are missing by their numbers, by topic."""
+        return {name: one.lost for name, one in self.subscriptions_by_topic.items() if one.lost}
 
     def _finish(self) -> None:
         """Finish the bag with all received messages; report its content or its defects."""

@@ -354,7 +354,7 @@ def test_any_failure_is_told_and_the_bag_is_left_whole(
     assert writer.flush()
 
     def broken(*_: object, **__: object) -> None:
-        raise RuntimeError("nobody expected this")
+        raise RuntimeError("unexpected")
 
     monkeypatch.setattr("mcap.writer.Writer.add_message", broken)
     writer.write("/x", cdr(10.0), START_NS + 10**9, START_NS)
@@ -362,7 +362,7 @@ def test_any_failure_is_told_and_the_bag_is_left_whole(
     monkeypatch.undo()
     assert not writer.write("/x", cdr(11.0), START_NS + 10**9, START_NS)
     writer.close()
-    assert "RuntimeError: nobody expected this" in str(writer.error)
+    assert "RuntimeError: unexpected" in str(writer.error)
     assert writer.statistics()["written"] == 10 and writer.statistics()["dropped"] == 2
     with Reader(tmp_path / "bag") as reader:
         assert len(list(reader.messages())) == 10

@@ -1,5 +1,7 @@
 """The recorder among real topics, as a process of its own."""
 
+import errno
+import os
 import resource
 import signal
 import threading
@@ -180,7 +182,7 @@ def test_weaker_publisher_that_comes_later_is_heard(graph: Any, tmp_path: Path) 
     )  # there is no order between topics: "later" may come first
     graph.until(lambda: reliable_ones <= set(depths_of(bag)))
     code, output = graph.end(recorder, signal.SIGTERM)
-    assert code == 0 and "again, for a publisher that is only" in output
+    assert code == 0 and "/fsw/depth again" in output
     heard = depths_of(bag)
     assert len(heard) == len(set(heard)) and set(heard) | best_effort == set(range(200))
     came = best_effort & set(heard)
@@ -278,7 +280,7 @@ def test_each_message_of_a_flood_is_recorded_or_counted_as_lost(
     try:
         flood = graph.node.create_publisher(String, "/flood", 1000)
         graph.until(lambda: flood.get_subscription_count() > 0)
-        subscription = recorder._subscriptions_by_topic["/flood"]
+        subscription = recorder.subscriptions_by_topic["/flood"]
         for burst in (1, 300, 300):
             for _ in range(burst):
                 flood.publish(String(data="x" * 20_000))
@@ -380,7 +382,7 @@ def test_full_disk_ends_the_recorder_and_nothing_else(graph: Any, tmp_path: Path
     graph.until(lambda: recorder.poll() is not None)
     graph.node.destroy_timer(timer)
     code, output = graph.end(recorder)
-    assert code == 1 and output.count("writing failed: File too large") == 1
+    assert code == 1 and output.count(f"writing failed: {os.strerror(errno.EFBIG)}") == 1
     graph.until(lambda: any("writing failed" in report for report in reports))
     graph.until(lambda: any("writing failed" in line for line in logged))
     with BagReader(bag) as reader:
