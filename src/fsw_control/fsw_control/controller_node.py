@@ -71,13 +71,13 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         super().__init__(f"fsw_{name}")
         self._settings = declare(self, "fsw_control", "controller.yaml")
         self._own = ParameterValues(self, load_source(parameters))
-        self._controller = make(self._own.values)
-        if hasattr(self._controller, "use_logger"):
-            self._controller.use_logger(self.get_logger())
+        self.controller = make(self._own.values)
+        if hasattr(self.controller, "use_logger"):
+            self.controller.use_logger(self.get_logger())
         self._controller_name = name
         initial = Command(self._settings["initial_force"], self._settings["initial_speed"])
-        self._controller.reset(initial)
-        self._deviations = getattr(self._controller, "plan_deviations", None)
+        self.controller.reset(initial)
+        self._deviations = getattr(self.controller, "plan_deviations", None)
         self.references = reference_queue(self, self._on_bad_reference)
         self._plan = ReferencePlan()
         self._guard = SensorGuard(sensor_limits(self._settings.values))
@@ -103,10 +103,10 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
     def _open_parameters(self) -> None:
         self._settings.on_change(lambda values: self._guard.configure(sensor_limits(values)))
         self._settings.add_check(partial(problem, sensor_limits))
-        if hasattr(self._controller, "check"):
-            self._own.add_check(self._controller.check)
-        if hasattr(self._controller, "configure"):
-            self._own.on_change(self._controller.configure)
+        if hasattr(self.controller, "check"):
+            self._own.add_check(self.controller.check)
+        if hasattr(self.controller, "configure"):
+            self._own.on_change(self.controller.configure)
 
     def _open_topics(self) -> None:
         self._proposals = self.create_publisher(
@@ -173,7 +173,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         if tick.restarted:
             self._guard.reset()
             self.applied.restart()
-            self._controller.reset(self.applied.latest.command)
+            self.controller.reset(self.applied.latest.command)
             self._last_ns = None
             self.get_logger().warning("the measurements' time has jumped: the controller restarts")
         dt_s = (
@@ -188,7 +188,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
             reference = replace(reference, coming=coming)
         begin = time.perf_counter()
         proposal = answer(
-            self._controller, measurement, reference, self.applied.before(tick.stamp_ns), dt_s
+            self.controller, measurement, reference, self.applied.before(tick.stamp_ns), dt_s
         )
         elapsed_s = time.perf_counter() - begin
         self._last_proposal = proposal
@@ -215,7 +215,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
                     time_ns,
                     self._controller_name,
                     applied_source=self.applied.latest.source,
-                    tolerated_sensors=self._controller.tolerated_sensors,
+                    tolerated_sensors=self.controller.tolerated_sensors,
                 )
             )
             if (plan := proposal.diagnosis.plan) is not None:

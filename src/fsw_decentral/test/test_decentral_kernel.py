@@ -136,7 +136,7 @@ def test_a_tuning_that_is_not_usable_is_refused_and_the_last_one_stays():
         else:
             setattr(bad, field, float("inf"))
         for take in (library.configure, make):
-            with pytest.raises(ValueError, match="must be finite and in their ranges"):
+            with pytest.raises(ValueError, match="be finite"):
                 take(bad)
         assert bytes(KERNEL.ffi.buffer(library.state))[: len(before)] == before, field
 

@@ -85,13 +85,13 @@ class Library(CController):
     def __init__(
         self, parameters: ModelParameters, horizon: Horizon, tuning: Any, lib: Any = None
     ) -> None:
-        self.horizon, self._tables = horizon, Tables(parameters, horizon)
+        self.horizon, self.tables = horizon, Tables(parameters, horizon)
         refusal = (
             f"horizon: {horizon.n_out} intervals, {horizon.n_blocks} blocks, "
             f"{len(horizon.step_length_s)} steps and {horizon.n_history} ticks of dead time "
             "exceed the sizes for which the controller library was compiled"
         )
-        super().__init__(KERNEL, lib, refusal, self._tables.model, tuning)
+        super().__init__(KERNEL, lib, refusal, self.tables.model, tuning)
         self._refusal = "tuning: a value is not finite, or a minimum is not below its maximum"
 
     def go_on_from(self, other: Library) -> None:

@@ -1,6 +1,8 @@
 """The controller through failed solves, late ticks, a diverged estimator and changes while it runs."""
 
+import errno
 import math
+import os
 from types import SimpleNamespace
 
 import numpy as np
@@ -147,7 +149,7 @@ def test_a_solver_that_cannot_be_made_is_told_and_later_changes_work(tmp_path, m
 
     def make_or_fail(settings):
         if full and full.pop():
-            raise OSError(28, "No space left on device")
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return make(settings)
 
     monkeypatch.setattr(controller_module, "_make", make_or_fail)
@@ -155,7 +157,7 @@ def test_a_solver_that_cannot_be_made_is_told_and_later_changes_work(tmp_path, m
     finish_changes(loop.controller)
     for _ in range(3):
         proposal = loop.step()
-        assert proposal.healthy and "No space left on device" in proposal.reason.words
+        assert proposal.healthy and os.strerror(errno.ENOSPC) in proposal.reason.detail
     assert len(told) == 1 and loop.controller.library.horizon.n_blocks == 20
     loop.controller.configure({"tuning_file": str(tmp_path / "54.yaml")})  # the same once more
     finish_changes(loop.controller)

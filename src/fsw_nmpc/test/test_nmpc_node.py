@@ -114,9 +114,9 @@ def test_parameters_at_runtime(peer):
     after = peer.tick(k + 2)
     assert after.healthy
     assert after.axial_force == pytest.approx(before.axial_force, abs=100.0)
-    finish_changes(peer.node._controller)
+    finish_changes(peer.node.controller)
     assert peer.tick(k + 3).healthy
-    assert peer.node._controller.library.horizon.n_blocks == 54
+    assert peer.node.controller.library.horizon.n_blocks == 54
 
 
 def test_process_starts_says_its_solver_and_ends_cleanly():

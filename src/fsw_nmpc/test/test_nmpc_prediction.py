@@ -95,7 +95,7 @@ def test_library_and_casadi_predict_the_same_with_the_same_slopes(dead_time_s, r
 def test_horizons_that_do_not_fit_are_refused():
     with pytest.raises(ValueError, match="21 blocks"):
         horizon_of(P, 21)
-    with pytest.raises(ValueError, match=r"'dead_time_s' is 0\.5: the NMPC needs at least 0\.9 s"):
+    with pytest.raises(ValueError, match=r"'dead_time_s' is 0\.5: .* 0\.9 s"):
         horizon_of(P.changed(dead_time_s=0.5), 20)
 
 

@@ -63,7 +63,7 @@ def _parts(label: str) -> tuple[str, str]:
         raise InputError(f"controller {label or '(no name)'} is not available; {known}")
     # absolute, so that a process started in another folder finds the file
     place = f"{Path(first).resolve() if first.endswith('.py') else first}:{word}"
-    name = str(_class_at(place).name)
+    name = str(class_at(place).name)
     if KNOWN.setdefault(name, place) != place:
         raise InputError(
             f"controller {place}: its name {name!r} is that of {KNOWN[name]}; give it another one"
@@ -72,7 +72,8 @@ def _parts(label: str) -> tuple[str, str]:
 
 
 @cache
-def _class_at(place: str) -> Any:
+def class_at(place: str) -> Any:
+    """The class at a place, ``MODULE:CLASS`` or ``FILE.py:CLASS``; errors as :func:`name_of`."""
     module, _, kind = place.rpartition(":")
     if module.endswith(".py") and not Path(module).is_file():
         raise InputError(f"controller {place} is not available: there is no file {module}")
@@ -107,8 +108,8 @@ def described_in(label: str) -> Source:
 
 
 def kind_of(label: str) -> Any:
-    """Class of a controller, by label; errors as in :func:`name_of`."""
-    return _class_at(KNOWN[name_of(label)])
+    """Class of a controller, by label; errors as :func:`name_of`."""
+    return class_at(KNOWN[name_of(label)])
 
 
 def source_of(label: str) -> bytes:

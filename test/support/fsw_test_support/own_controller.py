@@ -32,7 +32,7 @@ broken_name = type("Broken", (Own,), {{"name": "two words"}})
 def forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a test names by its class is forgotten after it."""
     monkeypatch.setattr(controllers, "KNOWN", dict(controllers.KNOWN))
-    controllers._class_at.cache_clear()
+    controllers.class_at.cache_clear()
 
 
 def own(folder: Path, step: str = "return Proposal(applied)") -> str:
