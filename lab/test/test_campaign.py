@@ -181,7 +181,7 @@ def test_a_scheduler_by_address_and_its_loss(file, tmp_path, expected, cluster):
             scheduler.wait()
 
         with (
-            pytest.raises(InputError, match="the scheduler is gone"),
+            pytest.raises(engine.SchedulerLostError),
             engine.connect(address, None) as client,
         ):
             engine.run(written, client, kill)
@@ -209,7 +209,7 @@ def test_the_scheduler_may_be_lost_between_two_questions_to_a_future(
     monkeypatch.setattr(engine, "as_completed", lambda **options: Queue([future]))
     with (
         Dataset(tmp_path / "out", definition.load(file)) as written,
-        pytest.raises(InputError, match="the scheduler is gone"),
+        pytest.raises(engine.SchedulerLostError),
     ):
         engine.run(written, client)
 
@@ -224,5 +224,5 @@ class Queue(list):
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense", "foo://host:1"])
 def test_no_scheduler_is_one_line(monkeypatch, address):
     monkeypatch.setattr(engine, "PATIENCE_S", 0.5)
-    with pytest.raises(InputError, match="no scheduler answers"):
+    with pytest.raises(InputError, match=f"scheduler .*{address}"):
         engine.connect(address, None).__enter__()

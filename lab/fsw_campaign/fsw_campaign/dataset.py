@@ -49,7 +49,7 @@ _EVENT_NUMBERS = (
     ),
 )
 _TEXT = pa.dictionary(pa.int32(), pa.string())
-_EVENT = pa.struct(
+EVENT = pa.struct(
     [("quantity", pa.string()), ("kind", pa.string()), ("alone", pa.bool_())]
     + [(name, pa.float64()) for name in _EVENT_NUMBERS]
 )
@@ -74,7 +74,7 @@ def schema(campaign: Campaign) -> pa.Schema:
         names = (f"lowest_{signal}", f"highest_{signal}", f"outside_{signal}_s")
         columns += [(name, pa.float64()) for name in names]
     columns += [(name, pa.float64()) for name in (*_COUNTS, *ROWS, *TIMES)]
-    return pa.schema([*columns, ("versions", _TEXT), ("events", pa.list_(_EVENT))])
+    return pa.schema([*columns, ("versions", _TEXT), ("events", pa.list_(EVENT))])
 
 
 class _Manifest(Model):

@@ -46,6 +46,16 @@ _LEAN = {
 Task = list[tuple[int, dict[str, Any], list[str]]]
 
 
+class SchedulerLostError(InputError):
+    """The scheduler was lost during a campaign; all finished welds are written."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(
+            "the scheduler is gone; all finished welds are written; start one and continue with "
+            f"--resume ({reason})"
+        )
+
+
 @contextmanager
 def connect(scheduler: str | None, workers: int | None) -> Iterator[Client]:
     """Client of a scheduler, or of a cluster of processes on this machine, one thread each.
@@ -105,7 +115,7 @@ def run(dataset: Dataset, client: Client, progress: Callable[[int], None] | None
 
     Raises
     ------
-    InputError
+    SchedulerLostError
         If the scheduler is lost.
     """
     text, tasks = dataset.campaign.text, _Tasks(dataset)
@@ -145,15 +155,10 @@ def run(dataset: Dataset, client: Client, progress: Callable[[int], None] | None
         RuntimeError,
         CancelledError,
     ) as error:  # what Dask raises when the scheduler is gone
-        raise InputError(f"{_LOST} ({' '.join(str(error).split())})") from None
+        raise SchedulerLostError(" ".join(str(error).split())) from None
     finally:
         dataset.write(rows)
     return finished
-
-
-_LOST = (
-    "the scheduler is gone; all finished welds are written; start one and continue with --resume"
-)
 
 
 def _threads(client: Client) -> int:

@@ -1,6 +1,9 @@
 """Campaigns without Dask: points, rows, datasets, reports."""
 
+import errno
 import json
+import os
+import re
 import subprocess
 import sys
 from datetime import UTC, datetime
@@ -43,8 +46,10 @@ def one(path, **entry):
 
 def test_a_folder_that_cannot_be_written(small, tmp_path):
     (tmp_path / "file").write_text("x")
-    with pytest.raises(InputError, match=r"cannot write to folder .*Not a directory"):
-        Dataset(tmp_path / "file" / "out", small[0])
+    folder = tmp_path / "file" / "out"
+    with pytest.raises(InputError, match=re.escape(str(folder))) as raised:
+        Dataset(folder, small[0])
+    assert os.strerror(errno.ENOTDIR) in str(raised.value)
 
 
 def test_shipped_campaigns_are_valid():
@@ -108,7 +113,7 @@ def test_a_row_has_all_figures_of_merit(small):
         if key not in ("label", "controllers", "outputs"):
             assert rows[0][key] == value, key
     assert {event for row in rows for entry in row["events"] for event in entry} <= {
-        f.name for f in dataset._EVENT
+        f.name for f in dataset.EVENT
     }
 
 
@@ -275,7 +280,7 @@ def test_dataset_is_continued_and_others_are_refused(small, tmp_path):
 
 def test_a_folder_of_something_else_is_left_alone(small, tmp_path):
     (tmp_path / "precious").write_text("x")
-    with pytest.raises(InputError, match="not the folder of a campaign"):
+    with pytest.raises(InputError, match=re.escape(str(tmp_path))):
         Dataset(tmp_path, small[0])
     assert [path.name for path in tmp_path.iterdir()] == ["precious"]
 
@@ -312,7 +317,8 @@ def test_mixed_versions_are_reported(small, tmp_path):
     with Dataset(tmp_path / "mixed", made) as written:
         written.write([row | {"versions": "new" if row["index"] else "old"} for row in rows])
     page = report.write(tmp_path / "mixed", tmp_path / "page.md").read_text()
-    assert "Mixed versions: 6 welds with new; 2 welds with old." in page
+    [mixed] = [line for line in page.splitlines() if "Mixed versions: " in line]
+    assert re.search(r"\b6 .*\bnew; 2 .*\bold\b", mixed)
     worst = (tmp_path / "page_worst.md").read_text()
     assert "(page_worst.md)" in page and "python3 scripts/fsw.py simulate" in worst
 

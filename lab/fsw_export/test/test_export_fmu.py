@@ -420,7 +420,7 @@ def test_description_of_another_fmu_is_refused(
             )
     with pytest.raises(Exception, match="Failed to instantiate"):
         fmu_loop.Unit(str(tmp_path / "other.fmu"), tmp_path / "unpacked")
-    assert "the guid is not that of this binary" in capfd.readouterr().out
+    assert "guid" in capfd.readouterr().out
 
 
 def test_nmpc_without_sensors_holds_and_says_so(fmus: dict[str, Path], running: Units) -> None:

@@ -106,12 +106,10 @@ class TestCache:
     def test_a_given_file_of_another_geometry_is_refused(self, tmp_path: Path) -> None:
         path = tmp_path / "mine.npz"
         load_or_reduce(TINY, path)
-        with pytest.raises(
-            InputError, match=r"mine.npz: reduced for another canister \(wall_mm 20.0, not 20.5\)"
-        ):
+        with pytest.raises(InputError, match=r"mine\.npz: .*\(wall_mm 20\.0, not 20\.5\)"):
             load_or_reduce(TINY.changed(wall_mm=20.5), path)
         path.write_text("x")
-        with pytest.raises(InputError, match="holds no reduced canister"):
+        with pytest.raises(InputError, match=r"mine\.npz.* no reduced"):
             load_or_reduce(TINY, path)
 
     @pytest.mark.usefixtures("made")

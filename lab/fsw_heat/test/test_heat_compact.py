@@ -89,7 +89,7 @@ def test_one_long_step_is_many_short_ones(canister: CompactCanister) -> None:
 
 @pytest.mark.parametrize(
     ("inputs", "text"),
-    [((float("nan"), 1.0, 0.0), "not finite"), ((40.0, 1.0, 101.0), "off the copper")],
+    [((float("nan"), 1.0, 0.0), "not finite"), ((40.0, 1.0, 101.0), "the copper")],
 )
 def test_a_step_refuses_what_makes_no_sense(
     canister: CompactCanister, inputs: tuple[float, float, float], text: str
@@ -109,9 +109,7 @@ def test_a_given_file_is_of_this_kind_and_geometry(tmp_path: Path) -> None:
     assert kinds == ["canister", "compact"]
     file = next(tmp_path.glob("compact-*"))
     assert load_or_compact(tiny.changed(conductivity_w_per_m_k=300.0), file).states > 0
-    with pytest.raises(
-        InputError, match=r"reduced for another canister \(wall_mm 20.0, not 20.5\)"
-    ):
+    with pytest.raises(InputError, match=r"\(wall_mm 20\.0, not 20\.5\)"):
         load_or_compact(tiny.changed(wall_mm=20.5), file)
-    with pytest.raises(InputError, match="holds no reduced canister"):
+    with pytest.raises(InputError, match="no reduced"):
         load_or_reduce(tiny, file)

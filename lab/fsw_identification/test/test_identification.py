@@ -228,7 +228,7 @@ def test_coloured_noise_is_estimated_along() -> None:
         "torque" in line for line in summary.disturbances(slow) if "counts as noise" in line
     ] == [True]
     steady = estimation.identify([only(signals)], steady=True)
-    assert sum("--steady takes noise for white" in note for note in steady.notes) == 3
+    assert sum("--steady " in note and "white" in note for note in steady.notes) == 3
 
 
 @pytest.mark.slow
@@ -252,7 +252,7 @@ def test_the_depth_tells_the_lag_of_the_thermocouple() -> None:
     assert max(map(abs, scores(fit).values())) < 4.0
     assert any("lags" in line for line in summary.remarks(summary.Summary("weld", fit)))
     text = model_file.text(fit, "weld")
-    assert "lags" in text and text.count("as the thermocouple shows it; of the tool") == 2
+    assert "lags" in text and text.count("the thermocouple shows") == 2
     told = ModelParameters.from_yaml(text)
     assert told.dead_time_s > OTHER.dead_time_s + 0.3 and told.tool_lag_s > OTHER.tool_lag_s + 0.3
     late_s = told.dead_time_s + told.tool_lag_s - OTHER.dead_time_s - OTHER.tool_lag_s
@@ -317,7 +317,7 @@ def test_slow_disturbance_is_found_and_does_not_bias() -> None:
     fit = estimation.identify([only(signals)])
     assert max(map(abs, scores(fit).values())) < 4.5
     assert any(
-        "slow disturbance of temperature" in line
+        "slow disturbance" in line and "temperature" in line
         for line in summary.remarks(summary.Summary("weld", fit))
     )
 
@@ -364,7 +364,7 @@ def test_the_depth_tells_an_offset_of_the_temperature_from_heat() -> None:
     assert fit.heat_and_offset < -0.2
     assert abs(scores(fit)["depth_gain_mm_per_kn_s"]) < 4.0
     lines = summary.remarks(summary.Summary("weld", fit))
-    assert any("heat and offset of the temperature: correlation -" in line for line in lines)
+    assert any("heat and offset" in line and "correlation -" in line for line in lines)
 
 
 def test_an_estimate_that_breaks_down_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -372,7 +372,7 @@ def test_an_estimate_that_breaks_down_is_told(monkeypatch: pytest.MonkeyPatch) -
         raise np.linalg.LinAlgError("Singular matrix")
 
     monkeypatch.setattr(estimation.Problem, "settle", broken)
-    with pytest.raises(InputError, match=r"broke down \(Singular matrix\); start nearer"):
+    with pytest.raises(InputError, match=r"\(Singular matrix\)"):
         estimation.identify([only(weld(seconds=40.0))])
 
 
@@ -390,7 +390,7 @@ def test_nothing_is_identifiable_at_rest() -> None:
     quiet = signals_of(
         {"depth_mm": depth, "temperature_c": temperature, "torque_nm": torque, **inputs}
     )
-    with pytest.raises(InputError, match="force and speed hardly move"):
+    with pytest.raises(InputError, match="hardly move"):
         estimation.identify([only(quiet)])
 
 
@@ -456,7 +456,7 @@ def test_commands_stand_in_for_the_drives() -> None:
     signals.drives = None
     data = prepare(signals, 0.0)
     np.testing.assert_allclose(data.segments[0].force_kn[:-1], with_drives.force_kn[:-1])
-    assert "commands are used instead" in data.notes[0]
+    assert len(data.notes) == 1 and "commands" in data.notes[0]
 
 
 def test_inputs_within_a_step_follow_the_lag_of_the_drives() -> None:
@@ -478,11 +478,8 @@ def test_inputs_within_a_step_follow_the_lag_of_the_drives() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"torque_nm": np.full(400, np.nan)}, "no samples of torque"),
-        (
-            {"drives": None, "force_kn": np.full(400, np.nan)},
-            "neither /fsw/drives nor /fsw/command",
-        ),
+        ({"torque_nm": np.full(400, np.nan)}, "of torque"),
+        ({"drives": None, "force_kn": np.full(400, np.nan)}, "/fsw/drives nor /fsw/command"),
     ],
 )
 def test_a_weld_without_what_is_needed(change: dict[str, FloatArray], words: str) -> None:
@@ -491,7 +488,7 @@ def test_a_weld_without_what_is_needed(change: dict[str, FloatArray], words: str
 
 
 def test_a_short_weld() -> None:
-    with pytest.raises(InputError, match="no stretch of 30 s"):
+    with pytest.raises(InputError, match="of 30 s"):
         prepare(weld(seconds=10.0), 0.0)
 
 

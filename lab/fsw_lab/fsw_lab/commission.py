@@ -179,7 +179,7 @@ class Work:
         """What a step is about to move."""
         if step == "apply":
             return f"   {self._arguments.controller} gets another tuning: no jump, but it will control differently"
-        scenario = self._scenario(step)
+        scenario = self.scenario(step)
         at = [
             (one.reference.depth_mm, one.reference.temperature_c)
             for one in scenario.events
@@ -207,7 +207,7 @@ class Work:
         from fsw_lab.commission_ros import weld as weld_it
 
         bag = self._new_bag("experiment")
-        weld_it(self._arguments, self._scenario("experiment").text, bag, Guard())
+        weld_it(self._arguments, self.scenario("experiment").text, bag, Guard())
         return outcome_of([], _now(), f"recorded to {bag.name}")
 
     def identify(self) -> Outcome:
@@ -264,7 +264,7 @@ class Work:
         from fsw_lab.commission_ros import weld as weld_it
 
         scenario, bag, name = (
-            self._scenario("accept"),
+            self.scenario("accept"),
             self._new_bag("accept"),
             self._arguments.controller,
         )
@@ -273,7 +273,7 @@ class Work:
         write_text(file, scenario.text)
         plant = {"model_file": str(self._model)}
         predicted = fsw.simulate(file, name, plant=plant, parameters=self._parameters()).signals
-        found = _cut(read_weld(bag), scenario)
+        found = cut(read_weld(bag), scenario)
         measured, usual = (compute(replace(one, truth=None)) for one in (found, predicted))
         commands = list(zip(found.command_source, found.command_reason, strict=True))
         rows = accept_rows(measured, usual, commands, name)
@@ -281,7 +281,7 @@ class Work:
             rows, _now(), f"recorded to {bag.name}{'' if rows[0].good else _TOO_FAST}"
         )
 
-    def _scenario(self, step: str) -> Scenario:
+    def scenario(self, step: str) -> Scenario:
         """The scenario of a step; the experiment returns to the operating point at its end."""
         if step == "accept":
             return load(self._arguments.acceptance, [f"controller={self._arguments.controller}"])
@@ -328,7 +328,7 @@ def _now() -> str:
     return time.strftime("%Y-%m-%d %H:%M:%S %Z")
 
 
-def _cut(signals: WeldSignals, scenario: Scenario) -> WeldSignals:
+def cut(signals: WeldSignals, scenario: Scenario) -> WeldSignals:
     """The ticks of a scenario, by its first change of a set-point; InputError when that is not in the bag."""
     first = [one.begin for one in changes(signals) if one.quantity.endswith("reference")]
     if not first:
@@ -338,5 +338,5 @@ def _cut(signals: WeldSignals, scenario: Scenario) -> WeldSignals:
         signals.time_s < begin + scenario.duration_s - 1e-6
     )
     ticks = inside.nonzero()[0]
-    cut: WeldSignals = part(signals, slice(int(ticks[0]), int(ticks[-1]) + 1))
-    return cut
+    inner: WeldSignals = part(signals, slice(int(ticks[0]), int(ticks[-1]) + 1))
+    return inner

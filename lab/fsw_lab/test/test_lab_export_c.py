@@ -188,9 +188,9 @@ def test_another_model_and_tuning(tmp_path):
             [*command, *force], cwd=tmp_path, capture_output=True, text=True, check=False
         )
         assert ran.returncode == code, ran.stderr
-        assert code == 0 or "holds an earlier export" in ran.stderr
-    assert "2400 ticks, largest difference 0: passed" in ran.stdout
-    assert "600 ticks, largest difference 0: passed" in ran.stdout
+        assert code == 0 or "earlier export" in ran.stderr
+    checks = [line for line in ran.stdout.splitlines() if line.endswith("difference 0: passed")]
+    assert sorted(int(re.search(r"(\d+) ticks", line)[1]) for line in checks) == [600, 2400]
     assert ".dead_time_s = 1.83," in (out / "src" / "fsw_nmpc_tables.c").read_text()
     assert ".depth_time_s = 2.0," in (out / "src" / "fsw_nmpc_tables.c").read_text()
 
@@ -226,4 +226,4 @@ def test_fast_math_is_refused(exported, controller):
     command = [*compiler(), "-std=c99", "-ffast-math", "-fsyntax-only", str(folder / source)]
     ran = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ran.returncode != 0
-    assert "NaN is an argument" in ran.stderr
+    assert "NaN" in ran.stderr

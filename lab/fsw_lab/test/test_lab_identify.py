@@ -62,10 +62,8 @@ def test_identify(
     assert found.thermal_gain_c_per_kw == pytest.approx(1.3 * 18.1, rel=0.03)
     assert found.depth_gain_mm_per_kn_s == pytest.approx(0.8 * 0.0016, rel=0.05)
     assert {path.name for path in folder.iterdir()} == {"report.html", "report.png"}
-    assert (
-        "geometry_factor, contact_radius_m, geometry_offset_m3: not identifiable"
-        in capsys.readouterr().out
-    )
+    names = "geometry_factor, contact_radius_m, geometry_offset_m3: "
+    assert f"{names}not identifiable" in capsys.readouterr().out
     before = out.read_text()
     assert "exists" in error_of(capsys, "identify", "weld", "--out", str(out))
     assert out.read_text() == before
@@ -79,7 +77,7 @@ def test_a_weld_at_rest(
     rest = ClosedLoop(scenario_file.parse(text, "rest")).run()
     monkeypatch.setattr("fsw.bags.load_weld", lambda bag, progress=None: rest)
     out = tmp_path / "model.yaml"
-    assert "force and speed hardly move" in error_of(capsys, "identify", "weld", "--out", str(out))
+    assert "hardly move" in error_of(capsys, "identify", "weld", "--out", str(out))
     assert not out.exists()
 
 
@@ -90,7 +88,7 @@ def test_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "nothing there" in error_of(
         capsys, "identify", str(tmp_path / "nothing there"), "--out", out
     )
-    assert "no stretch of 30 s" in error_of(capsys, "identify", str(short), "--out", out)
+    assert "of 30 s" in error_of(capsys, "identify", str(short), "--out", out)
     assert "give the bag" in error_of(capsys, "identify", "--out", out)
     assert "--out" in error_of(capsys, "identify", str(short))
     golden = str(GOLDEN / "open_loop_force_steps")
@@ -101,10 +99,8 @@ def test_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         capsys, "identify", str(short), "--out", out, "--model", str(tmp_path / "nowhere")
     )
     unwritable = str(Path(golden) / "metadata.yaml" / "folder")
-    assert f"{unwritable}: Not a directory" in error_of(
-        capsys, "identify", golden, "--out", f"{unwritable}/model.yaml"
-    )
-    assert "cannot make folder" in error_of(
+    assert unwritable in error_of(capsys, "identify", golden, "--out", f"{unwritable}/model.yaml")
+    assert f"folder {unwritable}" in error_of(
         capsys, "identify", golden, "--out", out, "--report", unwritable
     )
     assert not Path(out).exists()
@@ -116,7 +112,7 @@ def test_a_bag_without_the_needed_topics(
     line = error_of(
         capsys, "identify", str(genuine / "mcap_default"), "--out", str(tmp_path / "model.yaml")
     )
-    assert "no samples of depth, torque" in line and "/fsw/spindle_torque" in line
+    assert "of depth, torque" in line and "/fsw/spindle_torque" in line
 
 
 def test_an_empty_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -147,9 +143,7 @@ def test_design(
     printed = capsys.readouterr().out
     assert "thermal_gain_c_per_kw" in printed and "open loop" not in printed
     assert main(["identify", "--design", "--duration", "60", "--open-loop"]) == 0
-    assert (
-        "on a process that differs from the model they drift far beyond" in capsys.readouterr().out
-    )
+    assert "drift far" in capsys.readouterr().out
     scenario = scenario_file.load(str(out))
     assert scenario.duration_s == 90.0 and scenario.events
 
@@ -170,9 +164,9 @@ def test_tune_refuses_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[st
     full.mkdir()
     (full / "file").touch()
     out = ("--out", str(tmp_path / "out"))
-    assert "cannot read model" in error_of(capsys, "tune", "--model", str(model), *out)
+    assert f"model {model}" in error_of(capsys, "tune", "--model", str(model), *out)
     model.write_text("thermal: 1\n")
-    assert "is an unknown key" in error_of(capsys, "tune", "--model", str(model), *out)
+    assert "unknown key" in error_of(capsys, "tune", "--model", str(model), *out)
     model.write_text("{}\n")
     assert "not empty" in error_of(capsys, "tune", "--model", str(model), "--out", str(full))
     assert not (tmp_path / "out").exists()
@@ -211,7 +205,7 @@ def test_tuned_files_are_taken_by_the_controllers(
     assert capsys.readouterr().out.count("> 8") == 4
     for label in ("decentral_conservative", "decentral_tight", "nmpc"):
         text = (out / f"{label}.yaml").read_text()
-        assert "# Margins with this model" in text and "temperature: delay ≥ 6.5 s" in text
+        assert "# Margins" in text and "temperature: delay ≥ 6.5 s" in text
         ((_, section),) = yaml.safe_load(text).items()
         make(label.partition("_")[0], section["ros__parameters"])
     arguments = [
@@ -237,12 +231,11 @@ def test_the_nmpc_is_slowed_until_its_margins_are_those_of_the_tight_tuning(
     write_tunings(model, out, 1, matched=True)
     text = (out / "nmpc_tuning.yaml").read_text()
     assert yaml.safe_load(text)["temperature_time_s"] == pytest.approx(0.3 * 3.5 * 1.12**3)
-    assert "times 1.4 for the margins of decentral:tight" in text
+    assert "times 1.4" in text and "decentral:tight" in text
 
 
 def test_a_wrong_parameter_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "file.yaml"
     file.write_text("- 1\n")
-    assert "not a parameter file" in error_of(
-        capsys, "simulate", "quick", "--params-file", str(file)
-    )
+    error = error_of(capsys, "simulate", "quick", "--params-file", str(file))
+    assert str(file) in error and "parameter file" in error

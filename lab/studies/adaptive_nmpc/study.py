@@ -227,7 +227,7 @@ def errors(signals: WeldSignals) -> dict[str, float]:
     }
 
 
-class _Struck:
+class Struck:
     """A plant whose tool jumps deeper at a tick; all else is the plant's."""
 
     def __init__(self, plant: Any, by_mm: float, at_s: float) -> None:
@@ -237,8 +237,9 @@ class _Struck:
         return getattr(self._plant, name)
 
     def apply(self, command: Command, stamp_ns: int, source: str) -> None:
+        """As of the plant; the jump is at the command to the tick."""
         if stamp_ns == self._tick * TICK_NS:
-            state = self._plant._state
+            state = self._plant.state
             state.x = (
                 state.x[0] + self._by_mm,
                 *state.x[1:],
@@ -264,7 +265,7 @@ def drifts() -> dict[str, dict[str, list[float]]]:
                 found[name] = []
                 for noise in (False, True):
                     loop = loop_of(Job(label, NOTHING, noise, parameters=values))
-                    loop.plant = _Struck(loop.plant, by_mm, FELT_S)  # type: ignore[assignment]
+                    loop.plant = Struck(loop.plant, by_mm, FELT_S)  # type: ignore[assignment]
                     found[name].append(errors(loop.run())["peak_temperature_error_c"])
             rest = run_all([Job(label, REST, True, parameters=values)])
             found["rest"] = [one[VARIATIONS[0]] / one["duration_s"] for one in rest.values()]

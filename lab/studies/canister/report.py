@@ -19,7 +19,7 @@ PI = ("decentral:conservative", "decentral:tight")
 CONTROLLERS = ("nmpc:default", "nmpc:adaptive", "nmpc:paper", *PI, "decentral:smith")
 PHASES = ("dwell", "start", "downward", "joint_line", "overlap", "parking")
 #: published or plain words for the columns of the page
-_FIGURES = {
+FIGURES = {
     "temperature_sigma_c": ("RMS error of the temperature [°C]", 1.0, ".2f"),
     "temperature_peak_c": ("largest error of the temperature [°C]", 1.0, ".1f"),
     "depth_sigma_mm": ("RMS error of the depth [µm]", 1e3, ".1f"),
@@ -104,7 +104,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
                 continue
             seconds = np.array([row["seconds"] for row in of_phase])
             figures = {
-                name: np.array([row[name] for row in of_phase]) for name in (*_FIGURES, "power_kw")
+                name: np.array([row[name] for row in of_phase]) for name in (*FIGURES, "power_kw")
             }
             found["phases"].setdefault(phase, {})[controller] = {
                 "share_good": float(np.mean([row["good"] for row in of_phase])),
@@ -192,7 +192,7 @@ def figures(verdict: Mapping[str, Any], phase: str) -> list[list[str]]:
     names = list(verdict["welds"])
     rows = [[phase.replace("_", " "), *(f"`{one}`" for one in names)]]
     of = verdict["phases"][phase]
-    for name, (words, factor, style) in _FIGURES.items():
+    for name, (words, factor, style) in FIGURES.items():
         rows.append(
             [words, *(format(factor * of[c][name], style) if c in of else "-" for c in names)]
         )

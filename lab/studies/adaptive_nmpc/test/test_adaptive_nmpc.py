@@ -67,9 +67,8 @@ def test_all_figures_count_movement_against_the_tight_one_alone():
     key = "tracking total_variation_force_kn"
     plants = [{name: {key: 5.0} for name in study.COLUMNS} | {study.CONSERVATIVE: {key: 1.0}}]
     rows = report.all_figures(plants)
-    assert rows[1][1:] == ["100 %", "100 %", "100 %"] and rows[1][0].startswith(
-        "set-points, total variation force"
-    )
+    assert rows[1][1:] == ["100 %", "100 %", "100 %"]
+    assert rows[1][0].startswith("set-points, ") and "variation force" in rows[1][0]
     assert rows[-1][1:] == ["**100.0 %**"] * 3
 
 
@@ -90,7 +89,7 @@ def test_the_figures_of_a_plant_are_those_of_both_cases():
 
 def test_the_tool_jumps_when_it_should():
     loop = study.loop_of(study.Job(study.TIGHT, study.NOTHING))
-    loop.plant = study._Struck(loop.plant, study.FELT_MM, study.FELT_S)
+    loop.plant = study.Struck(loop.plant, study.FELT_MM, study.FELT_S)
     depth = loop.run().truth.depth_mm
     assert abs(depth[:100] - 2.66).max() < 1e-3
     assert depth[100:102].max() > 2.74
@@ -126,10 +125,10 @@ def test_page_and_figure(tmp_path):
     data["search"] = [[found_plant(10.0, 100.0, 90.0)]]
     page = report.page(data)
     assert "2000 welds" in page and "99.5 % are inside" in page
-    assert (
-        "2 plants" in page
-        and "| set-points, IAE depth [mm s]|1.10|1.19|1.20|1 → 1.2|1 of 2|5.0 %|1 |" in page
-    )
+    assert "2 plants" in page
+    [row] = [line for line in page.splitlines() if line.startswith("| set-points, IAE depth [")]
+    cells = [cell.strip() for cell in row.strip("| ").split("|")]
+    assert cells[1:] == ["1.10", "1.19", "1.20", "1 → 1.2", "1 of 2", "5.0 %", "1"]
     report.draw(welds, tmp_path / "priority.png")
     assert (tmp_path / "priority.png").read_bytes().startswith(b"\x89PNG")
     depth = {name: found["iae_depth_mm_s"] for name, found in data["saturated"].items()}

@@ -48,7 +48,7 @@ def test_what_is_outside_for_longer_than_allowed_is_not_good(monkeypatch, rows):
 
 
 def made(index, controller, good, phase="joint_line"):
-    figures = dict.fromkeys((*report._FIGURES, "depth_peak_mm"), 6.0)
+    figures = dict.fromkeys((*report.FIGURES, "depth_peak_mm"), 6.0)
     return {
         "index": index,
         "controller": controller,
@@ -135,7 +135,7 @@ def test_a_controller_that_has_welded_nothing_has_no_column():
 def test_rows_of_several_versions_are_refused(tmp_path):
     file = tmp_path / "welds_0.jsonl"
     file.write_text("".join(json.dumps({"software": one}) + "\n" for one in ("old", "new")))
-    with pytest.raises(InputError, match="rows of several versions: new; old"):
+    with pytest.raises(InputError, match="versions: new; old"):
         verdict.read([file])
 
 
@@ -183,7 +183,7 @@ def copper():
 def test_what_linear_copper_costs_is_told_by_phase():
     assert report.worst_copper(copper(), "kirchhoff", "joint_line") == [12.0, 20.0]
     header, real, transformed, constant = report.coppers(copper())
-    assert header == ["stir zone [°C]", "end of the dwell", "end of the downward"]
+    assert [name.split()[-1] for name in header[1:]] == ["dwell", "downward"]
     assert (
         real[1:] == ["800", "800"]
         and transformed[1:] == ["+15.0", "+10.0"]
@@ -211,9 +211,7 @@ def test_the_linear_models_of_copper_are_put_beside_copper_as_it_is():
 
 def test_a_missing_part_of_the_study_is_told_in_one_line(tmp_path):
     (tmp_path / "welds_0.jsonl").write_text("")
-    with pytest.raises(
-        InputError, match=r"validation.json: not there or damaged; run the part validate first"
-    ):
+    with pytest.raises(InputError, match=r"validation\.json: .* part validate"):
         command.main(["page", "--out", str(tmp_path)])
 
 
@@ -255,7 +253,9 @@ def test_the_page_is_written(tmp_path):
         name: data["verdict"]["phases"]["joint_line"] for name in report.PHASES
     }
     first, figure, verdict_page, shares = report.write(data, tmp_path)
-    assert "| **all phases** | 1 of 1, 21 to 100 % | 1 of 1, 21" in verdict_page.read_text()
+    lines = verdict_page.read_text().splitlines()
+    [row] = [line for line in lines if line.startswith("| **all phases**")]
+    assert {cell.strip() for cell in row.split("|")[2:-1]} == {"1 of 1, 21 to 100 %"}
     assert "stir zone | 0.30" in first.read_text()
     assert figure.stat().st_size > 10_000 and shares.stat().st_size > 5_000
     folder = tmp_path / "verdict"  # the plant was not validated
