@@ -267,10 +267,10 @@ def test_the_table_of_requirements_has_their_tests(safety_case: ModuleType) -> N
     tests = {"S1": [(Path("t.py"), "test_b"), (Path("t.py"), "test_a")]}
     counts = {"passed": 2, "failed": 0, "skipped": 1}
     results = {"commit": "c", "date": "d", "chosen": "pytest", "requirements": {"S1": counts}}
-    assert (
-        "| S1 | it holds | t.py: `test_a`, `test_b` | 2 passed, 1 skipped |\n"
-        in safety_case.table({"S1": "it\nholds"}, tests, results)
-    )
+    table = safety_case.table({"S1": "it\nholds"}, tests, results)
+    [row] = [line for line in table.splitlines() if line.startswith("| S1 ")]
+    cells = [cell.strip() for cell in row.strip("|").split("|")]
+    assert cells == ["S1", "it holds", "t.py: `test_a`, `test_b`", "2 passed, 1 skipped"]
 
 
 def test_the_sites_state_diagram_has_every_mode_and_transition() -> None:
@@ -426,7 +426,7 @@ def test_the_page_of_solvers_says_by_its_figures_which_are_faster(
     monkeypatch.setattr(sys, "argv", ["solvers.py", *files, "--page", str(page)])
     assert solvers.main() == 0
     text = page.read_text(encoding="utf-8")
-    assert re.findall("Faster than this project's: (.*)", text) == ["DAQP.", "none.", "none."]
-    assert text.count("the aim, is missed") == 1 and "13 of 160" in text
+    assert re.findall("Faster than .*: (.*)", text) == ["DAQP.", "none.", "none."]
+    assert text.count("is missed") == 1 and "13 of 160" in text
     assert "| OSQP | – | – | – | – | – | 4 |" in text and "| IPOPT | 357 |" in text
     assert page.with_suffix(".png").stat().st_size > 5_000

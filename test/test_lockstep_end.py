@@ -1,6 +1,7 @@
 """How the graph ends: cleanly, whoever ends it and when."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -53,7 +54,7 @@ def test_every_process_ends_cleanly_and_the_bag_is_whole(signs, tmp_path):
             assert child.process.returncode == 0, (name, child.text())
             assert "Traceback" not in child.text(), (name, child.text())
         assert player.process.returncode == 0, "a requested stop is no failure"
-        assert "before the end of the scenario" in player.text()
+        assert "stopped before" in player.text()
     signals = load_weld(graph.bag)
     assert signals.problems == []
     assert signals.n_ticks > 20
@@ -70,7 +71,7 @@ def test_a_process_that_dies_is_told_and_the_others_are_ended(tmp_path):
                 began.append(share)
                 launcher.children["plant"].process.kill()
 
-        with pytest.raises(LaunchError, match="plant has ended with exit code -9"):
+        with pytest.raises(LaunchError, match=r"plant .* code -9\b"):
             graph.run(launcher, progress)
     assert not any(child.running for child in launcher.children.values())
 
@@ -126,7 +127,7 @@ def test_player_alone_gives_up_with_one_clear_line(tmp_path):
         )
         player.process.wait(PATIENCE_S)
         assert player.process.returncode == 1
-        assert "no 1 controllers listening for 1 s" in player.text()
+        assert re.search(r"no 1 controllers .* 1 s\b", player.text())
 
 
 def test_player_does_not_begin_for_listeners_that_are_no_controllers(tmp_path):
@@ -150,7 +151,7 @@ def test_player_does_not_begin_for_listeners_that_are_no_controllers(tmp_path):
         player.process.wait(PATIENCE_S)
         sender.destroy_node()
         context.try_shutdown()
-        assert "no 1 controllers listening for 3 s" in player.text()
+        assert re.search(r"no 1 controllers .* 3 s\b", player.text())
 
 
 def test_a_second_player_leaves_the_set_points_of_the_first_alone(tmp_path):
@@ -162,7 +163,7 @@ def test_a_second_player_leaves_the_set_points_of_the_first_alone(tmp_path):
         second = launcher.start("second", "fsw_scenario.scenario_node", arguments)
         second.process.wait(PATIENCE_S)
         assert second.process.returncode == 1
-        assert "another scenario player in the graph for 3 s" in second.text()
+        assert re.search(r"another scenario player .* 3 s\b", second.text())
         assert "playing" not in second.text()
 
 
@@ -171,7 +172,7 @@ def test_player_without_its_scenario(tmp_path):
         player = launcher.start("player", "fsw_scenario.scenario_node", ["nothing_there"])
         player.process.wait(PATIENCE_S)
         assert player.process.returncode == 2
-        assert "cannot read scenario nothing_there" in player.text()
+        assert "scenario nothing_there" in player.text()
         assert player.text().count("\n") == 1
 
 

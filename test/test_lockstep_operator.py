@@ -75,10 +75,10 @@ def test_controllers(patient):
 
 def test_reference_keeps_what_is_left_out(fsw, patient):
     code, _, error = fsw("reference", "--depth", "2.67")
-    assert (code, "hold the programme first" in error) == (1, True)
+    assert (code, "the programme" in error) == (1, True)
     patient("weld", "hold")
     code, _, error = fsw("reference", "--depth", "3.8")
-    assert (code, "3.8 mm would trip the interlock" in error) == (1, True)
+    assert (code, "3.8 mm" in error and "interlock" in error) == (1, True)
     assert patient("reference", "--depth", "2.67") == "set-points 2.67 mm, 816.4 degC\n"
     printed = patient("reference", "--temperature", "817")
     assert printed == "set-points 2.67 mm, 817 degC\n", "the sender of the depth has left"
@@ -112,9 +112,9 @@ def test_refusals_are_one_line_and_a_bad_exit_code(fsw):
     assert "unknown controller 'nobody'" in error
     assert error.count("\n") == 1
     code, _, error = fsw("acknowledge")
-    assert (code, error) == (1, "error: there is no safe stop to acknowledge\n")
+    assert code == 1 and "no safe stop" in error and error.count("\n") == 1
     code, _, error = fsw("weld", "resume")
-    assert (code, error) == (1, "error: the weld is running; it must be held\n")
+    assert code == 1 and "is running" in error and error.count("\n") == 1
 
 
 def test_an_empty_domain_is_told(capsys, monkeypatch):

@@ -144,14 +144,13 @@ def test_an_environment_of_another_python_is_used_and_not_made_again(tmp_path):
     python.write_text("#!/bin/sh\necho ran $*\n")
     python.chmod(0o755)
     (tmp_path / ".venv" / "pyvenv.cfg").write_text("home = /nowhere\nversion = 3.99.1\n")
-    command = [sys.executable, str(script), "an argument"]
+    command = [sys.executable, str(script), "argument"]
     ran = subprocess.run(
         command, capture_output=True, text=True, timeout=600, check=False, env=environment
     )
-    assert (ran.returncode, ran.stdout) == (0, f"ran {script} an argument\n")
-    assert "is of Python 3.99; delete it to use" in ran.stderr and python.read_text().startswith(
-        "#!/bin/sh"
-    )
+    assert (ran.returncode, ran.stdout) == (0, f"ran {script} argument\n")
+    assert "Python 3.99" in ran.stderr and "delete it" in ran.stderr
+    assert python.read_text().startswith("#!/bin/sh")
 
 
 def test_python_of_an_environment_is_what_its_file_says_if_there_is_an_interpreter(tmp_path):

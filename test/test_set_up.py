@@ -64,9 +64,9 @@ def test_a_python_with_wheels_is_found_on_the_search_path(tmp_path):
     program = "sys.version_info, sys.version = (3, 15, 0), '3.15.0'\n_bootstrap.ensure()"
     ran = in_python(program, "an argument", PATH=str(tmp_path))
     assert (ran.returncode, ran.stdout) == (0, "3.13 -c an argument\n")
-    assert f"Python 3.15 has no wheels of ROS 2: using {tmp_path / 'python3.13'}" in ran.stderr
+    assert "Python 3.15" in ran.stderr and f"using {tmp_path / 'python3.13'}" in ran.stderr
     ran = in_python("sys.version_info = (3, 9, 0)\n_bootstrap.ensure()", PATH="/nowhere")
-    assert ran.returncode == 1 and "needs Python 3.11 or newer" in ran.stderr
+    assert ran.returncode == 1 and "Python 3.11" in ran.stderr
 
 
 @pytest.fixture(scope="module")

@@ -58,7 +58,7 @@ def test_recorded_controller_proposes_again_what_it_proposed(
     assert report["ticks"] == 10 * SECONDS and report["unhealthy"] == 0
     applied, own = report["comparisons"]
     assert (
-        own["title"].endswith("its own recorded proposals")
+        own["title"].endswith("own recorded proposals")
         and applied["ticks"] == own["ticks"] == 10 * SECONDS
     )
     assert own["differing"] == 0
@@ -81,10 +81,10 @@ def test_another_tuning_is_told_from_what_was_applied(
 ) -> None:
     report = shadow(tmp_path, "--set", "tuning=tight")
     applied = report["comparisons"][0]
-    assert applied["title"].endswith("the applied commands") and applied["ticks"] == 10 * SECONDS
+    assert applied["title"].endswith("applied commands") and applied["ticks"] == 10 * SECONDS
     assert applied["first_tick"] <= 5 and applied["force_kn"]["largest"] > 0.01
     assert applied["force_kn"]["mean"] <= applied["force_kn"]["largest"] < 10.0
-    assert "compared with the applied commands" in capsys.readouterr().out
+    assert applied["title"] in capsys.readouterr().out
     capsys.readouterr()
     assert (
         main(["bag", "verify", str(tmp_path / "shadow")]) == 0

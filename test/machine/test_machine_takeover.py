@@ -118,7 +118,7 @@ class Loop:
         """The operator acknowledges the safe stop, and asks for auto."""
         operator = self.arbiter.operator
         assert not operator.ask_mode("auto", None, "operator")[0]
-        assert operator.acknowledge("operator") == (True, "acknowledged; now request a mode")
+        assert operator.acknowledge("operator")[0]
         assert operator.ask_mode("auto", None, "operator")[0]
 
 
