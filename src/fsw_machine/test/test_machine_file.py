@@ -77,51 +77,56 @@ def test_scale_and_offset_are_undone_when_written(scale, offset, number):
 
 
 WRONG = [
-    ("nodes.depth.unit", None, "nodes.depth lacks unit"),
-    ("nodes.depth.unit", "kN", "nodes.depth.unit is 'kN'; one of mm, m or um"),
-    ("nodes.depth.unit", 5, "nodes.depth.unit is 5; one of mm"),
-    ("nodes.depth.node", "Weld.Depth", "nodes.depth.node is 'Weld.Depth', not a node id"),
-    ("nodes.depth.node", "ns=two;s=Depth", "not a node id"),
-    ("nodes.depth.scale", 0, "nodes.depth.scale must not be 0"),
-    ("nodes.depth.scale", float("nan"), "nodes.depth.scale is nan, not a finite number"),
-    ("nodes.depth.scale", True, "nodes.depth.scale is True, not a number"),
-    (
-        "nodes.depth.stale_after_s",
-        -1.0,
-        "nodes.depth.stale_after_s is -1.0: must be greater than 0",
-    ),
-    ("nodes.depth.untis", "mm", "nodes.depth.untis is an unknown key; did you mean unit?"),
-    ("nodes.heartbeat.unit", "s", "nodes.heartbeat.unit is an unknown key; known: node"),
-    ("nodes.depht", {"node": "i=1"}, "nodes.depht is an unknown key; did you mean depth?"),
-    ("nodes.torque", None, "nodes lacks torque"),
-    ("nodes.torque", "i=5", "nodes.torque is 'i=5', not a mapping"),
-    ("nodes", [], "nodes is [], not a mapping"),
-    ("security", None, "lacks security; for a plain connection write 'security: none'"),
-    ("security", "off", "security is 'off', not a mapping"),
-    ("security", False, "security is False, not a mapping"),
-    (
-        "security",
-        SECURITY | {"policy": "Basic128"},
-        "security.policy is 'Basic128'; one of Basic256Sha256",
-    ),
-    (
-        "security",
-        {**SECURITY, "private_key": ""},
-        "security.private_key is '', not the name of a file",
-    ),
-    ("endpoint", "http://plc:4840", "endpoint is not an endpoint; write opc.tcp://host:port/path"),
-    ("endpoint", "opc.tcp://plc", "endpoint is not an endpoint"),
-    ("endpoint", "opc.tcp://weld:secret@plc:4840", "endpoint is not an endpoint"),
-    ("user", {"name": "weld", "password_env": "P"}, "user would send its password unencrypted"),
+    ("nodes.depth.unit", None, "missing", ""),
+    ("nodes.depth.unit", "kN", "literal_error", "mm, m or um"),
+    ("nodes.depth.unit", 5, "literal_error", "mm, m or um"),
+    ("nodes.depth.node", "Weld.Depth", "value_error", "node id"),
+    ("nodes.depth.node", "ns=two;s=Depth", "value_error", "node id"),
+    ("nodes.depth.scale", 0, "value_error", "be 0"),
+    ("nodes.depth.scale", float("nan"), "finite_number", ""),
+    ("nodes.depth.scale", True, "float_type", ""),
+    ("nodes.depth.stale_after_s", -1.0, "greater_than", "than 0"),
+    ("nodes.depth.untis", "mm", "extra_forbidden", "mean unit?"),
+    ("nodes.heartbeat.unit", "s", "extra_forbidden", "known: node"),
+    ("nodes.depht", {"node": "i=1"}, "extra_forbidden", "mean depth?"),
+    ("nodes.torque", None, "missing", ""),
+    ("nodes.torque", "i=5", "model_type", ""),
+    ("nodes", [], "model_type", ""),
+    ("security", "off", "model_type", ""),
+    ("security", False, "model_type", ""),
+    ("endpoint", "http://plc:4840", "value_error", "opc.tcp://host:port/path"),
+    ("endpoint", "opc.tcp://plc", "value_error", "opc.tcp://host:port/path"),
+    ("endpoint", "opc.tcp://weld:secret@plc:4840", "value_error", "without user"),
+    ("user", {"name": "weld", "password_env": "P"}, "problem", "give security"),
 ]
 
 
-@pytest.mark.parametrize(("path", "value", "words"), WRONG)
-def test_one_line_for_what_is_wrong(shipped_text, path, value, words):
+@pytest.mark.parametrize(("path", "value", "kind", "fact"), WRONG)
+def test_one_line_for_what_is_wrong(shipped_text, path, value, kind, fact):
     with pytest.raises(InputError) as caught:
         MachineFile.parse(changed(shipped_text, path, value, remove=value is None))
-    assert words in str(caught.value)
-    assert str(caught.value).startswith("machine.yaml: ") and "\n" not in str(caught.value)
+    assert caught.value.problems == ((path, kind),)
+    text = str(caught.value)
+    assert text.startswith("machine.yaml: ") and fact in text and "\n" not in text
+
+
+@pytest.mark.parametrize(
+    ("value", "path", "kind", "fact"),
+    [
+        (None, "", "value_error", "'security: none'"),
+        (
+            SECURITY | {"policy": "Basic128"},
+            "security.policy",
+            "literal_error",
+            "Basic256Sha256",
+        ),
+        (SECURITY | {"private_key": ""}, "security.private_key", "value_error", "a file"),
+    ],
+)
+def test_security_is_given_as_a_whole_or_as_none(shipped_text, value, path, kind, fact):
+    with pytest.raises(InputError) as caught:
+        MachineFile.parse(changed(shipped_text, "security", value, remove=value is None))
+    assert caught.value.problems == ((path, kind),) and fact in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -129,10 +134,10 @@ def test_one_line_for_what_is_wrong(shipped_text, path, value, words):
     [
         (
             {"name": "weld", "password": "secret"},
-            "user.password is an unknown key; did you mean password_",
+            "password_",
         ),
-        ({"name": "weld"}, "user needs either password_file or password_env"),
-        ({"name": "weld", "password_env": "P", "password_file": "p"}, "user needs either"),
+        ({"name": "weld"}, "password_file or password_env"),
+        ({"name": "weld", "password_env": "P", "password_file": "p"}, "user needs"),
     ],
 )
 def test_passwords_are_elsewhere(shipped_text, user, words):

@@ -76,31 +76,32 @@ def test_a_file_that_is_no_model(tmp_path, content, words):
 
 
 @pytest.mark.parametrize(
-    "text, words",
+    ("text", "problem", "fact"),
     [
-        ("[1, 2]", "not a mapping"),
-        ("a: b: c", "valid YAML"),
-        ("coper_lag_s: 70", "mean copper_lag_s?"),
-        ("copper_lag_s: slow", "copper_lag_s is 'slow'"),
-        ("copper_lag_s: true", "not a number"),
-        ("copper_lag_s: .nan", "not a finite number"),
-        ("copper_lag_s: nan", "not a number"),
-        (f"copper_lag_s: {10**400}", "not a number"),
-        ("copper_lag_s: 2026-13-45", "not valid YAML"),
-        ("[" * 2000, "not valid YAML"),
-        ("copper_lag_s: 0", "copper_lag_s is 0"),
-        ("spindle_inertia_kgm2: -1", "spindle_inertia_kgm2 is -1"),
-        ("depth_pole_slow_s: 1.0e-4", "than depth_pole_fast_s"),
-        ("dead_time_s: 0.04", "outside 0.1 to 10 s"),
-        ("dead_time_s: 10.1", "outside 0.1 to 10 s"),
-        ("depth_pole_fast_s: 0.1", "outside 1e-06 to 0.005 s"),
+        ("[1, 2]", ("", "model_type"), ""),
+        ("a: b: c", None, "valid YAML"),
+        ("coper_lag_s: 70", ("coper_lag_s", "extra_forbidden"), "copper_lag_s?"),
+        ("copper_lag_s: slow", ("copper_lag_s", "float_type"), "'slow'"),
+        ("copper_lag_s: true", ("copper_lag_s", "float_type"), ""),
+        ("copper_lag_s: .nan", ("copper_lag_s", "finite_number"), ""),
+        ("copper_lag_s: nan", ("copper_lag_s", "float_type"), ""),
+        (f"copper_lag_s: {10**400}", ("copper_lag_s", "float_type"), ""),
+        ("copper_lag_s: 2026-13-45", None, "valid YAML"),
+        ("[" * 2000, None, "valid YAML"),
+        ("copper_lag_s: 0", ("copper_lag_s", "greater_than"), "than 0"),
+        ("spindle_inertia_kgm2: -1", ("spindle_inertia_kgm2", "greater_than_equal"), "to 0"),
+        ("depth_pole_slow_s: 1.0e-4", ("depth_pole_slow_s", "problem"), "depth_pole_fast_s"),
+        ("dead_time_s: 0.04", ("dead_time_s", "outside"), "0.1 to 10 s"),
+        ("dead_time_s: 10.1", ("dead_time_s", "outside"), "0.1 to 10 s"),
+        ("depth_pole_fast_s: 0.1", ("depth_pole_fast_s", "outside"), "1e-06 to 0.005 s"),
     ],
 )
-def test_wrong_yaml_is_one_clear_error(text, words):
+def test_wrong_yaml_is_one_clear_error(text, problem, fact):
     with pytest.raises(InputError) as caught:
         ModelParameters.from_yaml(text, "my.yaml")
+    assert caught.value.problems == (() if problem is None else (problem,))
     message = str(caught.value)
-    assert message.startswith("my.yaml") and words in message and "\n" not in message
+    assert message.startswith("my.yaml") and fact in message and "\n" not in message
 
 
 def test_unknown_names_in_code():

@@ -10,6 +10,7 @@ from fsw_model import nominal
 from fsw_nmpc import NmpcController
 from fsw_nmpc.settings import Settings
 from fsw_nmpc.tuning import PAPER, TRAJECTORIES, Tuning
+from fsw_schema.models import InputError
 from fsw_test_support.nmpc_problems import finish_changes
 
 REST = Command(78.4, 407.576)
@@ -66,30 +67,36 @@ def test_tuning_file_over_a_preset(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "problem", "fact"),
     [
-        ("[1]", "not a mapping"),
-        ("a: b: c", "not valid YAML"),
+        ("[1]", ("", "model_type"), "[1]"),
+        ("a: b: c", None, "valid YAML"),
         (
             "weight_depht_per_mm: 1",
-            "weight_depht_per_mm is an unknown key; did you mean weight_depth_per_mm? known: trajectory, depth_time_s",
+            ("weight_depht_per_mm", "extra_forbidden"),
+            "weight_depth_per_mm? known: trajectory, depth_time_s",
         ),
-        ("estimator: {noise: 1}", "estimator.noise is an unknown key; known: depth_noise_mm"),
-        ("estimator: 3", "estimator is 3, not a mapping"),
-        ("depth_time_s: .nan", "depth_time_s is nan, not a finite number"),
-        ("depth_time_s: fast", "depth_time_s is 'fast', not a number"),
-        ("depth_time_s: 0.1", "an approach takes at least 0.2 s"),
-        ("blocks: 21", "blocks is 21; one of 20 or 54"),
-        ("trajectory: shortest", "one of approach, constant"),
-        ("estimator: {heat_sigmas: 5}", "estimator.heat_sigmas needs a thermal_gain_walk above 0"),
+        ("estimator: {noise: 1}", ("estimator.noise", "extra_forbidden"), "known: depth_noise_mm"),
+        ("estimator: 3", ("estimator", "model_type"), ""),
+        ("depth_time_s: .nan", ("depth_time_s", "finite_number"), ""),
+        ("depth_time_s: fast", ("depth_time_s", "float_type"), "'fast'"),
+        ("depth_time_s: 0.1", ("depth_time_s", "problem"), "0.2 s"),
+        ("blocks: 21", ("blocks", "literal_error"), "20 or 54"),
+        ("trajectory: shortest", ("trajectory", "literal_error"), "approach, constant"),
+        (
+            "estimator: {heat_sigmas: 5}",
+            ("estimator.heat_sigmas", "problem"),
+            "thermal_gain_walk above 0",
+        ),
     ],
 )
-def test_wrong_tuning_files_are_one_clear_line(tmp_path, text, words):
+def test_wrong_tuning_files_are_one_clear_line(tmp_path, text, problem, fact):
     file = tmp_path / "tuning.yaml"
     file.write_text(text)
-    with pytest.raises(ValueError) as caught:
+    with pytest.raises(InputError) as caught:
         Settings.of({"tuning_file": str(file)})
-    assert words in str(caught.value) and "\n" not in str(caught.value)
+    assert caught.value.problems == (() if problem is None else (problem,))
+    assert fact in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_missing_files():

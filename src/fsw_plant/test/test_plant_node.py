@@ -310,7 +310,7 @@ def test_a_repeated_tick_does_not_wait_for_the_player_again(graph):
 
 def test_dead_lockstep_ends_with_an_error(graph):
     graph.start(speed=0.0, lockstep_timeout_s=0.1, lockstep_give_up_s=0.3)
-    with pytest.raises(SystemExit, match=r"tick 1 within .* by peer\)"):
+    with pytest.raises(SystemExit, match=r"tick 1 .* by peer\)"):
         graph.until(lambda: False)
 
 

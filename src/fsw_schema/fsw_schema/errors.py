@@ -1,5 +1,26 @@
 """The error for invalid input, in a module that imports nothing, so that nodes start quickly."""
 
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Problem(NamedTuple):
+    """What is wrong in a file or a request that a model describes."""
+
+    path: str  #: of the value or of the key that is missing, as ``events[0].fault``; empty: all of it
+    kind: (
+        str  #: of pydantic's errors: ``missing``, ``extra_forbidden``, ``literal_error``, ...; or
+    )
+    #: ``outside`` its range, ``value_error`` where values contradict each other
+
 
 class InputError(ValueError):
-    """Invalid input from a person or a file; one line: where, what, and what is allowed."""
+    """Invalid input from a person or a file; the message is one line: where, what, and what is allowed.
+
+    ``problems`` has those that a model has found.
+    """
+
+    def __init__(self, *words: object, problems: tuple[Problem, ...] = ()) -> None:
+        super().__init__(*words)
+        self.problems = problems

@@ -31,6 +31,7 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
 
 from fsw_schema.errors import InputError as InputError
+from fsw_schema.errors import Problem as Problem
 from fsw_schema.files import read_regular
 from fsw_schema.ranges import Range
 from fsw_schema.yaml_text import content_of as content_of
@@ -159,11 +160,13 @@ def validate(model: type[M], content: Any, where: str) -> M:
         return model.model_validate(content, context=models)
     except ValidationError as error:
         first = islice(error.errors(include_url=False), _MOST_COMPARED)
-        problems = list(dict.fromkeys(_problem(one, content, models) for one in first))
-        if len(problems) > _MOST_PROBLEMS:
-            more = len(problems) - _MOST_PROBLEMS + max(0, error.error_count() - _MOST_COMPARED)
-            problems[_MOST_PROBLEMS:] = [_Problem(f"and {more} more")]
-        raise InputError(f"{where}: {'; '.join(_known_once(problems))}") from None
+        found = dict.fromkeys(_problem(one, content, models) for one in first)
+        problems, texts = tuple(one.problem for one in found), list(found)
+        if len(texts) > _MOST_PROBLEMS:
+            more = len(texts) - _MOST_PROBLEMS + max(0, error.error_count() - _MOST_COMPARED)
+            texts[_MOST_PROBLEMS:] = [_Found(Problem("", ""), f"and {more} more")]
+        told = "; ".join(_known_once(texts))
+        raise InputError(f"{where}: {told}", problems=problems) from None
 
 
 def shipped_names(folder: Path) -> list[str]:
@@ -271,26 +274,27 @@ class _GenerateJsonSchema(GenerateJsonSchema):
         return False
 
 
-class _Problem(NamedTuple):
-    """Text of an error; for an unknown key also the known ones and the most similar of them."""
+class _Found(NamedTuple):
+    """A problem in words; of an unknown key also those that are known, and the nearest of them."""
 
+    problem: Problem
     text: str
     known: str = ""
     near: str = ""
 
 
-def _known_once(problems: Iterable[_Problem]) -> Iterator[str]:
-    """Texts of the problems, each list of known keys only at its first occurrence."""
+def _known_once(problems: Iterable[_Found]) -> Iterator[str]:
+    """The problems in words, each list of known keys only where it occurs first."""
     told: set[str] = set()
-    for text, known, near in problems:
+    for _, text, known, near in problems:
         hint = f"; did you mean {near}?" if near else ""
         listed = f"{' ' if hint else '; '}known: {known}" if known and known not in told else ""
         yield text + hint + listed
         told.add(known)
 
 
-def _problem(error: ErrorDetails, content: Any, models: Mapping[int, type[Model]]) -> _Problem:
-    """Text of a problem with its place."""
+def _problem(error: ErrorDetails, content: Any, models: Mapping[int, type[Model]]) -> _Found:
+    """One problem with its place."""
     path, inside, parent = "", content, content
     for step in error["loc"][: -1 if error["type"] == "missing" else None]:
         parent = inside
@@ -300,12 +304,14 @@ def _problem(error: ErrorDetails, content: Any, models: Mapping[int, type[Model]
             path, inside = f"{path}[{step}]", inside[step]
         # any other step is the tag of a union
     text = " ".join(f"{path} {_text(error)}".split())
+    place = f"{path}.{error['loc'][-1]}".lstrip(".") if error["type"] == "missing" else path
+    problem = Problem(place, error["type"])
     model = models.get(id(parent))
     if error["type"] not in _UNKNOWN_KEY or model is None:
-        return _Problem(text)
+        return _Found(problem, text)
     known = [field.alias or name for name, field in model.model_fields.items()]
     near = get_close_matches(str(error["loc"][-1]), known, 1)
-    return _Problem(text, ", ".join(known), near[0] if near else "")
+    return _Found(problem, text, ", ".join(known), near[0] if near else "")
 
 
 #: error types of a key that a model does not have
@@ -338,7 +344,7 @@ def _text(error: ErrorDetails) -> str:
         return f"may have at most {ctx['max_length']} entries"
     if kind == "value_error":
         return str(ctx["error"])
-    if kind == "problem":
+    if kind in ("problem", "outside", "not_a_number"):
         return error["msg"]
     return f"is {shown}: {error['msg'].replace('Input should be', 'must be')}"
 

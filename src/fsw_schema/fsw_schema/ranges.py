@@ -31,10 +31,10 @@ class Range:
         def check(value: Any) -> Any:
             if isinstance(value, bool) or not isinstance(value, int | float):
                 raise PydanticCustomError(
-                    "problem", "{text}", {"text": f"is {value!r:.60}, not a number ({self})"}
+                    "not_a_number", "{text}", {"text": f"is {value!r:.60}, not a number ({self})"}
                 )
             if complaint := self.complaint(value):
-                raise PydanticCustomError("problem", "{text}", {"text": f"= {complaint}"})
+                raise PydanticCustomError("outside", "{text}", {"text": f"= {complaint}"})
             return value
 
         return core_schema.no_info_before_validator_function(check, handler(source))

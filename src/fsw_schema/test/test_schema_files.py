@@ -100,14 +100,11 @@ def test_only_one_at_a_time_works_in_a_folder(tmp_path):
 def test_only_regular_files_are_opened_and_nothing_waits(tmp_path, read):
     pipe, socket_path = tmp_path / "pipe", tmp_path / "socket"
     os.mkfifo(pipe)
-    places = [
-        (pipe, "a pipe and not a file; save"),
-        ("/dev/zero", "a device and not a file; save"),
-    ]
-    places += [(tmp_path, "Is a directory; give a file"), (tmp_path / "none", "No such file")]
+    places = [(pipe, "a pipe"), ("/dev/zero", "a device")]
+    places += [(tmp_path, "a directory"), (tmp_path / "none", "No such")]
     with socket.socket(socket.AF_UNIX) as server:
         server.bind(str(socket_path))
-        for path, problem in [*places, (socket_path, "a socket and not a file; save")]:
+        for path, problem in [*places, (socket_path, "a socket")]:
             with pytest.raises(OSError, match=problem) as raised:
                 read(path)
             assert raised.value.filename == str(path)
@@ -118,9 +115,8 @@ def test_file_is_read_up_to_a_bound(tmp_path):
     path.write_bytes(b"a: 1")
     (tmp_path / "link").symlink_to(path)
     assert read_regular(path, 4) == read_regular(str(tmp_path / "link")) == b"a: 1"
-    with pytest.raises(OSError, match="larger than 3 bytes; give a smaller file"):
-        read_regular(path, 3)
-    with pytest.raises(
-        OSError, match="larger than 3 bytes"
-    ):  # files of /proc have no size before they are read
-        read_regular("/proc/self/status", 3)
+    # files of /proc have no size before they are read
+    for too_large in (path, "/proc/self/status"):
+        with pytest.raises(OSError, match="3 bytes") as raised:
+            read_regular(too_large, 3)
+        assert raised.value.filename == str(too_large)

@@ -48,7 +48,8 @@ def read(text: str) -> Part:
 
 
 def test_what_fits():
-    assert read("{name: a, marks: , count: }") == Part(name="a")
+    without_values = "{name: a, marks: , count: }"
+    assert read(without_values) == Part(name="a")
     part = read("{name: a_1, marks: [{kind: bump, height_mm: 2}, {kind: hole}], count: 1e1}")
     assert part == Part(
         name="a_1",
@@ -143,12 +144,26 @@ def test_all_problems_are_listed_but_not_hundreds():
         part in str(caught.value)
         for part in ("lacks name; ", "marks[0] lacks height_mm; ", "count = 0", "sound")
     )
-    with pytest.raises(InputError, match=r"and 91 more$"):
+    with pytest.raises(InputError, match=r" 91 more$"):
         read(f"{{name: a, marks: [{'3, ' * 101}]}}")
-    with pytest.raises(
-        InputError, match=r"known: name, .*, sound; mark is an unknown key; did you mean marks\?$"
-    ):
+    with pytest.raises(InputError, match=r"known: name, .*, sound; mark .* marks\?$"):
         read("{name: a, 1: 2, mark: 3}")
+
+
+def test_problems_have_their_places_and_kinds():
+    with pytest.raises(InputError) as caught:
+        read("{count: 0, sound: maybe, nam: a, marks: [{kind: bump}, {kind: wave}]}")
+    assert set(caught.value.problems) == {
+        ("name", "missing"),
+        ("nam", "extra_forbidden"),
+        ("count", "outside"),
+        ("sound", "bool_type"),
+        ("marks[0].height_mm", "missing"),
+        ("marks[1]", "union_tag_invalid"),
+    }
+    with pytest.raises(InputError) as caught:
+        read("a: [")  # no content that a model could judge
+    assert caught.value.problems == ()
 
 
 def test_json_schema_has_range_unit_and_meaning():
@@ -162,7 +177,7 @@ def test_json_schema_has_range_unit_and_meaning():
     }
     bump = found["$defs"]["Bump"]
     assert bump["properties"]["height_mm"] == {
-        "description": "how high it is",
+        "description": models.descriptions(Bump)["height_mm"],
         "type": "number",
         "minimum": 1.5,
         "maximum": 4.0,
@@ -188,10 +203,10 @@ def test_text_of_a_file_or_a_shipped_one(tmp_path):
         == models.read_text(tmp_path / "one.yaml", "part")
         == "a: 1"
     )
-    with pytest.raises(InputError, match=r"cannot read part two: .*one of bad, one"):
+    with pytest.raises(InputError, match=r"two: .* bad, one$"):
         models.read_text("two", "part", tmp_path)
-    with pytest.raises(InputError, match=r"cannot read part onne: .*did you mean one\?$"):
+    with pytest.raises(InputError, match=r"part onne: .* one\?$"):
         models.read_text("onne", "part", tmp_path)
     for source in ("bad", "\0"):
-        with pytest.raises(InputError, match="not a text file"):
+        with pytest.raises(InputError, match="UTF-8"):
             models.read_text(source, "part", tmp_path)
