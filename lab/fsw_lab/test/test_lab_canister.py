@@ -176,20 +176,17 @@ def test_vtk_files_have_the_whole_geometry_and_its_heat(scenario, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (
-            ["--probe", "210,0,0"],
-            "--probe 210,0,0: no copper at radius 210 mm, 0 mm above the joint line",
-        ),
+        (["--probe", "210,0,0"], "radius 210 mm, 0 mm"),
         (["--probe", "100,0,0"], "no copper"),
-        (["--probe", "200,0"], "give radius, angle and height as R,ANGLE,Z"),
+        (["--probe", "200,0"], "R,ANGLE,Z"),
         (["--probe", "200,nan,0"], "not finite"),
-        (["--at", "41"], "--at 41: the weld lasts from 0 to 40 s"),
-        (["--figure", "a.jpg"], "must end in .png"),
-        (["--film", "a.avi"], "must end in .gif or .mp4"),
-        (["--film", "a.mp4"], "ffmpeg is not installed"),
+        (["--at", "41"], "0 to 40 s"),
+        (["--figure", "a.jpg"], "in .png"),
+        (["--film", "a.avi"], ".gif or .mp4"),
+        (["--film", "a.mp4"], "ffmpeg is"),
         (["--csv", "small.yaml"], "small.yaml exists"),
         (["--canister", "small.yaml"], "small.yaml"),
-        (["bag"], "does not go with a bag"),
+        (["bag"], "--scenario does"),
     ],
 )
 def test_what_cannot_be_done_is_said_in_one_line_before_any_work(

@@ -115,12 +115,12 @@ def test_bad_input_is_one_line_and_a_bad_exit_code(capsys, arguments):
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        (None, "a pipe and not a file; save its content in a file and give that"),
+        (None, "a pipe"),
         (
             "\n".join(f"a{n}: &a{n} [{f'*a{n - 1}, ' * 9 * (n > 0)}x]" for n in range(9)),
-            "more than 100000 values with",
+            "than 100000 values",
         ),
-        ("events: " + "[" * 3000 + "]" * 3000, "nested deeper than 50 levels; write it flatter"),
+        ("events: " + "[" * 3000 + "]" * 3000, "than 50 levels"),
     ],
 )
 @pytest.mark.parametrize("option", [[], ["quick", "--params-file"]])

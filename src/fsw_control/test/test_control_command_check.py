@@ -13,24 +13,24 @@ LIMITS, BEFORE = Limits(), Command(78.4, 407.5)
 
 
 @pytest.mark.parametrize(
-    ("command", "flaw", "words"),
+    ("command", "flaw", "facts"),
     [
-        (Command(math.nan, 407.5), Flaw.NOT_FINITE, "not finite: force nan kN"),
-        (Command(78.4, -math.inf), Flaw.NOT_FINITE, "speed -inf rpm"),
-        (Command(95.1, 407.5), Flaw.OUT_OF_RANGE, "force 95.100 kN is outside 60 to 95 kN"),
-        (Command(78.4, 299.9), Flaw.OUT_OF_RANGE, "speed 299.900 rpm is outside 300 to 500 rpm"),
-        (Command(79.5, 407.5), Flaw.JUMP, "force would jump by 1.100 kN, more than 1 kN per tick"),
+        (Command(math.nan, 407.5), Flaw.NOT_FINITE, ["force nan kN"]),
+        (Command(78.4, -math.inf), Flaw.NOT_FINITE, ["speed -inf rpm"]),
+        (Command(95.1, 407.5), Flaw.OUT_OF_RANGE, ["force 95.100 kN", "60 to 95 kN"]),
+        (Command(78.4, 299.9), Flaw.OUT_OF_RANGE, ["speed 299.900 rpm", "300 to 500 rpm"]),
+        (Command(79.5, 407.5), Flaw.JUMP, ["force", "1.100 kN", "1 kN per"]),
         (
             Command(78.4, 404.0),
             Flaw.JUMP,
-            "speed would jump by 3.500 rpm, more than 3 rpm per tick",
+            ["speed", "3.500 rpm", "3 rpm per"],
         ),
     ],
 )
-def test_a_bad_command_is_refused_in_words(command, flaw, words):
+def test_a_bad_command_is_refused_in_words(command, flaw, facts):
     refused = refusal(command, LIMITS, BEFORE)
     assert refused.flaw is flaw
-    assert words in refused.words
+    assert [fact for fact in facts if fact not in refused.words] == []
 
 
 def test_what_is_not_asked_for_is_not_checked():

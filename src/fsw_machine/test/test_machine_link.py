@@ -142,39 +142,26 @@ def test_every_cycle_is_read_once_and_an_order_is_taken(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "entry", "fact"),
     [
-        ({"nodes__depth__node": "s=Weld.Dept"}, "nodes.depth: the server has no node s=Weld.Dept"),
-        (
-            {"nodes__depth__node": "s=Weld.Permissive"},
-            "nodes.depth: s=Weld.Permissive is of type Boolean, must be a",
-        ),
-        (
-            {"nodes__permissive__node": "s=Weld.Depth"},
-            "nodes.permissive: s=Weld.Depth is of type Double, must be a B",
-        ),
-        (
-            {"nodes__cycle__node": "s=Weld.Depth"},
-            "nodes.cycle: s=Weld.Depth is of type Double, must be a whole",
-        ),
-        (
-            {"nodes__depth__node": "ns=0;i=85"},
-            "nodes.depth: ns=0;i=85 has no value; it must be a variable",
-        ),
-        ({"nodes__depth__node": "ns=0;i=2255"}, "nodes.depth: ns=0;i=2255 is"),
+        ({"nodes__depth__node": "s=Weld.Dept"}, "nodes.depth", "node s=Weld.Dept"),
+        ({"nodes__depth__node": "s=Weld.Permissive"}, "nodes.depth", "type Boolean,"),
+        ({"nodes__permissive__node": "s=Weld.Depth"}, "nodes.permissive", "type Double,"),
+        ({"nodes__cycle__node": "s=Weld.Depth"}, "nodes.cycle", "type Double,"),
+        ({"nodes__depth__node": "ns=0;i=85"}, "nodes.depth", "no value"),
+        ({"nodes__depth__node": "ns=0;i=2255"}, "nodes.depth", "ns=0;i=2255 is"),
         (
             {"nodes__cycle__node": "ns=0;i=2267"},  # ServiceLevel
-            "nodes.heartbeat: s=Weld.Heartbeat is of type UInt32, must be of the type of nodes.cycle, Byte",
+            "nodes.heartbeat",
+            "nodes.cycle, Byte",
         ),
-        (
-            {"nodes__heartbeat__node": "s=Weld.Cycle"},
-            "nodes.heartbeat: s=Weld.Cycle cannot be written by this user",
-        ),
-        ({"namespace": "urn:other"}, "namespace: the server has no urn:other; it has"),
+        ({"nodes__heartbeat__node": "s=Weld.Cycle"}, "nodes.heartbeat", "be written"),
+        ({"namespace": "urn:other"}, "namespace", "no urn:other"),
     ],
 )
-def test_nodes_that_do_not_fit(connect, plain, folder, shipped_text, changes, words):
-    assert told(connect, folder, plain[1], shipped_text, **changes).startswith(words)
+def test_nodes_that_do_not_fit(connect, plain, folder, shipped_text, changes, entry, fact):
+    reason = told(connect, folder, plain[1], shipped_text, **changes)
+    assert reason.startswith(f"{entry}: ") and fact in reason
 
 
 @pytest.mark.slow
@@ -232,7 +219,7 @@ def test_with_certificates_and_password(connect, secured, folder, shipped_text):
         ({"security__private_key": "other_key.pem"}, "security.private_key: "),
         ({"security__policy": "Aes256Sha256RsaPss"}, "security.policy: "),
         ({"user__password_file": "wrong"}, "user: "),
-        ({"user__password_file": "none"}, "user.password_file: cannot read"),
+        ({"user__password_file": "none"}, "user.password_file: "),
     ],
 )
 def test_security_that_does_not_fit(connect, secured, folder, shipped_text, changes, words):
@@ -284,7 +271,7 @@ def test_a_counter_that_stands_still_is_told(connect, plain, folder, shipped_tex
     [
         (False, "server_key.pem", "security: none"),
         (True, "", "needed"),
-        (True, "client_key.pem", "does not belong to"),
+        (True, "client_key.pem", "not belong"),
     ],
 )
 def test_the_test_machine_refuses_a_server_key_that_does_not_fit(
@@ -319,11 +306,11 @@ def test_certificates_are_checked_before_they_are_used(tmp_path, shipped_text):
         "server_certificate": cert.name,
     }
     for changes, words in (
-        ({"certificate": "none.der"}, "security.certificate: cannot read"),
+        ({"certificate": "none.der"}, "security.certificate: "),
         ({"certificate": "text.der"}, "holds no certificate"),
         ({"certificate": "later.der"}, "is not valid before"),
         ({"private_key": "text.der"}, "holds no private key"),
-        ({"private_key": "later_key.pem"}, "does not belong to"),
+        ({"private_key": "later_key.pem"}, "not belong"),
         ({"server_certificate": "later.der"}, "security.server_certificate: "),
     ):
         file = write_machine_file(

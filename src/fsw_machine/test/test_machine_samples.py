@@ -23,27 +23,27 @@ def test_a_good_number_is_used(machine, value):
 
 
 @pytest.mark.parametrize(
-    ("value", "words"),
+    ("value", "fact"),
     [
         (raw(2.66, status=BAD, status_name="BadNoCommunication"), "status BadNoCommunication"),
         (
             raw(2.66, status=UNCERTAIN, status_name="UncertainLastUsableValue"),
             "status UncertainLastUsableValue",
         ),
-        (raw(2.66, age_s=0.3), "0.30 s older than the cycle counter"),
-        (raw(2.66, age_s=-0.1), "0.10 s newer than the cycle counter"),
-        (RawValue(2.66), "without a source timestamp"),
+        (raw(2.66, age_s=0.3), "0.30 s older"),
+        (raw(2.66, age_s=-0.1), "0.10 s newer"),
+        (RawValue(2.66), "source timestamp"),
         (raw(nan), "not finite"),
         (raw(inf), "not finite"),
-        (raw(None), "empty, not a number"),
-        (raw("2.66"), "a str, not a number"),
-        (raw(True), "a bool, not a number"),
-        (raw([2.66]), "a list, not a number"),
+        (raw(None), "empty,"),
+        (raw("2.66"), "a str,"),
+        (raw(True), "a bool,"),
+        (raw([2.66]), "a list,"),
     ],
 )
-def test_any_other_is_invalid_and_not_zero(machine, value, words):
+def test_any_other_is_invalid_and_not_zero(machine, value, fact):
     found = sample(value, machine.nodes["depth"], NOW_NS)
-    assert isnan(found.value) and found.fault == words
+    assert isnan(found.value) and fact in found.fault
 
 
 @pytest.mark.parametrize(("value", "expected"), [(True, 1.0), (False, 0.0)])
