@@ -59,9 +59,8 @@ def test_interlock_trips_into_a_safe_stop(interlock):
         else:
             loop.plant.begin(disturbance(target, "step", amplitude))
     assert loop.run(10) is Mode.SAFE_STOP
-    assert f"{interlock} is trip" in [
-        event.text for event in loop.arbiter.machine.events if event.who == "interlock"
-    ]
+    trips = [event.text for event in loop.arbiter.machine.events if event.who == "interlock"]
+    assert any(text.startswith(f"{interlock} is trip") for text in trips)
     also = {
         "power_high": "torque",
         "temperature_high": "thermocouple",
