@@ -81,6 +81,6 @@ def test_a_failure_ends_the_others_and_is_raised(tmp_path: Path) -> None:
         Weld(tmp_path / name, body)
         for name, body in (("a", weld_on), ("b", fail), ("c", weld_on), ("d", never))
     ]
-    with pytest.raises(LaunchError, match="^ended$"):
+    with pytest.raises(LaunchError, match=r"^ended$"):
         together(*welds, at_a_time=2)
     assert ended and Weld.running == []

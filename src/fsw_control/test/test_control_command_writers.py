@@ -14,13 +14,23 @@ GATE = CommandGate(Limits(), 1.0)
 
 
 @pytest.fixture
-def writers():
-    node = SimpleNamespace(create_subscription=lambda kind, topic, heard, qos: None)
+def node():
+    """Without a graph; ``hear`` has who listens to the state of the supervisor."""
+    fake = SimpleNamespace(hear=[])
+    fake.create_subscription = lambda kind, topic, heard, qos: (
+        fake.hear.append(heard) if kind is SupervisorState else None
+    )
+    return fake
+
+
+@pytest.fixture
+def writers(node):
     return CommandWriters(node, lambda: GATE, lambda: ())
 
 
-def leads(writers, leader):
-    writers._on_supervisor(SupervisorState(term=1, leader=leader))
+def leads(node, leader):
+    [hear] = node.hear
+    hear(SupervisorState(term=1, leader=leader))
 
 
 def refused(writers, *leaders):
@@ -29,12 +39,12 @@ def refused(writers, *leaders):
     return commands(GATE, len(leaders), ["one", "two"], writers.unauthorised())
 
 
-def test_takeover_between_supervisors_is_no_foreign_writer(writers):
-    leads(writers, "aaa")
+def test_takeover_between_supervisors_is_no_foreign_writer(node, writers):
+    leads(node, "aaa")
     assert (
         refused(writers, "aaa", "bbb").level == WARN
     )  # bbb has begun to lead, its state is on its way
-    leads(writers, "bbb")
+    leads(node, "bbb")
     assert refused(writers, "aaa", "bbb").level == WARN
     assert refused(writers).level == WARN
     assert commands(GATE, 1, ["one"], writers.unauthorised()).level == WARN
@@ -71,13 +81,13 @@ def test_publishers_are_logged_once_and_by_name():
 
 
 @pytest.mark.requirement("S11")
-def test_commands_that_no_supervisor_has_signed_are_a_foreign_writers(writers):
-    leads(writers, "aaa")
+def test_commands_that_no_supervisor_has_signed_are_a_foreign_writers(node, writers):
+    leads(node, "aaa")
     assert refused(writers, "aaa", "").level == ERROR
     assert refused(writers).level == WARN
 
 
 @pytest.mark.requirement("S11")
-def test_who_signs_and_never_leads_is_a_foreign_writer(writers):
-    leads(writers, "aaa")
+def test_who_signs_and_never_leads_is_a_foreign_writer(node, writers):
+    leads(node, "aaa")
     assert [refused(writers, "forged").level for _ in range(3)] == [WARN, ERROR, ERROR]

@@ -145,6 +145,14 @@ class NmpcController:
         except Exception as error:
             self._made = settings, " ".join(f"{error or type(error).__name__}".split())
 
+    def finish_changes(self, timeout_s: float = 60.0) -> None:
+        """Wait until the horizon made in the background is in use; TimeoutError if it takes longer."""
+        while (maker := self._maker) is not None:
+            maker.join(timeout_s)
+            if maker.is_alive():
+                raise TimeoutError(f"the horizon is not ready after {timeout_s:g} s")
+            self._take()
+
     def _take(self) -> None:
         """Switch to the horizon built in the background if it is ready, else note the failure."""
         if self._made is None:

@@ -14,7 +14,7 @@ from fsw_nmpc import NmpcController
 from fsw_nmpc import controller as controller_module
 from fsw_nmpc.library import SolveStatus
 from fsw_test_support.nmpc_loop import TARGET, Loop
-from fsw_test_support.nmpc_problems import finish_changes, solve, use_solver
+from fsw_test_support.nmpc_problems import solve, use_solver
 
 NAN = float("nan")
 
@@ -130,7 +130,7 @@ def test_another_horizon_goes_on_with_the_plan(tmp_path):
     file = tmp_path / "every_interval.yaml"
     file.write_text("blocks: 54")
     loop.controller.configure({"tuning_file": str(file)})
-    finish_changes(loop.controller)
+    loop.controller.finish_changes()
     assert loop.controller.library.horizon.n_blocks == 54
     last = loop.applied
     proposal = loop.step(Reference(2.76, 816.4))
@@ -154,11 +154,11 @@ def test_a_solver_that_cannot_be_made_is_told_and_later_changes_work(tmp_path, m
 
     monkeypatch.setattr(controller_module, "_make", make_or_fail)
     loop.controller.configure({"tuning_file": str(tmp_path / "54.yaml")})
-    finish_changes(loop.controller)
+    loop.controller.finish_changes()
     for _ in range(3):
         proposal = loop.step()
         assert proposal.healthy and os.strerror(errno.ENOSPC) in proposal.reason.detail
     assert len(told) == 1 and loop.controller.library.horizon.n_blocks == 20
     loop.controller.configure({"tuning_file": str(tmp_path / "54.yaml")})  # the same once more
-    finish_changes(loop.controller)
+    loop.controller.finish_changes()
     assert loop.controller.library.horizon.n_blocks == 54 and not loop.step().reason

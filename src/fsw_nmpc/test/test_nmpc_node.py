@@ -15,7 +15,6 @@ from fsw_control.controller_node import ControllerNode
 from fsw_control.topics_ros import LATCHED, STREAM, sensor_publishers
 from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand, WeldReference
 from fsw_nmpc import NmpcController
-from fsw_test_support.nmpc_problems import finish_changes
 from fsw_test_support.ros_graph import Spinner
 from fsw_test_support.waiting import PATIENCE_S
 
@@ -114,7 +113,7 @@ def test_parameters_at_runtime(peer):
     after = peer.tick(k + 2)
     assert after.healthy
     assert after.axial_force == pytest.approx(before.axial_force, abs=100.0)
-    finish_changes(peer.node.controller)
+    peer.node.controller.finish_changes()
     assert peer.tick(k + 3).healthy
     assert peer.node.controller.library.horizon.n_blocks == 54
 

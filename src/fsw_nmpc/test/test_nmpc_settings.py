@@ -11,7 +11,6 @@ from fsw_nmpc import NmpcController
 from fsw_nmpc.settings import Settings
 from fsw_nmpc.tuning import PAPER, TRAJECTORIES, Tuning
 from fsw_schema.models import InputError
-from fsw_test_support.nmpc_problems import finish_changes
 
 REST = Command(78.4, 407.576)
 TARGET = Reference(2.66, 816.4)
@@ -155,7 +154,7 @@ def test_runtime_change_of_everything_without_a_bump():
         assert controller.check(values) is None
         controller.configure(values)
         during = step(controller)
-        finish_changes(controller)
+        controller.finish_changes()
         after = [step(controller) for _ in range(5)][-1]
         for proposal in (during, after):
             assert proposal.healthy, proposal.reason

@@ -97,14 +97,6 @@ def solve(library: Library, problem: Any, moves: Vector) -> tuple[int, Vector, V
     return SolveStatus(status), *found
 
 
-def finish_changes(controller: NmpcController, timeout_s: float = 60.0) -> None:
-    """Wait until the horizon that a controller makes in the background is in use."""
-    while (maker := controller._maker) is not None:
-        maker.join(timeout_s)
-        assert not maker.is_alive(), f"the horizon is not ready after {timeout_s} s"
-        controller._take()
-
-
 def random_tuning(rng: np.random.Generator) -> Tuning:
     """A preset, or weights drawn over decades."""
     if rng.random() < 0.5:
