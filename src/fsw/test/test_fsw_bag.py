@@ -187,7 +187,9 @@ def test_verify(
     monkeypatch.setitem(KNOWN, "nmpc", "own_controller:Holder")
     assert run("verify", str(weld_bag), "--controller", "nmpc") == 1
     captured = capsys.readouterr()
-    assert "at tick 1" in captured.out and "of nmpc" in captured.err
+    assert (
+        "at tick 1" in captured.out and "no parameters" in captured.err and "nmpc" in captured.err
+    )
     assert run("verify", str(weld_bag), "--controller", "nobody") == 1
     error = capsys.readouterr().err
     assert "nobody is" in error and "available" in error
