@@ -41,7 +41,7 @@ def _said(error: BaseException) -> str:
 
 
 def _without_ros(error: BaseException) -> str:
-    """What is said where a module of ROS 2 is missing, also to a module that was found by its entry point."""
+    """Words for a missing module of ROS 2, also where an entry point needed it; else empty."""
     missing = error if isinstance(error, ModuleNotFoundError) else error.__cause__
     if not isinstance(missing, ModuleNotFoundError):
         return ""

@@ -210,7 +210,7 @@ def _measuring(node: Any) -> set[str]:
 
 
 def latest_reports(reports: Iterable[Any], namespace: str, nodes: set[str]) -> dict[str, Any]:
-    """The newest diagnostics of these nodes by name (``NODE: PART``), without those of other welds."""
+    """Latest diagnostics of these nodes by name (``NODE: PART``), without other welds'."""
     named = (
         (local_name(one.name, one.hardware_id, namespace), one)
         for array in reports

@@ -26,7 +26,7 @@ class OperatingPointError(ValueError):
 
 
 class OutsideModelError(OperatingPointError):
-    """A step would leave the range of the model: the shoulder would leave the copper, or an input is not finite."""
+    """A step would leave the model's range: shoulder out of the copper, or input not finite."""
 
     def __init__(self, depth_mm: float, force_kn: float, speed_rpm: float) -> None:
         super().__init__(

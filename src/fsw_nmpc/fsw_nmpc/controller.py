@@ -146,7 +146,7 @@ class NmpcController:
             self._made = settings, " ".join(f"{error or type(error).__name__}".split())
 
     def finish_changes(self, timeout_s: float = 60.0) -> None:
-        """Wait until the horizon made in the background is in use; TimeoutError if it takes longer."""
+        """Wait until the horizon made in the background is in use; TimeoutError if it is late."""
         while (maker := self._maker) is not None:
             maker.join(timeout_s)
             if maker.is_alive():

@@ -92,7 +92,7 @@ class CanisterProcess:
         )
 
     def met(self, copper: deque[float]) -> tuple[float, float]:
-        """The copper as the tool meets it at start and end of the next step: what it was a dead time ago."""
+        """The copper temperature that the tool sees at both ends of the next step, delayed."""
         start, end = copper[0], copper[1]
         if self._overlap < 1e-9:
             return start, end

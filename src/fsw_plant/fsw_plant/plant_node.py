@@ -203,7 +203,7 @@ class PlantNode(ManagedNode):
             self._report_changes()
 
     def _send(self) -> None:
-        """Publish the present tick; the drives first, because the sensors' last sample completes the tick."""
+        """Publish the present tick: drives first, as the last sensor sample completes the tick."""
         reading, truth = self.emulator.measure(), truth_message(self.emulator.truth())
         if not self._pace.resent:  # the player, which stays, has answered a repeated tick, or will
             depths = reading.samples["depth"]
@@ -294,7 +294,7 @@ class PlantNode(ManagedNode):
             self._watch_answer(waited_s)
         elif not self.count_publishers(PLAYER_READY):
             self.get_logger().info(
-                f"tick {self.emulator.tick}: no player of a scenario any more; continuing without it"
+                f"tick {self.emulator.tick}: the scenario's player has left; continuing without it"
             )
             self._go_on_without_player()
         elif waited_s >= self._settings["lockstep_timeout_s"]:

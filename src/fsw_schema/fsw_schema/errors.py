@@ -8,7 +8,7 @@ from typing import NamedTuple
 class Problem(NamedTuple):
     """What is wrong in a file or a request that a model describes."""
 
-    path: str  #: of the value or of the key that is missing, as ``events[0].fault``; empty: all of it
+    path: str  #: of the value or missing key, as ``events[0].fault``; empty: all of it
     kind: (
         str  #: of pydantic's errors: ``missing``, ``extra_forbidden``, ``literal_error``, ...; or
     )
@@ -16,7 +16,7 @@ class Problem(NamedTuple):
 
 
 class InputError(ValueError):
-    """Invalid input from a person or a file; the message is one line: where, what, and what is allowed.
+    """Invalid input from a person or a file; the message is one line: where, what, what is allowed.
 
     ``problems`` has those that a model has found.
     """
