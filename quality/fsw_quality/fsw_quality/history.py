@@ -41,7 +41,19 @@ TEXTS = (
     "operators",
     "verdict",
     "alarm_kinds",
-    "alarm_texts",
+)
+#: the alarms as facts, of which the report makes words: begin, and the fields of
+#: :class:`fsw_quality.diagnosis.Finding`. Null in rows of older versions, which
+#: had words instead: of them the report says only the kinds
+FINDINGS = "alarm_findings"
+_FINDING = pa.struct(
+    {
+        "begin_s": pa.float64(),
+        "cause": pa.uint8(),
+        "size": pa.float64(),
+        "error": pa.float64(),
+        "others": pa.list_(pa.uint8()),
+    }
 )
 #: of these texts it counts whether they differ between two welds
 _COMPARED = (*IDENTITY, *SETTINGS[:2], "controllers", "operators", "verdict", "alarm_kinds")
@@ -70,6 +82,7 @@ SCHEMA = pa.schema(
     [(name, pa.string()) for name in (*TEXTS, FILES)]
     + [(name, pa.int64()) for name in COUNTS]
     + [(name, pa.float64()) for name in NUMBERS]
+    + [(FINDINGS, pa.list_(_FINDING))]
 )
 Row = dict[str, Any]
 #: what changed between two welds, before and after
@@ -135,9 +148,16 @@ def _told_by_monitor(watched: Watched) -> Row:
         "alarm_kinds": ", ".join(
             dict.fromkeys(alarm.finding.cause.word for alarm in watched.alarms)
         ),
-        "alarm_texts": "\n".join(
-            f"{alarm.begin_s:.0f} s: {alarm.finding.text}" for alarm in watched.alarms
-        ),
+        FINDINGS: [
+            {
+                "begin_s": alarm.begin_s,
+                "cause": alarm.finding.cause,
+                "size": alarm.finding.size,
+                "error": alarm.finding.error,
+                "others": list(alarm.finding.others),
+            }
+            for alarm in watched.alarms
+        ],
         "torque_nm": gains.get("torque", nan) * TORQUE_NM,
         "gain_heat": gains.get("heat", nan),
         "gain_depth": gains.get("depth", nan),

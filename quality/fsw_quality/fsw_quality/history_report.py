@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -17,7 +16,8 @@ from fsw_analysis.figure_style import sheet
 from fsw_analysis.report import page, png, source
 from fsw_analysis.weld_signals import FloatArray
 from fsw_quality.control_charts import FALSE_SIGNALS, WELDS, Chart, Trend, chart, limits, trend
-from fsw_quality.history import NUMBERS, Change, Row, changes, column
+from fsw_quality.diagnosis import Finding, WatchCause
+from fsw_quality.history import FINDINGS, NUMBERS, Change, Row, changes, column
 from fsw_schema.files import write_whole
 
 #: rise of the torque at equal conditions at which a tool counts as worn (chosen: 5 % of what the
@@ -71,8 +71,7 @@ class Remark:
 
     at: int  #: number of the weld in the history, from 0
     kind: Kind
-    #: the quantity that is charted, kinds of the weld's alarms, what changed, who operated, or the
-    #: verdict
+    #: the quantity that is charted, cause of the alarm, what changed, who operated, or the verdict
     subject: str = ""
     text: str = ""
 
@@ -194,18 +193,30 @@ def _signals(made: dict[str, Chart], groups: Sequence[object]) -> Iterator[Remar
 
 
 def _alarms(rows: Sequence[Row]) -> Iterator[Remark]:
-    """The alarms; one that many welds have, but for its figures, in one line at the first of them."""
-    alike: dict[str, list[tuple[int, str]]] = {}
+    """The alarms; one whose cause many welds have, in one line at the first of them."""
+    by_cause: dict[str, list[tuple[int, str]]] = {}
     for i, row in enumerate(rows):
-        for line in (row["alarm_texts"] or "").splitlines():
-            alike.setdefault(re.sub(r"[-+]?[0-9][0-9.]*", "#", line), []).append((i, line))
-    for own in alike.values():
+        for cause, text in _causes(row):
+            by_cause.setdefault(cause, []).append((i, text))
+    for cause, own in by_cause.items():
         welds = sorted({i for i, _ in own})
         if len(welds) > _ALIKE:
             last = rows[welds[-1]]["weld"]
             own = [(welds[0], f"{own[0][1]}; in {len(welds)} welds, the last is {last}")]
-        for i, line in own:
-            yield Remark(i, Kind.ALARM, rows[i]["alarm_kinds"] or "", f"alarm at {line}")
+        for i, text in own:
+            yield Remark(i, Kind.ALARM, cause, f"alarm{text}")
+
+
+def _causes(row: Row) -> Iterator[tuple[str, str]]:
+    """Cause of each alarm of a weld, and its words; of a row of an older version the causes alone are known."""
+    for one in row[FINDINGS] or ():
+        cause, *others = map(WatchCause, (one["cause"], *one["others"]))
+        text = Finding(cause, True, one["size"], one["error"], others=tuple(others)).text
+        yield cause.word, f" at {one['begin_s']:.0f} s: {text}"
+    if row[FINDINGS] is None:
+        yield from (
+            (cause, f": {cause}") for cause in (row["alarm_kinds"] or "").split(", ") if cause
+        )
 
 
 def write(table: pa.Table, target: Path, title: str) -> list[Remark]:

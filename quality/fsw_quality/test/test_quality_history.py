@@ -14,8 +14,10 @@ from hypothesis import strategies as st
 pytest.importorskip("pyarrow")
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from fsw_quality import control_charts, history, history_report
+from fsw_quality.diagnosis import Finding, WatchCause
 from fsw_quality.history_report import LIMITS, Kind
 from fsw_schema.models import InputError
 from fsw_test_support.made_history import rows
@@ -315,24 +317,56 @@ def test_a_tool_that_wears_has_a_life_whose_interval_holds_the_true_one() -> Non
     assert control_charts.trend(torque[:4], 50.0) is None
 
 
+def alarm(
+    cause: WatchCause, begin_s: float, size: float, *others: WatchCause
+) -> dict[str, object]:
+    error = 0.1 * size
+    return {"begin_s": begin_s, "cause": cause, "size": size, "error": error, "others": others}
+
+
+def alarms_of(table: pa.Table) -> list[history_report.Remark]:
+    said = history_report.remarks(table, {})
+    return [remark for remark in said if remark.kind is Kind.ALARM]
+
+
 def test_an_alarm_that_many_welds_have_is_one_line(tmp_path: Path) -> None:
     made = rows(30)
-    for at in range(5, 25):
-        made[at] |= {
-            "alarm_kinds": "lag_force",
-            "alarm_texts": f"{2600 + at} s: 1.{at} s late",
-            "alarms": 1,
-        }
-    made[7]["alarm_texts"] += "\n90 s: the torque sensor drifts"
+    for at in range(5, 25):  # neither figures nor other causes make it another alarm
+        others = [WatchCause.TORQUE_DRIFT] * (at % 2)
+        made[at][history.FINDINGS] = [alarm(WatchCause.TOOL_WEAR, 2600.0 + at, 0.05 + at, *others)]
+    made[7][history.FINDINGS].append(alarm(WatchCause.TORQUE_DRIFT, 90.0, 0.1))
     history.add(tmp_path, made)
-    table = history.load(tmp_path)
-    said = [remark for remark in history_report.remarks(table, {}) if remark.kind is Kind.ALARM]
-    assert [(remark.at, remark.subject) for remark in said] == [(5, "lag_force"), (7, "lag_force")]
-    assert (
-        "2605 s: 1.5 s late" in said[0].text
-        and "20 welds" in said[0].text
-        and "W00024" in said[0].text
-    )
+    said = alarms_of(history.load(tmp_path))
+    assert [(remark.at, remark.subject) for remark in said] == [
+        (5, "tool_wear"),
+        (7, "torque_drift"),
+    ]
+    finding = Finding(WatchCause.TOOL_WEAR, True, 5.05, 0.505, others=(WatchCause.TORQUE_DRIFT,))
+    assert f"2605 s: {finding.text}" in said[0].text
+    assert "20 welds" in said[0].text and "W00024" in said[0].text
+
+
+def test_an_alarm_of_a_later_version_is_shown(tmp_path: Path) -> None:
+    made = rows(1)
+    made[0][history.FINDINGS] = [alarm(200, 5.0, 1.5)]  # type: ignore[arg-type]
+    history.add(tmp_path, made)
+    assert [one.subject for one in alarms_of(history.load(tmp_path))] == ["unknown"]
+
+
+def test_older_rows_have_the_kinds_of_their_alarms_alone(tmp_path: Path) -> None:
+    """They had words; a kind is grouped with that of newer rows."""
+    made = rows(6)
+    for row in made[:4]:
+        row["alarm_kinds"] = "tool_wear, dead_time"
+    for row in made[4:]:
+        row[history.FINDINGS] = [alarm(WatchCause.TOOL_WEAR, 30.0, 0.05)]
+    older = pa.Table.from_pylist(made[:4], history.SCHEMA).drop_columns([history.FINDINGS])
+    texts = pa.array(["3 s: wear 3.1; or 2"] * 4)
+    pq.write_table(older.append_column("alarm_texts", texts), tmp_path / "000000.parquet")
+    history.add(tmp_path, made[4:])
+    said = alarms_of(history.load(tmp_path))
+    assert [(one.at, one.subject) for one in said] == [(0, "tool_wear"), (0, "dead_time")]
+    assert "in 6 welds" in said[0].text and "in 4 welds" in said[1].text
 
 
 def test_the_report_has_what_stands_out(tmp_path: Path) -> None:
@@ -340,12 +374,12 @@ def test_the_report_has_what_stands_out(tmp_path: Path) -> None:
     made[25] |= {
         "swaps": 1,
         "controllers": "decentral, nmpc",
-        "operators": "Ada",
+        "operators": "<Ada>",
         "operator_actions": 1,
     }
     made[30] |= {
-        "alarm_kinds": "thermocouple",
-        "alarm_texts": "200 s: <it> drifts",
+        "alarm_kinds": "thermocouple_drift",
+        "alarm_findings": [alarm(WatchCause.THERMOCOUPLE_DRIFT, 200.0, 0.05)],
         "alarms": 1,
         "verdict": "review",
     }
@@ -353,10 +387,15 @@ def test_the_report_has_what_stands_out(tmp_path: Path) -> None:
     said = history_report.write(history.load(tmp_path), tmp_path / "report.html", "History")
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     shown = {(remark.at, remark.kind, remark.subject) for remark in said}
-    assert {(25, Kind.SWAP, ""), (25, Kind.OPERATOR, "Ada"), (30, Kind.VERDICT, "review")} <= shown
+    assert {
+        (25, Kind.SWAP, ""),
+        (25, Kind.OPERATOR, "<Ada>"),
+        (30, Kind.VERDICT, "review"),
+    } <= shown
     assert any(remark.kind is Kind.CHART and remark.subject == "torque_nm" for remark in said)
     assert (
-        "&lt;it&gt; drifts" in text
+        Finding(WatchCause.THERMOCOUPLE_DRIFT, True, 0.05, 0.005).text in text
+        and "operator acted: &lt;Ada&gt;" in text
         and "worn (50 N·m more) after" in text
         and "data:image/png;base64" in text
     )

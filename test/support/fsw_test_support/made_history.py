@@ -49,7 +49,7 @@ def rows(n: int, wear_nm: float = 1.0, seed: int = 1) -> list[dict[str, Any]]:
     none = {
         "verdict": "accept",
         "alarm_kinds": "",
-        "alarm_texts": "",
+        "alarm_findings": [],
         "alarms": 0,
         "swaps": 0,
         "operator_actions": 0,
