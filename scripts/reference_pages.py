@@ -180,7 +180,7 @@ def messages() -> dict[str, str]:
         "WeldKpi",
         "WeldProgress",
     )
-    state = ("ControllerHealth", "ControllerStatus", "Reason", "SupervisorState")
+    state = ("ControllerHealth", "ControllerStatus", "Interlock", "Reason", "SupervisorState")
     control = [
         path
         for path in sorted((folder / "msg").glob("*.msg"))

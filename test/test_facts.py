@@ -26,10 +26,15 @@ MATCHES = {"search", "match", "fullmatch", "findall", "finditer", "split", "sub"
 FOREIGN = {
     "src/fsw_hmi/fsw_hmi/tls.py": "errors of OpenSSL",
 }
-PYTHON = [path for path in sorted(ROOT.glob("src/*/*/**/*.py")) if "test" not in path.parts]
+PYTHON = [
+    path
+    for top in ("src", "quality", "lab")
+    for path in sorted(ROOT.glob(f"{top}/*/*/**/*.py"))
+    if "test" not in path.parts
+]
 OTHERS = [
     path
-    for name in ("scripts", "benchmarks", "studies", "examples")
+    for name in ("scripts", "benchmarks", "lab/studies", "examples")
     for path in sorted(ROOT.glob(f"{name}/**/*.py"))
 ]
 PAGE = sorted((ROOT / "src/fsw_hmi/fsw_hmi/page").glob("*.js"))
@@ -104,6 +109,13 @@ def test_the_page_reads_no_sentence_of_ours():
         for path in PAGE
         for one in IN_PAGE.finditer(path.read_text("utf-8"))
     ] == []
+
+
+def test_no_interlock_has_its_level_in_its_name():
+    joined = re.compile(r""":(warn|trip)["'`]|\}:\{(level|severity)""", re.IGNORECASE)
+    sources = [*PYTHON, *OTHERS, *PAGE]
+    assert [path.name for path in sources if joined.search(path.read_text("utf-8"))] == []
+    assert joined.search('name.endswith(":warn")') and joined.search('f"{name}:{level}"')
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.contract import SAFE_STOP
 from fsw_control.sensors import REQUIRED, SENSORS
+from fsw_control.severity import Severity
 from fsw_control.topics_ros import LATEST, subscribe_sensors
 from fsw_control.weld import TICK_S
 from fsw_lab.commissioning import Guard, Heard
@@ -73,7 +74,7 @@ def listen(arguments: argparse.Namespace, ticks: int) -> Heard:
         mode=state.actual_mode,
         controller=state.actual_controller,
         ready=[one.name for one in state.controllers if health(one) == "ready"],
-        interlocks=list(state.interlocks),
+        interlocks={one.name: Severity(one.level) for one in state.interlocks},
         held=[
             convert.reason(one).words or one.source for one in commands if one.source not in names
         ],

@@ -13,6 +13,7 @@ from fsw.outputs import write_text
 from fsw_analysis.markdown import table
 from fsw_control import weld
 from fsw_control.contract import Limits
+from fsw_control.severity import Severity
 from fsw_model import ModelParameters
 from fsw_plant.config import specs
 from fsw_scenario.scenario import Scenario
@@ -172,7 +173,7 @@ class Heard:
     mode: str
     controller: str
     ready: Sequence[str]
-    interlocks: Sequence[str]
+    interlocks: Mapping[str, Severity]  #: that warn or are tripped
     #: of the ticks in which no controller commanded: why
     held: Sequence[str]
 
@@ -194,7 +195,9 @@ def check_rows(heard: Heard, needed: Sequence[str]) -> list[Row]:
     period_s = float(np.median(gaps)) if gaps.size else np.nan
     lost = max(0.0, 1.0 - weld.TICK_S / float(gaps.mean())) if gaps.size else 1.0
     missing = [name for name in needed if name not in heard.ready]
-    trouble = ", ".join(heard.interlocks) or "none"
+    trouble = (
+        ", ".join(f"{name} {level.word}" for name, level in heard.interlocks.items()) or "none"
+    )
     rows = [
         _row("mode", f"{heard.mode}, {heard.controller}", "auto", heard.mode == "auto"),
         _row(

@@ -11,6 +11,7 @@ import yaml
 
 from fsw.errors import CommandError
 from fsw.main import main
+from fsw_control.severity import Severity
 from fsw_lab import commission, commission_ros
 from fsw_lab.commissioning import (
     STEPS,
@@ -130,7 +131,7 @@ def heard(**changes):
         mode="auto",
         controller="decentral",
         ready=["decentral", "nmpc"],
-        interlocks=[],
+        interlocks={},
         held=["start-up"],
     )
     return Heard(**(values | changes))
@@ -146,7 +147,7 @@ def test_a_graph_at_rest_passes_the_check():
     [
         ("mode", {"mode": "hold"}),
         ("controllers", {"ready": ["nmpc"]}),
-        ("interlocks", {"interlocks": ["temperature_high:warn"]}),
+        ("interlocks", {"interlocks": {"temperature_high": Severity.WARN}}),
         ("tick", {"time_s": np.arange(100) * 0.2}),
         ("samples lost", {"time_s": np.r_[np.arange(50) * 0.1, 10.0 + np.arange(50) * 0.1]}),
         ("noise, depth", {"depth_mm": np.full(100, 2.66)}),

@@ -19,6 +19,7 @@ from fsw_control.diagnostic_names import local_name
 from fsw_control.reason import Reason
 from fsw_control.reports_ros import OK
 from fsw_control.sensors import REQUIRED, SENSORS
+from fsw_control.severity import Severity
 from fsw_control.topics_ros import LATEST
 from fsw_msgs.msg import SupervisorState, WeldCommand, WeldReference
 from fsw_msgs.srv import ListControllers, SetMode, SetReference, SwitchController
@@ -264,5 +265,6 @@ def _supervisor_rows(state: Any) -> list[tuple[str, str]]:
         rows.append(("  safe stop", needed))
     rows += [(f"  {controller.name}", health(controller)) for controller in state.controllers]
     if state.interlocks:
-        rows.append(("interlocks", ", ".join(state.interlocks)))
+        active = (f"{one.name} {Severity(one.level).word}" for one in state.interlocks)
+        rows.append(("interlocks", ", ".join(active)))
     return rows

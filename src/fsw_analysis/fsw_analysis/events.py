@@ -14,11 +14,12 @@ from fsw_analysis.weld_signals import FloatArray
 from fsw_control.cause import Cause
 from fsw_control.journal import AlarmChange, RequestKind
 from fsw_control.reason import Reason
+from fsw_control.severity import Severity
 
 STATE: dict[str, Kind] = {
     "actual_controller": "text",
     "actual_mode": "text",
-    "interlocks": "texts",
+    "interlocks": "texts",  # as messages; in older bags texts, whose level is not on record
 }
 #: which older bags lack: their causes are not on record, nor who asked, nor that another
 #: supervisor took over; and words, which they have instead
@@ -99,10 +100,11 @@ def of_state(times_s: FloatArray, state: Table) -> Iterator[WeldEvent]:
         "who",
     )
     yield from of_states(
-        (time_s, (*names_and_levels, Reason.of_messages(why).words or reason, cause, who))
-        for time_s, (*names_and_levels, why, reason, cause, who) in _in_order(
-            times_s, state, *names
+        (
+            time_s,
+            (*leads, map(_interlock, locks), Reason.of_messages(why).words or reason, cause, who),
         )
+        for time_s, (*leads, locks, why, reason, cause, who) in _in_order(times_s, state, *names)
     )
 
 
@@ -110,25 +112,26 @@ def of_states(states: Iterable[tuple[float, Any]]) -> Iterator[WeldEvent]:
     """Controllers, modes and leaders that take over, interlocks that trip and clear.
 
     ``states`` are times and, of each of the supervisor's reports, controller, mode, leader,
-    interlocks, reason, cause and who asked for it.
+    interlocks with their levels, reason, cause and who asked for it.
     """
     before: tuple[str, str, str] | None = None
-    present: frozenset[str] = frozenset()
+    present: frozenset[tuple[str, str]] = frozenset()
     for time_s, (controller, mode, leader, interlocks, reason, cause, who) in states:
         active = frozenset(interlocks)
         now, why = (controller, mode, leader), Cause(-1 if np.isnan(cause) else int(cause))
         for kind, old, new in zip(("swap", "mode", "takeover"), before or now, now, strict=True):
             if new != old:
                 yield WeldEvent(time_s, kind, new, cause=why, who=who, detail=reason)
-        for name in [*sorted(active - present), *sorted(present - active)]:
-            yield WeldEvent(time_s, "interlock", *_interlock(name), is_over=name in present)
+        for lock in [*sorted(active - present), *sorted(present - active)]:
+            yield WeldEvent(time_s, "interlock", *lock, is_over=lock in present)
         before, present = now, active
 
 
-def _interlock(name: str) -> tuple[str, str]:
-    """Name and level, which the supervisor joins."""
-    interlock, _, level = name.rpartition(":")
-    return interlock, level
+def _interlock(recorded: Any) -> tuple[str, str]:
+    """Name and level of an interlock on record; older bags have a text, whose level is not known."""
+    if isinstance(recorded, str):
+        return recorded, Severity.UNKNOWN.word
+    return recorded.name, Severity(recorded.level).word
 
 
 def of_actions(times_s: FloatArray, actions: Table) -> Iterator[WeldEvent]:

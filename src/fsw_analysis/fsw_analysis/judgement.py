@@ -26,6 +26,7 @@ from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import SIMULATED_NS, WeldSignals
 from fsw_control.cause import Cause
 from fsw_control.sensors import REQUIRED
+from fsw_control.severity import Severity
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S as TICK
 from fsw_recorder.errors import BagError
@@ -455,7 +456,7 @@ def _interlocks(events: Sequence[WeldEvent], evidence: Evidence) -> Rule:
     trips = [
         one.text
         for one in events
-        if one.kind == "interlock" and one.state == "trip" and not one.is_over
+        if one.kind == "interlock" and one.state != Severity.WARN.word and not one.is_over
     ]
     figure = ("; ".join(trips) or "none") if evidence.has_states else "not on record"
     return _rule("interlocks", "no trip", figure, bool(trips) or not evidence.has_states)

@@ -14,8 +14,8 @@ _WORDS = {
     "swap": "{subject} commands ({why})",
     "mode": "mode {subject} ({why})",
     "takeover": "another supervisor leads",
-    "interlock": "interlock {subject}:{state}",
-    "interlock over": "interlock {subject}:{state} is over",
+    "interlock": "interlock {subject}, {state}",
+    "interlock over": "interlock {subject}, {state}, is over",
     "operator": "{who}: {subject}: {state}",
     "alarm": "{priority} alarm {state}: {subject}",
     "alarm shelved": "{priority} alarm {state} by {who}, {detail}: {subject}",
@@ -39,7 +39,7 @@ class WeldEvent:
     #: the phase, what the weld became, the controller, the mode, the interlock, what was asked
     #: for, what the alarm says, the procedure, what the monitor found, or the faults
     subject: str = ""
-    #: of an interlock ``warn`` or ``trip``, of a request its outcome, of an alarm what became of
+    #: of an interlock ``warn``, ``trip`` or ``unknown``, of a request its outcome, of an alarm what became of
     #: it
     state: str = ""
     is_over: bool = False  #: an interlock or fault ends

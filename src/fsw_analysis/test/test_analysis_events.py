@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -15,8 +15,18 @@ from fsw_analysis.weld_signals import FloatArray
 from fsw_control.cause import Cause
 from fsw_control.journal import AlarmChange, RequestKind
 from fsw_control.reason import Reason, ReasonCode
+from fsw_control.severity import Severity
 
 ANNA = "anna (3f2a)"
+#: time and interlocks of bags before ``Interlock.msg``
+OLDER = ((0.0, ()), (1.0, ["depth_high:warn"]))
+
+
+class Interlock(NamedTuple):
+    name: str
+    level: int
+
+
 REQUESTED = SimpleNamespace(
     **Reason(ReasonCode.REQUESTED, subject="decentral").fields
 )  # as a message
@@ -59,7 +69,7 @@ def test_phases_and_states_of_a_programme_whatever_the_order_of_its_reports() ->
 def test_swaps_modes_leaders_and_interlocks_of_the_supervisor_but_not_what_it_begins_with() -> (
     None
 ):
-    warned, start = ("depth_high:warn",), int(Cause.READY)
+    warned, start = (Interlock("depth_high", Severity.WARN),), int(Cause.READY)
     times, state = table(
         [
             "actual_controller",
@@ -100,7 +110,7 @@ def test_swaps_modes_leaders_and_interlocks_of_the_supervisor_but_not_what_it_be
             "",
             "safe_stop",
             "b",
-            ("depth_high:trip",),
+            (Interlock("depth_high", Severity.TRIP),),
             (),
             "depth_high",
             int(Cause.INTERLOCK_TRIP),
@@ -110,18 +120,28 @@ def test_swaps_modes_leaders_and_interlocks_of_the_supervisor_but_not_what_it_be
     )
     found = list(events.of_state(times, state))
     assert told(found) == [
-        (1.0, "interlock", "interlock depth_high:warn"),
+        (1.0, "interlock", "interlock depth_high, warn"),
         (2.0, "swap", "decentral commands (anna (3f2a): request for decentral)"),
         (2.5, "takeover", "another supervisor leads"),
         (3.0, "swap", "no controller commands (interlock: depth_high)"),
         (3.0, "mode", "mode safe_stop (interlock: depth_high)"),
-        (3.0, "interlock", "interlock depth_high:trip"),
-        (3.0, "interlock", "interlock depth_high:warn is over"),
+        (3.0, "interlock", "interlock depth_high, trip"),
+        (3.0, "interlock", "interlock depth_high, warn, is over"),
         (4.0, "swap", "nmpc commands (cause not on record)"),
         (4.0, "mode", "mode auto (cause not on record)"),
-        (4.0, "interlock", "interlock depth_high:trip is over"),
+        (4.0, "interlock", "interlock depth_high, trip, is over"),
     ]
     assert [one.cause.on_request for one in found if one.kind == "swap"] == [True, False, False]
+
+
+def test_level_of_an_interlock_in_an_older_bag_is_unknown() -> None:
+    """It was in a text, which nothing reads; the judgement counts it as a trip."""
+    names = [*events.STATE, *events.STATE_ADDED]
+    rows = ((time_s, "nmpc", "auto", locks, 1.0, "", "a", (), "") for time_s, locks in OLDER)
+    found = [
+        (one.subject, one.state, one.is_over) for one in events.of_state(*table(names, *rows))
+    ]
+    assert found == [("depth_high:warn", "unknown", False)]
 
 
 def test_a_cause_is_a_fact_whatever_its_words_say() -> None:

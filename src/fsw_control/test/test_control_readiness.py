@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 from fsw_control.cause import Cause
+from fsw_control.coded import Coded
 from fsw_control.readiness import Lack, Readiness
 from fsw_control.reason import Reason
+from fsw_control.severity import Severity
 
 MESSAGES = Path(__file__).resolve().parents[2] / "fsw_msgs" / "msg"
 
@@ -54,9 +56,10 @@ def test_every_cause_has_words(kind: Cause) -> None:
 
 
 @pytest.mark.parametrize(
-    ("message", "kind"), [("SupervisorState", Cause), ("ControllerHealth", Lack)]
+    ("message", "kind"),
+    [("SupervisorState", Cause), ("ControllerHealth", Lack), ("Interlock", Severity)],
 )
-def test_the_messages_number_them_alike(message: str, kind: type[Cause] | type[Lack]) -> None:
+def test_the_messages_number_them_alike(message: str, kind: type[Coded]) -> None:
     text = (MESSAGES / f"{message}.msg").read_text(encoding="utf-8")
     told = {
         name: int(value)

@@ -17,6 +17,7 @@ from fsw_control.cause import Cause
 from fsw_control.contract import Reference
 from fsw_control.readiness import Lack, Readiness
 from fsw_control.sensors import OPTIONAL, REQUIRED
+from fsw_control.severity import Severity
 from fsw_control.stop import StopCause
 from fsw_hmi.alarms import Alarm
 from fsw_hmi.frames import readable
@@ -96,7 +97,8 @@ def _tripped(state: Mapping[str, Any]) -> str:
     """What the interlock says by which the weld stops; empty if another cause does."""
     if state["cause"] is not Cause.INTERLOCK_TRIP:
         return ""
-    names = [one.removesuffix(":trip") for one in state["interlocks"] if one.endswith(":trip")]
+    tripped = Severity.TRIP.word
+    names = [one["name"] for one in state["interlocks"] if one["level"] == tripped]
     return ", ".join(_TEXTS.interlocks[name][0] for name in names if name in _TEXTS.interlocks)
 
 
@@ -265,7 +267,7 @@ class AlarmRules:
         if state is None or (age_s is not None and age_s > NO_REPORT_S):
             return
         for interlock in state["interlocks"]:
-            name, _, level = interlock.partition(":")
+            name, level = interlock["name"], interlock["level"]
             what, advice = _TEXTS.interlocks.get(name, (name, "See the supervisor's log"))
             kind = level if level in ("warn", "trip") else "warn"
             found[alarm_id("interlock", name)] = alarm(kind, what=what, advice=advice)

@@ -50,11 +50,12 @@ class LiveWeld:
 
     def on_state(self, leader: str, state: Mapping[str, Any]) -> None:
         """Take what the supervisor reports, as the page gets it, and its identity."""
-        names = ("interlocks", "reason", "cause", "by")
+        names = ("reason", "cause", "by")
         self._state = (
             state["actual_controller"],
             state["actual_mode"],
             leader,
+            tuple((one["name"], one["level"]) for one in state["interlocks"]),
             *(state[name] for name in names),
         )
 

@@ -79,7 +79,7 @@ interface State {
   stop_cause: number;
   acknowledged: boolean;
   controllers: Health[];
-  interlocks: string[];
+  interlocks: { name: string; level: string }[];
   parts: { name: string; level: string; text: string }[];
 }
 interface Programme {

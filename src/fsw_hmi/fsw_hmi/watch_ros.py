@@ -22,6 +22,7 @@ from fsw_control.diagnostic_names import local_name
 from fsw_control.reason import Reason
 from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.sensors import REQUIRED, SENSORS
+from fsw_control.severity import Severity
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
 from fsw_hmi.alarm_rules import MONITOR, NO_REPORT_S, UNDER_WAY, Part
 from fsw_hmi.frames import COLUMNS, readable, short
@@ -265,7 +266,10 @@ def _state(message: SupervisorState) -> dict[str, Any]:
         **{name: readable(getattr(message, name)) for name in _WORDS},
         "reason": readable(Reason.of_messages(message.why).words),
         "controllers": [_controller(one) for one in message.controllers[:_MOST_CONTROLLERS]],
-        "interlocks": [readable(one) for one in message.interlocks[:_MOST_CONTROLLERS]],
+        "interlocks": [
+            {"name": readable(one.name), "level": Severity(one.level).word}
+            for one in message.interlocks[:_MOST_CONTROLLERS]
+        ],
         "cause": cause,
         "by": readable(message.who) or cause.words,
         "stop_cause": int(message.stop.cause),

@@ -39,6 +39,10 @@ def controller(name="nmpc", ready=True, inhibited=False, why="", missing_sensors
     }
 
 
+def lock(name, level):
+    return {"name": name, "level": level}
+
+
 def state(**changed):
     usual = {
         "target_controller": "nmpc",
@@ -115,10 +119,18 @@ def test_no_alarm_in_a_good_weld(rules):
             },
             *("failover", "medium"),
         ),
-        ({"state": state(interlocks=["depth_high:warn"])}, "interlock:depth_high", "medium"),
-        ({"state": state(interlocks=["depth_high:trip"])}, "interlock:depth_high", "high"),
-        ({"state": state(interlocks=["new_one:trip"])}, "interlock:new_one", "high"),
-        ({"state": state(interlocks=["odd"])}, "interlock:odd", "medium"),
+        (
+            {"state": state(interlocks=[lock("depth_high", "warn")])},
+            "interlock:depth_high",
+            "medium",
+        ),
+        (
+            {"state": state(interlocks=[lock("depth_high", "trip")])},
+            "interlock:depth_high",
+            "high",
+        ),
+        ({"state": state(interlocks=[lock("new_one", "trip")])}, "interlock:new_one", "high"),
+        ({"state": state(interlocks=[lock("odd", "unknown")])}, "interlock:odd", "medium"),
         (
             {"state": state(controllers=[controller(ready=False, inhibited=True)])},
             "controller:nmpc",
@@ -213,7 +225,7 @@ def test_no_alarm_in_a_good_weld(rules):
         (
             {
                 "values": {"temperature_c": 911.0, "reference_temperature_c": 911.0},
-                "state": state(interlocks=["temperature_high:trip"]),
+                "state": state(interlocks=[lock("temperature_high", "trip")]),
             },
             *("interlock:temperature_high", "high"),
         ),
@@ -337,7 +349,9 @@ def test_safe_stop_of_an_operator_is_no_trip(rules, cause):
 def test_interlock_that_trips_with_the_safe_stop_is_the_first(rules):
     alarms = AlarmList(lambda count: Alarm("", "", "", "low"))
     tripped = state(
-        actual_mode="safe_stop", cause=Cause.INTERLOCK_TRIP, interlocks=["depth_high:trip"]
+        actual_mode="safe_stop",
+        cause=Cause.INTERLOCK_TRIP,
+        interlocks=[lock("depth_high", "trip")],
     )
     alarms.update(rules.present(situation(state=tripped), 0.0), 0.0)
     assert alarms.entries["safe_stop"].first == "Shoulder too deep: tripped"
@@ -352,8 +366,8 @@ def test_a_stop_by_an_interlock_names_it_as_people_do(rules):
             "Safe stop: "
         )
 
-    assert why("depth_low:warn", "torque_high:trip") == "Torque too high"
-    assert why("new_one:trip") == why() == "so"
+    assert why(lock("depth_low", "warn"), lock("torque_high", "trip")) == "Torque too high"
+    assert why(lock("new_one", "trip")) == why() == "so"
 
 
 def test_supervisor_that_never_reports_is_an_alarm_when_the_plant_runs(rules):
@@ -444,7 +458,7 @@ def test_a_controller_that_tells_no_reason_is_told_as_such(rules):
 def test_odd_names_become_alarms_that_can_be_acknowledged(rules, name):
     odd = state(
         **dict.fromkeys(("reason", "actual_controller"), name),
-        interlocks=[name],
+        interlocks=[lock(name, "trip")],
         controllers=[controller(name, ready=False, why=name)],
     )
     found = rules.present(situation(state=odd, parts={name: {name: Part("error", name)}}), 0.0)

@@ -31,6 +31,7 @@ from fsw_msgs.msg import (
     ControllerHealth,
     ControllerStatus,
     DriveFeedback,
+    Interlock,
     OperatorAction,
     Prediction,
     Reason,
@@ -254,11 +255,12 @@ def test_state_prediction_and_alarms_reach_the_page(graph, page, monkeypatch):
             actual_mode="auto",
             target_mode="auto",
             controllers=[health],
-            interlocks=["depth_high:warn"],
+            interlocks=[Interlock(name="depth_high", level=Interlock.WARN)],
         )
     )
     shown = page.seen("state", lambda frame: frame["known"])
     assert (shown["actual_mode"], shown["controllers"][0]["ready"]) == ("auto", True)
+    assert shown["interlocks"] == [{"name": "depth_high", "level": "warn"}]
     predictions = graph.node.create_publisher(Prediction, "fsw/nmpc/prediction", STREAM)
     wait_until(predictions.get_subscription_count, "the page at the predictions")
     predictions.publish(
@@ -528,7 +530,10 @@ def test_odd_names_and_floods_leave_the_page_alive(graph, page):
     ]
     graph.states.publish(
         SupervisorState(
-            actual_mode="\n", actual_controller="ü", controllers=health, interlocks=odd * 100
+            actual_mode="\n",
+            actual_controller="ü",
+            controllers=health,
+            interlocks=[Interlock(name=name, level=77) for name in odd * 100],
         )
     )
     page.seen("state", lambda frame: len(frame["controllers"]) == 20)

@@ -11,7 +11,7 @@ from builtin_interfaces.msg import Time
 from fsw_control import messages_ros as convert
 from fsw_control.fence import Signature
 from fsw_control.reports_ros import ERROR, OK, WARN, Report
-from fsw_msgs.msg import ControllerHealth, SupervisorState, WeldCommand
+from fsw_msgs.msg import ControllerHealth, Interlock, SupervisorState, WeldCommand
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.controller_registry import ControllerRecord
 from fsw_supervisor.settings import ArbiterSettings
@@ -73,7 +73,9 @@ def state(arbiter: Arbiter, now: Time, signature: Signature) -> SupervisorState:
         since=convert.stamp_from_ns(machine.since_ns),
         transitions=machine.transitions,
         controllers=[health(arbiter, record) for record in arbiter.registry],
-        interlocks=list(arbiter.safety.active),
+        interlocks=[
+            Interlock(name=name, level=level) for name, level in arbiter.safety.active.items()
+        ],
     )
     message.header.stamp = now
     convert.sign(message, signature)
@@ -160,7 +162,7 @@ def _process_status(arbiter: Arbiter) -> Report:
         parts.append(f"invalid sensors: {', '.join(safety.invalid_sensors)}")
     if safety.active:
         level = ERROR if safety.tripped else WARN
-        parts.append(", ".join(safety.active))
+        parts += [f"{name} {level.word}" for name, level in safety.active.items()]
     reasons: dict[str, object] = {
         f"{name} state": why or "good" for name, why in safety.sensor_reasons.items()
     }

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 from math import inf, isfinite, isnan, nan
 from typing import Any
 
@@ -23,6 +22,7 @@ from fsw_control.contract import Command
 from fsw_control.parameters import defaults, load
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.sensors import REQUIRED, SENSORS
+from fsw_control.severity import Severity
 from fsw_control.stop import StopCause
 from fsw_control.units import NANOSECONDS, kw_from_w, rad_s_from_rpm
 from fsw_control.validity import SensorGuard, sensor_limits
@@ -31,16 +31,7 @@ from fsw_supervisor.persistence import Persistence
 from fsw_supervisor.state_machine import Level, Machine, Mode
 from fsw_supervisor.tick import GAP_S, Tick
 
-
-class Severity(StrEnum):
-    """State of one interlock."""
-
-    OK = "ok"
-    WARN = "warn"
-    TRIP = "trip"
-
-
-_ORDER = tuple(Severity)
+_ORDER = Severity.OK, Severity.WARN, Severity.TRIP
 _LOG_LEVELS = {Severity.OK: Level.INFO, Severity.WARN: Level.WARN, Severity.TRIP: Level.ERROR}
 #: by interlock, the value that it watches
 _QUANTITIES = {
@@ -199,12 +190,10 @@ class SafetyMonitor:
         return self._guard.held
 
     @property
-    def active(self) -> tuple[str, ...]:
-        """Active warnings and trips, e.g. ``temperature_high:warn``."""
-        levels = tuple(
-            f"{name}:{level}" for name, level in self._levels.items() if level is not Severity.OK
-        )
-        return levels + tuple(f"{name}:{Severity.TRIP}" for name in self._standing)
+    def active(self) -> dict[str, Severity]:
+        """Active warnings and trips, jumps and blindness, by name."""
+        levels = {n: level for n, level in self._levels.items() if level is not Severity.OK}
+        return levels | dict.fromkeys(self._standing, Severity.TRIP)
 
     @property
     def tripped(self) -> tuple[str, ...]:
@@ -378,6 +367,6 @@ class SafetyMonitor:
         if level is present:
             return
         self._levels[item.name] = level
-        text = f"{item.name} is {level}: {item.quantity} {value:.4g}"
+        text = f"{item.name} is {level.word}: {item.quantity} {value:.4g}"
         self._causes[item.name] = text
         self._machine.log(_LOG_LEVELS[level], "interlock", text)

@@ -6,8 +6,9 @@ from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_control.parameters import defaults, load
 from fsw_control.reason import Reason, ReasonCode
+from fsw_control.severity import Severity
 from fsw_supervisor.in_force import CommandInForce
-from fsw_supervisor.safety_monitor import Interlock, SafetyMonitor, Severity, interlocks_from
+from fsw_supervisor.safety_monitor import Interlock, SafetyMonitor, interlocks_from
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Level, Machine, Mode
 from fsw_supervisor.tick import Tick
@@ -97,13 +98,13 @@ def test_each_interlock_warns_and_trips_after_three_values_and_it_is_told_with_t
     monitor, name
 ):
     quantity, warning, trip, _ = CASES[name]
-    for value, level in ((warning, "warn"), (trip, "trip")):
+    for value, level in ((warning, WARN), (trip, TRIP)):
         for count in range(1, 4):
             monitor.watch({quantity: value})
-            assert (f"{name}:{level}" in monitor.active) == (count == 3)
+            assert (monitor.active.get(name) is level) == (count == 3)
         event = last_told(monitor)
-        assert event.text == f"{name} is {level}: {quantity} {value:.4g}"
-        assert event.level is (Level.WARN if level == "warn" else Level.ERROR)
+        assert event.text == f"{name} is {level.word}: {quantity} {value:.4g}"
+        assert event.level is (Level.WARN if level is WARN else Level.ERROR)
     assert monitor.tripped == (name,)
     assert monitor._words(monitor.tripped) == f"{name} is trip: {quantity} {trip:.4g}"
 
@@ -129,7 +130,7 @@ def test_a_warning_is_gone_with_the_first_value_without_it(monitor):
     for _ in range(3):
         monitor.watch({"temperature_c": 905.0})
     monitor.watch({"temperature_c": 890.0})
-    assert monitor.active == ()
+    assert monitor.active == {}
     event = last_told(monitor)
     assert (event.level, event.text) == (Level.INFO, "temperature_high is ok: temperature_c 890")
 
@@ -138,9 +139,9 @@ def test_a_warning_is_gone_with_the_first_value_without_it(monitor):
 def test_a_trip_may_become_a_warning(monitor):
     for value in (911.0, 911.0, 911.0, 905.0, 905.0):
         monitor.watch({"temperature_c": value})
-    assert monitor.active == ("temperature_high:trip",)
+    assert monitor.active == {"temperature_high": TRIP}
     monitor.watch({"temperature_c": 905.0})
-    assert monitor.active == ("temperature_high:warn",)
+    assert monitor.active == {"temperature_high": WARN}
 
 
 def test_several_causes_are_told_together(monitor):

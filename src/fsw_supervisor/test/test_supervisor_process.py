@@ -7,7 +7,8 @@ import pytest
 
 from fsw_control.cause import Cause
 from fsw_control.reason import Reason, ReasonCode
-from fsw_supervisor.safety_monitor import Interlock, SafetyMonitor, Severity
+from fsw_control.severity import Severity
+from fsw_supervisor.safety_monitor import Interlock, SafetyMonitor
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Machine, Mode
 
@@ -129,14 +130,14 @@ def test_an_interlock_trips_into_safe_stop_whoever_controls(rig, sensor, value, 
     rig.run(3)
     assert rig.last.source == "safe_stop"
     assert rig.arbiter.machine.cause is Cause.INTERLOCK_TRIP
-    assert f"{name}:trip" in rig.arbiter.safety.active
+    assert rig.arbiter.safety.active[name] is Severity.TRIP
     ok, message = rig.arbiter.operator.ask_mode("auto", None, "operator")
     assert not ok
     assert name in message
     for step in range(21):
         rig.values[sensor] = value + (start - value) * step / 20
         rig.run(1)
-    assert rig.arbiter.safety.active == ()
+    assert rig.arbiter.safety.active == {}
     assert rig.last.source == "safe_stop", "only the operator leads out"
     assert rig.arbiter.operator.acknowledge("operator")[0]
     assert rig.arbiter.operator.ask_mode("auto", None, "operator")[0]
@@ -177,7 +178,7 @@ def test_hysteresis_of_warning_and_trip(monitor):
         898.0,
     ):
         monitor.watch({"temperature_c": value})
-        seen.append(monitor.active[0].rpartition(":")[2] if monitor.active else "ok")
+        seen.append(monitor.active.get("temperature_high", Severity.OK).word)
     assert seen == ["ok"] * 3 + [
         "warn",
         "warn",
@@ -205,7 +206,7 @@ def test_low_interlocks_mirror_high_ones():
 def test_a_value_that_is_not_finite_leaves_the_level(monitor):
     for value in (905.0, 905.0, 905.0, NAN, NAN):
         monitor.watch({"temperature_c": value})
-    assert monitor.active == ("temperature_high:warn",)
+    assert monitor.active == {"temperature_high": Severity.WARN}
 
 
 @pytest.mark.parametrize(

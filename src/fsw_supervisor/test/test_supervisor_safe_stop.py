@@ -8,6 +8,7 @@ from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_control.parameters import defaults, load
 from fsw_control.reason import Reason
+from fsw_control.severity import Severity
 from fsw_control.stop import StopCause
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.settings import ArbiterSettings
@@ -125,7 +126,7 @@ def test_a_value_that_becomes_unknown_clears_no_trip(rig, unknown):
     else:
         rig.values["thermocouple"] = unknown
     rig.run(50)
-    assert "temperature_high:trip" in rig.arbiter.safety.active
+    assert rig.arbiter.safety.active["temperature_high"] is Severity.TRIP
     assert not acknowledge(rig)[0]
 
 
@@ -225,12 +226,12 @@ def monitor():
 @pytest.mark.parametrize(
     ("values", "level"),
     [
-        ((905.0, 905.0, 911.0), "warn"),
-        ((905.0, 911.0, 911.0), "warn"),
-        ((911.0, 905.0, 911.0), "warn"),
-        ((905.0, 905.0, 911.0, 911.0, 905.0, 911.0), "warn"),
-        ((911.0, 911.0, 911.0), "trip"),
-        ((905.0, 911.0, 911.0, 911.0), "trip"),
+        ((905.0, 905.0, 911.0), "WARN"),
+        ((905.0, 911.0, 911.0), "WARN"),
+        ((911.0, 905.0, 911.0), "WARN"),
+        ((905.0, 905.0, 911.0, 911.0, 905.0, 911.0), "WARN"),
+        ((911.0, 911.0, 911.0), "TRIP"),
+        ((905.0, 911.0, 911.0, 911.0), "TRIP"),
         ((911.0, 850.0, 911.0, 911.0), ""),
         ((905.0, 905.0, 850.0), ""),
     ],
@@ -238,7 +239,7 @@ def monitor():
 def test_a_level_is_believed_after_as_many_values_at_it_or_worse(monitor, values, level):
     for value in values:
         monitor.watch({"temperature_c": value})
-    assert monitor.active == ((f"temperature_high:{level}",) if level else ())
+    assert monitor.active == ({"temperature_high": Severity[level]} if level else {})
 
 
 @pytest.mark.requirement("S26")

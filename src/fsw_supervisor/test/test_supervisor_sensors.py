@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from fsw_control.contract import Command
 from fsw_control.parameters import defaults, load
 from fsw_control.sensors import REQUIRED
+from fsw_control.severity import Severity
 from fsw_supervisor.safety_monitor import Blindness, SafetyMonitor
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Machine, Mode
@@ -63,7 +64,7 @@ def stopped_after(rig, ticks):
 def test_a_worse_value_stops_no_later(rig, sensor, value, interlock):
     rig.values[sensor] = value
     assert stopped_after(rig, 10) == 3
-    assert f"{interlock}:trip" in rig.arbiter.safety.active
+    assert rig.arbiter.safety.active[interlock] is Severity.TRIP
 
 
 @pytest.mark.requirement("S36")

@@ -19,7 +19,7 @@ export class Controllers {
     renew(this.rows, JSON.stringify([state.controllers, state.actual_controller]), () => state.controllers.map((one) => row(one, state)));
     const notes = state.controllers.filter((one) => one.reason).map((one) => ({ level: one.inhibited ? "error" : "warn", text: `${one.name}: ${one.reason}` }));
     const parts = state.parts.filter((part) => part.level !== "ok").map((part) => ({ level: part.level, text: `${part.name}: ${part.text}` }));
-    const locks = state.interlocks.map((name) => ({ level: name.endsWith(":warn") ? "warn" : "error", text: `interlock ${name}` }));
+    const locks = state.interlocks.map(({ name, level }) => ({ level: level === "warn" ? "warn" : "error", text: `interlock ${name}: ${level}` }));
     const healthy = { level: "ok", text: state.parts.length ? `all ${state.parts.length} parts report well` : "no diagnostics" };
     const all = locks.length + notes.length + parts.length ? [...locks, ...notes, ...parts] : [healthy];
     renew(this.notes, JSON.stringify(all), () => all.map(note));
