@@ -7,8 +7,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from fsw.bags import print_notes
 from fsw.command import assignment, command, file, option, repeated, switch
 from fsw.console import print_table
@@ -27,7 +25,7 @@ from fsw_control.parameters import load as load_parameters
 from fsw_control.weld import TICK_S
 from fsw_plant import PlantConfig, prepare
 from fsw_recorder.bag_metadata import IDENTITY
-from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.closed_loop import ClosedLoop, unhealthy
 from fsw_scenario.controllers import name_of, variant_of
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher
@@ -195,16 +193,9 @@ def write_results(
 
 
 def _print_health(run: Run) -> None:
-    """Report on stderr how often a controller was unhealthy, with the first reason."""
-    notes = list(run.signals.problems)
-    for name, proposal in run.signals.proposals.items():
-        ticks = np.flatnonzero(proposal.healthy == 0.0)
-        if ticks.size:
-            text = f"{name} is unhealthy in {ticks.size} of {run.signals.n_ticks} ticks"
-            notes.append(
-                f"{text}, first at {run.signals.time_s[ticks[0]]:.1f} s: "
-                f"{proposal.reason[ticks[0]]}"
-            )
+    """Report on stderr how often a controller was unhealthy, and the first reason."""
+    remarks = filter(None, (unhealthy(run.signals, name) for name in run.signals.proposals))
+    notes = dict.fromkeys([*run.signals.problems, *remarks])
     print_notes(f"{run.label}: {note}" for note in notes)
 
 

@@ -172,8 +172,13 @@ class Comparison(dict[str, Weld]):
         return [weld.kpi for weld in self.values()]
 
     def __str__(self) -> str:
-        """Table in Markdown with a column per weld."""
-        return kpi_table.markdown(self.kpi)
+        """Table in Markdown with a column per weld, and below it the problems of the welds."""
+        notes = [
+            f"- {weld.label}: {problem}"
+            for weld in self.values()
+            for problem in weld.signals.problems
+        ]
+        return "\n\n".join([kpi_table.markdown(self.kpi), *(["\n".join(notes)] if notes else [])])
 
     _repr_markdown_ = __str__
 
@@ -257,8 +262,9 @@ def simulate(
     Raises
     ------
     fsw_schema.models.InputError
-        If something is missing, invalid or out of range, or the controller proposed nothing
-        usable.
+        When something of this is not there or out of range, or the controller proposed nothing
+        that could be applied at any tick. Where that was so for a part of the weld, its
+        ``signals.problems`` have a remark.
     fsw_model.OperatingPointError
         If the plant has no equilibrium to start from.
 

@@ -204,12 +204,21 @@ def test_the_last_command_is_held_while_a_controller_proposes_none():
     assert set(weld["command_source"][:90]) == {"hold"} and set(weld["command_source"][110:]) == {
         "nothing"
     }
+    [remark] = weld.signals.problems
+    held = weld["command_source"] == "hold"
+    assert f"{held.sum()} of 600 ticks" in remark and f"{1.0 - held.mean():.1%}" in remark
+    assert "first at tick 1 (0.1 s)" in remark and "not yet" in remark
+    assert fsw.simulate("quick").signals.problems == []
 
 
 def test_welds_of_equal_labels_are_kept_apart():
     both = fsw.compare("quick", [Late(), Late(), "decentral"])
     assert list(both) == ["nothing", "nothing (2)", "decentral"]
     assert [one["label"] for one in both.kpi] == list(both)
+    table = str(both)
+    for label in list(both)[:2]:  # figures of a held command have a remark
+        assert f"- {label}: {both[label].signals.problems[0]}" in table
+    assert "- decentral:" not in table
     assert fsw.simulate("quick", label="mine").label == "mine"
 
 

@@ -151,9 +151,10 @@ class ClosedLoop:
     def run(self, progress: Callable[[float], None] | None = None) -> WeldSignals:
         """Run to the end and return the same signals as a bag of the weld.
 
-        ``progress`` is called now and then with the completed share, 0 to 1. Raises InputError
-        with the reason at the first tick if the selected controller proposed nothing usable at any
-        tick, as the figures of a held command are meaningless.
+        ``progress`` is called now and then with the share done, 0 to 1. InputError with the reason
+        at the first tick if the controller that was selected proposed nothing that could be
+        applied: figures of a held command are none. For a part of the weld, and without a
+        supervisor, the signals' problems have a remark.
         """
         scenario, plant, limits = self.scenario, self.plant, Limits()
         programme, swaps = _Programme(scenario), deque(switches(scenario).items())
@@ -212,7 +213,10 @@ class ClosedLoop:
                 f"{scenario.name}: {first} proposed nothing usable "
                 f"at any of {len(ticks)} ticks: {why}"
             )
-        return self._signals(ticks)
+        signals = self._signals(ticks)
+        if supervisor is None and (remark := unhealthy(signals, first)):
+            signals.problems.append(remark)  # the figures are partly those of a held command
+        return signals
 
     def _signals(self, ticks: Sequence[_Tick]) -> WeldSignals:
         stamps = np.array([tick.stamp_ns for tick in ticks], dtype=np.int64)
@@ -248,6 +252,19 @@ class ClosedLoop:
             truth=_group(TruthSignals, [tick.truth for tick in ticks]),
             attachments={"scenario.yaml": self.scenario.text.encode()},
         )
+
+
+def unhealthy(signals: WeldSignals, name: str) -> str:
+    """How often, and why first, a controller's proposals could not be applied; empty if they always could."""
+    proposal = signals.proposals[name]
+    ticks = np.flatnonzero(proposal.healthy == 0.0)
+    if not ticks.size:
+        return ""
+    first, commanded = int(ticks[0]), float(np.mean(signals.command_source == name))
+    return (
+        f"{name} is unhealthy in {ticks.size} of {signals.n_ticks} ticks and commanded {commanded:.1%} of them, "
+        f"first at tick {first + 1} ({signals.time_s[first]:.1f} s): {proposal.reason[first]}"
+    )
 
 
 def _proposal_signals(ticks: Sequence[_Tick], name: str) -> ProposalSignals:
