@@ -66,7 +66,7 @@ def make(
     Raises
     ------
     fsw_recorder.errors.BagError
-        There is no bag, it cannot be read, or it holds no weld in the procedure's phases.
+        There is no bag, it cannot be read, or it has no sample of any sensor.
     """
     return judged(bag, procedure, *read(bag, progress))
 
@@ -99,13 +99,6 @@ def judged(
     if not np.isfinite(sensors).any():
         raise BagError(
             f"{bag}: has no sample of any sensor; a record needs /fsw/depth, /fsw/spindle_torque and others"
-        )
-    wanted, names = [one.name for one in procedure.phases], [name for name, _ in signals.phases]
-    if not set(wanted) & set(names):
-        actual = f"it has {', '.join(names)}" if names else "no phase is on /fsw/weld_progress"
-        raise BagError(
-            f"{bag}: has no phase of procedure {procedure.id} ({', '.join(wanted)}): {actual}; give the bag of a weld "
-            "with a programme, or its own procedure"
         )
     return assemble(signals, procedure, files_of(bag), proof)
 

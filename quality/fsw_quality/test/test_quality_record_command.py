@@ -244,23 +244,30 @@ def test_what_has_no_record_is_said_in_one_line(
 ) -> None:
     with BagWriter(tmp_path / "empty"):
         pass
-    write_programme_weld(tmp_path / "programme")
-    foreign = with_changes(tmp_path, phases=[PHASES[1]])
     for bag, asked, said in (
         (tmp_path / "none", "copper_lid", "there is no such bag"),
         (tmp_path / "empty", "copper_lid", "the bag holds no messages"),
-        (weld_bag, "copper_lid", "has no phase of procedure copper_lid (dwell, start, downward"),
-        (
-            tmp_path / "programme",
-            foreign,
-            "it has dwell, start; give the bag of a weld with a programme",
-        ),
         (weld_bag, "no_such", "cannot read procedure no_such"),
     ):
         assert run(bag, "--procedure", asked, "--out", tmp_path / "out") == 1
         error = capsys.readouterr().err.strip()
         assert said in error.splitlines()[-1] and error.count("error:") == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("has_programme", [False, True])
+def test_weld_without_a_phase_of_its_procedure_is_rejected(
+    weld_bag: Path, tmp_path: Path, has_programme: bool
+) -> None:
+    """Whether it has no programme, or that of another procedure: it was welded, so it has a record."""
+    if has_programme:
+        write_programme_weld(tmp_path / "programme")
+    foreign = procedure.load(with_changes(tmp_path, phases=[PHASES[1]]))
+    found, _ = make(tmp_path / "programme" if has_programme else weld_bag, foreign)
+    assert (verdict(found), found.deciding.name) == ("reject", "complete")
+    assert "no phase of the procedure" in found.deciding.figure
+    names = ["dwell", "start"] if has_programme else []
+    assert [phase.phase for phase in found.phases] == [*names, "whole weld"]
 
 
 def test_what_is_not_as_the_manifest_has_it_is_on_record(tmp_path: Path) -> None:

@@ -288,7 +288,9 @@ def _phases(course: Course, procedure: Procedure) -> Iterator[str]:
     """What the phases lack."""
     names = [name for name, _ in course.spans() if name]
     if names != [phase.name for phase in procedure.phases]:
-        yield f"phases on record: {', '.join(names) or 'none'}"
+        on_record = f"phases on record: {', '.join(names) or 'none'}"
+        none = {phase.name for phase in procedure.phases}.isdisjoint(names)
+        yield f"no phase of the procedure took place; {on_record}" if none else on_record
     spans = dict(course.spans())
     deg_per_s = np.degrees(
         procedure.machine.traverse_mm_per_min / 60.0 / (0.5 * procedure.geometry.diameter_mm)
