@@ -316,6 +316,20 @@ def test_the_same_tuning_is_recognised() -> None:
     )
 
 
+def test_a_tuning_is_known_by_the_content_of_its_file() -> None:
+    def hash_of(**parameters: str) -> str:
+        weld, *_ = broken("tuning")
+        content = {"/fsw_decentral": {"ros__parameters": parameters}}
+        weld.attachments["parameters/fsw_decentral.yaml"] = yaml.safe_dump(content).encode()
+        return judged(weld).parameters_sha256["decentral"]
+
+    own = hash_of(tuning_file="a.yaml", tuning_file_sha256="1" * 64)
+    assert hash_of(tuning_file="b.yaml", tuning_file_sha256="1" * 64) == own
+    assert hash_of(tuning_file="a.yaml", tuning_file_sha256="2" * 64) != own
+    # older bags have the path alone
+    assert hash_of(tuning_file="a.yaml") != hash_of(tuning_file="b.yaml")
+
+
 def test_a_frozen_sensor_is_for_review() -> None:
     weld = good_weld()
     weld.temperature_c += np.random.default_rng(0).normal(0.0, 0.1, TICKS)

@@ -122,8 +122,9 @@ def of_states(states: Iterable[tuple[float, Any]]) -> Iterator[WeldEvent]:
         for kind, old, new in zip(("swap", "mode", "takeover"), before or now, now, strict=True):
             if new != old:
                 yield WeldEvent(time_s, kind, new, cause=why, who=who, detail=reason)
-        for lock in [*sorted(active - present), *sorted(present - active)]:
-            yield WeldEvent(time_s, "interlock", *lock, is_over=lock in present)
+        for name, level in [*sorted(active - present), *sorted(present - active)]:
+            is_over = (name, level) in present
+            yield WeldEvent(time_s, "interlock", name, level, is_over=is_over)
         before, present = now, active
 
 

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Field, PositiveFloat, Strict, model_validator
 
 from fsw_analysis.rule_book import RuleBook, Sourced, Text, default
+from fsw_control.parameters import CONTENT_SHA256
 from fsw_control.sensors import SENSORS
 from fsw_recorder.findings import Code, EvidenceError, finding
 from fsw_recorder.signature import Purpose, Signer, TrustedKey, signature_path, verify_file
@@ -185,8 +186,9 @@ def tuning_sha256(parameters: Mapping[str, Any]) -> str:
 
 
 def tuning(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """The parameters that say something of the control."""
-    return {key: value for key, value in parameters.items() if key not in NOT_TUNING}
+    """The parameters that say something of the control: of a file its content, wherever it is."""
+    paths = {key for key in parameters if f"{key}{CONTENT_SHA256}" in parameters}
+    return {key: value for key, value in parameters.items() if key not in {*NOT_TUNING, *paths}}
 
 
 def attached(attachments: Mapping[str, bytes]) -> list[Procedure]:

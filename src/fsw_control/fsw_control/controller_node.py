@@ -22,7 +22,7 @@ from fsw_control.message_synchronizer import SampleSet
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import Source, load, load_source, problem
-from fsw_control.parameters_ros import ParameterValues, declare
+from fsw_control.parameters_ros import ParameterValues, declare, state_contents
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.references import ReferencePlan
 from fsw_control.references_ros import StatedReference, reference_queue, subscribe_references
@@ -103,10 +103,11 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
     def _open_parameters(self) -> None:
         self._settings.on_change(lambda values: self._guard.configure(sensor_limits(values)))
         self._settings.add_check(partial(problem, sensor_limits))
-        if hasattr(self.controller, "check"):
-            self._own.add_check(self.controller.check)
-        if hasattr(self.controller, "configure"):
-            self._own.on_change(self.controller.configure)
+        state_contents(self, self._own)
+        if hasattr(self._controller, "check"):
+            self._own.add_check(self._controller.check)
+        if hasattr(self._controller, "configure"):
+            self._own.on_change(self._controller.configure)
 
     def _open_topics(self) -> None:
         self._proposals = self.create_publisher(

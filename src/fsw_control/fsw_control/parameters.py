@@ -38,6 +38,8 @@ from fsw_schema.errors import InputError
 from fsw_schema.files import read_regular
 from fsw_schema.yaml_text import content_of
 
+#: end of the name of a parameter with the hash of what the file holds that another one names
+CONTENT_SHA256 = "_sha256"
 TYPES = ("double", "int", "bool", "string", "string_array", "double_array")
 #: where parameters are described: package and file, or a path; None: there are none
 Source = tuple[str, str] | str | Path | None

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces.msg import (
@@ -13,7 +15,7 @@ from rcl_interfaces.msg import (
 )
 from rclpy.parameter import Parameter
 
-from fsw_control.parameters import ParameterSpec, load
+from fsw_control.parameters import CONTENT_SHA256, ParameterSpec, load
 from fsw_schema.errors import InputError
 
 if TYPE_CHECKING:
@@ -73,6 +75,40 @@ class ParameterValues:
             self.values = self.values | changed
             for callback in self._callbacks:
                 callback(self.values)
+
+
+def state_contents(node: Node, own: ParameterValues) -> None:
+    """Declare beside each parameter ``..._file`` one with the hash of what the file holds.
+
+    So who reads the parameters, e.g. the recorder of a weld on another computer, knows the content.
+    """
+    files = {f"{name}{CONTENT_SHA256}": name for name in own.values if name.endswith("_file")}
+
+    def check(parameters: list[Parameter]) -> SetParametersResult:
+        for one in parameters:
+            if one.name in files and one.value != _sha256(own[files[one.name]]):
+                reason = f"{one.name} follows from {files[one.name]}"
+                return SetParametersResult(successful=False, reason=reason)
+        return SetParametersResult(successful=True)
+
+    def update(values: dict[str, Any]) -> None:
+        node.set_parameters(
+            [Parameter(stated, value=_sha256(values[name])) for stated, name in files.items()]
+        )
+
+    node.add_on_set_parameters_callback(check)
+    for stated, name in files.items():
+        text = f"SHA-256 of the content of {name}, from which it follows; empty: no file"
+        node.declare_parameter(stated, _sha256(own[name]), ParameterDescriptor(description=text))
+    if files:
+        own.on_change(update)
+
+
+def _sha256(file: str) -> str:
+    try:
+        return hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else ""
+    except OSError:
+        return "unreadable"
 
 
 def _ros_type(spec: ParameterSpec) -> Parameter.Type:

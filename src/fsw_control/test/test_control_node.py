@@ -1,6 +1,7 @@
 """The controller node among real topics: what goes in, what comes out, what goes wrong."""
 
 import math
+from hashlib import sha256
 
 import pytest
 import rclpy
@@ -438,6 +439,34 @@ def test_in_lockstep_a_repeated_tick_gets_the_same_answer_without_another_step(s
     peer.tick(2)
     assert len(peer.got["proposal"]) == 4
     assert len(peer.controller.seen) == 2
+
+
+def test_content_of_a_file_that_a_parameter_names_is_stated(tmp_path):
+    """Its path alone says nothing of what the controller was tuned with."""
+    description = 'type: string, default_value: "", description: "Tuning"'
+    (tmp_path / "echo.yaml").write_text(PARAMETERS + f"tuning_file: {{{description}}}")
+    hashes = {}
+    for name, text in (("a", "gain: 1"), ("b", "gain: 2"), ("c", "gain: 1")):
+        (tmp_path / name).write_text(text)
+        hashes[name] = sha256(text.encode()).hexdigest()
+    rclpy.init(args=["test", "--ros-args", "-p", f"tuning_file:={tmp_path / 'a'}"])
+    try:
+        node = ControllerNode("echo", Echo, tmp_path / "echo.yaml")
+
+        def stated():
+            return node.get_parameter("tuning_file_sha256").value
+
+        assert stated() == hashes["a"]
+        for name in ("b", "c"):
+            file = Parameter("tuning_file", value=str(tmp_path / name))
+            assert node.set_parameters([file])[0].successful and stated() == hashes[name]
+        [other] = node.set_parameters([Parameter("tuning_file_sha256", value="x" * 64)])
+        assert not other.successful and stated() == hashes["c"]
+        assert node.set_parameters([Parameter("tuning_file", value="")])[0].successful
+        assert stated() == ""
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
 
 
 def test_bad_parameter_at_start_is_refused(tmp_path):
