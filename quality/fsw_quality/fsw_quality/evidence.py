@@ -38,6 +38,7 @@ from fsw_recorder.signature import (
     Signer,
     SigningKey,
     TrustedKey,
+    check_revocation,
     check_trust,
     fingerprint,
     sign,
@@ -150,6 +151,9 @@ def _draft(
         recorder = recorder_of(bag, policy.trusted or (() if policy.require_signed else None))
     except EvidenceError as error:
         findings += error.findings
+    for name, signer in ((MANIFEST_NAME, recorder), ("procedure", subject.procedure_signer)):
+        if signer and (entry := check_revocation(signer, [now], policy.trusted, name)):
+            findings.append(entry)
     procedure = weld.procedure
     notes += _unsigned(procedure, subject.procedure_signer, recorder)
     if procedure is not None and not weld.attached:
@@ -306,6 +310,7 @@ def verify_bag(
         _check_signers(result, policy, now)
         _check_documents(result, documents)
         _check_place(result, signed, chain)
+        _check_revocations(result, policy, chain)
     if not any(entry.name for entry in policy.trusted):
         result.not_checked.append(finding(Code.ALL_KEYS, ATTESTATION_NAME))
     return result
@@ -361,6 +366,23 @@ def _check_signers(result: Verification, policy: Policy, now: datetime) -> None:
             "begin of the weld": weld_times(manifest)[0],
         }
         result.findings += order_findings(ATTESTATION_NAME, begin)
+
+
+def _check_revocations(result: Verification, policy: Policy, chain: Chain | None) -> None:
+    """Signatures by keys that were revoked since: others must have signed for them before."""
+    attested, last = result.attested, result.signers[Purpose.ATTESTATION]
+    assert attested is not None
+    later = [
+        entry.signer
+        for entry in (chain.entries if chain else ())
+        if entry.content.number > attested.number
+    ]
+    for purpose, signer in result.signers.items():
+        covering = later if purpose is Purpose.ATTESTATION else [last, *later]
+        shown_at = [other.signed_at for other in covering if other.key != signer.key]
+        if entry := check_revocation(signer, shown_at, policy.trusted, purpose.value):
+            unknown = entry.code is Code.REVOCATION_BY_OWN_CLOCK
+            (result.not_checked if unknown else result.findings).append(entry)
 
 
 def _check_documents(result: Verification, documents: Sequence[Path]) -> None:

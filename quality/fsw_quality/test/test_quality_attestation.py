@@ -27,6 +27,8 @@ from fsw_recorder.signature import (
     load_private,
     load_trusted,
     make_key,
+    sign,
+    signature_path,
 )
 from fsw_scenario import procedure
 from fsw_test_support.sample_weld import sample_messages, sample_topics
@@ -285,6 +287,46 @@ def test_the_next_key_continues_the_chain_and_an_expired_one_does_not(shop: Shop
     revoked = [entry.changed(name="former", revoked=NOW.date()) for entry in shop.trusted]
     chain = read_chain(shop.chain_folder, (*revoked, trusted[-1]))
     assert [entry.code for entry in chain.findings] == [Code.KEY_REVOKED] * COUNT
+
+
+def test_a_key_revoked_later_is_proven_by_what_others_signed_before(shop: Shop) -> None:
+    """Else its own clock is the only witness, which is said; what others signed later convicts it."""
+    make_key(shop.folder / "next")
+    following = load_private(shop.folder / "next")
+    first, last = NOW + timedelta(days=2), NOW + timedelta(days=5)
+    revoked = [
+        entry.changed(name="former", revoked=(NOW + timedelta(days=4)).date())
+        for entry in shop.trusted
+    ]
+    trusted = (*revoked, TrustedKey(name="next", key=following.public))
+
+    def codes(number: int) -> tuple[list[Code], bool]:
+        chain = read_chain(shop.chain_folder, trusted)
+        result = verify_bag(shop.bag(number), Policy(trusted), last, chain)
+        unknown = {entry.code for entry in result.not_checked}
+        return [one.code for one in result.findings], Code.REVOCATION_BY_OWN_CLOCK in unknown
+
+    assert codes(COUNT) == ([], True)
+    shop.weld(8)
+    attest(Subject(shop.bag(8)), shop.chain_folder, following, first, Policy(trusted))
+    assert codes(COUNT) == ([], False) and codes(8) == ([], False)
+    # the thief of the machine's key: its manifest states a time before the revocation
+    make_key(shop.folder / "machine")
+    machine = load_private(shop.folder / "machine")
+    stolen = TrustedKey(name="machine", key=machine.public, revoked=first.date())
+    before = Policy((*trusted, stolen.changed(revoked=None)))
+    shop.weld(9, key=shop.folder / "machine")
+    manifest = shop.bag(9) / MANIFEST_NAME
+    early = NOW - timedelta(hours=1)
+    signature = sign(manifest.read_bytes(), manifest.name, Purpose.MANIFEST, machine, early)
+    signature_path(manifest).write_text(signature)
+    trusted = (*trusted, stolen)
+    with pytest.raises(EvidenceError) as refused:
+        attest(Subject(shop.bag(9)), shop.chain_folder, following, last, Policy(trusted))
+    found = {entry.code for entry in refused.value.findings}
+    assert Code.KEY_REVOKED_BEFORE_SHOWN in found
+    attest(Subject(shop.bag(9)), shop.chain_folder, following, last, before)
+    assert codes(9) == ([Code.KEY_REVOKED_BEFORE_SHOWN], False)
 
 
 def test_times_are_in_order(shop: Shop) -> None:

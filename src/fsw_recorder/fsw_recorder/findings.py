@@ -55,7 +55,12 @@ class Code(StrEnum):
         "key_revoked",
         "signed by {name} at {at}, but the key {key} is revoked since {limit}",
     )
-    # files that are signed together must be of one weld
+    KEY_REVOKED_BEFORE_SHOWN = (
+        "key_revoked_before_shown",
+        "signed by {name}, who states {at}, but the first signature of another key that covers it is of {shown_at}, "
+        "and the key {key} is revoked since {limit}",
+    )
+    # what is signed together must be of one weld
     RECORD_OTHER_WELD = "record_other_weld", "is the record of another weld: bag {bag}"
     RECORD_OTHER_IDENTITY = "record_other_identity", "has {field} {stated}, the bag has {actual}"
     RECORD_OTHER_PROCEDURE = (
@@ -112,6 +117,11 @@ class Code(StrEnum):
     ALL_KEYS = (
         "all_keys",
         "single keys given: no dates of validity and no revocations were checked",
+    )
+    REVOCATION_BY_OWN_CLOCK = (
+        "revocation_by_own_clock",
+        "signed by {name} at {at} by the signer's own clock alone; the key {key} is revoked since {limit}: whether it "
+        "was signed before was not checked",
     )
     MANIFEST_UNSIGNED = (
         "manifest_unsigned",

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import AwareDatetime, Field, Strict
 
 from fsw_control.private_file import read_private
-from fsw_recorder.findings import Code, EvidenceError, finding
+from fsw_recorder.findings import Code, EvidenceError, Finding, finding
 from fsw_schema.extras import Extra, MissingExtraError
 from fsw_schema.files import read_regular, write_whole
 from fsw_schema.models import InputError, Many, Model, content_of, json_content_of, validate
@@ -308,6 +308,29 @@ def check_trust(
         if broken:
             raise EvidenceError(finding(code, name, **fields, limit=limit))
     return signer.changed(name=entry.name)
+
+
+def check_revocation(
+    signer: Signer, shown_at: Sequence[datetime], trusted: Sequence[TrustedKey], name: object
+) -> Finding | None:
+    """What there is to say of a signature by a key that was revoked later than the signer states.
+
+    Who stole the key can state any time. So the first of ``shown_at`` counts: when others signed
+    for something that contains this signature. Without any, it cannot be decided.
+    """
+    known = {fingerprint(entry.key): entry.revoked for entry in trusted}
+    limit = known.get(signer.key)
+    if limit is None:
+        return None
+    at = signer.signed_at.isoformat(timespec="seconds")
+    fields = {"name": signer.name or "the owner", "key": signer.key, "at": at, "limit": limit}
+    if not shown_at:
+        return finding(Code.REVOCATION_BY_OWN_CLOCK, name, **fields)
+    first = min(shown_at).astimezone(UTC)
+    if first.date() < limit:
+        return None
+    shown = first.isoformat(timespec="seconds")
+    return finding(Code.KEY_REVOKED_BEFORE_SHOWN, name, **fields, shown_at=shown)
 
 
 def verify_file(

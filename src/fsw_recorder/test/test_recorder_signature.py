@@ -8,7 +8,7 @@ import os
 import shutil
 import stat
 import subprocess
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -21,6 +21,8 @@ from fsw_recorder.signature import (
     Purpose,
     Signer,
     TrustedKey,
+    check_revocation,
+    fingerprint,
     load_private,
     load_trusted,
     make_key,
@@ -205,3 +207,27 @@ def test_openssh_s_keys_sign(tmp_path: Path) -> None:
     run("-q", "-t", "ed25519", "-N", "secret", "-f", tmp_path / "locked")
     with pytest.raises(InputError, match="cannot be used"):
         load_private(tmp_path / "locked")
+
+
+@pytest.mark.parametrize(
+    ("revoked", "shown_days", "code"),
+    [
+        (None, [], None),
+        ("2026-11-26", [], Code.REVOCATION_BY_OWN_CLOCK),
+        ("2026-11-27", [3, 1], None),  # the first counts
+        ("2026-11-27", [3, 2], Code.KEY_REVOKED_BEFORE_SHOWN),
+        ("2026-11-26", [1], Code.KEY_REVOKED_BEFORE_SHOWN),
+    ],
+)
+def test_a_revoked_key_needs_a_signature_of_others_in_time(
+    key: Path, revoked: str | None, shown_days: list[int], code: Code | None
+) -> None:
+    """The signer's own clock says 25 November, but a thief can set it."""
+    own = datetime(2026, 11, 25, tzinfo=UTC)
+    public = load_private(key).public
+    trusted = [TrustedKey.model_validate({"name": "machine", "key": public, "revoked": revoked})]
+    signer = Signer(name="machine", key=fingerprint(public), signed_at=own)
+    shown_at = [own + timedelta(days=days) for days in shown_days]
+    entry = check_revocation(signer, shown_at, trusted, "manifest")
+    assert (entry.code if entry else None) == code
+    assert entry is None or "machine" in entry.line
