@@ -190,7 +190,7 @@ class SafetyMonitor:
         return self._guard.held
 
     @property
-    def active(self) -> dict[str, Severity]:
+    def active(self) -> Mapping[str, Severity]:
         """Active warnings and trips, jumps and blindness, by name."""
         levels = {n: level for n, level in self._levels.items() if level is not Severity.OK}
         return levels | dict.fromkeys(self._standing, Severity.TRIP)
