@@ -1,6 +1,5 @@
 """Every command finds a controller of a user's own, and nothing that it does is a traceback."""
 
-import re
 from pathlib import Path
 from types import SimpleNamespace
 

@@ -80,7 +80,7 @@ class ParameterValues:
 def state_contents(node: Node, own: ParameterValues) -> None:
     """Declare beside each parameter ``..._file`` one with the hash of what the file holds.
 
-    So who reads the parameters, e.g. the recorder of a weld on another computer, knows the content.
+    So whoever reads the parameters, e.g. a recorder on another computer, knows the content.
     """
     files = {f"{name}{CONTENT_SHA256}": name for name in own.values if name.endswith("_file")}
 

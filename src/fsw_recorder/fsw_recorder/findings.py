@@ -57,8 +57,8 @@ class Code(StrEnum):
     )
     KEY_REVOKED_BEFORE_SHOWN = (
         "key_revoked_before_shown",
-        "signed by {name}, who states {at}, but the first signature of another key that covers it is of {shown_at}, "
-        "and the key {key} is revoked since {limit}",
+        "signed by {name}, who states {at}, but the first signature of another "
+        "key that covers it is of {shown_at}, and the key {key} is revoked since {limit}",
     )
     # what is signed together must be of one weld
     RECORD_OTHER_WELD = "record_other_weld", "is the record of another weld: bag {bag}"
@@ -120,8 +120,8 @@ class Code(StrEnum):
     )
     REVOCATION_BY_OWN_CLOCK = (
         "revocation_by_own_clock",
-        "signed by {name} at {at} by the signer's own clock alone; the key {key} is revoked since {limit}: whether it "
-        "was signed before was not checked",
+        "signed by {name} at {at} by the signer's own clock alone; the key {key} is revoked since "
+        "{limit}: whether it was signed before was not checked",
     )
     MANIFEST_UNSIGNED = (
         "manifest_unsigned",

@@ -255,15 +255,16 @@ class ClosedLoop:
 
 
 def unhealthy(signals: WeldSignals, name: str) -> str:
-    """How often, and why first, a controller's proposals could not be applied; empty if they always could."""
+    """How often, and why first, a controller's proposals could not be applied; else empty."""
     proposal = signals.proposals[name]
     ticks = np.flatnonzero(proposal.healthy == 0.0)
     if not ticks.size:
         return ""
     first, commanded = int(ticks[0]), float(np.mean(signals.command_source == name))
     return (
-        f"{name} is unhealthy in {ticks.size} of {signals.n_ticks} ticks and commanded {commanded:.1%} of them, "
-        f"first at tick {first + 1} ({signals.time_s[first]:.1f} s): {proposal.reason[first]}"
+        f"{name} is unhealthy in {ticks.size} of {signals.n_ticks} ticks and commanded "
+        f"{commanded:.1%} of them, first at tick {first + 1} "
+        f"({signals.time_s[first]:.1f} s): {proposal.reason[first]}"
     )
 
 

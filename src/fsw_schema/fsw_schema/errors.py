@@ -16,7 +16,7 @@ class Problem(NamedTuple):
 
 
 class InputError(ValueError):
-    """Invalid input from a person or a file; the message is one line: where, what, what is allowed.
+    """Invalid input from a person or a file; the message in one line: where, what, what is valid.
 
     ``problems`` has those that a model has found.
     """
