@@ -71,14 +71,6 @@ def test_fmpy_finds_no_problem(fmus: dict[str, Path], name: str) -> None:
     assert not model.coSimulation.canHandleVariableCommunicationStepSize
 
 
-def test_page_shows_the_example() -> None:
-    workspace = Path(__file__).resolve().parents[3]
-    example = (workspace / "examples" / "fmu_loop.py").read_text(encoding="utf-8")
-    assert f"```python\n{example}```\n" in (workspace / "docs" / "how-to" / "fmu.md").read_text(
-        encoding="utf-8"
-    )
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("controller", ["nmpc", "decentral"])
 def test_the_example_runs_with_each_controller(fmus: dict[str, Path], controller: str) -> None:
