@@ -27,7 +27,7 @@ def test_the_page_shows_the_notebook_as_it_is(notebook):
     ]
     shown = re.findall(r"!\[\]\((.*?)\)", page.read_text(encoding="utf-8"))
     assert shown == [path.name for path in sorted(PAGES.glob(f"{notebook.stem}_[0-9].png"))]
-    assert f"({notebook.stem}.md)" in (PAGES / "index.md").read_text(encoding="utf-8")
+    assert f"(gallery/{notebook.stem}.md)" in (PAGES.parent / "index.md").read_text("utf-8")
 
 
 @pytest.mark.slow
