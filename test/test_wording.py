@@ -17,9 +17,9 @@ _WORD = re.compile(r"[^\W\d_]+(?:['’-][^\W\d_]+)*")
 MOST = {
     "quality/fsw_quality": 35,
     "src/fsw": 1,
-    "src/fsw_analysis": 14,
+    "src/fsw_analysis": 16,
     "src/fsw_control": 3,
-    "src/fsw_hmi": 88,
+    "src/fsw_hmi": 87,
     "src/fsw_schema": 1,
     "src/fsw_supervisor": 79,
     "test": 3,

@@ -207,7 +207,7 @@ def test_the_last_command_is_held_while_a_controller_proposes_none():
     [remark] = weld.signals.problems
     held = weld["command_source"] == "hold"
     assert f"{held.sum()} of 600 ticks" in remark and f"{1.0 - held.mean():.1%}" in remark
-    assert "first at tick 1 (0.1 s)" in remark and "not yet" in remark
+    assert "tick 1 (0.1 s)" in remark and "not yet" in remark
     assert fsw.simulate("quick").signals.problems == []
 
 

@@ -84,10 +84,8 @@ def test_one_that_fails_now_and_then_is_told_as_not_healthy(tmp_path, capsys):
         )
         == 0
     )
-    assert (
-        "own is unhealthy in 9 of 600 ticks and commanded 98.5% of them, first at tick 101 (10.1 s): "
-        "controller raised" in capsys.readouterr().err
-    )
+    error = capsys.readouterr().err
+    assert "own" in error and "9 of 600" in error and "98.5%" in error and "tick 101" in error
 
 
 def test_parameters_of_a_shadow_are_checked(weld_bag, tmp_path, capsys):
