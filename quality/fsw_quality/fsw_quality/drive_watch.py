@@ -52,7 +52,10 @@ class DriveWatch:
             # share of the time for which it has stood still since the command was elsewhere
             moves = np.abs(np.diff(positions, prepend=positions[0])) >= 0.05 * self._least
             since = np.maximum.accumulate(np.where(moves, np.arange(positions.size), 0))
-            standstill = float(np.mean(np.abs(commands - commands[since]) > self._least))
+            commanded, moved = (np.abs(one - one[since]) for one in (commands, positions))
+            # a slow drive moves too little in a tick, and follows all the same
+            stands = (commanded > self._least) & (moved < 0.5 * commanded)
+            standstill = float(np.mean(stands))
             if standstill > _STANDSTILL:
                 found.append(Finding(WatchCause[f"{self._name}_STICKS"], size=standstill))
             if float(np.sqrt(np.mean(np.diff(commands) ** 2))) > 0.1 * self._least:

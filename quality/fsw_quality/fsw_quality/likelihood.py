@@ -22,14 +22,17 @@ from fsw_analysis.weld_signals import FloatArray
 from fsw_model import ModelParameters, ParameterCovariance
 from fsw_quality.residuals import COEFFICIENTS, DEPTH, HEAT, TORQUE
 
-#: states behind the coefficients and the probe's lag: swing of the torque [N m] and its level [N
-#: m]; offset of the depth [mm], force that is missing [kN], coloured noise of the depth [mm];
+#: states behind the coefficients and the probe's lag: swing of the torque, which may be the
+#: sensor's, sway of the process and its level [N m]; offset of the depth, edges of the workpiece
+#: [mm], force that is missing [kN], coloured noise of the depth [mm];
 #: temperature that the power does not explain [degC], its level at rest [degC] and the slope of
 #: that [degC/s], coloured noise of the temperature [degC]
 _STATES = (
     "swing",
+    "sway",
     "level",
     "offset",
+    "edge",
     "force",
     "depth_noise",
     "warmth",
@@ -38,7 +41,7 @@ _STATES = (
     "heat_noise",
 )
 _N = len(COEFFICIENTS) + 1
-SWING, LEVEL, OFFSET, FORCE, DEPTH_NOISE, WARMTH, REST, SLOPE, HEAT_NOISE = range(
+SWING, SWAY, LEVEL, OFFSET, EDGE, FORCE, DEPTH_NOISE, WARMTH, REST, SLOPE, HEAT_NOISE = range(
     _N, _N + len(_STATES)
 )
 N_STATES = _N + len(_STATES)
@@ -46,6 +49,7 @@ N_STATES = _N + len(_STATES)
 #: wide)
 _BEGIN = {
     SWING: 5.0,
+    SWAY: 2.0,
     LEVEL: 30.0,
     OFFSET: 0.02,
     FORCE: 0.5,
@@ -56,28 +60,32 @@ _BEGIN = {
 }
 #: correlation times of swing and coloured noises that are tried [s] (chosen)
 _CORRELATED_S = {
-    SWING: (3.0, 6.0, 10.0, 15.0),
+    SWING: (1.5, 5.0, 1.5, 5.0),
     DEPTH_NOISE: (1.0, 2.0, 4.0, 6.0),
     HEAT_NOISE: (1.0, 2.0, 4.0, 6.0),
 }
+#: correlation time of the sway [s], and its sizes that are tried with those times of the swing, as
+#: factors on the least (chosen)
+_SWAY_S, _SWAYS = 15.0, (1.0, 1.0, 5.0, 5.0)
 #: what the states do in a second (standard deviation of a walk; of a coloured noise, its own):
 #: least, chosen
 _LEAST = {
-    SWING: 1.0,
+    SWING: 0.3,
+    SWAY: 0.4,
     LEVEL: 0.06,
     FORCE: 0.001,
     DEPTH_NOISE: 1e-4,
-    WARMTH: 0.08,
-    REST: 0.07,
-    SLOPE: 3e-4,
+    WARMTH: 0.02,
+    REST: 0.03,
+    SLOPE: 1e-4,
     HEAT_NOISE: 0.01,
 }
 #: an edge of the workpiece shifts the depth by about so much [mm]; from so many standard errors on
 #: (chosen)
 _EDGE_MM, _EDGE = 0.05, 4.5
-#: walk of the coefficients of heat, the first four, in a second, in their standard deviations: it
-#: covers what the sensitivities, which are linear, leave over, and copper that is not the same
-#: everywhere (chosen)
+#: walk of the coefficients of heat and depth, the first eight, in a second, in their standard
+#: deviations: it covers what the sensitivities, which are linear, leave over, and copper that is
+#: not the same everywhere (chosen)
 _WALK = 0.02
 #: level at rest of the temperature on a canister, whose heat is unknown [degC] in a second
 #: (chosen)
@@ -87,10 +95,9 @@ _LEARNT = {TORQUE: SWING, DEPTH: DEPTH_NOISE, HEAT: HEAT_NOISE}
 #: factors on the sizes that are tried (chosen)
 _FACTORS = 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 96.0
 _TRIED = list(product(range(4), _FACTORS))
-#: walk of the warmth [degC] in a second by a swing of the torque [N m]: a swing may be the
-#: sensor's noise, correlated over 5 s, which the power that is computed from it heats the model's
-#: tool with (chosen)
-_WARMTH_PER_NM = 0.05
+#: the model's tool warms by so much in a second [degC] by a N m of the torque: a swing may be the
+#: sensor's noise, which the power that is computed from it heats the model with
+_WARMTH_PER_NM = 0.03
 #: a larger size is taken if the loss of log likelihood is not more than this (chosen)
 _NEARLY = 1.0
 #: innovations that are larger than expected count less: time over which they are observed [s],
@@ -103,7 +110,7 @@ _FROM_WELD_TO_WELD = 0.02
 _UNIDENTIFIED, _TOOL_LAG, _PROBE_S = 0.07, 1.2, 1.5
 
 
-_WALKING = np.isin([*COEFFICIENTS, "probe"], COEFFICIENTS[:4])
+_WALKING = np.isin([*COEFFICIENTS, "probe"], COEFFICIENTS[:8])
 
 
 def default_covariance() -> FloatArray:
@@ -145,6 +152,9 @@ class Second:
     residuals: FloatArray  #: (3,)
     sensitivities: FloatArray  #: (3, coefficients and the probe's lag)
     variances: FloatArray  #: (3,)
+    nm_per_mm: float  #: of the torque, by the depth that the tool has sunk
+    #: variance that the states gain in this second, because the model moves inexactly, by state
+    moves: dict[int, float]
 
 
 @dataclass(slots=True)
@@ -161,9 +171,10 @@ def _tried(choices: dict[int, tuple[int, float]]) -> Sizes:
     for residual, (which, factor) in choices.items():
         state = _LEARNT[residual]
         found.factors[state], found.times_s[state] = factor, _CORRELATED_S[state][which]
-    found.factors[WARMTH] = max(
-        1.0, _WARMTH_PER_NM / _LEAST[WARMTH] * found.factors[SWING] * _LEAST[SWING]
-    )
+    found.times_s[SWAY], found.factors[SWAY] = _SWAY_S, _SWAYS[choices[TORQUE][0]]
+    swing_nm = found.factors[SWING] * _LEAST[SWING]
+    heats = _WARMTH_PER_NM * swing_nm * sqrt(2.0 * found.times_s[SWING]) / _LEAST[WARMTH]
+    found.factors[WARMTH] = sqrt(1.0 + heats**2)
     return found
 
 
@@ -206,18 +217,20 @@ class Filter:
         """Take a second; returns twice the loss of log likelihood, by residual and filter, shape (3, filters)."""
         self.x = np.einsum("nij,nj->ni", self._step, self.x)
         self.p = self._step @ self.p @ self._step.transpose(0, 2, 1) + self._fresh
+        for state, variance in second.moves.items():
+            self.p[:, state, state] += variance
         if traces is not None:
             traces.effect = np.tensordot(self._step[0], traces.effect, 1)
         lost, self.edges_mm = np.zeros((3, len(self.x))), np.zeros(len(self.x))
-        for i in range(3):
+        for i in (DEPTH, TORQUE, HEAT):  # an edge shows in the depth
             if not np.isfinite(second.residuals[i]):
                 continue
-            row = _row(i, second.sensitivities[i])
+            row = _row(i, second)
             gain = self.p @ row
             variance = np.maximum(gain @ row, 0.0) + second.variances[i]
             innovation = second.residuals[i] - self.x @ row
             if i == DEPTH and (edge := innovation**2 > _EDGE**2 * variance).any():
-                self.p[edge, OFFSET, OFFSET] += _EDGE_MM**2
+                self.p[edge, EDGE, EDGE] += _EDGE_MM**2
                 self.edges_mm = np.where(edge, innovation, 0.0)
                 gain = self.p @ row
                 variance = np.maximum(gain @ row, 0.0) + second.variances[i]
@@ -233,11 +246,17 @@ class Filter:
         return lost
 
 
-def _row(residual: int, sensitivities: FloatArray) -> FloatArray:
+def _row(residual: int, second: Second) -> FloatArray:
     row = np.zeros(N_STATES)
-    row[:_N] = sensitivities
-    states = {TORQUE: (SWING, LEVEL), DEPTH: (OFFSET, DEPTH_NOISE), HEAT: (WARMTH, HEAT_NOISE)}
+    row[:_N] = second.sensitivities[residual]
+    states = {
+        TORQUE: (SWING, SWAY, LEVEL),
+        DEPTH: (OFFSET, EDGE, DEPTH_NOISE),
+        HEAT: (WARMTH, HEAT_NOISE),
+    }
     row[list(states[residual])] = 1.0
+    if residual == TORQUE:  # an edge is not what the tool stirs
+        row[EDGE] = -second.nm_per_mm
     return row
 
 
@@ -297,15 +316,15 @@ class Healthy:
     def step(self, second: Second, traces: Traces | None = None) -> float:
         """Take a second; returns by how much an edge of the workpiece has moved the depth [mm], mostly 0."""
         if np.isfinite(second.residuals[TORQUE]):
-            self._torque = _row(TORQUE, second.sensitivities[TORQUE])
-            self._torque[SWING] = 0.0
+            self._torque = _row(TORQUE, second)
+            self._torque[[SWING, SWAY, EDGE]] = 0.0
         if self.learnt is None:  # the seconds are taken again later, so that their zero must stay
             self._seconds.append(second)
             self._lost += self._filter.step(second)
             return 0.0
         self._filter.step(second, traces)
         edge_mm = float(self._filter.edges_mm[0])
-        self._filter.x[:, OFFSET] -= edge_mm
+        self._filter.x[:, EDGE] -= edge_mm
         return edge_mm
 
     @property

@@ -17,12 +17,20 @@ from fsw_control import weld
 from fsw_control.sensors import REQUIRED
 from fsw_control.weld import TICK_S
 from fsw_model import ModelParameters, nominal
-from fsw_quality.diagnosis import Finding
+from fsw_quality.diagnosis import Finding, WatchCause
 from fsw_quality.drive_watch import DriveWatch
-from fsw_quality.likelihood import Healthy, Second, Traces, default_covariance
+from fsw_quality.likelihood import (
+    DEPTH_NOISE,
+    OFFSET,
+    WARMTH,
+    Healthy,
+    Second,
+    Traces,
+    default_covariance,
+)
 from fsw_quality.residuals import DEPTH, HEAT, TORQUE, Gains, ModelResiduals, Values
 from fsw_quality.sensor_health import LEARN_S, Detached, SensorHealth
-from fsw_quality.signatures import OF_HEAT, SIZES, Onset, signatures
+from fsw_quality.signatures import HEATING_C_PER_S, OF_HEAT, SHOWN, SIZES, Onset, signatures
 
 PROCESSES = "paper", "canister"
 _SECOND = round(1.0 / TICK_S)
@@ -51,6 +59,9 @@ TREND, _BESIDE = 8.0, 3.0
 #: model and signatures are inexact by this share: of what moves within a second, and of a
 #: likelihood ratio, so that causes that are nearer cannot be distinguished, either (chosen)
 _INEXACT = 0.1
+#: share of what the force presses in by which it is inexact; time by which the model's temperature
+#: is early or late, and lag of a probe, by which its slope shows in the depth [s] (chosen)
+_PRESSES, _LATE_S, _PROBE_S = 0.03, 0.3, 2.0
 #: seconds for which it must be likely (chosen)
 _LASTING_S = 3
 
@@ -77,14 +88,17 @@ class ProcessWatch:
         self, parameters: ModelParameters, covariance: FloatArray, known_heat: bool
     ) -> None:
         self._p = parameters
-        self._faults = [one for one in SIZES if known_heat or one not in OF_HEAT]
+        self._faults = list(SIZES)
+        self._judged = np.array([known_heat or one not in OF_HEAT for one in self._faults])
         self._harmless, self._largest = np.array([SIZES[one] for one in self._faults]).T
+        self._shown = np.array([SHOWN[one] for one in self._faults])
         self.residuals = ModelResiduals(parameters, known_heat)
         self.healthy = Healthy(parameters, covariance, known_heat)
-        self._traces = Traces(_ONSETS, len(self._faults))
+        self._traces = Traces(_ONSETS, len(self._faults) + 1)
         self._onsets: list[Onset] = []
         self._ticks: list[FloatArray] = []
         self._withheld = [False] * 3
+        self._moved_c = 0.0
         self._seconds, self._beyond, self._pinned = 0, 0, -1
         self._last = np.zeros(0)
         self._before: tuple[Gains, FloatArray] | None = None
@@ -125,17 +139,12 @@ class ProcessWatch:
             ]
         )
         variances = (spread**2).sum(axis=1) / np.maximum(present, 1)
-        pressed_mm = (
-            self._before[0].creep_mm + self._before[0].slow_mm - gains.creep_mm - gains.slow_mm
-        )
-        moved = np.array([0.0, pressed_mm, self._before[0].heated_c - gains.heated_c])
-        variances += (_INEXACT * moved) ** 2
-        second = Second(means[:, 0], sensitivities, variances)
+        second = Second(means[:, 0], sensitivities, variances, gains.nm_per_mm, self._moves(gains))
         for i in range(3):
             if self._withheld[i] and present[i]:
                 self.healthy.doubt(i)
                 self._onsets.clear()  # faults begin again
-                self._traces = Traces(_ONSETS, len(self._faults))
+                self._traces = Traces(_ONSETS, len(self._faults) + 1)
             self._withheld[i] = not present[i]
         if learning:
             self.healthy.step(second)
@@ -152,44 +161,74 @@ class ProcessWatch:
         self._traces.signatures[:, len(self._onsets) :] = 0.0
         self.residuals.edges_mm += self.healthy.step(second, self._traces)
 
+    def _moves(self, before: Gains) -> dict[int, float]:
+        """Variance that the states gain in a second, because the model moves inexactly or late."""
+        now = self.residuals.gains()
+        pressed_mm = now.creep_mm + now.slow_mm - before.creep_mm - before.slow_mm
+        moved_c, moved_before_c = now.heated_c - before.heated_c, self._moved_c
+        self._moved_c = moved_c
+        late_c = _LATE_S * (moved_c - moved_before_c)
+        return {
+            WARMTH: (_INEXACT * moved_c) ** 2 + late_c**2,
+            OFFSET: (_PRESSES * pressed_mm) ** 2,
+            DEPTH_NOISE: (_PROBE_S * before.mm_per_c * late_c) ** 2,
+        }
+
     def _begin(self, onset: Onset) -> None:
-        """An onset more, in the place of the oldest that is not that of an alarm."""
+        """An onset more, in the place of the one whose neighbours are nearest for its age, but not of an alarm's."""
         if len(self._onsets) < _ONSETS:
             self._onsets.append(onset)
             return
-        times = [np.inf if i == self._pinned else one.time_s for i, one in enumerate(self._onsets)]
-        oldest = int(np.argmin(times))
-        self._onsets[oldest] = onset
-        self._traces.begin(oldest)
+        order = np.argsort([one.time_s for one in self._onsets])
+        times = np.array([self._onsets[i].time_s for i in order])
+        apart = (times[2:] - times[:-2]) / (onset.time_s - times[1:-1])
+        apart[order[1:-1] == self._pinned] = np.inf
+        place = int(order[1 + int(np.argmin(apart))])
+        self._onsets[place] = onset
+        self._traces.begin(place)
 
     def gains(self) -> dict[str, tuple[float, float]]:
         """Gains relative to the model's, each with its standard error."""
         return self.healthy.gains(self.residuals.gains().process_nm)
 
+    def information(self, cause: WatchCause, onset_s: float) -> float:
+        """Inverse variance of a fault's size, by what was measured since the onset nearest to a time."""
+        nearest = int(np.argmin([abs(one.time_s - onset_s) for one in self._onsets]))
+        return float(self._traces.power[nearest, self._faults.index(cause)])
+
     def findings(self, sick: bool) -> list[Finding]:
         """The likeliest fault, if any is likely: an alarm, or while that is not sure or a sensor is sick a trend."""
         sizes, errors = self._traces.sizes()
-        sizes = np.clip(sizes, -self._largest, self._largest)
+        sizes[:, :-1] = np.clip(sizes[:, :-1], -self._largest, self._largest)
+        sizes[:, -1] /= 1.0 + (errors[:, -1] / HEATING_C_PER_S) ** 2  # the likeliest, by its prior
         ratios = self._traces.ratios(sizes)
-        best = ratios.max(axis=0)
+        heating = ratios[:, -1] - 0.5 * (sizes[:, -1] / HEATING_C_PER_S) ** 2
+        in_heat = self._traces.signatures[HEAT, :, :-1].any(axis=0)
+        best = ratios[:, :-1].max(axis=0) - in_heat * heating.max()
+        best[~self._judged] = -np.inf
         order = np.argsort(-best)
         likeliest = int(order[0])
         onset = int(np.argmax(ratios[:, likeliest]))
         size, error = float(sizes[onset, likeliest]), float(errors[onset, likeliest])
-        # over the best that is harmless
-        harmless = np.clip(sizes, -self._harmless, self._harmless)
-        top = float(ratios[onset, likeliest] - self._traces.ratios(harmless)[onset, likeliest])
-        level = (
-            ALARM if self._beyond < _LASTING_S else 0.5 * ALARM
-        )  # an alarm that is there stays for longer
+        # over the best that is harmless, or too small to be shown
+        limits = np.array([self._harmless[likeliest], self._shown[likeliest]])
+        without = [
+            float(self._traces.ratios(np.full(sizes.shape, one))[onset, likeliest])
+            for one in np.clip(size, -limits, limits)
+        ]
+        top, shown = (
+            min(float(best[likeliest]), float(ratios[onset, likeliest]) - one) for one in without
+        )
+        # an alarm that is there stays for longer
+        level = ALARM if self._beyond < _LASTING_S else 0.5 * ALARM
         self._beyond = self._beyond + 1 if top >= level and not sick else 0
         alarm = self._beyond >= _LASTING_S
         self._pinned = onset if alarm else -1
-        if top < TREND:
+        if shown < TREND:
             return []
         near = best[likeliest] - max(_BESIDE, _INEXACT * best[likeliest])
         beside = tuple(self._faults[i] for i in order[1:] if best[i] > near)
-        return [Finding(self._faults[likeliest], alarm, size, error, top, beside)]
+        return [Finding(self._faults[likeliest], alarm, size, error, shown, beside)]
 
 
 class Monitor:

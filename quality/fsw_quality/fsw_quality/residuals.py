@@ -173,9 +173,12 @@ class ModelResiduals:
     def gains(self) -> Gains:
         """What the signatures of faults need at this tick."""
         p, force, depth = self._p, self._force, self._sunk
-        forces, depths = force + np.array([0.0, 0.1, 0.0]), depth + np.array([0.0, 0.0, 0.01])
-        torques = equations.process_torque_nm(p, forces, depths)  # type: ignore[arg-type]
-        here, by_force, by_depth = torques
+        small = np.array([0.0, 0.1, 0.0]), np.array([0.0, 0.0, 0.01])
+        here, by_force, by_depth = equations.process_torque_nm(  # type: ignore[arg-type]
+            p,
+            force + small[0],  # type: ignore[arg-type]
+            depth + small[1],  # type: ignore[arg-type]
+        )
         return Gains(
             float(here),
             float(by_force - here) / 0.1,

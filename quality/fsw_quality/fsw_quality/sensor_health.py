@@ -28,6 +28,8 @@ _TRUSTED_S = 3.0
 #: fall of the temperature in so many seconds that no process makes while the power stays [degC]
 #: (chosen)
 _FALL_S, _FALL_C = 5, 20.0
+#: share of the fall by which the model, which may lag behind, cools if the power makes it (chosen)
+_COOLS = 0.15
 
 
 class SensorHealth:
@@ -149,7 +151,7 @@ class Detached:
         """Take the temperature of a second, and what the model's would be."""
         self._shown.append((temperature_c, heated_c))
         fell, cooled = (self._shown[-1][i] - self._shown[0][i] for i in range(2))
-        if fell < -_FALL_C and cooled > 0.4 * fell and not self.present:
+        if fell < -_FALL_C and cooled > _COOLS * fell and not self.present:
             self._before_c = self._shown[0][0]
         if not self.present:
             return []

@@ -17,16 +17,23 @@ from fsw_quality.residuals import COEFFICIENTS, HEAT, Gains
 #: relative, s (chosen)
 SIZES = {
     WatchCause.THERMOCOUPLE_DRIFT: (0.3 / 60.0, 1.0),
-    WatchCause.DEPTH_DRIFT: (0.005 / 60.0, 0.05),
+    WatchCause.DEPTH_DRIFT: (0.005 / 60.0, 0.005),
     WatchCause.LOAD_CELL_STEP: (0.5, 20.0),
-    WatchCause.TORQUE_DRIFT: (1.0 / 60.0, 10.0),
+    WatchCause.TORQUE_DRIFT: (1.0 / 60.0, 1.0),
     WatchCause.TORQUE_STEP: (15.0, 500.0),
-    WatchCause.TOOL_WEAR: (1.0 / 60.0, 10.0),
+    WatchCause.TOOL_WEAR: (1.0 / 60.0, 1.0),
     WatchCause.TORQUE_GAIN: (0.03, 0.6),
     WatchCause.DEPTH_GAIN: (0.05, 0.6),
     WatchCause.HEAT_GAIN: (0.05, 0.6),
     WatchCause.DEAD_TIME: (0.4, 5.0),
 }
+#: every tool wears, so that it is shown as a trend from a smaller size on (chosen)
+SHOWN = {cause: harmless for cause, (harmless, _) in SIZES.items()} | {
+    WatchCause.TOOL_WEAR: 0.1 / 60.0
+}
+#: change of the slope of the temperature that is no fault, as of a canister that begins to heat up
+#: or has done so: standard deviation [degC/s] (chosen)
+HEATING_C_PER_S = 1.0 / 60.0
 #: faults that show in the heat alone
 OF_HEAT = WatchCause.HEAT_GAIN, WatchCause.DEAD_TIME
 
@@ -47,8 +54,9 @@ def signatures(
     now: Gains,
     by_model: FloatArray,
 ) -> FloatArray:
-    """What faults of size 1 do to the residuals at a time, shape (3, onsets, faults).
+    """What faults of size 1 do to the residuals at a time, shape (3, onsets, faults + 1).
 
+    The last is no fault: a change of the slope of the temperature, of 1 degC/s, by the workpiece.
     ``by_model`` are the sensitivities to the coefficients, shape (3, coefficients ...).
     """
     since = np.array([max(time_s - one.time_s, 0.0) for one in onsets])
@@ -65,7 +73,7 @@ def signatures(
         since + (p.depth_zero_s - p.depth_pole_slow_s) * follow
     )
     by_gain = now.creep_mm + now.slow_mm - creep - slow * (1.0 - follow)
-    found = np.zeros((3, len(onsets), len(faults)))
+    found = np.zeros((3, len(onsets), len(faults) + 1))
 
     def put(cause: WatchCause, **at: FloatArray) -> None:
         if cause in faults:
@@ -87,4 +95,6 @@ def signatures(
     put(WatchCause.HEAT_GAIN, heat=now.heated_c - heated * faded)
     dead_time = by_model[HEAT, COEFFICIENTS.index("dead_time_s")] / p.dead_time_s
     put(WatchCause.DEAD_TIME, heat=np.full(since.size, dead_time))
+    warmed = 1.0 - np.exp(-since / p.copper_lag_s)
+    found[HEAT, :, -1] = since - p.copper_lag_s * warmed
     return found

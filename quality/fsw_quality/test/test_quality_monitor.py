@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
-from math import isfinite, nan
+from math import isfinite, nan, sin
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fsw_control.sensors import REQUIRED
-from fsw_model import ParameterCovariance
+from fsw_model import ModelParameters, ParameterCovariance, equations
 from fsw_quality.diagnosis import Finding, WatchCause
 from fsw_quality.likelihood import covariance_from, default_covariance
 from fsw_quality.monitor import PROCESSES, Monitor, Sample
 from fsw_quality.residuals import COEFFICIENTS
-from fsw_quality.sensor_health import SensorHealth
+from fsw_quality.sensor_health import Detached, SensorHealth
 from fsw_schema.models import InputError
 from fsw_test_support.watched_weld import drifting, samples
 
@@ -141,10 +141,45 @@ def test_fault_too_small_for_an_alarm_is_a_trend_with_its_error() -> None:
     assert trends and all(finding.cause.of_process and finding.error > 0.0 for finding in trends)
 
 
+def trends(weld: Iterable[Sample], process: str = "paper") -> list[Finding]:
+    """Trends of a weld, each second's."""
+    monitor, findings = Monitor(process), list[Finding]()
+    for k, sample in enumerate(weld):
+        monitor.step(sample)
+        if k % 10 == 9:
+            findings += [one for one in monitor.findings if one.cause.of_process]
+    return findings
+
+
+def test_slow_wear_over_a_long_weld_is_a_trend_and_the_end_of_its_heating_is_none() -> None:
+    wear_nm_per_s, heating_c_per_s, heated_s = 0.6 / 60.0, 1.0 / 60.0, 600.0
+    p, weld = ModelParameters(), []
+    for one in samples(1500.0):
+        warmer_c = heating_c_per_s * min(one.time_s, heated_s)
+        depth_mm = one.depth_mm * (1.0 + p.softening_per_c * warmer_c)
+        deeper_nm, before_nm = (
+            equations.process_torque_nm(p, one.force_kn, depth)
+            for depth in (depth_mm, one.depth_mm)
+        )
+        weld.append(
+            one._replace(
+                depth_mm=depth_mm,
+                torque_nm=one.torque_nm + deeper_nm - before_nm + wear_nm_per_s * one.time_s,
+                temperature_c=one.temperature_c + warmer_c,
+            )
+        )
+    shown = trends(weld)
+    assert shown and not any(finding.alarm for finding in shown)
+    assert {finding.cause for finding in shown} == {WatchCause.TOOL_WEAR}
+    for finding in shown:
+        assert abs(finding.size - wear_nm_per_s) < 3.0 * finding.error
+
+
 @pytest.mark.parametrize("process", PROCESSES)
-def test_edge_of_the_workpiece_is_no_fault(process: str) -> None:
-    edge = [one._replace(depth_mm=one.depth_mm + 0.05 * (one.time_s > 150.0)) for one in GOOD]
-    assert not alarms(edge, process)
+@pytest.mark.parametrize("edge_mm", [-0.05, 0.05])
+def test_edge_of_the_workpiece_is_no_fault(process: str, edge_mm: float) -> None:
+    edge = [one._replace(depth_mm=one.depth_mm + edge_mm * (one.time_s > 150.0)) for one in GOOD]
+    assert not trends(edge, process)
 
 
 def test_gains_are_those_of_the_process() -> None:
@@ -236,6 +271,13 @@ def test_detached_thermocouple_is_named_and_its_residuals_are_withheld() -> None
     assert found[WatchCause.THERMOCOUPLE_DETACHED][0] < 127.0
 
 
+def test_fall_of_the_temperature_that_the_power_makes_is_no_lost_contact() -> None:
+    detached = Detached()
+    falls = [detached.second(800.0 - 4.5 * k, 60.0 - 1.6 * k) for k in range(8)]
+    assert not any(falls)
+    assert detached.second(720.0, 60.0 - 1.6 * 8)
+
+
 # ---------------------------------------------------------------- drives
 
 
@@ -250,6 +292,14 @@ def test_drives_that_stick_or_lag_are_named() -> None:
     late = later(GOOD, command_force_kn=commanded, force_kn=lambda k, _: moved[k - 5])
     assert WatchCause.FORCE_STICKS in alarms(stuck)
     assert WatchCause.FORCE_LAGS in alarms(late)
+
+
+def test_drive_that_follows_a_slow_command_does_not_stick() -> None:
+    def slow_kn(k: int, _: Sample) -> float:
+        return 78.4 + 0.4 * sin(0.01 * k)  # at most 0.004 kN in a tick
+
+    slow = later(GOOD, command_force_kn=slow_kn, force_kn=slow_kn)
+    assert WatchCause.FORCE_STICKS not in alarms(slow)
 
 
 def test_offset_of_the_load_cell_is_no_stiction() -> None:
