@@ -12,6 +12,7 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from pathlib import Path
+from statistics import NormalDist
 
 sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
 
@@ -25,7 +26,9 @@ from monitor_welds import CASES, FAULT_S, PROCESSES, weld
 from report import parser, save, show
 
 from fsw_analysis.report import templates, wilson
-from fsw_quality.monitor import Monitor
+from fsw_control.weld import TICK_S
+from fsw_quality.diagnosis import WatchCause
+from fsw_quality.monitor import ALARM, Monitor
 from fsw_quality.monitor_run import watch
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "monitor.md"
@@ -40,8 +43,26 @@ AIMS_S = {
     ),
     "heat gain +20 %": 60.0,
 }
-#: no information on a canister, whose heat is unknown
+#: not judged on a canister, whose heat is unknown
 OF_HEAT = "heat gain +20 %", "dead time +1.5 s"
+#: what a clairvoyant looks for: size of the fault; it knows cause, size and onset, so that it makes
+#: one test in a weld
+TRUE_SIZES = {
+    "thermocouple 2 °C/min": 2.0 / 60.0,
+    "depth sensor 0.03 mm/min": 0.03 / 60.0,
+    "torque sensor 10 N·m/min": 10.0 / 60.0,
+    "load cell +2 kN": 2.0,
+    "tool wear 3 N·m/min": 3.0 / 60.0,
+    "tool wear 6 N·m/min": 6.0 / 60.0,
+    "torque gain +20 %": 0.2,
+    "depth gain +20 %": 0.2,
+    "depth gain -20 %": 0.2,
+    "heat gain +20 %": 0.2,
+    "dead time +1.5 s": 1.5,
+}
+#: expected log likelihood ratio from which it finds the fault in one weld of two, with a false
+#: alarm in a hundred
+CLAIRVOYANT = 0.5 * NormalDist().inv_cdf(0.99) ** 2
 
 
 def judged(process, case, seed):
@@ -52,18 +73,21 @@ def judged(process, case, seed):
     except ValueError as error:  # no equilibrium to start from
         return {"process": process, "case": case, "seed": seed, "no_weld": str(error)}
     made_s = time.process_time() - began
-    monitor, durations = Monitor(process), []
-    step = monitor.step
+    monitor, durations, expected = Monitor(process), [], []
+    step, begin_s = monitor.step, max(FAULT_S, moved_s or 0.0)
+    cause = WatchCause[CASES[case][2][0].upper()] if case in TRUE_SIZES else None
 
     def timed(sample):
         began = time.thread_time()
         step(sample)
         durations.append(time.thread_time() - began)
+        if cause and sample.time_s > begin_s + 0.5:
+            information = monitor.process.information(cause, FAULT_S)
+            expected.append(0.5 * TRUE_SIZES[case] ** 2 * information)
 
     monitor.step = timed
     watched = watch(monitor, signals)
     faulty = case in CASES
-    begin_s = max(FAULT_S, moved_s or 0.0)
     causes = CASES[case][2] if faulty else ()
     alarms = [(one.begin_s, one.finding.cause.word) for one in watched.alarms]
     after = [one for one in watched.alarms if faulty and one.begin_s >= FAULT_S]
@@ -89,6 +113,10 @@ def judged(process, case, seed):
         "first": after[0].finding.cause.word if after else "",
         "alone": bool(named) and not named[0].finding.others,
         "trend": bool(trends),
+        "possible_s": next(
+            (TICK_S * tick for tick, one in enumerate(expected, 1) if one >= CLAIRVOYANT), None
+        ),
+        "expected": expected[: round(60.0 / TICK_S)][-1] if expected else None,
         "step_ms": {
             "mean": 1e3 * float(np.mean(durations)),
             "p99": 1e3 * float(np.percentile(durations, 99)),
@@ -101,6 +129,9 @@ def summary(rows, process, case):
     """Figures of the welds of a case."""
     own = [row for row in rows if row["process"] == process and row["case"] == case]
     named = [row["named_s"] for row in own if row["named_s"] is not None]
+    possible = [row["possible_s"] for row in own]
+    late_s = np.median([np.inf if one is None else one for one in possible])
+    sized = all(row["expected"] is not None for row in own)
     aim_s = AIMS_S.get(case) if process == "paper" or case not in OF_HEAT else None
     return {
         "welds": len(own),
@@ -110,6 +141,12 @@ def summary(rows, process, case):
         "worst_s": max(named, default=None),
         "aim_s": aim_s,
         "in_time": None if aim_s is None else sum(one <= aim_s for one in named),
+        "possible": sum(one is not None for one in possible) if sized else None,
+        "possible_s": float(late_s) if np.isfinite(late_s) else None,
+        "expected": float(np.median([row["expected"] for row in own])) if sized else None,
+        "possible_in_time": None
+        if aim_s is None
+        else sum(one is not None and one <= aim_s for one in possible),
         "trends": sum(row["named_s"] is None and row["trend"] for row in own),
         "first": ", ".join(sorted({row["first"] for row in own if row["first"]})),
     }
@@ -176,7 +213,14 @@ def main():
     save(figures | flat, chosen.json)
     if not chosen.quick:
         template = templates(Path(__file__).parent).get_template("monitor.md.j2")
-        text = template.render(figures=figures, tables=tables, missed=missed, of_heat=OF_HEAT)
+        text = template.render(
+            figures=figures,
+            tables=tables,
+            missed=missed,
+            of_heat=OF_HEAT,
+            clairvoyant=CLAIRVOYANT,
+            alarm=ALARM,
+        )
         chosen.page.write_text(text, encoding="utf-8")
 
 
