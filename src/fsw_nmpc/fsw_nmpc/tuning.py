@@ -121,6 +121,15 @@ class EstimatorTuning(Model):
     excitation_power_s: NonNegativeFloat = 10.0
     """duration of that estimation after a dead time: some lags of the tool"""
 
+    known_heat_keep: Share = 0.9983
+    """share of the evidence for the known heat that is left after a tick: it covers about a minute"""
+    known_heat_evidence: PositiveFloat = 5.0
+    """logarithm of the likelihoods' ratio against the known heat at which none of it is used; no more counts for it"""
+    known_heat_counter_evidence: NonNegativeFloat = 20.0
+    """no more is counted against the known heat, so that it can be used again"""
+    known_heat_step: NonNegativeFloat = 0.05
+    """largest change per tick of the share of the known heat in use"""
+
     @model_validator(mode="after")
     def _check_heat(self) -> EstimatorTuning:
         if self.heat_sigmas > 0.0 and not self.thermal_gain_walk > 0.0:

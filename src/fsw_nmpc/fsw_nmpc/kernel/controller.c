@@ -102,6 +102,7 @@ static int is_usable(const fsw_nmpc_tuning *t) {
   if (t->huber_depth_mm + t->huber_temperature_c > 0.0 && t->weight_depth_per_mm + t->weight_temperature_per_c > 0.0) return 0;
   if (!(t->approach.force_time_s > 0.0 && t->approach.power_time_s > 0.0 && t->adaptation.power_memory_s > 0.0)) return 0;
   if (!(t->estimator.torque_outlier_factor >= 1.0 && t->estimator.torque_min_nm > 0.0)) return 0;
+  if (!(t->estimator.known_heat_evidence > 0.0)) return 0;
   if (!(t->estimator.drift_keep < 1.0 && t->estimator.heat_keep < 1.0)) return 0;
   if (t->trajectory == FSW_APPROACH && !(t->depth_time_s >= FSW_TICK_S && t->temperature_time_s >= FSW_TICK_S)) return 0;
   /* with a wrong gain the loop would oscillate */
@@ -172,6 +173,8 @@ void fsw_nmpc_input_clear(fsw_nmpc_input *in) {
   in->applied_force_kn = in->applied_speed_rpm = in->reference_depth_mm = in->reference_temperature_c = NAN;
   in->depth_fresh = in->torque_fresh = in->temperature_fresh = in->n_changes = 0;
   in->dt_s = FSW_TICK_S;
+  in->known_rise_kw = in->known_deviation_kw = 0.0;
+  for (int k = 0; k < FSW_MAX_STEPS; k++) in->known_ahead_kw[k] = 0.0;
   for (int i = 0; i < FSW_MAX_CHANGES; i++) in->change[i].at_s = in->change[i].depth_mm = in->change[i].temperature_c = NAN;
 }
 
@@ -253,6 +256,7 @@ static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
   s->temp_offset_c = x[FSW_TEMP_OFFSET];
   c->problem.temp_cost = temp_cost(c);
   take_drifts(c);
+  fsw_known_heat_ahead(c, in);
   fsw_trajectories(c, in);
 }
 

@@ -168,6 +168,7 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_est
   e->later_ticks = FSW_SLOWER;
   for (int i = 0; i < N; i++) e->by_delay[i] = 0.0;
   for (int k = 0; k < FSW_SLOWER; k++) e->by_later[k] = 0.0;
+  fsw_known_heat_start(e);
   e->is_excited = e->heated_ticks = e->is_telling = e->is_late = 0;
   for (int k = 0; k < FSW_MAX_HISTORY + FSW_LATER; k++) e->power[k] = power;
   return e->started = is_sound(e, m, t);
@@ -297,14 +298,15 @@ void fsw_power_under_way(const fsw_estimator *e, const fsw_nmpc_model *m, double
   }
 }
 
-/* Predict states and covariance over one tick; the same integration as in predict.c. */
-static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t) {
+/* One tick of the model, as in predict.c, and of the covariance. */
+static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t, const fsw_nmpc_input *in) {
   const double *mode = m->modes, motor_decay = mode[3], lag = mode[4];
   double *x = e->x, left_row[N], right_row[N];
   const double gain = x[FSW_DEPTH_GAIN], fast_gain = gain * m->fast_gain;
   const double force = e->acting_force_kn + x[FSW_FORCE], pushed = force - m->operating_force_kn;
   const double scale = x[FSW_SCALE], settled = m->operating_depth_mm + fast_gain * pushed;
 
+  fsw_known_heat_rise(e, in);
   linear_rows(e, m, t);
   const double before = fsw_contact_depth(e, m, left_row);
   const fsw_torque left = fsw_torque_at(m, force, deeper_than_zero(before));
@@ -360,6 +362,7 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimat
   e->power[0] = newest[0] + 0.5 * newest[1] + newest[2] * lag * (1.0 - motor_decay);
   note_power(e, m, t);
   predict_by_delay(e);
+  fsw_known_heat_predict(e);
   predict_covariance(e, t);
 }
 
@@ -395,6 +398,7 @@ static void update(fsw_estimator *e, const fsw_estimator_tuning *t, int sensor, 
   for (int i = 0; i < N; i++) gain[i] = is_held(e, i) ? 0.0 : cross[i] / expected;
   double by_delay = 0.0;
   for (int i = 0; i < N; i++) by_delay += row[i] * e->by_delay[i];
+  fsw_known_heat_correct(e, row, gain);
   for (int i = 0; i < N; i++) {
     e->x[i] += gain[i] * innovation;
     e->by_delay[i] -= gain[i] * by_delay;
@@ -497,7 +501,10 @@ static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimat
     clear_row(jumping);
     row[FSW_TOOL] = row[FSW_TEMP_OFFSET] = jumping[FSW_TEMP_OFFSET] = 1.0;
     const double by_delay = e->by_delay[FSW_TOOL] + e->by_delay[FSW_TEMP_OFFSET];
+    const double by_known = e->by_known[FSW_TOOL] + e->by_known[FSW_TEMP_OFFSET];
+    const double by_used = e->by_used[FSW_TOOL] + e->by_used[FSW_TEMP_OFFSET];
     update(e, t, TEMPERATURE, row, rise_c - e->x[FSW_TOOL] - e->x[FSW_TEMP_OFFSET], t->temperature_noise_c, jumping);
+    fsw_known_heat_judge(e, t, by_known, by_used);
     widen_heat(e, m, t, by_delay);
   }
   e->x[FSW_DEPTH_GAIN] = fsw_clip(e->x[FSW_DEPTH_GAIN], t->depth_gain_min, t->depth_gain_max);
@@ -513,7 +520,7 @@ int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_esti
   take_inputs(e, t, in);
   e->is_telling =
       e->heated_ticks > 0 && in->temperature_fresh && plausible_rise(t, in->temperature_c - m->operating_temperature_c);
-  predict(e, m, t);
+  predict(e, m, t, in);
   correct(e, m, t, in);
   e->last_speed_rpm = e->acting_speed_rpm;
   return e->started = is_sound(e, m, t);

@@ -104,7 +104,11 @@ typedef struct {
   double reference_depth_mm, reference_temperature_c; /* NaN: unchanged */
   double dt_s;                                   /* since the last tick; <= 0 counts as one tick */
   int n_changes;
-  fsw_change change[FSW_MAX_CHANGES];            /* in order of time */
+  fsw_change change[FSW_MAX_CHANGES];               /* in order of time */
+  /* Heat that is known beforehand, as differences, so that all of it may come and go: how much more of it there was over
+   * the tick that just ended than over the one before, and will be over each step of the horizon. 0: nothing is known. */
+  double known_rise_kw, known_ahead_kw[FSW_MAX_STEPS];
+  double known_deviation_kw;                        /* standard deviation of the rise */
 } fsw_nmpc_input;
 
 typedef enum {
@@ -160,8 +164,9 @@ typedef struct {
   double force_kn, speed_rpm;         /* inputs until now */
   double force_offset_kn, heat_offset_kw, torque_scale, depth_offset_mm, temp_offset_c;
   double speed_offset_rpm;
-  double depth_gain, thermal_gain;    /* factors on the model's */
-  double drift[2][FSW_MAX_OUT];       /* movement of the offsets up to each output point */
+  double depth_gain, thermal_gain;         /* factors on the model's */
+  double drift[2][FSW_MAX_OUT];            /* how far the two offsets move until each output point */
+  double heat_ahead_kw[FSW_MAX_STEPS];     /* known heat over each step, beyond heat_offset_kw */
 } fsw_start;
 
 /* Problem of one tick: start, dead-bands about the trajectories, quality limits. */
@@ -180,22 +185,26 @@ typedef struct {
   double offset[2];                  /* drive feedback minus command */
   double blind_s[3];
   int started;
-  int is_excited;                    /* whether the force has moved recently */
-  double power[FSW_MAX_HISTORY + FSW_LATER]; /* mean power deviation per tick, newest first */
-  int heated_ticks; /* ticks for which a past power change still affects the temperature */
-  int is_telling;  /* whether it does and the sensor is valid: gain and delay are estimated */
-  int is_late;     /* whether the delay is searched in its later range */
-  double recent;   /* fading sum of normalised depth innovations */
-  double lasting;  /* the same of the temperature, with a longer memory */
-  double steady;   /* the same, each limited more tightly: a test of their persistence */
-  int long_ticks;  /* ticks for which the sum has exceeded the bound of the test */
-  int start_ticks; /* remaining ticks in which persistence is not required, after the start */
-  double by_delay[FSW_STATES]; /* state error if the power arrives 1 s later than estimated */
-  double by_later[FSW_SLOWER]; /* fading sums of the resulting innovations, newest first */
-  int later_ticks; /* by how much later than estimated a response may still be */
-  int is_doubtful; /* whether such a response explains the lasting innovations */
-  int is_unexplained; /* whether no response to the power explains them, however late */
-  double innovation[3], expected[3]; /* last innovations and their variances; 0 if none */
+  int is_excited;                          /* whether the force has moved lately */
+  double power[FSW_MAX_HISTORY + FSW_LATER]; /* mean power deviation of the last ticks, newest first */
+  int heated_ticks;                        /* so long is the power's effect still in what the sensor shows */
+  int is_telling;                          /* whether it is, and the sensor shows it: gain and delay are estimated */
+  int is_late;                             /* whether the delay is sought in its later range */
+  double recent;                           /* fading sum of the depth's innovations, each in its deviation */
+  double lasting;                          /* likewise of the temperature's, fading more slowly */
+  double steady;                           /* and of those, each up to a smaller bound: whether they last */
+  int long_ticks;                          /* for which the sum has been beyond the bound of the test */
+  int start_ticks;                         /* left in which they need not, as nothing has jumped */
+  double by_delay[FSW_STATES];             /* error of the states if the power arrives later by 1 s than estimated */
+  double by_later[FSW_SLOWER];             /* fading sum of the innovations that it makes, in the last ticks, newest first */
+  int later_ticks;                         /* by how much later than estimated a response may still be */
+  int is_doubtful;                         /* whether such a response explains innovations that last */
+  int is_unexplained;                      /* whether they are none of any response to the power, however late */
+  double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
+  double known_weight;                     /* share of the known heat that is used, see known_heat.c */
+  double known_evidence;                   /* for it: fading logarithm of the likelihoods' ratio */
+  double by_known[FSW_STATES];             /* what the known heat would do to the states if all of it were used ... */
+  double by_used[FSW_STATES];              /* ... and what the share in use does */
 } fsw_estimator;
 
 /* Gain and delay of the power in use, and the estimator's rival, see adapt.c. */

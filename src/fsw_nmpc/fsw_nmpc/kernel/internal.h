@@ -29,6 +29,14 @@ void fsw_power_under_way(const fsw_estimator *e, const fsw_nmpc_model *m, double
                          double history[3 * FSW_MAX_HISTORY]);
 double fsw_contact_depth(const fsw_estimator *e, const fsw_nmpc_model *m, double row[FSW_STATES]);
 
+/* known_heat.c */
+void fsw_known_heat_start(fsw_estimator *e);
+void fsw_known_heat_rise(fsw_estimator *e, const fsw_nmpc_input *in);
+void fsw_known_heat_predict(fsw_estimator *e);
+void fsw_known_heat_correct(fsw_estimator *e, const double row[FSW_STATES], const double gain[FSW_STATES]);
+void fsw_known_heat_judge(fsw_estimator *e, const fsw_estimator_tuning *t, double by_known, double by_used);
+void fsw_known_heat_ahead(fsw_nmpc *c, const fsw_nmpc_input *in);
+
 /* adapt.c */
 void fsw_adaptation_start(fsw_nmpc *c);
 int fsw_adapt(fsw_nmpc *c, const fsw_nmpc_input *in);

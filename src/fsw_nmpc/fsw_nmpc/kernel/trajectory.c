@@ -273,7 +273,17 @@ static motion temperature_ahead(const fsw_nmpc *c, double *copper_c) {
     copper += gain * m->ahead_power[k] * c->problem.start.history[k];
     tool += gain * m->ahead_power[n + k] * c->problem.start.history[k];
   }
-  const double power = newest[0] + newest[1] + newest[2] * m->modes[3] + c->adaptation.heat_kw;
+  double known_kw = 0.0; /* over the last step of the dead time; earlier ones heat as they do in the prediction */
+  double known_copper = 0.0, known_tool = 0.0;
+  for (int k = 0; k < m->n_steps && m->time_s[m->step_interval[k]] <= m->dead_time_s + 1e-9; k++) {
+    const double *step = m->modes + k * FSW_MODES;
+    known_kw = c->problem.start.heat_ahead_kw[k];
+    known_tool = step[6] * known_copper + step[7] * known_tool + step[9] * (gain * known_kw);
+    known_copper = step[5] * known_copper + step[8] * (gain * known_kw);
+  }
+  copper += known_copper;
+  tool += known_tool;
+  const double power = newest[0] + newest[1] + newest[2] * m->modes[3] + c->adaptation.heat_kw + known_kw;
   double drift = 0.0, rate = x[FSW_TEMP_RATE];
   for (double now_s = 0.0; now_s < m->dead_time_s - 0.5 * FSW_TICK_S; now_s += FSW_TICK_S) {
     drift += FSW_TICK_S * rate;

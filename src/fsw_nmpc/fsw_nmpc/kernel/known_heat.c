@@ -1,0 +1,76 @@
+/* Heat that is known beforehand: used as far as it explains the temperature.
+ *
+ * Only its changes enter: the heat disturbance of the estimator moves with them, and so does that along the horizon. What is
+ * wrong about the known heat as a whole is in the disturbance, as any heat; nothing jumps where the knowledge begins or ends.
+ *
+ * The gate: two vectors carry along, with the filter's own gains, what the known heat would do to the states if all of it
+ * were used, and what the share in use does. They give the innovations of a filter that uses all of it, and of one that uses
+ * none. The logarithm of their likelihoods' ratio is summed, at most 1 a tick, and fades; the share falls with it to 0. */
+#include "internal.h"
+
+#define N FSW_STATES
+
+enum { TEMPERATURE = 2 };
+
+void fsw_known_heat_start(fsw_estimator *e) {
+  e->known_weight = 1.0;
+  e->known_evidence = 0.0;
+  for (int i = 0; i < N; i++) e->by_known[i] = e->by_used[i] = 0.0;
+}
+
+/* The heat of the tick that just ended; before it is predicted. */
+void fsw_known_heat_rise(fsw_estimator *e, const fsw_nmpc_input *in) {
+  const double rise = in->known_rise_kw, deviation = e->known_weight * in->known_deviation_kw;
+  if (!fsw_is_finite(rise + deviation)) return;
+  e->x[FSW_HEAT] += e->known_weight * rise;
+  e->p[FSW_HEAT][FSW_HEAT] += deviation * deviation;
+  e->by_known[FSW_HEAT] += rise;
+  e->by_used[FSW_HEAT] += e->known_weight * rise;
+}
+
+static void advance(const fsw_estimator *e, double by[N]) {
+  double before[N];
+  for (int i = 0; i < N; i++) before[i] = by[i];
+  for (int i = 0; i < N; i++) {
+    double sum = 0.0;
+    for (int j = 0; j < N; j++) sum += e->a[i][j] * before[j];
+    by[i] = sum;
+  }
+}
+
+void fsw_known_heat_predict(fsw_estimator *e) {
+  advance(e, e->by_known);
+  advance(e, e->by_used);
+}
+
+/* An update of the states with a gain. */
+void fsw_known_heat_correct(fsw_estimator *e, const double row[N], const double gain[N]) {
+  double known = 0.0, used = 0.0;
+  for (int i = 0; i < N; i++) {
+    known += row[i] * e->by_known[i];
+    used += row[i] * e->by_used[i];
+  }
+  for (int i = 0; i < N; i++) {
+    e->by_known[i] -= gain[i] * known;
+    e->by_used[i] -= gain[i] * used;
+  }
+}
+
+/* After an update of the temperature, before which its expectation had these parts of the known heat. */
+void fsw_known_heat_judge(fsw_estimator *e, const fsw_estimator_tuning *t, double by_known, double by_used) {
+  const double none = e->innovation[TEMPERATURE] + by_used, all = none - by_known;
+  const double more = 0.5 * (none * none - all * all) / e->expected[TEMPERATURE];
+  const double most = t->known_heat_evidence, evidence = t->known_heat_keep * e->known_evidence + fsw_clip(more, -1.0, 1.0);
+  e->known_evidence = fsw_clip(evidence, -t->known_heat_counter_evidence, most);
+  const double weight = fsw_clip(1.0 + e->known_evidence / most, 0.0, 1.0);
+  e->known_weight = fsw_clip(weight, e->known_weight - t->known_heat_step, e->known_weight + t->known_heat_step);
+}
+
+/* The known heat along the horizon, into c->problem; none where any of it is not finite. */
+void fsw_known_heat_ahead(fsw_nmpc *c, const fsw_nmpc_input *in) {
+  double sum = 0.0;
+  for (int k = 0; k < c->model.n_steps; k++) sum += in->known_ahead_kw[k];
+  const double weight = fsw_is_finite(sum) ? c->estimator.known_weight : 0.0;
+  for (int k = 0; k < c->model.n_steps; k++)
+    c->problem.start.heat_ahead_kw[k] = weight > 0.0 ? weight * in->known_ahead_kw[k] : 0.0;
+}

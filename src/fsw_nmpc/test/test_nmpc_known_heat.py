@@ -1,0 +1,154 @@
+"""Heat that is known beforehand: met before it comes, ignored where it does not come, without effect where absent."""
+
+from math import exp, nan
+
+import numpy as np
+import pytest
+
+from fsw_control import weld
+from fsw_model import ProcessModel, nominal
+from fsw_model.equations import COPPER
+from fsw_nmpc.library import KERNEL, tuning_of
+from fsw_nmpc.settings import Settings
+from fsw_nmpc.tuning import Tuning
+from fsw_test_support.nmpc_problems import (
+    LIMITS,
+    make_library,
+    predict,
+    random_moves,
+    random_start,
+)
+
+P = nominal()
+NOISE = (2e-3, 2.0, 0.1)  # depth mm, torque N m, temperature degC: the emulator's sensors
+STEP_AT_S, STEP_KW, LENGTH_S = 60.0, 2.0, 120.0
+
+
+class Loop:
+    """The controller on its own model, into which heat flows that it does not make."""
+
+    def __init__(self, comes, known=None, noise=True):
+        self.comes, self.known = comes, known  # kW by time, of the process and of the input
+        self.library, self.model = make_library(), ProcessModel(P)
+        at = self.model.equilibrium()
+        self.state, self.inputs = at.state.copy(), (at.force_kn, at.speed_rpm)
+        self.library.reset(*self.inputs)
+        self.noise = np.random.default_rng(5).normal(0.0, NOISE, (2000, 3)) * noise
+        lengths = self.library.horizon.step_length_s
+        self.middle_s = np.cumsum(lengths) - 0.5 * lengths
+        self.temperature, self.speed, self.weight = [], [], []
+
+    def tick(self, k):
+        now_s, given = k * weld.TICK_S, self.library.input
+        out = self.model.outputs(self.state, *self.inputs)
+        shown = np.array([out.depth_mm, out.motor_torque_nm, out.temperature_c]) + self.noise[k]
+        given.depth_mm, given.torque_nm, given.temperature_c = shown
+        given.depth_fresh = given.torque_fresh = given.temperature_fresh = 1
+        given.force_kn = given.speed_rpm = nan
+        given.applied_force_kn, given.applied_speed_rpm = self.inputs
+        given.reference_depth_mm, given.reference_temperature_c = weld.DEPTH_MM, weld.TEMPERATURE_C
+        given.dt_s = weld.TICK_S
+        if self.known is not None:
+            times_s = now_s + np.concatenate(
+                [[-1.5 * weld.TICK_S, -0.5 * weld.TICK_S], self.middle_s]
+            )
+            before, last, *ahead = self.known(times_s).tolist()
+            given.known_rise_kw = last - before
+            given.known_ahead_kw[0 : len(ahead)] = [value - last for value in ahead]
+        self.library.step()
+        self.temperature.append(out.temperature_c)
+        self.speed.append(self.inputs[1])
+        self.weight.append(self.library.state.estimator.known_weight)
+        self.inputs = self.library.output.force_kn, self.library.output.speed_rpm
+        self.model.step(self.state, *self.inputs)
+        x = list(self.state.x)
+        x[COPPER] += (
+            P.thermal_gain_c_per_kw
+            * (1.0 - exp(-weld.TICK_S / P.copper_lag_s))
+            * float(self.comes(np.array(now_s + 0.5 * weld.TICK_S)))
+        )
+        self.state.x = tuple(x)
+
+    def run(self):
+        for k in range(round(LENGTH_S / weld.TICK_S)):
+            self.tick(k)
+        return self
+
+    def rms_c(self):
+        return float(np.sqrt(np.mean((np.array(self.temperature) - weld.TEMPERATURE_C) ** 2)))
+
+
+def nothing(time_s):
+    return np.zeros_like(time_s)
+
+
+def step(time_s):
+    return np.where(time_s < STEP_AT_S, 0.0, STEP_KW)
+
+
+def test_known_heat_is_part_of_the_prediction(library, rng):
+    """The same over the whole horizon is a heat offset; what begins later acts from then on."""
+    start, moves = random_start(rng, library.horizon, P), random_moves(rng, library.horizon)
+    _, before, _, _ = predict(library, start, moves)
+    n, time_s = len(library.horizon.step_length_s), library.horizon.time_s
+    start.heat_ahead_kw[0:n] = [1.5] * n
+    _, ahead, _, _ = predict(library, start, moves)
+    start.heat_ahead_kw[0:n] = [0.0] * n
+    start.heat_offset_kw += 1.5
+    _, offset, _, _ = predict(library, start, moves)
+    assert ahead == pytest.approx(offset, rel=1e-12)
+    start.heat_offset_kw -= 1.5
+    start.heat_ahead_kw[0:n] = np.where(
+        np.cumsum(library.horizon.step_length_s) > 2.05, 1.5, 0.0
+    ).tolist()
+    _, later, _, _ = predict(library, start, moves)
+    assert (later[time_s < 2.05] == before[time_s < 2.05]).all()
+    assert (later[time_s > 2.05] > before[time_s > 2.05]).all()
+
+
+def test_the_controller_moves_before_a_known_step():
+    unknown, known = Loop(step).run(), Loop(step, step).run()
+    at = round(STEP_AT_S / weld.TICK_S)
+    moved = np.array(known.speed)[at - 1] - np.array(unknown.speed)[at - 1]
+    assert moved < -5.0  # rpm, and nothing of the step has been measured yet
+    assert known.rms_c() < 0.4 * unknown.rms_c()
+    assert min(known.weight) > 0.9
+
+
+def test_heat_that_does_not_come_is_ignored_within_seconds():
+    """So a second step of the same wrong knowledge moves nothing."""
+
+    def twice(time_s):
+        return step(time_s) + step(time_s - 30.0)
+
+    wrong, once = Loop(nothing, twice).run(), Loop(nothing, step).run()
+    ignored = np.flatnonzero(np.array(wrong.weight) == 0.0)
+    assert STEP_AT_S < ignored[0] * weld.TICK_S < STEP_AT_S + 5.0
+    assert wrong.speed == pytest.approx(once.speed, abs=0.01)  # rpm; the first one moves 19
+
+
+def test_heat_of_the_wrong_sign_is_ignored_within_seconds():
+    mirrored = Loop(step, lambda time_s: -step(time_s)).run()
+    ignored = np.flatnonzero(np.array(mirrored.weight) == 0.0)
+    assert STEP_AT_S < ignored[0] * weld.TICK_S < STEP_AT_S + 5.0
+
+
+@pytest.mark.parametrize("value", [0.0, nan])
+def test_without_known_heat_nothing_changes(value):
+    """Not a bit: of zeros, as of an input that is not finite."""
+
+    def absent(time_s):
+        return np.full_like(time_s, value)
+
+    plain, given = Loop(step).run(), Loop(step, absent).run()
+    assert given.speed == plain.speed
+    assert given.temperature == plain.temperature
+
+
+def test_a_gate_without_evidence_is_refused():
+    library = make_library()
+    settings = Settings(P, Tuning(), LIMITS)
+    tuning = tuning_of(settings)
+    tuning.estimator.known_heat_evidence = 0.0
+    assert library.lib.fsw_nmpc_configure(library.state, tuning) == 1
+    assert KERNEL.lib.fsw_nmpc_configure(library.state, tuning_of(settings)) == 0
