@@ -12,5 +12,10 @@ setup(
         ("share/" + package_name, ["package.xml"]),
     ],
     extras_require={"test": ["pytest"]},
-    entry_points={"fsw.schemas": ["model = fsw_model:ModelParameters"]},
+    entry_points={
+        "fsw.schemas": [
+            "heat = fsw_model.heat_profile:HeatProfile",
+            "model = fsw_model:ModelParameters",
+        ]
+    },
 )

@@ -60,6 +60,7 @@ from fsw_schema.models import content_of, read_text
         "parameters of controllers' nodes, in ROS's format, e.g. from fsw.py tune",
         type=Path,
     ),
+    file("--heat", "heat profile of the type of weld, from fsw.py learn"),
     switch("--no-noise", "no sensor noise, no quantisation"),
     repeated(
         "--set",
@@ -97,6 +98,8 @@ def simulate(arguments: argparse.Namespace) -> int:
         raise CommandError(
             f"simulate: give a scenario, one of {', '.join(shipped())}, or a YAML file"
         )
+    if arguments.heat is not None and arguments.bag:
+        raise CommandError("simulate: --heat goes without --bag: the graph does not announce heat")
     by_procedure: dict[str, dict[str, Any]] = {}
     if arguments.require_signed and not arguments.procedure:
         raise CommandError("simulate: --require-signed needs --procedure")
@@ -151,7 +154,11 @@ def _loops(
         prepare(PlantConfig.from_values(scenario.plant), lambda share, _: bar(share))
     for label in labels:
         title, loop = closed_loop(
-            arguments.scenario, None if scenario.open_loop else label, overrides, parameters
+            arguments.scenario,
+            None if scenario.open_loop else label,
+            overrides,
+            parameters,
+            arguments.heat,
         )
         used |= set(loop.scenario.controllers)
         if len(labels) == 1 and len(loop.scenario.controllers) > 1:

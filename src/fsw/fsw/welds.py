@@ -19,6 +19,7 @@ from fsw_analysis.export import Column, export_weld, weld_table
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.contract import Controller
+from fsw_model.heat_profile import HeatProfile
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import OURS, make, make_all, name_of, short
 from fsw_scenario.scenario_file import load
@@ -235,6 +236,7 @@ def simulate(
     parameters: Mapping[str, Any] | None = None,
     changes: Mapping[str, Any] | None = None,
     noise: bool | None = None,
+    heat: str | Path | None = None,
     label: str | None = None,
     progress: Progress | None = None,
 ) -> Weld:
@@ -254,6 +256,8 @@ def simulate(
         Other values of the scenario by path, e.g. ``{"events[0].at_s": 10}``.
     noise : bool, optional
         Whether sensors have noise and resolution.
+    heat : str or Path, optional
+        Heat profile of the type of weld, from ``fsw.py learn``, for controllers that look ahead.
     label : str, optional
         Name of the weld in tables and legends; by default the controller's.
     progress : callable, optional
@@ -284,7 +288,8 @@ def simulate(
     )
     if parameters and not own:
         raise InputError("simulate: parameters are for a controller that is given by its name")
-    name, loop = closed_loop(scenario, controller, overrides_of(plant, changes, noise), own)
+    overrides = overrides_of(plant, changes, noise)
+    name, loop = closed_loop(scenario, controller, overrides, own, heat)
     return Weld(label or name, loop.run(progress))
 
 
@@ -318,6 +323,7 @@ def closed_loop(
     controller: str | Controller | None,
     overrides: Sequence[str] = (),
     parameters: Mapping[str, Mapping[str, Any]] | None = None,
+    heat: str | Path | None = None,
 ) -> tuple[str, ClosedLoop]:
     """Label of a weld, and its simulation; see :func:`simulate`.
 
@@ -336,6 +342,7 @@ def closed_loop(
         raise InputError(
             f"simulate: {scenario.name} is an open-loop scenario; it takes no controller"
         )
+    known = None if heat is None else HeatProfile.from_file(heat)
     own = None if controller is None or isinstance(controller, str) else controller
     name = (
         scenario.controller
@@ -348,11 +355,14 @@ def closed_loop(
         scenario = load(source, [*overrides, f"controller={name}"])
     if own is not None:
         return own.name, ClosedLoop(
-            scenario, {one: own if one == own.name else make(one) for one in scenario.controllers}
+            scenario,
+            {one: own if one == own.name else make(one) for one in scenario.controllers},
+            known,
         )
     label = name if controller is None else str(controller)
     controllers = {} if scenario.open_loop else make_all(scenario, label, parameters or {})
-    return "open loop" if scenario.open_loop else short(label), ClosedLoop(scenario, controllers)
+    loop = ClosedLoop(scenario, controllers, known)
+    return "open loop" if scenario.open_loop else short(label), loop
 
 
 @checked

@@ -77,6 +77,9 @@ def test_nothing_is_overwritten(capsys, tmp_path):
         ["simulate", "open_loop_force_steps", "--controller", "decentral"],
         ["simulate", "quick", "--set", "plant.model_file=/usr/bin/env"],
         ["simulate", "quick", "--set", "plant.model_file=/dev/null"],
+        ["simulate", "quick", "--heat", "nothing_of_the_kind.yaml"],
+        ["simulate", "quick", "--heat", "/dev/null"],
+        ["simulate", "quick", "--heat", "heat.yaml", "--bag"],
         [
             "simulate",
             "quick",

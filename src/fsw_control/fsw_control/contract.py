@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import Any, Literal, NamedTuple, Protocol, get_args, runtime_checkable
 
 from fsw_control import weld
+from fsw_control.heat_plan import HeatPlan
 from fsw_control.reason import Reason
 from fsw_control.sensors import REQUIRED
 
@@ -63,12 +64,14 @@ class Coming(NamedTuple):
 class Reference:
     """Set-points: shoulder depth and stir-zone temperature.
 
-    ``coming`` are the next known ones in order of time, for controllers with preview.
+    ``coming`` are the next ones that are known, in order of time, and ``heat`` is the known heat
+    along the path; for controllers that can look ahead.
     """
 
     depth_mm: float
     temperature_c: float
     coming: tuple[Coming, ...] = field(default=(), compare=False)
+    heat: HeatPlan | None = field(default=None, compare=False)
 
 
 class Command(NamedTuple):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from fsw_control import Command, Diagnosis, Measurement, Plan, Proposal, Reference, weld
+from fsw_control.heat_plan import HeatPlan
 from fsw_control.parameters import defaults, load, problem
 from fsw_control.reason import Reason, ReasonCode
 from fsw_nmpc.deviation import output_deviations
@@ -44,6 +45,8 @@ _DEVIATIONS = (
     "thermal_gain_deviation",
     "delay_deviation_s",
 )
+#: relative difference up to which two thermal models are the same: as written in files
+_SAME_MODEL = 1e-3
 _SENSORS = {Missing.DEPTH: "depth", Missing.TORQUE: "torque", Missing.TEMPERATURE: "thermocouple"}
 _DOUBTS = {
     Doubt.LATE: "what passes for heat may be a late response to the power, so it is not used",
@@ -123,6 +126,9 @@ class NmpcController:
     def _use(self, settings: Settings, library: Library) -> None:
         self.library, self._blocks = library, settings.tuning.blocks
         self._time_s = tuple(library.horizon.time_s.tolist())
+        lengths_s = library.horizon.step_length_s
+        self._middle_s = tuple((np.cumsum(lengths_s) - 0.5 * lengths_s).tolist())
+        self._has_heat = False
         self._say_solver()
 
     def _say_solver(self) -> None:
@@ -204,6 +210,7 @@ class NmpcController:
                 one.depth_mm,
                 one.temperature_c,
             )
+        self._take_heat(reference.heat, m.time_s)
         library.step()
         command = Command(outputs.force_kn, outputs.speed_rpm)
         reason = self._reason(m) if outputs.reason else self._remark()
@@ -217,6 +224,11 @@ class NmpcController:
                 "attainable_depth_mm": outputs.attainable[0],
                 "attainable_temperature_c": outputs.attainable[1],
                 "copper_temperature_c": outputs.copper_c,
+                **(
+                    {"known_heat_share": self.library.state.estimator.known_weight}
+                    if self._has_heat
+                    else {}
+                ),
                 **dict(zip(_DISTURBANCES, outputs.disturbance, strict=True)),
                 **dict(zip(_DEVIATIONS, outputs.deviation, strict=True)),
             },
@@ -228,6 +240,29 @@ class NmpcController:
             plan=self._plan() if outputs.has_plan else None,
         )
         return Proposal(command, bool(outputs.healthy), reason, diagnosis)
+
+    def _take_heat(self, heat: HeatPlan | None, now_s: float) -> None:
+        """Pass the changes of the known heat: over the last tick, and along the horizon."""
+        inputs, n = self.library.input, len(self._middle_s)
+        if heat is None or not self.settings.preview or not self._is_of_model(heat):
+            if self._has_heat:
+                inputs.known_rise_kw = inputs.known_deviation_kw = 0.0
+                inputs.known_ahead_kw[0:n] = [0.0] * n
+            self._has_heat = False
+            return
+        self._has_heat = True
+        last = (now_s - 1.5 * weld.TICK_S, now_s - 0.5 * weld.TICK_S)
+        before_kw, now_kw = map(heat.heat, last)
+        inputs.known_rise_kw = now_kw - before_kw
+        inputs.known_deviation_kw = heat.deviation(*last)
+        inputs.known_ahead_kw[0:n] = [heat.heat(now_s + in_s) - now_kw for in_s in self._middle_s]
+
+    def _is_of_model(self, heat: HeatPlan) -> bool:
+        """Whether the heat was found with this controller's thermal model."""
+        return all(
+            abs(getattr(self.settings.model, name) - value) <= _SAME_MODEL * value
+            for name, value in heat.model.items()
+        )
 
     def _reason(self, m: Measurement) -> Reason:
         outputs, s = self.library.output, self.settings

@@ -127,6 +127,8 @@ class EstimatorTuning(Model):
     """logarithm of the likelihoods' ratio against the known heat at which none of it is used; no more counts for it"""
     known_heat_counter_evidence: NonNegativeFloat = 20.0
     """no more is counted against the known heat, so that it can be used again"""
+    known_heat_walk_kw: NonNegativeFloat = 0.006
+    """largest random walk of what the known heat lacks, however uncertain it is: more would cost the loop its margin"""
     known_heat_step: NonNegativeFloat = 0.05
     """largest change per tick of the share of the known heat in use"""
 

@@ -30,9 +30,11 @@ from fsw_control.reason import Reason
 from fsw_control.references import ReferencePlan
 from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
 from fsw_control.validity import SensorGuard
-from fsw_control.weld import TICK_NS
+from fsw_control.weld import TICK_NS, TICK_S
 from fsw_model import STEP_S
+from fsw_model.heat_profile import HeatProfile
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule, Truth
+from fsw_scenario.heat_ahead import HeatAhead
 from fsw_scenario.offline_supervisor import OfflineSupervisor
 from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.scenario import Scenario, start_reference
@@ -55,7 +57,8 @@ def plant_of(scenario: Scenario) -> PlantEmulator:
 class _Programme:
     """Set-points by tick; on a canister a phase may end early, when its temperature is reached."""
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, heat: HeatAhead | None = None) -> None:
+        self._heat_ahead = heat
         self._course = Course(references(scenario, start_reference(scenario.plant)))
         waits = any(phase.until_c is not None for phase in scenario.phases)
         self._machine = PhaseMachine(scenario.phases) if waits else None
@@ -73,6 +76,7 @@ class _Programme:
             ((tick + self._held) * TICK_NS, one) for tick, one in stair(self._course.coming)
         ]
         self.plan = ReferencePlan(planned) if self._announced else None
+        self._heat = self._heat_ahead.plan(self._held * TICK_S) if self._heat_ahead else None
 
     def over(self, tick: int) -> bool:
         """Whether the scenario ends before a tick of the process."""
@@ -83,9 +87,10 @@ class _Programme:
         coming = self._course.coming
         while coming and coming[0][0] <= tick - self._held:
             self.reference = coming.popleft()[1]
-        if self.plan is None:
+        if self.plan is None and self._heat is None:
             return self.reference
-        return replace(self.reference, coming=self.plan.after(tick * TICK_NS, self.reference))
+        after = self.plan.after(tick * TICK_NS, self.reference) if self.plan else ()
+        return replace(self.reference, coming=after, heat=self._heat)
 
     def end(self, tick: int, plant: PlantEmulator, shown_c: float) -> int:
         """Follow the thermocouple at a tick and move the tool; returns the programme's tick."""
@@ -124,16 +129,23 @@ class ClosedLoop:
     the graph in lockstep. Otherwise a single controller is studied without supervisor: its
     proposal is limited and applied, and the last command is held while it is unhealthy.
 
+    With the ``heat`` of a type of weld controllers know beforehand how much of it comes.
+
     Raises
     ------
     fsw_schema.models.InputError
-        If the scenario selects a controller that is not available.
+        If the scenario selects a controller that is not there, or has no phases by which the heat
+        would go.
     """
 
     def __init__(
-        self, scenario: Scenario, controllers: Mapping[str, Controller] | None = None
+        self,
+        scenario: Scenario,
+        controllers: Mapping[str, Controller] | None = None,
+        heat: HeatProfile | None = None,
     ) -> None:
         self.scenario = scenario
+        self._heat = None if heat is None else HeatAhead(heat, scenario.phases)
         self.plant = plant_of(scenario)
         start = self.plant.applied
         self._controllers: dict[str, Controller] = dict(controllers or {})
@@ -157,7 +169,7 @@ class ClosedLoop:
         supervisor, the signals' problems have a remark.
         """
         scenario, plant, limits = self.scenario, self.plant, Limits()
-        programme, swaps = _Programme(scenario), deque(switches(scenario).items())
+        programme, swaps = _Programme(scenario, self._heat), deque(switches(scenario).items())
         applied, tick = plant.applied, 0
         first = OpenLoopController.name if scenario.open_loop else scenario.controller
         faulty = any(event.fault is not None for event in scenario.events)

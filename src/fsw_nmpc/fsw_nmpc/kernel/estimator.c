@@ -306,7 +306,7 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimat
   const double force = e->acting_force_kn + x[FSW_FORCE], pushed = force - m->operating_force_kn;
   const double scale = x[FSW_SCALE], settled = m->operating_depth_mm + fast_gain * pushed;
 
-  fsw_known_heat_rise(e, in);
+  fsw_known_heat_rise(e, t, in);
   linear_rows(e, m, t);
   const double before = fsw_contact_depth(e, m, left_row);
   const fsw_torque left = fsw_torque_at(m, force, deeper_than_zero(before));

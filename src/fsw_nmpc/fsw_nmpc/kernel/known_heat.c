@@ -19,8 +19,9 @@ void fsw_known_heat_start(fsw_estimator *e) {
 }
 
 /* The heat of the tick that just ended; before it is predicted. */
-void fsw_known_heat_rise(fsw_estimator *e, const fsw_nmpc_input *in) {
-  const double rise = in->known_rise_kw, deviation = e->known_weight * in->known_deviation_kw;
+void fsw_known_heat_rise(fsw_estimator *e, const fsw_estimator_tuning *t, const fsw_nmpc_input *in) {
+  const double rise = in->known_rise_kw;
+  const double deviation = e->known_weight * fsw_clip(in->known_deviation_kw, 0.0, t->known_heat_walk_kw);
   if (!fsw_is_finite(rise + deviation)) return;
   e->x[FSW_HEAT] += e->known_weight * rise;
   e->p[FSW_HEAT][FSW_HEAT] += deviation * deviation;
