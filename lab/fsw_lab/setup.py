@@ -21,6 +21,7 @@ setup(
             "commission = fsw_lab.commission",
             "export = fsw_lab.export_command",
             "identify = fsw_lab.identify_command",
+            "learn = fsw_lab.learn_command",
             "tune = fsw_lab.tune_command",
         ],
         "fsw.api": [

@@ -1,0 +1,106 @@
+"""``fsw.py learn``: the heat over the path of a type of weld, from recorded welds of it."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+from pathlib import Path
+
+from fsw.bags import read_weld
+from fsw.command import FORCE, command, file, number, option, switch
+from fsw.console import print_table
+from fsw.outputs import check_new, write_text
+from fsw.progress import ProgressBar
+from fsw_analysis.changes import cut_to_scenario
+from fsw_identification.heat_learning import Learned, learn
+from fsw_model import ModelParameters
+from fsw_plant.config import specs
+from fsw_recorder.bag_reader import SUFFIXES
+from fsw_schema.ranges import Range
+
+_LAG = specs()["actuators.lag_s"]
+_BLOCK = 1 << 20
+
+
+@command(
+    "learn",
+    "heat over the path of a type of weld, from bags of such welds",
+    option("bag", type=Path, nargs="+", help="bag of a weld of the type"),
+    option("--type", required=True, metavar="NAME", help="name of the type: canister, tool, path"),
+    file("--out", "heat profile (YAML; default NAME.heat.yaml)"),
+    file("--model-out", "model file that belongs to it (YAML; default NAME.model.yaml)"),
+    file("--model", "model of the process (default: the paper's)"),
+    switch("--keep-model", "keep the copper's gain and lag and the dead time of the model"),
+    number(
+        "--drive-lag",
+        "S",
+        Range(*(_LAG.range or (0.0, float("inf"))), "s"),
+        "time constant of the drives (default %(default)s s, the emulator's)",
+        _LAG.default,
+    ),
+    FORCE,
+    description="Find the heat into the copper beyond the spindle's power in each weld, by place, and write its "
+    "mean with its standard deviation as a heat profile, and the model file with which the NMPC takes it.",
+)
+def learn_type(arguments: argparse.Namespace) -> int:
+    out = arguments.out or Path(f"{arguments.type}.heat.yaml")
+    model_out = arguments.model_out or Path(f"{arguments.type}.model.yaml")
+    check_new([out, model_out], arguments.force)
+    model = (
+        ModelParameters()
+        if arguments.model is None
+        else ModelParameters.from_file(arguments.model)
+    )
+    welds = [(bag.name, digest(bag), cut_to_scenario(read_weld(bag))) for bag in arguments.bag]
+    with ProgressBar("learning") as bar:
+        learned = learn(
+            welds, arguments.type, model, arguments.drive_lag, arguments.keep_model, bar
+        )
+    _print(learned)
+    write_text(out, learned.profile.text)
+    write_text(model_out, model_text(learned))
+    print(f"written: {out}, {model_out}")
+    return 0
+
+
+def digest(bag: Path) -> str:
+    """SHA-256 of the data of a bag: of its file, or of the data files in its folder, in order of their names."""
+    whole = hashlib.sha256()
+    for path in sorted(bag.iterdir()) if bag.is_dir() else [bag]:
+        if bag.is_dir() and not path.name.endswith(SUFFIXES):
+            continue
+        with path.open("rb") as content:
+            while block := content.read(_BLOCK):
+                whole.update(block)
+    return whole.hexdigest()
+
+
+def model_text(learned: Learned) -> str:
+    """YAML of what the model of a profile has other than the default one."""
+    default = ModelParameters()
+    changed = {
+        name: value for name, value in learned.model if value != getattr(default, name)
+    } or {"copper_lag_s": learned.model.copper_lag_s}
+    title = (
+        f"# Model that belongs to the heat profile {learned.profile.type}, by 'fsw.py learn'.\n"
+    )
+    return title + "".join(f"{name}: {value!r}\n" for name, value in changed.items())
+
+
+def _print(learned: Learned) -> None:
+    profile, model = learned.profile, learned.model
+    rows = [
+        (
+            source.weld,
+            source.sha256[:12],
+            "-" if source.left_out_kw is None else f"{source.left_out_kw:.2f}",
+        )
+        for source in profile.welds
+    ]
+    print_table(rows, ("weld", "SHA-256", "lacking when left out [kW]"), words=2)
+    print(
+        f"copper: {model.thermal_gain_c_per_kw:.3g} degC/kW, {model.copper_lag_s:.3g} s, dead "
+        f"time {model.dead_time_s:.3g} s; "
+        f"heat: {min(profile.heat_kw):.2f} to {max(profile.heat_kw):.2f} kW over "
+        f"{profile.travel_mm[-1]:.0f} mm, wandering by {learned.walk_kw:.2g} kW per root second"
+    )

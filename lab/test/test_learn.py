@@ -1,0 +1,76 @@
+"""``fsw.py learn``: from bags to a profile that a later weld takes; one line for bad input, nothing overwritten."""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import fsw
+from fsw.main import main
+from fsw_lab.learn_command import digest
+from fsw_model import ModelParameters
+from fsw_model.heat_profile import HeatProfile, ThermalModel
+from fsw_nmpc import NmpcController
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.scenario_file import parse
+from weld_series import bag
+
+GOLDEN = Path(__file__).resolve().parents[2] / "test" / "golden"
+WAY = {
+    "name": "way",
+    "controller": "nmpc",
+    "phases": [
+        {"name": "dwell", "duration_s": 20.0},
+        {"name": "start", "to_deg": 10.0, "length_mm": 150.0},
+    ],
+}
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def weld_to_bag(folder, seed):
+    scenario = parse(yaml.safe_dump(WAY | {"plant": {"seed": seed}}), "way")
+    signals = ClosedLoop(scenario, {"nmpc": NmpcController()}).run()
+    bag.write(folder / f"C{seed}", scenario, signals, {"machine": "emulator"}, {"nmpc": {}}, {})
+    return folder / f"C{seed}"
+
+
+@pytest.mark.slow
+def test_a_later_weld_takes_what_earlier_ones_taught(folder, capsys):
+    bags = [weld_to_bag(folder, seed) for seed in (1, 2)]
+    assert main(["learn", *map(str, bags), "--type", "way"]) == 0
+    profile = HeatProfile.from_file(folder / "way.heat.yaml")
+    assert [source.weld for source in profile.welds] == ["C1", "C2"]
+    assert [source.sha256 for source in profile.welds] == [digest(one) for one in bags]
+    model = ModelParameters.from_file(folder / "way.model.yaml")
+    assert ThermalModel.of(model) == profile.model
+    (folder / "way.yaml").write_text(yaml.safe_dump(WAY), encoding="utf-8")
+    weld = fsw.simulate(
+        "way.yaml",
+        controller="nmpc",
+        parameters={"model_file": "way.model.yaml"},
+        heat="way.heat.yaml",
+    )
+    share = weld.signals.statuses["nmpc"].disturbances["known_heat_share"]
+    assert np.isfinite(share).all()
+    capsys.readouterr()
+    assert main(["learn", str(bags[0]), "--type", "way"]) == 1
+    assert "way.heat.yaml" in capsys.readouterr().err
+
+
+def test_a_weld_without_a_way_teaches_nothing(folder, capsys):
+    assert main(["learn", str(GOLDEN / "reference_tracking"), "--type", "way"]) == 1
+    assert "path" in capsys.readouterr().err
+    assert not list(folder.iterdir())
+
+
+def test_digest_is_of_the_data_alone(folder):
+    (folder / "a.mcap").write_bytes(b"data")
+    (folder / "record.json").write_bytes(b"later")
+    assert digest(folder) == hashlib.sha256(b"data").hexdigest() == digest(folder / "a.mcap")
