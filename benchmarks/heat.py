@@ -1,0 +1,297 @@
+#!/usr/bin/env python3
+"""Known heat: what a profile learned from earlier welds of a type gains on canisters, and what a wrong one costs.
+
+usage: heat.py [--quick] [--minutes N] [--json FILE] [--page FILE]
+
+The canisters are those of the campaign `canisters`; no weld that is measured made a profile.
+"""
+
+import os
+import sys
+import tempfile
+import time
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache, partial
+from itertools import product
+from pathlib import Path
+from typing import NamedTuple
+
+sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
+
+if __name__ == "__main__":
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    from _bootstrap import ensure
+
+    ensure(extras=("canister",))
+
+import numpy as np
+from canister.verdict import phase_rows
+from report import parser, save, show
+
+from fsw_analysis.report import templates
+from fsw_campaign.definition import load
+from fsw_identification.heat_learning import learn
+from fsw_lab.learn_command import model_text
+from fsw_model import nominal
+from fsw_plant.config import specs
+from fsw_scenario import scenario_file
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.controllers import make_all
+from fsw_scenario.programme_signals import with_programme
+
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "heat.md"
+#: welds of the campaign whose wall, rim and lid, and whose machine and tool, the types have; no two
+#: have the same walls, rims and lids
+TYPES = (0, 1, 4, 5)
+OF_TYPE = (
+    *(f"plant.canister.{name}" for name in ("wall_mm", "rim_mm", "lid_mm")),
+    *(f"plant.canister.{name}" for name in ("tool_share", "shoulder_share")),
+    *("plant.model.tool_lag_s", "plant.model.dead_time_s", "plant.actuators.lag_s"),
+)
+#: welds of the campaign that have all else (copper, losses, ambient, process, noise): those that
+#: teach and those that are measured
+TAUGHT, MEASURED = range(100, 104), range(500, 505)
+LEARNED = (1, 4)  #: welds that a profile is learned from
+#: ends of the joint line [deg]: of a whole weld, and of most, which have a ninth of it
+WHOLE_DEG, SHORT_DEG = 380.0, 60.0
+WHOLE = (
+    500,
+    501,
+)  #: of the measured welds, those that are also welded as a whole, of the first type
+PHASES = ("start", "downward", "joint_line", "overlap", "parking")
+#: controllers without and with the machine's model, and with what they know of the heat
+RIVALS = ("decentral:tight", "nmpc:default", "nmpc:adaptive")
+CONTROLLERS = (*RIVALS, "model", *(f"learned from {n}" for n in LEARNED))
+MOST_COST = 1.1  #: that a wrong profile may have
+
+
+class Task(NamedTuple):
+    """A weld to be measured."""
+
+    kind: int  #: index of its type
+    canister: int
+    label: str
+    end_deg: float = SHORT_DEG
+    model: str = ""  #: model file; none: the paper's
+    profile: object = None
+
+
+@cache
+def campaign():
+    """The campaign of the canisters."""
+    return load("canisters")
+
+
+def scenario_of(kind, canister, end_deg, controller):
+    """A weld of a canister, its joint line cut short."""
+    values = campaign().parameters(canister)
+    of_type = campaign().parameters(TYPES[kind])
+    content = scenario_file.content_of(scenario_file.text_of("canister_weld_heat"), "heat")
+    for phase in content["phases"]:
+        if phase["name"] in ("joint_line", "overlap", "parking"):
+            phase["to_deg"] += end_deg - WHOLE_DEG
+    content["events"] = [one for one in content["events"] if one.get("at_deg", 0.0) <= end_deg]
+    changes = values | {name: of_type[name] for name in OF_TYPE} | {"controller": controller}
+    for path, value in changes.items():
+        scenario_file.put(content, path, value, "heat")
+    return scenario_file.read(content, "heat")
+
+
+def signals_of(task):
+    """Make a weld; returns scenario and signals."""
+    label = task.label if task.label in RIVALS else "nmpc"
+    name = label.partition(":")[0]
+    scenario = scenario_of(task.kind, task.canister, task.end_deg, name)
+    parameters = {name: {"model_file": task.model}} if task.model else {}
+    controllers = make_all(scenario, label, parameters)
+    return scenario, ClosedLoop(scenario, controllers, task.profile).run()
+
+
+def taught(task):
+    """Signals of a weld that teaches, with the tool's path."""
+    scenario, signals = signals_of(task)
+    return with_programme(signals, scenario)
+
+
+def measured(task):
+    """Figures of a weld, by phase, and of the phases from downward on together."""
+    scenario, signals = signals_of(task)
+    phases = {row["phase"]: row for row in phase_rows(scenario, signals)}
+    later = [phases[name] for name in PHASES[1:]]
+    squares = sum(row["seconds"] * row["temperature_sigma_c"] ** 2 for row in later)
+    share = signals.statuses.get(task.label.partition(":")[0]) or signals.statuses.get("nmpc")
+    known = share.disturbances.get("known_heat_share") if share else None
+    return {
+        "task": task._replace(profile=None),
+        "phases": phases,
+        "rms_c": float(np.sqrt(squares / sum(row["seconds"] for row in later))),
+        "share": None if known is None else float(np.nanmean(known)),
+        "fastest_s": sum(row["fastest_s"] for row in later),
+    }
+
+
+def mirrored(profile):
+    """A profile from its end to its begin."""
+    return profile.changed(
+        heat_kw=profile.heat_kw[::-1], deviation_kw=profile.deviation_kw[::-1], type="mirrored"
+    )
+
+
+def tasks_of(kind, canister, profiles, models):
+    """The welds of a canister: all controllers, and wrong profiles."""
+    model, own = models[kind], profiles[kind, LEARNED[-1]]
+    yield from (Task(kind, canister, label) for label in RIVALS)
+    yield Task(kind, canister, "model", SHORT_DEG, model)
+    for n in LEARNED:
+        yield Task(kind, canister, f"learned from {n}", SHORT_DEG, model, profiles[kind, n])
+    others = [profiles[other, LEARNED[-1]] for other in models if other != kind]
+    for profile in (*others, mirrored(own)):
+        wrong = profile.changed(model=own.model)  # or it would be refused
+        yield Task(kind, canister, f"wrong: {profile.type}", SHORT_DEG, model, wrong)
+
+
+def whole_tasks(profiles, models):
+    """Whole welds of the first type."""
+    for canister in WHOLE:
+        yield Task(0, canister, "nmpc:adaptive", WHOLE_DEG)
+        yield Task(0, canister, "learned from 1", WHOLE_DEG, models[0], profiles[0, "whole"])
+
+
+def profiles_of(pool, kinds, whole, folder):
+    """Profiles by type and number of welds, and each type's model file, from its first weld."""
+    tasks = [Task(kind, canister, "nmpc:default") for kind in kinds for canister in TAUGHT]
+    tasks += [Task(0, TAUGHT[0], "nmpc:default", WHOLE_DEG)] if whole else []
+    signals = list(pool.map(taught, tasks))
+    known = partial(learn, drive_lag_s=specs()["actuators.lag_s"].default)
+    profiles, models = {}, {}
+    for i, kind in enumerate(kinds):
+        of_kind = signals[i * len(TAUGHT) : (i + 1) * len(TAUGHT)]
+        welds = [(str(k), f"{k:064d}", one) for k, one in enumerate(of_kind)]
+        first = known(welds[:1], f"type_{kind}", nominal())
+        models[kind] = str(folder / f"type_{kind}.model.yaml")
+        Path(models[kind]).write_text(model_text(first), encoding="utf-8")
+        learned = {n: welds[:n] for n in LEARNED}
+        learned |= {"whole": [("whole", "0" * 64, signals[-1])]} if whole and kind == 0 else {}
+        for n, chosen in learned.items():
+            made = known(chosen, f"type_{kind}", model=first.model, keep_model=True)
+            profiles[kind, n] = made.profile
+    return profiles, models
+
+
+def figures_of(rows, end_deg=SHORT_DEG):
+    """Medians by controller and phase, and the worst."""
+    table = {}
+    for label in CONTROLLERS:
+        own = [r for r in rows if r["task"].label == label and r["task"].end_deg == end_deg]
+        for phase in PHASES if own else ():
+            values = [row["phases"][phase] for row in own]
+            temperature = [value["temperature_sigma_c"] for value in values]
+            table[label, phase] = {
+                "welds": len(own),
+                "temperature_c": float(np.median(temperature)),
+                "worst_c": max(temperature),
+                "moved_rpm": float(np.median([value["moved_rpm"] for value in values])),
+                "depth_um": 1e3 * float(np.median([value["depth_sigma_mm"] for value in values])),
+                "good": sum(value["good"] for value in values),
+            }
+    return table
+
+
+def comparison(rows):
+    """Of each weld its error in that of the same weld without profile: with the right ones, and with wrong ones."""
+    without = {
+        (row["task"].kind, row["task"].canister): row
+        for row in rows
+        if row["task"].label == "model"
+    }
+    found = []
+    for row in rows:
+        task = row["task"]
+        if task.end_deg == SHORT_DEG and task.label not in (*RIVALS, "model"):
+            other = without[task.kind, task.canister]["rms_c"]
+            found.append(
+                (task.label, task.kind, task.canister, row["rms_c"] / other, row["share"])
+            )
+    return found
+
+
+def overall(rows):
+    """Figures of all welds together."""
+    compared = comparison(rows)
+    wrong = [one for one in compared if one[0].startswith("wrong")]
+    right = [one for one in compared if one[0] == f"learned from {LEARNED[-1]}"]
+    costs = np.array([cost for *_, cost, _ in wrong])
+    gains = np.array([cost for *_, cost, _ in right])
+    mirror = [cost for label, *_, cost, _ in wrong if label.endswith("mirrored")]
+    return {
+        "wrong_pairings": len(wrong),
+        "wrong_median_cost": float(np.median(costs)),
+        "wrong_worst_cost": float(costs.max()),
+        "wrong_above_most": int((costs > MOST_COST).sum()),
+        "mirrored_worst_cost": max(mirror),
+        "mirrored_above_most": sum(cost > MOST_COST for cost in mirror),
+        "learned_median_share_of_error": float(np.median(gains)),
+        "learned_worst_share_of_error": float(gains.max()),
+        "learned_worse": int((gains > 1.0).sum()),
+    }
+
+
+def main():
+    """Measure, print a table, write JSON and the page."""
+    arguments = parser(__doc__, "two types, one canister each, no page")
+    arguments.add_argument("--minutes", type=float, default=1e6, help="begin no canister later")
+    arguments.add_argument("--page", type=Path, default=PAGE, help="page of the results")
+    chosen = arguments.parse_args()
+    until_s = time.monotonic() + 60.0 * chosen.minutes
+    kinds = tuple(range(2 if chosen.quick else len(TYPES)))
+    canisters, whole = (MEASURED[:1], False) if chosen.quick else (MEASURED, True)
+    cores = min(2, len(os.sched_getaffinity(0)))
+    rows = []
+    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(cores) as pool:
+        profiles, models = profiles_of(pool, kinds, whole, Path(folder))
+        parts = [
+            list(tasks_of(kind, canister, profiles, models))
+            for canister, kind in product(canisters, kinds)
+        ]
+        parts += [list(whole_tasks(profiles, models))] if whole else []
+        for i, part in enumerate(parts):
+            if time.monotonic() < until_s or (whole and i + 1 == len(parts)):
+                rows += pool.map(measured, part)
+            print(f"\r{i + 1} of {len(parts)} canisters", end="", file=sys.stderr, flush=True)
+    print(file=sys.stderr)
+    figures, table = overall(rows), figures_of(rows)
+    full = figures_of(rows, WHOLE_DEG)
+    flat = {
+        f"{name}{label}: {phase}: {key}": value
+        for name, part in (("", table), ("whole weld: ", full))
+        for (label, phase), values in part.items()
+        for key, value in values.items()
+    }
+    losses = sorted(comparison(rows), key=lambda one: -one[3])
+    show(figures | flat)
+    save(figures | flat, chosen.json)
+    if not chosen.quick:
+        template = templates(Path(__file__).parent).get_template("heat.md.j2")
+        saturated = sorted(
+            {
+                (row["task"].kind, row["task"].canister): row["fastest_s"]
+                for row in rows
+                if row["task"].label == "model" and row["fastest_s"] > 10.0
+            }.items()
+        )
+        text = template.render(
+            figures=figures,
+            table=table,
+            full=full,
+            phases=PHASES,
+            controllers=CONTROLLERS,
+            losses=[one for one in losses if one[3] > 1.0],
+            saturated=saturated,
+            profiles={key: one for key, one in profiles.items() if key[1] == LEARNED[-1]},
+            most=MOST_COST,
+        )
+        chosen.page.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
