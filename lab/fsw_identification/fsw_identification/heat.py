@@ -1,10 +1,12 @@
-"""Heat into the copper beyond the spindle's power, from a recorded weld: a Kalman smoother on the thermal model (16).
+"""Heat into the copper beyond the spindle's power, from a recorded weld.
+
+It is estimated by a Kalman smoother on the thermal model (16).
 
 The heat is a random walk, that is a Gaussian process. The model is the fast part of the copper's
 response to the power: the slower part, which the weld's history makes, is in the heat, as it
-comes again in the next weld of the type. Its lag is chosen; its gain, the dead time and the walk are
-those of the greatest likelihood: a weld tells how fast and when a power heats, but a heat that
-wanders hides the settled gain.
+comes again in the next weld of the type. Its lag is chosen; its gain, the dead time and the walk
+are those of the greatest likelihood: a weld shows how fast and when a power heats, but a heat
+that wanders hides the settled gain.
 """
 
 from __future__ import annotations
@@ -27,8 +29,8 @@ from fsw_schema.models import InputError
 
 #: standard deviations: of the thermocouple, and of the copper's own walk per tick [degC]
 _NOISE_C, _COPPER_WALK_C = 0.1, 1e-3
-#: lag of the fast part of the copper's response: the shorter, the more of the slower part is in the
-#: heat; with a third of the controller's horizon the likelihood is near its greatest; chosen
+#: lag of the fast part of the copper's response: the shorter, the more of the slower part is in
+#: the heat; with a third of the controller's horizon the likelihood is near its greatest; chosen
 FAST_LAG_S = 11.0
 #: start of the search: gain of the fast part, and the walk of the heat per root second
 _START_GAIN, _START_WALK = 10.0, 0.15
@@ -54,7 +56,7 @@ class Heat(NamedTuple):
 
 
 def heat_record(signals: WeldSignals, model: ModelParameters, drive_lag_s: float) -> HeatRecord:
-    """Power and temperature of a weld; InputError if it lacks sensors or inputs, or is too short."""
+    """Power and temperature of a weld; InputError if it lacks signals or is too short."""
     part = max(prepare(signals, drive_lag_s).segments, key=lambda segment: segment.n_ticks)
     inertia = model.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * part.acceleration_rpm_per_s
     friction: FloatArray = friction_torque_nm(model, part.speed_rpm)  # type: ignore[arg-type,assignment]
@@ -90,7 +92,7 @@ def _noises(walk_kw: float) -> FloatArray:
 
 
 def smooth(record: HeatRecord, model: ModelParameters, walk_kw: float) -> Heat:
-    """The heat at each tick (Rauch, Tung, Striebel); ``walk_kw`` is its random walk per root second."""
+    """The heat at each tick (Rauch, Tung, Striebel); ``walk_kw``: random walk per root second."""
     step, by_power = _matrices(model)
     arriving, noise = _arriving(record, model), _noises(walk_kw)
     n, known = record.rise_c.size, np.isfinite(record.rise_c)
@@ -142,8 +144,8 @@ def fit_fast(
 ) -> tuple[ModelParameters, float]:
     """The model of the fast part of the copper, and the walk of the heat [kW per root second].
 
-    Its lag is chosen; gain and dead time are estimated. From where the search begins, the dead time
-    is found if it is within a factor of about two.
+    Its lag is chosen; gain and dead time are estimated. From where the search begins, the dead
+    time is found if it is within a factor of about two.
     """
     rows = [np.arange(record.rise_c.size) for record in records]
     shown = [

@@ -1,4 +1,4 @@
-"""Heat profile of a type of weld from welds of it: each one's heat by place, their mean, and how they differ."""
+"""Heat profile of a type of weld: the heat by place in welds of it, their mean and spread."""
 
 from __future__ import annotations
 
@@ -103,14 +103,14 @@ def _reach(signals: WeldSignals) -> float:
 
 
 def _places(signals: WeldSignals, first: int, n: int, travel_mm: FloatArray) -> FloatArray:
-    """Row of the record at which the tool passed each place; at the first one, when it began to move."""
+    """Row at which the tool passed each place; at the first place, when it began to move."""
     travelled = np.nan_to_num(signals.travel_mm[first : first + n], nan=0.0)
     rows = np.searchsorted(np.maximum.accumulate(travelled), travel_mm, side="right") - 1
     return np.clip(rows, 0, n - 1)
 
 
 def _common(by_weld: FloatArray) -> FloatArray:
-    """What the welds have in common: the median by place, as one that went wrong is to do no harm."""
+    """What the welds have in common: the median by place, so that a bad weld does no harm."""
     level = by_weld.mean(axis=1, keepdims=True)  # by which each differs throughout
     return np.asarray(np.median(by_weld - level, axis=0) + level.mean())
 
@@ -124,7 +124,7 @@ def _left_out(by_weld: FloatArray, i: int) -> float | None:
 
 
 def _deviation(by_weld: FloatArray, variances: FloatArray) -> FloatArray:
-    """Standard deviation of a weld about the profile, by place: what is expected, and what was seen."""
+    """Standard deviation of a weld about the profile, by place: expected and observed."""
     n = len(by_weld)
     lacks = by_weld - _common(by_weld)
     lacks -= lacks.mean(axis=1, keepdims=True)  # a constant is no error of the profile

@@ -1,4 +1,4 @@
-"""Known heat along the coming path, by time: what a controller that can look ahead knows beforehand."""
+"""Known heat along the coming path, by time, for a controller that looks ahead."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class HeatPlan:
         return self._at(time_s, self.heat_kw)
 
     def deviation(self, begin_s: float, end_s: float) -> float:
-        """Standard deviation of the change from one time to another that the plan does not have [kW]."""
+        """Standard deviation of the change between two times that the plan lacks [kW]."""
         begin, end = (self._at(time_s, self.variance_kw2) for time_s in (begin_s, end_s))
         return sqrt(max(end - begin, 0.0))
 

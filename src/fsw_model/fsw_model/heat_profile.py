@@ -1,4 +1,4 @@
-"""Heat over the path of a type of weld, learned from earlier ones: a file beside the model file."""
+"""Heat over the path of a type of weld, learned from earlier welds; beside the model file."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class HeatSource(Model):
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
     """of the bag's data"""
     left_out_kw: NonNegativeFloat | None = None
-    """RMS of what the profile of the other welds lacks of this one's changes of heat; of one weld alone: none"""
+    """RMS of this weld's changes of heat that the other welds' profile lacks; of one weld: none"""
 
 
 class ThermalModel(Model):

@@ -122,13 +122,15 @@ class EstimatorTuning(Model):
     """duration of that estimation after a dead time: some lags of the tool"""
 
     known_heat_keep: Share = 0.9983
-    """share of the evidence for the known heat that is left after a tick: it covers about a minute"""
+    """share of the evidence for the known heat left after a tick: it covers about a minute"""
     known_heat_evidence: PositiveFloat = 5.0
-    """logarithm of the likelihoods' ratio against the known heat at which none of it is used; no more counts for it"""
+    """logarithm of the likelihood ratio against the known heat at which none of it is used; as
+    much counts for it at most"""
     known_heat_counter_evidence: NonNegativeFloat = 20.0
     """no more is counted against the known heat, so that it can be used again"""
     known_heat_walk_kw: NonNegativeFloat = 0.006
-    """largest random walk of what the known heat lacks, however uncertain it is: more would cost the loop its margin"""
+    """largest random walk of what the known heat lacks, however uncertain: more would cost the
+    loop its margin"""
     known_heat_step: NonNegativeFloat = 0.05
     """largest change per tick of the share of the known heat in use"""
 

@@ -44,6 +44,6 @@ class HeatAhead:
         self._model = profile.model.model_dump()
 
     def plan(self, begin_s: float) -> HeatPlan:
-        """The plan of a weld whose programme has its time 0 at ``begin_s`` on the clock of the measurements."""
+        """The plan of a weld whose programme begins at ``begin_s`` on the measurements' clock."""
         at_s = (self._at_s + begin_s).tolist()
         return HeatPlan(at_s, self._heat_kw, self._variance_kw2, self._model)

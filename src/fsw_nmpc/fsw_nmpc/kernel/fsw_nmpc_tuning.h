@@ -112,17 +112,19 @@ typedef struct {
   double excitation_power_kw;
   /* duration of that estimation after a dead time: some lags of the tool */
   double excitation_power_s;
-  /* share of the evidence for the known heat that is left after a tick: it covers about a minute */
+  /* share of the evidence for the known heat left after a tick: it covers about a minute */
   double known_heat_keep;
-  /* logarithm of the likelihoods' ratio against the known heat at which none of it is used; no more counts for it */
+  /* logarithm of the likelihood ratio against the known heat at which none of it is used; as much
+   * counts for it at most */
   double known_heat_evidence;
   /* no more is counted against the known heat, so that it can be used again */
   double known_heat_counter_evidence;
-  /* largest random walk of what the known heat lacks, however uncertain it is: more would cost the loop its margin */
+  /* largest random walk of what the known heat lacks, however uncertain: more would cost the loop
+   * its margin */
   double known_heat_walk_kw;
   /* largest change per tick of the share of the known heat in use */
   double known_heat_step;
-  /* Share of the two offsets that is left after a tick. */
+  /* Decay per tick of the two sensor offsets. */
   double offset_keep;
   /* Decay per tick of the rate of the depth offset. */
   double depth_rate_keep;
@@ -213,43 +215,53 @@ typedef struct {
 } fsw_nmpc_tuning;
 
 #define FSW_EACH_NUMBER(DO) \
-  DO(depth_time_s) DO(temperature_time_s) DO(dead_band_depth_mm) DO(dead_band_temperature_c) DO(quality_depth_mm) \
-  DO(quality_temperature_min_c) DO(quality_temperature_max_c) DO(weight_depth_per_mm) DO(weight_temperature_per_c) \
-  DO(depth_scale_mm) DO(temperature_scale_c) DO(huber_depth_mm) DO(huber_temperature_c) DO(quality_weight_per_mm) \
-  DO(quality_weight_per_c) DO(move_force_per_kn) DO(move_speed_per_rpm) DO(full_move_cost) DO(tolerance) \
-  DO(approach.force_time_s) DO(approach.power_time_s) DO(approach.depth_acceleration) DO(approach.haste) \
-  DO(approach.brake_share) DO(approach.rate_share) DO(approach.depth_approach_keep) \
-  DO(approach.temperature_approach_keep) DO(approach.least_force_kn) DO(approach.least_rate_c_per_s) \
-  DO(approach.least_power_kw) DO(estimator.depth_noise_mm) DO(estimator.torque_noise_nm) \
-  DO(estimator.temperature_noise_c) DO(estimator.creep_walk_mm) DO(estimator.copper_walk_c) \
-  DO(estimator.motor_walk_nm) DO(estimator.force_walk_kn) DO(estimator.heat_walk_kw) DO(estimator.torque_scale_walk) \
-  DO(estimator.depth_offset_walk_mm) DO(estimator.temperature_offset_walk_c) DO(estimator.depth_rate_walk_mm_per_s) \
-  DO(estimator.temperature_rate_walk_c_per_s) DO(estimator.depth_gain_walk) DO(estimator.thermal_gain_walk) \
-  DO(estimator.delay_walk_s) DO(estimator.jump_sigmas) DO(estimator.drift_sigmas) DO(estimator.heat_sigmas) \
-  DO(estimator.start_deviation[0]) DO(estimator.start_deviation[1]) DO(estimator.start_deviation[2]) \
-  DO(estimator.start_deviation[3]) DO(estimator.start_deviation[4]) DO(estimator.start_deviation[5]) \
-  DO(estimator.start_deviation[6]) DO(estimator.start_deviation[7]) DO(estimator.start_deviation[8]) \
-  DO(estimator.start_deviation[9]) DO(estimator.start_deviation[10]) DO(estimator.start_deviation[11]) \
-  DO(estimator.start_deviation[12]) DO(estimator.start_deviation[13]) DO(estimator.start_deviation[14]) \
-  DO(estimator.torque_scale_min) DO(estimator.torque_scale_max) DO(estimator.depth_gain_min) \
-  DO(estimator.depth_gain_max) DO(estimator.thermal_gain_min) DO(estimator.thermal_gain_max) DO(estimator.delay_max_s) \
-  DO(estimator.depth_max_mm) DO(estimator.temperature_deviation_max_c) DO(estimator.force_offset_max_kn) \
-  DO(estimator.torque_outlier_factor) DO(estimator.torque_min_nm) DO(estimator.torque_peak_noise_share) \
-  DO(estimator.jump_offset_share) DO(estimator.drift_keep) DO(estimator.heat_keep) DO(estimator.heat_steady_sigmas) \
-  DO(estimator.heat_steady_sum) DO(estimator.heat_wait_s) DO(estimator.heat_start_s) DO(estimator.excitation_force_kn) \
-  DO(estimator.excitation_power_kw) DO(estimator.excitation_power_s) DO(estimator.known_heat_keep) \
-  DO(estimator.known_heat_evidence) DO(estimator.known_heat_counter_evidence) DO(estimator.known_heat_walk_kw) \
+  DO(depth_time_s) DO(temperature_time_s) DO(dead_band_depth_mm) DO(dead_band_temperature_c) \
+  DO(quality_depth_mm) DO(quality_temperature_min_c) DO(quality_temperature_max_c) \
+  DO(weight_depth_per_mm) DO(weight_temperature_per_c) DO(depth_scale_mm) DO(temperature_scale_c) \
+  DO(huber_depth_mm) DO(huber_temperature_c) DO(quality_weight_per_mm) DO(quality_weight_per_c) \
+  DO(move_force_per_kn) DO(move_speed_per_rpm) DO(full_move_cost) DO(tolerance) \
+  DO(approach.force_time_s) DO(approach.power_time_s) DO(approach.depth_acceleration) \
+  DO(approach.haste) DO(approach.brake_share) DO(approach.rate_share) \
+  DO(approach.depth_approach_keep) DO(approach.temperature_approach_keep) \
+  DO(approach.least_force_kn) DO(approach.least_rate_c_per_s) DO(approach.least_power_kw) \
+  DO(estimator.depth_noise_mm) DO(estimator.torque_noise_nm) DO(estimator.temperature_noise_c) \
+  DO(estimator.creep_walk_mm) DO(estimator.copper_walk_c) DO(estimator.motor_walk_nm) \
+  DO(estimator.force_walk_kn) DO(estimator.heat_walk_kw) DO(estimator.torque_scale_walk) \
+  DO(estimator.depth_offset_walk_mm) DO(estimator.temperature_offset_walk_c) \
+  DO(estimator.depth_rate_walk_mm_per_s) DO(estimator.temperature_rate_walk_c_per_s) \
+  DO(estimator.depth_gain_walk) DO(estimator.thermal_gain_walk) DO(estimator.delay_walk_s) \
+  DO(estimator.jump_sigmas) DO(estimator.drift_sigmas) DO(estimator.heat_sigmas) \
+  DO(estimator.start_deviation[0]) DO(estimator.start_deviation[1]) \
+  DO(estimator.start_deviation[2]) DO(estimator.start_deviation[3]) \
+  DO(estimator.start_deviation[4]) DO(estimator.start_deviation[5]) \
+  DO(estimator.start_deviation[6]) DO(estimator.start_deviation[7]) \
+  DO(estimator.start_deviation[8]) DO(estimator.start_deviation[9]) \
+  DO(estimator.start_deviation[10]) DO(estimator.start_deviation[11]) \
+  DO(estimator.start_deviation[12]) DO(estimator.start_deviation[13]) \
+  DO(estimator.start_deviation[14]) DO(estimator.torque_scale_min) DO(estimator.torque_scale_max) \
+  DO(estimator.depth_gain_min) DO(estimator.depth_gain_max) DO(estimator.thermal_gain_min) \
+  DO(estimator.thermal_gain_max) DO(estimator.delay_max_s) DO(estimator.depth_max_mm) \
+  DO(estimator.temperature_deviation_max_c) DO(estimator.force_offset_max_kn) \
+  DO(estimator.torque_outlier_factor) DO(estimator.torque_min_nm) \
+  DO(estimator.torque_peak_noise_share) DO(estimator.jump_offset_share) DO(estimator.drift_keep) \
+  DO(estimator.heat_keep) DO(estimator.heat_steady_sigmas) DO(estimator.heat_steady_sum) \
+  DO(estimator.heat_wait_s) DO(estimator.heat_start_s) DO(estimator.excitation_force_kn) \
+  DO(estimator.excitation_power_kw) DO(estimator.excitation_power_s) \
+  DO(estimator.known_heat_keep) DO(estimator.known_heat_evidence) \
+  DO(estimator.known_heat_counter_evidence) DO(estimator.known_heat_walk_kw) \
   DO(estimator.known_heat_step) DO(estimator.offset_keep) DO(estimator.depth_rate_keep) \
   DO(estimator.temperature_rate_keep) DO(adaptation.rival_share) DO(adaptation.evidence_max) \
   DO(adaptation.counter_evidence_max) DO(adaptation.certain_sigmas) DO(adaptation.gain_step) \
-  DO(adaptation.delay_step_s) DO(adaptation.misfit_keep) DO(adaptation.misfit_max) DO(adaptation.power_memory_s) \
-  DO(depth_corridor_keep) DO(temperature_corridor_keep) DO(force_min_kn) DO(force_max_kn) DO(speed_min_rpm) \
-  DO(speed_max_rpm) DO(force_step_kn) DO(speed_step_rpm) DO(blind_limit_s)
+  DO(adaptation.delay_step_s) DO(adaptation.misfit_keep) DO(adaptation.misfit_max) \
+  DO(adaptation.power_memory_s) DO(depth_corridor_keep) DO(temperature_corridor_keep) \
+  DO(force_min_kn) DO(force_max_kn) DO(speed_min_rpm) DO(speed_max_rpm) DO(force_step_kn) \
+  DO(speed_step_rpm) DO(blind_limit_s)
 
 #define FSW_EACH_SHARE(DO) \
   DO(approach.brake_share) DO(approach.rate_share) DO(approach.depth_approach_keep) \
-  DO(approach.temperature_approach_keep) DO(estimator.torque_peak_noise_share) DO(estimator.jump_offset_share) \
-  DO(estimator.known_heat_keep) DO(estimator.offset_keep) DO(estimator.depth_rate_keep) \
-  DO(estimator.temperature_rate_keep) DO(adaptation.misfit_keep) DO(depth_corridor_keep) DO(temperature_corridor_keep)
+  DO(approach.temperature_approach_keep) DO(estimator.torque_peak_noise_share) \
+  DO(estimator.jump_offset_share) DO(estimator.known_heat_keep) DO(estimator.offset_keep) \
+  DO(estimator.depth_rate_keep) DO(estimator.temperature_rate_keep) DO(adaptation.misfit_keep) \
+  DO(depth_corridor_keep) DO(temperature_corridor_keep)
 
 #endif
