@@ -10,7 +10,6 @@ import numpy as np
 import yaml
 
 from fsw_plant import PlantConfig
-from fsw_plant.actuators import Actuator
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all, name_of
 from fsw_scenario.scenario_file import parse
@@ -64,18 +63,6 @@ CANISTER = {
 }
 
 
-class Sticking(Actuator):
-    """A drive that holds until its command is a band away, and then goes there."""
-
-    band = 0.0
-
-    def advance(self, target):
-        """As of ``Actuator``."""
-        return super().advance(
-            self.setpoint if abs(target - self.setpoint) < self.band else target
-        )
-
-
 def changed(**settings):
     """A fault: the plant's settings change when it begins; those of the model by a factor."""
 
@@ -95,7 +82,7 @@ def changed(**settings):
 def sticking(plant):
     """A fault: the force drive sticks, within 0.5 kN."""
     if round(plant.time_s, 1) == FAULT_S:
-        plant._force.__class__, plant._force.band = Sticking, 0.5
+        plant.memory.drive[0].band = 0.5
 
 
 def load_cell(signals):

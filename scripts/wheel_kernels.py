@@ -1,4 +1,4 @@
-"""Build hook of the wheel: compiles the controllers' libraries into it, and says for which machine they are.
+"""Build hook of the wheel: compiles the kernels into it, and says for which machine they are.
 
 ``FSW_WHEEL_PLATFORM``, e.g. ``manylinux_2_17_aarch64``, names another machine: then the ziglang
 wheel compiles. Where no C compiler is found, the wheel is made without libraries; they are
@@ -19,7 +19,7 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 PLATFORM = "FSW_WHEEL_PLATFORM"
-PACKAGES = ("fsw_nmpc", "fsw_decentral")
+PACKAGES = ("fsw_nmpc", "fsw_decentral", "fsw_plant")
 
 
 def zig_target(platform: str) -> str:

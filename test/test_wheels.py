@@ -55,7 +55,9 @@ def test_wheels_weld_in_an_empty_environment(tmp_path):
     run(sys.executable, script, "--host", "--out", wheels, cwd=place, **os.environ)
     (wheel,) = wheels.glob("fsw_control*.whl")
     with zipfile.ZipFile(wheel) as content:
-        assert {"fsw_nmpc/_kernel.so", "fsw_decentral/_kernel.so"} <= set(content.namelist())
+        assert {f"fsw_{name}/_kernel.so" for name in ("nmpc", "decentral", "plant")} <= set(
+            content.namelist()
+        )
     venv.EnvBuilder(with_pip=True).create(home)
     pip = [home / "bin" / "pip", "install", "-q", "--only-binary", ":all:", "--find-links", wheels]
     locks = [

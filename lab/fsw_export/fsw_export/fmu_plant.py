@@ -13,7 +13,7 @@ from fsw_export.choice import Choice
 from fsw_export.fmu_description import Content, Variable, output, parameter, real, source
 from fsw_export.templates import render
 from fsw_model import ProcessModel, equations
-from fsw_nmpc.kernel_codegen import c_text
+from fsw_model.c_code import c_text
 from fsw_plant import PlantEmulator, config
 from fsw_plant.process import reduced
 

@@ -239,11 +239,7 @@ class Struck:
     def apply(self, command: Command, stamp_ns: int, source: str) -> None:
         """As of the plant; the jump is at the command to the tick."""
         if stamp_ns == self._tick * TICK_NS:
-            state = self._plant.state
-            state.x = (
-                state.x[0] + self._by_mm,
-                *state.x[1:],
-            )  # the creep of the depth is its first state
+            self._plant.memory.x[0] += self._by_mm  # creep, a part of the depth
         self._plant.apply(command, stamp_ns, source)
 
 

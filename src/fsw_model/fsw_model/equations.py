@@ -10,15 +10,16 @@ separately, as the power of the steps that it spans.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from math import exp, pi
-from typing import Any
+from collections.abc import Callable, Mapping
+from math import ceil, exp, pi
+from types import SimpleNamespace
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw_model.parameters import ModelParameters
+from fsw_model.parameters import ModelParameters, nominal
 
 #: Length of a step, paper (36).
 STEP_S = 0.1
@@ -27,6 +28,8 @@ CREEP, SLOW, FAST, COPPER, TOOL, MOTOR = range(6)
 N_STATES = len(STATE_NAMES)
 #: power within a step: p0 + p1 (s/h) + p2 (s/h)^2 + p3 exp(-s / motor lag), s = 0 ... h
 N_POWER = 4
+#: the parabola of ``step_function`` needs the solution in the middle and at the end of a step
+_SPANS_S = {"half": 0.5 * STEP_S, "whole": STEP_S}
 
 Matrix = NDArray[np.float64]
 
@@ -152,8 +155,50 @@ def thermal_step(
     return phi, older, power_response(p, STEP_S, 0.0, rest_s)
 
 
+def delay_steps(p: ModelParameters) -> int:
+    """Number of steps that the dead time spans, rounded up."""
+    return ceil(p.dead_time_s / STEP_S - 1e-9)
+
+
+def mode_numbers(p: ModelParameters) -> dict[str, float]:
+    """Coefficients of a step by name: exact solutions of (17) and (18) over half and whole."""
+    poles, gains = depth_modes(p)
+    lag = p.motor_lag_s
+    numbers = {
+        "settled_mm_per_kn": -gains[2] / poles[2],
+        "fast_kept": exp(poles[2] * STEP_S),
+        "motor_kept": exp(-STEP_S / lag),
+        "motor_lag_steps": lag / STEP_S,
+        "jump_ratio": lag / p.depth_pole_fast_s - 1.0,
+    }
+    for name, span_s in _SPANS_S.items():
+        kept = exp(poles[1] * span_s)
+        numbers |= {
+            f"creep_{name}": gains[0] * span_s,
+            f"slow_kept_{name}": kept,
+            f"slow_{name}": (kept - 1.0) / poles[1] * gains[1],
+        }
+    return numbers
+
+
+def thermal_numbers(p: ModelParameters) -> dict[str, Matrix]:
+    """Coefficients of (16) with its dead time: ``thermal_step`` over half and whole step."""
+    overlap_s = STEP_S - (delay_steps(p) * STEP_S - p.dead_time_s)
+    return {
+        f"{part}_{name}": matrix
+        for name, span_s in _SPANS_S.items()
+        for part, matrix in zip(
+            ("kept", "older", "newer"), thermal_step(p, overlap_s, span_s), strict=True
+        )
+    }
+
+
 def output_function(p: ModelParameters) -> ca.Function:
     """CasADi function (x, force_kn, speed_rpm) -> outputs of the process."""
+    return _outputs(p)
+
+
+def _outputs(p: ModelParameters, *more: ca.SX) -> ca.Function:
     x = ca.SX.sym("x", N_STATES)
     force, speed = ca.SX.sym("force_kn"), ca.SX.sym("speed_rpm")
     depth = depth_mm(p, x[CREEP], x[SLOW], x[FAST], x[TOOL])
@@ -167,9 +212,9 @@ def output_function(p: ModelParameters) -> ca.Function:
         "friction_torque_nm": friction,
         "power_kw": power_kw(x[MOTOR] - friction, speed),
     }
-    given = ["x", "force_kn", "speed_rpm"]
+    given = ["x", "force_kn", "speed_rpm", *(["numbers"] * len(more))]
     return ca.Function(
-        "process_outputs", [x, force, speed], list(outputs.values()), given, list(outputs)
+        "process_outputs", [x, force, speed, *more], list(outputs.values()), given, list(outputs)
     )
 
 
@@ -198,7 +243,7 @@ def dynamics_function(p: ModelParameters) -> ca.Function:
     )
 
 
-def step_function(p: ModelParameters, overlap_s: float) -> ca.Function:
+def step_function(p: ModelParameters) -> ca.Function:
     """CasADi function (x, older power (4), newer power (4), force, speed) -> next step.
 
     The results are (x next, power (4), depth). ``older`` and ``newer`` are the powers of the two
@@ -209,25 +254,53 @@ def step_function(p: ModelParameters, overlap_s: float) -> ca.Function:
     jump that settles with the fast pole is separated from it and passed through (18) exactly, to
     first order in the jump.
     """
+    matrices = {name: ca.sparsify(ca.DM(m)) for name, m in thermal_numbers(p).items()}
+    return _step(p, mode_numbers(p) | matrices)
+
+
+def _step(p: ModelParameters, numbers: Mapping[str, Any], *more: ca.SX) -> ca.Function:
     x = ca.SX.sym("x", N_STATES)
     older, newer = ca.SX.sym("older_kw", N_POWER), ca.SX.sym("newer_kw", N_POWER)
     force, speed = ca.SX.sym("force_kn"), ca.SX.sym("speed_rpm")
 
-    def thermal(span_s: float) -> tuple[ca.SX, ca.SX]:
-        phi, by_older, by_newer = (
-            ca.sparsify(ca.DM(m)) for m in thermal_step(p, overlap_s, span_s)
-        )
-        later = phi @ ca.vertcat(x[COPPER], x[TOOL]) + by_older @ older + by_newer @ newer
+    def thermal(name: str) -> tuple[ca.SX, ca.SX]:
+        later = numbers[f"kept_{name}"] @ ca.vertcat(x[COPPER], x[TOOL])
+        later = later + numbers[f"older_{name}"] @ older + numbers[f"newer_{name}"] @ newer
         return later[0], later[1]
 
-    x_next, power, depth = _stepped(p, x, force, speed, thermal)
+    x_next, power, depth = _stepped(p, numbers, x, force, speed, thermal)
+    names = ["x", "older_kw", "newer_kw", "force_kn", "speed_rpm", *(["numbers"] * len(more))]
     return ca.Function(
         "process_step",
-        [x, older, newer, force, speed],
+        [x, older, newer, force, speed, *more],
         [x_next, power, depth],
-        ["x", "older_kw", "newer_kw", "force_kn", "speed_rpm"],
+        names,
         ["x_next", "power_kw", "depth_mm"],
     )
+
+
+def numbers_of(p: ModelParameters) -> Matrix:
+    """The parameters' values for :func:`general_functions`, as a vector."""
+    parts = [p.model_dump().values(), mode_numbers(p).values()]
+    flat = [number for part in parts for number in part]
+    return np.concatenate([flat, *(m.ravel() for m in thermal_numbers(p).values())])
+
+
+def general_functions() -> tuple[ca.Function, ca.Function]:
+    """Step and output function for all parameters; last argument: :func:`numbers_of`."""
+    p = nominal()
+    vector = ca.SX.sym("numbers", len(numbers_of(p)))
+    given = iter(ca.vertsplit(vector))
+    fields = cast(
+        ModelParameters, SimpleNamespace(**dict(zip(p.model_dump(), given, strict=False)))
+    )
+    numbers: dict[str, Any] = dict(zip(mode_numbers(p), given, strict=False))
+    for name, matrix in thermal_numbers(p).items():
+        rows, columns = matrix.shape
+        numbers[name] = ca.vertcat(
+            *(ca.horzcat(*(next(given) for _ in range(columns))) for _ in range(rows))
+        )
+    return _step(fields, numbers, vector), _outputs(fields, vector)
 
 
 def driven_step_function(p: ModelParameters) -> ca.Function:
@@ -243,11 +316,12 @@ def driven_step_function(p: ModelParameters) -> ca.Function:
     force, speed = ca.SX.sym("force_kn"), ca.SX.sym("speed_rpm")
     rate, lag = (copper[1] - copper[0]) / STEP_S, p.tool_lag_s
 
-    def thermal(span_s: float) -> tuple[ca.SX, ca.SX]:
+    def thermal(name: str) -> tuple[ca.SX, ca.SX]:
+        span_s = _SPANS_S[name]
         behind = x[TOOL] - copper[0] + rate * lag
         return x[COPPER], copper[0] + rate * (span_s - lag) + behind * exp(-span_s / lag)
 
-    x_next, power, depth = _stepped(p, x, force, speed, thermal)
+    x_next, power, depth = _stepped(p, mode_numbers(p), x, force, speed, thermal)
     faded = p.motor_lag_s / STEP_S * (1.0 - exp(-STEP_S / p.motor_lag_s))
     mean = p.operating_power_kw + power[0] + power[1] / 2.0 + power[2] / 3.0 + power[3] * faded
     names = ["x", "copper_c", "force_kn", "speed_rpm"], ["x_next", "mean_kw", "depth_mm"]
@@ -256,28 +330,31 @@ def driven_step_function(p: ModelParameters) -> ca.Function:
 
 def _stepped(
     p: ModelParameters,
+    numbers: Mapping[str, Any],
     x: ca.SX,
     force: ca.SX,
     speed: ca.SX,
-    thermal: Callable[[float], tuple[ca.SX, ca.SX]],
+    thermal: Callable[[str], tuple[ca.SX, ca.SX]],
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """State and depth after a step, and power in it; ``thermal`` gives copper and tool."""
-    creep, slow, fast, _, tool, motor = ca.vertsplit(x)
-    poles, gains = depth_modes(p)
-    pushed = force - p.operating_force_kn  # (25)
-    settled = -gains[2] / poles[2] * pushed  # steady state of the fast mode
+    """State and depth after a step, and power in it.
 
-    def later(span_s: float) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+    ``numbers`` are :func:`mode_numbers`; ``thermal`` gives copper and tool after a time of
+    ``_SPANS_S``.
+    """
+    creep, slow, fast, _, tool, motor = ca.vertsplit(x)
+    pushed = force - p.operating_force_kn  # (25)
+    settled = numbers["settled_mm_per_kn"] * pushed  # steady state of the fast mode
+
+    def later(name: str) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
         """Modes creep and slow, copper, tool, and the depth after the fast mode has settled."""
-        decay = exp(poles[1] * span_s)
-        slow_then = decay * slow + (decay - 1.0) / poles[1] * gains[1] * pushed
-        creep_then = creep + gains[0] * span_s * pushed
-        copper_then, tool_then = thermal(span_s)
+        slow_then = numbers[f"slow_kept_{name}"] * slow + numbers[f"slow_{name}"] * pushed
+        creep_then = creep + numbers[f"creep_{name}"] * pushed
+        copper_then, tool_then = thermal(name)
         depth = depth_mm(p, creep_then, slow_then, settled, tool_then)
         return creep_then, slow_then, copper_then, tool_then, depth
 
-    *_, depth_middle = later(0.5 * STEP_S)
-    creep_end, slow_end, copper_end, tool_end, depth_end = later(STEP_S)
+    *_, depth_middle = later("half")
+    creep_end, slow_end, copper_end, tool_end, depth_end = later("whole")
     depth_start = depth_mm(p, creep, slow, settled, tool)
     start, middle, end = (
         process_torque_nm(p, force, d) for d in (depth_start, depth_middle, depth_end)
@@ -285,10 +362,10 @@ def _stepped(
     friction = friction_torque_nm(p, speed)
 
     # (18): motor torque = q0 + q1 (s/h) + q2 (s/h)^2 + rest exp(-s / lag)
-    lag = p.motor_lag_s
+    lag = numbers["motor_lag_steps"]
     q2 = 2.0 * start - 4.0 * middle + 2.0 * end
-    q1 = -3.0 * start + 4.0 * middle - end - 2.0 * lag / STEP_S * q2
-    q0 = start + friction - lag / STEP_S * q1
+    q1 = -3.0 * start + 4.0 * middle - end - 2.0 * lag * q2
+    q0 = start + friction - lag * q1
     depth_symbol = ca.SX.sym("depth")
     by_depth = ca.substitute(
         ca.gradient(process_torque_nm(p, force, depth_symbol), depth_symbol),
@@ -296,9 +373,9 @@ def _stepped(
         depth_start,
     )
     jump = by_depth * (1.0 + p.softening_per_c * tool) * (fast - settled)
-    rest = motor - q0 + jump / (lag / p.depth_pole_fast_s - 1.0)
-    motor_end = q0 + q1 + q2 + rest * exp(-STEP_S / lag)
-    fast_end = settled + (fast - settled) * exp(poles[2] * STEP_S)
+    rest = motor - q0 + jump / numbers["jump_ratio"]
+    motor_end = q0 + q1 + q2 + rest * numbers["motor_kept"]
+    fast_end = settled + (fast - settled) * numbers["fast_kept"]
     power = power_kw(ca.vertcat(q0 - friction, q1, q2, rest), speed)
     power[0] -= p.operating_power_kw  # (24)
     return (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import ceil, isfinite, pi
+from math import isfinite, pi
 from struct import Struct
 from threading import Lock
 from typing import Any, NamedTuple
@@ -147,12 +147,8 @@ class ProcessModel:
 
     def __init__(self, parameters: ModelParameters | None = None) -> None:
         self.parameters = p = parameters or nominal()
-        self.delay_steps = ceil(
-            p.dead_time_s / STEP_S - 1e-9
-        )  #: that the dead time spans, the last perhaps in part
-        self.step_function = equations.step_function(
-            p, STEP_S - (self.delay_steps * STEP_S - p.dead_time_s)
-        )
+        self.delay_steps = equations.delay_steps(p)
+        self.step_function = equations.step_function(p)
         self.output_function = equations.output_function(p)
         self._step = _Numeric(self.step_function)
         self._outputs = _Numeric(self.output_function)

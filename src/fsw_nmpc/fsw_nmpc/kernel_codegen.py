@@ -6,9 +6,7 @@ the tuning's fields.
 
 from __future__ import annotations
 
-import re
 import sys
-import tempfile
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -16,6 +14,7 @@ from typing import cast
 import casadi as ca
 
 from fsw_model import ModelParameters, equations
+from fsw_model.c_code import plain_c
 from fsw_nmpc import tuning_struct
 
 #: Parameters of the torque function, in the order of the kernel's ``torque_par``.
@@ -39,35 +38,10 @@ def torque_function() -> ca.Function:
     return ca.Function("fsw_torque_casadi", [force, depth, par], [ca.cse(out)])
 
 
-def c_text(name: str, *functions: ca.Function) -> str:
-    """C text of CasADi functions, as in a file ``<name>.c``."""
-    generator = ca.CodeGenerator(
-        name, {"casadi_int": "int", "casadi_real": "double", "with_header": False}
-    )
-    for function in functions:
-        generator.add(function)
-    with tempfile.TemporaryDirectory() as folder:
-        return Path(generator.generate(f"{folder}/")).read_text(encoding="utf-8")
-
-
 def generate() -> str:
     """The C99 text of the torque function."""
-    text = c_text("torque", torque_function())
-    body = re.search(r"static int casadi_f0\(.*?\) \{\n(.*?)\n\}\n", text, re.DOTALL)
-    square = re.search(r"casadi_real casadi_sq\(.*?\n", text)
-    if body is None or square is None:
-        raise RuntimeError("CasADi writes its functions in another way than this script knows")
-    lines = [
-        f"static {square[0]}",
-        "int fsw_torque_casadi(const double **arg, double **res) {",
-        body[1],
-        "}",
-    ]
-    code = "\n".join(lines).replace("casadi_real", "double")
-    return (
-        "/* Generated from fsw_model/equations.py by fsw_nmpc/kernel_codegen.py; do not edit. */\n"
-        f"/* Written by CasADi {ca.CasadiMeta.version()}. */\n"
-        f'#include "torque.h"\n\n{code}\n'
+    return plain_c(
+        "fsw_model/equations.py", "fsw_nmpc/kernel_codegen.py", "torque.h", torque_function()
     )
 
 

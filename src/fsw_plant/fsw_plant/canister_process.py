@@ -44,7 +44,7 @@ class CanisterProcessState(ProcessState):
 
 
 class CanisterProcess:
-    """The process on a canister, a :class:`fsw_plant.process.PlantProcess`.
+    """The process on a canister, which replaces the paper's process.
 
     ``parameters`` apply except for the copper's gain and lag.
     """
@@ -61,14 +61,19 @@ class CanisterProcess:
 
     def advance(
         self,
-        state: ProcessState,
+        state: CanisterProcessState,
         force_kn: float,
         speed_rpm: float,
         motion: Motion,
         added_nm: float = 0.0,
     ) -> None:
-        """See :class:`fsw_plant.process.PlantProcess`."""
-        assert isinstance(state, CanisterProcessState)
+        """Advance ``state`` in place by a step; ``added_nm`` is added to M_sp in (18).
+
+        Raises
+        ------
+        OperatingPointError
+            If the shoulder or the tool would leave the copper, or an input is not finite.
+        """
         result = self._driven(*state.x, *self.met(state.copper), force_kn, speed_rpm)
         mean_kw, depth_mm = result[6:]
         lag_s = self.parameters.motor_lag_s
@@ -104,9 +109,8 @@ class CanisterProcess:
             - self.parameters.operating_temperature_c
         )
 
-    def refit(self, state: ProcessState) -> None:
-        """See :class:`fsw_plant.process.PlantProcess`."""
-        assert isinstance(state, CanisterProcessState)
+    def refit(self, state: CanisterProcessState) -> None:
+        """Convert a state of other parameters, with its history within the dead time."""
         kept = list(state.copper)[-self._delay_steps - 1 :]
         state.copper = deque([kept[0]] * (self._delay_steps + 1 - len(kept)) + kept)
 

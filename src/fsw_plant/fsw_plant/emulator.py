@@ -25,14 +25,15 @@ from typing import Any, NamedTuple
 from fsw_control import Command, Limits, weld
 from fsw_control.command_check import refusal
 from fsw_control.command_gate import CommandGate
-from fsw_control.units import RAD_PER_S_PER_RPM
-from fsw_model import STEP_S, Equilibrium, OperatingPointError
-from fsw_plant.actuators import Actuator
+from fsw_control.sensors import REQUIRED
+from fsw_model import STEP_S, Equilibrium, OperatingPointError, Outputs, OutsideModelError
+from fsw_plant.canister_process import CanisterProcessState
 from fsw_plant.config import PlantConfig
 from fsw_plant.events import OUTPUT_CHANNELS, Disturbance, Fault, PlantEvent, Sample
-from fsw_plant.process import process_of
+from fsw_plant.library import CHANNELS, KERNEL, begin, configure, model_of
+from fsw_plant.process import canister_process, process_model
 from fsw_plant.schedule import PlantSchedule
-from fsw_plant.sensors import Sensors
+from fsw_plant.sensors import BLOCK, Draws
 from fsw_plant.tool_path import ToolTravel
 from fsw_plant.watchdog import Watchdog, WatchdogState
 
@@ -120,7 +121,11 @@ class PlantEmulator:
         self.config = config or PlantConfig.from_values({})
         self.schedule = schedule or PlantSchedule()
         self.tick = FIRST_TICK  #: the present tick
-        self._process = process_of(self.config)
+        self.model, self._canister = model_of(self.config.model), canister_process(self.config)
+        #: the plant's state in C, a ``fsw_plant *`` (``kernel/fsw_plant.h``); it may be changed
+        self.memory = KERNEL.new("fsw_plant")
+        self._added, self._shown = KERNEL.new("fsw_plant_disturbance"), KERNEL.ffi.new("double[3]")
+        self._command, self._inputs = KERNEL.ffi.new("double[2]"), KERNEL.new("fsw_plant_inputs")
         self.travel = ToolTravel(self.schedule.path, self.config)
         self._reading: Reading | None = None
         self._start(self._equilibrium(None, None))
@@ -131,19 +136,23 @@ class PlantEmulator:
             self.config["start.temperature_c"] if temperature_c is None else temperature_c
         )
         motion = self.travel.motion(self.tick)
-        start = self._process.start(depth, temperature, self.config["start.power_kw"], motion)
+        if self._canister is None:
+            start = process_model(self.config.model).equilibrium(depth, temperature)
+        else:
+            power_kw = self.config["start.power_kw"]
+            start = self._canister.start(depth, temperature, power_kw, motion)
         _check_within(self.config.limits, start, f"{depth:g} mm, {temperature:g} degC")
         return start
 
     def _start(self, start: Equilibrium) -> None:
         config, limits = self.config, self.config.limits
-        self.state, self._outputs = start.state.copy(), start.outputs
-        self._force = Actuator(start.force_kn, limits.force_step_kn, *config.drives)
-        self._speed = Actuator(start.speed_rpm, limits.speed_step_rpm, *config.drives)
+        configure(self.memory, config)
+        begin(self.memory, self.model, start)
+        #: of the process on a canister; otherwise the state at the start
+        self.state = start.state.copy()
         #: the command that the drives follow (the watchdog's after it has taken over)
         self.applied = self._acting = Command(start.force_kn, start.speed_rpm)
         self._input_disturbance = Command(0.0, 0.0)
-        self._inertia_torque_nm = 0.0
         #: empty while the process runs. If the tool leaves the model's range of validity, the
         #: reason; the process then stands still and is measured as it is, until :meth:`reset`
         self.stopped = ""
@@ -151,7 +160,9 @@ class PlantEmulator:
         self.faults: dict[str, Fault] = {}  #: active ones, by sensor
         self.gate = CommandGate(limits, config["commands.max_age_s"], config["commands.sources"])
         self.watchdog = Watchdog(config)
-        self._sensors = Sensors(config, start.outputs.temperature_c)
+        self._draws, self._n_drawn = Draws(config["seed"]), 0
+        self._drawn: Any = None  # the present block of numbers
+        self._last: dict[str, float] = {}
 
     def take(self, schedule: PlantSchedule) -> None:
         """Use another schedule."""
@@ -179,20 +190,39 @@ class PlantEmulator:
             for event in self.schedule.due(self.travel.programme_s(self.tick)):
                 self._begin(replace(event, at_s=event.at_s + lag_s) if lag_s else event)
         stamp = self.tick * weld.TICK_NS if stamp_ns is None else stamp_ns
-        outputs, drop_nm_per_rpm = self._outputs, self.config["sensors.torque_drop_nm_per_rpm"]
-        drop_nm = drop_nm_per_rpm * (self._acting.speed_rpm - weld.SPEED_RPM)
-        shown = {
-            "depth": outputs.depth_mm + self._disturbance("depth"),
-            "torque": outputs.motor_torque_nm + self._inertia_torque_nm - drop_nm,
-            "thermocouple": outputs.temperature_c + self._disturbance("temperature"),
-        }
         if self.faults:
             self.faults = {
                 name: fault for name, fault in self.faults.items() if not fault.over(self.time_s)
             }
-        samples = self._sensors.send(shown, stamp, self.faults, self.time_s)
+        samples = {
+            name: self._sent(name, value, stamp)
+            for name, value in zip(REQUIRED, self._read(), strict=True)
+        }
         self._reading = Reading(self.tick, stamp, samples, self._acting)
         return self._reading
+
+    def _read(self) -> list[float]:
+        """Sensor readings, in the order of ``REQUIRED``."""
+        place = self._n_drawn % BLOCK
+        if place == 0:
+            self._drawn = KERNEL.ffi.from_buffer("double[]", self._draws.block())
+        self._n_drawn += 1
+        added = self._disturbed(self._added)
+        normals = self._drawn + len(REQUIRED) * place
+        KERNEL.lib.fsw_plant_measure(self.memory, added, normals, self._shown)
+        return KERNEL.ffi.unpack(self._shown, len(REQUIRED))
+
+    def _sent(self, name: str, value: float, stamp_ns: int) -> tuple[Sample, ...]:
+        """Samples that leave a sensor, with its fault."""
+        last, self._last[name] = self._last.get(name), value
+        fault, sample = self.faults.get(name), Sample(stamp_ns, value)
+        return (sample,) if fault is None else fault.pass_on(sample, self.time_s, last)
+
+    def _disturbed(self, added: Any) -> Any:
+        """All disturbances at the present tick, a ``fsw_plant_disturbance *``."""
+        for channel, field in CHANNELS.items():
+            setattr(added, field, self._disturbance(channel) if self.disturbances else 0.0)
+        return added
 
     def _disturbance(self, channel: str) -> float:
         """Value of a channel's disturbance at the present tick."""
@@ -241,45 +271,44 @@ class PlantEmulator:
         force_kn = self.watchdog.advance(self.applied.force_kn, elapsed_s)
         if force_kn != self.applied.force_kn:
             self.applied = Command(force_kn, self.applied.speed_rpm)
-        mean_kn, mean_rpm = (
-            self._force.advance(force_kn),
-            self._speed.advance(self.applied.speed_rpm),
-        )
+        command, added = self._command, self._disturbed(self._added)
+        command[0], command[1] = force_kn, self.applied.speed_rpm
         if not self.stopped:
-            self._input_disturbance = Command(
-                self._disturbance("axial_force"), self._disturbance("spindle_speed")
-            )
-            self._advance_process(mean_kn, mean_rpm)
-        self._sensors.heat(self._outputs.temperature_c)
+            self._input_disturbance = Command(added.force_kn, added.speed_rpm)
+        words = self._advance(command, added)
+        if words and not self.stopped:
+            self.stopped = f"process stopped at {self.time_s:.1f} s: {words}"
+        self._acting = Command(*KERNEL.ffi.unpack(self.memory.acting, 2))
         self.travel.end_tick()
         self.tick += 1
 
-    def _advance_process(self, mean_kn: float, mean_rpm: float) -> None:
-        """Step the process with the drives' disturbed mean; sensors and truth show its end."""
-        disturbance = self._input_disturbance
-        end = Command(
-            self._force.position + disturbance.force_kn,
-            self._speed.position + disturbance.speed_rpm,
-        )
-        motion = self.travel.motion(self.tick)
-        try:
-            force_kn, speed_rpm = mean_kn + disturbance.force_kn, mean_rpm + disturbance.speed_rpm
-            self._process.advance(
-                self.state, force_kn, speed_rpm, motion, self._disturbance("torque")
-            )
-            self._outputs = self._process.outputs(self.state, end.force_kn, end.speed_rpm)
-        except OperatingPointError as error:
-            self.stopped = f"process stopped at {self.time_s:.1f} s: {error}"
-            return
-        acceleration = (end.speed_rpm - self._acting.speed_rpm) / STEP_S
-        self._inertia_torque_nm = (
-            self.config.model.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * acceleration
-        )
-        self._acting = end
+    def _advance(self, command: Any, added: Any) -> str:
+        """Advance the plant in C by a tick; returns why its process stands still."""
+        lib, memory, inputs = KERNEL.lib, self.memory, self._inputs
+        if self._canister is None:
+            if not lib.fsw_plant_step(memory, self.model, command, added):
+                return ""
+            return str(OutsideModelError(*memory.left))
+        lib.fsw_plant_move(memory, command, added, inputs)
+        words = self.stopped
+        if not words:
+            assert isinstance(self.state, CanisterProcessState)
+            mean, motion = inputs.mean, self.travel.motion(self.tick)
+            try:
+                self._canister.advance(self.state, mean[0], mean[1], motion, added.torque_nm)
+                memory.x = self.state.x
+                lib.fsw_plant_settle(memory, self.model, inputs)
+            except OperatingPointError as error:
+                words = str(error)
+        lib.fsw_plant_heat(memory)
+        return words
 
     def truth(self) -> Truth:
         """True state at the present tick, with the inputs of the step that ended there."""
-        outputs = self._outputs
+        values = KERNEL.ffi.addressof(self.memory, "outputs")
+        outputs = Outputs(
+            *KERNEL.ffi.unpack(KERNEL.ffi.cast("double *", values), len(Outputs._fields))
+        )
         depth_disturbance, temperature_disturbance = (
             self._disturbance("depth"),
             self._disturbance("temperature"),
@@ -341,15 +370,17 @@ class PlantEmulator:
     def reconfigure(self, config: PlantConfig) -> None:
         """Change settings while running; start and seed take effect at the next :meth:`reset`."""
         if config.model != self.config.model:
-            self._process = process_of(config)
-            self._process.refit(self.state)
+            before, self.model = self.model.delay_steps, model_of(config.model)
+            KERNEL.lib.fsw_plant_refit(self.memory, before, self.model.delay_steps)
+            self._canister = canister_process(config)
+            if self._canister is not None:
+                assert isinstance(self.state, CanisterProcessState)
+                self._canister.refit(self.state)
         self.config = self.watchdog.config = config
         self.gate.configure(
             config.limits, config["commands.max_age_s"], config["commands.sources"]
         )
-        self._force.configure(config.limits.force_step_kn, *config.drives)
-        self._speed.configure(config.limits.speed_step_rpm, *config.drives)
-        self._sensors.configure(config)
+        configure(self.memory, config)
 
 
 def come_to_rest(plant: PlantEmulator) -> None:

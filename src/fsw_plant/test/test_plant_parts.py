@@ -12,16 +12,80 @@ from fsw_control import Command, Limits
 from fsw_control.command_gate import REASONS, CommandGate
 from fsw_control.parameters import defaults
 from fsw_plant import PlantConfig, PlantEmulator
-from fsw_plant.actuators import Actuator
 from fsw_plant.config import specs as plant_parameters
 from fsw_plant.events import Disturbance, Fault, Sample
+from fsw_plant.lag import lag_left, lag_mean
+from fsw_plant.library import KERNEL
 from fsw_plant.lockstep import Lockstep
-from fsw_plant.sensors import Noise, Probe, Sensor
+from fsw_plant.sensors import Draws, Noise
 from fsw_plant.tick_stamps import JUMP_NS, NUDGE_NS, TickStamps
 from fsw_plant.watchdog import Watchdog, WatchdogState
 
 TICK_NS = 100_000_000
 DEFAULTS = PlantConfig.from_values({})
+
+
+class Actuator:
+    """A drive of the library."""
+
+    def __init__(self, position, largest_step, lag_s, dead_time_ticks=0):
+        self.drive = KERNEL.new("fsw_plant_drive", position=position, setpoint=position)
+        self.configure(largest_step, lag_s, dead_time_ticks)
+
+    def configure(self, largest_step, lag_s, dead_time_ticks=0):
+        self.drive.largest_step = largest_step
+        self.drive.left, self.drive.mean = lag_left(lag_s), lag_mean(lag_s)
+        KERNEL.lib.fsw_plant_drive_delay(self.drive, dead_time_ticks)
+
+    def advance(self, target):
+        return KERNEL.lib.fsw_plant_drive_advance(self.drive, target)
+
+    position = property(lambda self: self.drive.position)
+    setpoint = property(lambda self: self.drive.setpoint)
+
+
+class Probe:
+    """A probe of the library, in a plant whose process has a temperature."""
+
+    def __init__(self, lag_s, start_c):
+        self.plant = KERNEL.new("fsw_plant")
+        self.probe = self.plant.probe
+        self.probe.value_c = self.probe.process_c = self.probe.around_c = start_c
+        self.probe.left, self.probe.mean = lag_left(lag_s), lag_mean(lag_s)
+        self.probe.is_slow = lag_s > 0.0
+        self.plant.outputs.temperature_c = start_c
+
+    def read(self, around_c):
+        added = KERNEL.new("fsw_plant_disturbance")
+        added.temperature_c = around_c - self.plant.outputs.temperature_c
+        shown = KERNEL.ffi.new("double[3]")
+        KERNEL.lib.fsw_plant_show(self.plant, added, shown)
+        return shown[2]
+
+    def advance(self, process_c):
+        self.plant.outputs.temperature_c = process_c
+        KERNEL.lib.fsw_plant_heat(self.plant)
+
+
+class Sensor:
+    """A sensor of the library, with its stream of random numbers."""
+
+    def __init__(self, seed, index, noise):
+        self.sensor, self.draws, self.index, self.drawn = (
+            KERNEL.new("fsw_plant_sensor"),
+            Draws(seed),
+            index,
+            [],
+        )
+        self.configure(noise)
+
+    def configure(self, noise):
+        self.sensor.deviation, self.sensor.resolution = noise.deviation, noise.resolution
+        self.sensor.kept = noise.autocorrelation
+
+    def read(self, value):
+        self.drawn = self.drawn or self.draws.block()[::-1, self.index].tolist()
+        return KERNEL.lib.fsw_plant_sensor_read(self.sensor, self.drawn.pop(), value)
 
 
 def test_actuator_rate_and_lag():

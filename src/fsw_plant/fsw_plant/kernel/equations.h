@@ -1,0 +1,8 @@
+/* The process's equations: see general_functions() in fsw_model/equations.py. */
+#ifndef FSW_PLANT_EQUATIONS_H
+#define FSW_PLANT_EQUATIONS_H
+
+int process_step(const double **arg, double **res);
+int process_outputs(const double **arg, double **res);
+
+#endif

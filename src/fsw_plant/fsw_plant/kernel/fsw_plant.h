@@ -1,0 +1,135 @@
+/* The plant: drives, the paper's process, disturbances and sensors, one tick of 0.1 s at a time.
+ *
+ * The emulator, batches of plants and the FMU all use it. Memory is the caller's; nothing is kept
+ * elsewhere. Units: mm, degC, N m, kN, rpm, kW, s. Pairs are (force, speed). */
+#ifndef FSW_PLANT_H
+#define FSW_PLANT_H
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define FSW_PLANT_STATES 6      /* STATE_NAMES in fsw_model/equations.py */
+#define FSW_PLANT_POWER 4       /* N_POWER there */
+#define FSW_PLANT_NUMBERS 75    /* numbers_of() there */
+#define FSW_PLANT_DELAY 101     /* most steps of the process's dead time */
+#define FSW_PLANT_DEAD_TICKS 10 /* most ticks of the drives' dead time */
+
+/* A process: what its equations take of the parameters. */
+typedef struct {
+  double numbers[FSW_PLANT_NUMBERS];
+  double inertia_nm_s_per_rpm; /* peak of the measured torque over the acceleration of the spindle */
+  double motor_risen;          /* share of an added torque that the motor shows after a step */
+  int delay_steps;             /* that the dead time spans */
+} fsw_plant_model;
+
+/* A drive: dead time, rate limit and first-order lag between command and actual value. */
+typedef struct {
+  double position, setpoint;
+  double largest_step;                         /* of the set-point in a tick */
+  double left, mean;                           /* of a deviation after a tick, and its mean over it */
+  double band;                                 /* a command that is less away does not move it */
+  double on_the_way[FSW_PLANT_DEAD_TICKS];     /* set-points, the oldest first */
+  int dead_ticks;
+} fsw_plant_drive;
+
+/* The thermocouple's probe: a first-order lag behind the temperature about it; at once without one. */
+typedef struct {
+  double value_c, process_c, around_c;         /* around_c: process and disturbance at the last tick */
+  double left, mean;                           /* of a deviation after a tick, and its mean over it */
+  int is_slow;
+} fsw_plant_probe;
+
+/* Noise of a sensor, a first-order Gauss-Markov process, and its quantisation. */
+typedef struct {
+  double deviation, resolution;                /* 0: none */
+  double kept;                                 /* share of the noise that is left after a tick */
+  double noise;                                /* in standard deviations */
+  int has_noise;
+} fsw_plant_sensor;
+
+typedef struct {
+  double depth_mm, temperature_c, copper_temperature_c;
+  double motor_torque_nm, process_torque_nm, friction_torque_nm, power_kw;
+} fsw_plant_outputs;
+
+/* What is added to the plant during a tick. */
+typedef struct {
+  double depth_mm, temperature_c, torque_nm, force_kn, speed_rpm;
+} fsw_plant_disturbance;
+
+typedef struct {
+  fsw_plant_drive drive[2];
+  fsw_plant_probe probe;
+  fsw_plant_sensor sensor[3];                  /* depth, torque, thermocouple */
+  double torque_drop_nm_per_rpm, nominal_rpm;  /* of the torque's measurement */
+  double x[FSW_PLANT_STATES];
+  double power[FSW_PLANT_DELAY][FSW_PLANT_POWER]; /* on its way through the dead time, a ring */
+  int oldest;                                  /* its row that arrives */
+  fsw_plant_outputs outputs;                   /* without disturbances and noise */
+  double acting[2];                            /* as the drives report it: disturbances included */
+  double inertia_nm;
+  double left[3];                              /* depth, force and speed of a step that left the model */
+  int stopped;                                 /* that happened: the process stands still */
+} fsw_plant;
+
+/* During a tick: mean of force and speed, and their values at its end; disturbances included. */
+typedef struct {
+  double mean[2], end[2];
+} fsw_plant_inputs;
+
+/* One tick of a drive; returns its mean position. */
+double fsw_plant_drive_advance(fsw_plant_drive *drive, double target);
+
+/* Another dead time; set-points that are to come earlier replace the older ones. */
+void fsw_plant_drive_delay(fsw_plant_drive *drive, int dead_ticks);
+
+/* One tick of the probe, at whose end the process has this temperature; the disturbance is held. */
+void fsw_plant_probe_advance(fsw_plant_probe *probe, double process_c);
+
+/* A reading of a value, with a standard normal number. */
+double fsw_plant_sensor_read(fsw_plant_sensor *sensor, double normal, double value);
+
+/* All at rest with a state x, the power's deviation that arrives in it, and inputs. Settings of
+ * drives, probe and sensors stay. */
+void fsw_plant_begin(fsw_plant *plant, const fsw_plant_model *model, const double *x,
+                     double power_kw, const double *inputs);
+
+/* Another process of another dead time: the newest history is kept, the oldest of it repeated. */
+void fsw_plant_refit(fsw_plant *plant, int delay_before, int delay_steps);
+
+/* What the sensors are about to measure at a tick: depth, torque, temperature, in ``shown``. */
+void fsw_plant_show(fsw_plant *plant, const fsw_plant_disturbance *disturbance, double *shown);
+
+/* What they measure, with three standard normal numbers; once a tick. */
+void fsw_plant_measure(fsw_plant *plant, const fsw_plant_disturbance *disturbance,
+                       const double *normal, double *shown);
+
+/* One tick. Returns 1 if the process has left its model, now or before: it stands still then. */
+int fsw_plant_step(fsw_plant *plant, const fsw_plant_model *model, const double *command,
+                   const fsw_plant_disturbance *disturbance);
+
+/* The parts of a tick, for a process that is not the paper's: drives; what a state x shows; probe. */
+void fsw_plant_move(fsw_plant *plant, const double *command,
+                    const fsw_plant_disturbance *disturbance, fsw_plant_inputs *inputs);
+void fsw_plant_settle(fsw_plant *plant, const fsw_plant_model *model,
+                      const fsw_plant_inputs *inputs);
+void fsw_plant_heat(fsw_plant *plant);
+
+void fsw_plant_outputs_of(const fsw_plant_model *model, const double *x, double force_kn,
+                          double speed_rpm, fsw_plant_outputs *outputs);
+
+/* Many plants of one process, each with its disturbance, numbers and command. */
+void fsw_plant_measure_all(fsw_plant *plants, int n, const fsw_plant_disturbance *disturbances,
+                           const double *normals, double *shown);
+void fsw_plant_step_all(fsw_plant *plants, int n, const fsw_plant_model *model,
+                        const double *commands, const fsw_plant_disturbance *disturbances);
+
+/* Digest of the sources. */
+const char *fsw_plant_id(void);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
