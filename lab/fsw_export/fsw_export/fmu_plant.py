@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from fsw_canister.stepped import LONGEST_HEATING_S
@@ -12,9 +13,10 @@ from fsw_control.weld import TICK_S
 from fsw_export.choice import Choice
 from fsw_export.fmu_description import Content, Variable, output, parameter, real, source
 from fsw_export.templates import render
-from fsw_model import ProcessModel, equations
+from fsw_model import ModelParameters, ProcessModel, equations
 from fsw_model.c_code import c_text
 from fsw_plant import PlantEmulator, config
+from fsw_plant.library import KERNEL, model_of
 from fsw_plant.process import reduced
 
 #: parameters of the plant that the FMU has as its own
@@ -31,6 +33,7 @@ _MOTION = {
         "Height of the tool above the joint line, towards the lid, at the end of a step",
     ),
 }
+_CANISTER = ("fmu_canister.c", "fmu_canister.h")
 _TUNABLE = (
     "limits.force_min_kn",
     "limits.force_max_kn",
@@ -67,8 +70,7 @@ def plant(choice: Choice) -> Content:
     validate(specs, choice.parameters)
     chosen = config.PlantConfig.from_values(choice.parameters)
     emulator = PlantEmulator(chosen)  # checks the start
-    process = ProcessModel(chosen.model)
-    start = emulator.applied if on_canister else process.equilibrium()
+    start = emulator.applied if on_canister else ProcessModel(chosen.model).equilibrium()
     variables: list[Variable] = [
         real("force_kn", "Commanded axial force, held during a step", "kN", start.force_kn),
         real("speed_rpm", "Commanded spindle speed, held during a step", "rpm", start.speed_rpm),
@@ -118,41 +120,59 @@ def plant(choice: Choice) -> Content:
             real(name, words, specs[own].unit, chosen[own])
             for own, (name, words) in _MOTION.items()
         ]
-    kind = "canister" if on_canister else "paper"
-    code = canister_code(chosen) if on_canister else process_code(process)
+    code = canister_code(chosen) if on_canister else process_code(chosen.model)
+    files = ("fmu_plant.c", "fmu_plant.h", *(_CANISTER if on_canister else ()))
     return Content(
         "fsw_plant",
         "Friction stir welding process with its drives; no noise",
         tuple(variables),
         {
-            **{
-                name: source(name)
-                for name in ("fmu_plant.c", "fmu_plant.h", f"fmu_process_{kind}.c")
-            },
+            **{name: source(name) for name in files},
+            **{path.name: path.read_text("utf-8") for path in KERNEL.folder.glob("*.[ch]")},
             "fmu_unit.h": source("fmu_unit_plant.h"),
-            "fmu_process.h": source(f"fmu_process_{kind}.h"),
             **code,
         },
     )
 
 
-def process_code(process: ProcessModel) -> dict[str, str]:
-    """``process.c``, the step and the outputs of the process by CasADi, and ``process.h`` with its numbers."""
-    numbers = {
-        "PROCESS_POWER": equations.N_POWER,
-        "PROCESS_POWER_KW": process.parameters.operating_power_kw,
-        "PROCESS_GAIN_C_PER_KW": process.parameters.thermal_gain_c_per_kw,
+def process_code(
+    parameters: ModelParameters,
+    functions: Sequence[Any] = (),
+    numbers: Mapping[str, float] = MappingProxyType({}),
+) -> dict[str, str]:
+    """``process.h`` with model and numbers, and ``process.c`` of CasADi functions, if any."""
+    model = model_of(parameters)
+    fields = {
+        name: getattr(model, name) for name, _ in KERNEL.ffi.typeof("fsw_plant_model").fields
     }
-    return _code(process, [process.step_function, process.output_function], numbers)
+    sizes = {
+        f"{function.name().upper()}_{size.upper()}": getattr(function, f"sz_{size}")()
+        for function in functions
+        for size in ("arg", "res", "iw", "w")
+    }
+    header = render(
+        "process.h",
+        numbers={"NOMINAL_SPEED_RPM": weld.SPEED_RPM, **numbers, **sizes},
+        model=fields,
+        functions=[function.name() for function in functions],
+    )
+    code = {"process.c": c_text("process", *functions)} if functions else {}
+    return {"process.h": header, **code}
 
 
 def canister_code(chosen: config.PlantConfig) -> dict[str, str]:
     """The same of the process on a canister, and ``canister.h`` with the compact canister's tables."""
     assert chosen.canister is not None
-    process, canister = ProcessModel(chosen.model), reduced(chosen.canister)
+    p, canister = chosen.model, reduced(chosen.canister)
     tables = canister.tables()
     numbers = {
-        "PROCESS_DEAD_STEPS": chosen.model.dead_time_s / TICK_S,
+        "PROCESS_STATES": equations.N_STATES,
+        "PROCESS_DELAY": equations.delay_steps(p),
+        "PROCESS_DEAD_STEPS": p.dead_time_s / TICK_S,
+        "PROCESS_FORCE_KN": p.operating_force_kn,
+        "PROCESS_DEPTH_MM": p.operating_depth_mm,
+        "PROCESS_TEMPERATURE_C": p.operating_temperature_c,
+        "PROCESS_SOFTENING_PER_C": p.softening_per_c,
         "CANISTER_STATES": canister.states,
         "CANISTER_EVEN": len(tables["transport"]),
         "CANISTER_POSITIONS": len(tables["axial_mm"]),
@@ -162,35 +182,8 @@ def canister_code(chosen: config.PlantConfig) -> dict[str, str]:
         "CANISTER_HIGHEST_MM": chosen.canister.highest_mm,
         "CANISTER_LONGEST_S": LONGEST_HEATING_S,
     }
-    functions = [equations.driven_step_function(chosen.model), process.output_function]
     header = render(
         "canister.h", tables={name: table.ravel().tolist() for name, table in tables.items()}
     )
-    return {"canister.h": header, **_code(process, functions, numbers)}
-
-
-def _code(
-    process: ProcessModel, functions: Sequence[Any], more: Mapping[str, float]
-) -> dict[str, str]:
-    """``process.c`` of functions, and ``process.h`` with the numbers that every process has, and more."""
-    p = process.parameters
-    numbers: dict[str, float] = {
-        "PROCESS_STATES": equations.N_STATES,
-        "PROCESS_DELAY": process.delay_steps,
-        "PROCESS_FORCE_KN": p.operating_force_kn,
-        "PROCESS_DEPTH_MM": p.operating_depth_mm,
-        "PROCESS_TEMPERATURE_C": p.operating_temperature_c,
-        "PROCESS_SOFTENING_PER_C": p.softening_per_c,
-        "PROCESS_INERTIA_KGM2": p.spindle_inertia_kgm2,
-        "NOMINAL_SPEED_RPM": weld.SPEED_RPM,
-        **more,
-    }
-    for function in functions:
-        for size in ("arg", "res", "iw", "w"):
-            numbers[f"{function.name().upper()}_{size.upper()}"] = getattr(
-                function, f"sz_{size}"
-            )()
-    header = render(
-        "process.h", numbers=numbers, functions=[function.name() for function in functions]
-    )
-    return {"process.c": c_text("process", *functions), "process.h": header}
+    functions = [equations.driven_step_function(p)]
+    return {"canister.h": header, **process_code(p, functions, numbers)}

@@ -1,8 +1,8 @@
 """The decentralized controller in closed loop with a process model: robustness, noise and errors of a set of gains.
 
 Sensitivity and noise come from the frequency response of the sampled, coupled loop, linearised
-about the operating point; the errors from simulation of the nonlinear loop. Emulated sensors and
-drives are left out: the search simulates thousands of welds.
+about the operating point; the errors from simulation of the nonlinear loop. The plant's
+drives have no lag and no rate limit, and its sensors no noise.
 """
 
 from __future__ import annotations
@@ -18,7 +18,15 @@ from fsw_control import Command, Measurement, Reference
 from fsw_control.sensors import SENSORS
 from fsw_control.units import KW_PER_NM_RPM, RAD_PER_S_PER_RPM
 from fsw_decentral import DecentralController, Gains
-from fsw_model import STEP_S, ModelParameters, OperatingPointError, ProcessModel, nominal
+from fsw_model import (
+    STEP_S,
+    ModelParameters,
+    OperatingPointError,
+    OutsideModelError,
+    ProcessModel,
+    nominal,
+)
+from fsw_plant.library import KERNEL, model_of
 from fsw_scenario.scenario import tick_of
 from fsw_tuning.standard_cases import CASES, DISTURBANCES, DURATION_S, REST, SET_POINTS, set_points
 
@@ -38,7 +46,7 @@ def simulate(
     parameters: ModelParameters | None = None,
     latency_ticks: int = 0,
 ) -> Vector:
-    """Run controller and process from rest at the operating point.
+    """Run controller and plant from rest at the operating point.
 
     Parameters
     ----------
@@ -63,28 +71,29 @@ def simulate(
     OperatingPointError
         If the shoulder leaves the copper.
     """
-    model = process_model(parameters or nominal())
-    inertia = model.parameters.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM / STEP_S
-    start = model.equilibrium(REST.depth_mm, REST.temperature_c)
-    state = start.state.copy()
+    lib, plant, model = KERNEL.lib, KERNEL.new("fsw_plant"), model_of(parameters or nominal())
+    for drive in plant.drive:
+        lib.fsw_plant_drive_configure(KERNEL.ffi.addressof(drive), math.inf, 0.0, latency_ticks)
+    lib.fsw_plant_start(plant, model, REST.depth_mm, REST.temperature_c)
+    plant.nominal_rpm = plant.acting[1]
+    added, still = KERNEL.new("fsw_plant_disturbance"), KERNEL.new("fsw_plant_disturbance")
+    shown = KERNEL.ffi.new("double[3]")
     controller = DecentralController(dict(gains))
     reference = REST
     changes = references or {}
-    queue = [Command(start.force_kn, start.speed_rpm)] * (2 + latency_ticks)
-    controller.reset(queue[0])
+    now = Command(*plant.acting)
+    controller.reset(now)
     rows = []
     for k, (depth_more, temperature_more, torque_more) in enumerate(disturbance.tolist()):
         reference = changes.get(k, reference)
-        before, acting, now = queue[0], queue[1], queue[-1]
-        shown = model.outputs(state, acting.force_kn, acting.speed_rpm)
-        depth, temperature = shown.depth_mm + depth_more, shown.temperature_c + temperature_more
+        added.depth_mm, added.temperature_c = depth_more, temperature_more
+        lib.fsw_plant_show(plant, added, shown)
+        depth, torque, temperature = shown
         rows.append((depth, temperature, now.force_kn, now.speed_rpm))
-        torque = (
-            shown.motor_torque_nm + inertia * (acting.speed_rpm - before.speed_rpm) + torque_more
-        )
-        measurement = Measurement(k * STEP_S, depth, torque, temperature)
-        queue = [*queue[1:], controller.step(measurement, reference, now, STEP_S).command]
-        model.step(state, queue[1].force_kn, queue[1].speed_rpm)
+        measurement = Measurement(k * STEP_S, depth, torque + torque_more, temperature)
+        now = controller.step(measurement, reference, now, STEP_S).command
+        if lib.fsw_plant_step(plant, model, (now.force_kn, now.speed_rpm), still):
+            raise OutsideModelError(*plant.left)
     return np.array(rows)
 
 

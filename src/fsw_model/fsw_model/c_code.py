@@ -9,6 +9,9 @@ from pathlib import Path
 
 import casadi as ca
 
+#: who wrote a text; another version writes the same functions in other words
+WRITER = f"Written by CasADi {ca.CasadiMeta.version()}."
+
 
 def c_text(name: str, *functions: ca.Function) -> str:
     """C text of CasADi functions, as in a file ``<name>.c``."""
@@ -42,6 +45,6 @@ def plain_c(source: str, writer: str, header: str, *functions: ca.Function) -> s
         code += f"\nint {function.name()}(const double **arg, double **res) {{\n{packed}\n}}\n"
     return (
         f"/* Generated from {source} by {writer}; do not edit. */\n"
-        f"/* Written by CasADi {ca.CasadiMeta.version()}. */\n"
+        f"/* {WRITER} */\n"
         f'#include "{header}"\n\n' + code.replace("casadi_real", "double")
     )

@@ -40,10 +40,9 @@ class PlantBatch:
     def __init__(self, config: PlantConfig, n: int, disturbances: Array) -> None:
         self.n, self._disturbances = n, disturbances
         self._model = library.model_of(config.model)
+        self._start_at = config["start.depth_mm"], config["start.temperature_c"]
         #: start of each weld
-        self.start: Equilibrium = process_model(config.model).equilibrium(
-            config["start.depth_mm"], config["start.temperature_c"]
-        )
+        self.start: Equilibrium = process_model(config.model).equilibrium(*self._start_at)
         limits = config.limits
         self._low = np.array([limits.force_min_kn, limits.speed_min_rpm])
         self._high = np.array([limits.force_max_kn, limits.speed_max_rpm])
@@ -74,7 +73,8 @@ class PlantBatch:
         """Restart with new seeds of the noise."""
         self.tick[which] = 1
         for k, seed in zip(which.tolist(), seeds.tolist(), strict=True):
-            library.begin(KERNEL.ffi.addressof(self._plants, k), self._model, self.start)
+            plant = KERNEL.ffi.addressof(self._plants, k)
+            KERNEL.lib.fsw_plant_start(plant, self._model, *self._start_at)
             self._draws[k] = Draws(seed)
             self._drawn[k] = self._draws[k].block()
 

@@ -30,7 +30,7 @@ from fsw_model import STEP_S, Equilibrium, OperatingPointError, Outputs, Outside
 from fsw_plant.canister_process import CanisterProcessState
 from fsw_plant.config import PlantConfig
 from fsw_plant.events import OUTPUT_CHANNELS, Disturbance, Fault, PlantEvent, Sample
-from fsw_plant.library import CHANNELS, KERNEL, begin, configure, model_of
+from fsw_plant.library import CHANNELS, KERNEL, configure, model_of
 from fsw_plant.process import canister_process, process_model
 from fsw_plant.schedule import PlantSchedule
 from fsw_plant.sensors import BLOCK, Draws
@@ -123,18 +123,15 @@ class PlantEmulator:
         self.tick = FIRST_TICK  #: the present tick
         self.model, self._canister = model_of(self.config.model), canister_process(self.config)
         #: the plant's state in C, a ``fsw_plant *`` (``kernel/fsw_plant.h``); it may be changed
-        self.memory = KERNEL.new("fsw_plant")
-        self._added, self._shown = KERNEL.new("fsw_plant_disturbance"), KERNEL.ffi.new("double[3]")
-        self._command, self._inputs = KERNEL.ffi.new("double[2]"), KERNEL.new("fsw_plant_inputs")
+        ffi, self.memory = KERNEL.ffi, KERNEL.new("fsw_plant")
+        self._outputs = ffi.cast("double *", ffi.addressof(self.memory, "outputs"))
+        self._added, self._shown = KERNEL.new("fsw_plant_disturbance"), ffi.new("double[3]")
+        self._command, self._inputs = ffi.new("double[2]"), KERNEL.new("fsw_plant_inputs")
         self.travel = ToolTravel(self.schedule.path, self.config)
         self._reading: Reading | None = None
-        self._start(self._equilibrium(None, None))
+        self._start()
 
-    def _equilibrium(self, depth_mm: float | None, temperature_c: float | None) -> Equilibrium:
-        depth = self.config["start.depth_mm"] if depth_mm is None else depth_mm
-        temperature = (
-            self.config["start.temperature_c"] if temperature_c is None else temperature_c
-        )
+    def _equilibrium(self, depth: float, temperature: float) -> Equilibrium:
         motion = self.travel.motion(self.tick)
         if self._canister is None:
             start = process_model(self.config.model).equilibrium(depth, temperature)
@@ -144,19 +141,36 @@ class PlantEmulator:
         _check_within(self.config.limits, start, f"{depth:g} mm, {temperature:g} degC")
         return start
 
-    def _start(self, start: Equilibrium) -> None:
+    def _start(
+        self,
+        depth_mm: float | None = None,
+        temperature_c: float | None = None,
+        seed: int | None = None,
+    ) -> None:
+        """See :meth:`reset`."""
+        config = self.config
+        depth = config["start.depth_mm"] if depth_mm is None else depth_mm
+        temperature = config["start.temperature_c"] if temperature_c is None else temperature_c
+        start = self._equilibrium(depth, temperature)
+        if seed is not None:
+            self.config = replace(self.config, values={**self.config.values, "seed": seed})
         config, limits = self.config, self.config.limits
         configure(self.memory, config)
-        begin(self.memory, self.model, start)
+        lib, memory = KERNEL.lib, self.memory
+        if self._canister is None:
+            lib.fsw_plant_start(memory, self.model, depth, temperature)
+        else:
+            lib.fsw_plant_begin(memory, self.model, start.state.x, config["start.power_kw"])
         #: of the process on a canister; otherwise the state at the start
         self.state = start.state.copy()
         #: the command that the drives follow (the watchdog's after it has taken over)
-        self.applied = self._acting = Command(start.force_kn, start.speed_rpm)
+        self.applied = self._acting = Command(*KERNEL.ffi.unpack(memory.acting, 2))
         self._input_disturbance = Command(0.0, 0.0)
         #: empty while the process runs. If the tool leaves the model's range of validity, the
         #: reason; the process then stands still and is measured as it is, until :meth:`reset`
         self.stopped = ""
         self.disturbances: dict[str, Disturbance] = {}  #: active ones, by channel
+        self._added[0] = KERNEL.new("fsw_plant_disturbance")[0]
         self.faults: dict[str, Fault] = {}  #: active ones, by sensor
         self.gate = CommandGate(limits, config["commands.max_age_s"], config["commands.sources"])
         self.watchdog = Watchdog(config)
@@ -207,7 +221,7 @@ class PlantEmulator:
         if place == 0:
             self._drawn = KERNEL.ffi.from_buffer("double[]", self._draws.block())
         self._n_drawn += 1
-        added = self._disturbed(self._added)
+        added = self._disturbed()
         normals = self._drawn + len(REQUIRED) * place
         KERNEL.lib.fsw_plant_measure(self.memory, added, normals, self._shown)
         return KERNEL.ffi.unpack(self._shown, len(REQUIRED))
@@ -218,11 +232,11 @@ class PlantEmulator:
         fault, sample = self.faults.get(name), Sample(stamp_ns, value)
         return (sample,) if fault is None else fault.pass_on(sample, self.time_s, last)
 
-    def _disturbed(self, added: Any) -> Any:
+    def _disturbed(self) -> Any:
         """All disturbances at the present tick, a ``fsw_plant_disturbance *``."""
-        for channel, field in CHANNELS.items():
-            setattr(added, field, self._disturbance(channel) if self.disturbances else 0.0)
-        return added
+        for channel, disturbance in self.disturbances.items():
+            setattr(self._added, CHANNELS[channel], disturbance.value(self.time_s))
+        return self._added
 
     def _disturbance(self, channel: str) -> float:
         """Value of a channel's disturbance at the present tick."""
@@ -233,6 +247,8 @@ class PlantEmulator:
         active: dict[str, Any] = self.faults if isinstance(event, Fault) else self.disturbances
         if event.kind == "none":
             active.pop(event.target, None)
+            if active is self.disturbances:
+                setattr(self._added, CHANNELS[event.target], 0.0)
         else:
             active[event.target] = event
 
@@ -271,7 +287,7 @@ class PlantEmulator:
         force_kn = self.watchdog.advance(self.applied.force_kn, elapsed_s)
         if force_kn != self.applied.force_kn:
             self.applied = Command(force_kn, self.applied.speed_rpm)
-        command, added = self._command, self._disturbed(self._added)
+        command, added = self._command, self._disturbed()
         command[0], command[1] = force_kn, self.applied.speed_rpm
         if not self.stopped:
             self._input_disturbance = Command(added.force_kn, added.speed_rpm)
@@ -305,10 +321,7 @@ class PlantEmulator:
 
     def truth(self) -> Truth:
         """True state at the present tick, with the inputs of the step that ended there."""
-        values = KERNEL.ffi.addressof(self.memory, "outputs")
-        outputs = Outputs(
-            *KERNEL.ffi.unpack(KERNEL.ffi.cast("double *", values), len(Outputs._fields))
-        )
+        outputs = Outputs(*KERNEL.ffi.unpack(self._outputs, len(Outputs._fields)))
         depth_disturbance, temperature_disturbance = (
             self._disturbance("depth"),
             self._disturbance("temperature"),
@@ -360,11 +373,8 @@ class PlantEmulator:
         fsw_model.OperatingPointError
             If there is no such equilibrium; the plant then continues unchanged.
         """
-        start = self._equilibrium(depth_mm, temperature_c)
-        if seed is not None:
-            self.config = replace(self.config, values={**self.config.values, "seed": seed})
         answered_ns = self.gate.last_stamp_ns
-        self._start(start)
+        self._start(depth_mm, temperature_c, seed)
         self.gate.last_stamp_ns = answered_ns
 
     def reconfigure(self, config: PlantConfig) -> None:

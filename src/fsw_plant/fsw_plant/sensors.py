@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_plant.config import PlantConfig
-from fsw_plant.lag import lag_left
 
 #: number of random values drawn at once: numpy is too slow for single ones
 BLOCK = 1024
@@ -23,11 +22,6 @@ class Noise(NamedTuple):
     correlation_s: float = (
         0.0  #: time after which the noise's autocorrelation is down to 1/e; 0: white
     )
-
-    @property
-    def autocorrelation(self) -> float:
-        """Share of the noise that remains after a tick."""
-        return lag_left(self.correlation_s)
 
 
 class Draws:

@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 from fsw_control import Command, Limits
 from fsw_control.command_gate import REASONS, CommandGate
 from fsw_control.parameters import defaults
-from fsw_plant import PlantConfig, PlantEmulator
+from fsw_model.c_code import WRITER
+from fsw_model.equations import numbers_of
+from fsw_plant import PlantConfig, PlantEmulator, kernel_codegen
 from fsw_plant.config import specs as plant_parameters
 from fsw_plant.events import Disturbance, Fault, Sample
-from fsw_plant.lag import lag_left, lag_mean
-from fsw_plant.library import KERNEL
+from fsw_plant.library import KERNEL, model_of
 from fsw_plant.lockstep import Lockstep
 from fsw_plant.sensors import Draws, Noise
 from fsw_plant.tick_stamps import JUMP_NS, NUDGE_NS, TickStamps
@@ -23,6 +24,18 @@ from fsw_plant.watchdog import Watchdog, WatchdogState
 
 TICK_NS = 100_000_000
 DEFAULTS = PlantConfig.from_values({})
+
+
+@pytest.mark.skipif(
+    WRITER not in kernel_codegen.PATH.read_text(encoding="utf-8"),
+    reason="another version of CasADi writes the same equations in another way",
+)
+def test_equations_in_c_are_those_of_the_model():
+    assert kernel_codegen.PATH.read_text(encoding="utf-8") == kernel_codegen.generate()
+
+
+def test_library_takes_all_numbers_of_a_model():
+    assert len(model_of(DEFAULTS.model).numbers) == len(numbers_of(DEFAULTS.model))
 
 
 class Actuator:
@@ -33,9 +46,7 @@ class Actuator:
         self.configure(largest_step, lag_s, dead_time_ticks)
 
     def configure(self, largest_step, lag_s, dead_time_ticks=0):
-        self.drive.largest_step = largest_step
-        self.drive.left, self.drive.mean = lag_left(lag_s), lag_mean(lag_s)
-        KERNEL.lib.fsw_plant_drive_delay(self.drive, dead_time_ticks)
+        KERNEL.lib.fsw_plant_drive_configure(self.drive, largest_step, lag_s, dead_time_ticks)
 
     def advance(self, target):
         return KERNEL.lib.fsw_plant_drive_advance(self.drive, target)
@@ -51,8 +62,7 @@ class Probe:
         self.plant = KERNEL.new("fsw_plant")
         self.probe = self.plant.probe
         self.probe.value_c = self.probe.process_c = self.probe.around_c = start_c
-        self.probe.left, self.probe.mean = lag_left(lag_s), lag_mean(lag_s)
-        self.probe.is_slow = lag_s > 0.0
+        KERNEL.lib.fsw_plant_probe_configure(KERNEL.ffi.addressof(self.probe), lag_s)
         self.plant.outputs.temperature_c = start_c
 
     def read(self, around_c):
@@ -80,8 +90,7 @@ class Sensor:
         self.configure(noise)
 
     def configure(self, noise):
-        self.sensor.deviation, self.sensor.resolution = noise.deviation, noise.resolution
-        self.sensor.kept = noise.autocorrelation
+        KERNEL.lib.fsw_plant_sensor_configure(self.sensor, *noise)
 
     def read(self, value):
         self.drawn = self.drawn or self.draws.block()[::-1, self.index].tolist()

@@ -1,14 +1,19 @@
-/* Memory of the plant, and what it asks of its process. */
+/* Memory of the plant; on a canister also that of the heat. */
 #ifndef FMU_UNIT_H
 #define FMU_UNIT_H
 
-#include "fmu_process.h"
+#include "fsw_plant.h"
+#include "process.h"
+
+#ifdef CANISTER_STATES
+#include "fmu_canister.h"
+#endif
 
 typedef struct {
-  fmu_process process;
-  double setpoint[2], position[2]; /* of the drives: force, speed */
-  double probe_c;                  /* temperature of the thermocouple's probe */
-  double process_c, disturbance_k; /* around it at the last tick */
+  fsw_plant plant;
+#ifdef CANISTER_STATES
+  fmu_canister canister;
+#endif
 } fmu_unit;
 
 #endif

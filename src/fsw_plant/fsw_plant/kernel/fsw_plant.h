@@ -18,6 +18,8 @@ extern "C" {
 /* A process: what its equations take of the parameters. */
 typedef struct {
   double numbers[FSW_PLANT_NUMBERS];
+  double force_kn, depth_mm, temperature_c, power_kw; /* operating point (15) */
+  double gain_c_per_kw, softening_per_c; /* of (16) and (27) */
   double inertia_nm_s_per_rpm; /* peak of the measured torque over the acceleration of the spindle */
   double motor_risen;          /* share of an added torque that the motor shows after a step */
   int delay_steps;             /* that the dead time spans */
@@ -81,8 +83,13 @@ typedef struct {
 /* One tick of a drive; returns its mean position. */
 double fsw_plant_drive_advance(fsw_plant_drive *drive, double target);
 
-/* Another dead time; set-points that are to come earlier replace the older ones. */
-void fsw_plant_drive_delay(fsw_plant_drive *drive, int dead_ticks);
+/* Settings of the parts. A drive's set-points that are to come earlier now replace the older ones;
+ * what a correlated noise is at stays. */
+void fsw_plant_drive_configure(fsw_plant_drive *drive, double largest_step, double lag_s,
+                               int dead_ticks);
+void fsw_plant_probe_configure(fsw_plant_probe *probe, double lag_s);
+void fsw_plant_sensor_configure(fsw_plant_sensor *sensor, double deviation, double resolution,
+                                double correlation_s);
 
 /* One tick of the probe, at whose end the process has this temperature; the disturbance is held. */
 void fsw_plant_probe_advance(fsw_plant_probe *probe, double process_c);
@@ -90,10 +97,14 @@ void fsw_plant_probe_advance(fsw_plant_probe *probe, double process_c);
 /* A reading of a value, with a standard normal number. */
 double fsw_plant_sensor_read(fsw_plant_sensor *sensor, double normal, double value);
 
-/* All at rest with a state x, the power's deviation that arrives in it, and inputs. Settings of
- * drives, probe and sensors stay. */
+/* All at rest in the paper's equilibrium of a depth and a temperature; settings of the parts stay.
+ * Returns 1 if there is none: the power and the factor of (27) must be positive. */
+int fsw_plant_start(fsw_plant *plant, const fsw_plant_model *model, double depth_mm,
+                    double temperature_c);
+
+/* The same with a state x, but for its motor torque, and the power that the spindle gives in it. */
 void fsw_plant_begin(fsw_plant *plant, const fsw_plant_model *model, const double *x,
-                     double power_kw, const double *inputs);
+                     double power_kw);
 
 /* Another process of another dead time: the newest history is kept, the oldest of it repeated. */
 void fsw_plant_refit(fsw_plant *plant, int delay_before, int delay_steps);

@@ -6,7 +6,8 @@
 #include "equations.h"
 
 #define STEP_S 0.1
-#define KW_PER_NM_RPM (3.14159265358979323846 / 30000.0)
+#define PI 3.14159265358979323846
+#define KW_PER_NM_RPM (PI / 30000.0)
 
 enum { FORCE, SPEED };
 enum { MOTOR = 5 };
@@ -16,11 +17,36 @@ enum { MOTOR = 5 };
 #endif
 const char *fsw_plant_id(void) { return FSW_PLANT_ID; }
 
+/* What a first-order lag leaves of a deviation after a tick, and its mean over the tick. */
+static double lag_left(double lag_s) { return lag_s > 0.0 ? exp(-STEP_S / lag_s) : 0.0; }
+static double lag_mean(double lag_s) { return lag_s / STEP_S * (1.0 - lag_left(lag_s)); }
+
+void fsw_plant_drive_configure(fsw_plant_drive *d, double largest_step, double lag_s,
+                               int dead_ticks) {
+  const int more = dead_ticks - d->dead_ticks;
+  if (more > 0) memmove(d->on_the_way + more, d->on_the_way, (size_t)d->dead_ticks * sizeof(double));
+  else memmove(d->on_the_way, d->on_the_way - more, (size_t)dead_ticks * sizeof(double));
+  for (int k = 0; k < more; k++) d->on_the_way[k] = d->setpoint;
+  d->dead_ticks = dead_ticks;
+  d->largest_step = largest_step;
+  d->left = lag_left(lag_s), d->mean = lag_mean(lag_s);
+}
+
+void fsw_plant_probe_configure(fsw_plant_probe *p, double lag_s) {
+  p->left = lag_left(lag_s), p->mean = lag_mean(lag_s);
+  p->is_slow = lag_s > 0.0;
+}
+
+void fsw_plant_sensor_configure(fsw_plant_sensor *s, double deviation, double resolution,
+                                double correlation_s) {
+  s->deviation = deviation, s->resolution = resolution, s->kept = lag_left(correlation_s);
+}
+
 double fsw_plant_drive_advance(fsw_plant_drive *d, double target) {
   if (fabs(target - d->setpoint) < d->band) target = d->setpoint;
   if (d->dead_ticks > 0) {
     const double arriving = d->on_the_way[0];
-    memmove(d->on_the_way, d->on_the_way + 1, (d->dead_ticks - 1) * sizeof(double));
+    memmove(d->on_the_way, d->on_the_way + 1, (size_t)(d->dead_ticks - 1) * sizeof(double));
     d->on_the_way[d->dead_ticks - 1] = target;
     target = arriving;
   }
@@ -30,14 +56,6 @@ double fsw_plant_drive_advance(fsw_plant_drive *d, double target) {
   const double behind = d->position - d->setpoint;
   d->position = d->setpoint + behind * d->left;
   return d->setpoint + behind * d->mean;
-}
-
-void fsw_plant_drive_delay(fsw_plant_drive *d, int dead_ticks) {
-  const int more = dead_ticks - d->dead_ticks;
-  if (more > 0) memmove(d->on_the_way + more, d->on_the_way, d->dead_ticks * sizeof(double));
-  else memmove(d->on_the_way, d->on_the_way - more, dead_ticks * sizeof(double));
-  for (int k = 0; k < more; k++) d->on_the_way[k] = d->setpoint;
-  d->dead_ticks = dead_ticks;
 }
 
 /* Between two ticks the process's temperature is a straight line: the lag is solved exactly. */
@@ -66,21 +84,36 @@ void fsw_plant_outputs_of(const fsw_plant_model *m, const double *x, double forc
   process_outputs(arg, res);
 }
 
-void fsw_plant_begin(fsw_plant *p, const fsw_plant_model *m, const double *x, double power_kw,
-                     const double *inputs) {
+void fsw_plant_begin(fsw_plant *p, const fsw_plant_model *m, const double *x, double power_kw) {
+  fsw_plant_outputs *y = &p->outputs;
+  double inputs[2] = {m->force_kn, 0.0};
   memcpy(p->x, x, sizeof p->x);
   memset(p->power, 0, sizeof p->power);
-  for (int k = 0; k < m->delay_steps; k++) p->power[k][0] = power_kw;
+  for (int k = 0; k < m->delay_steps; k++) p->power[k][0] = power_kw - m->power_kw;
   p->oldest = p->stopped = 0;
   p->inertia_nm = 0.0;
+  fsw_plant_outputs_of(m, p->x, inputs[FORCE], inputs[SPEED], y);
+  inputs[SPEED] = power_kw * 30000.0 / (PI * y->process_torque_nm);
+  fsw_plant_outputs_of(m, p->x, inputs[FORCE], inputs[SPEED], y);
+  p->x[MOTOR] = y->process_torque_nm + y->friction_torque_nm;
+  fsw_plant_outputs_of(m, p->x, inputs[FORCE], inputs[SPEED], y);
   for (int i = 0; i < 2; i++) {
     fsw_plant_drive *d = &p->drive[i];
     p->acting[i] = d->position = d->setpoint = inputs[i];
     for (int k = 0; k < FSW_PLANT_DEAD_TICKS; k++) d->on_the_way[k] = inputs[i];
   }
   for (int i = 0; i < 3; i++) p->sensor[i].has_noise = 0;
-  fsw_plant_outputs_of(m, x, inputs[FORCE], inputs[SPEED], &p->outputs);
-  p->probe.value_c = p->probe.process_c = p->probe.around_c = p->outputs.temperature_c;
+  p->probe.value_c = p->probe.process_c = p->probe.around_c = y->temperature_c;
+}
+
+int fsw_plant_start(fsw_plant *p, const fsw_plant_model *m, double depth_mm, double temperature_c) {
+  const double rise_c = temperature_c - m->temperature_c;
+  const double power_kw = m->power_kw + rise_c / m->gain_c_per_kw;
+  const double softening = 1.0 + m->softening_per_c * rise_c;
+  const double x[FSW_PLANT_STATES] = {depth_mm / softening - m->depth_mm, 0.0, 0.0, rise_c, rise_c};
+  if (!(depth_mm > 0.0 && softening > 0.0 && power_kw > 0.0)) return 1;
+  fsw_plant_begin(p, m, x, power_kw);
+  return 0;
 }
 
 void fsw_plant_refit(fsw_plant *p, int before, int after) {
@@ -89,7 +122,7 @@ void fsw_plant_refit(fsw_plant *p, int before, int after) {
     const int age = after - 1 - k < before ? after - 1 - k : before - 1;
     memcpy(kept[k], p->power[(p->oldest + before - 1 - age) % before], sizeof kept[k]);
   }
-  memcpy(p->power, kept, after * sizeof kept[0]);
+  memcpy(p->power, kept, (size_t)after * sizeof kept[0]);
   p->oldest = 0;
 }
 

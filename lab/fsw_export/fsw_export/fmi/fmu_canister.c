@@ -21,7 +21,7 @@ static void multiply(matrix out, const matrix a, const matrix b) {
 }
 
 /* Exponential of a step and its integral: series over a part of the step, which is then doubled */
-static void prepare(fmu_process *p, double traverse_mm_per_s) {
+static void prepare(fmu_canister *p, double traverse_mm_per_s) {
   matrix a, term = {{0.0}}, next, whole = {{0.0}}, integral = {{0.0}};
   const double turning = traverse_mm_per_s / CANISTER_RADIUS_MM;
   double norm = 0.0, part_s = FMU_STEP_S;
@@ -74,7 +74,7 @@ static double temperature_c(double theta) {
 }
 
 /* A step of the heat with its inputs held, and the stir zone at its end. Returns 0; 1 with a message. */
-static int heat(fmu_process *p, const fmu_reals *v, double power_kw, double *stir_zone_c, char *message) {
+static int heat(fmu_canister *p, const fmu_reals *v, double power_kw, double *stir_zone_c, char *message) {
   const double at = (v->axial_mm - CANISTER_AXIAL_MM[0]) / (CANISTER_AXIAL_MM[1] - CANISTER_AXIAL_MM[0]);
   const double traverse_mm_per_s = v->traverse_mm_per_min / 60.0;
   if (!(v->axial_mm >= CANISTER_LOWEST_MM - 1e-9 && v->axial_mm <= CANISTER_HIGHEST_MM + 1e-9)) {
@@ -112,7 +112,7 @@ static int heat(fmu_process *p, const fmu_reals *v, double power_kw, double *sti
 }
 
 /* The step of all but the copper, which the tool meets as it was a dead time ago */
-static void driven(const fmu_process *p, const double *x, double force_kn, double speed_rpm, double *next, double *mean_kw,
+static void driven(const fmu_canister *p, const double *x, double force_kn, double speed_rpm, double *next, double *mean_kw,
                    double *depth_mm) {
   const double *past = p->copper, part = PROCESS_DELAY - PROCESS_DEAD_STEPS;
   const double met[2] = {past[0] + part * (past[1] - past[0]),
@@ -124,22 +124,24 @@ static void driven(const fmu_process *p, const double *x, double force_kn, doubl
   driven_step(arg, res, iw, w, 0);
 }
 
-static void append(fmu_process *p, double stir_zone_c) {
+static void append(fmu_canister *p, double stir_zone_c) {
   memmove(p->copper, p->copper + 1, sizeof p->copper - sizeof *p->copper);
   p->copper[NEWEST] = stir_zone_c - PROCESS_TEMPERATURE_C;
 }
 
 /* The canister heated from ambient by a constant power until the thermocouple shows the temperature of the start */
-int process_start(fmu_process *p, const fmu_reals *v, double *power_kw, char *message) {
+int canister_start(fmu_unit *u, const fmu_reals *v, double *x, char *message) {
+  fmu_canister *p = &u->canister;
   const double depth = v->start_depth_mm, rise = v->start_temperature_c - PROCESS_TEMPERATURE_C;
   const double softening = 1.0 + PROCESS_SOFTENING_PER_C * rise;
-  double x[PROCESS_STATES] = {depth / softening - PROCESS_DEPTH_MM, 0.0, 0.0, 0.0, 0.0, 0.0};
   double next[PROCESS_STATES], mean, reached, stir_zone = temperature_c(0.0);
   if (!(depth > 0.0 && softening > 0.0)) {
     snprintf(message, FMU_MESSAGE, "no start at depth %.4g mm, %.4g degC (27)", depth, v->start_temperature_c);
     return 1;
   }
   memset(p->heat, 0, sizeof p->heat);
+  memset(x, 0, PROCESS_STATES * sizeof *x);
+  x[0] = depth / softening - PROCESS_DEPTH_MM;
   for (int k = 0; k <= PROCESS_DELAY; k++) p->copper[k] = stir_zone - PROCESS_TEMPERATURE_C;
   x[TOOL] = p->copper[NEWEST];
   for (long k = 0; x[TOOL] < rise; k++) {
@@ -156,18 +158,18 @@ int process_start(fmu_process *p, const fmu_reals *v, double *power_kw, char *me
   }
   x[0] = depth / (1.0 + PROCESS_SOFTENING_PER_C * x[TOOL]) - PROCESS_DEPTH_MM;
   x[COPPER] = p->copper[NEWEST];
-  memcpy(p->x, x, sizeof x);
-  *power_kw = v->start_power_kw;
   return 0;
 }
 
-int process_advance(fmu_process *p, const fmu_reals *v, double force_kn, double speed_rpm, char *message) {
+int canister_advance(fmu_unit *u, const fmu_reals *v, const double *inputs, char *message) {
+  fmu_canister *p = &u->canister;
   double x[PROCESS_STATES], mean_kw, depth, stir_zone;
-  driven(p, p->x, force_kn, speed_rpm, x, &mean_kw, &depth);
-  if (process_left(depth, mean_kw, force_kn, speed_rpm, message)) return 1;
+  driven(p, u->plant.x, inputs[0], inputs[1], x, &mean_kw, &depth);
+  if (!(depth > 0.0 && isfinite(mean_kw))) /* so that NaN fails too */
+    return process_left(depth, inputs[0], inputs[1], message);
   if (heat(p, v, fmax(mean_kw, 0.0), &stir_zone, message)) return 1;
   append(p, stir_zone);
   x[COPPER] = p->copper[NEWEST];
-  memcpy(p->x, x, sizeof x);
+  memcpy(u->plant.x, x, sizeof x);
   return 0;
 }
