@@ -82,7 +82,7 @@ def changed(**settings):
 def sticking(plant):
     """A fault: the force drive sticks, within 0.5 kN."""
     if round(plant.time_s, 1) == FAULT_S:
-        plant.memory.drive[0].band = 0.5
+        plant.core.memory.drive[0].band = 0.5
 
 
 def load_cell(signals):

@@ -239,7 +239,7 @@ class Struck:
     def apply(self, command: Command, stamp_ns: int, source: str) -> None:
         """As of the plant; the jump is at the command to the tick."""
         if stamp_ns == self._tick * TICK_NS:
-            self._plant.memory.x[0] += self._by_mm  # creep, a part of the depth
+            self._plant.core.memory.x[0] += self._by_mm  # creep, a part of the depth
         self._plant.apply(command, stamp_ns, source)
 
 

@@ -26,14 +26,12 @@ from fsw_control import Command, Limits, weld
 from fsw_control.command_check import refusal
 from fsw_control.command_gate import CommandGate
 from fsw_control.sensors import REQUIRED
-from fsw_model import STEP_S, Equilibrium, OperatingPointError, Outputs, OutsideModelError
-from fsw_plant.canister_process import CanisterProcessState
+from fsw_model import STEP_S, Equilibrium, OperatingPointError
 from fsw_plant.config import PlantConfig
+from fsw_plant.core import PlantCore
 from fsw_plant.events import OUTPUT_CHANNELS, Disturbance, Fault, PlantEvent, Sample
-from fsw_plant.library import CHANNELS, KERNEL, configure, model_of
-from fsw_plant.process import canister_process, process_model
+from fsw_plant.library import CHANNELS
 from fsw_plant.schedule import PlantSchedule
-from fsw_plant.sensors import BLOCK, Draws
 from fsw_plant.tool_path import ToolTravel
 from fsw_plant.watchdog import Watchdog, WatchdogState
 
@@ -121,23 +119,15 @@ class PlantEmulator:
         self.config = config or PlantConfig.from_values({})
         self.schedule = schedule or PlantSchedule()
         self.tick = FIRST_TICK  #: the present tick
-        self.model, self._canister = model_of(self.config.model), canister_process(self.config)
-        #: the plant's state in C, a ``fsw_plant *`` (``kernel/fsw_plant.h``); it may be changed
-        ffi, self.memory = KERNEL.ffi, KERNEL.new("fsw_plant")
-        self._outputs = ffi.cast("double *", ffi.addressof(self.memory, "outputs"))
-        self._added, self._shown = KERNEL.new("fsw_plant_disturbance"), ffi.new("double[3]")
-        self._command, self._inputs = ffi.new("double[2]"), KERNEL.new("fsw_plant_inputs")
+        #: drives, process and sensors; ``core.memory`` is their state, in C
+        self.core = PlantCore(self.config)
         self.travel = ToolTravel(self.schedule.path, self.config)
         self._reading: Reading | None = None
         self._start()
 
     def _equilibrium(self, depth: float, temperature: float) -> Equilibrium:
         motion = self.travel.motion(self.tick)
-        if self._canister is None:
-            start = process_model(self.config.model).equilibrium(depth, temperature)
-        else:
-            power_kw = self.config["start.power_kw"]
-            start = self._canister.start(depth, temperature, power_kw, motion)
+        start = self.core.equilibrium(self.config, depth, temperature, motion)
         _check_within(self.config.limits, start, f"{depth:g} mm, {temperature:g} degC")
         return start
 
@@ -155,27 +145,17 @@ class PlantEmulator:
         if seed is not None:
             self.config = replace(self.config, values={**self.config.values, "seed": seed})
         config, limits = self.config, self.config.limits
-        configure(self.memory, config)
-        lib, memory = KERNEL.lib, self.memory
-        if self._canister is None:
-            lib.fsw_plant_start(memory, self.model, depth, temperature)
-        else:
-            lib.fsw_plant_begin(memory, self.model, start.state.x, config["start.power_kw"])
-        #: of the process on a canister; otherwise the state at the start
-        self.state = start.state.copy()
+        self.core.start(config, depth, temperature, start)
         #: the command that the drives follow (the watchdog's after it has taken over)
-        self.applied = self._acting = Command(*KERNEL.ffi.unpack(memory.acting, 2))
+        self.applied = self._acting = self.core.acting
         self._input_disturbance = Command(0.0, 0.0)
         #: empty while the process runs. If the tool leaves the model's range of validity, the
         #: reason; the process then stands still and is measured as it is, until :meth:`reset`
         self.stopped = ""
         self.disturbances: dict[str, Disturbance] = {}  #: active ones, by channel
-        self._added[0] = KERNEL.new("fsw_plant_disturbance")[0]
         self.faults: dict[str, Fault] = {}  #: active ones, by sensor
         self.gate = CommandGate(limits, config["commands.max_age_s"], config["commands.sources"])
         self.watchdog = Watchdog(config)
-        self._draws, self._n_drawn = Draws(config["seed"]), 0
-        self._drawn: Any = None  # the present block of numbers
         self._last: dict[str, float] = {}
 
     def take(self, schedule: PlantSchedule) -> None:
@@ -208,23 +188,13 @@ class PlantEmulator:
             self.faults = {
                 name: fault for name, fault in self.faults.items() if not fault.over(self.time_s)
             }
+        self._disturb()
         samples = {
             name: self._sent(name, value, stamp)
-            for name, value in zip(REQUIRED, self._read(), strict=True)
+            for name, value in zip(REQUIRED, self.core.measure(), strict=True)
         }
         self._reading = Reading(self.tick, stamp, samples, self._acting)
         return self._reading
-
-    def _read(self) -> list[float]:
-        """Sensor readings, in the order of ``REQUIRED``."""
-        place = self._n_drawn % BLOCK
-        if place == 0:
-            self._drawn = KERNEL.ffi.from_buffer("double[]", self._draws.block())
-        self._n_drawn += 1
-        added = self._disturbed()
-        normals = self._drawn + len(REQUIRED) * place
-        KERNEL.lib.fsw_plant_measure(self.memory, added, normals, self._shown)
-        return KERNEL.ffi.unpack(self._shown, len(REQUIRED))
 
     def _sent(self, name: str, value: float, stamp_ns: int) -> tuple[Sample, ...]:
         """Samples that leave a sensor, with its fault."""
@@ -232,11 +202,10 @@ class PlantEmulator:
         fault, sample = self.faults.get(name), Sample(stamp_ns, value)
         return (sample,) if fault is None else fault.pass_on(sample, self.time_s, last)
 
-    def _disturbed(self) -> Any:
-        """All disturbances at the present tick, a ``fsw_plant_disturbance *``."""
+    def _disturb(self) -> None:
+        """Set all disturbances to their values at the present tick."""
         for channel, disturbance in self.disturbances.items():
-            setattr(self._added, CHANNELS[channel], disturbance.value(self.time_s))
-        return self._added
+            setattr(self.core.added, CHANNELS[channel], disturbance.value(self.time_s))
 
     def _disturbance(self, channel: str) -> float:
         """Value of a channel's disturbance at the present tick."""
@@ -248,7 +217,7 @@ class PlantEmulator:
         if event.kind == "none":
             active.pop(event.target, None)
             if active is self.disturbances:
-                setattr(self._added, CHANNELS[event.target], 0.0)
+                setattr(self.core.added, CHANNELS[event.target], 0.0)
         else:
             active[event.target] = event
 
@@ -287,41 +256,21 @@ class PlantEmulator:
         force_kn = self.watchdog.advance(self.applied.force_kn, elapsed_s)
         if force_kn != self.applied.force_kn:
             self.applied = Command(force_kn, self.applied.speed_rpm)
-        command, added = self._command, self._disturbed()
-        command[0], command[1] = force_kn, self.applied.speed_rpm
+        self._disturb()
         if not self.stopped:
+            added = self.core.added
             self._input_disturbance = Command(added.force_kn, added.speed_rpm)
-        words = self._advance(command, added)
+        motion = self.travel.motion(self.tick)
+        words = self.core.advance(self.applied, motion, bool(self.stopped))
         if words and not self.stopped:
             self.stopped = f"process stopped at {self.time_s:.1f} s: {words}"
-        self._acting = Command(*KERNEL.ffi.unpack(self.memory.acting, 2))
+        self._acting = self.core.acting
         self.travel.end_tick()
         self.tick += 1
 
-    def _advance(self, command: Any, added: Any) -> str:
-        """Advance the plant in C by a tick; returns why its process stands still."""
-        lib, memory, inputs = KERNEL.lib, self.memory, self._inputs
-        if self._canister is None:
-            if not lib.fsw_plant_step(memory, self.model, command, added):
-                return ""
-            return str(OutsideModelError(*memory.left))
-        lib.fsw_plant_move(memory, command, added, inputs)
-        words = self.stopped
-        if not words:
-            assert isinstance(self.state, CanisterProcessState)
-            mean, motion = inputs.mean, self.travel.motion(self.tick)
-            try:
-                self._canister.advance(self.state, mean[0], mean[1], motion, added.torque_nm)
-                memory.x = self.state.x
-                lib.fsw_plant_settle(memory, self.model, inputs)
-            except OperatingPointError as error:
-                words = str(error)
-        lib.fsw_plant_heat(memory)
-        return words
-
     def truth(self) -> Truth:
         """True state at the present tick, with the inputs of the step that ended there."""
-        outputs = Outputs(*KERNEL.ffi.unpack(self._outputs, len(Outputs._fields)))
+        outputs = self.core.outputs
         depth_disturbance, temperature_disturbance = (
             self._disturbance("depth"),
             self._disturbance("temperature"),
@@ -379,18 +328,11 @@ class PlantEmulator:
 
     def reconfigure(self, config: PlantConfig) -> None:
         """Change settings while running; start and seed take effect at the next :meth:`reset`."""
-        if config.model != self.config.model:
-            before, self.model = self.model.delay_steps, model_of(config.model)
-            KERNEL.lib.fsw_plant_refit(self.memory, before, self.model.delay_steps)
-            self._canister = canister_process(config)
-            if self._canister is not None:
-                assert isinstance(self.state, CanisterProcessState)
-                self._canister.refit(self.state)
+        self.core.reconfigure(config, config.model != self.config.model)
         self.config = self.watchdog.config = config
         self.gate.configure(
             config.limits, config["commands.max_age_s"], config["commands.sources"]
         )
-        configure(self.memory, config)
 
 
 def come_to_rest(plant: PlantEmulator) -> None:

@@ -61,12 +61,12 @@ def test_the_thermocouple_lags_by_the_tool_behind_what_it_meets(block):
 
 def test_the_power_of_24_heats_the_canister_and_nothing_else_does(block):
     plant = plant_of()
-    before = plant.state.canister.energy_kj
+    before = plant.core.state.canister.energy_kj
     advance(plant, 100)
     powers = plant.truth().process_power_kw
-    assert plant.state.canister.energy_kj - before == pytest.approx(10.0 * powers, rel=0.05)
+    assert plant.core.state.canister.energy_kj - before == pytest.approx(10.0 * powers, rel=0.05)
     assert plant.truth().copper_temperature_c == pytest.approx(
-        20.0 + 0.1 * plant.state.canister.energy_kj
+        20.0 + 0.1 * plant.core.state.canister.energy_kj
     )
 
 
@@ -75,13 +75,14 @@ def test_a_torque_that_is_added_heats_the_canister_as_much_as_the_motor_shows(bl
     plants[0].begin(disturbance("torque", "step", 25.0))
     for plant in plants:
         advance(plant, 60)  # the motor settles
-    before, powers = [plant.state.canister.energy_kj for plant in plants], []
+    before, powers = [plant.core.state.canister.energy_kj for plant in plants], []
     for _ in range(10):
         for plant in plants:
             advance(plant, 1)
         powers.append(plants[0].truth().process_power_kw - plants[1].truth().process_power_kw)
     more, less = (
-        plant.state.canister.energy_kj - was for plant, was in zip(plants, before, strict=True)
+        plant.core.state.canister.energy_kj - was
+        for plant, was in zip(plants, before, strict=True)
     )
     assert sum(powers) > 8.0 and more - less == pytest.approx(0.1 * sum(powers), rel=0.02)
 
@@ -196,11 +197,11 @@ def test_parameters_of_the_canister_are_parameters_of_the_plant():
 
 def test_a_change_of_the_dead_time_while_running_keeps_the_history(block):
     plant = plant_of()
-    newest = list(plant.state.copper)[-5:]
+    newest = list(plant.core.state.copper)[-5:]
     plant.reconfigure(
         PlantConfig.from_values({"process": "canister", "noise": False, "model.dead_time_s": 0.5})
     )
-    assert list(plant.state.copper)[-5:] == newest
-    assert len(plant.state.copper) == 15
+    assert list(plant.core.state.copper)[-5:] == newest
+    assert len(plant.core.state.copper) == 15
     advance(plant, 5)
     assert plant.stopped == ""

@@ -53,8 +53,8 @@ def test_a_torque_that_is_added_heats_as_much_as_the_motor_shows():
         plant.measure()
         plant.apply(plant.applied)
         plant.step()
-    memory = plant.memory  # the row before the oldest is the newest
-    constant, rising, _, fading = memory.power[(memory.oldest - 1) % plant.model.delay_steps]
+    memory = plant.core.memory  # the row before the oldest is the newest
+    constant, rising, _, fading = memory.power[(memory.oldest - 1) % plant.core.model.delay_steps]
     lag = plant.config.model.motor_lag_s / 0.1
     sent_kw = constant + rising / 2.0 + fading * lag * (1.0 - exp(-1.0 / lag))
     shown_kw = plant.truth().process_power_kw - plant.config.model.operating_power_kw
