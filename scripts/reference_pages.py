@@ -335,14 +335,12 @@ def evidence() -> dict[str, str]:
         "",
         "## List of trusted keys",
         *model_tables(KeyList, "###"),
-        "",
-        "## Codes",
-        "",
-        "Of findings, with the words of each.",
-        "",
-        *table(("code", "words"), [(f"`{code}`", code.words) for code in Code]),
     ]
-    return {"evidence": page("Evidence files", *lines)}
+    codes = table(("code", "words"), [(f"`{code}`", code.words) for code in Code])
+    return {
+        "evidence": page("Evidence files", *lines),
+        "evidence-codes": page("Findings on evidence", "By code, with its words.", "", *codes),
+    }
 
 
 def command_line() -> dict[str, str]:

@@ -104,10 +104,10 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._settings.on_change(lambda values: self._guard.configure(sensor_limits(values)))
         self._settings.add_check(partial(problem, sensor_limits))
         state_contents(self, self._own)
-        if hasattr(self._controller, "check"):
-            self._own.add_check(self._controller.check)
-        if hasattr(self._controller, "configure"):
-            self._own.on_change(self._controller.configure)
+        if hasattr(self.controller, "check"):
+            self._own.add_check(self.controller.check)
+        if hasattr(self.controller, "configure"):
+            self._own.on_change(self.controller.configure)
 
     def _open_topics(self) -> None:
         self._proposals = self.create_publisher(
