@@ -39,6 +39,7 @@ from report import parser, save, show
 
 from controller_comparison.processes import RANDOM, SENSING, random_factors
 from fsw_campaign.definition import load
+from fsw_control.parameters import describe
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
 from fsw_identification.estimation import identify
 from fsw_identification.noise import autocorrelation_of
@@ -47,7 +48,7 @@ from fsw_identification.simulation import DEPTH, OUTPUTS, respond
 from fsw_identification.summary import Summary, disturbances, remarks
 from fsw_identification.weld_data import prepare
 from fsw_model import nominal
-from fsw_plant.config import specs
+from fsw_plant.parameters import PlantParameters
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
 from fsw_scenario.scenario_file import content_of, parse, text_of
@@ -127,7 +128,7 @@ def one(job):
     index, factors, event, name = job
     signals = welded(name, {"seed": index + 1, **factors}, event)
     began = time.process_time()
-    fit = identify(prepare(signals, specs()["actuators.lag_s"].default).segments)
+    fit = identify(prepare(signals, describe(PlantParameters)["actuators.lag_s"].default).segments)
     seconds = time.process_time() - began
     moved = (
         abs(signals.truth.depth_mm - DEPTH_MM).max(),
@@ -343,7 +344,7 @@ def foreign(index):
         )
         for content, more in ((heat, [f"plant.seed={index + 1}"]), (other, ["plant.noise=false"]))
     ]
-    lag_s = specs()["actuators.lag_s"].default
+    lag_s = describe(PlantParameters)["actuators.lag_s"].default
     taught, judged = (prepare(weld.run(), lag_s).segments for weld in welds)
     free, steady = (
         over_the_papers(judged, identify(taught, steady=how), SETTLED_TICKS)
@@ -421,7 +422,7 @@ def sensed(job):
     disturbances and whether one is about whiteness, lag and correlation times found, seconds.
     """
     index, factors, kind = job
-    lag_s = specs()["actuators.lag_s"].default
+    lag_s = describe(PlantParameters)["actuators.lag_s"].default
     sensors, event = SENSING.get(kind, {}), None
     if kind == DISTURBED:
         sensors, event = SENSING["correlated 1 s"], disturbance(index)
@@ -450,7 +451,9 @@ def sensed(job):
 def noisy(segment, correlations_s, seed):
     """A segment with noise of the sensors' nominal size, in parts of equal variance with these correlation times."""
     names = ("sensors.depth_noise_mm", "sensors.temperature_noise_c", "sensors.torque_noise_nm")
-    sizes = np.array([specs()[name].default for name in names]) / np.sqrt(len(correlations_s))
+    sizes = np.array([describe(PlantParameters)[name].default for name in names]) / np.sqrt(
+        len(correlations_s)
+    )
     generator, measured = np.random.default_rng(seed), segment.measured.copy()
     for correlation_s in correlations_s:
         autocorrelation = autocorrelation_of(correlation_s) if correlation_s else 0.0

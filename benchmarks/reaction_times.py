@@ -32,7 +32,7 @@ from report import Figures, parser, save
 
 from fsw_control.contract import Command, Limits, Proposal
 from fsw_control.host import answer
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults
 from fsw_control.validity import SensorGuard
 from fsw_control.weld import TICK_S
 from fsw_model import STEP_S
@@ -42,10 +42,11 @@ from fsw_plant.watchdog import WatchdogState
 from fsw_scenario.controllers import make
 from fsw_scenario.offline_supervisor import OfflineSupervisor
 from fsw_scenario.scenario import start_reference
+from fsw_supervisor.parameters import SupervisorParameters
 
 ACTIVE = "nmpc"
 ONSET_TICK, HORIZON_S, SEEDS = 200, 120.0, (1, 2, 3)
-_SETTINGS = defaults(load("fsw_supervisor", "supervisor.yaml"))
+_SETTINGS = defaults(SupervisorParameters)
 #: by quantity: value of the process, unit, sign of the dangerous side
 QUANTITIES: dict[str, tuple[Callable[[Truth], float], str, float]] = {
     "depth_high": (lambda truth: truth.depth_mm, "mm", 1.0),

@@ -6,20 +6,16 @@ import argparse
 import json
 import re
 from collections.abc import Iterator, Sequence
-from itertools import takewhile
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-import yaml
-from _bootstrap import DISTRIBUTIONS
-
 from fsw.demo import parser as demo_parser
 from fsw.main import parser as operator_parser
-from fsw.schema_command import kinds, schema_text
+from fsw.schema_command import GROUP, kinds, schema_text
 from fsw_analysis import markdown
 from fsw_analysis.procedure import Procedure
-from fsw_control.parameters import INCLUDE, ParameterSpec, parse
+from fsw_control.parameters import NodeParameters, ParameterSpec, describe
 from fsw_hmi.main import parser as hmi_parser
 from fsw_model import nominal
 from fsw_nmpc.tuning import AdaptationTuning, ApproachTuning, EstimatorTuning, Tuning
@@ -31,11 +27,12 @@ from fsw_scenario import scenario_file
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
 from fsw_scenario.weld_programme_file import LIMITS
+from fsw_schema.extensions import loaded
 from fsw_schema.models import Model, descriptions, json_schema
 from fsw_schema.ranges import Range
 
 WORKSPACE = Path(__file__).resolve().parent.parent
-LONGEST_PAGE = 1500  # words
+LONGEST_PAGE = 1400  # words; also of the pages that are not made here
 
 
 def parameter_table(specs: dict[str, ParameterSpec]) -> list[str]:
@@ -52,7 +49,7 @@ def parameter_table(specs: dict[str, ParameterSpec]) -> list[str]:
             if spec.range is None
             else f"{spec.range[0]:g} … {spec.range[1]:g}"
         )
-        text = spec.text + (" (at start only)" if spec.read_only else "")
+        text = spec.description + (" (at start only)" if spec.read_only else "")
         rows.append((f"`{spec.name}`", spec.type, default, allowed, spec.unit, text))
     return table(("parameter", "type", "default", "range", "unit", "meaning"), rows)
 
@@ -67,65 +64,67 @@ def page(title: str, *lines: str) -> str:
     return "\n".join([f"# {title}", "", *lines, ""])
 
 
-def of_packages(pattern: str) -> list[Path]:
-    """Files of the packages of all distributions."""
-    return [path for folder in DISTRIBUTIONS for path in sorted(folder.glob(pattern))]
+def split(specs: dict[str, ParameterSpec]) -> dict[str, dict[str, ParameterSpec]]:
+    """Parameters by page, each named by its first group; those without a group come first."""
+    groups: dict[str, dict[str, ParameterSpec]] = {}
+    for name, spec in specs.items():
+        groups.setdefault(name.partition(".")[0] if "." in name else "", {})[name] = spec
+    pages: dict[str, dict[str, ParameterSpec]] = {}
+    for group in sorted(groups, key=bool):
+        joined = {**(list(pages.values())[-1] if pages else {}), **groups[group]}
+        if pages and words_in("\n".join(parameter_table(joined))) < LONGEST_PAGE - 100:
+            pages[list(pages)[-1]] = joined
+        else:
+            pages[group] = groups[group]
+    return pages
 
 
-def describes_parameters(text: str) -> bool:
-    """Whether a YAML file is one that describes parameters."""
-    content = yaml.safe_load(text)
-    return isinstance(content, dict) and all(
-        name == INCLUDE or (isinstance(entry, dict) and "default_value" in entry)
-        for name, entry in content.items()
-    )
+def words_in(text: str) -> int:
+    """Words of a page, without the bars of tables."""
+    return sum(any(map(str.isalnum, word)) for word in text.split())
+
+
+def node_parameters() -> dict[str, type[NodeParameters]]:
+    """Models of the nodes' parameters, by the name of their schema and page."""
+    models = {name: loaded(GROUP, name) for name in kinds()}
+    return {name: one for name, one in models.items() if issubclass(one, NodeParameters)}
 
 
 def parameters() -> dict[str, str]:
-    """A page for the parameters of each package's nodes, one for the NMPC's tuning file, and a page that lists them."""
+    """Pages for the parameters of each node and the NMPC's tuning file, and a page that lists them."""
     pages, rows = {}, []
-    for path in sorted(of_packages("fsw_*/fsw_*/*.yaml"), key=lambda path: path.parts[-3:]):
-        text = path.read_text(encoding="utf-8")
-        if describes_parameters(text):
-            comment = [
-                line.lstrip("# ")
-                for line in takewhile(lambda line: line.startswith("#"), text.splitlines())
+    for name, model in node_parameters().items():
+        specs, about = describe(model), " ".join((model.__doc__ or "").split()).replace("``", "`")
+        heading, package = about.partition(".")[0], model.__module__.partition(".")[0]
+        parts = {
+            f"{name}-{group}" if i else name: part
+            for i, (group, part) in enumerate(split(specs).items())
+        }
+        links = ", ".join(
+            f"[{'others' if other == name else other.rpartition('-')[2]}]({other}.md)"
+            for other in parts
+        )
+        more = [f"On several pages: {links}.", ""] if len(parts) > 1 else []
+        for own, part in parts.items():
+            intro = [
+                about,
+                "",
+                f"JSON Schema: [{name}.schema.json]({name}.schema.json).",
+                "",
+                *more,
             ]
-            comment = [line.replace("<", "&lt;") for line in comment]
-            specs = parse(text, str(path))
-            name = f"parameters-{path.stem.replace('_', '-')}"
-            title = f"Parameters: {path.name} ({path.parent.name})"
-            intro = [*comment, *([""] if comment else [])]
-            pages[name] = page(title, *intro, *parameter_table(specs))
-            rows.append(
-                (
-                    f"[{path.name}]({name}.md)",
-                    path.parent.name,
-                    len(specs),
-                    " ".join(comment).split(". ")[0],
-                )
-            )
-            if (
-                len(pages[name].split()) > LONGEST_PAGE
-            ):  # groups, as limits.*, on a page of their own
-                groups = {key: spec for key, spec in specs.items() if "." in key}
-                names = ", ".join(
-                    f"`{one}`" for one in dict.fromkeys(key.partition(".")[0] for key in groups)
-                )
-                more = [f"The groups {names} are [on a page of their own]({name}-groups.md).", ""]
-                single = {key: spec for key, spec in specs.items() if key not in groups}
-                pages[name] = page(title, *intro, *more, *parameter_table(single))
-                back = [f"The groups {names}; [the other parameters]({name}.md).", ""]
-                pages[f"{name}-groups"] = page(f"{title}: groups", *back, *parameter_table(groups))
+            pages[own] = page(heading, *intro, *parameter_table(part))
+        rows.append((f"[{heading}]({name}.md)", f"`{package}`", len(specs)))
     pages |= tuning_file()
     return pages | {
         "parameters": page(
             "Parameters",
-            "One YAML file per node has type, default, range, unit and meaning; `ros2 param describe` shows the same.",
-            "Every controller node has the parameters of `controller.yaml` besides its own. The file that the NMPC's "
-            "parameter `tuning_file` names has [fields of its own](parameters-tuning.md).",
+            "One model per node has type, default, range, unit and meaning; `ros2 param describe` shows the same.",
+            "Every controller node has the parameters of [every controller node](parameters-controller.md) and its "
+            "own. The file that the NMPC's parameter `tuning_file` names has "
+            "[fields of its own](parameters-tuning.md).",
             "",
-            *table(("file", "package", "parameters", "of"), rows),
+            *table(("of", "package", "parameters"), rows),
         )
     }
 
@@ -335,11 +334,13 @@ def evidence() -> dict[str, str]:
         "",
         "## List of trusted keys",
         *model_tables(KeyList, "###"),
+        "",
+        "Codes of findings: [a page of their own](evidence-codes.md).",
     ]
     codes = table(("code", "words"), [(f"`{code}`", code.words) for code in Code])
     return {
         "evidence": page("Evidence files", *lines),
-        "evidence-codes": page("Findings on evidence", "By code, with its words.", "", *codes),
+        "evidence-codes": page("Codes of findings", "Each with its words.", "", *codes),
     }
 
 

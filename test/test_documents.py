@@ -19,8 +19,9 @@ import yaml
 
 from fsw.demo import parser as demo_parser
 from fsw.main import parser as operator_parser
-from fsw_control.parameters import parse
+from fsw_control.parameters import NodeParameters, describe
 from fsw_hmi.main import parser as hmi_parser
+from fsw_schema.extensions import all_loaded
 from fsw_test_support.machine_server import parser as machine_server_parser
 
 WORKSPACE = Path(__file__).resolve().parent.parent
@@ -66,11 +67,16 @@ def commands() -> list[tuple[str, str]]:
 @cache
 def parameters() -> set[str]:
     """Names of the parameters of all nodes."""
-    names = {"use_sim_time"}
-    for path in WORKSPACE.glob("*/fsw_*/fsw_*/*.yaml"):
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-        names |= set(content) if isinstance(content, dict) else set()
-    return names
+    models = all_loaded("fsw.schemas").values()
+    return {
+        "use_sim_time",
+        *(
+            name
+            for model in models
+            if issubclass(model, NodeParameters)
+            for name in describe(model)
+        ),
+    }
 
 
 def refusal(text: str) -> str | None:
@@ -283,12 +289,10 @@ def test_the_sites_state_diagram_has_every_mode_and_transition() -> None:
     assert shown.count("<circle") == len(drawing.TRANSITIONS)
 
 
-#: words of a page that is written by hand, and of one that a program writes
-_MOST_WORDS, _MOST_GENERATED = 900, 1400
+#: words of a page that is written by hand
+_MOST_WORDS = 900
 #: hazards, fault model and exceptions are read together by who assesses the safety
 _LONGER = {"safety": 1350}
-#: generated tables that are not split
-_LONGER_GENERATED = {"parameters-supervisor-groups": 2500}
 #: pages of results that studies and benchmarks write from their templates
 _GENERATED = {
     *("README", "adaptive", "campaign", "campaign_worst", "canister", "canister-verdict"),
@@ -301,19 +305,15 @@ _WRITTEN_IN = re.compile(
 )
 
 
-def words_in(text: str) -> int:
-    return sum(any(map(str.isalnum, word)) for word in text.split())  # no bars of tables
-
-
 @pytest.mark.parametrize(
     "page", sorted((WORKSPACE / "docs").rglob("*.md")), ids=lambda page: page.stem
 )
-def test_no_page_is_too_long_to_be_read(page: Path) -> None:
+def test_no_page_is_too_long_to_be_read(page: Path, pages: ModuleType) -> None:
     text, name = page.read_text(encoding="utf-8"), page.relative_to(WORKSPACE)
     if page.parent.name == "results" and page.stem in _GENERATED:
-        assert words_in(text) <= _MOST_GENERATED, f"{name}: shorten its template"
+        assert pages.words_in(text) <= pages.LONGEST_PAGE, f"{name}: shorten its template"
     else:
-        words = words_in(_WRITTEN_IN.sub("", text))
+        words = pages.words_in(_WRITTEN_IN.sub("", text))
         assert words <= _LONGER.get(page.stem, _MOST_WORDS), f"{name}: {words} words; shorten it"
 
 
@@ -322,21 +322,23 @@ def test_readme_is_short() -> None:
 
 
 @pytest.fixture(scope="module")
-def generated() -> dict[str, str]:
-    """The pages of the reference, which are in the site alone."""
+def pages() -> ModuleType:
+    """The script that makes the reference."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(WORKSPACE / "scripts")
-        files: dict[str, str] = load("reference_pages").reference()
+        return load("reference_pages")
+
+
+@pytest.fixture(scope="module")
+def generated(pages: ModuleType) -> dict[str, str]:
+    """The pages of the reference, which are in the site alone."""
+    files: dict[str, str] = pages.reference()
     return {name.removesuffix(".md"): text for name, text in files.items() if name.endswith(".md")}
 
 
-def test_generated_pages_are_not_too_long(generated: dict[str, str]) -> None:
-    counts = {name: words_in(text) for name, text in generated.items()}
-    assert {
-        name: count
-        for name, count in counts.items()
-        if count > _LONGER_GENERATED.get(name, _MOST_GENERATED)
-    } == {}
+def test_generated_pages_are_not_too_long(generated: dict[str, str], pages: ModuleType) -> None:
+    counts = {name: pages.words_in(text) for name, text in generated.items()}
+    assert {name: count for name, count in counts.items() if count > pages.LONGEST_PAGE} == {}
 
 
 def test_commands_on_generated_pages_can_run(generated: dict[str, str]) -> None:
@@ -346,11 +348,7 @@ def test_commands_on_generated_pages_can_run(generated: dict[str, str]) -> None:
 
 def test_the_reference_has_all_messages_parameters_and_commands(generated: dict[str, str]) -> None:
     tables = "\n".join(text for name, text in generated.items() if name.startswith("parameters"))
-    texts = {
-        path: path.read_text("utf-8") for path in (WORKSPACE / "src").glob("fsw_*/fsw_*/*.yaml")
-    }
-    described = {path: text for path, text in texts.items() if "default_value:" in text}
-    names = {name for path, text in described.items() for name in parse(text, str(path))}
+    names = parameters() - {"use_sim_time"}
     assert len(names) > 100 and [name for name in names if f"| `{name}` |" not in tables] == []
     definitions = "\n".join(
         text

@@ -14,9 +14,10 @@ import yaml
 
 import fsw
 from fsw_control import weld
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults
 from fsw_control.sensors import SENSORS
 from fsw_model import STEP_S, ProcessModel, nominal
+from fsw_plant.parameters import PlantParameters
 
 WORKSPACE = Path(__file__).resolve().parents[1]
 SOURCES = WORKSPACE / "src"
@@ -37,7 +38,7 @@ MAY_IMPORT = {
     "fsw_decentral": {"fsw_schema", "fsw_control"},
     "fsw_plant": {"fsw_schema", "fsw_model", "fsw_canister", "fsw_control", "fsw_msgs"},
     "fsw_machine": {"fsw_schema", "fsw_control", "fsw_msgs"},
-    "fsw_supervisor": {"fsw_control", "fsw_model", "fsw_msgs"},
+    "fsw_supervisor": {"fsw_schema", "fsw_control", "fsw_model", "fsw_msgs"},
     "fsw_recorder": {"fsw_schema", "fsw_control"},
     "fsw_analysis": {"fsw_schema", "fsw_recorder", "fsw_control", "fsw_model"},
     # of fsw_plant: what disturbs it
@@ -464,7 +465,7 @@ def test_dependencies_are_known_to_rosdep_and_named_once(package: Path) -> None:
 
 def test_numbers_of_the_weld_are_those_of_the_model_and_of_the_plant() -> None:
     """``fsw_control`` must not import the model, and a rate is not a step: the same facts in other words."""
-    model, plant = nominal(), defaults(load("fsw_plant", "plant.yaml"))
+    model, plant = nominal(), defaults(PlantParameters)
     assert weld.TICK_S == STEP_S
     assert (model.operating_depth_mm, model.operating_temperature_c) == (
         weld.DEPTH_MM,

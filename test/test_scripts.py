@@ -9,21 +9,29 @@ from pathlib import Path
 
 import pytest
 
-from fsw_control.parameters import load
+from fsw_control.parameters import describe
+from fsw_decentral.parameters import DecentralParameters
+from fsw_hmi.parameters import HmiParameters
+from fsw_machine.parameters import GatewayParameters
+from fsw_nmpc.parameters import NmpcParameters
+from fsw_plant.parameters import PlantParameters
+from fsw_recorder.parameters import RecorderParameters, ReplayParameters
+from fsw_scenario.parameters import PlayerParameters
+from fsw_supervisor.parameters import SupervisorParameters
 
 pytestmark = pytest.mark.slow
 SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
-#: node script: package and file of its parameters
+#: parameters of each node's script
 NODES = {
-    "run_nmpc": ("fsw_nmpc", "nmpc.yaml"),
-    "run_decentral": ("fsw_decentral", "decentral.yaml"),
-    "run_plant": ("fsw_plant", "plant.yaml"),
-    "run_supervisor": ("fsw_supervisor", "supervisor.yaml"),
-    "run_recorder": ("fsw_recorder", "recorder.yaml"),
-    "run_replay": ("fsw_recorder", "replay.yaml"),
-    "run_scenario": ("fsw_scenario", "player.yaml"),
-    "run_hmi": ("fsw_hmi", "hmi.yaml"),
-    "run_machine": ("fsw_machine", "gateway.yaml"),
+    "run_nmpc": NmpcParameters,
+    "run_decentral": DecentralParameters,
+    "run_plant": PlantParameters,
+    "run_supervisor": SupervisorParameters,
+    "run_recorder": RecorderParameters,
+    "run_replay": ReplayParameters,
+    "run_scenario": PlayerParameters,
+    "run_hmi": HmiParameters,
+    "run_machine": GatewayParameters,
 }
 
 
@@ -44,7 +52,7 @@ def run(script, *arguments, **options):
 def test_help_lists_the_parameters_and_wrong_names_are_refused(script, tmp_path):
     ran = run(script, "--help")
     assert ran.returncode == 0 and ran.stderr == ""
-    assert [name for name in load(*NODES[script]) if f"  {name}  (" not in ran.stdout] == []
+    assert [name for name in describe(NODES[script]) if f"  {name}  (" not in ran.stdout] == []
     ran = run(script, "--ros-args", "-p", "nmae:=1", cwd=tmp_path)
     assert ran.returncode == 2
     assert ran.stderr.count("\n") == 1 and "unknown parameters nmae" in ran.stderr

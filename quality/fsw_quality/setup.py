@@ -28,6 +28,7 @@ setup(
         "fsw.api": ["record = fsw_quality.api:record"],
         "fsw.schemas": [
             "attestation = fsw_quality.attestation:Attestation",
+            "parameters-monitor = fsw_quality.parameters:MonitorParameters",
             "record = fsw_quality.record:Record",
         ],
     },

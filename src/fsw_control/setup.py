@@ -6,10 +6,15 @@ setup(
     name=package_name,
     version="0.3.0",
     packages=find_packages(exclude=["test"]),
-    package_data={package_name: ["*.yaml", "*.xml", "py.typed"]},
+    package_data={package_name: ["*.xml", "py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
     ],
     extras_require={"test": ["pytest"]},
+    entry_points={
+        "fsw.schemas": [
+            "parameters-controller = fsw_control.common_parameters:ControllerParameters"
+        ]
+    },
 )

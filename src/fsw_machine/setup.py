@@ -15,6 +15,9 @@ setup(
     entry_points={
         "console_scripts": ["machine = fsw_schema.entry:fsw_machine.machine_node.main"],
         "fsw.nodes": ["machine = fsw_machine.machine_node:main"],
-        "fsw.schemas": ["machine = fsw_machine.machine_file:MachineFile"],
+        "fsw.schemas": [
+            "machine = fsw_machine.machine_file:MachineFile",
+            "parameters-machine = fsw_machine.parameters:GatewayParameters",
+        ],
     },
 )

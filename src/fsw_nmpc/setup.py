@@ -13,7 +13,7 @@ setup(
     name=package_name,
     version="0.3.0",
     packages=find_packages(exclude=["test"]),
-    package_data={package_name: ["*.yaml", "py.typed", "kernel/*.c", "kernel/*.h"]},
+    package_data={package_name: ["py.typed", "kernel/*.c", "kernel/*.h"]},
     ext_modules=[Extension(**CLibrary(package_name, Path(package_name, "kernel")).extension())],
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
@@ -24,6 +24,9 @@ setup(
         "console_scripts": ["nmpc = fsw_schema.entry:fsw_nmpc.nmpc_node.main"],
         "fsw.nodes": ["nmpc = fsw_nmpc.nmpc_node:main"],
         "fsw.controllers": ["nmpc = fsw_nmpc:NmpcController"],
-        "fsw.schemas": ["tuning = fsw_nmpc.tuning:Tuning"],
+        "fsw.schemas": [
+            "parameters-nmpc = fsw_nmpc.parameters:NmpcParameters",
+            "tuning = fsw_nmpc.tuning:Tuning",
+        ],
     },
 )

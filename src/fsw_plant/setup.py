@@ -13,7 +13,7 @@ setup(
     name=package_name,
     version="0.3.0",
     packages=find_packages(exclude=["test"]),
-    package_data={package_name: ["*.yaml", "py.typed", "kernel/*.c", "kernel/*.h"]},
+    package_data={package_name: ["py.typed", "kernel/*.c", "kernel/*.h"]},
     ext_modules=[Extension(**CLibrary(package_name, Path(package_name, "kernel")).extension())],
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
@@ -22,6 +22,7 @@ setup(
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": ["plant = fsw_schema.entry:fsw_plant.plant_node.main"],
+        "fsw.schemas": ["parameters-plant = fsw_plant.parameters:PlantParameters"],
         "fsw.nodes": ["plant = fsw_plant.plant_node:main"],
     },
 )

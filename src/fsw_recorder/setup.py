@@ -8,7 +8,7 @@ setup(
     name=package_name,
     version="0.3.0",
     packages=find_packages(exclude=["test"]),
-    package_data={package_name: ["*.yaml", "py.typed"]},
+    package_data={package_name: ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
@@ -23,6 +23,10 @@ setup(
             "recorder = fsw_recorder.recorder_node:main",
             "replay = fsw_recorder.replay_node:main",
         ],
-        "fsw.schemas": ["manifest = fsw_recorder.manifest:Manifest"],
+        "fsw.schemas": [
+            "manifest = fsw_recorder.manifest:Manifest",
+            "parameters-recorder = fsw_recorder.parameters:RecorderParameters",
+            "parameters-replay = fsw_recorder.parameters:ReplayParameters",
+        ],
     },
 )

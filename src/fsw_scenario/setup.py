@@ -10,7 +10,6 @@ setup(
     packages=find_packages(exclude=["test"]),
     package_data={
         package_name: [
-            "*.yaml",
             "scenarios/*.yaml",
             "events/*.yaml",
             "procedures/*.yaml",
@@ -34,6 +33,11 @@ setup(
             "procedure = fsw_scenario.procedure_node:main",
             "scenario = fsw_scenario.scenario_node:main",
         ],
-        "fsw.schemas": ["scenario = fsw_scenario.scenario:Scenario"],
+        "fsw.schemas": [
+            "parameters-open-loop = fsw_scenario.parameters:OpenLoopParameters",
+            "parameters-procedure = fsw_scenario.parameters:ProcedureParameters",
+            "parameters-scenario = fsw_scenario.parameters:PlayerParameters",
+            "scenario = fsw_scenario.scenario:Scenario",
+        ],
     },
 )

@@ -8,14 +8,15 @@ setup(
     name=PACKAGE,
     version="0.3.0",
     packages=[PACKAGE],
-    package_data={PACKAGE: ["*.yaml", "py.typed"]},
+    package_data={PACKAGE: ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
     extras_require={"test": ["pytest"]},
     entry_points={
-        "console_scripts": ["supervisor = fsw_schema.entry:{PACKAGE}.supervisor_node.main"],
+        "console_scripts": ["supervisor = fsw_schema.entry:fsw_supervisor.supervisor_node.main"],
+        "fsw.schemas": ["parameters-supervisor = fsw_supervisor.parameters:SupervisorParameters"],
         "fsw.nodes": ["supervisor = fsw_supervisor.supervisor_node:main"],
     },
 )

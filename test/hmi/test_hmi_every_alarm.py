@@ -3,7 +3,6 @@
 import signal
 import time
 from functools import partial
-from importlib.resources import files
 
 import pytest
 import rclpy
@@ -16,11 +15,12 @@ from fsw_control import messages_ros as convert
 from fsw_control.contract import Command
 from fsw_control.free_domain import free_domain
 from fsw_control.journal import AlarmChange
+from fsw_control.parameters import defaults
 from fsw_control.topics_ros import LATCHED
 from fsw_msgs.msg import AlarmEvent, WeldCommand
 from fsw_scenario.graph import STANDBY
 from fsw_scenario.launcher import Launcher
-from fsw_schema.yaml_text import load_yaml
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_test_support.page_client import Page
 from fsw_test_support.patient_weld import PATIENT_ARGUMENTS
 from fsw_test_support.ros_graph import Spinner
@@ -81,14 +81,9 @@ WRONG = {
     "temperature_model_low": 100.0,
     "temperature_model_high": -100.0,
 }
-DEFAULTS = load_yaml(
-    files("fsw_supervisor").joinpath("supervisor.yaml").read_text(encoding="utf-8")
-)
+DEFAULTS = defaults(SupervisorParameters)
 USUAL = {
-    name: {
-        level: DEFAULTS[f"interlocks.{name}.{level}"]["default_value"]
-        for level in ("warn", "trip")
-    }
+    name: {level: DEFAULTS[f"interlocks.{name}.{level}"] for level in ("warn", "trip")}
     for name in WRONG
 } | {"temperature_low": {"warn": 310.0, "trip": 300.0}}
 DEPTH_MM, TEMPERATURE_C = 2.66, 816.4

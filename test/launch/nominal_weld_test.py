@@ -23,17 +23,22 @@ from weld_under_test import (
 
 from fsw_analysis.signals import load_weld
 from fsw_control import parameters
+from fsw_control.common_parameters import hosted
+from fsw_decentral.parameters import DecentralParameters
 from fsw_msgs.msg import PlantState, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
+from fsw_plant.parameters import PlantParameters
+from fsw_scenario.parameters import PlayerParameters
+from fsw_supervisor.parameters import SupervisorParameters
 
 WELD = WeldUnderTest(
     "{name: nominal, duration_s: 600.0, plant: {seed: 5}}", ("decentral",), record=True
 )
 TICKS = 30
 FILES = {
-    "fsw_plant": [("fsw_plant", "plant.yaml")],
-    "fsw_decentral": [("fsw_control", "controller.yaml"), ("fsw_decentral", "decentral.yaml")],
-    "fsw_supervisor": [("fsw_supervisor", "supervisor.yaml")],
-    "fsw_scenario": [("fsw_scenario", "player.yaml")],
+    "fsw_plant": PlantParameters,
+    "fsw_decentral": hosted(DecentralParameters),
+    "fsw_supervisor": SupervisorParameters,
+    "fsw_scenario": PlayerParameters,
 }
 
 
@@ -100,7 +105,7 @@ class TestWeld(unittest.TestCase):
 
 
 def specs_of(node):
-    return {name: spec for file in FILES[node] for name, spec in parameters.load(*file).items()}
+    return parameters.describe(FILES[node])
 
 
 def set_one(eye, node, name, value):

@@ -5,8 +5,9 @@ import signal
 import pytest
 
 from fsw_analysis.rule_book import default
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults
 from fsw_hmi.alarm_desk_ros import AlarmDesk
+from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.watch_ros import Watch
 from fsw_msgs.msg import WeldCommand
 
@@ -15,9 +16,7 @@ from fsw_msgs.msg import WeldCommand
 def desk(weld):
     """The alarms of the operator's page, in this graph."""
     watch = Watch(weld.node, lambda rows, restarted: None, lambda plan: None, lambda: None)
-    return AlarmDesk(
-        weld.node, watch, defaults(load("fsw_hmi", "hmi.yaml")).__getitem__, default()
-    )
+    return AlarmDesk(weld.node, watch, defaults(HmiParameters).__getitem__, default())
 
 
 def until_alarm(weld, desk, name, state, text=""):

@@ -10,12 +10,14 @@ import pytest
 
 from fsw_control import Command
 from fsw_control.fence import Signature
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults
 from fsw_control.units import NANOSECONDS
 from fsw_machine.gateway import Gateway
 from fsw_machine.machine_file import MachineFile
+from fsw_machine.parameters import GatewayParameters
 from fsw_machine.samples import CycleRead, RawValue
 from fsw_supervisor import Arbiter, ArbiterSettings, ProposalInput
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.state_machine import Mode
 from fsw_test_support.short_times import any_residual
 
@@ -44,11 +46,11 @@ class Loop:
     def __init__(self):
         self.gateway = Gateway(
             MachineFile.parse((resources.files("fsw_machine") / "machine.yaml").read_text()),
-            defaults(load("fsw_machine", "gateway.yaml")),
+            defaults(GatewayParameters),
         )
         self.gateway.on_connected()
         self.arbiter = Arbiter(ArbiterSettings.from_values({}))
-        parameters = defaults(load("fsw_supervisor", "supervisor.yaml"))
+        parameters = defaults(SupervisorParameters)
         self.arbiter.safety.configure(
             parameters | any_residual("depth")
         )  # this depth does not follow the force

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from math import inf
 
-from fsw_control.parameters import load, validate
+from fsw_control.parameters import describe, validate
 from fsw_decentral import DecentralController
 from fsw_decentral.gains import Gains
+from fsw_decentral.parameters import DecentralParameters
 from fsw_export.choice import Choice
 from fsw_export.fmu_description import Content, Variable, boolean, output, parameter, real, source
 from fsw_export.signals import Signal
@@ -16,6 +17,7 @@ from fsw_export.sources import ControllerSources, sources_of
 from fsw_export.templates import render
 from fsw_model import ProcessModel
 from fsw_nmpc import NmpcController
+from fsw_nmpc.parameters import NmpcParameters
 from fsw_nmpc.tuning import MOVE_COSTS, WALKS
 
 #: the limits' parameters of both nodes, and their names in the libraries' tunings
@@ -57,15 +59,15 @@ _KNOWN = Signal(
 
 
 def nmpc(choice: Choice) -> Content:
-    """The NMPC; its parameters are those of ``nmpc.yaml``.
+    """The NMPC; its parameters are those of the node.
 
     Raises
     ------
     InputError
         If a parameter is unknown or out of range, or a file cannot be used.
     """
-    specs = load("fsw_nmpc", "nmpc.yaml")
-    values = validate(specs, choice.parameters)
+    specs = describe(NmpcParameters)
+    values = validate(NmpcParameters, choice.parameters)
     sources = sources_of(NmpcController(values))
     tune = render(
         "tune_nmpc.h", move_costs=MOVE_COSTS, walks=WALKS, reals=_LIMITS, integers=_COUNTS
@@ -76,15 +78,15 @@ def nmpc(choice: Choice) -> Content:
 
 
 def decentral(choice: Choice) -> Content:
-    """The decentralized controller; its parameters are those of ``decentral.yaml``, but the tuning becomes gains.
+    """The decentralized controller; its parameters are those of the node, but the tuning becomes gains.
 
     Raises
     ------
     InputError
         If a parameter is unknown or out of range.
     """
-    specs = load("fsw_decentral", "decentral.yaml")
-    values = validate(specs, choice.parameters)
+    specs = describe(DecentralParameters)
+    values = validate(DecentralParameters, choice.parameters)
     controller = DecentralController(values)
     values |= dict(controller.gains)
     parameters = []

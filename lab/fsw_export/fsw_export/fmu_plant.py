@@ -8,7 +8,7 @@ from typing import Any
 
 from fsw_canister.stepped import LONGEST_HEATING_S
 from fsw_control import weld
-from fsw_control.parameters import validate
+from fsw_control.parameters import describe, require_known
 from fsw_control.weld import TICK_S
 from fsw_export.choice import Choice
 from fsw_export.fmu_description import Content, Variable, output, parameter, real, source
@@ -17,12 +17,13 @@ from fsw_model import ModelParameters, ProcessModel, equations
 from fsw_model.c_code import c_text
 from fsw_plant import PlantEmulator, config
 from fsw_plant.library import KERNEL, model_of
+from fsw_plant.parameters import PlantParameters
 from fsw_plant.process import reduced
 
 #: parameters of the plant that the FMU has as its own
 _FIXED = ("start.depth_mm", "start.temperature_c")
 _OF_CANISTER = ("start.power_kw",)
-#: the tool's motion, by its name in ``plant.yaml``, is an input of the FMU
+#: the tool's motion, by its name at the node, is an input of the FMU
 _MOTION = {
     "tool.traverse_mm_per_min": (
         "traverse_mm_per_min",
@@ -48,7 +49,7 @@ _TUNABLE = (
 
 
 def plant(choice: Choice) -> Content:
-    """The plant; its parameters are those of ``plant.yaml``: the FMU's own, ``model_file`` and factors ``model.*``.
+    """The plant; its parameters are those of the node: the FMU's own, ``model_file`` and factors ``model.*``.
 
     On a canister also ``canister.*`` and the tool's first position.
 
@@ -64,10 +65,10 @@ def plant(choice: Choice) -> Content:
     own = {*fixed, *_TUNABLE, "model_file", "process", *(_MOTION if on_canister else ())}
     specs = {
         name: spec
-        for name, spec in config.specs().items()
+        for name, spec in describe(PlantParameters).items()
         if name in own or name.startswith(groups)
     }
-    validate(specs, choice.parameters)
+    require_known(specs, choice.parameters)
     chosen = config.PlantConfig.from_values(choice.parameters)
     emulator = PlantEmulator(chosen)  # checks the start
     start = emulator.applied if on_canister else ProcessModel(chosen.model).equilibrium()

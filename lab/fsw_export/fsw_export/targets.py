@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from importlib import resources
 from typing import Any
 
-from fsw_control.parameters import load
+from fsw_control.parameters import defaults
 from fsw_export.templates import render
+from fsw_nmpc.parameters import NmpcParameters
 
 _TITLES = {
     "nmpc": "NMPC, default tuning (20 blocks of moves)",
@@ -50,7 +51,7 @@ def _derived(measured: Mapping[str, Any]) -> dict[str, Any]:
             "largest": measured["instructions_max"],
         }
     if "iterations_max" in measured:
-        for cap in (_LOW_CAP, load("fsw_nmpc", "nmpc.yaml")["max_iterations"].default):
+        for cap in (_LOW_CAP, defaults(NmpcParameters)["max_iterations"]):
             counts[f"estimated worst case with `max_iterations` {cap}"] = _worst(measured, cap)
         for clock in _CLOCKS:
             budget = 0.1 * clock * 1e6 / _CYCLES[-1]

@@ -13,9 +13,10 @@ from fsw.outputs import write_text
 from fsw_analysis.markdown import table
 from fsw_control import weld
 from fsw_control.contract import Limits
+from fsw_control.parameters import describe
 from fsw_control.severity import Severity
 from fsw_model import ModelParameters
-from fsw_plant.config import specs
+from fsw_plant.parameters import PlantParameters
 from fsw_scenario.scenario import Scenario
 from fsw_schema.models import InputError, Many, Model
 from fsw_tuning.identification_design import AIMS, SAFE_C, SAFE_MM, plant_factors
@@ -356,7 +357,7 @@ def identify_rows(parameters: ModelParameters, deviations: Mapping[str, float]) 
         text = f"{value:.4g} ± {100.0 * share:.2g} %"
         rows.append(_row(name, text, f"known to {100.0 * most:.2g} %", share <= most))
     for key, factor in plant_factors(parameters).items():
-        low, high = specs()[key].range or (-np.inf, np.inf)
+        low, high = describe(PlantParameters)[key].range or (-np.inf, np.inf)
         if (
             not low <= factor <= high
         ):  # tuning could not try such a process, and no machine is known to be one

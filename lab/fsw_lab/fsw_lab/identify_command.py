@@ -15,15 +15,16 @@ from fsw.outputs import check_new, new_folder, write_text
 from fsw.progress import ProgressBar
 from fsw.welds import Weld
 from fsw_analysis.changes import cut_to_scenario
+from fsw_control.parameters import describe
 from fsw_identification import report, summary
 from fsw_model import ModelParameters, ParameterCovariance
-from fsw_plant.config import specs
+from fsw_plant.parameters import PlantParameters
 from fsw_schema.ranges import Range
 from fsw_tuning.identification_design import SAFE_C, SAFE_MM, propose
 
 #: lengths of an experiment that can be proposed, and the default
 _EXPERIMENT_S, _DURATION_S = Range(60.0, 1800.0, "s"), 300.0
-_LAG = specs()["actuators.lag_s"]
+_LAG = describe(PlantParameters)["actuators.lag_s"]
 
 
 @command(

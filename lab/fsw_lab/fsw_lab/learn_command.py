@@ -12,13 +12,14 @@ from fsw.console import print_table
 from fsw.outputs import check_new, write_text
 from fsw.progress import ProgressBar
 from fsw_analysis.changes import cut_to_scenario
+from fsw_control.parameters import describe
 from fsw_identification.heat_learning import Learned, learn
 from fsw_model import ModelParameters
-from fsw_plant.config import specs
+from fsw_plant.parameters import PlantParameters
 from fsw_recorder.bag_reader import SUFFIXES
 from fsw_schema.ranges import Range
 
-_LAG = specs()["actuators.lag_s"]
+_LAG = describe(PlantParameters)["actuators.lag_s"]
 _BLOCK = 1 << 20
 
 

@@ -161,11 +161,11 @@ ERRORS = [
         ["--parameter", "start.dept_mm=3"],
         "unknown parameters start.dept_mm; did you mean start.depth_mm",
     ),
-    ("plant", ["--parameter", "start.depth_mm=9"], "start.depth_mm: 9 is outside 1 to 5 mm"),
+    ("plant", ["--parameter", "start.depth_mm=9"], "start.depth_mm = 9 is outside 1 to 5 mm"),
     (
         "plant",
         ["--parameter", "start.temperature_c=.nan"],
-        "start.temperature_c: nan is not finite",
+        "start.temperature_c = nan is outside",
     ),
     ("plant", ["--parameter", "start.temperature_c=1080"], "beyond the drives' limits"),
     ("plant", ["--parameter", "seed=2"], "unknown parameters seed"),
@@ -173,7 +173,7 @@ ERRORS = [
     (
         "plant",
         ["--parameter", "process=canister", "--parameter", "canister.wall_mm=-1"],
-        "wall_mm: -1 is outside",
+        "wall_mm = -1 is outside",
     ),
     ("plant", ["--parameter", "start.depth_mm"], "--parameter start.depth_mm: write NAME=VALUE"),
     ("plant", ["--tuning", "x.yaml"], "the plant has no tuning"),

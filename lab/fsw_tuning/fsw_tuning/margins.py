@@ -67,7 +67,7 @@ class Loops:
     """A controller, by label with its node's parameters, and the process whose margins are sought.
 
     ``plant`` has parameters of drives and sensors that differ from their defaults, by their names
-    in ``plant.yaml``.
+    in the plant's parameters.
     """
 
     label: str

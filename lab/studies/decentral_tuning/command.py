@@ -68,7 +68,7 @@ def _on_other_process(gains: Gains, parameters: ModelParameters) -> str:
 def as_yaml(sets: dict[str, Gains], figures: dict[str, dict[str, float]]) -> str:
     """The sets as text of the package's ``tunings.yaml``."""
     lines = [
-        "# Computed by scripts/tune_decentral.py; meaning and units of the gains: decentral.yaml."
+        "# Computed by scripts/tune_decentral.py; meaning and units of the gains: parameters.py."
     ]
     for name, gains in sets.items():
         found = figures[name]

@@ -11,7 +11,7 @@ import yaml
 
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.journal import RequestKind
-from fsw_control.parameters import load_source, validate
+from fsw_control.parameters import validate
 from fsw_control.weld import TICK_S
 from fsw_quality import history, record, report
 from fsw_quality.monitor import Monitor
@@ -176,7 +176,7 @@ def _weld_to_bag(number: int, name: str, folder: Path, end_deg: float) -> None:
     identity = {"canister": name, "lid": f"L{number:03d}", "tool": "T1", "machine": MACHINE}
     parameters = {
         one: validate(
-            load_source(described_in(one)),
+            described_in(one),
             variant_of(CONTROLLER) if CONTROLLER.startswith(one) else {},
         )
         for one in scenario.controllers

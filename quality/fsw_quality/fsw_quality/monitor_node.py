@@ -18,8 +18,7 @@ from fsw_control.light_node_ros import LightNode
 from fsw_control.message_synchronizer import SampleSet
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
-from fsw_control.parameters import load
-from fsw_control.parameters_ros import declare
+from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import OK, WARN, DiagnosticsPublisher, Report
 from fsw_control.topics_ros import SENT, STREAM, subscribe_drives, subscribe_sensors
 from fsw_control.weld_ticks_ros import WeldTicks
@@ -28,6 +27,7 @@ from fsw_msgs.msg import WeldCommand, WeldFinding, WeldHealth
 from fsw_quality.diagnosis import Finding, WatchCause
 from fsw_quality.likelihood import covariance_from
 from fsw_quality.monitor import Monitor, Sample
+from fsw_quality.parameters import MonitorParameters
 
 _LOOK_S, _REPORT_S = 0.1, 1.0
 #: without drives for longer, the plant may be gone; the next one must not take this node for a
@@ -45,7 +45,7 @@ class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types 
 
     def __init__(self, **arguments: Any) -> None:
         super().__init__("fsw_monitor", **arguments)
-        self._settings = declare(self, "fsw_quality", "monitor.yaml")
+        self._settings = ParameterValues(self, MonitorParameters)
         self._process, model = self._settings["process"], self._settings["model_file"]
         parameters = ModelParameters.from_file(model) if model else None
         self._monitor = Monitor(
@@ -169,9 +169,7 @@ def _message(finding: Finding) -> WeldFinding:
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node until it is stopped; returns the exit code."""
     about = "Watches a weld and warns of what is about to go wrong, with cause and advice. It commands nothing."
-    return run(
-        MonitorNode, args, NodeArguments("fsw_monitor", about, load("fsw_quality", "monitor.yaml"))
-    )
+    return run(MonitorNode, args, NodeArguments("fsw_monitor", about, MonitorParameters))
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import argparse
 from typing import Any
 
 import yaml
+from pydantic import ConfigDict, TypeAdapter
 from rclpy.exceptions import NameValidationException
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
@@ -13,18 +14,17 @@ from rclpy.parameter_client import AsyncParameterClient
 from fsw.console import print_table
 from fsw.errors import CommandError
 from fsw.operator_node import Operator, domain_text, operator
-from fsw_control.parameters import ParameterSpec, require_known
-from fsw_schema.models import InputError
+from fsw_control.parameters import require_known
+from fsw_schema.models import Whole
 from fsw_schema.yaml_text import load_yaml
 
-#: names of the types in parameter files
-_TYPES = {
-    Parameter.Type.BOOL: "bool",
-    Parameter.Type.INTEGER: "int",
-    Parameter.Type.DOUBLE: "double",
-    Parameter.Type.STRING: "string",
-    Parameter.Type.DOUBLE_ARRAY: "double_array",
-    Parameter.Type.STRING_ARRAY: "string_array",
+#: by type of a value on the wire: the one that it must have
+_TYPES: dict[Parameter.Type, Any] = {
+    Parameter.Type.BOOL: bool,
+    Parameter.Type.INTEGER: Whole,
+    Parameter.Type.DOUBLE: float,
+    Parameter.Type.DOUBLE_ARRAY: list[float],
+    Parameter.Type.STRING_ARRAY: list[str],
 }
 
 
@@ -90,9 +90,8 @@ def _parameter(name: str, kind: Parameter.Type, text: str) -> Parameter:
     try:
         value = load_yaml(text)
         if kind in _TYPES:
-            value = ParameterSpec(name, _TYPES[kind], None, "").check(value)
+            config = ConfigDict(strict=True, allow_inf_nan=False)
+            value = TypeAdapter(_TYPES[kind], config=config).validate_python(value)
         return Parameter(name, kind, value)
-    except InputError:
-        raise
     except (yaml.YAMLError, ValueError, TypeError):
         raise CommandError(f"{name}: {text!r} is not of type {kind.name.lower()}") from None

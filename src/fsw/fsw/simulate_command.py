@@ -20,8 +20,6 @@ from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_analysis.export import export_weld
 from fsw_analysis.figures import Run, draw, draw_whole_weld
 from fsw_control.free_domain import free_domain
-from fsw_control.parameters import defaults
-from fsw_control.parameters import load as load_parameters
 from fsw_control.weld import TICK_S
 from fsw_plant import PlantConfig, prepare
 from fsw_recorder.bag_metadata import IDENTITY
@@ -109,9 +107,7 @@ def simulate(arguments: argparse.Namespace) -> int:
                 "simulate: --procedure needs --bag: offline there is no supervisor, no record"
             )
         check_signed(arguments.procedure, arguments.trusted, arguments.require_signed)
-        by_procedure = graph_parameters(
-            arguments.procedure, defaults(load_parameters("fsw_supervisor", "supervisor.yaml"))
-        )
+        by_procedure = graph_parameters(arguments.procedure)
     identity = _identity(arguments)
     overrides = [*arguments.set, *(["plant.noise=false"] if arguments.no_noise else [])]
     scenario = load(arguments.scenario, overrides)

@@ -22,10 +22,11 @@ from fsw_analysis.reasons import FIELDS, reasons
 from fsw_analysis.recorded_parameters import recorded_parameters
 from fsw_analysis.set_points import HELD, SENT, read_plans, read_set_points, timeline
 from fsw_analysis.weld_signals import SIMULATED_NS, experiment_time_s
+from fsw_control.common_parameters import hosted
 from fsw_control.contract import Command, Controller, Proposal, Reference
 from fsw_control.host import NO_SET_POINT, answer
 from fsw_control.message_synchronizer import JUMP_NS
-from fsw_control.parameters import Source, load, load_source, validate
+from fsw_control.parameters import ParameterModel, describe, validate
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.references import ReferencePlan
 from fsw_control.sensors import REQUIRED
@@ -163,7 +164,7 @@ def replay(
     messages: WeldMessages,
     name: str,
     make: Make,
-    described: Source = None,
+    described: ParameterModel = None,
     changed: Mapping[str, Any] | None = None,
     duration_s: float = math.inf,
 ) -> Replay:
@@ -178,8 +179,8 @@ def replay(
         those of the sensors.
     make : callable
         Makes the controller from its parameters.
-    described : (str, str) or path, optional
-        Where its parameters are described; their values are taken from the bag where it has them.
+    described : class, optional
+        Model of its parameters; their values are taken from the bag where it has them.
     changed : mapping, optional
         Parameters, on top of the recorded ones.
     duration_s : float, optional
@@ -192,15 +193,15 @@ def replay(
     BagError
         The bag lacks a topic, or the controller refuses its recorded parameters.
     """
-    own = load_source(described)
-    specs = load("fsw_control", "controller.yaml") | own
-    validate(specs, changed or {})
+    model = hosted(described)
+    validate(model, changed or {})
     recorded = _Inputs(messages, name)
     values, notes = recorded.parameters(name)
     values |= changed or {}
     try:
-        settings = validate(specs, {key: value for key, value in values.items() if key in specs})
-        controller = make({key: settings[key] for key in own})
+        known = describe(model)
+        settings = validate(model, {key: value for key, value in values.items() if key in known})
+        controller = make({key: settings[key] for key in describe(described)})
     except Exception as error:  # a user's controller may fail in any way
         raise BagError(
             f"{messages.path}: controller {name} refuses its recorded parameters: {error}"

@@ -26,8 +26,6 @@ from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from fsw_control.parameters import defaults
-from fsw_control.parameters import load as load_parameters
 from fsw_scenario.controllers import program, variants_of
 from fsw_scenario.graph import STANDBY, WeldGraph, for_standby
 from fsw_scenario.launcher import ABORTED, REFUSED, RESPAWN_DELAY_S
@@ -365,9 +363,7 @@ def _by_procedure(
         check_signed(
             source, [Path(arguments["trusted"])] if arguments["trusted"] else [], required
         )
-        derived = graph_parameters(
-            source, defaults(load_parameters("fsw_supervisor", "supervisor.yaml"))
-        )
+        derived = graph_parameters(source)
     except InputError as error:
         raise RuntimeError(f"procedure: {error}") from None
     derived["fsw_procedure"] |= clock

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
@@ -14,6 +12,7 @@ from rclpy.node import Node
 
 from fsw_control import messages_ros as convert
 from fsw_control.attainable import attainable_of, out_of_reach
+from fsw_control.common_parameters import ControllerParameters, hosted
 from fsw_control.contract import Command, Controller, Proposal, Reference
 from fsw_control.deadline_timer_ros import DeadlineTimer
 from fsw_control.host import answer
@@ -21,8 +20,8 @@ from fsw_control.light_node_ros import LightNode
 from fsw_control.message_synchronizer import SampleSet
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
-from fsw_control.parameters import Source, load, load_source, problem
-from fsw_control.parameters_ros import ParameterValues, declare, state_contents
+from fsw_control.parameters import ParameterModel
+from fsw_control.parameters_ros import ParameterValues, state_contents
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.references import ReferencePlan
 from fsw_control.references_ros import StatedReference, reference_queue, subscribe_references
@@ -38,7 +37,6 @@ from fsw_control.topics_ros import (
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_control.weld_ticks_ros import WeldTicks
 from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand, WeldReferencePlan
-from fsw_schema.errors import InputError
 
 #: makes the controller from its parameters (empty if it has none)
 Make = Callable[[dict[str, Any]], Controller]
@@ -60,17 +58,16 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         ``fsw_<name>``.
     make : callable
         Makes the controller from its parameters.
-    parameters : (str, str) or path, optional
-        Package and file, or path, of the YAML that describes the controller's own parameters. At
-        runtime they are passed to the controller's ``check(values)`` and then to its
-        ``configure(values)``, if it has these methods; ``use_logger(logger)`` gets the node's
-        logger.
+    parameters : class, optional
+        Model of the controller's own parameters (:mod:`fsw_control.parameters`). At runtime they
+        are passed to the controller's ``check(values)`` and then to its ``configure(values)``, if
+        it has these methods; ``use_logger(logger)`` gets the node's logger.
     """
 
-    def __init__(self, name: str, make: Make, parameters: Source = None) -> None:
+    def __init__(self, name: str, make: Make, parameters: ParameterModel = None) -> None:
         super().__init__(f"fsw_{name}")
-        self._settings = declare(self, "fsw_control", "controller.yaml")
-        self._own = ParameterValues(self, load_source(parameters))
+        self._settings = ParameterValues(self, ControllerParameters)
+        self._own = ParameterValues(self, parameters)
         self.controller = make(self._own.values)
         if hasattr(self.controller, "use_logger"):
             self.controller.use_logger(self.get_logger())
@@ -102,7 +99,6 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
 
     def _open_parameters(self) -> None:
         self._settings.on_change(lambda values: self._guard.configure(sensor_limits(values)))
-        self._settings.add_check(partial(problem, sensor_limits))
         state_contents(self, self._own)
         if hasattr(self.controller, "check"):
             self._own.add_check(self.controller.check)
@@ -284,7 +280,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
 def run_controller(
     make: Callable[..., Controller],
     name: str | None = None,
-    parameters: Source = None,
+    parameters: ParameterModel = None,
     args: Sequence[str] | None = None,
 ) -> int:
     """Run a controller as a node until it is stopped; returns the exit code.
@@ -308,10 +304,5 @@ def run_controller(
     source = parameters if parameters is not None else getattr(make, "parameters", None)
     made = make if source is not None else lambda _: make()
     about = f"Runs the controller {controller_name} as a node."
-    try:
-        specs = load_source(source) | load("fsw_control", "controller.yaml")
-    except InputError as error:
-        print(f"{controller_name}: {error}", file=sys.stderr)
-        return 2
-    arguments = NodeArguments(f"fsw_{controller_name}", about, specs)
+    arguments = NodeArguments(f"fsw_{controller_name}", about, hosted(source))
     return run(lambda: ControllerNode(controller_name, made, source), args, arguments)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from textwrap import fill
 from typing import Any
 
-from fsw_control.parameters import ParameterSpec, require_known
+from fsw_control.parameters import NodeParameters, describe, require_known
 from fsw_schema.errors import InputError
 from fsw_schema.files import read_regular
 from fsw_schema.yaml_text import content_of
@@ -25,14 +25,14 @@ class NodeArguments:
 
     node: str  #: name of the node, unless it is remapped
     about: str  #: description of the node, in a sentence
-    specs: Mapping[str, ParameterSpec]  #: its parameters
+    parameters: type[NodeParameters]  #: model of its parameters
     positional: str = ""  #: arguments before ``--ros-args``, as the usage shows them
 
     def help(self, program: str) -> str:
         """Usage text, and all parameters with type, default, range and meaning."""
         usage = f"usage: {program} {self.positional}".rstrip()
         options = "[-p NAME:=VALUE ...] [--params-file FILE] [-r FROM:=TO] [--log-level LEVEL]"
-        about, parameters = self.about.strip(), parameter_help(self.specs)
+        about, parameters = self.about.strip(), parameter_help(self.parameters)
         return f"{usage} [--ros-args {options}]\n\n{about}\n\n{parameters}"
 
     def check(self, argv: Sequence[str]) -> None:
@@ -58,15 +58,15 @@ class NodeArguments:
             elif flag == "--params-file":
                 names += _in_file(text, name)
         require_known(
-            self.specs,
+            describe(self.parameters),
             [name for name in names if name not in _OF_ROS and not name.startswith(_QOS)],
         )
 
 
-def parameter_help(specs: Mapping[str, ParameterSpec]) -> str:
+def parameter_help(parameters: type[NodeParameters]) -> str:
     """All parameters with type, default, range and meaning."""
     lines = ["parameters:"]
-    for spec in specs.values():
+    for spec in describe(parameters).values():
         default = (
             "[" + ", ".join(map(str, spec.default)) + "]"
             if isinstance(spec.default, list)
@@ -81,7 +81,9 @@ def parameter_help(specs: Mapping[str, ParameterSpec]) -> str:
         parts += [f"one of {', '.join(spec.options)}"] if spec.options else []
         parts += ["at start only"] if spec.read_only else []
         lines.append(f"  {spec.name}  ({'; '.join(parts)})")
-        lines.append(fill(spec.text, _WIDTH, initial_indent=" " * 6, subsequent_indent=" " * 6))
+        lines.append(
+            fill(spec.description, _WIDTH, initial_indent=" " * 6, subsequent_indent=" " * 6)
+        )
     return "\n".join(lines)
 
 

@@ -10,7 +10,7 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import rclpy
@@ -23,7 +23,7 @@ from rclpy.utilities import get_default_context, remove_ros_args
 from fsw_control import fast_dds
 from fsw_control.light_node_ros import ends_in_time
 from fsw_control.node_arguments import NodeArguments, asks_for_help
-from fsw_control.parameters import ParameterSpec, Source, load_source
+from fsw_control.parameters import NodeParameters
 
 #: A signal this long after the first one counts as a second request.
 _PATIENCE_S = 1.0
@@ -201,16 +201,14 @@ def main_of(
     node: Callable[..., Node],
     name: str,
     about: str | None,
-    parameters: Source | Callable[[], Mapping[str, ParameterSpec]],
+    parameters: type[NodeParameters],
 ) -> Callable[..., int]:
     """Return the ``main`` of a node's module.
 
     Its argument is the command line (None: ``sys.argv``), its result the exit code of :func:`run`.
-    ``parameters`` is the description of the parameters, or a function that returns it.
     """
 
     def main(args: Sequence[str] | None = None) -> int:
-        specs = parameters() if callable(parameters) else load_source(parameters)
-        return run(node, args, NodeArguments(name, about or "", specs))
+        return run(node, args, NodeArguments(name, about or "", parameters))
 
     return main

@@ -1,9 +1,10 @@
-"""Declares the parameters of a YAML file on a node and keeps their values."""
+"""Declares the parameters of a model on a node and keeps their values."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from array import array
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,13 @@ from rcl_interfaces.msg import (
 )
 from rclpy.parameter import Parameter
 
-from fsw_control.parameters import CONTENT_SHA256, ParameterSpec, load
+from fsw_control.parameters import (
+    CONTENT_SHA256,
+    ParameterModel,
+    ParameterSpec,
+    describe,
+    validate,
+)
 from fsw_schema.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,20 +30,19 @@ if TYPE_CHECKING:
 
 
 class ParameterValues:
-    """The last accepted parameters of a node; rclpy raises if a value given at start is invalid.
+    """The last accepted parameters of a node; raises if a value given at start is invalid.
 
     ``values`` is replaced as a whole at each change, so readers may keep the dict.
     """
 
-    def __init__(self, node: Node, specs: Mapping[str, ParameterSpec]) -> None:
-        self._specs = dict(specs)
-        self.values: dict[str, Any] = {}
+    def __init__(self, node: Node, model: ParameterModel) -> None:
+        self._model, self._specs = model, describe(model)
         self._callbacks: list[Callable[[dict[str, Any]], None]] = []
         self._checks: list[Callable[[dict[str, Any]], str | None]] = []
-        # Added first, so that it also checks the values given at start.
+        given = {name: _own_type(_declare(node, spec)) for name, spec in self._specs.items()}
+        # checked together: a value given at start may contradict the default of another
+        self.values = validate(model, given)
         node.add_on_set_parameters_callback(self._check)
-        for spec in self._specs.values():
-            self.values[spec.name] = spec.check(_declare(node, spec))
         node.add_post_set_parameters_callback(self._accept)
 
     def __getitem__(self, name: str) -> Any:
@@ -50,29 +56,26 @@ class ParameterValues:
         """Add a check of all values before a change; it returns why not, or None to accept."""
         self._checks.append(check)
 
-    def _own(self, parameters: list[Parameter]) -> dict[str, Any]:
-        """Values of the parameters declared here, converted to their types."""
-        return {
-            parameter.name: self._specs[parameter.name].check(parameter.value)
-            for parameter in parameters
-            if parameter.name in self._specs and parameter.value is not None
-        }
+    def _changed(self, parameters: list[Parameter]) -> dict[str, Any]:
+        """All values after a change, checked; those that are not declared here are ignored."""
+        own = {one.name: _own_type(one.value) for one in parameters if one.name in self._specs}
+        return validate(self._model, self.values | own) if own else self.values
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
-            wanted = self.values | self._own(parameters)
+            values = self._changed(parameters)
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
         for check in self._checks:
-            reason = check(wanted)
+            reason = check(values)
             if reason is not None:
                 return SetParametersResult(successful=False, reason=reason)
         return SetParametersResult(successful=True)
 
     def _accept(self, parameters: list[Parameter]) -> None:
-        changed = self._own(parameters)
-        if changed:
-            self.values = self.values | changed
+        values = self._changed(parameters)
+        if values is not self.values:
+            self.values = values
             for callback in self._callbacks:
                 callback(self.values)
 
@@ -111,6 +114,11 @@ def _sha256(file: str) -> str:
         return "unreadable"
 
 
+def _own_type(value: Any) -> Any:
+    """A value of rclpy, which has arrays of numbers as ``array``."""
+    return list(value) if isinstance(value, array | tuple) else value
+
+
 def _ros_type(spec: ParameterSpec) -> Parameter.Type:
     return Parameter.Type["INTEGER" if spec.type == "int" else spec.type.upper()]
 
@@ -137,7 +145,7 @@ def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
     message = ParameterDescriptor(
         name=spec.name,
         type=_ros_type(spec).value,
-        description=f"{spec.text}{unit}{options}",
+        description=f"{spec.description}{unit}{options}",
         read_only=spec.read_only,
     )
     if spec.range is not None:
@@ -149,8 +157,3 @@ def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
                 FloatingPointRange(from_value=low, to_value=high, step=0.0)
             ]
     return message
-
-
-def declare(node: Node, package: str, file: str) -> ParameterValues:
-    """Declare on ``node`` the parameters that ``package`` describes in ``file``."""
-    return ParameterValues(node, load(package, file))

@@ -91,21 +91,6 @@ class Sensor:
         """A value in the unit inside, or an array of them, as it is on the wire."""
         return value * to_si(1.0, self.quantity.unit)
 
-    def template(self) -> dict[str, Any]:
-        """Values of ``$NAME`` in the descriptions of parameters that each sensor has."""
-        quantity = self.quantity
-        ranges = {
-            f"{name}_range": getattr(quantity, name)
-            for name in ("plausible", "noise", "resolution")
-        }
-        numbers = ("minimum", "maximum", "max_rate", "max_jump", "noise", "resolution")
-        return {
-            **{name: getattr(self, name) for name in ("name", "title", "stem", *numbers)},
-            **{name: [bounds.low, bounds.high] for name, bounds in ranges.items()},
-            "unit": quantity.unit,
-            "suffix": quantity.suffix,
-        }
-
 
 _ROWS = (
     Sensor(

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple
 
+from fsw_control.common_parameters import ControllerParameters
 from fsw_control.contract import Command, Measurement
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults
 from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
 
 #: probability at which a run of equal samples is no longer attributed to chance
@@ -47,7 +48,7 @@ class Flaw(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SensorLimits:
-    """Limits of a sensor in its unit (mm, N m, degC): ``validity.*`` in ``validity.yaml``.
+    """Limits of a sensor in its unit (mm, N m, degC): the parameters ``validity.*``.
 
     A change faster than ``max_rate`` against the last good sample is a spike, unless
     ``confirm_samples`` samples in a row agree with each other. As many are needed to become valid
@@ -68,16 +69,10 @@ class SensorLimits:
 
 
 def sensor_limits(values: Mapping[str, Any] | None = None) -> dict[str, SensorLimits]:
-    """Limits of all sensors from parameters ``validity.*``; defaults are in ``validity.yaml``.
-
-    Raises
-    ------
-    ValueError
-        If they contradict each other; the message names the sensor.
-    """
+    """Limits of all sensors from parameters ``validity.*``, by default of every controller."""
     if values is None:
-        values = defaults(load("fsw_control", "validity.yaml"))
-    limits = {
+        values = defaults(ControllerParameters)
+    return {
         sensor: SensorLimits(
             minimum=values[f"validity.{sensor}.minimum"],
             maximum=values[f"validity.{sensor}.maximum"],
@@ -92,12 +87,6 @@ def sensor_limits(values: Mapping[str, Any] | None = None) -> dict[str, SensorLi
         )
         for sensor in SENSORS
     }
-    for sensor, one in limits.items():
-        if not one.minimum < one.maximum:
-            raise ValueError(
-                f"validity.{sensor}: minimum {one.minimum} must be below maximum {one.maximum}"
-            )
-    return limits
 
 
 class Reading(NamedTuple):
@@ -271,7 +260,7 @@ class SensorValidity:
 
 
 class SensorGuard:
-    """Judges the sensors of a tick, by default with the limits of ``validity.yaml``."""
+    """Judges the sensors of a tick, by default with the limits of every controller."""
 
     def __init__(self, limits: dict[str, SensorLimits] | None = None) -> None:
         #: by sensor, why its last sample was rejected; empty if it was used

@@ -1,7 +1,4 @@
-"""Constants that all packages share: the paper's operating point, drive limits, the tick.
-
-A parameter file refers to one of them by ``$NAME`` instead of a number.
-"""
+"""Constants that all packages share: the paper's operating point, drive limits, the tick."""
 
 #: Time between two ticks, paper (36).
 TICK_S = 0.1

@@ -2,6 +2,7 @@
 
 import math
 from hashlib import sha256
+from typing import Annotated
 
 import pytest
 import rclpy
@@ -13,6 +14,7 @@ from sensor_msgs.msg import Temperature
 from fsw_control import Command, Diagnosis, Plan, Proposal, Reference
 from fsw_control import messages_ros as convert
 from fsw_control.controller_node import ControllerNode
+from fsw_control.parameters import NodeParameters
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import (
@@ -24,19 +26,25 @@ from fsw_msgs.msg import (
     WeldCommand,
     WeldReference,
 )
+from fsw_schema.ranges import Range
 from fsw_test_support.ros_graph import Spinner
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
 STEP_NS = 100_000_000
 
-PARAMETERS = """
-gain:
-  type: double
-  default_value: 1.0
-  description: "Force per depth error"
-  unit: "kN/mm"
-  range: [0.0, 10.0]
-"""
+
+class EchoParameters(NodeParameters):
+    """Parameters of the controller."""
+
+    gain: Annotated[float, Range(0.0, 10.0, "kN/mm")] = 1.0
+    """Force per depth error."""
+
+
+class FileParameters(EchoParameters):
+    """With the name of a file."""
+
+    tuning_file: str = ""
+    """Tuning."""
 
 
 class Echo:
@@ -82,10 +90,10 @@ class Echo:
 class Peer(Spinner):
     """The node under test, and everything around it."""
 
-    def __init__(self, path, args):
+    def __init__(self, parameters, args):
         rclpy.init(args=["test", *args])
         self.controllers = []
-        self.node = ControllerNode("echo", self._make, path)
+        self.node = ControllerNode("echo", self._make, parameters)
         self.peer = rclpy.create_node("peer")
         self.got = {"proposal": [], "status": [], "prediction": [], "diagnostics": []}
         for name, kind in (
@@ -156,13 +164,11 @@ class Peer(Spinner):
 
 
 @pytest.fixture
-def start(tmp_path):
-    path = tmp_path / "echo.yaml"
-    path.write_text(PARAMETERS)
+def start():
     peers = []
 
     def make(*args):
-        peers.append(Peer(path, args))
+        peers.append(Peer(EchoParameters, args))
         return peers[-1]
 
     yield make
@@ -443,15 +449,13 @@ def test_in_lockstep_a_repeated_tick_gets_the_same_answer_without_another_step(s
 
 def test_content_of_a_file_that_a_parameter_names_is_stated(tmp_path):
     """Its path alone says nothing of what the controller was tuned with."""
-    description = 'type: string, default_value: "", description: "Tuning"'
-    (tmp_path / "echo.yaml").write_text(PARAMETERS + f"tuning_file: {{{description}}}")
     hashes = {}
     for name, text in (("a", "gain: 1"), ("b", "gain: 2"), ("c", "gain: 1")):
         (tmp_path / name).write_text(text)
         hashes[name] = sha256(text.encode()).hexdigest()
     rclpy.init(args=["test", "--ros-args", "-p", f"tuning_file:={tmp_path / 'a'}"])
     try:
-        node = ControllerNode("echo", Echo, tmp_path / "echo.yaml")
+        node = ControllerNode("echo", Echo, FileParameters)
 
         def stated():
             return node.get_parameter("tuning_file_sha256").value
@@ -469,24 +473,22 @@ def test_content_of_a_file_that_a_parameter_names_is_stated(tmp_path):
         rclpy.try_shutdown()
 
 
-def test_bad_parameter_at_start_is_refused(tmp_path):
-    path = tmp_path / "echo.yaml"
-    path.write_text(PARAMETERS)
+def test_bad_parameter_at_start_is_refused():
     rclpy.init(args=["test", "--ros-args", "-p", "gain:=99.0"])
     try:
         with pytest.raises(Exception, match="gain"):
-            ControllerNode("echo", Echo, path)
+            ControllerNode("echo", Echo, EchoParameters)
     finally:
         rclpy.try_shutdown()
 
 
-def test_the_controller_logs_in_the_name_of_its_node(tmp_path):
-    path = tmp_path / "echo.yaml"
-    path.write_text(PARAMETERS)
+def test_the_controller_logs_in_the_name_of_its_node():
     made = []
     rclpy.init(args=["test", "--ros-args", "-r", "__ns:=/cell1"])
     try:
-        node = ControllerNode("echo", lambda values: made.append(Echo(values)) or made[-1], path)
+        node = ControllerNode(
+            "echo", lambda values: made.append(Echo(values)) or made[-1], EchoParameters
+        )
         assert made[0].logger.name == "cell1.fsw_echo"
         node.destroy_node()
     finally:

@@ -2,19 +2,34 @@
 
 import os
 import re
+from typing import Annotated, Literal
 
 import pytest
 
-from fsw_control import parameters
 from fsw_control.node_arguments import NodeArguments, asks_for_help
-from fsw_schema.models import InputError
+from fsw_control.parameters import AT_START, NodeParameters
+from fsw_schema.models import InputError, Model
+from fsw_schema.ranges import Range
 
-TEXT = """
-deadline: {type: double, default_value: 0.03, description: Wait so long, unit: s, range: [0.001, 1.0]}
-loop.gain: {type: double, default_value: 1.0, description: How strong}
-kind: {type: string, default_value: a, description: Which, options: [a, b], read_only: true}
-"""
-ARGUMENTS = NodeArguments("fsw_one", "One of the nodes.", parameters.parse(TEXT), "[FILE]")
+
+class Loop(Model):
+    """A group."""
+
+    gain: float = 1.0
+    """How strong."""
+
+
+class Example(NodeParameters):
+    """Parameters of a node."""
+
+    deadline: Annotated[float, Range(0.001, 1.0, "s")] = 0.03
+    """Wait so long."""
+    loop: Loop = Loop()
+    kind: Annotated[Literal["a", "b"], AT_START] = "a"
+    """Which."""
+
+
+ARGUMENTS = NodeArguments("fsw_one", "One of the nodes.", Example, "[FILE]")
 
 
 @pytest.mark.parametrize(

@@ -1,146 +1,151 @@
-"""Parameter files: what they may hold, what is refused, what is made of them."""
+"""Models of parameters: how they are described, what is refused, what is made of them."""
 
 import math
+from typing import Annotated, Literal
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import model_validator
 
-from fsw_control import parameters
-from fsw_control.parameters import ParameterSpec
-from fsw_schema.models import InputError
-
-TEXT = """
-deadline:
-  type: double
-  default_value: 1
-  description: "Wait so long"
-  unit: "s"
-  range: [0.5, 2]
-loops.count:
-  type: int
-  default_value: 3
-  description: "How many"
-kind:
-  type: string
-  default_value: a
-  description: "Which"
-  options: [a, b]
-  read_only: true
-names:
-  type: string_array
-  default_value: []
-  description: "Who"
-weights:
-  type: double_array
-  default_value: [1, 2.5]
-  description: "How much | of each"
-  range: [0, 10]
-enabled:
-  type: bool
-  default_value: false
-  description: "Whether"
-"""
+from fsw_control.common_parameters import ControllerParameters, hosted
+from fsw_control.parameters import AT_START, NodeParameters, defaults, describe, problem, validate
+from fsw_schema.extensions import all_loaded
+from fsw_schema.models import InputError, Many, Model, Whole
+from fsw_schema.ranges import Range
 
 
-def test_reads_every_type():
-    specs = parameters.parse(TEXT)
-    assert parameters.defaults(specs) == {
+class Loops(Model):
+    """A group."""
+
+    count: Whole = 3
+    """How many."""
+    gain: Annotated[float, Range(0.0, 2.0, "kN")] = 1.0
+    """How
+    strong."""
+
+    @model_validator(mode="after")
+    def _consistent(self):
+        if self.count * self.gain > 10.0:
+            raise ValueError("are too strong together")
+        return self
+
+
+class Example(NodeParameters):
+    """Parameters of every type."""
+
+    deadline: Annotated[float, Range(0.5, 2.0, "s")] = 1.0
+    """Wait so long."""
+    loops: Loops = Loops()
+    kind: Annotated[Literal["a", "b"], AT_START] = "a"
+    """Which."""
+    names: Many[str] = ()
+    """Who."""
+    weights: Many[Annotated[float, Range(0.0, 10.0, "")]] = (1.0, 2.5)
+    """How much of each."""
+    enabled: bool = False
+    """Whether."""
+    rate: float = 1.0
+    """A number without a range."""
+
+
+ANYTHING = st.one_of(
+    st.floats(), st.integers(), st.text(), st.booleans(), st.none(), st.lists(st.floats())
+)
+#: of all nodes
+NUMBERS = [
+    pytest.param(model, spec, id=f"{name}.{spec.name}")
+    for name, model in all_loaded("fsw.schemas").items()
+    if issubclass(model, NodeParameters)
+    for spec in describe(model).values()
+    if spec.type in ("double", "int")
+]
+
+
+def test_describes_every_type():
+    specs = describe(Example)
+    assert defaults(Example) == {
         "deadline": 1.0,
         "loops.count": 3,
+        "loops.gain": 1.0,
         "kind": "a",
         "names": [],
         "weights": [1.0, 2.5],
         "enabled": False,
+        "rate": 1.0,
     }
-    assert isinstance(specs["deadline"].default, float)
+    types = ["double", "int", "double", "string", "string_array", "double_array", "bool", "double"]
+    assert [spec.type for spec in specs.values()] == types
+    assert specs["loops.gain"].description == "How strong"
+    assert (specs["loops.gain"].range, specs["loops.gain"].unit) == ((0.0, 2.0), "kN")
+    assert specs["weights"].range == (0.0, 10.0)
+    assert specs["kind"].options == ("a", "b")
     assert specs["kind"].read_only and not specs["deadline"].read_only
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("values", "named"),
     [
-        ("a: [", "not valid YAML"),
-        ("- a", "must map"),
-        ("a: 1", "must be a mapping"),
-        ("1a: {type: int, default_value: 1, description: x}", "not a parameter name"),
-        ("a: {type: int, default_value: 1, description: x, rnage: [0, 1]}", "unknown keys rnage"),
-        ("a: {type: int, description: x}", "lacks default_value"),
-        ("a: {type: float, default_value: 1, description: x}", "type 'float'"),
-        ("a: {type: int, default_value: 1.5, description: x}", "default_value of a"),
-        ("a: {type: int, default_value: 5, description: x, range: [0, 1]}", "outside 0 to 1"),
-        ("a: {type: int, default_value: 0, description: x, range: [1, 0]}", "min before max"),
-        ("a: {type: int, default_value: 0, description: x, range: [0, .nan]}", "two finite"),
-        ("a: {type: string, default_value: s, description: x, range: [0, 1]}", "numeric type"),
-        ("a: {type: string, default_value: s, description: x, options: [t]}", "not one of t"),
-        ("a: {type: string, default_value: s, description: x, options: s}", "list of strings"),
-        ("a: {type: int, default_value: 1, description: x, options: [t]}", "need type string"),
-        ("a: {type: bool, default_value: 1, description: x}", "not true or false"),
-        ("a: {type: bool, default_value: true, description: x, read_only: 3}", "read_only"),
-        ("a: {type: double, default_value: .nan, description: x}", "not finite"),
-        ("a: {type: double_array, default_value: 3, description: x}", "not a list"),
+        ({"deadline": 3.0}, ("deadline", "3", "0.5 to 2 s")),
+        ({"deadline": math.nan}, ("deadline", "nan")),
+        ({"deadline": True}, ("deadline", "True")),
+        ({"deadline": None}, ("deadline",)),
+        ({"rate": math.inf}, ("rate", "inf")),
+        ({"rate": 10**400}, ("rate",)),
+        ({"rate": "1.0"}, ("rate", "1.0")),
+        ({"loops.count": 1.5}, ("loops.count", "1.5")),
+        ({"loops.count": 6, "loops.gain": 2.0}, ("loops",)),
+        ({"kind": "c"}, ("kind", "c", "a or b")),
+        ({"kind": 1}, ("kind", "1")),
+        ({"names": "me"}, ("names", "me")),
+        ({"names": ["me", 1]}, ("names[1]", "1")),
+        ({"weights": [1.0, 11.0]}, ("weights[1]", "11", "0 to 10")),
+        ({"weights": [math.nan]}, ("weights[0]", "nan")),
+        ({"enabled": 1}, ("enabled", "1")),
+        ({"loops": {"count": 1}}, ("loops",)),
+        ({"loops.cuont": 1}, ("loops.cuont", "loops.count")),
     ],
 )
-def test_refuses_with_the_place_and_the_cause(text, said):
-    with pytest.raises(InputError, match=said) as caught:
-        parameters.parse(text, "somewhere.yaml")
-    assert "somewhere.yaml" in str(caught.value)
-    assert "\n" not in str(caught.value)
+def test_refusal_names_parameter_value_and_limits(values, named):
+    with pytest.raises(InputError) as caught:
+        validate(Example, values)
+    assert all(word in str(caught.value) for word in named) and "\n" not in str(caught.value)
 
 
-def test_missing_package_and_file_are_told():
-    with pytest.raises(InputError, match="no_such_package"):
-        parameters.load("no_such_package", "x.yaml")
-    with pytest.raises(InputError, match=r"x\.yaml"):
-        parameters.load("fsw_control", "x.yaml")
-    with pytest.raises(InputError, match="cannot read"):
-        parameters.load_path("/nonexistent/x.yaml")
+def test_values_are_completed_and_converted():
+    values = validate(Example, {"deadline": 2, "loops.count": 4.0, "names": ("me",)})
+    assert values == defaults(Example) | {"deadline": 2.0, "loops.count": 4, "names": ["me"]}
+    assert isinstance(values["deadline"], float) and isinstance(values["loops.count"], int)
 
 
-def test_empty_file_describes_nothing(tmp_path):
-    (tmp_path / "empty.yaml").write_text("")
-    assert parameters.load_path(tmp_path / "empty.yaml") == {}
+@given(value=ANYTHING)
+def test_accepted_number_is_finite_and_in_range(value):
+    good = isinstance(value, int | float) and not isinstance(value, bool) and 0.5 <= value <= 2.0
+    reason = problem(lambda values: validate(Example, values), {"deadline": value})
+    assert (reason is None) == good
 
 
-def test_validate_completes_and_refuses_unknown_names():
-    specs = parameters.parse(TEXT)
-    assert parameters.validate(specs, {"deadline": 2})["deadline"] == 2.0
-    with pytest.raises(InputError, match=r"parameters dead_line; .* deadline"):
-        parameters.validate(specs, {"dead_line": 2})
-
-
-@given(
-    value=st.one_of(
-        st.floats(), st.integers(), st.text(), st.booleans(), st.none(), st.lists(st.floats())
-    )
-)
-def test_a_checked_number_is_finite_and_in_range(value):
-    spec = ParameterSpec("x", "double", 1.0, "", range=(0.0, 2.0))
+@given(value=ANYTHING)
+def test_number_without_range_is_finite(value):
     try:
-        checked = spec.check(value)
+        rate = validate(Example, {"rate": value})["rate"]
     except InputError:
-        assert not (
-            isinstance(value, int | float) and not isinstance(value, bool) and 0.0 <= value <= 2.0
-        )
-    else:
-        assert (
-            isinstance(checked, float)
-            and math.isfinite(checked)
-            and 0.0 <= checked <= 2.0
-            and checked == value
-        )
+        return
+    assert isinstance(rate, float) and math.isfinite(rate) and not isinstance(value, bool | str)
 
 
-def test_a_problem_is_told_in_words():
-    specs = parameters.parse(TEXT)
-    assert parameters.problem(specs["deadline"].check, 1.0) is None
-    assert "outside 0.5 to 2 s" in parameters.problem(specs["deadline"].check, 3.0)
+@pytest.mark.parametrize(("model", "spec"), NUMBERS)
+def test_every_number_of_every_node_is_checked(model, spec):
+    wrong = [math.nan, math.inf, -math.inf, "1", True, None, [1.0]]
+    if spec.range:
+        wrong += [spec.range[0] - 1e-3, spec.range[1] + 1.0]
+    for value in wrong:
+        with pytest.raises(InputError, match=spec.name):
+            validate(model, {spec.name: value})
 
 
-def test_infinite_int_is_refused():
+def test_controllers_node_has_its_own_and_the_common_parameters():
+    assert set(describe(hosted(Example))) == {*describe(Example), *describe(ControllerParameters)}
+    assert hosted(None) is ControllerParameters and describe(None) == {}
     with pytest.raises(InputError):
-        ParameterSpec("x", "int", 1, "").check(math.inf)
-
-
-def test_own_file_is_sound():
-    assert parameters.load("fsw_control", "controller.yaml")["deadline"].default == 0.03
+        validate(None, {"deadline": 1.0})

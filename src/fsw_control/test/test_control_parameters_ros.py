@@ -1,51 +1,43 @@
 """Parameters of a YAML file on a real node: declared, described, refused, changed."""
 
 import math
+from typing import Annotated, Literal
 
 import pytest
 import rclpy
+from pydantic import model_validator
 from rclpy.parameter import Parameter
 
-from fsw_control import parameters
+from fsw_control.parameters import AT_START, NodeParameters
 from fsw_control.parameters_ros import ParameterValues
+from fsw_schema.errors import InputError
+from fsw_schema.models import Many, Whole
+from fsw_schema.ranges import Range
 
-TEXT = """
-wait:
-  type: double
-  default_value: 1.0
-  description: "Wait so long"
-  unit: "s"
-  range: [0.5, 2.0]
-count:
-  type: int
-  default_value: 3
-  description: "How many"
-  range: [0, 9]
-kind:
-  type: string
-  default_value: a
-  description: "Which"
-  options: [a, b]
-fixed:
-  type: bool
-  default_value: true
-  description: "Whether"
-  read_only: true
-names:
-  type: string_array
-  default_value: []
-  description: "Who"
-owners:
-  type: string_array
-  default_value: []
-  description: "Whose"
-  read_only: true
-weights:
-  type: double_array
-  default_value: [1.0, 2.0]
-  description: "How much"
-  range: [0.0, 10.0]
-"""
+
+class Example(NodeParameters):
+    """Parameters of every type."""
+
+    wait: Annotated[float, Range(0.5, 2.0, "s")] = 1.0
+    """Wait so long."""
+    count: Annotated[Whole, Range(0, 9, "")] = 3
+    """How many."""
+    kind: Literal["a", "b"] = "a"
+    """Which."""
+    fixed: Annotated[bool, AT_START] = True
+    """Whether."""
+    names: Many[str] = ()
+    """Who."""
+    owners: Annotated[Many[str], AT_START] = ()
+    """Whose."""
+    weights: Many[Annotated[float, Range(0.0, 10.0, "")]] = (1.0, 2.0)
+    """How much."""
+
+    @model_validator(mode="after")
+    def _consistent(self):
+        if self.wait * self.count > 12.0:
+            raise ValueError("wait and count are too much together")
+        return self
 
 
 @pytest.fixture
@@ -55,7 +47,7 @@ def start(domain_id):
     def make(*args):
         rclpy.init(args=["test", *args], domain_id=domain_id)
         nodes.append(rclpy.create_node("parameters_test"))
-        return nodes[-1], ParameterValues(nodes[-1], parameters.parse(TEXT))
+        return nodes[-1], ParameterValues(nodes[-1], Example)
 
     yield make
     for node in nodes:
@@ -117,6 +109,27 @@ def test_bad_values_at_start_are_refused(start, override):
         start("--ros-args", "-p", override)
 
 
+def test_values_at_start_are_checked_together(start):
+    _, values = start("--ros-args", "-p", "wait:=0.5", "-p", "count:=9")  # 9 alone would not fit
+    assert (values["wait"], values["count"]) == (0.5, 9)
+
+
+def test_contradiction_at_start_is_refused(start):
+    with pytest.raises(InputError, match="wait and count"):
+        start("--ros-args", "-p", "wait:=2.0", "-p", "count:=9")
+
+
+def test_contradiction_at_runtime_is_refused(start):
+    node, values = start()
+    before = values.values
+    (result,) = node.set_parameters([Parameter("count", value=9)])
+    assert result.successful
+    (result,) = node.set_parameters([Parameter("wait", value=2.0)])
+    assert not result.successful and "wait and count" in result.reason
+    assert values.values == before | {"count": 9}
+    assert node.get_parameter("wait").value == 1.0
+
+
 def test_changes_are_checked_as_a_whole_and_told_once(start):
     node, values = start()
     told = []
@@ -126,7 +139,7 @@ def test_changes_are_checked_as_a_whole_and_told_once(start):
     )
     before = values.values
     result = node.set_parameters_atomically(
-        [Parameter("wait", value=2.0), Parameter("count", value=8)]
+        [Parameter("wait", value=2.0), Parameter("count", value=6)]
     )
     assert not result.successful and result.reason == "too much"
     assert values.values == before and not told

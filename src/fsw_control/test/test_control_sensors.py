@@ -3,10 +3,10 @@
 import pytest
 
 from fsw_control import messages_ros as convert
-from fsw_control import parameters
+from fsw_control.common_parameters import ControllerParameters
 from fsw_control.contract import Measurement
+from fsw_control.parameters import describe
 from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
-from fsw_schema.errors import InputError
 
 
 def test_a_measurement_has_the_required_sensors_in_their_order():
@@ -36,19 +36,9 @@ def test_names_are_unique(field):
     assert len({getattr(row, field) for row in SENSORS.values()}) == len(SENSORS)
 
 
-def test_a_template_is_a_parameter_of_each_sensor():
-    text = "$name.noise: {type: double, default_value: $noise, description: of the $title, range: $noise_range}"
-    specs = parameters.parse(text)
-    assert {spec.name: spec.default for spec in specs.values()} == {
-        f"{name}.noise": row.noise for name, row in SENSORS.items()
-    }
-    assert "torque" in specs["torque.noise"].description
-    assert specs["torque.noise"].range == (0.0, 500.0)
-
-
-def test_a_group_of_templates_stays_together_and_unknown_fields_are_reported():
-    entry = "{type: int, default_value: 1, description: d}"
-    specs = parameters.parse(f"$name: {{a: {entry}, b: {entry}}}")
-    assert list(specs)[:2] == ["depth.a", "depth.b"]
-    with pytest.raises(InputError):
-        parameters.parse(f"$nonsense.a: {entry}")
+def test_every_sensor_has_parameters_of_its_own():
+    specs = describe(ControllerParameters)
+    for name, row in SENSORS.items():
+        assert specs[f"validity.{name}.noise"].default == row.noise
+        assert specs[f"validity.{name}.minimum"].unit == row.quantity.unit
+    assert specs["validity.torque.noise"].range == (0.0, 500.0)

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fsw_control.common_parameters import ControllerParameters
 from fsw_control.contract import Command, Measurement
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults, validate
 from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
 from fsw_control.validity import (
     Flaw,
@@ -19,6 +20,7 @@ from fsw_control.validity import (
     SensorValidity,
     sensor_limits,
 )
+from fsw_schema.errors import InputError
 
 LIMITS = SensorLimits(0.0, 6.0, max_rate=10.0, hold_s=0.3, frozen_samples=10, confirm_samples=3)
 
@@ -275,9 +277,8 @@ def test_the_drives_feedback_is_part_of_the_measurement():
 
 
 def test_limits_that_make_no_sense_are_refused():
-    values = defaults(load("fsw_control", "controller.yaml"))
-    with pytest.raises(ValueError, match=r"torque: minimum 3000\.0 "):
-        sensor_limits(values | {"validity.torque.minimum": 3000.0})
+    with pytest.raises(InputError, match=r"validity\.torque minimum 3000\.0 "):
+        validate(ControllerParameters, {"validity.torque.minimum": 3000.0})
 
 
 def test_guard_gives_a_measurement_and_the_reasons():
@@ -339,7 +340,7 @@ def test_samples_agree_only_in_a_row(between):
 
 
 def test_limits_and_measurement_have_every_value_at_its_place():
-    values = defaults(load("fsw_control", "controller.yaml"))
+    values = defaults(ControllerParameters)
     changed = values | {
         "validity.hold": 0.7,
         "validity.frozen_samples": 33,

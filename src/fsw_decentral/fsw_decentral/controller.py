@@ -8,11 +8,12 @@ from typing import Any
 
 from fsw_control import weld
 from fsw_control.contract import Command, Diagnosis, Limits, Measurement, Proposal, Reference
-from fsw_control.parameters import defaults, load, problem
+from fsw_control.parameters import defaults, problem
 from fsw_control.reason import Reason, ReasonCode
 from fsw_decentral.gains import Gains
 from fsw_decentral.library import KERNEL, Limit, check, make
 from fsw_decentral.library import Reason as Fault
+from fsw_decentral.parameters import DecentralParameters
 
 
 class DecentralController:
@@ -31,7 +32,7 @@ class DecentralController:
     Parameters
     ----------
     values : mapping of str to Any, optional
-        Parameters as described in ``decentral.yaml``; missing ones have their default.
+        Parameters as described by :class:`DecentralParameters`; missing ones have their default.
 
     Raises
     ------
@@ -40,11 +41,11 @@ class DecentralController:
     """
 
     name = "decentral"
-    parameters, variant = ("fsw_decentral", "decentral.yaml"), "tuning"
+    parameters, variant = DecentralParameters, "tuning"
     tolerated_sensors: tuple[str, ...] = ("torque", "thermocouple")
 
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
-        self._values = defaults(load(*self.parameters)) | dict(values or {})
+        self._values = defaults(self.parameters) | dict(values or {})
         try:
             self.gains, self.limits, tuning = _usable(self._values)
             self.library = make(tuning)

@@ -14,7 +14,7 @@ from fsw_schema.models import Model
 
 
 class Gains(Model):
-    """Tuning of the three loops; ``decentral.yaml`` has names, units and meaning of each.
+    """Tuning of the three loops; names, units and meaning are those of the parameters.
 
     Raises
     ------

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fsw_control import Command, Controller, Limits, Measurement, Reference, c_library
-from fsw_control.parameters import load
+from fsw_control.parameters import describe
 from fsw_control.reason import ReasonCode
 from fsw_control.units import KW_PER_NM_RPM
 from fsw_control.weld import DEPTH_MM, FORCE_KN, SPEED_RPM, TEMPERATURE_C, TICK_S
@@ -283,7 +283,7 @@ def test_unusable_parameters_are_told_and_change_nothing():
 
 
 def test_the_parameter_offers_the_documented_tunings():
-    assert list(load(*DecentralController.parameters)["tuning"].options) == list(tunings())
+    assert list(describe(DecentralController.parameters)["tuning"].options) == list(tunings())
 
 
 def test_gains_refuse_nonsense():

@@ -16,9 +16,9 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from fsw_control.parameters import defaults
-from fsw_control.parameters import load as load_parameters
 from fsw_hmi.bag_view import BagView, load
 from fsw_hmi.page_files import PageFiles
+from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.tls import context
 from fsw_hmi.web_server import address, application, listen, server
 from fsw_recorder.errors import BagError
@@ -56,7 +56,7 @@ def serve(
     tls: tuple[str, str],
 ) -> int:
     """Serve the page over bags until Ctrl-C; None: as the live page by default. Returns the exit code."""
-    standard = defaults(load_parameters("fsw_hmi", "hmi.yaml"))
+    standard = defaults(HmiParameters)
     host, port = host or standard["host"], standard["port"] if port is None else port
     try:
         files, encrypted = PageFiles("bag"), context(*tls)

@@ -76,7 +76,7 @@ class ControlRoom:
     """Sessions, login and control. Nothing here acts; it says what may be done.
 
     ``key`` is the token that a person must know to command, or the named users; the rest are
-    parameters of the node, which ``hmi.yaml`` describes.
+    parameters of the node, which ``parameters.py`` describes.
     """
 
     def __init__(

@@ -24,7 +24,7 @@ from fsw_analysis.procedure import Procedure
 from fsw_analysis.rule_book import RuleBook, default
 from fsw_control import messages_ros as convert
 from fsw_control.light_node_ros import LightNode
-from fsw_control.parameters_ros import declare
+from fsw_control.parameters_ros import ParameterValues
 from fsw_control.status_file import write_status
 from fsw_control.stop import StopCause, StopRegister
 from fsw_control.stop_ros import StopHolder
@@ -42,6 +42,7 @@ from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, limits, reference, 
 from fsw_hmi.live_weld import LiveWeld
 from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles
+from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.refusals import why_not
 from fsw_hmi.requests import Acknowledge, Action, SafeStop, Shelve, Unshelve
 from fsw_hmi.standing import flags_now
@@ -74,7 +75,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
 
     def __init__(self, **arguments: Any) -> None:
         super().__init__("fsw_hmi", **arguments)
-        self._settings = declare(self, "fsw_hmi", "hmi.yaml")
+        self._settings = ParameterValues(self, HmiParameters)
         values = self._settings.values
         key, told = _key(values["users_file"], values["token_file"], self.get_logger().error)
         encrypted = tls.context(values["tls_cert"], values["tls_key"])

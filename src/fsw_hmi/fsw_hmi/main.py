@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from fsw_control.node_arguments import NodeArguments, asks_for_help, parameter_help
-from fsw_control.parameters import load
+from fsw_control.parameters import describe
+from fsw_hmi.parameters import HmiParameters
 from fsw_schema.entry import quiet_start
 from fsw_schema.extras import Extra
 
@@ -27,7 +28,7 @@ def parser() -> argparse.ArgumentParser:
         description="Serve the operator's page of the weld that runs, or with --bag of welds that were recorded. "
         "Further parameters of the node go after --ros-args.",
     )
-    specs = load("fsw_hmi", "hmi.yaml")
+    specs = describe(HmiParameters)
     kinds: dict[str, dict[str, Any]] = {"port": {"type": int}, "allow_hosts": {"action": "append"}}
     for name in _OPTIONS:
         default = f" (default: {specs[name].default})" if specs[name].default else ""
@@ -54,9 +55,9 @@ def main(args: Sequence[str] | None = None) -> int:
     """Serve the page until Ctrl-C; ``args`` as ``sys.argv``. Returns the exit code."""
     argv = list(sys.argv if args is None else args)
     split = argv.index("--ros-args") if "--ros-args" in argv else len(argv)
-    arguments = NodeArguments("fsw_hmi", "", load("fsw_hmi", "hmi.yaml"))
+    arguments = NodeArguments("fsw_hmi", "", HmiParameters)
     if asks_for_help(argv):
-        print(f"{parser().format_help()}\n{parameter_help(arguments.specs)}")
+        print(f"{parser().format_help()}\n{parameter_help(HmiParameters)}")
         return 0
     parsed = parser().parse_args(argv[1:split])
     if missing := EXTRA.missing():

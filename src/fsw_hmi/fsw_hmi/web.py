@@ -42,7 +42,7 @@ class LivePage:
 
     ``deliver`` takes an :class:`Order`, in the server's thread; ``know`` address and port of a
     connection by which somebody has logged in. The numbers are parameters of the node, which
-    ``hmi.yaml`` describes.
+    ``parameters.py`` describes.
     """
 
     def __init__(

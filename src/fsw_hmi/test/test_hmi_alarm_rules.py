@@ -5,16 +5,17 @@ import pytest
 from fsw_analysis.rule_book import Limit, default
 from fsw_control.cause import Cause
 from fsw_control.contract import Reference
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults
 from fsw_control.stop import StopCause
 from fsw_hmi.alarm_rules import _TEXTS, AlarmRules, Part, Situation, alarm_id
 from fsw_hmi.alarms import RANK, Alarm, AlarmList
 from fsw_hmi.frames import readable
 from fsw_hmi.limits import DEVIATIONS, limits
+from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.requests import Acknowledge
 from fsw_hmi.standing import variables
 
-SETTINGS = defaults(load("fsw_hmi", "hmi.yaml"))
+SETTINGS = defaults(HmiParameters)
 GOOD = {
     "depth_mm": 2.66,
     "reference_depth_mm": 2.66,

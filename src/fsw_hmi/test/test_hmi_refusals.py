@@ -2,14 +2,15 @@
 
 import pytest
 
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults
 from fsw_control.ranges import REFERENCE_DEPTH_MM
 from fsw_hmi.limits import reference
 from fsw_hmi.refusals import why_not
 from fsw_hmi.requests import ACTIONS, read
 from fsw_schema.models import InputError
+from fsw_supervisor.parameters import SupervisorParameters
 
-TRIPS = defaults(load("fsw_supervisor", "supervisor.yaml"))
+TRIPS = defaults(SupervisorParameters)
 STATE = {
     "target_controller": "nmpc",
     "actual_controller": "nmpc",

@@ -17,7 +17,7 @@ from fsw_control.command_writers_ros import CommandWriters
 from fsw_control.contract import Limits
 from fsw_control.managed_node_ros import ManagedNode
 from fsw_control.node_main_ros import main_of
-from fsw_control.parameters_ros import declare
+from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.reports_ros import commands as commands_report
 from fsw_control.single_instance_ros import SEARCHING, STARTING, SingleInstanceGuard
@@ -26,6 +26,7 @@ from fsw_control.topics_ros import SENT, STREAM, sensor_publishers
 from fsw_machine import gateway_reports_ros as reports
 from fsw_machine.gateway import Gateway, Publication
 from fsw_machine.machine_file import MachineFile
+from fsw_machine.parameters import GatewayParameters
 from fsw_machine.samples import CycleRead
 from fsw_msgs.msg import DriveFeedback, WeldCommand
 from fsw_schema.extras import Extra
@@ -61,7 +62,7 @@ class MachineNode(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__("fsw_machine")
-        self._settings = declare(self, "fsw_machine", "gateway.yaml")
+        self._settings = ParameterValues(self, GatewayParameters)
         self._settings.add_check(self._why_not)
         self._settings.on_change(self._on_parameters)
         self._link: MachineLink | None = None
@@ -279,7 +280,7 @@ def _link_settings(values: dict[str, Any]) -> LinkSettings:
     )
 
 
-main = main_of(MachineNode, "fsw_machine", __doc__, ("fsw_machine", "gateway.yaml"))
+main = main_of(MachineNode, "fsw_machine", __doc__, GatewayParameters)
 
 
 if __name__ == "__main__":

@@ -6,9 +6,10 @@ from importlib import resources
 
 import pytest
 
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults
 from fsw_control.units import NANOSECONDS
 from fsw_machine.machine_file import MachineFile
+from fsw_machine.parameters import GatewayParameters
 from fsw_machine.samples import CycleRead, RawValue
 from fsw_test_support.ros_graph import domain_id
 
@@ -40,7 +41,7 @@ def machine(shipped_text):
 
 @pytest.fixture
 def parameters():
-    return defaults(load("fsw_machine", "gateway.yaml"))
+    return defaults(GatewayParameters)
 
 
 @pytest.fixture(scope="session")

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from fsw_control import Command, Limits
 from fsw_control.fence import Signature
 from fsw_control.message_synchronizer import JUMP_NS
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults
 from fsw_machine.gateway import Gateway
+from fsw_machine.parameters import GatewayParameters
 
 SPEED_RPM = 407.5
 LIMITS = Limits()
@@ -23,7 +24,7 @@ class Plc:
     """A machine that obeys, and a gateway that reads it; set-points may be shown a cycle late, the load cell off."""
 
     def __init__(self, machine, read_of, late=0, offset_kn=0.0):
-        self.gateway = Gateway(machine, defaults(load("fsw_machine", "gateway.yaml")))
+        self.gateway = Gateway(machine, defaults(GatewayParameters))
         self.gateway.on_connected()
         self._read_of, self._late, self._offset_kn = read_of, late, offset_kn
         self.counter, self.quiet, self.force_kn = 100, 0, 78.4

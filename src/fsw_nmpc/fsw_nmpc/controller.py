@@ -11,12 +11,13 @@ import numpy as np
 
 from fsw_control import Command, Diagnosis, Measurement, Plan, Proposal, Reference, weld
 from fsw_control.heat_plan import HeatPlan
-from fsw_control.parameters import defaults, load, problem
+from fsw_control.parameters import defaults, problem
 from fsw_control.reason import Reason, ReasonCode
 from fsw_nmpc.deviation import output_deviations
 from fsw_nmpc.horizon import horizon_of
 from fsw_nmpc.library import KERNEL, Doubt, Library, Missing, SolveStatus, tuning_of
 from fsw_nmpc.library import Reason as Fault
+from fsw_nmpc.parameters import NmpcParameters
 from fsw_nmpc.settings import Settings
 
 #: disturbance estimates in the library's order; depth and temperature are sensor offsets
@@ -77,7 +78,7 @@ class NmpcController:
     Parameters
     ----------
     values : mapping of str to Any, optional
-        Parameters as described in ``nmpc.yaml``; missing ones have their default.
+        Parameters as described by :class:`NmpcParameters`; missing ones have their default.
 
     Raises
     ------
@@ -86,13 +87,13 @@ class NmpcController:
     """
 
     name = "nmpc"
-    parameters, variant = ("fsw_nmpc", "nmpc.yaml"), "preset"
+    parameters, variant = NmpcParameters, "preset"
     tolerated_sensors: tuple[str, ...] = ("depth", "torque", "thermocouple")
 
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         self._log: Callable[[str], object] = lambda _: None
         self._complain = self._log
-        self._values = defaults(load(*self.parameters)) | dict(values or {})
+        self._values = defaults(self.parameters) | dict(values or {})
         self.settings = Settings.of(self._values)
         self._maker: threading.Thread | None = None
         self._made: tuple[Settings, Library | str] | None = None

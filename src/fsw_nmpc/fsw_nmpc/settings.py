@@ -1,4 +1,4 @@
-"""Converts the node's parameters (``nmpc.yaml``) into the controller's settings."""
+"""Converts the node's parameters into the controller's settings."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from fsw_control import Limits
-from fsw_control.parameters import defaults, load, validate
+from fsw_control.parameters import defaults, validate
 from fsw_model import ModelParameters, nominal
+from fsw_nmpc.parameters import NmpcParameters
 from fsw_nmpc.tuning import Priority, Tuning
 
-_DEFAULTS = defaults(load("fsw_nmpc", "nmpc.yaml"))
+_DEFAULTS = defaults(NmpcParameters)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +38,7 @@ class Settings:
             If a value is unknown or out of range, values contradict each other, or a file is not
             usable.
         """
-        v = validate(load("fsw_nmpc", "nmpc.yaml"), values)
+        v = validate(NmpcParameters, values)
         model = ModelParameters.from_file(v["model_file"]) if v["model_file"] else nominal()
         tuning = Tuning.preset(v["preset"], model)
         if v["tuning_file"]:

@@ -15,6 +15,7 @@ from fsw_control.controller_node import ControllerNode
 from fsw_control.topics_ros import LATCHED, STREAM, sensor_publishers
 from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand, WeldReference
 from fsw_nmpc import NmpcController
+from fsw_nmpc.parameters import NmpcParameters
 from fsw_test_support.ros_graph import Spinner
 from fsw_test_support.waiting import PATIENCE_S
 
@@ -35,7 +36,7 @@ class Peer(Spinner):
     """The node, and a plant that stands still around it."""
 
     def __init__(self):
-        self.node = ControllerNode("nmpc", NmpcController, ("fsw_nmpc", "nmpc.yaml"))
+        self.node = ControllerNode("nmpc", NmpcController, NmpcParameters)
         self.peer = rclpy.create_node("peer")
         self.got = {"proposal": [], "status": [], "prediction": []}
         for name, kind in (

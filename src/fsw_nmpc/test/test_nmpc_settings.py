@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import pytest
 
 from fsw_control import Command, Measurement, Reference
-from fsw_control.parameters import load
+from fsw_control.parameters import describe
 from fsw_model import nominal
 from fsw_nmpc import NmpcController
+from fsw_nmpc.parameters import NmpcParameters
 from fsw_nmpc.settings import Settings
 from fsw_nmpc.tuning import PAPER, TRAJECTORIES, Tuning
 from fsw_schema.models import InputError
@@ -109,7 +110,7 @@ def test_missing_files():
     ("values", "word"),
     [
         ({"calmness": 1e9}, "calmness"),
-        ({"calmness": float("nan")}, "finite"),
+        ({"calmness": float("nan")}, "calmness"),
         ({"force_min": 99.0}, "force_min"),
         ({"no_such": 1.0}, "no_such"),
         ({"preset": "best"}, "preset"),
@@ -124,7 +125,7 @@ def test_wrong_values_are_refused_with_a_word(values, word):
 def test_all_numbers_have_a_range():
     assert all(
         s.range is not None
-        for s in load("fsw_nmpc", "nmpc.yaml").values()
+        for s in describe(NmpcParameters).values()
         if s.type in ("double", "int")
     )
 

@@ -1,65 +1,25 @@
-"""Settings of a plant, read from parameters and validated against ``plant.yaml``."""
+"""Settings of a plant, read from parameters and validated against :mod:`fsw_plant.parameters`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin
+from typing import Any
 
 from fsw_canister import CanisterParameters
 from fsw_control import Limits, parameters
-from fsw_control.parameters import ParameterSpec
 from fsw_model import STEP_S, ModelParameters
-from fsw_schema.models import InputError, descriptions, validate
-from fsw_schema.ranges import Range
-
-
-@lru_cache(maxsize=1)
-def specs() -> dict[str, ParameterSpec]:
-    """Descriptions of all parameters of the plant.
-
-    They are those of ``plant.yaml``, a factor for each parameter of the model, and the canister's.
-    """
-    factors = {
-        f"model.{name}": ParameterSpec(
-            f"model.{name}",
-            "double",
-            1.0,
-            f"Factor on the model parameter {name}",
-            range=(0.1, 10.0),
-        )
-        for name in ModelParameters.model_fields
-    }
-    return parameters.load("fsw_plant", "plant.yaml") | factors | _canister_specs()
-
-
-def _canister_specs() -> dict[str, ParameterSpec]:
-    """Parameters of the canister, as described by its model; they are read at the start only."""
-    found, texts = {}, descriptions(CanisterParameters)
-    for name, field in CanisterParameters.model_fields.items():
-        bounds = next((one for one in field.metadata if isinstance(one, Range)), None)
-        options = get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
-        kind = {bool: "bool", int: "int", str: "string"}.get(type(field.default), "double")
-        found[f"canister.{name}"] = ParameterSpec(
-            f"canister.{name}",
-            kind,
-            field.default,
-            texts[name],
-            unit=bounds.unit if bounds else "",
-            range=(bounds.low, bounds.high) if bounds else None,
-            options=options,
-            read_only=True,
-        )
-    return found
+from fsw_plant.parameters import PlantParameters
+from fsw_schema import models
+from fsw_schema.models import InputError, validate
 
 
 @dataclass(frozen=True, slots=True)
 class PlantConfig:
-    """Settings of a plant, by the names of ``plant.yaml``: ``config["watchdog.hold_s"]``."""
+    """Settings of a plant, by the names of ``parameters.py``: ``config["watchdog.hold_s"]``."""
 
-    values: Mapping[str, Any]  #: all settings; ``plant.yaml`` has units, ranges and meaning
+    values: Mapping[str, Any]  #: all settings; ``parameters.py`` has units, ranges and meaning
     limits: Limits  #: of the drives
     model: ModelParameters  #: of the emulated process, mismatch included
     canister: CanisterParameters | None = None  #: None for the paper's process
@@ -89,7 +49,7 @@ class PlantConfig:
             If a name is unknown, a value has the wrong type or is out of range, or values
             contradict each other.
         """
-        checked = parameters.validate(specs(), flatten(values))
+        checked = parameters.validate(PlantParameters, flatten(values))
         try:
             limits = Limits(
                 force_min_kn=checked["limits.force_min_kn"],
@@ -105,26 +65,15 @@ class PlantConfig:
 
 
 def json_schema() -> dict[str, Any]:
-    """JSON Schema of the settings as nested mappings."""
-    root: dict[str, Any] = {"type": "object", "patternProperties": {r"\.": {}}}
-    for spec in specs().values():
-        *groups, name = spec.name.split(".")
-        inside = root
-        for group in groups:
-            inside = inside.setdefault("properties", {}).setdefault(group, {"type": "object"})
-        kind = {"double": "number", "int": "integer", "bool": "boolean", "string": "string"}.get(
-            spec.type, "array"
-        )
-        entry = {"type": kind, "description": spec.description, "default": spec.default}
-        if spec.unit:
-            entry["unit"] = spec.unit
-        if spec.range is not None and kind != "array":
-            entry["minimum"], entry["maximum"] = spec.range
-        if spec.options:
-            entry["enum"] = list(spec.options)
-        inside.setdefault("properties", {})[name] = entry
-        inside["additionalProperties"] = False
-    return root
+    """JSON Schema of the settings as nested mappings; dotted names may be given, too."""
+    schema = models.json_schema(PlantParameters)
+
+    def inlined(part: dict[str, Any]) -> dict[str, Any]:
+        part = schema["$defs"][part["$ref"].rpartition("/")[2]] if "$ref" in part else part
+        return {key: inlined(v) if isinstance(v, dict) else v for key, v in part.items()}
+
+    shape = inlined({key: part for key, part in schema.items() if key not in ("$defs", "$schema")})
+    return shape | {"patternProperties": {r"\.": {}}}
 
 
 def flatten(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -36,7 +36,7 @@ from fsw_plant.tool_path import ToolTravel
 from fsw_plant.watchdog import Watchdog, WatchdogState
 
 FIRST_TICK = 1
-#: upper bound of the watchdog's duration: its times are limited (plant.yaml)
+#: upper bound of the watchdog's duration: its times are limited (parameters.py)
 _REST_TICKS = 36_000
 
 
@@ -102,7 +102,7 @@ class PlantEmulator:
     Parameters
     ----------
     config : PlantConfig, optional
-        By default the defaults of ``plant.yaml``.
+        By default those of the parameters.
     schedule : PlantSchedule, optional
         Timed disturbances and faults.
 

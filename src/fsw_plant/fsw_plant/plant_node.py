@@ -34,9 +34,10 @@ from fsw_control.topics_ros import (
 from fsw_control.weld import TICK_NS, TICK_S
 from fsw_msgs.msg import DriveFeedback, PlantState, WeldCommand, WeldProgress
 from fsw_plant import reports_ros as reports
-from fsw_plant.config import PlantConfig, specs
+from fsw_plant.config import PlantConfig
 from fsw_plant.emulator import PlantEmulator, come_to_rest
 from fsw_plant.lockstep import Lockstep
+from fsw_plant.parameters import PlantParameters
 from fsw_plant.process import prepare
 from fsw_plant.schedule import PlantSchedule
 from fsw_plant.services_ros import PlantServices
@@ -64,7 +65,7 @@ class PlantNode(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__("fsw_plant")
-        self._settings = ParameterValues(self, specs())
+        self._settings = ParameterValues(self, PlantParameters)
         self._settings.add_check(self._why_not)
         self._settings.on_change(self._on_parameters)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -391,7 +392,7 @@ def _mode(speed: float, simulated: bool) -> str:
     return f"simulated time at speed {speed:g}" if simulated else "real time"
 
 
-main = main_of(PlantNode, "fsw_plant", __doc__, specs)
+main = main_of(PlantNode, "fsw_plant", __doc__, PlantParameters)
 
 
 if __name__ == "__main__":

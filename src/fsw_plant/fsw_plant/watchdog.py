@@ -26,7 +26,7 @@ class Watchdog:
     another ``hold_s`` SAFE: the force decreases to ``safe_force_kn`` at ``safe_rate_kn_per_s`` (a
     lower force stays) and the spindle keeps its speed. A valid command ends both at once. Before
     the first valid command it holds without going to SAFE, unless ``armed_at_start``. The
-    settings are those of ``plant.yaml``.
+    settings are those of ``parameters.py``.
     """
 
     def __init__(self, config: PlantConfig) -> None:

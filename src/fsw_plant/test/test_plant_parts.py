@@ -14,10 +14,10 @@ from fsw_control.parameters import defaults
 from fsw_model.c_code import WRITER
 from fsw_model.equations import numbers_of
 from fsw_plant import PlantConfig, PlantEmulator, kernel_codegen
-from fsw_plant.config import specs as plant_parameters
 from fsw_plant.events import Disturbance, Fault, Sample
 from fsw_plant.library import KERNEL, model_of
 from fsw_plant.lockstep import Lockstep
+from fsw_plant.parameters import PlantParameters
 from fsw_plant.sensors import Draws, Noise
 from fsw_plant.tick_stamps import JUMP_NS, NUDGE_NS, TickStamps
 from fsw_plant.watchdog import Watchdog, WatchdogState
@@ -464,5 +464,5 @@ def test_lockstep_repeats_an_unanswered_tick_in_time_and_at_once_for_a_new_write
 
 
 def test_a_plant_gives_up_later_than_a_standby_takes_over():
-    values = defaults(plant_parameters())
+    values = defaults(PlantParameters)
     assert values["lockstep_give_up_s"] > 2.0 * 30.0 + values["lockstep_timeout_s"]

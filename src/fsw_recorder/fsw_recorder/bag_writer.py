@@ -35,7 +35,7 @@ Queued = tuple[str, int, int, int, bytes]
 
 @dataclass(frozen=True, slots=True)
 class WriterOptions:
-    """How a bag is written: the recorder's parameters of the same names (``recorder.yaml``)."""
+    """How a bag is written: the recorder's parameters of the same names (``parameters.py``)."""
 
     compression: str = ""
     max_bag_size: int = 0  # bytes

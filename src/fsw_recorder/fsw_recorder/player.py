@@ -9,7 +9,7 @@ from fsw_recorder.errors import BagError
 from fsw_recorder.qos import is_latched
 from fsw_recorder.weld_clock import WeldClockReader
 
-#: as in ``replay.yaml``
+#: as in ``parameters.py``
 MIN_RATE, MAX_RATE = 1e-3, 1e6
 
 
@@ -17,8 +17,8 @@ class Player:
     """Plays a bag; time is passed in as ``now_ns``, so any clock can drive it.
 
     The caller closes the reader; its log times are the playback time. The other arguments are
-    parameters of the replayer (``replay.yaml``). Raises a `BagError` if there is nothing to play,
-    or the start is outside the bag.
+    parameters of the replayer (``parameters.py``). Raises a `BagError` if there is nothing to
+    play, or the start is outside the bag.
     """
 
     def __init__(

@@ -22,8 +22,7 @@ from rosbags.interfaces import Qos
 from fsw_control.managed_node_ros import ManagedNode
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
-from fsw_control.parameters import load
-from fsw_control.parameters_ros import declare
+from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Report
 from fsw_recorder import after_recording
 from fsw_recorder.bag_metadata import METADATA_NAME
@@ -32,6 +31,7 @@ from fsw_recorder.clock_source import clock_state
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import interface_definition, interface_hash, message_class
 from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
+from fsw_recorder.parameters import RecorderParameters
 from fsw_recorder.qos import is_latched, is_reliable
 from fsw_recorder.qos_ros import offered_by
 from fsw_recorder.recording import (
@@ -62,7 +62,7 @@ class _Bag(NamedTuple):
 
 
 class RecorderNode(ManagedNode):
-    """Node that records while it is active; see ``recorder.yaml`` for its parameters.
+    """Node that records while it is active; see :class:`RecorderParameters`.
 
     Services as in rosbag2's recorder: ``~/pause``, ``~/resume``, ``~/is_paused`` and
     ``~/split_bagfile``. Each activation makes a bag, which is complete once the node is
@@ -80,7 +80,7 @@ class RecorderNode(ManagedNode):
 
     def __init__(self, **arguments: Any) -> None:
         super().__init__("fsw_recorder", **arguments)
-        self._values = declare(self, "fsw_recorder", "recorder.yaml").values
+        self._values = ParameterValues(self, RecorderParameters).values
         self._recorded = False  #: whether a bag was made
         self.failed = False  #: whether a bag is incomplete
         if self._values["autostart"]:
@@ -358,7 +358,7 @@ def main(args: Sequence[str] | None = None) -> int:
     code = run(
         make,
         args,
-        NodeArguments("fsw_recorder", __doc__ or "", load("fsw_recorder", "recorder.yaml")),
+        NodeArguments("fsw_recorder", __doc__ or "", RecorderParameters),
     )
     return 1 if code == 0 and any(node.failed for node in nodes) else code
 

@@ -32,11 +32,11 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from fsw_control.light_node_ros import LightNode
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
-from fsw_control.parameters import load
-from fsw_control.parameters_ros import declare
+from fsw_control.parameters_ros import ParameterValues
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import interface_hash, message_class
+from fsw_recorder.parameters import ReplayParameters
 from fsw_recorder.player import Player
 from fsw_recorder.qos import replayed_qos
 from fsw_recorder.qos_ros import profile_of
@@ -52,7 +52,7 @@ _DELIVERY_S = 2.0
 
 
 class ReplayNode(LightNode, Node):  # type: ignore[misc]
-    """Node that plays a bag; see ``replay.yaml`` for its parameters.
+    """Node that plays a bag; see :class:`ReplayParameters`.
 
     Services as rosbag2's player: ``~/pause``, ``~/resume``, ``~/toggle_paused``, ``~/is_paused``,
     ``~/get_rate``, ``~/set_rate``, ``~/play_next``, ``~/burst``, ``~/seek``, ``~/stop``.
@@ -65,7 +65,7 @@ class ReplayNode(LightNode, Node):  # type: ignore[misc]
 
     def __init__(self, **arguments: Any) -> None:
         super().__init__("fsw_replay", **arguments)
-        values = declare(self, "fsw_recorder", "replay.yaml").values
+        values = ParameterValues(self, ReplayParameters).values
         if not values["bag"]:
             raise BagError(
                 "no bag given; give its path as an argument, or set the parameter 'bag'"
@@ -260,9 +260,7 @@ def main(args: Sequence[str] | None = None) -> int:
             parameter_overrides=[Parameter("bag", Parameter.Type.STRING, path) for path in bag]
         )
 
-    arguments = NodeArguments(
-        "fsw_replay", __doc__ or "", load("fsw_recorder", "replay.yaml"), "BAG"
-    )
+    arguments = NodeArguments("fsw_replay", __doc__ or "", ReplayParameters, "BAG")
     return run(make, args, arguments)
 
 

@@ -50,7 +50,7 @@ class BagRecord(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class TopicSelection:
-    """Selects topics, by the recorder's parameters of the same names (``recorder.yaml``).
+    """Selects topics, by the recorder's parameters of the same names (``parameters.py``).
 
     Without ``topics`` and ``regex`` all are selected, except, with a ``namespace``, those of
     other welds.

@@ -12,7 +12,7 @@ from runpy import run_path
 from typing import Any
 
 from fsw_control.contract import Controller
-from fsw_control.parameters import Source, load_source, validate
+from fsw_control.parameters import NodeParameters, ParameterModel, validate
 from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.scenario import Scenario
 from fsw_schema.models import InputError
@@ -101,10 +101,12 @@ def _words(error: Exception) -> str:
     return str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
 
 
-def described_in(label: str) -> Source:
-    """Description of a controller's parameters; errors as in :func:`name_of`."""
-    source: Source = getattr(kind_of(label), "parameters", None)
-    return source
+def described_in(label: str) -> ParameterModel:
+    """Model of a controller's parameters; errors as in :func:`name_of`."""
+    model: Any = getattr(kind_of(label), "parameters", None)
+    if model is None or (isinstance(model, type) and issubclass(model, NodeParameters)):
+        return model
+    raise InputError(f"controller {label}: its parameters are no class of NodeParameters")
 
 
 def kind_of(label: str) -> Any:
@@ -147,9 +149,7 @@ def make(label: str, parameters: Mapping[str, Any] | None = None) -> Controller:
     """
     make_one = maker(label)
     try:
-        values = validate(
-            load_source(described_in(label)), {**(parameters or {}), **variant_of(label)}
-        )
+        values = validate(described_in(label), {**(parameters or {}), **variant_of(label)})
         made = make_one(values)
     except InputError:
         raise

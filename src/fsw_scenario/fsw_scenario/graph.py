@@ -13,7 +13,7 @@ from typing import Any
 import yaml
 
 from fsw_control.parameters import validate
-from fsw_plant.config import specs as plant_parameters
+from fsw_plant.parameters import PlantParameters
 from fsw_scenario.closed_loop import plant_of
 from fsw_scenario.controllers import program
 from fsw_scenario.launcher import Child, Launcher, LaunchError
@@ -102,7 +102,7 @@ class WeldGraph:
         """Content of the parameter file with the parameters of each node."""
         start = plant_of(self.scenario).applied
         names = self.all_controllers
-        plant = validate(plant_parameters(), self.scenario.plant)
+        plant = validate(PlantParameters, self.scenario.plant)
         nodes: dict[str, dict[str, Any]] = {
             "fsw_plant": {
                 **{name: plant[name] for name in self.scenario.plant},

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from fsw_control.contract import Command, Controller, Proposal
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults
 from fsw_control.reason import Reason
 from fsw_control.weld import TICK_S
 from fsw_supervisor import Arbiter, ArbiterSettings, Decision, ProposalInput
+from fsw_supervisor.parameters import SupervisorParameters
 
 
 class OfflineSupervisor:
@@ -19,7 +20,7 @@ class OfflineSupervisor:
     """
 
     def __init__(self, controllers: Mapping[str, Controller], selected: str) -> None:
-        values = defaults(load("fsw_supervisor", "supervisor.yaml"))
+        values = defaults(SupervisorParameters)
         fallbacks = dict.fromkeys([*values["fallbacks"], *controllers])
         settings = ArbiterSettings.from_values(
             values | {"controller": selected, "fallbacks": list(fallbacks)}

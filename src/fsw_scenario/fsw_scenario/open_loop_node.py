@@ -9,6 +9,7 @@ from typing import Any
 from fsw_control import run_controller
 from fsw_scenario.closed_loop import plant_of
 from fsw_scenario.open_loop import OpenLoopController
+from fsw_scenario.parameters import OpenLoopParameters
 from fsw_scenario.scenario_file import load
 
 
@@ -24,7 +25,7 @@ def main(args: Sequence[str] | None = None) -> int:
     return run_controller(
         _make,
         name=OpenLoopController.name,
-        parameters=("fsw_scenario", "open_loop.yaml"),
+        parameters=OpenLoopParameters,
         args=args,
     )
 

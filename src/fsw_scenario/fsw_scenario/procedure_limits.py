@@ -7,12 +7,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from fsw_analysis.rule_book import Limit, Variable
+from fsw_control.parameters import defaults
 from fsw_control.units import KW_PER_NM_RPM
 from fsw_model import OperatingPointError, ProcessModel, nominal
 from fsw_recorder.after_recording import BAG
 from fsw_scenario.procedure import Procedure, load, path_of
 from fsw_schema.extensions import all_loaded
 from fsw_schema.models import InputError
+from fsw_supervisor.parameters import SupervisorParameters
 
 #: the supervisor's low and high interlocks by variable
 _LOW: dict[Variable, str] = {
@@ -34,14 +36,12 @@ _COMMANDS: dict[Variable, str] = {
 }
 
 
-def node_parameters(
-    procedure: Procedure, supervisor: Mapping[str, Any]
-) -> dict[str, dict[str, Any]]:
+def node_parameters(procedure: Procedure) -> dict[str, dict[str, Any]]:
     """Supervisor parameters derived from a procedure (the operator page reads the file itself).
 
     Only limits of all phases count, as the supervisor does not know the phase. Trips are the
     essential limits; warnings are the ends of the permitted set-points or, without any, at the
-    same distance from the trip as in the ``supervisor``'s defaults. Parameters that do not follow
+    same distance from the trip as in the supervisor's defaults. Parameters that do not follow
     from the procedure are omitted.
 
     Raises
@@ -49,14 +49,13 @@ def node_parameters(
     fsw_schema.models.InputError
         If its limits exclude the whole range of the drives.
     """
-    return {"fsw_supervisor": _supervisor(procedure, supervisor)}
+    return {"fsw_supervisor": _supervisor(procedure, defaults(SupervisorParameters))}
 
 
-def graph_parameters(source: str, supervisor: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+def graph_parameters(source: str) -> dict[str, dict[str, Any]]:
     """Node parameters of a weld by a procedure, including the recorder's hooks.
 
-    ``source`` is a YAML file or the name of a shipped procedure, ``supervisor`` the supervisor's
-    default parameters.
+    ``source`` is a YAML file or the name of a shipped procedure.
 
     Raises
     ------
@@ -68,7 +67,7 @@ def graph_parameters(source: str, supervisor: Mapping[str, Any]) -> dict[str, di
     commands = [
         shlex.join(command_of(BAG, file)) for command_of in all_loaded("fsw.record_hooks").values()
     ]
-    nodes = node_parameters(load(file), supervisor)
+    nodes = node_parameters(load(file))
     return nodes | {
         "fsw_hmi": {"procedure": file},
         "fsw_procedure": {"procedure": file},

@@ -15,11 +15,12 @@ from fsw_control import messages_ros as convert
 from fsw_control.cause import Cause
 from fsw_control.light_node_ros import LightNode
 from fsw_control.node_main_ros import main_of
-from fsw_control.parameters_ros import declare
+from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import ERROR, OK, DiagnosticsPublisher, Report, log
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import SupervisorState, WeldReference
 from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
+from fsw_scenario.parameters import ProcedureParameters
 from fsw_scenario.procedure import load
 from fsw_scenario.procedure_watch import ProcedureWatch
 from fsw_schema.yaml_text import load_yaml
@@ -40,7 +41,7 @@ class ProcedureNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no type
 
     def __init__(self, **arguments: Any) -> None:
         super().__init__("fsw_procedure", **arguments)
-        settings = declare(self, "fsw_scenario", "procedure_node.yaml")
+        settings = ParameterValues(self, ProcedureParameters)
         self._procedure = load(settings["procedure"])
         self._watch = ProcedureWatch(self._procedure)
         self._told: dict[str, str] = {}
@@ -119,7 +120,7 @@ class ProcedureNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no type
         self._diagnostics.publish([Report("deviations", level, text, values | dict(self._told))])
 
 
-main = main_of(ProcedureNode, "fsw_procedure", __doc__, ("fsw_scenario", "procedure_node.yaml"))
+main = main_of(ProcedureNode, "fsw_procedure", __doc__, ProcedureParameters)
 
 
 if __name__ == "__main__":

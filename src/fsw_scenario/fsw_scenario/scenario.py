@@ -115,7 +115,7 @@ class Scenario(Model):
     controller: Name = "decentral"
     """controller applied at the start; `none`: open loop"""
     plant: Annotated[dict[str, Any], _PlantParameters] = {}
-    """parameters of the plant that differ from their defaults, see `plant.yaml`"""
+    """parameters of the plant that differ from their defaults, see its reference page"""
     phases: Many[Phase] = ()
     """of a whole weld, in place of `reference` events"""
     path: Many[Waypoint] = ()

@@ -24,8 +24,7 @@ from fsw_control.diagnostic_names import qualified
 from fsw_control.light_node_ros import LightNode
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
-from fsw_control.parameters import load as load_parameters
-from fsw_control.parameters_ros import declare
+from fsw_control.parameters_ros import ParameterValues
 from fsw_control.topics_ros import STREAM
 from fsw_msgs.action import RunWeld
 from fsw_msgs.msg import WeldKpi, WeldProgress
@@ -33,6 +32,7 @@ from fsw_plant import PlantSchedule
 from fsw_scenario.emulator_events_ros import emulator_listens
 from fsw_scenario.held_for import HeldFor
 from fsw_scenario.launcher import ABORTED
+from fsw_scenario.parameters import PlayerParameters
 from fsw_scenario.running_kpi import RunningKpi
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse
@@ -63,7 +63,7 @@ class ScenarioNode(LightNode, Node):
 
     def __init__(self, source: str | None = None) -> None:
         super().__init__("fsw_scenario")
-        self._settings = declare(self, "fsw_scenario", "player.yaml")
+        self._settings = ParameterValues(self, PlayerParameters)
         given = self._settings["scenario"] if source is None else source
         #: the node's goal to itself
         self._own = (
@@ -279,7 +279,7 @@ def main(args: Sequence[str] | None = None) -> int:
         0 if the scenario was played to its end, or stopped before (which is reported); 1 if it
         cannot continue, 2 if an argument is invalid, 3 if the programme was aborted.
     """
-    parameters = load_parameters("fsw_scenario", "player.yaml")
+    parameters = PlayerParameters
     return run(
         ScenarioNode, args, NodeArguments("fsw_scenario", __doc__ or "", parameters, "[SCENARIO]")
     )

@@ -9,10 +9,10 @@ import yaml
 
 from fsw_control import weld
 from fsw_control.parameters import defaults
-from fsw_control.parameters import load as load_parameters
 from fsw_scenario import procedure
 from fsw_scenario.procedure import Procedure
 from fsw_schema.models import InputError
+from fsw_supervisor.parameters import SupervisorParameters
 
 
 def content() -> dict[str, Any]:
@@ -103,7 +103,7 @@ def test_differences_name_what_changed() -> None:
 def test_figures_of_the_shipped_procedure_are_those_of_their_sources() -> None:
     found = procedure.load("copper_lid")
     limits = {one.variable: one for _, one in found.limits()}
-    interlocks = defaults(load_parameters("fsw_supervisor", "supervisor.yaml"))
+    interlocks = defaults(SupervisorParameters)
     temperature = limits["temperature_c"]
     assert (temperature.min, temperature.max) == (
         weld.QUALITY_TEMPERATURE_MIN_C,

@@ -10,15 +10,16 @@ import pytest
 
 from fsw_analysis.procedure import Procedure, tuning_sha256
 from fsw_control.cause import Cause
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults
 from fsw_scenario import procedure, procedure_limits
 from fsw_scenario.procedure_limits import graph_parameters, node_parameters
 from fsw_scenario.procedure_watch import ProcedureWatch
 from fsw_schema.models import InputError
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_test_support.judged_weld import short_procedure
 
 SHIPPED = procedure.load("copper_lid")
-SUPERVISOR = defaults(load("fsw_supervisor", "supervisor.yaml"))
+SUPERVISOR = defaults(SupervisorParameters)
 
 
 def essential(variable: str, **limits: Any) -> dict[str, Any]:
@@ -31,7 +32,7 @@ def with_limits(*limits: dict[str, Any], **more: Any) -> Procedure:
 
 def test_the_shipped_procedure_changes_no_default() -> None:
     """So the reference weld has its limits from one place, and nothing else is new."""
-    found = node_parameters(SHIPPED, SUPERVISOR)
+    found = node_parameters(SHIPPED)
     assert found == {
         "fsw_supervisor": {name: SUPERVISOR[name] for name in found["fsw_supervisor"]}
     }
@@ -42,7 +43,7 @@ def test_limits_follow_the_procedure() -> None:
     asked = with_limits(
         essential("temperature_c", min=795.0, max=905.0), essential("torque_nm", max=1500.0)
     )
-    found = node_parameters(asked, SUPERVISOR)
+    found = node_parameters(asked)
     supervisor = found["fsw_supervisor"]
     assert (
         supervisor["interlocks.temperature_low.trip"] == 795.0
@@ -59,7 +60,7 @@ def test_a_weld_by_a_procedure_has_its_limits_and_runs_the_hooks(
 ) -> None:
     hooks = {"judge": lambda bag, file: ["judge", bag, "a file", file]} if hooked else {}
     monkeypatch.setattr(procedure_limits, "all_loaded", {"fsw.record_hooks": hooks}.__getitem__)
-    found = graph_parameters("copper_lid", SUPERVISOR)
+    found = graph_parameters("copper_lid")
     assert found["fsw_supervisor"]["interlocks.depth_high.trip"] == 3.7
     assert found["fsw_recorder"]["attach"] == [found["fsw_procedure"]["procedure"]]
     assert found["fsw_hmi"] == found["fsw_procedure"], "it has its limits from the file itself"
@@ -77,7 +78,7 @@ def test_commands_are_narrowed_never_widened() -> None:
     asked = with_limits(
         essential("force_kn", min=70.0, max=150.0), essential("speed_rpm", min=100.0, max=450.0)
     )
-    found = node_parameters(asked, SUPERVISOR)["fsw_supervisor"]
+    found = node_parameters(asked)["fsw_supervisor"]
     default = SUPERVISOR
     assert (
         found["limits.force_min_kn"] == 70.0
@@ -94,12 +95,12 @@ def test_commands_are_narrowed_never_widened() -> None:
 )
 def test_limits_outside_of_the_drives_are_refused(variable: str, limits: dict[str, float]) -> None:
     with pytest.raises(InputError, match=f"{variable} leave nothing"):
-        node_parameters(with_limits(essential(variable, **limits)), SUPERVISOR)
+        node_parameters(with_limits(essential(variable, **limits)))
 
 
 def test_a_limit_of_some_phases_is_none_for_all() -> None:
     asked = with_limits(essential("torque_nm", max=1500.0, phases=["joint_line"]))
-    assert node_parameters(asked, SUPERVISOR)["fsw_supervisor"] == {}
+    assert node_parameters(asked)["fsw_supervisor"] == {}
 
 
 def figures(text: str) -> list[float]:

@@ -28,12 +28,12 @@ from fsw_control.contract import Command
 from fsw_control.fence import LOST_COMMANDS, ActuatorState
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.stop import Stop, StopCause
-from fsw_control.validity import sensor_limits
 from fsw_supervisor.arbitration import Arbitration
-from fsw_supervisor.controller_registry import ControllerRegistry, may_be_controller
+from fsw_supervisor.controller_registry import ControllerRegistry
 from fsw_supervisor.in_force import CommandInForce, CommandWatch
 from fsw_supervisor.operator_requests import OperatorRequests
-from fsw_supervisor.safety_monitor import SafetyMonitor, interlocks_from
+from fsw_supervisor.parameters import may_be_controller
+from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.start_up import StartUp
 from fsw_supervisor.state_machine import OPERATOR_TRIGGERS, Level, Machine, Mode, Standing
@@ -277,20 +277,3 @@ class Arbiter:
         """Count decisions as lost that must not be sent before the actuator end's first report."""
         self.ticks.take_back(decisions)
         self.in_force.forget()
-
-
-def problem(values: Mapping[str, Any]) -> str | None:
-    """Why the parameters of ``supervisor.yaml`` are inconsistent; None if they are not."""
-    try:
-        ArbiterSettings.from_values(values)
-        interlocks_from(values)
-        sensor_limits(values)
-    except ValueError as error:
-        return str(error)
-    names = (values["controller"], *values["fallbacks"])
-    wrong = [name for name in names if not may_be_controller(name)]
-    return (
-        f"controller, fallbacks: {wrong[0]!r} cannot be the name of a controller"
-        if wrong
-        else None
-    )

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from fsw_control.contract import BUILT_IN_SOURCES
-from fsw_control.fence import UNKNOWN
 from fsw_control.message_synchronizer import JUMP_NS
 from fsw_control.readiness import Lack, Readiness
 from fsw_control.reason import Reason, ReasonCode
@@ -18,9 +15,6 @@ from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.state_machine import Level, Machine
 from fsw_supervisor.tick import Candidate, ProposalInput, Tick, check, same
 
-#: pattern of controllers' names, and reserved names: of other sources, and of the supervisor's
-#: topics
-NAME, RESERVED = "[A-Za-z][A-Za-z0-9_]*", (*BUILT_IN_SOURCES, "supervisor", UNKNOWN)
 #: ticks that a proposal may lag in lockstep before its controller counts as silent
 LOCKSTEP_LAG = 20
 #: proposals kept for measurements that have not arrived yet; more than a burst after a stall
@@ -29,11 +23,6 @@ _KEPT_EARLY = 8
 _CAPACITY = 32
 #: latencies of one controller kept for statistics
 _KEPT_LATENCIES = 300
-
-
-def may_be_controller(name: str) -> bool:
-    """Whether this is a valid name of a controller."""
-    return name not in RESERVED and re.fullmatch(NAME, name) is not None
 
 
 @dataclass(slots=True)

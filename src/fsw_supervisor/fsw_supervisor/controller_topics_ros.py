@@ -10,7 +10,8 @@ from rclpy.node import Node
 
 from fsw_control.topics_ros import STREAM
 from fsw_msgs.msg import ControllerStatus, WeldCommand
-from fsw_supervisor.controller_registry import NAME, RESERVED, ControllerRegistry
+from fsw_supervisor.controller_registry import ControllerRegistry
+from fsw_supervisor.parameters import NAME, RESERVED
 
 
 class ControllerTopics:

@@ -19,7 +19,7 @@ from typing import Any
 from fsw_control import weld
 from fsw_control.cause import Cause
 from fsw_control.contract import Command
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_control.severity import Severity
@@ -27,29 +27,13 @@ from fsw_control.stop import StopCause
 from fsw_control.units import NANOSECONDS, kw_from_w, rad_s_from_rpm
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_supervisor.consistency import Consistency
+from fsw_supervisor.parameters import QUANTITIES, SupervisorParameters
 from fsw_supervisor.persistence import Persistence
 from fsw_supervisor.state_machine import Level, Machine, Mode
 from fsw_supervisor.tick import GAP_S, Tick
 
 _ORDER = Severity.OK, Severity.WARN, Severity.TRIP
 _LOG_LEVELS = {Severity.OK: Level.INFO, Severity.WARN: Level.WARN, Severity.TRIP: Level.ERROR}
-#: by interlock, the value that it watches
-_QUANTITIES = {
-    "temperature_low": "temperature_c",
-    "temperature_high": "temperature_c",
-    "depth_low": "depth_mm",
-    "depth_high": "depth_mm",
-    "force_high": "force_kn",
-    "torque_low": "torque_nm",
-    "torque_high": "torque_nm",
-    "power_high": "power_kw",
-    "torque_model_low": "torque_residual_percent",
-    "torque_model_high": "torque_residual_percent",
-    "depth_model_low": "depth_residual_mm",
-    "depth_model_high": "depth_residual_mm",
-    "temperature_model_low": "temperature_residual_c",
-    "temperature_model_high": "temperature_residual_c",
-}
 #: by value, the sensor that it needs
 _SENSOR = {**{SENSORS[name].signal: name for name in REQUIRED}, "power_kw": "torque"}
 #: modes in which the process is controlled, or is to be again, without an operator
@@ -71,12 +55,6 @@ class Interlock:
     trip: float
     hysteresis: float  #: how far the value must come back before the level falls
 
-    def __post_init__(self) -> None:
-        if not (self.warn > self.trip if self.name.endswith("_low") else self.warn < self.trip):
-            raise ValueError(
-                f"interlock {self.name}: warn {self.warn} must come before trip {self.trip}"
-            )
-
     def level(self, value: float, present: Severity) -> Severity:
         """Level that ``value`` means when the level is ``present``."""
         sign = 1.0 if self.trip > self.warn else -1.0
@@ -89,14 +67,14 @@ class Interlock:
 
 
 def interlocks_from(values: Mapping[str, Any]) -> tuple[Interlock, ...]:
-    """Table of the interlocks from the parameters; ValueError when they contradict each other."""
+    """Table of the interlocks from the parameters."""
     return tuple(
         Interlock(
             name,
             quantity,
             *(values[f"interlocks.{name}.{key}"] for key in ("warn", "trip", "hysteresis")),
         )
-        for name, quantity in _QUANTITIES.items()
+        for name, quantity in QUANTITIES.items()
     )
 
 
@@ -146,12 +124,12 @@ class SafetyMonitor:
         self._standing: dict[
             str, str
         ] = {}  # jumps and blindness that are there, with the cause in words
-        self.configure(defaults(load("fsw_supervisor", "supervisor.yaml")))
-        self._levels = dict.fromkeys(_QUANTITIES, Severity.OK)
-        self._runs = {name: {level: Persistence() for level in _ORDER} for name in _QUANTITIES}
-        self._leaving = {name: Persistence() for name in _QUANTITIES}
+        self.configure(defaults(SupervisorParameters))
+        self._levels = dict.fromkeys(QUANTITIES, Severity.OK)
+        self._runs = {name: {level: Persistence() for level in _ORDER} for name in QUANTITIES}
+        self._leaving = {name: Persistence() for name in QUANTITIES}
         self._judged_ns: int | None = None
-        self._causes = dict.fromkeys(_QUANTITIES, "")
+        self._causes = dict.fromkeys(QUANTITIES, "")
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Apply new parameters of the node, keeping the state."""

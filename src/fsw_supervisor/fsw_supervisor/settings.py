@@ -1,4 +1,4 @@
-"""The supervisor's settings, validated; ``supervisor.yaml`` documents each of them."""
+"""The supervisor's settings, validated; ``parameters.py`` documents each of them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from fsw_control.contract import Limits
-from fsw_control.parameters import load, validate
+from fsw_control.parameters import validate
+from fsw_supervisor.parameters import SupervisorParameters
 
 #: share of the time from the deadline to the next measurement after which a tick counts as
 #: unanswered: 95 ms (chosen)
@@ -16,13 +17,7 @@ _UNANSWERED_SHARE = 0.75
 
 @dataclass(frozen=True, slots=True)
 class ArbiterSettings:
-    """Settings of the arbiter; names, units, ranges and defaults are in ``supervisor.yaml``.
-
-    Raises
-    ------
-    ValueError
-        If settings contradict each other; the message names them.
-    """
+    """Settings of the arbiter; :mod:`fsw_supervisor.parameters` has names, units and ranges."""
 
     controller: str
     fallbacks: tuple[str, ...]
@@ -52,32 +47,10 @@ class ArbiterSettings:
     return_to_target: bool
     duplicate_ticks: int
 
-    def __post_init__(self) -> None:
-        lim, period_s = self.limits, self.tick_period_s
-        if self.deadline_s >= period_s:
-            raise ValueError(
-                f"deadline_s is {self.deadline_s} s; "
-                f"it must be between 0 and tick_period_s ({period_s} s)"
-            )
-        if self.force_transition_kn > lim.force_step_kn:
-            raise ValueError(
-                f"force_transition_kn must not exceed the step of {lim.force_step_kn} kN"
-            )
-        if self.speed_transition_rpm > lim.speed_step_rpm:
-            raise ValueError(
-                f"speed_transition_rpm must not exceed the step of {lim.speed_step_rpm} rpm"
-            )
-        if not lim.force_min_kn <= self.safe_force_kn <= lim.force_max_kn:
-            raise ValueError(
-                f"safe_force_kn must be within {lim.force_min_kn} to {lim.force_max_kn} kN"
-            )
-        if not self.controller:
-            raise ValueError("controller must name the controller to start with, e.g. 'decentral'")
-
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> ArbiterSettings:
-        """Settings from the parameters of ``supervisor.yaml``; missing ones have their default."""
-        checked = validate(load("fsw_supervisor", "supervisor.yaml"), values)
+        """Settings from the node's parameters; missing ones have their default."""
+        checked = validate(SupervisorParameters, values)
         limits = Limits.from_parameters(checked)
         own = {item.name: checked[item.name] for item in fields(cls) if item.name in checked}
         return cls(**(own | {"limits": limits, "fallbacks": tuple(checked["fallbacks"])}))

@@ -16,7 +16,7 @@ from fsw_control.cause import Cause
 from fsw_control.deadline_timer_ros import DeadlineTimer
 from fsw_control.light_node_ros import LightNode
 from fsw_control.node_main_ros import main_of
-from fsw_control.parameters_ros import declare
+from fsw_control.parameters_ros import ParameterValues
 from fsw_control.ranges import beyond_trip
 from fsw_control.reason import Reason
 from fsw_control.references_ros import KeptReference
@@ -26,11 +26,12 @@ from fsw_control.stop_ros import StopHolder
 from fsw_control.topics_ros import LATEST, SENT, STREAM, subscribe_sensors
 from fsw_msgs.msg import ControllerStatus, DriveFeedback, SupervisorState, WeldCommand
 from fsw_supervisor import reports_ros as reports
-from fsw_supervisor.arbiter import Arbiter, problem
+from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.confirmation import Confirmations
 from fsw_supervisor.controller_topics_ros import ControllerTopics
 from fsw_supervisor.failover import Failover, Role
 from fsw_supervisor.leadership_ros import Leadership
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.services_ros import OperatorServices
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode, Standing
@@ -51,10 +52,8 @@ class SupervisorNode(LightNode, Node):
 
     def __init__(self) -> None:
         super().__init__("fsw_supervisor")
-        self._values = declare(self, "fsw_supervisor", "supervisor.yaml")
+        self._values = ParameterValues(self, SupervisorParameters)
         values = self._values.values
-        if complaint := problem(values):
-            raise ValueError(complaint)
         lockstep = values["lockstep"]
         self._arbiter = Arbiter(
             ArbiterSettings.from_values(values),
@@ -63,7 +62,6 @@ class SupervisorNode(LightNode, Node):
             else lockstep == "on",
         )
         self._arbiter.configure(values)
-        self._values.add_check(problem)
         self._values.on_change(self._arbiter.configure)
         self._failover = Failover(
             self._arbiter, uuid.uuid4().hex[:12], values["standby"], time.monotonic()
@@ -280,7 +278,7 @@ class SupervisorNode(LightNode, Node):
         self._diagnostics.publish([*lines, self._kept_reference.report()])
 
 
-main = main_of(SupervisorNode, "fsw_supervisor", __doc__, ("fsw_supervisor", "supervisor.yaml"))
+main = main_of(SupervisorNode, "fsw_supervisor", __doc__, SupervisorParameters)
 
 
 if __name__ == "__main__":

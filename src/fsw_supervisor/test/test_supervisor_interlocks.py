@@ -4,10 +4,12 @@ import pytest
 
 from fsw_control.cause import Cause
 from fsw_control.contract import Command
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults, validate
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.severity import Severity
+from fsw_schema.errors import InputError
 from fsw_supervisor.in_force import CommandInForce
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.safety_monitor import Interlock, SafetyMonitor, interlocks_from
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Level, Machine, Mode
@@ -75,15 +77,23 @@ def test_a_level_begins_at_its_limit_and_ends_a_hysteresis_before_it(excess, pre
 
 
 @pytest.mark.parametrize(
-    ("name", "warn", "trip"), [("a_high", 5.0, 5.0), ("a_low", 5.0, 5.0), ("a_high", 6.0, 5.0)]
+    ("name", "warn", "trip"),
+    [
+        ("depth_high", 5.0, 5.0),
+        ("depth_low", 5.0, 5.0),
+        ("depth_high", 6.0, 5.0),
+        ("depth_low", 4.0, 5.0),
+        ("depth_high", 3.0, float("nan")),
+    ],
 )
 def test_a_warning_comes_before_its_trip(name, warn, trip):
-    with pytest.raises(ValueError, match="must come before trip"):
-        Interlock(name, "depth_mm", warn, trip, 0.0)
+    changes = {f"interlocks.{name}.warn": warn, f"interlocks.{name}.trip": trip}
+    with pytest.raises(InputError, match=f"interlocks.{name}[. ]"):
+        validate(SupervisorParameters, changes)
 
 
 def test_every_parameter_of_an_interlock_reaches_it():
-    values = defaults(load("fsw_supervisor", "supervisor.yaml"))
+    values = defaults(SupervisorParameters)
     for item in interlocks_from(values):
         told = [values[f"interlocks.{item.name}.{key}"] for key in ("warn", "trip", "hysteresis")]
         assert [item.warn, item.trip, item.hysteresis] == told

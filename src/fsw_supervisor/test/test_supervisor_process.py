@@ -207,16 +207,3 @@ def test_a_value_that_is_not_finite_leaves_the_level(monitor):
     for value in (905.0, 905.0, 905.0, NAN, NAN):
         monitor.watch({"temperature_c": value})
     assert monitor.active == {"temperature_high": Severity.WARN}
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        ("temperature_high", "temperature_c", 910.0, 900.0, 2.0),
-        ("temperature_low", "temperature_c", 790.0, 800.0, 2.0),
-        ("depth_high", "depth_mm", 3.0, NAN, 0.0),
-    ],
-)
-def test_wrong_interlocks_are_refused(wrong):
-    with pytest.raises(ValueError, match=f"interlock {wrong[0]}"):
-        Interlock(*wrong)

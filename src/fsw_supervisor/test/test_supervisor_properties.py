@@ -11,10 +11,11 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from fsw_control.contract import Command
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.sensors import REQUIRED
 from fsw_supervisor.arbiter import Arbiter
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import Decision, ProposalInput
@@ -78,7 +79,7 @@ class ArbiterMachine(RuleBasedStateMachine):
             SETTINGS | drawn | {"storm_swaps": storm, "warm_ticks": warm}
         )
         self.arbiter = Arbiter(self.settings, lockstep=lockstep)
-        values = defaults(load("fsw_supervisor", "supervisor.yaml"))
+        values = defaults(SupervisorParameters)
         self.arbiter.safety.configure(values | {"interlocks.persistence_s": persistence})
         self.drives = Command(78.4, 407.5) if drives else None
         self.now_s = 50.0

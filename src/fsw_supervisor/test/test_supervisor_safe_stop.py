@@ -6,10 +6,11 @@ import pytest
 
 from fsw_control.cause import Cause
 from fsw_control.contract import Command
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults
 from fsw_control.reason import Reason
 from fsw_control.severity import Severity
 from fsw_control.stop import StopCause
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import OPERATOR_TRIGGERS, Machine, Mode
@@ -246,9 +247,7 @@ def test_a_level_is_believed_after_as_many_values_at_it_or_worse(monitor, values
 def test_more_persistence_clears_no_trip(monitor):
     for _ in range(3):
         monitor.watch({"temperature_c": 911.0})
-    monitor.configure(
-        defaults(load("fsw_supervisor", "supervisor.yaml")) | {"interlocks.persistence_s": 5.0}
-    )
+    monitor.configure(defaults(SupervisorParameters) | {"interlocks.persistence_s": 5.0})
     monitor.watch({"temperature_c": 911.0})
     assert monitor.tripped == ("temperature_high",)
 

@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fsw_control.contract import Command
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults
 from fsw_control.sensors import REQUIRED
 from fsw_control.severity import Severity
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.safety_monitor import Blindness, SafetyMonitor
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Machine, Mode
@@ -20,7 +21,7 @@ NAN = math.nan
 GOOD = {"depth": 2.66, "torque": 1052.0, "thermocouple": 850.0}
 START = Command(78.4, 407.5)
 TOLERANT = ("depth", "torque", "thermocouple")
-BLIND_LIMIT_S = defaults(load("fsw_supervisor", "supervisor.yaml"))["blind_limit_s"]
+BLIND_LIMIT_S = defaults(SupervisorParameters)["blind_limit_s"]
 
 
 @pytest.fixture

@@ -4,10 +4,11 @@ import pytest
 
 from fsw_control.cause import Cause
 from fsw_control.contract import Command
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults
 from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor import ticks
 from fsw_supervisor.arbiter import Arbiter
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import Decision, ProposalInput
@@ -29,7 +30,7 @@ def samples(rig, stamp_ns, now_s):
 
 
 def test_new_settings_hold_from_the_next_tick_on(rig):
-    shipped = defaults(load("fsw_supervisor", "supervisor.yaml"))
+    shipped = defaults(SupervisorParameters)
     rig.arbiter.configure(shipped | {"storm_swaps": 0, "interlocks.temperature_high.trip": 905.0})
     assert rig.arbiter.settings == ArbiterSettings.from_values(shipped | {"storm_swaps": 0})
     for rig.values["thermocouple"] in (880.0, 906.0):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults
 from fsw_plant.config import PlantConfig
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_test_support.short_times import HOME, NAMES, SUPERVISOR, TORQUE_NM_PER_KN
 
@@ -29,5 +30,5 @@ _PLANT = {
     "watchdog": {"timeout_s": 0.5, "hold_s": 0.5, "safe_force_kn": 70.0, "safe_rate_kn_per_s": 4.0}
 }
 SETTINGS = ArbiterSettings.from_values(_SUPERVISOR)
-VALUES = defaults(load("fsw_supervisor", "supervisor.yaml")) | _SUPERVISOR
+VALUES = defaults(SupervisorParameters) | _SUPERVISOR
 CONFIG = PlantConfig.from_values(_PLANT)

@@ -6,9 +6,10 @@ from importlib import resources
 from math import nan
 
 from fsw_control.contract import Command
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults
 from fsw_machine.gateway import Gateway
 from fsw_machine.machine_file import MachineFile
+from fsw_machine.parameters import GatewayParameters
 from fsw_machine.samples import CycleRead, RawValue
 from fsw_plant.config import PlantConfig
 from fsw_plant.watchdog import Watchdog
@@ -18,7 +19,7 @@ MACHINE = MachineFile.parse((resources.files("fsw_machine") / "machine.yaml").re
 
 def new_gateway() -> Gateway:
     """A gateway with its default parameters that is not connected yet."""
-    return Gateway(MACHINE, defaults(load("fsw_machine", "gateway.yaml")))
+    return Gateway(MACHINE, defaults(GatewayParameters))
 
 
 class Plc:

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import yaml
 
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
 from fsw_recorder.interface_text import interface_definition, interface_hash
 from fsw_recorder.qos import profile
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_test_support.sample_weld import START_NS, SampleTypes, sample_messages, sample_topics
 
 _TOPICS = {
@@ -64,11 +65,7 @@ def write_programme_weld(
                     name, kind, interface_definition(kind), interface_hash(kind), (profile(),)
                 )
             )
-        parameters = {
-            "/fsw_supervisor": {
-                "ros__parameters": defaults(load("fsw_supervisor", "supervisor.yaml"))
-            }
-        }
+        parameters = {"/fsw_supervisor": {"ros__parameters": defaults(SupervisorParameters)}}
         writer.attach(
             "parameters/fsw_supervisor.yaml",
             "application/yaml",

@@ -17,7 +17,7 @@ from fsw_control import weld
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command
 from fsw_control.fence import Signature
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults
 from fsw_control.sensors import REQUIRED
 from fsw_control.units import NANOSECONDS
 from fsw_control.validity import Frozen, sensor_limits
@@ -25,6 +25,7 @@ from fsw_machine.gateway import Gateway
 from fsw_model import nominal
 from fsw_plant import PlantConfig
 from fsw_supervisor.arbiter import Arbiter
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.safety_monitor import interlocks_from
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
@@ -74,11 +75,7 @@ _PLANT = {
     }
 }
 SETTINGS = ArbiterSettings.from_values(_SUPERVISOR)
-_VALUES = (
-    defaults(load("fsw_supervisor", "supervisor.yaml"))
-    | _SUPERVISOR
-    | {"validity.frozen_samples": 0}
-)
+_VALUES = defaults(SupervisorParameters) | _SUPERVISOR | {"validity.frozen_samples": 0}
 #: after this, to the nearest tick, a manual mode without a valid sensor ends
 _BLIND_S = SETTINGS.operator_hold_timeout_s - SETTINGS.tick_period_s / 2.0
 _BLIND_TICKS = round(SETTINGS.operator_hold_timeout_s / SETTINGS.tick_period_s)

@@ -11,8 +11,6 @@ from fsw.command import FORCE, command, group, option
 from fsw.console import print_table
 from fsw.keys import PRIVATE_KEY, REQUIRE_SIGNED, TRUSTED, private_key, trusted_keys
 from fsw.outputs import check_new, write_text
-from fsw_control.parameters import defaults
-from fsw_control.parameters import load as load_parameters
 from fsw_recorder.signature import Purpose, sign, signature_path
 from fsw_scenario.procedure import Procedure, differences, load, shipped, signer_of
 from fsw_scenario.procedure_limits import check_possible, node_parameters
@@ -39,7 +37,7 @@ def check(arguments: argparse.Namespace) -> int:
     signer = signer_of(
         arguments.procedure, trusted_keys(arguments) or None, arguments.require_signed
     )
-    node_parameters(procedure, defaults(load_parameters("fsw_supervisor", "supervisor.yaml")))
+    node_parameters(procedure)
     check_possible(procedure)
     print(_identity(procedure))
     print(f"signed by {signer.words}" if signer else "not signed")

@@ -1,0 +1,56 @@
+"""Parameters of the NMPC."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from fsw_control import weld
+from fsw_control.parameters import AT_START, NodeParameters
+from fsw_schema.models import Whole
+from fsw_schema.ranges import Range
+
+
+class NmpcParameters(NodeParameters):
+    """Parameters of the NMPC. All but ``model_file`` act at runtime, without a bump."""
+
+    preset: Literal["default", "adaptive", "paper", "paper:offset_free", "paper:letter"] = (
+        "default"
+    )
+    """default: by rule from the model; adaptive: likewise, but the output without priority gives
+    way on the way to a set-point, too; paper (or paper:offset_free): weights, dead-bands and
+    corridors of the paper, (32)-(37), with estimated disturbances; paper:letter: without these, as
+    in the paper."""
+    tuning_file: str = ""
+    """YAML file of tuning fields that override the preset (docs/concepts/nmpc.md); empty: none."""
+    depth_aggressiveness: Annotated[float, Range(0.2, 5.0, "")] = 1.0
+    """Divides the time constant with which the depth approaches its set-point."""
+    temperature_aggressiveness: Annotated[float, Range(0.2, 5.0, "")] = 1.0
+    """Divides the time constant with which the temperature approaches its set-point."""
+    calmness: Annotated[float, Range(0.1, 10.0, "")] = 1.0
+    """Above 1: sensor noise moves the inputs less, disturbances are rejected more slowly."""
+    priority: Literal["depth", "balance", "temperature"] = "depth"
+    """Set-point that is kept where the speed's bounds do not permit both; quality limits come
+    before it (docs/concepts/nmpc.md)."""
+    preview: bool = True
+    """Anticipate set-points announced on fsw/reference_plan."""
+    model_file: Annotated[str, AT_START] = ""
+    """YAML file of model parameters; empty: the paper's."""
+    max_iterations: Annotated[Whole, Range(5, 200, "")] = 50
+    """Maximum iterations of the interior-point method; bounds the time of a step."""
+    plan_reuse: Annotated[Whole, Range(0, 50, "")] = 5
+    """Ticks for which the last plan is followed after a failed solve; after that the proposal is
+    unhealthy."""
+    blind_limit: Annotated[float, Range(0.0, 60.0, "s")] = 3.0
+    """Maximum time without a valid sample of a sensor; after that the proposal is unhealthy."""
+    force_min: Annotated[float, Range(0.0, 200.0, "kN")] = weld.FORCE_MIN_KN
+    """Least axial force."""
+    force_max: Annotated[float, Range(0.0, 200.0, "kN")] = weld.FORCE_MAX_KN
+    """Largest axial force."""
+    speed_min: Annotated[float, Range(0.0, 1000.0, "rpm")] = weld.SPEED_MIN_RPM
+    """Least spindle speed."""
+    speed_max: Annotated[float, Range(0.0, 1000.0, "rpm")] = weld.SPEED_MAX_RPM
+    """Largest spindle speed."""
+    force_step: Annotated[float, Range(0.01, 10.0, "kN")] = weld.FORCE_STEP_KN
+    """Largest change of the force per tick."""
+    speed_step: Annotated[float, Range(0.01, 30.0, "rpm")] = weld.SPEED_STEP_RPM
+    """Largest change of the speed per tick."""
