@@ -20,32 +20,30 @@ DURATION_S = 420.0
 FAULT_S = 200.0
 #: the NMPC commands six welds of ten
 CONTROLLERS = (
-    *("nmpc:default", "nmpc:default", "decentral:conservative", "nmpc:default", "decentral:tight"),
-    *(
-        "nmpc:adaptive",
-        "nmpc:default",
-        "decentral:smith",
-        "nmpc:adaptive",
-        "decentral:conservative",
-    ),
+    "nmpc:default",
+    "nmpc:default",
+    "decentral:conservative",
+    "nmpc:default",
+    "decentral:tight",
+    "nmpc:adaptive",
+    "nmpc:default",
+    "decentral:smith",
+    "nmpc:adaptive",
+    "decentral:conservative",
 )
 #: coefficients that differ from the model's, by up to the spread of the weld
 COEFFICIENTS = (
-    *(
-        "thermal_gain_c_per_kw",
-        "copper_lag_s",
-        "tool_lag_s",
-        "dead_time_s",
-        "softening_per_c",
-        "motor_lag_s",
-    ),
-    *(
-        "depth_gain_mm_per_kn_s",
-        "depth_zero_s",
-        "depth_pole_slow_s",
-        "sliding_friction",
-        "sticking_stress_pa",
-    ),
+    "thermal_gain_c_per_kw",
+    "copper_lag_s",
+    "tool_lag_s",
+    "dead_time_s",
+    "softening_per_c",
+    "motor_lag_s",
+    "depth_gain_mm_per_kn_s",
+    "depth_zero_s",
+    "depth_pole_slow_s",
+    "sliding_friction",
+    "sticking_stress_pa",
 )
 SPREADS = 0.05, 0.1
 NOISES = {"depth_noise_mm": 0.002, "torque_noise_nm": 2.0, "temperature_noise_c": 0.1}

@@ -131,12 +131,14 @@ def run(
 def fault_table(rows: list[Row]) -> str:
     """One line per kind of fault and part, as Markdown."""
     columns = (
-        *("fault", "trials", "recovered", "recovery, median and largest [s]"),
-        *("ticks without command, median and largest", "longest time without a tick [s]"),
-        *(
-            "largest distance of a command from the actual values [moves]",
-            "largest change of the actual values [moves]",
-        ),
+        "fault",
+        "trials",
+        "recovered",
+        "recovery, median and largest [s]",
+        "ticks without command, median and largest",
+        "longest time without a tick [s]",
+        "largest distance of a command from the actual values [moves]",
+        "largest change of the actual values [moves]",
         "safe stops",
     )
     cells: list[tuple[object, ...]] = [columns]

@@ -46,17 +46,16 @@ MACHINE = {
     **_CONTROL,
 }
 SUPERVISOR = (
-    *(
-        "controller:=nmpc",
-        "fallbacks:=[decentral, nmpc]",
-        "readmit_ticks:=10",
-        "return_to_target:=true",
-    ),
+    "controller:=nmpc",
+    "fallbacks:=[decentral, nmpc]",
+    "readmit_ticks:=10",
+    "return_to_target:=true",
     *(
         f"interlocks.temperature_{name}"
         for name in ("low.warn:=210.0", "low.trip:=200.0", "high.trip:=1000.0")
     ),
-    *("interlocks.temperature_high.warn:=950.0", "storm_swaps:=0"),
+    "interlocks.temperature_high.warn:=950.0",
+    "storm_swaps:=0",
 )
 RESPAWN_S = 0.5
 #: the machine's clock is stepped by this, and back

@@ -52,16 +52,18 @@ RESULT = WORKSPACE / "docs" / "results" / "mutation.md"
 #: by package, the modules that are mutated
 MODULES = {
     "fsw_supervisor": (
-        *("arbiter", "arbitration", "controller_registry", "failover", "in_force"),
-        *(
-            "operator_requests",
-            "safety_monitor",
-            "settings",
-            "start_up",
-            "state_machine",
-            "tick",
-            "ticks",
-        ),
+        "arbiter",
+        "arbitration",
+        "controller_registry",
+        "failover",
+        "in_force",
+        "operator_requests",
+        "safety_monitor",
+        "settings",
+        "start_up",
+        "state_machine",
+        "tick",
+        "ticks",
     ),
     "fsw_control": (
         "command_gate",

@@ -295,9 +295,21 @@ _MOST_WORDS = 900
 _LONGER = {"safety": 1350}
 #: pages of results that studies and benchmarks write from their templates
 _GENERATED = {
-    *("README", "adaptive", "campaign", "campaign_worst", "canister", "canister-verdict"),
-    *("corridors", "history", "losses", "monitor", "other-models", "other-processes", "sensors"),
-    *("solvers", "targets"),
+    "README",
+    "adaptive",
+    "campaign",
+    "campaign_worst",
+    "canister",
+    "canister-verdict",
+    "corridors",
+    "history",
+    "losses",
+    "monitor",
+    "other-models",
+    "other-processes",
+    "sensors",
+    "solvers",
+    "targets",
 }
 #: what scripts write into a page
 _WRITTEN_IN = re.compile(

@@ -120,10 +120,19 @@ def live(weld: WeldSignals, book: RuleBook) -> LiveWeld:
         }
         page.on_state("a", supervisor | {"reason": "", "cause": Cause.STARTED, "by": ""})
         values = (
-            *(weld.depth_mm[i], weld.temperature_c[i], weld.torque_nm[i]),
-            *(weld.drives.force_kn[i], weld.drives.speed_rpm[i], nan),
-            *(weld.reference_depth_mm[i], weld.reference_temperature_c[i]),
-            *(weld.force_kn[i], weld.speed_rpm[i], nan, nan, weld.angle_deg[i]),
+            weld.depth_mm[i],
+            weld.temperature_c[i],
+            weld.torque_nm[i],
+            weld.drives.force_kn[i],
+            weld.drives.speed_rpm[i],
+            nan,
+            weld.reference_depth_mm[i],
+            weld.reference_temperature_c[i],
+            weld.force_kn[i],
+            weld.speed_rpm[i],
+            nan,
+            nan,
+            weld.angle_deg[i],
         )
         page.add(Row(int(weld.stamp_ns[i]), values), str(weld.command_source[i]))
     return page

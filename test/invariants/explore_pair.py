@@ -93,24 +93,20 @@ LETTERS = tuple(dict.fromkeys(letter for group in GROUPS.values() for letter in 
 LENGTH = 40
 #: letters of the short sequences; a tick passes after each
 FEW = (
-    *(
-        "run 2",
-        "run 12",
-        "ask safe_stop a",
-        "ask acknowledge a",
-        "ask auto a",
-        "kill a",
-        "start a",
-        "kill b",
-    ),
-    *(
-        "freeze a",
-        "thaw a timers",
-        "freeze end",
-        "thaw end messages",
-        "link cut a end",
-        "network well",
-    ),
+    "run 2",
+    "run 12",
+    "ask safe_stop a",
+    "ask acknowledge a",
+    "ask auto a",
+    "kill a",
+    "start a",
+    "kill b",
+    "freeze a",
+    "thaw a timers",
+    "freeze end",
+    "thaw end messages",
+    "link cut a end",
+    "network well",
 )
 
 

@@ -33,7 +33,8 @@ BY_PART = [("safety", True), ("control", True), ("link", True), ("link", False)]
     ("alphabet", "depth", "gateway"),
     [
         *(pytest.param(name, 3, gateway, marks=pytest.mark.full) for name, gateway in BY_PART),
-        *(("all", 2, True), ("link", 2, False)),
+        ("all", 2, True),
+        ("link", 2, False),
     ],
 )
 def test_no_sequence_breaks_a_rule(alphabet, depth, gateway):

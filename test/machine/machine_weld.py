@@ -27,7 +27,10 @@ MODULES = {
 }
 GRAPH = ("gateway", "nmpc", "decentral", "supervisor")
 SUPERVISOR = (
-    *("controller:=nmpc", "readmit_ticks:=10", "return_to_target:=true", "storm_swaps:=0"),
+    "controller:=nmpc",
+    "readmit_ticks:=10",
+    "return_to_target:=true",
+    "storm_swaps:=0",
     # seconds without control leave the process window, which is not what these tests are about
     *(
         f"interlocks.temperature_{name}"

@@ -31,22 +31,18 @@ _COUNTS = ("duration_s", "ticks", "ticks_without_output", "ticks_without_command
 #: columns that differ from run to run
 TIMES = ("solve_time_p50_ms", "solve_time_p99_ms", "solve_time_max_ms", "wall_time_s")
 _EVENT_NUMBERS = (
-    *(
-        "time_s",
-        "until_s",
-        "size_mm",
-        "size_c",
-        "iae_depth_mm_s",
-        "iae_temperature_c_s",
-        "peak_depth_error_mm",
-    ),
-    *(
-        "peak_temperature_error_c",
-        "settling_s",
-        "overshoot_mm",
-        "overshoot_c",
-        "overshoot_percent",
-    ),
+    "time_s",
+    "until_s",
+    "size_mm",
+    "size_c",
+    "iae_depth_mm_s",
+    "iae_temperature_c_s",
+    "peak_depth_error_mm",
+    "peak_temperature_error_c",
+    "settling_s",
+    "overshoot_mm",
+    "overshoot_c",
+    "overshoot_percent",
 )
 _TEXT = pa.dictionary(pa.int32(), pa.string())
 EVENT = pa.struct(

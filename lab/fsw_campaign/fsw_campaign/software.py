@@ -12,22 +12,18 @@ from platform import python_version
 
 #: packages that compute and judge a weld
 _PACKAGES = (
-    *(
-        "fsw_schema",
-        "fsw_model",
-        "fsw_control",
-        "fsw_nmpc",
-        "fsw_decentral",
-        "fsw_plant",
-        "fsw_supervisor",
-    ),
-    *(
-        "fsw_analysis",
-        "fsw_scenario",
-        "fsw_campaign",
-        "fsw_canister",
-        "fsw_recorder",
-    ),  # the last has the signatures
+    "fsw_schema",
+    "fsw_model",
+    "fsw_control",
+    "fsw_nmpc",
+    "fsw_decentral",
+    "fsw_plant",
+    "fsw_supervisor",
+    "fsw_analysis",
+    "fsw_scenario",
+    "fsw_campaign",
+    "fsw_canister",
+    "fsw_recorder",  # the last has the signatures
 )
 #: endings of files that only the graph uses
 _GRAPH = ("_ros.py", "_node.py")

@@ -301,13 +301,13 @@ class PolicyController(Controller):
     def command(self, measurement: Measurement, reference: Reference, applied: Command) -> Command:
         """The command by the policy's action."""
         values = [
-            *(measurement.depth_mm, measurement.torque_nm, measurement.temperature_c),
-            *(
-                measurement.force_kn,
-                measurement.speed_rpm,
-                reference.depth_mm,
-                reference.temperature_c,
-            ),
+            measurement.depth_mm,
+            measurement.torque_nm,
+            measurement.temperature_c,
+            measurement.force_kn,
+            measurement.speed_rpm,
+            reference.depth_mm,
+            reference.temperature_c,
         ]
         action = np.asarray(self._policy(observation(np.array(values)[:, None])[0]))
         return Command(*command(action[None], np.array(applied)[:, None])[:, 0].tolist())

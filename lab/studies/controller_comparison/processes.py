@@ -20,8 +20,12 @@ REST, BELOW_NOISE, INPUT_DISTURBANCES = map(
 )
 #: Cases that no controller was tuned on: own ones, and scenarios shipped with fsw_scenario.
 VALIDATION_CASES = (
-    *(own_case("other_sizes"), INPUT_DISTURBANCES),
-    *("ramp_and_sine", "simultaneous_events", "quick", "saturation"),
+    own_case("other_sizes"),
+    INPUT_DISTURBANCES,
+    "ramp_and_sine",
+    "simultaneous_events",
+    "quick",
+    "saturation",
 )
 
 DEAD_TIME_S = nominal().dead_time_s
@@ -48,8 +52,15 @@ SWEEP: dict[str, dict[str, float | str]] = {
 #: Those of the count of wins, besides the nominal one.
 FIXED = (
     *(f"{gain} gain × {k:g}" for gain in ("thermal", "depth") for k in (0.5, 0.7, 1.4, 2.0)),
-    *("torque × 0.85", "softening × 0.5", "softening × 2", "thermal lag × 0.5", "thermal lag × 2"),
-    *("dead time 1.8 s", "dead time 3.8 s", "drive lag 0.3 s", "loop latency 0.1 s"),
+    "torque × 0.85",
+    "softening × 0.5",
+    "softening × 2",
+    "thermal lag × 0.5",
+    "thermal lag × 2",
+    "dead time 1.8 s",
+    "dead time 3.8 s",
+    "drive lag 0.3 s",
+    "loop latency 0.1 s",
 )
 #: parameters of the sensors' noise
 CORRELATIONS = tuple(f"sensors.{SENSORS[name].stem}_noise_correlation_s" for name in REQUIRED)

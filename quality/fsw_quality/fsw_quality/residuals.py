@@ -32,15 +32,19 @@ TORQUE, DEPTH, HEAT = range(3)
 #: coefficients of the model that are uncertain; behind them, the lag of the thermocouple's probe
 #: [s]
 COEFFICIENTS = (
-    *("thermal_gain_c_per_kw", "copper_lag_s", "tool_lag_s", "dead_time_s", "softening_per_c"),
-    *(
-        "depth_gain_mm_per_kn_s",
-        "depth_zero_s",
-        "depth_pole_slow_s",
-        "motor_lag_s",
-        "sliding_friction",
-    ),
-    *("sticking_stress_pa", "contact_slope", "friction_constant_nm"),
+    "thermal_gain_c_per_kw",
+    "copper_lag_s",
+    "tool_lag_s",
+    "dead_time_s",
+    "softening_per_c",
+    "depth_gain_mm_per_kn_s",
+    "depth_zero_s",
+    "depth_pole_slow_s",
+    "motor_lag_s",
+    "sliding_friction",
+    "sticking_stress_pa",
+    "contact_slope",
+    "friction_constant_nm",
 )
 #: relative change of a coefficient by which its sensitivity is computed; the dead time changes by
 #: whole ticks

@@ -68,8 +68,12 @@ def test_a_good_weld_is_accepted() -> None:
 
 LIMITS = [
     *(("temperature_c", below) for below in (789.9, 910.1)),
-    *(("depth_mm", 3.71), ("torque_nm", 1601.0), ("force_kn", 59.9), ("force_kn", 97.1)),
-    *(("speed_rpm", 299.0), ("speed_rpm", 501.0)),
+    ("depth_mm", 3.71),
+    ("torque_nm", 1601.0),
+    ("force_kn", 59.9),
+    ("force_kn", 97.1),
+    ("speed_rpm", 299.0),
+    ("speed_rpm", 501.0),
 ]
 
 
@@ -233,18 +237,17 @@ def broken(name: str) -> tuple[WeldSignals, dict[str, Any], dict[str, str]]:
 @pytest.mark.parametrize(
     "rule",
     [
-        *(
-            "set-point",
-            "quality",
-            "recording",
-            "sensor",
-            "controller",
-            "tuning",
-            "swaps",
-            "mode",
-            "interlocks",
-        ),
-        *("complete", "procedure"),
+        "set-point",
+        "quality",
+        "recording",
+        "sensor",
+        "controller",
+        "tuning",
+        "swaps",
+        "mode",
+        "interlocks",
+        "complete",
+        "procedure",
     ],
 )
 def test_each_rule_alone_decides(rule: str) -> None:

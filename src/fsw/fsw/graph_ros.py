@@ -112,13 +112,13 @@ def controllers(arguments: argparse.Namespace) -> int:
     )
     rows = [
         (
-            *(
-                one.name,
-                health(one),
-                f"{one.latency_mean * 1e3:.2f}",
-                f"{one.latency_max * 1e3:.2f}",
-            ),
-            *(str(one.missed), str(one.late), str(one.rejected)),
+            one.name,
+            health(one),
+            f"{one.latency_mean * 1e3:.2f}",
+            f"{one.latency_max * 1e3:.2f}",
+            str(one.missed),
+            str(one.late),
+            str(one.rejected),
         )
         for one in response.controllers
     ]

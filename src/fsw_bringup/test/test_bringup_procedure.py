@@ -18,20 +18,16 @@ pytest.importorskip(
 LAUNCH_FILE = Path(__file__).resolve().parents[1] / "launch" / "weld.launch.py"
 #: what the launch file imports of ROS 2
 ROS = (
-    *(
-        "ament_index_python",
-        "ament_index_python.packages",
-        "launch",
-        "launch.actions",
-        "launch.events",
-    ),
-    *(
-        "launch.events.process",
-        "launch.logging",
-        "launch.substitutions",
-        "launch_ros",
-        "launch_ros.actions",
-    ),
+    "ament_index_python",
+    "ament_index_python.packages",
+    "launch",
+    "launch.actions",
+    "launch.events",
+    "launch.events.process",
+    "launch.logging",
+    "launch.substitutions",
+    "launch_ros",
+    "launch_ros.actions",
 )
 NOW = datetime(2026, 11, 25, tzinfo=UTC)
 

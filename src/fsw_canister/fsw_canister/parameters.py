@@ -13,16 +13,22 @@ from fsw_schema.ranges import Range
 #: fields of :class:`CanisterParameters` that finite elements and projection depend on; the others
 #: may change afterwards
 SHAPE = (
-    *("shape", "outer_radius_mm", "wall_mm", "rim_mm", "lid_mm", "lid_from_mm", "tube_mm"),
-    *(
-        "probe_radius_mm",
-        "probe_length_mm",
-        "shoulder_radius_mm",
-        "clamp_from_mm",
-        "clamp_to_mm",
-        "lowest_mm",
-    ),
-    *("element_mm", "tolerance_k", "modes"),
+    "shape",
+    "outer_radius_mm",
+    "wall_mm",
+    "rim_mm",
+    "lid_mm",
+    "lid_from_mm",
+    "tube_mm",
+    "probe_radius_mm",
+    "probe_length_mm",
+    "shoulder_radius_mm",
+    "clamp_from_mm",
+    "clamp_to_mm",
+    "lowest_mm",
+    "element_mm",
+    "tolerance_k",
+    "modes",
 )
 ZERO_C = 273.15
 STEFAN_BOLTZMANN = 5.670374e-8

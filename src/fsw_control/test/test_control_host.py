@@ -47,12 +47,13 @@ def test_exception_becomes_an_unhealthy_proposal_in_one_line():
 @pytest.mark.parametrize(
     "result",
     [
-        *(None, "nonsense", Proposal(Command("a", 1.0)), Proposal(None)),
-        *(
-            Proposal(APPLIED, healthy="yes"),
-            Proposal(APPLIED, healthy=None),
-            Proposal(APPLIED, reason=3),
-        ),
+        None,
+        "nonsense",
+        Proposal(Command("a", 1.0)),
+        Proposal(None),
+        Proposal(APPLIED, healthy="yes"),
+        Proposal(APPLIED, healthy=None),
+        Proposal(APPLIED, reason=3),
     ],
 )
 def test_nonsense_becomes_an_unhealthy_proposal(result):

@@ -17,8 +17,12 @@ from fsw_schema.processes import tool_environment
 OWN = Path(__file__).parent
 _NAMES = ("package.json", "package-lock.json")
 _OPTIONS = (
-    *("--no-fund", "--no-audit", "--ignore-scripts"),
-    *("--fetch-retries=1", "--fetch-retry-mintimeout=1000", "--fetch-timeout=20000"),
+    "--no-fund",
+    "--no-audit",
+    "--ignore-scripts",
+    "--fetch-retries=1",
+    "--fetch-retry-mintimeout=1000",
+    "--fetch-timeout=20000",
 )
 #: for a slow line; npm itself gives up earlier when nothing answers
 _TIMEOUT_S = 300.0

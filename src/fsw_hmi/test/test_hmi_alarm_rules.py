@@ -118,7 +118,8 @@ def test_no_alarm_in_a_good_weld(rules):
                     controllers=[controller(ready=False, inhibited=True)],
                 )
             },
-            *("failover", "medium"),
+            "failover",
+            "medium",
         ),
         (
             {"state": state(interlocks=[lock("depth_high", "warn")])},
@@ -153,7 +154,8 @@ def test_no_alarm_in_a_good_weld(rules):
                     ]
                 ),
             },
-            *("sensor:torque", "medium"),
+            "sensor:torque",
+            "medium",
         ),
         ({"parts": gateway(connection="error")}, "machine", "high"),
         ({"parts": gateway(machine="error")}, "machine", "high"),
@@ -186,7 +188,8 @@ def test_no_alarm_in_a_good_weld(rules):
                 "parts": {"fsw_nmpc": {"a": Part("stale", "")}},
                 "state": state(controllers=[controller(ready=False, why="has left the graph")]),
             },
-            *("controller:nmpc", "low"),
+            "controller:nmpc",
+            "low",
         ),
         (
             {"parts": {"fsw_plant": {"a": Part("stale", "")}}, "tick_age_s": 9.0},
@@ -228,7 +231,8 @@ def test_no_alarm_in_a_good_weld(rules):
                 "values": {"temperature_c": 911.0, "reference_temperature_c": 911.0},
                 "state": state(interlocks=[lock("temperature_high", "trip")]),
             },
-            *("interlock:temperature_high", "high"),
+            "interlock:temperature_high",
+            "high",
         ),
     ],
 )

@@ -14,14 +14,16 @@ _USER = {
     "BadUserSignatureInvalid",
 }
 _OWN_CERTIFICATE = {
-    *(
-        "BadCertificateUntrusted",
-        "BadCertificateInvalid",
-        "BadCertificateTimeInvalid",
-        "BadCertificateUriInvalid",
-    ),
-    *("BadCertificateUseNotAllowed", "BadCertificateChainIncomplete", "BadCertificateRevoked"),
-    *("BadSecurityChecksFailed", "BadCertificateHostNameInvalid", "BadSecurityModeRejected"),
+    "BadCertificateUntrusted",
+    "BadCertificateInvalid",
+    "BadCertificateTimeInvalid",
+    "BadCertificateUriInvalid",
+    "BadCertificateUseNotAllowed",
+    "BadCertificateChainIncomplete",
+    "BadCertificateRevoked",
+    "BadSecurityChecksFailed",
+    "BadCertificateHostNameInvalid",
+    "BadSecurityModeRejected",
 }
 
 

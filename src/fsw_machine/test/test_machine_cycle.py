@@ -42,8 +42,14 @@ def test_a_change_is_seen_soon_and_with_few_reads(phase_s, drift, jitter_s):
 def test_every_change_counts_once():
     tracker = CycleTracker(PERIOD_S)
     assert [tracker.see(value, i / 10) for i, value in enumerate([7, 7, 8, 8, 11, 11, 3, 4])] == [
-        *(0, None, 1, None),
-        *(3, None, 0, 1),
+        0,
+        None,
+        1,
+        None,
+        3,
+        None,
+        0,
+        1,
     ]
     assert (tracker.skipped, tracker.restarts) == (2, 1)
 

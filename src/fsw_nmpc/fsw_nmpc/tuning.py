@@ -69,8 +69,21 @@ class EstimatorTuning(Model):
     exceeds this; 0: never"""
 
     start_deviation: Annotated[Many[NonNegativeFloat], Field(min_length=15, max_length=15)] = (
-        *(5e-3, 1e-3, 0.5, 0.2, 2.0),
-        *(0.2, 0.15, 5e-3, 1e-3, 0.15, 1e-4, 1e-2, 0.2, 0.3, 0.4),
+        5e-3,
+        1e-3,
+        0.5,
+        0.2,
+        2.0,
+        0.2,
+        0.15,
+        5e-3,
+        1e-3,
+        0.15,
+        1e-4,
+        1e-2,
+        0.2,
+        0.3,
+        0.4,
     )
     """standard deviations at the start, in the order of `fsw_state`: creep, slow, copper, tool,
     motor, force, heat, torque scale, offsets, their rates, depth gain, thermal gain, delay"""

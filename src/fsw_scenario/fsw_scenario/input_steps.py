@@ -15,8 +15,14 @@ from fsw_schema.models import Many, Model, content_of, problem, read_text, shipp
 from fsw_schema.ranges import Range
 
 COLUMNS = (
-    *("time_s", "depth_mm", "temperature_c", "motor_torque_nm", "process_torque_nm", "power_kw"),
-    *("force_kn", "speed_rpm"),
+    "time_s",
+    "depth_mm",
+    "temperature_c",
+    "motor_torque_nm",
+    "process_torque_nm",
+    "power_kw",
+    "force_kn",
+    "speed_rpm",
 )
 _SHIPPED = Path(__file__).parent / "events"
 #: simulated time after the last event by default

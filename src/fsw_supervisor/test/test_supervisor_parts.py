@@ -94,7 +94,11 @@ def test_rounding_of_the_unit_conversion_is_no_violation():
 def test_each_pair_of_mode_and_trigger_leads_to_one_mode():
     assert len({(row.source, row.trigger) for row in TRANSITIONS}) == len(TRANSITIONS)
     assert {row.trigger for row in TRANSITIONS} == set(Cause) - {
-        *(Cause.STARTED, Cause.UNKNOWN, Cause.SWAP_REQUESTED, Cause.SWAP_FAILED, Cause.SWAP_BACK)
+        Cause.STARTED,
+        Cause.UNKNOWN,
+        Cause.SWAP_REQUESTED,
+        Cause.SWAP_FAILED,
+        Cause.SWAP_BACK,
     }
     assert next_mode(Mode.SAFE_STOP, Cause.CONTROLLER_BACK) is None
     leaving = {row.trigger for row in TRANSITIONS if row.source is Mode.SAFE_STOP}

@@ -13,19 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 _QEMU_M7 = [
-    *(
-        "qemu-system-arm",
-        "-M",
-        "mps2-an500",
-        "-display",
-        "none",
-        "-monitor",
-        "none",
-        "-serial",
-        "none",
-    ),
-    *("-icount", "shift=0", "-semihosting-config"),
-    *("enable=on,target=native,arg=fsw_example,arg=vectors/weld.csv", "-kernel"),
+    "qemu-system-arm",
+    "-M",
+    "mps2-an500",
+    "-display",
+    "none",
+    "-monitor",
+    "none",
+    "-serial",
+    "none",
+    "-icount",
+    "shift=0",
+    "-semihosting-config",
+    "enable=on,target=native,arg=fsw_example,arg=vectors/weld.csv",
+    "-kernel",
 ]
 #: instructions of QEMU's virtual time (1 ns each) in a tick of the board's clock (25 MHz)
 _PER_TICK = 40

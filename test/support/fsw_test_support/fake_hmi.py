@@ -69,24 +69,20 @@ def weld_row(time_s: float) -> list[float]:
     torque = 1065.0 + 6.0 * math.sin(time_s / 5.0)
     power = torque * speed * 2.0 * math.pi / 60_000.0
     return [
-        *(
-            time_s,
-            depth,
-            temperature,
-            torque,
-            force,
-            speed,
-            power,
-            aim,
-            816.4,
-            force + 0.1,
-            speed + 0.3,
-        ),
-        *(
-            14.0 + math.sin(time_s),
-            9.0 + 2.0 * math.sin(time_s / 3.0),
-            143.0 * min(time_s / 600.0, 1.0),
-        ),
+        time_s,
+        depth,
+        temperature,
+        torque,
+        force,
+        speed,
+        power,
+        aim,
+        816.4,
+        force + 0.1,
+        speed + 0.3,
+        14.0 + math.sin(time_s),
+        9.0 + 2.0 * math.sin(time_s / 3.0),
+        143.0 * min(time_s / 600.0, 1.0),
     ]
 
 
