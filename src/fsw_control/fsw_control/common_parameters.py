@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from typing import Annotated, Any, cast
 
 from pydantic import Field, create_model, model_validator
@@ -157,6 +158,7 @@ class ControllerParameters(NodeParameters):
     validity: type(CONTROLLER_VALIDITY) = CONTROLLER_VALIDITY  # type: ignore[valid-type]
 
 
+@cache
 def hosted(own: ParameterModel) -> type[NodeParameters]:
     """Parameters of a controller's node: its own and those of every controller node."""
     if own is None:

@@ -99,8 +99,8 @@ def _specs(group: Model, prefix: str, read_only: bool) -> Iterator[ParameterSpec
 
 
 def defaults(model: ParameterModel) -> dict[str, Any]:
-    """Default value of every parameter."""
-    return {name: spec.default for name, spec in describe(model).items()}
+    """Default value of every parameter; unlike :func:`describe` it reads no source file."""
+    return {} if model is None else dict(_flat(model(), ""))
 
 
 def validate(model: ParameterModel, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -112,7 +112,7 @@ def validate(model: ParameterModel, values: Mapping[str, Any]) -> dict[str, Any]
         When a name is unknown, a value does not fit, or values contradict each other; the message
         names parameter, value and what is allowed.
     """
-    require_known(describe(model), values)
+    require_known(defaults(model), values)
     if model is None:
         return {}
     nested: dict[str, Any] = {}
