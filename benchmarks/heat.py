@@ -30,11 +30,10 @@ from report import parser, save, show
 
 from fsw_analysis.report import templates
 from fsw_campaign.definition import load
-from fsw_control.parameters import describe
 from fsw_identification.heat_learning import learn
 from fsw_lab.learn_command import model_text
 from fsw_model import nominal
-from fsw_plant.parameters import PlantParameters
+from fsw_plant.parameters import Actuators
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all
@@ -165,7 +164,7 @@ def profiles_of(pool, kinds, whole, folder):
     tasks = [Task(kind, canister, "nmpc:default") for kind in kinds for canister in TAUGHT]
     tasks += [Task(0, TAUGHT[0], "nmpc:default", WHOLE_DEG)] if whole else []
     signals = list(pool.map(taught, tasks))
-    known = partial(learn, drive_lag_s=describe(PlantParameters)["actuators.lag_s"].default)
+    known = partial(learn, drive_lag_s=Actuators().lag_s)
     profiles, models = {}, {}
     for i, kind in enumerate(kinds):
         of_kind = signals[i * len(TAUGHT) : (i + 1) * len(TAUGHT)]

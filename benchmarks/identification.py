@@ -48,7 +48,7 @@ from fsw_identification.simulation import DEPTH, OUTPUTS, respond
 from fsw_identification.summary import Summary, disturbances, remarks
 from fsw_identification.weld_data import prepare
 from fsw_model import nominal
-from fsw_plant.parameters import PlantParameters
+from fsw_plant.parameters import Actuators, PlantParameters
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
 from fsw_scenario.scenario_file import content_of, parse, text_of
@@ -128,7 +128,7 @@ def one(job):
     index, factors, event, name = job
     signals = welded(name, {"seed": index + 1, **factors}, event)
     began = time.process_time()
-    fit = identify(prepare(signals, describe(PlantParameters)["actuators.lag_s"].default).segments)
+    fit = identify(prepare(signals, Actuators().lag_s).segments)
     seconds = time.process_time() - began
     moved = (
         abs(signals.truth.depth_mm - DEPTH_MM).max(),
@@ -344,7 +344,7 @@ def foreign(index):
         )
         for content, more in ((heat, [f"plant.seed={index + 1}"]), (other, ["plant.noise=false"]))
     ]
-    lag_s = describe(PlantParameters)["actuators.lag_s"].default
+    lag_s = Actuators().lag_s
     taught, judged = (prepare(weld.run(), lag_s).segments for weld in welds)
     free, steady = (
         over_the_papers(judged, identify(taught, steady=how), SETTLED_TICKS)
@@ -422,7 +422,7 @@ def sensed(job):
     disturbances and whether one is about whiteness, lag and correlation times found, seconds.
     """
     index, factors, kind = job
-    lag_s = describe(PlantParameters)["actuators.lag_s"].default
+    lag_s = Actuators().lag_s
     sensors, event = SENSING.get(kind, {}), None
     if kind == DISTURBED:
         sensors, event = SENSING["correlated 1 s"], disturbance(index)

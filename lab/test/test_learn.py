@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 import fsw
+from fsw.bags import data_sha256
 from fsw.main import main
-from fsw_lab.learn_command import digest
 from fsw_model import ModelParameters
 from fsw_model.heat_profile import HeatProfile, ThermalModel
 from fsw_nmpc import NmpcController
@@ -47,7 +47,7 @@ def test_a_later_weld_takes_what_earlier_ones_taught(folder, capsys):
     assert main(["learn", *map(str, bags), "--type", "way"]) == 0
     profile = HeatProfile.from_file(folder / "way.heat.yaml")
     assert [source.weld for source in profile.welds] == ["C1", "C2"]
-    assert [source.sha256 for source in profile.welds] == [digest(one) for one in bags]
+    assert [source.sha256 for source in profile.welds] == [data_sha256(one) for one in bags]
     model = ModelParameters.from_file(folder / "way.model.yaml")
     assert ThermalModel.of(model) == profile.model
     (folder / "way.yaml").write_text(yaml.safe_dump(WAY), encoding="utf-8")
@@ -73,4 +73,8 @@ def test_a_weld_without_a_way_teaches_nothing(folder, capsys):
 def test_digest_is_of_the_data_alone(folder):
     (folder / "a.mcap").write_bytes(b"data")
     (folder / "record.json").write_bytes(b"later")
-    assert digest(folder) == hashlib.sha256(b"data").hexdigest() == digest(folder / "a.mcap")
+    assert (
+        data_sha256(folder)
+        == hashlib.sha256(b"data").hexdigest()
+        == data_sha256(folder / "a.mcap")
+    )

@@ -13,12 +13,12 @@ from fsw_control.weld import TICK_S
 from fsw_export.choice import Choice
 from fsw_export.fmu_description import Content, Variable, output, parameter, real, source
 from fsw_export.templates import render
-from fsw_model import ModelParameters, ProcessModel, equations
+from fsw_model import ModelParameters, equations
 from fsw_model.c_code import c_text
 from fsw_plant import PlantEmulator, config
 from fsw_plant.library import KERNEL, model_of
 from fsw_plant.parameters import PlantParameters
-from fsw_plant.process import reduced
+from fsw_plant.process import process_model, reduced
 
 #: parameters of the plant that the FMU has as its own
 _FIXED = ("start.depth_mm", "start.temperature_c")
@@ -71,7 +71,7 @@ def plant(choice: Choice) -> Content:
     require_known(specs, choice.parameters)
     chosen = config.PlantConfig.from_values(choice.parameters)
     emulator = PlantEmulator(chosen)  # checks the start
-    start = emulator.applied if on_canister else ProcessModel(chosen.model).equilibrium()
+    start = emulator.applied if on_canister else process_model(chosen.model).equilibrium()
     variables: list[Variable] = [
         real("force_kn", "Commanded axial force, held during a step", "kN", start.force_kn),
         real("speed_rpm", "Commanded spindle speed, held during a step", "rpm", start.speed_rpm),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import hashlib
 import sys
 import time
 from dataclasses import replace
@@ -15,7 +14,7 @@ import yaml
 
 import fsw
 from fsw import __version__
-from fsw.bags import read_weld
+from fsw.bags import data_sha256, read_weld
 from fsw.command import GRAPH, command, file, number, option, switch
 from fsw.console import program
 from fsw.errors import SHOWN, CommandError
@@ -317,10 +316,7 @@ class Work:
 
     def _origin(self, source: Path) -> str:
         """Comment that says where a file is from: what it was made of, its hash, when and by which software."""
-        found = hashlib.sha256()
-        for path in sorted(source.glob("*.mcap")) if source.is_dir() else [source]:
-            found.update(path.read_bytes())
-        of = f"{source.name}, SHA-256 {found.hexdigest()}"
+        of = f"{source.name}, SHA-256 {data_sha256(source)}"
         return f"# Origin: {of}; {_now()}, fsw-control {__version__}, {program()} commission.\n"
 
 

@@ -9,13 +9,12 @@ import numpy as np
 
 from fsw.checked import checked
 from fsw.welds import Weld, read_bag
-from fsw_control.parameters import describe
 from fsw_identification import estimation, model_file, summary
 from fsw_identification.friction import from_air
 from fsw_identification.summary import Summary
 from fsw_identification.weld_data import prepare
 from fsw_model import ModelParameters
-from fsw_plant.parameters import PlantParameters
+from fsw_plant.parameters import Actuators
 from fsw_schema.models import InputError
 
 
@@ -89,11 +88,7 @@ def identify(
     >>> abs(found.parameters.thermal_gain_c_per_kw / (1.2 * 18.1) - 1.0) < 0.03
     True
     """
-    lag_s = (
-        describe(PlantParameters)["actuators.lag_s"].default
-        if drive_lag_s is None
-        else drive_lag_s
-    )
+    lag_s = Actuators().lag_s if drive_lag_s is None else drive_lag_s
     if not welds:
         raise InputError("identify: needs at least one weld, or its bag")
     if not 0.0 <= lag_s < np.inf:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from math import inf
 from pathlib import Path
 
 import fsw
@@ -15,16 +14,22 @@ from fsw.outputs import check_new, new_folder, write_text
 from fsw.progress import ProgressBar
 from fsw.welds import Weld
 from fsw_analysis.changes import cut_to_scenario
-from fsw_control.parameters import describe
 from fsw_identification import report, summary
 from fsw_model import ModelParameters, ParameterCovariance
-from fsw_plant.parameters import PlantParameters
+from fsw_plant.parameters import Actuators
+from fsw_schema.models import range_of
 from fsw_schema.ranges import Range
 from fsw_tuning.identification_design import SAFE_C, SAFE_MM, propose
 
 #: lengths of an experiment that can be proposed, and the default
 _EXPERIMENT_S, _DURATION_S = Range(60.0, 1800.0, "s"), 300.0
-_LAG = describe(PlantParameters)["actuators.lag_s"]
+DRIVE_LAG = number(
+    "--drive-lag",
+    "S",
+    range_of(Actuators, "lag_s"),
+    "time constant of the drives (default %(default)s s, the emulator's)",
+    Actuators().lag_s,
+)
 
 
 @command(
@@ -37,13 +42,7 @@ _LAG = describe(PlantParameters)["actuators.lag_s"]
     file("--air", "run in air at several speeds, to identify the friction (23)", "BAG"),
     file("--report", "write report.html and report.png into this folder", "DIR"),
     file("--model", "model to start from (default: the paper's)"),
-    number(
-        "--drive-lag",
-        "S",
-        Range(*(_LAG.range or (0.0, inf)), "s"),
-        "time constant of the drives (default %(default)s s, the emulator's)",
-        _LAG.default,
-    ),
+    DRIVE_LAG,
     switch(
         "--steady",
         "take disturbances as constant: without drifts and shifts all that is slow is the process's",

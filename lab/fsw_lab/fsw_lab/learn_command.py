@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import hashlib
 from pathlib import Path
 
-from fsw.bags import read_weld
-from fsw.command import FORCE, command, file, number, option, switch
+from fsw.bags import data_sha256, read_weld
+from fsw.command import FORCE, command, file, option, switch
 from fsw.console import print_table
 from fsw.outputs import check_new, write_text
 from fsw.progress import ProgressBar
 from fsw_analysis.changes import cut_to_scenario
-from fsw_control.parameters import describe
 from fsw_identification.heat_learning import Learned, learn
+from fsw_lab.identify_command import DRIVE_LAG
 from fsw_model import ModelParameters
-from fsw_plant.parameters import PlantParameters
-from fsw_recorder.bag_reader import SUFFIXES
-from fsw_schema.ranges import Range
-
-_LAG = describe(PlantParameters)["actuators.lag_s"]
-_BLOCK = 1 << 20
 
 
 @command(
@@ -32,13 +25,7 @@ _BLOCK = 1 << 20
     file("--model-out", "model file that belongs to it (YAML; default NAME.model.yaml)"),
     file("--model", "model of the process (default: the paper's)"),
     switch("--keep-model", "keep the copper's gain and lag and the dead time of the model"),
-    number(
-        "--drive-lag",
-        "S",
-        Range(*(_LAG.range or (0.0, float("inf"))), "s"),
-        "time constant of the drives (default %(default)s s, the emulator's)",
-        _LAG.default,
-    ),
+    DRIVE_LAG,
     FORCE,
     description="Find the heat into the copper beyond the spindle's power in each weld, by place, and write its "
     "mean with its standard deviation as a heat profile, and the model file with which the NMPC takes it.",
@@ -52,7 +39,9 @@ def learn_type(arguments: argparse.Namespace) -> int:
         if arguments.model is None
         else ModelParameters.from_file(arguments.model)
     )
-    welds = [(bag.name, digest(bag), cut_to_scenario(read_weld(bag))) for bag in arguments.bag]
+    welds = [
+        (bag.name, data_sha256(bag), cut_to_scenario(read_weld(bag))) for bag in arguments.bag
+    ]
     with ProgressBar("learning") as bar:
         learned = learn(
             welds, arguments.type, model, arguments.drive_lag, arguments.keep_model, bar
@@ -62,18 +51,6 @@ def learn_type(arguments: argparse.Namespace) -> int:
     write_text(model_out, model_text(learned))
     print(f"written: {out}, {model_out}")
     return 0
-
-
-def digest(bag: Path) -> str:
-    """SHA-256 of the data of a bag: of its file, or of the data files in its folder, in order of their names."""
-    whole = hashlib.sha256()
-    for path in sorted(bag.iterdir()) if bag.is_dir() else [bag]:
-        if bag.is_dir() and not path.name.endswith(SUFFIXES):
-            continue
-        with path.open("rb") as content:
-            while block := content.read(_BLOCK):
-                whole.update(block)
-    return whole.hexdigest()
 
 
 def model_text(learned: Learned) -> str:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +22,10 @@ from fsw_model import (
     ModelParameters,
     OperatingPointError,
     OutsideModelError,
-    ProcessModel,
     nominal,
 )
 from fsw_plant.library import KERNEL, model_of
+from fsw_plant.process import process_model
 from fsw_scenario.scenario import tick_of
 from fsw_tuning.standard_cases import CASES, DISTURBANCES, DURATION_S, REST, SET_POINTS, set_points
 
@@ -95,12 +94,6 @@ def simulate(
         if lib.fsw_plant_step(plant, model, (now.force_kn, now.speed_rpm), still):
             raise OutsideModelError(*plant.left)
     return np.array(rows)
-
-
-@lru_cache(maxsize=8)
-def process_model(parameters: ModelParameters) -> ProcessModel:
-    """The model of these parameters; it has no state, and takes a tenth of a second to make."""
-    return ProcessModel(parameters)
 
 
 def loop_response(

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from fsw_decentral import Gains, tunings
 from fsw_model import ModelParameters, OperatingPointError, nominal
-from fsw_tuning.decentral_loop import errors, noise_moves, process_model, sensitivity
+from fsw_plant.process import process_model
+from fsw_tuning.decentral_loop import errors, noise_moves, sensitivity
 from fsw_tuning.standard_cases import REST
 
 Vector = NDArray[np.float64]

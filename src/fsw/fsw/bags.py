@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -13,9 +14,12 @@ from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.messages import WeldMessages
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import WeldSignals
+from fsw_recorder.bag_reader import SUFFIXES
 
 #: help text of a bag argument if damaged bags are accepted
 DAMAGED_TOO = "bag folder or file (MCAP, sqlite3; intact, truncated or damaged)"
+#: bytes that are hashed at once
+_BLOCK = 1 << 20
 
 
 BAG = group("bag", "inspect recorded welds", "Inspect recorded welds.")
@@ -30,6 +34,18 @@ def print_notes(notes: Iterable[str]) -> None:
     """Report problems of a bag on stderr, separate from the result."""
     for note in notes:
         print(f"note: {note}", file=sys.stderr)
+
+
+def data_sha256(bag: Path) -> str:
+    """SHA-256 of a file, or of the data files in a bag's folder in the order of their names."""
+    whole = hashlib.sha256()
+    for path in sorted(bag.iterdir()) if bag.is_dir() else [bag]:
+        if bag.is_dir() and not path.name.endswith(SUFFIXES):
+            continue
+        with path.open("rb") as content:
+            while block := content.read(_BLOCK):
+                whole.update(block)
+    return whole.hexdigest()
 
 
 def read_weld(bag: Path) -> WeldSignals:
