@@ -176,11 +176,6 @@ class ProcessModel:
         """Outputs in a state under given inputs."""
         return Outputs(*self._outputs(*state.x, force_kn, speed_rpm))
 
-    def with_history(self, power: Sequence[Power]) -> deque[Power]:
-        """Fit another model's power history to this one's length; repeats the oldest entry."""
-        kept = list(power)[-self.delay_steps :]
-        return deque([kept[0]] * (self.delay_steps - len(kept)) + kept)
-
     def equilibrium(
         self, depth_mm: float | None = None, temperature_c: float | None = None
     ) -> Equilibrium:

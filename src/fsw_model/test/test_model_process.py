@@ -217,16 +217,6 @@ def test_fast_pole_is_stable_in_one_step():
     assert np.all(np.abs(run["depth_mm"] - 2.66) < 1.0)
 
 
-def test_history_of_another_dead_time():
-    longer = ProcessModel(nominal().changed(dead_time_s=3.0))
-    history = [(float(i), 0.0, 0.0, 0.0) for i in range(28)]
-    assert list(longer.with_history(history)) == [history[0]] * 2 + history
-    assert (
-        list(ProcessModel(nominal().changed(dead_time_s=2.65)).with_history(history))
-        == history[1:]
-    )
-
-
 def test_simulate_input_contract():
     with pytest.raises(ValueError, match=r"2 forces .* 1 speeds"):
         MODEL.simulate([78.4, 78.4], [400.0])

@@ -466,3 +466,19 @@ def test_lockstep_repeats_an_unanswered_tick_in_time_and_at_once_for_a_new_write
 def test_a_plant_gives_up_later_than_a_standby_takes_over():
     values = defaults(PlantParameters)
     assert values["lockstep_give_up_s"] > 2.0 * 30.0 + values["lockstep_timeout_s"]
+
+
+@pytest.mark.parametrize("oldest", [0, 5])
+def test_history_of_another_dead_time(oldest):
+    history = [float(i) for i in range(28)]
+
+    def refitted(steps):
+        plant = KERNEL.new("fsw_plant")
+        plant.oldest = oldest
+        for age, power_kw in enumerate(history):
+            plant.power[(oldest + age) % len(history)][0] = power_kw
+        KERNEL.lib.fsw_plant_refit(plant, len(history), steps)
+        return [plant.power[(plant.oldest + age) % steps][0] for age in range(steps)]
+
+    assert refitted(30) == [history[0]] * 2 + history
+    assert refitted(27) == history[1:]
