@@ -47,9 +47,10 @@ def digest() -> str:
 
 @cache
 def versions() -> str:
-    """Versions of packages, and digests of the controllers' C sources and of the Python code around them."""
+    """Versions of packages, and digests of the C sources and of the Python code around them."""
     from fsw_decentral.library import KERNEL as DECENTRAL
     from fsw_nmpc.library import KERNEL as NMPC
+    from fsw_plant.library import KERNEL as PLANT
 
     try:
         own = version("fsw-control")
@@ -60,6 +61,7 @@ def versions() -> str:
         "code": digest(),
         "nmpc": NMPC.source_id(),
         "decentral": DECENTRAL.source_id(),
+        "plant": PLANT.source_id(),
     }
     found |= {name: version(name) for name in ("numpy", "casadi")} | {"python": python_version()}
     return ", ".join(f"{name} {value}" for name, value in found.items())
