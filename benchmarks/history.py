@@ -5,7 +5,7 @@ usage: history.py [--quick] [--json FILE] [--emulated COUNT] [--folder DIR] [--p
 FILE]
 
 Stable histories are normally distributed, or drawn from emulated welds, whose rows are kept in the
-folder, so an interrupted run goes on where it was.
+folder, so an interrupted run resumes where it stopped.
 """
 
 import json

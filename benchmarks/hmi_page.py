@@ -20,7 +20,7 @@ from report import parser, save, show
 from fsw_test_support.browser import chromium
 from fsw_test_support.fake_hmi import FakeHmi
 
-#: told to the page before its scripts run: note each tick's age when it is drawn, and what
+#: run in the page before its scripts: note each tick's age when it is drawn, and what
 #: handling it costs
 WATCH = """
 window.ages = []; window.busy = [];

@@ -113,7 +113,7 @@ _TUNINGS = ("conservative", "tight", "smith")
     switch("--yes", "yes to every step, for scripts; leaves after one that fails"),
     description=f"Lead through commissioning: {'; '.join(f'{name}: {step.text}' for name, step in STEPS.items())}. "
     "Every step is asked for: yes, no (refuse it and leave), quit, or the name of an earlier step to repeat. "
-    "With the same --out it goes on where it was left. Nothing moves without a yes; Ctrl-C aborts a weld.",
+    "With the same --out it resumes where it was left. Nothing moves without a yes; Ctrl-C aborts a weld.",
 )
 def commission(arguments: argparse.Namespace) -> int:
     for one in (
