@@ -21,7 +21,7 @@ def free_domain() -> Iterator[int]:
     """Reserve a ROS domain (20 to 100) on this machine while the context lasts.
 
     The reservation is the name of a local socket: the kernel ends it with its process, and no file
-    is left that would belong to a user. Each call of a process takes another domain, because killed
+    is left. Each call of a process takes another domain, because killed
     participants linger in theirs until their lease ends.
 
     Raises
