@@ -42,13 +42,7 @@ from fsw_scenario.scenario_file import load
 AIMS = {"offline_steps_per_s": 20_000, "graph_with_nmpc_steps_per_s": 200}
 SENSORS = set(SENSOR_TOPICS.values())
 #: of nodes whose start is timed by itself
-MODULES = {
-    "fsw_plant": "fsw_plant.plant_node",
-    "fsw_decentral": "fsw_decentral.decentral_node",
-    "fsw_nmpc": "fsw_nmpc.nmpc_node",
-    "fsw_supervisor": "fsw_supervisor.supervisor_node",
-    "fsw_recorder": "fsw_recorder.recorder_node",
-}
+NODES = ("plant", "decentral", "nmpc", "supervisor", "recorder")
 
 
 def offline_steps_per_s(name, repetitions):
@@ -86,9 +80,9 @@ def ten_hertz(name):
         free_domain() as domain,
         Launcher(Path(folder) / "log", domain) as launcher,
     ):
-        place, monitor = Path(folder) / "weld", {"monitor": "fsw_quality.monitor_node"}
+        place, controllers = Path(folder) / "weld", ("nmpc", "decentral")
         graph = WeldGraph(
-            load(name), place, ("nmpc", "decentral"), True, standby=True, companions=monitor
+            load(name), place, controllers, True, standby=True, companions=["monitor"]
         )
         began_s, spent = time.perf_counter(), []
 
@@ -142,12 +136,13 @@ def starts_s(repetitions):
         stay_on_this_machine(os.environ)
         rclpy.init(args=[])
         observer = rclpy.create_node("observer")
-        for node, module in MODULES.items():
+        for program in NODES:
+            node = f"fsw_{program}"
             bag = ["--ros-args", "-p", f"output:={folder}/bag"] if node == "fsw_recorder" else []
             times = []
             for _ in range(repetitions):
                 began_s = time.perf_counter()
-                launcher.start(node, module, bag)
+                launcher.start(node, program, bag)
                 launcher.wait_until(
                     lambda name=node: name in observer.get_node_names(), 60.0, node, [node]
                 )

@@ -6,8 +6,6 @@ from collections.abc import Callable
 from math import inf, nan
 from typing import Any
 
-from std_msgs.msg import String
-
 from fsw_control import messages_ros as convert
 from fsw_control.units import NANOSECONDS
 from fsw_msgs.msg import ShoulderDepth, WeldCommand, WeldReference
@@ -45,9 +43,4 @@ def nonsense(newest_ns: int) -> dict[str, tuple[Any, str, Callable[[int], Any]]]
         "proposal": (WeldCommand, "fsw/nmpc/proposal", commanded),
         "command": (WeldCommand, "fsw/command", commanded),
         "reference": (WeldReference, "fsw/reference", referred),
-        "switch": (
-            String,
-            "fsw/switch_request",
-            lambda number: String(data=("nobody", "", "x" * 5000)[number % 3]),
-        ),
     }

@@ -119,7 +119,7 @@ class FaultyGraph(Spinner):
 
     def __init__(self, parts: dict[str, str], folder: Path, domain: int) -> None:
         self.parts, self.has_machine = tuple(parts), "machine" in parts
-        self.floods = ("depth", "proposal", "command", "reference", "switch", "page")
+        self.floods = ("depth", "proposal", "command", "reference", "page")
         self._modules, self._folder = parts, folder
         self._launcher = Launcher(folder / "log", domain)
         self._context = Context()

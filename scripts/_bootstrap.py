@@ -206,8 +206,8 @@ def _on_interrupt(handler):
         signal.signal(signal.SIGINT, handler)
 
 
-def start(module, extras=()):
-    """Go on inside the project's environment and end with what the ``main`` of a module returns.
+def start(program, extras=()):
+    """Continue in the project's environment and exit with the result of a node or a module's ``main``.
 
     What commands and nodes need of extras is installed when they ask for it
     (``fsw_schema.extras``).
@@ -219,7 +219,11 @@ def start(module, extras=()):
             importlib.import_module("fsw_schema.extras").install = lambda extra: ensure(
                 extras=(extra,)
             )
-        main = importlib.import_module(module).main
+        path = f"{program}.main"
+        if "." not in program:
+            path = importlib.import_module("fsw_schema.extensions").program_path(program)
+        module, _, function = path.rpartition(".")
+        main = getattr(importlib.import_module(module), function)
         _on_interrupt(signal.default_int_handler)
         code = main()
         if sys.stdout is not None:  # closed by the parent process

@@ -212,8 +212,10 @@ def build_package(folder: Path, into: Path) -> None:
     Raises
     ------
     RuntimeError
-        If a definition is wrong, there is no compiler, or it fails.
+        If there is no definition, one is wrong, there is no compiler, or it fails.
     """
+    if not any(path for kind in KINDS for path in folder.glob(f"{kind}/*.{kind}")):
+        raise RuntimeError(f"{folder} defines no messages, services or actions")
     command = compiler()
     if command is None:
         raise RuntimeError("no C++ compiler")

@@ -34,6 +34,8 @@ BUDGETS = {
     ("core", "C"): 3_000,
     ("core", "JavaScript"): 2_000,
 }
+#: mode of a symbolic link in a tree of git
+_LINK = "120000"
 _NO_CODE = {
     tokenize.COMMENT,
     tokenize.NL,
@@ -80,14 +82,13 @@ def sources(revision: str) -> Iterator[tuple[str, str]]:
         for name in sorted(
             set(_git("ls-files", "-z", "-co", "--exclude-standard").decode().split("\0"))
         ):
-            if _counted(name) and (WORKSPACE / name).is_file():
-                yield name, (WORKSPACE / name).read_text(encoding="utf-8")
+            path = WORKSPACE / name
+            if _counted(name) and path.is_file() and not path.is_symlink():
+                yield name, path.read_text(encoding="utf-8")
         return
-    names = [
-        n
-        for n in _git("ls-tree", "-r", "-z", "--name-only", revision).decode().split("\0")
-        if _counted(n)
-    ]
+    entries = _git("ls-tree", "-r", "-z", revision).decode().split("\0")
+    files = (entry.partition("\t")[2] for entry in entries if not entry.startswith(_LINK))
+    names = [name for name in files if _counted(name)]
     answer = io.BytesIO(
         _git("cat-file", "--batch", input="".join(f"{revision}:{n}\n" for n in names).encode())
     )

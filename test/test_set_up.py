@@ -158,6 +158,17 @@ def test_built_package_is_laid_out_as_by_colcon(built):
     assert "msg/Reading.msg" in (index / "rosidl_interfaces" / "small_msgs").read_text().split()
 
 
+def test_a_folder_without_definitions_is_one_error_and_nothing_is_installed(tmp_path):
+    (tmp_path / "empty_msgs" / "msg").mkdir(parents=True)
+    for name in ("no_such_msgs", "empty_msgs"):
+        folder, prefix = tmp_path / name, tmp_path / "prefix"
+        script = str(SCRIPTS / "_interfaces.py")
+        command = [sys.executable, script, "--prefix", str(prefix), str(folder)]
+        ran = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+        assert (ran.returncode, ran.stdout, ran.stderr.count("\n")) == (1, "", 1)
+        assert str(folder) in ran.stderr and not prefix.exists()
+
+
 def test_a_definition_that_is_wrong_is_one_error(tmp_path):
     (tmp_path / "bad_msgs" / "msg").mkdir(parents=True)
     (tmp_path / "bad_msgs" / "msg" / "Bad.msg").write_text("float64 lower lower")

@@ -30,6 +30,7 @@ setup(
         ],
         "fsw.nodes": [
             "controller = fsw_scenario.controller_node:main",
+            "open_loop = fsw_scenario.open_loop_node:main",
             "procedure = fsw_scenario.procedure_node:main",
             "scenario = fsw_scenario.scenario_node:main",
         ],

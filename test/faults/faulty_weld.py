@@ -13,7 +13,6 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Temperature
-from std_msgs.msg import String
 
 from fsw_control import messages_ros as convert
 from fsw_control import units, weld
@@ -29,7 +28,7 @@ from fsw_msgs.msg import (
     WeldCommand,
     WeldReference,
 )
-from fsw_msgs.srv import SetFault
+from fsw_msgs.srv import SetFault, SwitchController
 from fsw_test_support.ros_graph import Spinner
 
 MODULES = {
@@ -165,7 +164,7 @@ class Weld(Spinner):
             Temperature, "fsw/thermocouple", self.on_measurement, QoSProfile(depth=1)
         )
         self.references = node.create_publisher(WeldReference, "fsw/reference", LATEST)
-        self.requests = node.create_publisher(String, "fsw/switch_request", 10)
+        self.switching = node.create_client(SwitchController, "fsw/switch_controller")
         self.proposals = node.create_publisher(WeldCommand, "fsw/rogue/proposal", 10)
         self.statuses = node.create_publisher(ControllerStatus, "fsw/rogue/status", 10)
         self.faults = node.create_client(SetFault, "fsw/plant/set_fault")
@@ -312,7 +311,7 @@ class Weld(Spinner):
             nonlocal ask_s
             if time.monotonic() >= ask_s:
                 ask_s = time.monotonic() + 3.0
-                self.requests.publish(String(data=name))
+                self.switching.call_async(convert.switch_request(name, 5.0))
             return self.source() == name and self.states[-1].target_controller == name
 
         self.until(applied, what=f"the switch to {name}")

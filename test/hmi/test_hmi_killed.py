@@ -95,7 +95,7 @@ def test_each_process_that_is_killed_is_missed_and_one_that_is_back_is_not(launc
                 alarm(name, "shelved")
                 assert page.ask("unshelve", alarm=name)["outcome"] == "done"
                 again = launcher.children[process]
-                launcher.start(process, again.module, again.arguments)
+                launcher.start(process, again.program, again.arguments)
                 alarm(name, "cleared")
                 launcher.children[process].process.kill()
                 alarm(name, "active", count=2)

@@ -11,7 +11,6 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from builtin_interfaces.msg import Duration
-from std_msgs.msg import String
 from weld_under_test import Observer, WeldUnderTest, exit_codes, post_shutdown_test, stamp_ns
 
 from fsw_control.topics_ros import LATEST
@@ -46,14 +45,13 @@ class TestSwitching(unittest.TestCase):
         with Observer(domain) as eye:
             states = eye.listen(SupervisorState, "fsw/supervisor/state", LATEST)
             commands = eye.listen(WeldCommand, "fsw/command")
-            requests = eye.node.create_publisher(String, "fsw/switch_request", 10)
             eye.until(lambda: is_in_command(states, "decentral"), "decentral in command")
             answer = switch(eye, "nmpc")
             self.assertTrue(answer.ok, answer.message)
             eye.until(lambda: commands and commands[-1].source == "nmpc", "commands of nmpc")
             eye.until(lambda: is_in_command(states, "nmpc"), "nmpc in command")
-            eye.until(lambda: requests.get_subscription_count() > 0, "the supervisor listening")
-            requests.publish(String(data="decentral"))
+            answer = switch(eye, "decentral")
+            self.assertTrue(answer.ok, answer.message)
             eye.until(lambda: commands[-1].source == "decentral", "commands of decentral")
             eye.until(lambda: is_in_command(states, "decentral"), "decentral in command again")
         stamps = [stamp_ns(command) for command in commands]

@@ -97,7 +97,7 @@ def weld(arguments: argparse.Namespace, text: str, bag: Path, guard: Guard) -> N
     ]
     with Launcher(bag.parent / "log", domain) as launcher:
         words = ["--ros-args", "-p", f"output:={bag}", *names]
-        launcher.start("recorder", "fsw_recorder.recorder_node", words)
+        launcher.start("recorder", "recorder", words)
         why, outcome = welded(arguments, text, guard, launcher)
         code = launcher.stop("recorder")["recorder"]
     if outcome is None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fsw.checked import checked
+from fsw.arguments import validated
 from fsw.welds import Weld, read_bag
 from fsw_identification import estimation, model_file, summary
 from fsw_identification.friction import from_air
@@ -46,7 +46,7 @@ class Identified(Summary):
         return "\n".join([*lines, *summary.remarks(self)])
 
 
-@checked
+@validated
 def identify(
     *welds: Weld | str | Path,
     validate: Weld | str | Path | None = None,

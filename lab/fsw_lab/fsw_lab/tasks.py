@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fsw.checked import checked
+from fsw.arguments import validated
 from fsw.processes import Model
 from fsw.welds import Progress
 from fsw_campaign import definition
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from fsw_export.fmu_description import Content
 
 
-@checked
+@validated
 def tune(
     controller: str,
     model: Model | str | Path | None = None,
@@ -76,7 +76,7 @@ def tune(
     return dict(search(known[controller], parameters, evaluations, progress))
 
 
-@checked
+@validated
 def campaign(
     source: str | Path,
     folder: str | Path,
@@ -142,7 +142,7 @@ def _choice(
     return Choice(unit, model_file, tuning_file, dict(values or {}))
 
 
-@checked
+@validated
 def export_c(
     controller: str,
     folder: str | Path,
@@ -189,7 +189,7 @@ def export_c(
     )
 
 
-@checked
+@validated
 def export_fmu(
     unit: str,
     file: str | Path,
@@ -198,7 +198,7 @@ def export_fmu(
     tuning: str | Path | None = None,
     parameters: Mapping[str, Any] | None = None,
     replace: bool = False,
-    platforms: tuple[str, ...] = (),
+    platforms: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Content:
     """Write ``plant``, ``nmpc`` or ``decentral`` as an FMU (FMI 2.0, co-simulation). Needs extra ``fmu``.
@@ -224,5 +224,5 @@ def export_fmu(
             (lambda share, _: progress(share)) if progress else None,
         )
     content = fmu.make(choice)
-    fmu.write(content, Path(file), replace, platforms)
+    fmu.write(content, Path(file), replace, tuple(platforms))
     return content

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fsw.checked import checked
+from fsw.arguments import validated
 from fsw.welds import Progress
 from fsw_quality.comparison import accepted_before, compare
 from fsw_quality.record_content import Record
 from fsw_scenario import procedure as procedures
 
 
-@checked
+@validated
 def record(
     bag: str | Path,
     procedure: str | Path,

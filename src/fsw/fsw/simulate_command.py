@@ -214,7 +214,7 @@ def _record(
     nodes = {name: parameters.get(name, {}) for name in scenario.controllers}
     if not scenario.open_loop:
         nodes[name_of(label)] = nodes[name_of(label)] | variant_of(label)
-    companions = {"procedure": "fsw_scenario.procedure_node"} if by_procedure else {}
+    companions = ["procedure"] if by_procedure else []
     derived = dict(by_procedure)
     if identity:
         derived["fsw_recorder"] = {

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fsw.checked import checked
+from fsw.arguments import validated
 from fsw_analysis import kpi, kpi_table
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.export import Column, export_weld, weld_table
@@ -72,7 +72,7 @@ class Weld:
     ['reference_depth_mm', 'reference_temperature_c']
     """
 
-    @checked
+    @validated
     def __init__(self, label: str, signals: WeldSignals) -> None:
         self.label = label
         self.signals = signals
@@ -136,12 +136,12 @@ class Weld:
                 found[name].attrs["units"] = unit
         return found
 
-    @checked
+    @validated
     def to_csv(self, path: str | Path) -> None:
         """Write all signals as a table; fsw_recorder.errors.BagError if that fails."""
         export_weld(self.signals, Path(path))
 
-    @checked
+    @validated
     def plot(self, number: int | None = None) -> Figure:
         """Draw an overview, or a figure like the paper's 4 to 9.
 
@@ -193,7 +193,7 @@ class Comparison(dict[str, Weld]):
         ]
         return pandas.DataFrame(flat).set_index("label")
 
-    @checked
+    @validated
     def plot(self, number: int | None = None) -> Figure:
         """Draw all welds into an overview, or a figure like the paper's 4 to 9."""
         return _figure(list(self.values()), number)
@@ -227,7 +227,7 @@ def _figure(welds: Sequence[Weld], number: int | None) -> Figure:
     return page([Run(weld.label, weld.signals) for weld in welds], number)
 
 
-@checked
+@validated
 def simulate(
     scenario: str | Path,
     controller: str | Controller | None = None,
@@ -365,7 +365,7 @@ def closed_loop(
     return "open loop" if scenario.open_loop else short(label), loop
 
 
-@checked
+@validated
 def compare(
     scenario: str | Path, controllers: Sequence[str | Controller] = tuple(OURS), **options: Any
 ) -> Comparison:
@@ -393,7 +393,7 @@ def compare(
     return found
 
 
-@checked
+@validated
 def read_bag(bag: str | Path, label: str | None = None, progress: Progress | None = None) -> Weld:
     """A recorded weld, cut to its scenario's length; ``signals.problems`` has the bag's problems.
 

@@ -26,8 +26,8 @@ from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from fsw_scenario.controllers import program, variants_of
-from fsw_scenario.graph import STANDBY, WeldGraph, for_standby
+from fsw_scenario.controllers import variants_of
+from fsw_scenario.graph import ONCE, STANDBY, Process, WeldGraph, for_standby
 from fsw_scenario.launcher import ABORTED, REFUSED, RESPAWN_DELAY_S
 from fsw_scenario.procedure import check_signed
 from fsw_scenario.procedure import shipped as procedures
@@ -140,19 +140,24 @@ def weld(context: LaunchContext) -> list[Any]:
     folder = Path(launch_config.log_dir)
     scenario = _scenario(arguments["scenario"], controllers[0])
     machine = _machine_file(arguments["machine"], speed, scenario)
-    if scenario is None:
-        parameters = _parameters_by_hand(variants, record, standby, speed)
-    else:
-        graph = WeldGraph(
-            scenario,
-            folder,
-            controllers,
-            realtime=speed is None,
-            record=record,
-            parameters=variants,
-        )
-        controllers = graph.all_controllers
-        parameters = _parameters_of_scenario(graph, scenario, folder, speed)
+    companions = [name for name in ("monitor", "hmi") if arguments[name] in TRUE]
+    graph = WeldGraph(
+        scenario,
+        folder,
+        controllers,
+        realtime=speed is None,
+        record=record,
+        standby=standby,
+        parameters=variants,
+        companions=[*companions, *(["procedure"] if arguments["procedure"] else [])],
+        machine=bool(machine),
+        speed=speed or 0.0,
+    )
+    parameters = graph.parameter_file(folder / "scenario.yaml")
+    parameters.pop(STANDBY, None)  # it gets those of the first, from whatever file
+    parameters["fsw_recorder"]["ros__parameters"].pop("output", None)
+    if scenario is not None:
+        (folder / "scenario.yaml").write_text(scenario.text, encoding="utf-8")
     if arguments["bag_dir"]:
         _record_into(Path(arguments["bag_dir"]).expanduser(), record, parameters)
     if machine:
@@ -172,30 +177,22 @@ def weld(context: LaunchContext) -> list[Any]:
     _by_procedure(arguments, parameters, clock)
     node = _Nodes(arguments, _write(folder / "weld_parameters.yaml", parameters))
 
-    actions = _beside_the_weld(node, arguments)
-    if machine:
-        actions.append(node("fsw_machine", "machine", **_respawn()))
-    else:
-        actions.append(
-            node("fsw_plant", "plant", on_exit=[Shutdown(reason="the plant has ended")])
-        )
-    for package, executable, words in map(program, controllers):
-        actions.append(node(package, executable, arguments=words, **_respawn()))
-    actions.append(node("fsw_supervisor", "supervisor", **_respawn()))
-    if standby:
-        actions.append(node.standby(**_respawn()))
-    if scenario is not None:
-        actions.append(
-            node("fsw_scenario", "scenario", on_exit=_after_player(realtime=speed is None))
-        )
-    else:
-        actions.append(node("fsw_scenario", "scenario", **_respawn()))
     return [
         LogInfo(
-            msg=f"weld with {', '.join(controllers)}; parameters and scenario are in {folder}"
+            msg=f"weld with {', '.join(graph.all_controllers)}; "
+            f"parameters and scenario are in {folder}"
         ),
-        *actions,
+        *(node(process, **_end_of(process, graph)) for process in graph.processes),
     ]
+
+
+def _end_of(process: Process, graph: WeldGraph) -> dict[str, Any]:
+    """Options of a node for its end: it ends the launch, or the node is started again."""
+    if process.name not in ONCE or (process.name == "scenario" and graph.scenario is None):
+        return _respawn()
+    if process.name == "scenario":
+        return {"on_exit": _after_player(graph.realtime)}
+    return {"on_exit": [Shutdown(reason="the plant has ended")]}
 
 
 def _model(arguments: dict[str, str]) -> dict[str, str]:
@@ -213,17 +210,6 @@ def _record_into(bag: Path, record: bool, parameters: dict[str, Any]) -> None:
             f"bag_dir: {bag} exists already; choose another folder or remove this one"
         )
     parameters["fsw_recorder"]["ros__parameters"] |= {"output": str(bag), "number_if_taken": True}
-
-
-def _beside_the_weld(node: _Nodes, arguments: dict[str, str]) -> list[Any]:
-    """Nodes that record, watch and show the weld, as far as they are wanted."""
-    wanted = {
-        "recorder": arguments["record"] in TRUE,
-        "monitor": arguments["monitor"] in TRUE,
-        "procedure": bool(arguments["procedure"]),
-        "hmi": arguments["hmi"] in TRUE,
-    }
-    return [node(_package_of(name), name, **_respawn()) for name, on in wanted.items() if on]
 
 
 def _package_of(program: str) -> str:
@@ -280,30 +266,30 @@ class _Nodes:
                 raise RuntimeError(f"params_file: there is no file {file}")
             self._files.append(str(file))
 
-    def standby(self, **options: Any) -> Node:
-        """The second supervisor; it has the parameters of the first, whatever file they come from."""
+    def __call__(self, process: Process, **options: Any) -> Node:
+        parameters: list[Any] = self._files
+        if process.name == "standby":
+            options |= {"name": STANDBY, "exec_name": "standby"}
+            parameters = [*self._files_of_standby(), {"standby": True}]
+        return Node(
+            package=_package_of(process.node),
+            executable=process.node,
+            arguments=list(process.words),
+            namespace=self._namespace,
+            parameters=parameters,
+            ros_arguments=["--log-level", self._log_level],
+            output="screen",
+            **options,
+        )
+
+    def _files_of_standby(self) -> list[str]:
+        """Parameters of the first supervisor, whatever file they come from."""
         files = []
         for number, file in enumerate(self._files):
             copy = self._folder / f"standby_parameters_{number}.yaml"
             copy.write_text(for_standby(Path(file).read_text(encoding="utf-8")), encoding="utf-8")
             files.append(str(copy))
-        program = ("fsw_supervisor", "supervisor")
-        return self(
-            *program, [*files, {"standby": True}], name=STANDBY, exec_name="standby", **options
-        )
-
-    def __call__(
-        self, package: str, program: str, parameters: list[Any] | None = None, **options: Any
-    ) -> Node:
-        return Node(
-            package=package,
-            executable=program,
-            namespace=self._namespace,
-            parameters=parameters or self._files,
-            ros_arguments=["--log-level", self._log_level],
-            output="screen",
-            **options,
-        )
+        return files
 
 
 def _scenario(source: str, controller: str) -> Scenario | None:
@@ -316,38 +302,6 @@ def _scenario(source: str, controller: str) -> Scenario | None:
         return parse(scenario.text, source, [f"controller={controller}"])
     except InputError as error:
         raise RuntimeError(f"scenario: {error}") from None
-
-
-def _parameters_by_hand(
-    controllers: dict[str, dict[str, str]], record: bool, standby: bool, speed: float | None
-) -> dict[str, Any]:
-    """Parameters without a scenario; the first tick waits for controllers, supervisors and recorder."""
-    nodes: dict[str, dict[str, Any]] = {
-        "fsw_plant": {"wait_for_subscribers": len(controllers) + 1 + standby + record},
-        "fsw_supervisor": {"controller": next(iter(controllers))},
-        "fsw_recorder": {},
-        "fsw_scenario": {"scenario": "", "wait_for_controllers": len(controllers)},
-    } | {f"fsw_{name}": {**values} for name, values in controllers.items()}
-    if speed is not None:
-        for name, values in nodes.items():
-            values |= (
-                {"clock": "simulated", "speed": speed}
-                if name == "fsw_plant"
-                else {"use_sim_time": True}
-            )
-    return {name: {"ros__parameters": values} for name, values in nodes.items()}
-
-
-def _parameters_of_scenario(
-    graph: WeldGraph, scenario: Scenario, folder: Path, speed: float | None
-) -> dict[str, Any]:
-    """Parameters of a scenario, whose text is written into ``folder``."""
-    (folder / "scenario.yaml").write_text(scenario.text, encoding="utf-8")
-    parameters: dict[str, Any] = graph.parameter_file(folder / "scenario.yaml")
-    if speed is not None:
-        parameters["fsw_plant"]["ros__parameters"]["speed"] = speed
-    parameters["fsw_recorder"]["ros__parameters"].pop("output")
-    return parameters
 
 
 def _by_procedure(

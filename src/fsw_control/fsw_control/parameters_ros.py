@@ -41,7 +41,7 @@ class ParameterValues:
         self._checks: list[Callable[[dict[str, Any]], str | None]] = []
         given = {name: _own_type(_declare(node, spec)) for name, spec in self._specs.items()}
         # checked together: a value given at start may contradict the default of another
-        self.values = validate(model, given)
+        self.values = self._checked = validate(model, given)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._accept)
 
@@ -56,26 +56,24 @@ class ParameterValues:
         """Add a check of all values before a change; it returns why not, or None to accept."""
         self._checks.append(check)
 
-    def _changed(self, parameters: list[Parameter]) -> dict[str, Any]:
-        """All values after a change, checked; those that are not declared here are ignored."""
-        own = {one.name: _own_type(one.value) for one in parameters if one.name in self._specs}
-        return validate(self._model, self.values | own) if own else self.values
-
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Check all values after a change; parameters that are not declared here are ignored."""
+        own = {one.name: _own_type(one.value) for one in parameters if one.name in self._specs}
         try:
-            values = self._changed(parameters)
+            values = validate(self._model, self.values | own) if own else self.values
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
         for check in self._checks:
             reason = check(values)
             if reason is not None:
                 return SetParametersResult(successful=False, reason=reason)
+        self._checked = values
         return SetParametersResult(successful=True)
 
-    def _accept(self, parameters: list[Parameter]) -> None:
-        values = self._changed(parameters)
-        if values is not self.values:
-            self.values = values
+    def _accept(self, _: list[Parameter]) -> None:
+        """Take over the values of the last check; rclpy checks every change before it sets it."""
+        if self._checked is not self.values:
+            self.values = self._checked
             for callback in self._callbacks:
                 callback(self.values)
 

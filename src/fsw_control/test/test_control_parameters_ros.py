@@ -6,9 +6,11 @@ from typing import Annotated, Literal
 import pytest
 import rclpy
 from pydantic import model_validator
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 
-from fsw_control.parameters import AT_START, NodeParameters
+from fsw_control import parameters_ros
+from fsw_control.parameters import AT_START, NodeParameters, validate
 from fsw_control.parameters_ros import ParameterValues
 from fsw_schema.errors import InputError
 from fsw_schema.models import Many, Whole
@@ -169,3 +171,34 @@ def test_bad_changes_leave_the_value(start, name, value):
     (result,) = node.set_parameters([Parameter(name, value=value)])
     assert not result.successful and result.reason
     assert values.values == before
+
+
+def test_a_change_is_validated_once(start, monkeypatch):
+    node, values = start()
+    calls = []
+
+    def counting(model, given):
+        calls.append(given["wait"])
+        return validate(model, given)
+
+    monkeypatch.setattr(parameters_ros, "validate", counting)
+    assert node.set_parameters([Parameter("wait", value=1.5)])[0].successful
+    assert calls == [1.5] and values["wait"] == 1.5
+
+
+def test_a_change_refused_by_another_callback_has_no_effect_on_the_next_one(start):
+    """Another callback may refuse a change that has been checked here, whatever their order."""
+    node, values = start()
+    seen = []
+    values.on_change(seen.append)
+
+    def refuse(parameters):
+        return SetParametersResult(successful=all(one.name != "wait" for one in parameters))
+
+    node._on_set_parameters_callbacks.append(refuse)  # rclpy's own method puts it first
+    node.declare_parameter("foreign", 1)
+    assert not node.set_parameters([Parameter("wait", value=1.5)])[0].successful
+    assert node.set_parameters([Parameter("foreign", value=2)])[0].successful
+    assert values["wait"] == 1.0 and seen == []
+    assert node.set_parameters([Parameter("count", value=2)])[0].successful
+    assert (values["wait"], values["count"]) == (1.0, 2) and len(seen) == 1

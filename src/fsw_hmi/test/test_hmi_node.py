@@ -193,9 +193,7 @@ def test_control_that_was_somebodys_when_the_server_was_killed_is_told_and_recor
 def test_node_alone_publishes_no_set_points_and_is_no_subscriber_that_a_plant_waits_for(
     graph, page
 ):
-    names = [
-        f"/fsw/{name}" for name in ("reference", "reference_plan", "command", "switch_request")
-    ]
+    names = [f"/fsw/{name}" for name in ("reference", "reference_plan", "command")]
     assert [name for name in names if graph.node.count_publishers(name)] == []
     wait_until(lambda: graph.drives.get_subscription_count() == 1, "the page at the drives")
     wait_until(

@@ -1,6 +1,6 @@
-"""Runs the ``main`` of a module as a child that ends with its parent, however that ends.
+"""Runs a function as a child process that ends with its parent, however that ends.
 
-usage: python -m fsw_scenario.child_process <parent's pid> <module> [arguments]
+usage: python -m fsw_scenario.child_process <parent's pid> <module>.<function> [arguments]
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ def end_with_parent(parent_pid: int) -> None:
 
 
 def main() -> int:
-    """Run the module named on the command line; returns the exit code."""
-    parent_pid, module, *arguments = sys.argv[1:]
+    """Run the function named on the command line; returns the exit code."""
+    parent_pid, path, *arguments = sys.argv[1:]
     end_with_parent(int(parent_pid))
-    sys.argv = [module, *arguments]
-    return Program(f"{module}.main")()
+    sys.argv = [path.rpartition(".")[0], *arguments]
+    return Program(path)()
 
 
 if __name__ == "__main__":

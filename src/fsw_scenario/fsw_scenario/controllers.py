@@ -122,13 +122,11 @@ def source_of(label: str) -> bytes:
     return b"" if name in OURS or file is None else Path(file).read_bytes()
 
 
-def program(name: str) -> tuple[str, str, list[str]]:
-    """Package, program and arguments to run a known controller as a node (``<program>_node``)."""
-    if name in OURS:
-        return OURS[name].partition(":")[0], name, []
-    if name == OpenLoopController.name:
-        return "fsw_scenario", name, []
-    return "fsw_scenario", "controller", [KNOWN[name_of(name)]]
+def program(name: str) -> tuple[str, tuple[str, ...]]:
+    """Node (entry point in ``fsw.nodes``) and arguments that run a known controller."""
+    if name in OURS or name == OpenLoopController.name:
+        return name, ()
+    return "controller", (KNOWN[name_of(name)],)
 
 
 def make(label: str, parameters: Mapping[str, Any] | None = None) -> Controller:

@@ -23,6 +23,8 @@ from fsw_schema.files import write_whole
 
 #: node name of the standby supervisor
 STANDBY = "fsw_supervisor_standby"
+#: processes that cannot be restarted during a weld, so that their end is its end
+ONCE = ("plant", "scenario")
 #: time limit for the first tick, and for the end after the scenario's duration
 _PATIENCE_S = 240.0
 #: time for which lockstep waits for controllers, so that a stalled machine gives the same weld
@@ -37,24 +39,35 @@ def for_standby(parameter_file: str) -> str:
     return _SUPERVISOR_SECTION.sub(rf"\g<1>{STANDBY}\g<2>", parameter_file)
 
 
+@dataclass(frozen=True, slots=True)
+class Process:
+    """A process of a weld graph."""
+
+    name: str
+    node: str  #: entry point in ``fsw.nodes``
+    words: tuple[str, ...] = ()  #: its first arguments
+
+
 @dataclass(slots=True)
 class WeldGraph:
-    """All processes of a scenario."""
+    """All processes of a weld and their parameters, for the launcher and for the launch file."""
 
-    scenario: Scenario
+    scenario: Scenario | None  #: None: control by hand
     #: for ``scenario.yaml``, ``parameters.yaml``, ``log/`` and, with ``record``, ``bag/``; created
     #: if necessary
     folder: Path
     controllers: Sequence[str] = ()  #: running controllers by name; the scenario's are added
-    realtime: bool = False  #: 10 Hz on the wall clock instead of lockstep
+    realtime: bool = False  #: 10 Hz on the wall clock instead of simulated time
     record: bool = True  #: whether a recorder runs
     standby: bool = False  #: whether a second supervisor stands by
     #: parameters of the controllers' nodes, by name of the controller; others have their default
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    #: further processes, by name the module of their node; the first tick does not wait for them
-    companions: Mapping[str, str] = field(default_factory=dict)
+    #: further nodes; the first tick does not wait for them
+    companions: Sequence[str] = ()
     #: further parameters by node: of companions, or derived from a welding procedure
     derived: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    machine: bool = False  #: whether the gateway to a machine runs instead of the emulated plant
+    speed: float = 0.0  #: pace of simulated time against the wall clock; 0: lockstep
 
     @property
     def bag(self) -> Path:
@@ -64,9 +77,31 @@ class WeldGraph:
     @property
     def all_controllers(self) -> list[str]:
         """Names of the running controllers, the initially selected one first."""
+        if self.scenario is None:
+            return list(self.controllers)
         if self.scenario.open_loop:
             return [OpenLoopController.name]
         return list(dict.fromkeys([*self.scenario.controllers, *self.controllers]))
+
+    @property
+    def processes(self) -> list[Process]:
+        """All processes in the order of their start, the player last.
+
+        Raises
+        ------
+        fsw_schema.models.InputError
+            If a controller is not known.
+        """
+        plant = "machine" if self.machine else "plant"
+        return [
+            *([Process("recorder", "recorder")] if self.record else []),
+            Process(plant, plant),
+            *(Process(name, *program(name)) for name in self.all_controllers),
+            Process("supervisor", "supervisor"),
+            *([Process("standby", "supervisor")] if self.standby else []),
+            *(Process(name, name) for name in self.companions),
+            Process("scenario", "scenario"),
+        ]
 
     def start(self, launcher: Launcher) -> Child:
         """Start all processes; the plant's first tick waits for the others. Returns the player.
@@ -76,83 +111,84 @@ class WeldGraph:
         fsw_schema.models.InputError
             If a controller is not known.
         """
-        programs = {name: program(name) for name in self.all_controllers}
+        processes = self.processes
         self.folder.mkdir(parents=True, exist_ok=True)
         scenario_file = self.folder / "scenario.yaml"
-        write_whole(scenario_file, self.scenario.text)
+        if self.scenario is not None:
+            write_whole(scenario_file, self.scenario.text)
         parameter_file = self.folder / "parameters.yaml"
         write_whole(
             parameter_file, yaml.safe_dump(self.parameter_file(scenario_file), sort_keys=False)
         )
-        ros_args = ["--ros-args", "--params-file", str(parameter_file)]
-        if self.record:
-            launcher.start("recorder", "fsw_recorder.recorder_node", ros_args)
-        launcher.start("plant", "fsw_plant.plant_node", ros_args)
-        for name, (package, executable, words) in programs.items():
-            launcher.start(name, f"{package}.{executable}_node", [*words, *ros_args])
-        launcher.start("supervisor", "fsw_supervisor.supervisor_node", ros_args)
-        if self.standby:
-            renamed = [*ros_args, "-r", f"__node:={STANDBY}"]
-            launcher.start("standby", "fsw_supervisor.supervisor_node", renamed)
-        for name, module in self.companions.items():
-            launcher.start(name, module, ros_args)
-        return launcher.start("scenario", "fsw_scenario.scenario_node", ros_args)
+        for process in processes:
+            words = [*process.words, "--ros-args", "--params-file", str(parameter_file)]
+            if process.name == "standby":
+                words += ["-r", f"__node:={STANDBY}"]
+            player = launcher.start(process.name, process.node, words)
+        return player
 
     def parameter_file(self, scenario_file: Path) -> dict[str, Any]:
         """Content of the parameter file with the parameters of each node."""
-        start = plant_of(self.scenario).applied
-        names = self.all_controllers
-        plant = validate(PlantParameters, self.scenario.plant)
+        names, plays = self.all_controllers, self.scenario is not None
+        listeners = len(names) + 1 + plays + self.record + self.standby  # 1: the supervisor
         nodes: dict[str, dict[str, Any]] = {
-            "fsw_plant": {
-                **{name: plant[name] for name in self.scenario.plant},
-                "scenario": str(scenario_file),
-                "wait_for_subscribers": len(names)
-                + 2
-                + self.record
-                + self.standby,  # and supervisor and player
-                **({} if self.realtime else {"clock": "simulated", "speed": 0.0}),
-            },
+            "fsw_plant": {"wait_for_subscribers": listeners},
             "fsw_supervisor": {"controller": names[0]},
-            "fsw_scenario": {"scenario": str(scenario_file), "wait_for_controllers": len(names)},
-            "fsw_recorder": {
-                "output": str(self.bag),
-                "scenario": str(scenario_file),
-                **(
-                    {"number_if_taken": True} if self.realtime else {}
-                ),  # one that died goes on beside its bag
+            "fsw_scenario": {
+                "scenario": str(scenario_file) if plays else "",
+                "wait_for_controllers": len(names),
             },
+            "fsw_recorder": {},
+            **{f"fsw_{name}": {} for name in names},
         }
-        for name in names:
-            nodes[f"fsw_{name}"] = {
-                "initial_force": start.force_kn,
-                "initial_speed": start.speed_rpm,
-            }
-            nodes[f"fsw_{name}"] |= self.parameters.get(name, {})
-        for name, values in self.derived.items():
-            nodes[name] = nodes.get(name, {}) | dict(values)
-        if self.scenario.open_loop:
-            nodes["fsw_open_loop"] |= {
-                "scenario": str(scenario_file),
-                "from_first_tick": self.realtime,
-            }
+        if self.scenario is not None:
+            self._add_scenario(nodes, self.scenario, scenario_file)
+        if not self.realtime:
+            nodes["fsw_plant"] |= {"clock": "simulated", "speed": self.speed}
+        further = {f"fsw_{name}": self.parameters.get(name, {}) for name in names}
+        for parameters in (further, self.derived):
+            for name, values in parameters.items():
+                nodes[name] = nodes.get(name, {}) | dict(values)
         if self.standby:
             nodes[STANDBY] = nodes["fsw_supervisor"] | {"standby": True}
         if not self.realtime:
-            answers = [f"fsw/{name}/{topic}" for name in names for topic in ("proposal", "status")]
-            nodes["fsw_recorder"]["wait_for_topics"] = [
-                "fsw/command",
-                "fsw/supervisor/state",
-                *answers,
-            ]
             for name, values in nodes.items():
                 if name != "fsw_plant":
                     values["use_sim_time"] = True
-                if name in ("fsw_supervisor", STANDBY):
+                if plays and name in ("fsw_supervisor", STANDBY):
                     values |= dict.fromkeys(
                         ("lockstep_deadline_s", "lockstep_shadow_wait_s"), _LOCKSTEP_S
                     )
         return {name: {"ros__parameters": values} for name, values in nodes.items()}
+
+    def _add_scenario(
+        self, nodes: dict[str, dict[str, Any]], scenario: Scenario, scenario_file: Path
+    ) -> None:
+        """Add the parameters that follow from a scenario."""
+        start, names = plant_of(scenario).applied, self.all_controllers
+        plant = validate(PlantParameters, scenario.plant)
+        nodes["fsw_plant"] = {
+            **{name: plant[name] for name in scenario.plant},
+            "scenario": str(scenario_file),
+            **nodes["fsw_plant"],
+        }
+        nodes["fsw_recorder"] |= {"output": str(self.bag), "scenario": str(scenario_file)}
+        if self.realtime:  # a recorder that died continues beside its bag
+            nodes["fsw_recorder"]["number_if_taken"] = True
+        else:
+            answers = [f"fsw/{name}/{topic}" for name in names for topic in ("proposal", "status")]
+            topics = ["fsw/command", "fsw/supervisor/state", *answers]
+            nodes["fsw_recorder"]["wait_for_topics"] = topics
+        for name in names:
+            nodes[f"fsw_{name}"] |= {
+                "initial_force": start.force_kn,
+                "initial_speed": start.speed_rpm,
+            }
+        if scenario.open_loop:
+            nodes["fsw_open_loop"] |= {
+                "scenario": str(scenario_file),
+                "from_first_tick": self.realtime,
+            }
 
     def run(self, launcher: Launcher, progress: Callable[[float], None] | None = None) -> float:
         """Start all processes, wait for the scenario's end, end all.
@@ -165,17 +201,19 @@ class WeldGraph:
         LaunchError
             If a process ends too early or there is no progress.
         """
+        scenario = self.scenario
+        assert scenario is not None
         player = self.start(launcher)
         others = [name for name in launcher.children if name != "scenario"]
         launcher.wait_until(player.status, _PATIENCE_S, "the first tick", others)
 
         def over() -> bool:
             if progress is not None:
-                progress(player.status()["tick"] / self.scenario.n_ticks)
+                progress(player.status()["tick"] / scenario.n_ticks)
             return not player.running
 
         launcher.wait_until(
-            over, _PATIENCE_S + 3.0 * self.scenario.duration_s, "the scenario's end", others
+            over, _PATIENCE_S + 3.0 * scenario.duration_s, "the scenario's end", others
         )
         if not player.status()["finished"]:
             raise LaunchError(

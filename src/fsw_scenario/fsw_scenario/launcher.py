@@ -14,6 +14,7 @@ from typing import Any
 
 from fsw_control.fast_dds import stay_on_this_machine
 from fsw_control.status_file import VARIABLE, read_status
+from fsw_schema.extensions import program_path
 
 _POLL_S = 0.02
 #: exit code of a node with invalid arguments or parameters
@@ -36,7 +37,7 @@ class Child:
     name: str
     process: subprocess.Popen[bytes]
     log: Path
-    module: str
+    program: str
     arguments: Sequence[str]
     begin: int  #: of its part of the log
 
@@ -88,8 +89,8 @@ class Launcher:
     def __exit__(self, *_: object) -> None:
         self.stop()
 
-    def start(self, name: str, module: str, arguments: Sequence[str] = ()) -> Child:
-        """Start the ``main`` of a Python module as a process.
+    def start(self, name: str, program: str, arguments: Sequence[str] = ()) -> Child:
+        """Start a node (entry point in ``fsw.nodes``), or a module's ``main``, as a process.
 
         A process that has ended may be restarted; its log is continued.
 
@@ -105,7 +106,7 @@ class Launcher:
             "-m",
             "fsw_scenario.child_process",
             str(os.getpid()),
-            module,
+            program_path(program),
             *arguments,
         ]
         log = self.log_folder / f"{name}.log"
@@ -123,7 +124,7 @@ class Launcher:
                 # children in order
                 start_new_session=True,
             )
-        self.children[name] = child = Child(name, process, log, module, tuple(arguments), begin)
+        self.children[name] = child = Child(name, process, log, program, tuple(arguments), begin)
         return child
 
     def check(self, expected_to_run: Sequence[str] | None = None) -> None:
@@ -221,7 +222,7 @@ class Respawn:
             if restarts.due_s is None:
                 self._on_end(child, restarts, now_s)
             elif now_s >= restarts.due_s:
-                self._launcher.start(name, child.module, child.arguments)
+                self._launcher.start(name, child.program, child.arguments)
                 restarts.began_s, restarts.due_s, restarts.first = now_s, None, False
 
     def _on_end(self, child: Child, restarts: _Restarts, now_s: float) -> None:

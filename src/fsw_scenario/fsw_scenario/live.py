@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from fsw_scenario.graph import WeldGraph
+from fsw_scenario.graph import ONCE, WeldGraph
 from fsw_scenario.launcher import Launcher, LaunchError, Respawn
 
 _PATIENCE_S = 120.0
@@ -23,6 +23,8 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
     Without its player it continues until Ctrl-C, so that the operator can see why it has stopped,
     or stop it.
     """
+    scenario = graph.scenario
+    assert scenario is not None
     graph.folder.mkdir(parents=True, exist_ok=True)
     token, token_file = secrets.token_urlsafe(12), graph.folder / "token"
     _write_secret(token_file, token)
@@ -32,7 +34,7 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
         f"state_folder:={json.dumps(tempfile.mkdtemp(prefix='page_', dir=graph.folder))}",
     ]
     hmi = launcher.start(
-        "hmi", "fsw_hmi.main", ["--port", str(port), "--token-file", str(token_file), *kept]
+        "hmi", "hmi", ["--port", str(port), "--token-file", str(token_file), *kept]
     )
     launcher.wait_until(hmi.status, _PATIENCE_S, "the operator's page")
     url = hmi.status()["url"]
@@ -40,9 +42,9 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
     hmi.arguments = ["--port", str(urlsplit(url).port), *hmi.arguments[2:]]
     print(f"operator's page: {url}")
     print(f"token: {token}")
-    minutes = graph.scenario.duration_s / 60.0
+    minutes = scenario.duration_s / 60.0
     print(
-        f"{graph.scenario.name} takes {minutes:.0f} min and continues if the page is closed; "
+        f"{scenario.name} takes {minutes:.0f} min and continues if the page is closed; "
         "Ctrl-C ends it"
     )
     print(f"bag: {graph.bag}")
@@ -53,9 +55,7 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
         flush=True,
     )
     player = graph.start(launcher)
-    respawn = Respawn(
-        launcher, [name for name in launcher.children if name not in ("plant", "scenario")]
-    )
+    respawn = Respawn(launcher, [name for name in launcher.children if name not in ONCE])
     player_ended = False
 
     def over() -> bool:

@@ -8,6 +8,7 @@ from fsw_control.contract import Command, Controller, Proposal
 from fsw_control.parameters import defaults
 from fsw_control.reason import Reason
 from fsw_control.weld import TICK_S
+from fsw_scenario.timeline import SWITCH_TIMEOUT_S
 from fsw_supervisor import Arbiter, ArbiterSettings, Decision, ProposalInput
 from fsw_supervisor.parameters import SupervisorParameters
 
@@ -26,7 +27,6 @@ class OfflineSupervisor:
             values | {"controller": selected, "fallbacks": list(fallbacks)}
         )
         self._arbiter = Arbiter(settings, lockstep=True)
-        self._switch_timeout_s: float = values["switch_request_timeout_s"]
         self._unheard = {
             name: controller.tolerated_sensors for name, controller in controllers.items()
         }
@@ -39,9 +39,7 @@ class OfflineSupervisor:
 
     def switch(self, name: str) -> None:
         """Request a controller for the next tick on."""
-        self._arbiter.operator.ask_switch(
-            name, False, self._switch_timeout_s, "scenario", self._now_s
-        )
+        self._arbiter.operator.ask_switch(name, False, SWITCH_TIMEOUT_S, "scenario", self._now_s)
 
     def decide(
         self,

@@ -9,6 +9,9 @@ from fsw_control.contract import Command, Reference
 from fsw_control.weld import TICK_S
 from fsw_scenario.scenario import Scenario, tick_of
 
+#: time for which a scenario's switch waits until its controller is ready [s]
+SWITCH_TIMEOUT_S = 5.0
+
 
 def references(scenario: Scenario, start: Reference) -> dict[int, Reference]:
     """Changes of the set-points by tick, in order; tick 0 is ``start``, before the first event.

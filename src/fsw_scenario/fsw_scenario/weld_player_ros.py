@@ -10,17 +10,16 @@ from math import nan
 from typing import NamedTuple
 
 from rclpy.clock import Clock, ClockType
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.subscription import Subscription
-from std_msgs.msg import Header, String
+from std_msgs.msg import Header
 
 from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.contract import Reference
 from fsw_control.message_synchronizer import StampFilter
 from fsw_control.status_file import write_status
-from fsw_control.topics_ros import PLAYER_READY, REPLACED, SENT, subscribe_sensors
+from fsw_control.topics_ros import PLAYER_READY, REPLACED, subscribe_sensors
 from fsw_control.weld import TICK_NS, TICK_S
 from fsw_msgs.msg import WeldProgress
 from fsw_scenario.audience_ros import Audience
@@ -29,6 +28,7 @@ from fsw_scenario.emulator_events_ros import EmulatorEvents
 from fsw_scenario.running_kpi import RunningKpi
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.set_points_ros import ScenarioTime, SetPoints
+from fsw_scenario.switching_ros import Switching
 from fsw_scenario.timeline import switches
 from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine, State
 from fsw_scenario.weld_programme_ros import (
@@ -40,9 +40,6 @@ from fsw_scenario.weld_programme_ros import (
 
 #: time limit for finding a controller named by a goal
 _CONTROLLER_S = 5.0
-#: in lockstep, time limit for the delivery of a request on a busy machine, also lost on a dead
-#: supervisor (chosen)
-_DELIVERY = Duration(seconds=2)
 FAILED, REFUSED = "failed", "refused"
 _TIME_JUMPED = (
     "the measurements' time has jumped: the scenario continues from its present position"
@@ -112,7 +109,8 @@ class WeldPlayer:
         )
         self._last_sample_s = self._began_s = time.monotonic()
         self.finished = self._aborted = False
-        self._requests = node.create_publisher(String, "fsw/switch_request", SENT)
+        self._switching = Switching(node, self._permit_step)
+        self._unanswered_ns: int | None = None  #: stamp of a depth, in lockstep
         self._ready = (
             node.create_publisher(Header, PLAYER_READY, REPLACED) if self._simulated else None
         )
@@ -135,10 +133,10 @@ class WeldPlayer:
         node.destroy_timer(self._watch)
         for subscription in self._subscriptions:
             node.destroy_subscription(subscription)
-        for publisher in (self._requests, self._ready):
-            if publisher is not None:
-                node.destroy_publisher(publisher)
-        for part in (self.set_points, self._stop, self._emulator, self._programme, self._refusing):
+        if self._ready is not None:
+            node.destroy_publisher(self._ready)
+        parts = (self.set_points, self._switching, self._stop, self._emulator)
+        for part in (*parts, self._programme, self._refusing):
             if part is not None:
                 part.destroy()
 
@@ -171,6 +169,7 @@ class WeldPlayer:
     def _on_watch(self) -> None:
         if self.finished:
             return
+        self._switching.look()
         absent = "" if self._begun else self._audience.absent()
         if (
             not (self._begun or absent)
@@ -239,8 +238,17 @@ class WeldPlayer:
         if sensor == "thermocouple":
             self._shown.append((stamp_ns, value))
         self._follow(sensor, stamp_ns, value)
-        if sensor == "depth" and self._ready is not None and not self.finished:
-            self._ready.publish(Header(stamp=convert.stamp_from_ns(stamp_ns)))
+        if sensor == "depth":
+            self._unanswered_ns = stamp_ns
+            self._permit_step()
+
+    def _permit_step(self) -> None:
+        """In lockstep, let the plant take its next step once the supervisor has all requests."""
+        stamp_ns = self._unanswered_ns
+        if self._ready is None or stamp_ns is None or self.finished or self._switching.pending:
+            return
+        self._unanswered_ns = None
+        self._ready.publish(Header(stamp=convert.stamp_from_ns(stamp_ns)))
 
     def _follow(self, sensor: str, stamp_ns: int, value: float) -> None:
         """Advance by the depth sample; the other sensors confirm a jump in time."""
@@ -294,11 +302,7 @@ class WeldPlayer:
         while self._switches and self._switches[0][0] <= self.time.tick + 1:
             _, controller = self._switches.popleft()
             self._deviations.ask(controller, self.time.tick)
-            self._requests.publish(String(data=controller))
-            if (
-                self._ready is not None
-            ):  # the plant takes its next step after that: the request must be there first
-                self._requests.wait_for_all_acked(_DELIVERY)
+            self._switching.ask(controller)
         if (self.time.tick - self._reported) * 100 >= self.scenario.n_ticks:
             self._reported = self.time.tick
             self._report(False)

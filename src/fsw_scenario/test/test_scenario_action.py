@@ -7,14 +7,13 @@ import pytest
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.action import ActionClient
-from std_msgs.msg import String
 
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
 from fsw_control.topics_ros import LATEST, STREAM
 from fsw_msgs.action import RunWeld
 from fsw_msgs.msg import Reason, SupervisorState, WeldCommand
-from fsw_msgs.srv import SetDisturbance, SetMode
+from fsw_msgs.srv import SetDisturbance, SetMode, SwitchController
 from fsw_test_support.player_graph import PlayerGraph
 from fsw_test_support.waiting import PATIENCE_S
 
@@ -212,7 +211,12 @@ def test_a_weld_whose_controller_is_not_there_fails_before_its_first_tick(
     here = caller.peer.create_publisher(WeldCommand, "fsw/decentral/proposal", STREAM)
     caller.until(lambda: caller.player.count_publishers(here.topic_name), "the other controller")
     requests = []
-    caller.peer.create_subscription(String, "fsw/switch_request", requests.append, STREAM)
+
+    def on_request(request, response):
+        requests.append(request)
+        return response
+
+    caller.peer.create_service(SwitchController, "fsw/switch_controller", on_request)
     answer = caller.result(caller.send(SHORT | change))
     assert (answer.status, answer.result.verdict) == (GoalStatus.STATUS_ABORTED, "failed")
     assert "controller 'unknown'" in answer.result.message

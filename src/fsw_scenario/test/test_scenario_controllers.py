@@ -38,7 +38,7 @@ def test_a_controller_of_an_installed_package_is_known(tmp_path, monkeypatch):
 def test_one_named_by_its_class_is_known_by_its_name(tmp_path):
     label = own(tmp_path)
     assert (name_of(label), short(label), name_of("own")) == ("own", "own", "own")
-    assert program("own") == ("fsw_scenario", "controller", [label])
+    assert program("own") == ("controller", (label,))
     assert short("decentral:tight") == "decentral:tight"
 
 

@@ -54,7 +54,7 @@ def test_further_parameters_are_added_to_those_of_the_nodes_and_the_plant_does_n
 ):
     scenario = parse("{name: short, duration_s: 5.0}")
     further = {"fsw_recorder": {"attach": ["limits.yaml"]}, "fsw_watch": {"process": "canister"}}
-    graph = WeldGraph(scenario, tmp_path, companions={"watch": "watch_node"}, derived=further)
+    graph = WeldGraph(scenario, tmp_path, companions=["watch"], derived=further)
     nodes, usual = (
         one.parameter_file(tmp_path / "s.yaml") for one in (graph, WeldGraph(scenario, tmp_path))
     )

@@ -6,15 +6,19 @@ from unittest.mock import create_autospec
 import pytest
 import rclpy
 import yaml
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from std_msgs.msg import Header, String
+from rclpy.task import Future
+from std_msgs.msg import Header
 
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
 from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S
+from fsw_control.topics_ros import LATEST, PLAYER_READY
 from fsw_msgs.action import RunWeld
-from fsw_msgs.srv import SetMode
+from fsw_msgs.msg import SupervisorState
+from fsw_msgs.srv import SetMode, SwitchController
 from fsw_scenario.audience_ros import Audience
 from fsw_scenario.held_for import HeldFor
 from fsw_scenario.launcher import ABORTED
@@ -24,6 +28,7 @@ from fsw_scenario.weld_player_ros import Outcome
 from fsw_schema.models import InputError
 from fsw_test_support import player_graph
 from fsw_test_support.player_graph import START_NS, STEP_NS, PlayerGraph
+from fsw_test_support.waiting import PATIENCE_S
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
 WELD = {
@@ -214,42 +219,73 @@ def test_in_lockstep_nothing_is_measured_before_the_set_points_have_arrived(tmp_
         graph.end()
 
 
-def test_in_lockstep_the_plant_goes_on_when_a_switch_has_arrived(tmp_path, monkeypatch):
+class SwitchGraph(PlayerGraph):
+    """A supervisor that does not answer a switch yet, and a plant that waits for the player."""
+
+    def __init__(self, path):
+        super().__init__(str(path), "use_sim_time:=true")
+        self.requests, self.permitted = [], []
+        self.peer.create_subscription(Header, PLAYER_READY, self.on_ready, LATEST)
+        self.states = self.peer.create_publisher(SupervisorState, "fsw/supervisor/state", LATEST)
+
+    def offer(self, answers):
+        """Offer the service; without ``answers`` a request has no answer as long as it pends."""
+
+        async def on_request(request, response):
+            self.requests.append((request.name, request.strictness, request.timeout.sec))
+            if not answers:
+                await Future()
+            return response
+
+        group = ReentrantCallbackGroup()
+        name = "fsw/switch_controller"
+        self.peer.create_service(SwitchController, name, on_request, callback_group=group)
+
+    def on_ready(self, message):
+        self.permitted.append(round((convert.stamp_ns(message.stamp) - START_NS) / STEP_NS))
+
+
+@pytest.fixture
+def switching(tmp_path, monkeypatch):
     path = tmp_path / "scenario.yaml"
-    path.write_text(
-        yaml.safe_dump(
-            {"name": "swap", "duration_s": 5.0, "events": [{"at_s": 0.3, "switch": "decentral"}]}
-        )
-    )
-    seen, publish, wait = [], Publisher.publish, Publisher.wait_for_all_acked
-
-    def note(publisher, message):
-        seen.append((publisher.topic_name, message))
-        return publish(publisher, message)
-
-    def waited(publisher, timeout):
-        seen.append((publisher.topic_name, "arrived"))
-        return wait(publisher, timeout)
-
+    events = [{"at_s": 0.3, "switch": "decentral"}]
+    path.write_text(yaml.safe_dump({"name": "swap", "duration_s": 5.0, "events": events}))
     monkeypatch.setattr(Audience, "absent", lambda _: "")
     monkeypatch.setattr(player_graph, "START_NS", 0)
-    graph = PlayerGraph(str(path), "use_sim_time:=true")
-    try:
-        monkeypatch.setattr(Publisher, "publish", note)
-        monkeypatch.setattr(Publisher, "wait_for_all_acked", waited)
-        graph.until(
-            lambda: graph.tick() and any(isinstance(message, String) for _, message in seen)
-        )
-        graph.until(lambda: isinstance(seen[-1][1], Header))
-    finally:
-        graph.end()
-    at = next(number for number, (_, message) in enumerate(seen) if isinstance(message, String))
-    later = [(topic.rpartition("/")[2], message) for topic, message in seen[at + 1 :]]
-    assert ("switch_request", "arrived") in later
-    assert not any(
-        isinstance(message, Header)
-        for _, message in later[: later.index(("switch_request", "arrived"))]
-    )
+    monkeypatch.setattr(f"{__name__}.START_NS", 0)
+    monkeypatch.setattr("fsw_scenario.switching_ros._DELIVERY_S", PATIENCE_S)
+    graph = SwitchGraph(path)
+    yield graph
+    graph.end()
+
+
+@pytest.mark.parametrize("answers", [False, True])
+def test_in_lockstep_the_plant_steps_when_the_supervisor_has_a_request(switching, answers):
+    """It reports the new target, or answers: a refusal."""
+    graph = switching
+    while not (graph.weld and graph.weld._switching.pending):
+        graph.until(lambda: graph.number == 0 or graph.permitted[-1:] == [graph.number])
+        graph.tick()
+    asked = graph.number
+    # the request is not even sent: nothing but its receipt permits the plant's next step
+    graph.until(lambda: graph.permitted[-1:] == [asked - 1])
+    graph.offer(answers)
+    graph.until(lambda: graph.requests == [("decentral", 1, 5)])
+    if not answers:
+        assert graph.permitted[-1] == asked - 1
+        graph.states.publish(SupervisorState(target_controller="nmpc"))
+        graph.until(lambda: graph.weld._switching._target == "nmpc")
+        assert graph.permitted[-1] == asked - 1
+        graph.states.publish(SupervisorState(target_controller="decentral"))
+    graph.until(lambda: graph.permitted[-1] == asked)
+
+
+def test_in_lockstep_the_plant_steps_without_a_supervisor_after_a_time(switching, monkeypatch):
+    graph = switching
+    monkeypatch.setattr("fsw_scenario.switching_ros._DELIVERY_S", 0.2)
+    for number in range(1, 6):
+        graph.tick()
+        graph.until(lambda number=number: graph.permitted[-1:] == [number])
 
 
 @pytest.mark.parametrize("unmatched", ["/fsw/reference", "/fsw/reference_plan"])

@@ -19,7 +19,7 @@ from functools import cache
 from importlib import metadata
 from typing import Any
 
-from fsw_schema.models import InputError
+from fsw_schema.errors import InputError
 
 
 @cache
@@ -62,6 +62,12 @@ def loaded(group: str, name: str) -> Any:
         raise InputError(
             f"{group}: {name} of {_words(point)}: {type(error).__name__}: {error}"
         ) from error
+
+
+def program_path(program: str) -> str:
+    """Dotted path of a program's function: a node by its entry point, else a module's ``main``."""
+    point = extensions("fsw.nodes").get(program)
+    return f"{program}.main" if point is None else f"{point.module}.{point.attr}"
 
 
 def all_loaded(group: str) -> dict[str, Any]:

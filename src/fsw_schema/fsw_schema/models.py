@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import ast
 import inspect
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from functools import cache
-from itertools import islice, pairwise
+from itertools import groupby, islice, pairwise
 from pathlib import Path
 from textwrap import dedent
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar, get_args
@@ -53,7 +53,11 @@ _KINDS = {
     "int_type": "a whole number",
     "string_type": "text",
     "bool_type": "true or false",
+    "callable_type": "a function",
+    "sequence_str": "a list",
 }
+#: words for a class of which a value has to be an instance
+_CLASSES = {"Path": "a path", "Sequence": "a list"}
 
 T = TypeVar("T")
 #: a list in a file
@@ -155,9 +159,14 @@ def validate(model: type[M], content: Any, where: str) -> M:
     InputError
         If it is invalid; the message lists all problems with their places.
     """
+    return validated_by(model.model_validate, content, where)
+
+
+def validated_by(check: Callable[..., T], content: Any, where: str) -> T:
+    """Validate by a function of pydantic, with content and context; errors as in `validate`."""
     models: dict[int, type[Model]] = {}
     try:
-        return model.model_validate(content, context=models)
+        return check(content, context=models)
     except ValidationError as error:
         first = islice(error.errors(include_url=False), _MOST_COMPARED)
         found = dict.fromkeys(_problem(one, content, models) for one in first)
@@ -281,16 +290,24 @@ class _Found(NamedTuple):
     text: str
     known: str = ""
     near: str = ""
+    expected: str = ""  #: kind of value
 
 
 def _known_once(problems: Iterable[_Found]) -> Iterator[str]:
-    """The problems in words, each list of known keys only where it occurs first."""
+    """The problems in words, each list of known keys only where it occurs first.
+
+    The members of a union have a problem each, with the same value; their kinds are listed.
+    """
     told: set[str] = set()
-    for _, text, known, near in problems:
-        hint = f"; did you mean {near}?" if near else ""
-        listed = f"{' ' if hint else '; '}known: {known}" if known and known not in told else ""
-        yield text + hint + listed
-        told.add(known)
+    for text, group in groupby(problems, lambda problem: problem.text):
+        first, *others = group
+        kinds = dict.fromkeys(one.expected for one in (first, *others) if one.expected)
+        expected = f", not {' or '.join(kinds)}" if kinds else ""
+        hint = f"; did you mean {first.near}?" if first.near else ""
+        is_new = first.known and first.known not in told
+        listed = f"{' ' if hint else '; '}known: {first.known}" if is_new else ""
+        yield text + expected + hint + listed
+        told.add(first.known)
 
 
 def _problem(error: ErrorDetails, content: Any, models: Mapping[int, type[Model]]) -> _Found:
@@ -308,7 +325,7 @@ def _problem(error: ErrorDetails, content: Any, models: Mapping[int, type[Model]
     problem = Problem(place, error["type"])
     model = models.get(id(parent))
     if error["type"] not in _UNKNOWN_KEY or model is None:
-        return _Found(problem, text)
+        return _Found(problem, text, expected=_expected(error))
     known = [field.alias or name for name, field in model.model_fields.items()]
     near = get_close_matches(str(error["loc"][-1]), known, 1)
     return _Found(problem, text, ", ".join(known), near[0] if near else "")
@@ -336,8 +353,8 @@ def _text(error: ErrorDetails) -> str:
         return f"is {shown}; one of {_plain(ctx['expected'])}"
     if kind == "string_pattern_mismatch" and ctx["pattern"] == _NAME:
         return f"is {shown}, not a name (letters, digits, _)"
-    if kind in _KINDS:
-        return f"is {shown}, not {_KINDS[kind]}"
+    if _expected(error):
+        return f"is {shown}"
     if kind == "too_short":
         return f"needs at least {ctx['min_length']} entries"
     if kind == "too_long":
@@ -347,6 +364,14 @@ def _text(error: ErrorDetails) -> str:
     if kind in ("problem", "outside", "not_a_number"):
         return error["msg"]
     return f"is {shown}: {error['msg'].replace('Input should be', 'must be')}"
+
+
+def _expected(error: ErrorDetails) -> str:
+    """Kind of value that was expected; empty if the error is another one."""
+    if error["type"] == "is_instance_of":
+        name = error["ctx"]["class"]
+        return _CLASSES.get(name, f"{'an' if name[0] in 'AEIOU' else 'a'} {name}")
+    return _KINDS.get(error["type"], "")
 
 
 def _plain(quoted: str) -> str:

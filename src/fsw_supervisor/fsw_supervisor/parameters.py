@@ -267,9 +267,6 @@ class SupervisorParameters(NodeParameters):
     """Time window in which automatic swaps are counted (chosen)."""
     switch_interval_s: Annotated[float, Range(0.1, 60.0, "s")] = 0.3
     """Minimum time between two swaps requested by the operator (chosen)."""
-    switch_request_timeout_s: Annotated[float, Range(0.0, 600.0, "s")] = 5.0
-    """Maximum time that a request on fsw/switch_request waits until its controller is ready
-    (chosen)."""
     safe_force_kn: Annotated[float, Range(0.0, 200.0, "kN")] = 65.0
     """Force to which a safe stop ramps while the spindle keeps turning; a lower force is kept
     (chosen, as for the plant's watchdog)."""

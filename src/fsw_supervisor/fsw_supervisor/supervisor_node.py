@@ -9,7 +9,6 @@ import uuid
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from std_msgs.msg import String
 
 from fsw_control import messages_ros as convert
 from fsw_control.cause import Cause
@@ -97,7 +96,6 @@ class SupervisorNode(LightNode, Node):
         self.create_subscription(DriveFeedback, "fsw/drives", self._on_drives, STREAM)
         subscribe_sensors(self, self._on_sample)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
-        self.create_subscription(String, "fsw/switch_request", self._on_switch_topic, STREAM)
         self.create_subscription(
             SupervisorState, "fsw/supervisor/state", self._on_leader_state, LATEST
         )
@@ -156,14 +154,6 @@ class SupervisorNode(LightNode, Node):
                 message.target_controller, message.target_mode, inhibited, actual
             )
         self._publish([])
-
-    def _on_switch_topic(self, message: String) -> None:
-        if self._role is Role.ACTIVE:
-            timeout_s = self._values["switch_request_timeout_s"]
-            self._arbiter.operator.ask_switch(
-                message.data, False, timeout_s, "operator (topic)", time.monotonic()
-            )
-            self._publish([])
 
     def _on_wakeup(self) -> None:
         if self._arbiter.machine.mode is Mode.START:

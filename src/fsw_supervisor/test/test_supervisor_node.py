@@ -10,7 +10,6 @@ from builtin_interfaces.msg import Duration  # noqa: E402
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from sensor_msgs.msg import Temperature  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
 from fsw_control import messages_ros as convert  # noqa: E402
@@ -54,7 +53,6 @@ class Peer(Node):
         self.drives = self.create_publisher(DriveFeedback, "fsw/drives", 10)
         self.pushed_kn, self.reasons, self.seen_before = 0.0, {}, ""
         self.fence = Fence()
-        self.requests = self.create_publisher(String, "fsw/switch_request", 10)
         self.voices = {}
         self.wild = set()
         self.create_subscription(WeldCommand, "fsw/command", self.on_command, 10)
@@ -253,11 +251,6 @@ def test_a_waiting_answer_does_not_hold_up_the_ticks(bench):
     bench.peer.wild.clear()
     bench.until(future.done)
     assert future.result().ok
-
-
-def test_switches_by_topic(bench):
-    bench.peer.requests.publish(String(data="nmpc"))
-    bench.until(lambda: bench.peer.commands[-1].source == "nmpc")
 
 
 def test_lists_controllers_with_their_health(bench):
