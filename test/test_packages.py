@@ -33,10 +33,9 @@ MAY_IMPORT = {
     "fsw_schema": set(),
     "fsw_control": {"fsw_schema", "fsw_msgs"},
     "fsw_model": {"fsw_schema"},
-    "fsw_canister": {"fsw_schema"},
     "fsw_nmpc": {"fsw_schema", "fsw_model", "fsw_control"},
     "fsw_decentral": {"fsw_schema", "fsw_control"},
-    "fsw_plant": {"fsw_schema", "fsw_model", "fsw_canister", "fsw_control", "fsw_msgs"},
+    "fsw_plant": {"fsw_schema", "fsw_model", "fsw_control", "fsw_msgs"},
     "fsw_machine": {"fsw_schema", "fsw_control", "fsw_msgs"},
     "fsw_supervisor": {"fsw_schema", "fsw_control", "fsw_model", "fsw_msgs"},
     "fsw_recorder": {"fsw_schema", "fsw_control"},
@@ -88,7 +87,7 @@ MAY_IMPORT = {
         "fsw",
     },
     "fsw_identification": {"fsw_schema", "fsw_analysis", "fsw_control", "fsw_model"},
-    "fsw_heat": {"fsw_schema", "fsw_canister", "fsw_analysis"},
+    "fsw_heat": {"fsw_schema", "fsw_plant", "fsw_analysis"},
     "fsw_tuning": {
         "fsw_schema",
         "fsw_model",
@@ -102,7 +101,6 @@ MAY_IMPORT = {
     "fsw_export": {
         "fsw_schema",
         "fsw_model",
-        "fsw_canister",
         "fsw_control",
         "fsw_nmpc",
         "fsw_decentral",
@@ -123,7 +121,6 @@ MAY_IMPORT = {
     "fsw_lab": {
         "fsw_schema",
         "fsw_model",
-        "fsw_canister",
         "fsw_control",
         "fsw_nmpc",
         "fsw_decentral",

@@ -22,7 +22,6 @@ _PACKAGES = (
     "fsw_analysis",
     "fsw_scenario",
     "fsw_campaign",
-    "fsw_canister",
     "fsw_recorder",  # the last has the signatures
 )
 #: endings of files that only the graph uses
@@ -32,7 +31,7 @@ _GRAPH = ("_ros.py", "_node.py")
 def sources() -> Iterator[Path]:
     """Python and parameter files of the packages that compute and evaluate a weld, in a fixed order."""
     for package in _PACKAGES:
-        for path in sorted(Path(str(resources.files(package))).iterdir()):
+        for path in sorted(Path(str(resources.files(package))).rglob("*")):
             if path.suffix in (".py", ".yaml") and not path.name.endswith(_GRAPH):
                 yield path
 

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fsw_canister.copper import Array
-from fsw_canister.parameters import CanisterParameters
+from fsw_plant.canister.copper import Array
+from fsw_plant.canister.parameters import CanisterParameters
 from fsw_schema.extras import Extra
 from fsw_schema.models import InputError
 

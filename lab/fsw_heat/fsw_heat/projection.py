@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw_canister.copper import TYPICAL, Array
-from fsw_canister.parameters import CanisterParameters
 from fsw_heat.elements import Elements, elements_of, one_thread
+from fsw_plant.canister.copper import TYPICAL, Array
+from fsw_plant.canister.parameters import CanisterParameters
 
 Progress = Callable[[float, str], None]
 

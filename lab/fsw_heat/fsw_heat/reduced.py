@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fsw_canister.copper import TYPICAL, Array
-from fsw_canister.parameters import CanisterParameters
-from fsw_canister.stepped import CanisterState, Complex, HeatModel
 from fsw_heat.cache import projection_of
 from fsw_heat.elements import elements_of
 from fsw_heat.projection import Progress, Projection
+from fsw_plant.canister.copper import TYPICAL, Array
+from fsw_plant.canister.parameters import CanisterParameters
+from fsw_plant.canister.stepped import CanisterState, Complex, HeatModel
 from fsw_schema.models import InputError
 
 

@@ -9,8 +9,8 @@ pytest.importorskip(
     "skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock"
 )
 
-from fsw_canister import CanisterParameters
 from fsw_heat import ReducedCanister, load_or_reduce
+from fsw_plant.canister import CanisterParameters
 from fsw_schema.models import InputError
 
 pytestmark = pytest.mark.slow

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fsw_canister import CanisterParameters
 from fsw_control import Limits, parameters
 from fsw_model import STEP_S, ModelParameters
+from fsw_plant.canister import CanisterParameters
 from fsw_plant.parameters import PlantParameters
 from fsw_schema import models
 from fsw_schema.models import InputError, validate

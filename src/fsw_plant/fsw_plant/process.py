@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import lru_cache
 
-from fsw_canister import CanisterParameters, CompactCanister
 from fsw_model import ModelParameters, ProcessModel
+from fsw_plant.canister import CanisterParameters, CompactCanister
 from fsw_plant.canister_process import CanisterProcess
 from fsw_plant.config import PlantConfig
 from fsw_schema.extensions import loaded

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fsw_canister import CanisterParameters
-from fsw_canister.copper import DENSITY_KG_PER_M3, Kirchhoff, conductivity, heat_capacity
+from fsw_plant.canister import CanisterParameters
+from fsw_plant.canister.copper import DENSITY_KG_PER_M3, Kirchhoff, conductivity, heat_capacity
 from fsw_schema.models import InputError
 
 

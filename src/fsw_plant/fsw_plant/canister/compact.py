@@ -18,9 +18,9 @@ from math import pi
 
 import numpy as np
 
-from fsw_canister.copper import TYPICAL, Array
-from fsw_canister.parameters import CanisterParameters
-from fsw_canister.stepped import CanisterState, HeatModel
+from fsw_plant.canister.copper import TYPICAL, Array
+from fsw_plant.canister.parameters import CanisterParameters
+from fsw_plant.canister.stepped import CanisterState, HeatModel
 
 #: number of step matrices (speed, duration) kept
 _MOST_KNOWN = 16

@@ -10,8 +10,8 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw_canister.copper import Array, Kirchhoff
-from fsw_canister.parameters import CanisterParameters
+from fsw_plant.canister.copper import Array, Kirchhoff
+from fsw_plant.canister.parameters import CanisterParameters
 from fsw_schema.models import InputError
 
 Complex = NDArray[np.complex128]
