@@ -11,7 +11,6 @@ setup(
     package_data={
         package_name: [
             "scenarios/*.yaml",
-            "events/*.yaml",
             "procedures/*.yaml",
             "py.typed",
         ]

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from fsw.controller import Controller
 from fsw.welds import overrides_of
 from fsw_control import Command, Measurement, Reference, weld
+from fsw_lab.plant_batch import CHANNELS, PlantBatch
 from fsw_model import STEP_S
 from fsw_plant import PlantConfig
-from fsw_plant.batch import CHANNELS, PlantBatch
 from fsw_scenario.closed_loop import plant_of
 from fsw_scenario.scenario import Scenario, start_reference
 from fsw_scenario.scenario_file import load

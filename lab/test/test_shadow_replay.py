@@ -11,7 +11,7 @@ from fsw.main import main
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter
 
-WELD = Path(__file__).parent / "golden" / "reference_tracking_decentral"
+WELD = Path(__file__).parents[2] / "test" / "golden" / "reference_tracking_decentral"
 SPACE = "/hall/cell1"
 SECONDS = 15
 

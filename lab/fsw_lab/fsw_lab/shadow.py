@@ -10,10 +10,10 @@ from pathlib import Path
 
 import yaml
 
-from fsw_analysis.replay import Replay
 from fsw_control.reason import Reason
 from fsw_control.sensors import SENSORS
 from fsw_control.units import NANOSECONDS, n_from_kn, rad_s_from_rpm
+from fsw_lab.replay import Replay
 from fsw_recorder.bag_reader import FOREVER_NS, BagReader, BagRecord
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic
 from fsw_recorder.definitions import Definitions

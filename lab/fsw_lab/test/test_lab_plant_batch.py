@@ -5,8 +5,8 @@ import pytest
 
 from fsw_control import Command, Limits
 from fsw_control.sensors import REQUIRED
+from fsw_lab.plant_batch import CHANNELS, PlantBatch
 from fsw_plant import PlantConfig, PlantEmulator
-from fsw_plant.batch import CHANNELS, PlantBatch
 from fsw_plant.event_schema import disturbance
 
 N_TICKS = 1040  # more than one block of random numbers

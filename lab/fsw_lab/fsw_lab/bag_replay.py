@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import argparse
 from math import inf
+from pathlib import Path
 
-from fsw.bags import bag_argument, print_notes, read_messages
+from fsw.bags import bag_argument, print_notes
 from fsw.command import FORCE, assignment, command, file, number, option, repeated
 from fsw.errors import CommandError
 from fsw.outputs import check_new, write_json
-from fsw_analysis.replay import replay
-from fsw_analysis.shadow import write_shadow
+from fsw.progress import ProgressBar
+from fsw_analysis.messages import WeldMessages
+from fsw_lab.replay import replay
+from fsw_lab.shadow import write_shadow
 from fsw_plant.event_schema import DURATION_S
 from fsw_scenario.controllers import described_in, maker, name_of, variant_of
 from fsw_schema.models import InputError
@@ -25,6 +28,14 @@ _TOLERANCE = 1e-9
 _LEFT_OUT = 3
 #: exit code if proposals differ, but only of controllers whose inputs are uncertain
 _NOT_COMPARABLE = 4
+
+
+def read_messages(bag: Path) -> WeldMessages:
+    """Messages of the weld in a bag; problems of the bag are reported on stderr."""
+    with ProgressBar(f"reading {bag}") as bar:
+        messages = WeldMessages(bag, bar)
+    print_notes(messages.problems)
+    return messages
 
 
 @command(

@@ -6,8 +6,8 @@ from itertools import pairwise
 import pytest
 
 from fsw.main import main
+from fsw_lab.input_steps import COLUMNS
 from fsw_model import ProcessModel
-from fsw_scenario.input_steps import COLUMNS
 
 
 def run(tmp_path, events, *arguments):
