@@ -111,8 +111,6 @@ MAY_IMPORT = {
     "fsw_campaign": {
         "fsw_schema",
         "fsw_control",
-        "fsw_nmpc",
-        "fsw_decentral",
         "fsw_plant",
         "fsw_recorder",
         "fsw_analysis",
