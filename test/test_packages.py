@@ -75,7 +75,6 @@ MAY_IMPORT = {
         "fsw_msgs",
         "fsw_hmi",  # of fsw_hmi: its named users
     },
-    "fsw_bringup": {"fsw_schema", "fsw_control", "fsw_scenario"},
     "fsw_quality": {
         "fsw_schema",
         "fsw_analysis",
@@ -246,8 +245,9 @@ def imported(folder: Path) -> set[str]:
     return found - set(sys.stdlib_module_names) - OPTIONAL - (local - {"rclpy"})
 
 
-def product(package: Path) -> Path:
-    return package / ("launch" if package.name == "fsw_bringup" else package.name)
+def uses(package: Path) -> set[str]:
+    """What a package imports, its launch files included."""
+    return (imported(package / package.name) | imported(package / "launch")) - {package.name}
 
 
 def declared(package: Path, *tags: str) -> set[str]:
@@ -257,10 +257,10 @@ def declared(package: Path, *tags: str) -> set[str]:
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_package_xml_says_what_is_imported(package: Path) -> None:
-    needed = {KEYS.get(module, module) for module in imported(product(package)) - {package.name}}
+    needed = {KEYS.get(module, module) for module in uses(package)}
     said = declared(package, *_TAGS)
     started = {
-        "fsw_bringup": said,
+        "fsw": {"fsw_decentral", "fsw_machine", "fsw_nmpc", "fsw_supervisor", "ros2launch"},
         "fsw_control": {row.message_type.partition("/")[0] for row in SENSORS.values()},
         "fsw_scenario": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi", "fsw_recorder"},
     }
@@ -272,7 +272,7 @@ def test_package_xml_says_what_is_imported(package: Path) -> None:
 def test_package_xml_says_what_the_tests_import(package: Path) -> None:
     used = imported(package / "test")
     tools = {"python3-pytest-timeout"}  # imported by nobody; pyproject.toml sets the time
-    if package.name == "fsw_bringup":
+    if package.name == "fsw":
         used |= imported(SOURCES.parent / "test" / "launch")
         tools |= {"launch_testing_ros"}  # of `launch_test` for nodes
     needed = {KEYS.get(module, module) for module in used - {package.name}} | tools
@@ -291,9 +291,7 @@ def test_package_xml_says_what_setup_imports(package: Path) -> None:
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_arrows_point_down(package: Path) -> None:
-    used = {module for module in imported(product(package)) if module.startswith("fsw")} - {
-        package.name
-    }
+    used = {module for module in uses(package) if module.startswith("fsw")}
     assert used - MAY_IMPORT[package.name] == set()
     order = list(MAY_IMPORT)
     assert used <= set(order[: order.index(package.name)])
@@ -355,13 +353,13 @@ def folder_edges(folder: Path) -> dict[str, set[str]]:
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_no_circle_between_modules(package: Path) -> None:
-    assert circle(module_edges(product(package), only_at_import=True)) == []
+    assert circle(module_edges(package / package.name, only_at_import=True)) == []
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_no_circle_between_a_package_and_its_sub_packages(package: Path) -> None:
     """Not even one that an import inside a function hides."""
-    assert circle(folder_edges(product(package))) == []
+    assert circle(folder_edges(package / package.name)) == []
 
 
 def test_a_circle_of_sub_packages_would_be_found(tmp_path: Path) -> None:

@@ -272,7 +272,7 @@ class _Nodes:
         self._namespace = arguments["namespace"] or None
         self._log_level = arguments["log_level"]
         self._folder = parameters.parent
-        share = Path(get_package_share_directory("fsw_bringup"))
+        share = Path(get_package_share_directory("fsw"))
         self._files = [str(share / "config" / "weld.yaml"), str(parameters)]
         if arguments["params_file"]:
             file = Path(arguments["params_file"]).expanduser()

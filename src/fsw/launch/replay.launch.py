@@ -59,7 +59,7 @@ def replay(context: LaunchContext) -> list[Any]:
     bag = Path(arguments["bag"]).expanduser()
     if not bag.exists():
         raise RuntimeError(f"bag: there is nothing at {bag}")
-    files = [str(Path(get_package_share_directory("fsw_bringup")) / "config" / "weld.yaml")]
+    files = [str(Path(get_package_share_directory("fsw")) / "config" / "weld.yaml")]
     if arguments["params_file"]:
         files.append(str(Path(arguments["params_file"]).expanduser()))
         if not Path(files[-1]).is_file():
