@@ -67,7 +67,7 @@ class Manifest(Model):
     attachments_sha256: dict[str, str]
     """attached files: scenario, software versions, parameters of every node"""
     clock: ClockState
-    """state of the system's clock at the start of the recording"""
+    """state of the system's clock at the end of the recording"""
     files: Many[FileManifest]
 
     def text(self) -> str:
