@@ -212,13 +212,13 @@ def start(module, extras=()):
     """Go on inside the project's environment and end with what the ``main`` of a module returns.
 
     What commands and nodes need of extras is installed when they ask for it
-    (``fsw_schema.extras``).
+    (``fsw_control.schema.extras``).
     """
     try:
         ensure(extras=extras)
         _on_interrupt(_end)
         with contextlib.suppress(ImportError):
-            importlib.import_module("fsw_schema.extras").install = lambda extra: ensure(
+            importlib.import_module("fsw_control.schema.extras").install = lambda extra: ensure(
                 extras=(extra,)
             )
         main = importlib.import_module(module).main

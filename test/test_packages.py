@@ -30,19 +30,17 @@ PACKAGES = sorted(
 #: which packages of this project each may import, all of them above it in this list
 MAY_IMPORT = {
     "fsw_msgs": set(),
-    "fsw_schema": set(),
-    "fsw_control": {"fsw_schema", "fsw_msgs"},
-    "fsw_model": {"fsw_schema"},
-    "fsw_nmpc": {"fsw_schema", "fsw_model", "fsw_control"},
-    "fsw_decentral": {"fsw_schema", "fsw_control"},
-    "fsw_plant": {"fsw_schema", "fsw_model", "fsw_control", "fsw_msgs"},
-    "fsw_machine": {"fsw_schema", "fsw_control", "fsw_msgs"},
-    "fsw_supervisor": {"fsw_schema", "fsw_control", "fsw_model", "fsw_msgs"},
-    "fsw_recorder": {"fsw_schema", "fsw_control"},
-    "fsw_analysis": {"fsw_schema", "fsw_recorder", "fsw_control", "fsw_model"},
+    "fsw_control": {"fsw_msgs"},
+    "fsw_model": {"fsw_control"},
+    "fsw_nmpc": {"fsw_model", "fsw_control"},
+    "fsw_decentral": {"fsw_control"},
+    "fsw_plant": {"fsw_model", "fsw_control", "fsw_msgs"},
+    "fsw_machine": {"fsw_control", "fsw_msgs"},
+    "fsw_supervisor": {"fsw_control", "fsw_model", "fsw_msgs"},
+    "fsw_recorder": {"fsw_control"},
+    "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model"},
     # of fsw_plant: what disturbs it
     "fsw_hmi": {
-        "fsw_schema",
         "fsw_control",
         "fsw_plant",
         "fsw_analysis",
@@ -50,7 +48,6 @@ MAY_IMPORT = {
         "fsw_msgs",
     },
     "fsw_scenario": {
-        "fsw_schema",
         "fsw_model",
         "fsw_control",
         "fsw_nmpc",
@@ -62,7 +59,6 @@ MAY_IMPORT = {
         "fsw_msgs",
     },
     "fsw": {
-        "fsw_schema",
         "fsw_model",
         "fsw_control",
         "fsw_nmpc",
@@ -76,7 +72,6 @@ MAY_IMPORT = {
         "fsw_hmi",  # of fsw_hmi: its named users
     },
     "fsw_quality": {
-        "fsw_schema",
         "fsw_analysis",
         "fsw_control",
         "fsw_model",
@@ -85,10 +80,9 @@ MAY_IMPORT = {
         "fsw_msgs",
         "fsw",
     },
-    "fsw_identification": {"fsw_schema", "fsw_analysis", "fsw_control", "fsw_model"},
-    "fsw_heat": {"fsw_schema", "fsw_plant", "fsw_analysis"},
+    "fsw_identification": {"fsw_analysis", "fsw_control", "fsw_model"},
+    "fsw_heat": {"fsw_control", "fsw_plant", "fsw_analysis"},
     "fsw_tuning": {
-        "fsw_schema",
         "fsw_model",
         "fsw_control",
         "fsw_decentral",
@@ -98,7 +92,6 @@ MAY_IMPORT = {
         "fsw_identification",
     },
     "fsw_export": {
-        "fsw_schema",
         "fsw_model",
         "fsw_control",
         "fsw_nmpc",
@@ -108,7 +101,6 @@ MAY_IMPORT = {
         "fsw_scenario",
     },
     "fsw_campaign": {
-        "fsw_schema",
         "fsw_control",
         "fsw_plant",
         "fsw_recorder",
@@ -116,7 +108,6 @@ MAY_IMPORT = {
         "fsw_scenario",
     },
     "fsw_lab": {
-        "fsw_schema",
         "fsw_model",
         "fsw_control",
         "fsw_nmpc",
@@ -395,12 +386,12 @@ def test_package_has_what_ament_and_colcon_look_for(package: Path) -> None:
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_nodes_start_quietly_and_their_entry_points_exist(package: Path) -> None:
-    """A node's entry point imports nothing before a Ctrl-C is taken care of (``fsw_schema.entry``)."""
+    """A node's entry point imports nothing before a Ctrl-C is taken care of (``fsw_control.schema.entry``)."""
     setup = (package / "setup.py").read_text(encoding="utf-8").replace("{PACKAGE}", package.name)
     scripts = re.search(r'"console_scripts": \[.*?\]', setup, re.DOTALL)
     found = re.findall(r'"[a-z_]+ = ([\w.]+):([\w.]+)"', scripts[0] if scripts else "")
     for module, path in found:
-        if module == "fsw_schema.entry":
+        if module == "fsw_control.schema.entry":
             file, function = path.rpartition(".")[::2]
             module, path = file, function
         else:

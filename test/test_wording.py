@@ -19,7 +19,6 @@ MOST = {
     "src/fsw_analysis": 12,
     "src/fsw_control": 3,
     "src/fsw_hmi": 87,
-    "src/fsw_schema": 1,
     "src/fsw_supervisor": 79,
     "test": 3,
 }

@@ -11,7 +11,6 @@ from fsw_recorder.recording import code_sha256
 
 #: packages that compute and judge a weld
 PACKAGES = (
-    "fsw_schema",
     "fsw_model",
     "fsw_control",
     "fsw_nmpc",

@@ -22,6 +22,7 @@ from fsw_campaign.definition import Bounds  # noqa: E402
 from fsw_campaign.distributions import Distribution, draw, weld_seed  # noqa: E402
 from fsw_campaign.statistics import Results, first_order  # noqa: E402
 from fsw_campaign.welds import run_weld  # noqa: E402
+from fsw_control.schema.models import InputError, validate  # noqa: E402
 from fsw_recorder.findings import Code, EvidenceError  # noqa: E402
 from fsw_recorder.recording import code_files  # noqa: E402
 from fsw_recorder.signature import (  # noqa: E402
@@ -33,7 +34,6 @@ from fsw_recorder.signature import (  # noqa: E402
     signature_path,
 )
 from fsw_scenario.closed_loop import ClosedLoop  # noqa: E402
-from fsw_schema.models import InputError, validate  # noqa: E402
 from fsw_test_support.judged_weld import short_procedure  # noqa: E402
 from fsw_test_support.small_campaign import SMALL, campaign  # noqa: E402
 

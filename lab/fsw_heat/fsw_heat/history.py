@@ -60,7 +60,7 @@ def heat_history(
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If the tool is off the copper, or an input is not finite.
     """
     steps = course.power_kw.size

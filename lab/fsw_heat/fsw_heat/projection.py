@@ -93,7 +93,7 @@ def project(parameters: CanisterParameters, progress: Progress | None = None) ->
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If scikit-fem is not installed.
     """
     with one_thread():

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fsw_control.schema.models import InputError
 from fsw_heat import cache, load_or_reduce
 from fsw_heat.cache import cache_path
 from fsw_heat.projection import Projection, project
 from fsw_plant.canister import CanisterParameters
-from fsw_schema.models import InputError
 
 TINY = CanisterParameters(
     outer_radius_mm=60.0, wall_mm=20.0, rim_mm=40.0, lid_mm=0.0, tube_mm=100.0, lowest_mm=-5.0, probe_radius_mm=15.0,

@@ -12,12 +12,12 @@ from fsw.errors import CommandError
 from fsw.outputs import check_new, write_json
 from fsw.progress import ProgressBar
 from fsw_analysis.messages import WeldMessages
+from fsw_control.schema.models import InputError
+from fsw_control.schema.ranges import Range
 from fsw_lab.replay import replay
 from fsw_lab.shadow import write_shadow
 from fsw_plant.event_schema import DURATION_S
 from fsw_scenario.controllers import described_in, maker, name_of, variant_of
-from fsw_schema.models import InputError
-from fsw_schema.ranges import Range
 
 #: help text on names of controllers
 _NAME_OR_CLASS = "NAME, or MODULE:CLASS or FILE.py:CLASS of your own controller"

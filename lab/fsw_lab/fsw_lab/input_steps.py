@@ -8,11 +8,19 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import AfterValidator, model_validator
 
+from fsw_control.schema.models import (
+    Many,
+    Model,
+    content_of,
+    problem,
+    read_text,
+    shipped_names,
+    validate,
+)
+from fsw_control.schema.ranges import Range
 from fsw_control.weld import TICK_S
 from fsw_model import ProcessModel
 from fsw_plant.event_schema import DURATION_S, TIME_S
-from fsw_schema.models import Many, Model, content_of, problem, read_text, shipped_names, validate
-from fsw_schema.ranges import Range
 
 COLUMNS = (
     "time_s",

@@ -9,9 +9,9 @@ from fsw.command import FORCE, command, file, option
 from fsw.errors import CommandError
 from fsw.outputs import check_new
 from fsw_analysis.export import write_table
+from fsw_control.schema.files import replacing
 from fsw_lab import input_steps
 from fsw_model import ModelParameters, ProcessModel
-from fsw_schema.files import replacing
 
 
 @command(

@@ -8,8 +8,8 @@ import yaml
 from fsw.main import main
 from fsw_campaign import definition
 from fsw_campaign.welds import run_weld
+from fsw_control.schema.models import InputError
 from fsw_lab.replay import Comparison, TickDifference
-from fsw_schema.models import InputError
 from fsw_test_support.own_controller import own
 
 pytestmark = pytest.mark.usefixtures("forgotten")

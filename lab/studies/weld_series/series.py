@@ -13,6 +13,7 @@ from fsw_analysis.weld_signals import WeldSignals
 from fsw_campaign.programme_signals import progress
 from fsw_control.journal import RequestKind
 from fsw_control.parameters import validate
+from fsw_control.schema.files import replacing
 from fsw_control.weld import TICK_S
 from fsw_quality import history, record, report
 from fsw_quality.monitor import Monitor
@@ -25,7 +26,6 @@ from fsw_scenario.procedure import Procedure
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse
 from fsw_scenario.weld_programme import spans
-from fsw_schema.files import replacing
 from weld_series import bag
 
 CONTROLLER = "decentral:tight"

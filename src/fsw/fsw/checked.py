@@ -12,7 +12,7 @@ from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 
-from fsw_schema.models import InputError
+from fsw_control.schema.models import InputError
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -53,7 +53,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         By the function, before it does anything.
     """
     signature = inspect.signature(function)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from fsw.command import command, option
-from fsw_schema.extras import Extra
+from fsw_control.schema.extras import Extra
 
 
 @command(

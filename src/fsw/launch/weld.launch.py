@@ -26,6 +26,8 @@ from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from fsw_control.schema.extensions import extensions
+from fsw_control.schema.models import InputError
 from fsw_scenario.controllers import program, variants_of
 from fsw_scenario.graph import STANDBY, WeldGraph, for_standby
 from fsw_scenario.launcher import ABORTED, REFUSED, RESPAWN_DELAY_S
@@ -34,8 +36,6 @@ from fsw_scenario.procedure import shipped as procedures
 from fsw_scenario.procedure_limits import graph_parameters
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse, shipped
-from fsw_schema.extensions import extensions
-from fsw_schema.models import InputError
 
 ARGUMENTS = {
     "controllers": (

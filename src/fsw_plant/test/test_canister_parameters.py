@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fsw_control.schema.models import InputError
 from fsw_plant.canister import CanisterParameters
 from fsw_plant.canister.copper import DENSITY_KG_PER_M3, Kirchhoff, conductivity, heat_capacity
-from fsw_schema.models import InputError
 
 
 def test_defaults_are_those_of_the_table() -> None:

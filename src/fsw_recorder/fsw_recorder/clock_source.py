@@ -7,7 +7,7 @@ import struct
 from contextlib import suppress
 from typing import Literal
 
-from fsw_schema.models import Model
+from fsw_control.schema.models import Model
 
 #: `struct timex` of Linux (64 bit) up to the status: modes, offset, frequency, largest and
 #: estimated error, status

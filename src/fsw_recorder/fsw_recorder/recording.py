@@ -13,8 +13,8 @@ from importlib.util import find_spec
 from itertools import chain, count
 from pathlib import Path
 
+from fsw_control.schema.files import open_regular
 from fsw_recorder.errors import BagError
-from fsw_schema.files import open_regular
 
 _DISTRIBUTIONS = ("fsw-control", "ros-rclpy", "ros-fastrtps", "mcap", "numpy", "casadi", "rosbags")
 #: packages that determine the commands, with the suffixes of their sources

@@ -13,6 +13,7 @@ from std_msgs.msg import Header, String
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
 from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S
+from fsw_control.schema.models import InputError
 from fsw_msgs.action import RunWeld
 from fsw_msgs.srv import SetMode
 from fsw_scenario.audience_ros import Audience
@@ -21,7 +22,6 @@ from fsw_scenario.launcher import ABORTED
 from fsw_scenario.scenario_node import ALONE_S, ScenarioNode
 from fsw_scenario.set_points_ros import SetPoints
 from fsw_scenario.weld_player_ros import Outcome
-from fsw_schema.models import InputError
 from fsw_test_support import player_graph
 from fsw_test_support.player_graph import START_NS, STEP_NS, PlayerGraph
 

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import model_validator
 
-from fsw_schema.models import Parameters, Whole
-from fsw_schema.ranges import Range
+from fsw_control.schema.models import Parameters, Whole
+from fsw_control.schema.ranges import Range
 
 #: fields of :class:`CanisterParameters` that finite elements and projection depend on; the others
 #: may change afterwards

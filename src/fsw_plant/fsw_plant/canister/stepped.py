@@ -10,9 +10,9 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw_control.schema.models import InputError
 from fsw_plant.canister.copper import Array, Kirchhoff
 from fsw_plant.canister.parameters import CanisterParameters
-from fsw_schema.models import InputError
 
 Complex = NDArray[np.complex128]
 #: longest heating-up before the first tick, chosen
@@ -81,7 +81,7 @@ class HeatModel(ABC):
 
         Raises
         ------
-        fsw_schema.models.InputError
+        fsw_control.schema.models.InputError
             If an input is not finite, the tool is off the copper or the step is not positive.
         """
 
@@ -150,7 +150,7 @@ def heated(
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If that takes too long, or the tool is off the copper.
     """
     traverse, axial_mm = motion

@@ -1,8 +1,8 @@
 """Entry points of programs with a slow import, which Ctrl-C or SIGTERM can end quietly.
 
-Every name of this module stands for a package: ``fsw_schema.entry:fsw_plant.plant_node.main`` is
-an entry point that imports ``fsw_plant.plant_node`` when it is called and then calls its ``main``.
-This package imports next to nothing.
+Every name of this module stands for a package: ``fsw_control.schema.entry:fsw_hmi.main.main`` is
+an entry point that imports ``fsw_hmi.main`` when it is called and then calls its ``main``. Neither
+this module nor ``fsw_control`` imports anything slow.
 """
 
 from __future__ import annotations

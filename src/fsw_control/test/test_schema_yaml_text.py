@@ -7,10 +7,16 @@ import yaml
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from fsw_schema import yaml_text
-from fsw_schema.errors import InputError
-from fsw_schema.models import Model, validate
-from fsw_schema.yaml_text import DEEPEST, LONGEST_TEXT, MOST_VALUES, content_of, json_content_of
+from fsw_control.schema import yaml_text
+from fsw_control.schema.errors import InputError
+from fsw_control.schema.models import Model, validate
+from fsw_control.schema.yaml_text import (
+    DEEPEST,
+    LONGEST_TEXT,
+    MOST_VALUES,
+    content_of,
+    json_content_of,
+)
 
 SCALARS = (
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(max_size=20)

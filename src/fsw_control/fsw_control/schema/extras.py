@@ -8,7 +8,7 @@ from importlib import import_module, invalidate_caches
 from importlib.util import find_spec
 from typing import Any
 
-from fsw_schema.models import InputError
+from fsw_control.schema.models import InputError
 
 #: installs the extra of a name into this environment; set by a clone of the repository
 #: (scripts/_bootstrap.py)

@@ -1,7 +1,8 @@
 """Declarative validation of user input in files and requests: base model, error, text format.
 
 A model is a subclass of :class:`Model`. A number with a range is ``Annotated[float, RANGE]``,
-RANGE a :class:`fsw_schema.ranges.Range` with the unit; a docstring below a field describes it.
+RANGE a :class:`fsw_control.schema.ranges.Range` with the unit; a docstring below a field describes
+it.
 The same definition gives the check, the error texts, the JSON Schema and the reference pages.
 """
 
@@ -30,12 +31,12 @@ from pydantic import (
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
 
-from fsw_schema.errors import InputError as InputError
-from fsw_schema.errors import Problem as Problem
-from fsw_schema.files import read_regular
-from fsw_schema.ranges import Range
-from fsw_schema.yaml_text import content_of as content_of
-from fsw_schema.yaml_text import json_content_of as json_content_of
+from fsw_control.schema.errors import InputError as InputError
+from fsw_control.schema.errors import Problem as Problem
+from fsw_control.schema.files import read_regular
+from fsw_control.schema.ranges import Range
+from fsw_control.schema.yaml_text import content_of as content_of
+from fsw_control.schema.yaml_text import json_content_of as json_content_of
 
 _MOST_PROBLEMS = 10
 #: number of errors for which similar names are searched; a large file of another kind has tens of

@@ -19,7 +19,7 @@ from functools import cache
 from importlib import metadata
 from typing import Any
 
-from fsw_schema.models import InputError
+from fsw_control.schema.models import InputError
 
 
 @cache
@@ -28,7 +28,7 @@ def extensions(group: str) -> dict[str, metadata.EntryPoint]:
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If two distributions give a name different meanings.
     """
     found: dict[str, metadata.EntryPoint] = {}
@@ -48,7 +48,7 @@ def loaded(group: str, name: str) -> Any:
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If it cannot be imported; the text names its distribution.
     """
     point = extensions(group).get(name)

@@ -9,7 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from fsw_schema.files import locked, open_regular, read_regular, replacing, user_cache, write_whole
+from fsw_control.schema.files import (
+    locked,
+    open_regular,
+    read_regular,
+    replacing,
+    user_cache,
+    write_whole,
+)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 ``1e300`` is a number, no key may be given twice, and every error is one line. The length of the
 text, the number of values and the depth of nesting are limited. An alias (``*name``) counts as
 all the values that it stands for: a few nested ones would otherwise exceed the memory ("billion
-laughs"). :mod:`fsw_schema.files` limits what is read from a path.
+laughs"). :mod:`fsw_control.schema.files` limits what is read from a path.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-from fsw_schema.errors import InputError
+from fsw_control.schema.errors import InputError
 
 #: limits of a YAML text: the largest file of the project has 400 lines in 7 levels
 LONGEST_TEXT = 2_000_000

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from fsw_schema import extras
-from fsw_schema.extensions import all_loaded, extensions, loaded
-from fsw_schema.extras import Extra, MissingExtraError
-from fsw_schema.models import InputError
+from fsw_control.schema import extras
+from fsw_control.schema.extensions import all_loaded, extensions, loaded
+from fsw_control.schema.extras import Extra, MissingExtraError
+from fsw_control.schema.models import InputError
 
 GROUP = "fsw.group_of_a_test"
 
