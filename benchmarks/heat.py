@@ -30,6 +30,7 @@ from report import parser, save, show
 
 from fsw_analysis.report import templates
 from fsw_campaign.definition import load
+from fsw_campaign.programme_signals import with_programme
 from fsw_identification.heat_learning import learn
 from fsw_lab.learn_command import model_text
 from fsw_model import nominal
@@ -37,7 +38,6 @@ from fsw_plant.parameters import Actuators
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all
-from fsw_scenario.programme_signals import with_programme
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "heat.md"
 #: welds of the campaign whose wall, rim and lid, and whose machine and tool, the types have; no two

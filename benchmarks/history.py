@@ -31,6 +31,7 @@ import yaml
 from report import parser, save, show
 
 from fsw_analysis.report import templates
+from fsw_control.schema.files import replacing
 from fsw_quality import history, history_report
 from fsw_quality.control_charts import FALSE_SIGNALS, WELDS, chart
 from fsw_quality.history_report import CHARTED, LIMITS
@@ -39,7 +40,6 @@ from fsw_quality.monitor_run import watch
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all, name_of
 from fsw_scenario.scenario_file import parse
-from fsw_schema.files import replacing
 from fsw_test_support.made_history import rows
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "history.md"

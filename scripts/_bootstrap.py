@@ -210,18 +210,18 @@ def start(program, extras=()):
     """Continue in the project's environment and exit with the result of a node or a module's ``main``.
 
     What commands and nodes need of extras is installed when they ask for it
-    (``fsw_schema.extras``).
+    (``fsw_control.schema.extras``).
     """
     try:
         ensure(extras=extras)
         _on_interrupt(_end)
         with contextlib.suppress(ImportError):
-            importlib.import_module("fsw_schema.extras").install = lambda extra: ensure(
+            importlib.import_module("fsw_control.schema.extras").install = lambda extra: ensure(
                 extras=(extra,)
             )
         path = f"{program}.main"
         if "." not in program:
-            path = importlib.import_module("fsw_schema.extensions").program_path(program)
+            path = importlib.import_module("fsw_control.schema.extensions").program_path(program)
         module, _, function = path.rpartition(".")
         main = getattr(importlib.import_module(module), function)
         _on_interrupt(signal.default_int_handler)

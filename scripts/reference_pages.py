@@ -16,6 +16,9 @@ from fsw.schema_command import GROUP, kinds, schema_text
 from fsw_analysis import markdown
 from fsw_analysis.procedure import Procedure
 from fsw_control.parameters import NodeParameters, ParameterSpec, describe
+from fsw_control.schema.extensions import loaded
+from fsw_control.schema.models import Model, descriptions, json_schema
+from fsw_control.schema.ranges import Range
 from fsw_hmi.main import parser as hmi_parser
 from fsw_model import nominal
 from fsw_nmpc.tuning import AdaptationTuning, ApproachTuning, EstimatorTuning, Tuning
@@ -27,9 +30,6 @@ from fsw_scenario import scenario_file
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
 from fsw_scenario.weld_programme_file import LIMITS
-from fsw_schema.extensions import loaded
-from fsw_schema.models import Model, descriptions, json_schema
-from fsw_schema.ranges import Range
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 LONGEST_PAGE = 1400  # words; also of the pages that are not made here

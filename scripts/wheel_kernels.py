@@ -40,7 +40,7 @@ class CustomBuildHook(BuildHookInterface[Any]):
         if version == "editable":
             return
         sources = Path(self.root) / "src"
-        sys.path[:0] = [str(sources / name) for name in ("fsw_schema", "fsw_control")]
+        sys.path.insert(0, str(sources / "fsw_control"))
         from fsw_control.c_library import CLibrary, compiler
 
         platform = os.environ.get(PLATFORM)

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from fsw_schema.extensions import extensions, loaded
+from fsw_control.schema.extensions import extensions, loaded
 
 WORKSPACE = Path(__file__).resolve().parents[1]
 #: what each distribution may use, from its folder

@@ -20,8 +20,8 @@ import yaml
 from fsw.demo import parser as demo_parser
 from fsw.main import parser as operator_parser
 from fsw_control.parameters import NodeParameters, describe
+from fsw_control.schema.extensions import all_loaded
 from fsw_hmi.main import parser as hmi_parser
-from fsw_schema.extensions import all_loaded
 from fsw_test_support.machine_server import parser as machine_server_parser
 
 WORKSPACE = Path(__file__).resolve().parent.parent

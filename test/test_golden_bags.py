@@ -14,8 +14,8 @@ import pytest
 from fsw_analysis import kpi
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.messages import WeldMessages
-from fsw_analysis.replay import Comparison, Replay, replay
 from fsw_analysis.signals import load_weld
+from fsw_lab.replay import Comparison, Replay, replay
 from fsw_scenario.controllers import kind_of
 
 GOLDEN = Path(__file__).parent / "golden"

@@ -30,20 +30,17 @@ PACKAGES = sorted(
 #: which packages of this project each may import, all of them above it in this list
 MAY_IMPORT = {
     "fsw_msgs": set(),
-    "fsw_schema": set(),
-    "fsw_control": {"fsw_schema", "fsw_msgs"},
-    "fsw_model": {"fsw_schema"},
-    "fsw_canister": {"fsw_schema"},
-    "fsw_nmpc": {"fsw_schema", "fsw_model", "fsw_control"},
-    "fsw_decentral": {"fsw_schema", "fsw_control"},
-    "fsw_plant": {"fsw_schema", "fsw_model", "fsw_canister", "fsw_control", "fsw_msgs"},
-    "fsw_machine": {"fsw_schema", "fsw_control", "fsw_msgs"},
-    "fsw_supervisor": {"fsw_schema", "fsw_control", "fsw_model", "fsw_msgs"},
-    "fsw_recorder": {"fsw_schema", "fsw_control"},
-    "fsw_analysis": {"fsw_schema", "fsw_recorder", "fsw_control", "fsw_model"},
+    "fsw_control": {"fsw_msgs"},
+    "fsw_model": {"fsw_control"},
+    "fsw_nmpc": {"fsw_model", "fsw_control"},
+    "fsw_decentral": {"fsw_control"},
+    "fsw_plant": {"fsw_model", "fsw_control", "fsw_msgs"},
+    "fsw_machine": {"fsw_control", "fsw_msgs"},
+    "fsw_supervisor": {"fsw_control", "fsw_model", "fsw_msgs"},
+    "fsw_recorder": {"fsw_control"},
+    "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model"},
     # of fsw_plant: what disturbs it
     "fsw_hmi": {
-        "fsw_schema",
         "fsw_control",
         "fsw_plant",
         "fsw_analysis",
@@ -51,7 +48,6 @@ MAY_IMPORT = {
         "fsw_msgs",
     },
     "fsw_scenario": {
-        "fsw_schema",
         "fsw_model",
         "fsw_control",
         "fsw_nmpc",
@@ -63,7 +59,6 @@ MAY_IMPORT = {
         "fsw_msgs",
     },
     "fsw": {
-        "fsw_schema",
         "fsw_model",
         "fsw_control",
         "fsw_nmpc",
@@ -76,9 +71,7 @@ MAY_IMPORT = {
         "fsw_msgs",
         "fsw_hmi",  # of fsw_hmi: its named users
     },
-    "fsw_bringup": {"fsw_schema", "fsw_control", "fsw_scenario"},
     "fsw_quality": {
-        "fsw_schema",
         "fsw_analysis",
         "fsw_control",
         "fsw_model",
@@ -87,10 +80,9 @@ MAY_IMPORT = {
         "fsw_msgs",
         "fsw",
     },
-    "fsw_identification": {"fsw_schema", "fsw_analysis", "fsw_control", "fsw_model"},
-    "fsw_heat": {"fsw_schema", "fsw_canister", "fsw_analysis"},
+    "fsw_identification": {"fsw_analysis", "fsw_control", "fsw_model"},
+    "fsw_heat": {"fsw_control", "fsw_plant", "fsw_analysis"},
     "fsw_tuning": {
-        "fsw_schema",
         "fsw_model",
         "fsw_control",
         "fsw_decentral",
@@ -100,9 +92,7 @@ MAY_IMPORT = {
         "fsw_identification",
     },
     "fsw_export": {
-        "fsw_schema",
         "fsw_model",
-        "fsw_canister",
         "fsw_control",
         "fsw_nmpc",
         "fsw_decentral",
@@ -111,19 +101,14 @@ MAY_IMPORT = {
         "fsw_scenario",
     },
     "fsw_campaign": {
-        "fsw_schema",
         "fsw_control",
-        "fsw_nmpc",
-        "fsw_decentral",
         "fsw_plant",
         "fsw_recorder",
         "fsw_analysis",
         "fsw_scenario",
     },
     "fsw_lab": {
-        "fsw_schema",
         "fsw_model",
-        "fsw_canister",
         "fsw_control",
         "fsw_nmpc",
         "fsw_decentral",
@@ -251,8 +236,9 @@ def imported(folder: Path) -> set[str]:
     return found - set(sys.stdlib_module_names) - OPTIONAL - (local - {"rclpy"})
 
 
-def product(package: Path) -> Path:
-    return package / ("launch" if package.name == "fsw_bringup" else package.name)
+def uses(package: Path) -> set[str]:
+    """What a package imports, its launch files included."""
+    return (imported(package / package.name) | imported(package / "launch")) - {package.name}
 
 
 def declared(package: Path, *tags: str) -> set[str]:
@@ -262,10 +248,10 @@ def declared(package: Path, *tags: str) -> set[str]:
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_package_xml_says_what_is_imported(package: Path) -> None:
-    needed = {KEYS.get(module, module) for module in imported(product(package)) - {package.name}}
+    needed = {KEYS.get(module, module) for module in uses(package)}
     said = declared(package, *_TAGS)
     started = {
-        "fsw_bringup": said,
+        "fsw": {"fsw_decentral", "fsw_machine", "fsw_nmpc", "fsw_supervisor", "ros2launch"},
         "fsw_control": {row.message_type.partition("/")[0] for row in SENSORS.values()},
         "fsw_scenario": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi", "fsw_recorder"},
     }
@@ -277,7 +263,7 @@ def test_package_xml_says_what_is_imported(package: Path) -> None:
 def test_package_xml_says_what_the_tests_import(package: Path) -> None:
     used = imported(package / "test")
     tools = {"python3-pytest-timeout"}  # imported by nobody; pyproject.toml sets the time
-    if package.name == "fsw_bringup":
+    if package.name == "fsw":
         used |= imported(SOURCES.parent / "test" / "launch")
         tools |= {"launch_testing_ros"}  # of `launch_test` for nodes
     needed = {KEYS.get(module, module) for module in used - {package.name}} | tools
@@ -296,9 +282,7 @@ def test_package_xml_says_what_setup_imports(package: Path) -> None:
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_arrows_point_down(package: Path) -> None:
-    used = {module for module in imported(product(package)) if module.startswith("fsw")} - {
-        package.name
-    }
+    used = {module for module in uses(package) if module.startswith("fsw")}
     assert used - MAY_IMPORT[package.name] == set()
     order = list(MAY_IMPORT)
     assert used <= set(order[: order.index(package.name)])
@@ -360,13 +344,13 @@ def folder_edges(folder: Path) -> dict[str, set[str]]:
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_no_circle_between_modules(package: Path) -> None:
-    assert circle(module_edges(product(package), only_at_import=True)) == []
+    assert circle(module_edges(package / package.name, only_at_import=True)) == []
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_no_circle_between_a_package_and_its_sub_packages(package: Path) -> None:
     """Not even one that an import inside a function hides."""
-    assert circle(folder_edges(product(package))) == []
+    assert circle(folder_edges(package / package.name)) == []
 
 
 def test_a_circle_of_sub_packages_would_be_found(tmp_path: Path) -> None:
@@ -402,12 +386,12 @@ def test_package_has_what_ament_and_colcon_look_for(package: Path) -> None:
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_nodes_start_quietly_and_their_entry_points_exist(package: Path) -> None:
-    """A node's entry point imports nothing before a Ctrl-C is taken care of (``fsw_schema.entry``)."""
+    """A node's entry point imports nothing before a Ctrl-C is taken care of (``fsw_control.schema.entry``)."""
     setup = (package / "setup.py").read_text(encoding="utf-8").replace("{PACKAGE}", package.name)
     scripts = re.search(r'"console_scripts": \[.*?\]', setup, re.DOTALL)
     found = re.findall(r'"[a-z_]+ = ([\w.]+):([\w.]+)"', scripts[0] if scripts else "")
     for module, path in found:
-        if module == "fsw_schema.entry":
+        if module == "fsw_control.schema.entry":
             file, function = path.rpartition(".")[::2]
             module, path = file, function
         else:

@@ -30,7 +30,7 @@ def run(*command, cwd, **environment):
 @pytest.mark.parametrize(
     ("project", "folder", "without"),
     [
-        (".", "src", {"fsw_msgs", "fsw_bringup"}),
+        (".", "src", {"fsw_msgs"}),
         ("quality", "quality", set()),
         ("lab", "lab", set()),
     ],

@@ -15,7 +15,7 @@ from distributed.client import FutureCancelledError
 from fsw_campaign import dataset, definition, engine
 from fsw_campaign.dataset import TIMES, Dataset
 from fsw_campaign.welds import run_batch
-from fsw_schema.models import InputError
+from fsw_control.schema.models import InputError
 from fsw_test_support.waiting import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.slow

@@ -15,7 +15,7 @@ setup(
     ],
     extras_require={"test": ["pytest"]},
     entry_points={
-        "console_scripts": ["monitor = fsw_schema.entry:fsw_quality.monitor_node.main"],
+        "console_scripts": ["monitor = fsw_control.schema.entry:fsw_quality.monitor_node.main"],
         "fsw.commands": [
             "bag.evidence = fsw_quality.commands.bag_evidence",
             "history = fsw_quality.commands.history",

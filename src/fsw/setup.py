@@ -1,4 +1,6 @@
-"""Ament package of the command line."""
+"""Ament package of the command line and the launch files."""
+
+from glob import glob
 
 from setuptools import find_packages, setup
 
@@ -12,6 +14,8 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
+        (f"share/{package_name}/launch", sorted(glob("launch/*.launch.py"))),
+        (f"share/{package_name}/config", sorted(glob("config/*"))),
     ],
     extras_require={"test": ["pytest"]},
     entry_points={
@@ -24,7 +28,6 @@ setup(
             "bag.kpi = fsw.bag_kpi",
             "bag.plot = fsw.bag_plot",
             "bag.recover = fsw.bag_recover",
-            "bag.replay = fsw.bag_replay",
             "completion = fsw.completion",
             "controllers = fsw.graph",
             "demo = fsw.demo",
@@ -33,7 +36,6 @@ setup(
             "hmi = fsw.hmi",
             "lifecycle = fsw.graph",
             "mode = fsw.graph",
-            "model = fsw.model_command",
             "node = fsw.node",
             "param = fsw.graph",
             "reference = fsw.graph",

@@ -21,7 +21,9 @@ setup(
     ],
     extras_require={"test": ["pytest"]},
     entry_points={
-        "console_scripts": ["decentral = fsw_schema.entry:fsw_decentral.decentral_node.main"],
+        "console_scripts": [
+            "decentral = fsw_control.schema.entry:fsw_decentral.decentral_node.main"
+        ],
         "fsw.nodes": ["decentral = fsw_decentral.decentral_node:main"],
         "fsw.schemas": ["parameters-decentral = fsw_decentral.parameters:DecentralParameters"],
         "fsw.controllers": ["decentral = fsw_decentral:DecentralController"],

@@ -13,7 +13,7 @@ setup(
     ],
     extras_require={"test": ["pytest"]},
     entry_points={
-        "console_scripts": ["hmi = fsw_schema.entry:fsw_hmi.main.main"],
+        "console_scripts": ["hmi = fsw_control.schema.entry:fsw_hmi.main.main"],
         "fsw.schemas": ["parameters-hmi = fsw_hmi.parameters:HmiParameters"],
         "fsw.nodes": ["hmi = fsw_hmi.main:main"],
     },

@@ -13,7 +13,7 @@ setup(
     ],
     extras_require={"test": ["pytest"]},
     entry_points={
-        "console_scripts": ["machine = fsw_schema.entry:fsw_machine.machine_node.main"],
+        "console_scripts": ["machine = fsw_control.schema.entry:fsw_machine.machine_node.main"],
         "fsw.nodes": ["machine = fsw_machine.machine_node:main"],
         "fsw.schemas": [
             "machine = fsw_machine.machine_file:MachineFile",

@@ -21,7 +21,7 @@ setup(
     ],
     extras_require={"test": ["pytest"]},
     entry_points={
-        "console_scripts": ["nmpc = fsw_schema.entry:fsw_nmpc.nmpc_node.main"],
+        "console_scripts": ["nmpc = fsw_control.schema.entry:fsw_nmpc.nmpc_node.main"],
         "fsw.nodes": ["nmpc = fsw_nmpc.nmpc_node:main"],
         "fsw.controllers": ["nmpc = fsw_nmpc:NmpcController"],
         "fsw.schemas": [

@@ -21,7 +21,7 @@ setup(
     ],
     extras_require={"test": ["pytest"]},
     entry_points={
-        "console_scripts": ["plant = fsw_schema.entry:fsw_plant.plant_node.main"],
+        "console_scripts": ["plant = fsw_control.schema.entry:fsw_plant.plant_node.main"],
         "fsw.schemas": ["parameters-plant = fsw_plant.parameters:PlantParameters"],
         "fsw.nodes": ["plant = fsw_plant.plant_node:main"],
     },

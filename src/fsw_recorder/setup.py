@@ -16,8 +16,8 @@ setup(
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
-            "recorder = fsw_schema.entry:fsw_recorder.recorder_node.main",
-            "replay = fsw_schema.entry:fsw_recorder.replay_node.main",
+            "recorder = fsw_control.schema.entry:fsw_recorder.recorder_node.main",
+            "replay = fsw_control.schema.entry:fsw_recorder.replay_node.main",
         ],
         "fsw.nodes": [
             "recorder = fsw_recorder.recorder_node:main",

@@ -11,7 +11,6 @@ setup(
     package_data={
         package_name: [
             "scenarios/*.yaml",
-            "events/*.yaml",
             "procedures/*.yaml",
             "py.typed",
         ]
@@ -23,10 +22,10 @@ setup(
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
-            "scenario = fsw_schema.entry:fsw_scenario.scenario_node.main",
-            "controller = fsw_schema.entry:fsw_scenario.controller_node.main",
-            "open_loop = fsw_schema.entry:fsw_scenario.open_loop_node.main",
-            "procedure = fsw_schema.entry:fsw_scenario.procedure_node.main",
+            "scenario = fsw_control.schema.entry:fsw_scenario.scenario_node.main",
+            "controller = fsw_control.schema.entry:fsw_scenario.controller_node.main",
+            "open_loop = fsw_control.schema.entry:fsw_scenario.open_loop_node.main",
+            "procedure = fsw_control.schema.entry:fsw_scenario.procedure_node.main",
         ],
         "fsw.nodes": [
             "controller = fsw_scenario.controller_node:main",

@@ -15,7 +15,9 @@ setup(
     ],
     extras_require={"test": ["pytest"]},
     entry_points={
-        "console_scripts": ["supervisor = fsw_schema.entry:fsw_supervisor.supervisor_node.main"],
+        "console_scripts": [
+            "supervisor = fsw_control.schema.entry:fsw_supervisor.supervisor_node.main"
+        ],
         "fsw.schemas": ["parameters-supervisor = fsw_supervisor.parameters:SupervisorParameters"],
         "fsw.nodes": ["supervisor = fsw_supervisor.supervisor_node:main"],
     },

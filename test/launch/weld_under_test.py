@@ -1,8 +1,8 @@
 """What the launch tests share: the weld that they start, and an observer in its graph.
 
-A test module names its weld once, as ``WELD``. Under ``launch_test`` and ``colcon test`` it is
-started by ``weld.launch.py`` of the built workspace; under plain pytest, with or without ROS,
-``conftest.py`` has it started as plain processes.
+A test module names its weld once, as ``WELD``. Under ``launch_test`` it is started by ``weld.launch.py`` of
+the built workspace; under plain pytest, with or without ROS, ``conftest.py`` has it started as
+plain processes.
 """
 
 from __future__ import annotations
@@ -99,9 +99,7 @@ class WeldUnderTest:
             "standby": str(self.standby).lower(),
             "bag_dir": str(folder / "bag"),
         }
-        launch_file = (
-            Path(get_package_share_directory("fsw_bringup")) / "launch" / "weld.launch.py"
-        )
+        launch_file = Path(get_package_share_directory("fsw")) / "launch" / "weld.launch.py"
         description = LaunchDescription(
             [
                 SetEnvironmentVariable("ROS_DOMAIN_ID", str(domain)),

@@ -19,8 +19,8 @@ from fsw_campaign import definition
 from fsw_campaign.definition import Campaign
 from fsw_campaign.software import versions
 from fsw_campaign.welds import Row
-from fsw_schema.files import replacing, write_whole
-from fsw_schema.models import InputError, Model, content_of, read_text, validate
+from fsw_control.schema.files import replacing, write_whole
+from fsw_control.schema.models import InputError, Model, content_of, read_text, validate
 
 _MANIFEST = "campaign.json"
 SCENARIO = "scenario.yaml"

@@ -20,12 +20,7 @@ from fsw_analysis.rule_book import RuleBook, default
 from fsw_analysis.weld_signals import TruthSignals
 from fsw_campaign.distributions import Distribution, Sampler, draw, values, weld_seed
 from fsw_control.contract import Controller
-from fsw_plant.event_schema import TIME_S
-from fsw_recorder.signature import TrustedKey
-from fsw_scenario import scenario_file
-from fsw_scenario.controllers import make_all, name_of, short, source_of
-from fsw_scenario.scenario import Scenario
-from fsw_schema.models import (
+from fsw_control.schema.models import (
     InputError,
     Many,
     Model,
@@ -37,7 +32,12 @@ from fsw_schema.models import (
     shipped_names,
     validate,
 )
-from fsw_schema.ranges import Range
+from fsw_control.schema.ranges import Range
+from fsw_plant.event_schema import TIME_S
+from fsw_recorder.signature import TrustedKey
+from fsw_scenario import scenario_file
+from fsw_scenario.controllers import make_all, name_of, short, source_of
+from fsw_scenario.scenario import Scenario
 
 _SHIPPED = Path(__file__).parent / "campaigns"
 #: keys of a scenario that are not parameters of the weld
@@ -217,7 +217,7 @@ def load(
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If there is no such campaign, something in it is wrong, or its procedure is not signed as
         it has to be.
     """

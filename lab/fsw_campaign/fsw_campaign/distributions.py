@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, PositiveFloat, model_validator
 
-from fsw_schema.models import Many, Model
+from fsw_control.schema.models import Many, Model
 
 Sampler = Literal["latin_hypercube", "sobol"]
 _Pair = Annotated[Many[float], Field(min_length=2, max_length=2)]

@@ -18,7 +18,7 @@ from distributed.comm import get_address_host_port
 from fsw_campaign.dataset import Dataset
 from fsw_campaign.software import versions
 from fsw_campaign.welds import ERROR, Row, run_batch
-from fsw_schema.models import InputError
+from fsw_control.schema.models import InputError
 
 #: time in which a scheduler and its first worker have to answer
 PATIENCE_S = 10.0

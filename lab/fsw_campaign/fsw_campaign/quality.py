@@ -9,7 +9,7 @@ from typing import Annotated
 from pydantic import AfterValidator
 
 from fsw_campaign.definition import Bounds
-from fsw_schema.models import InputError, Many, Model, content_of, read_text, validate
+from fsw_control.schema.models import InputError, Many, Model, content_of, read_text, validate
 
 _SHIPPED = Path(__file__).with_name("quality.yaml")
 
@@ -37,7 +37,7 @@ def read(file: Path | None, columns: Sequence[str]) -> list[Requirement]:
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If it cannot be read or something in it is wrong.
     """
     path = file or _SHIPPED

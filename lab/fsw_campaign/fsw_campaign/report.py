@@ -21,7 +21,7 @@ from fsw_campaign.distributions import Distribution
 from fsw_campaign.quality import Requirement
 from fsw_campaign.statistics import MAIN, Results
 from fsw_campaign.welds import DIVERGED, ERROR, OK
-from fsw_schema.models import InputError
+from fsw_control.schema.models import InputError
 
 _TEMPLATES = templates("fsw_campaign")
 

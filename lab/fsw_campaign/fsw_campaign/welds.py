@@ -16,11 +16,11 @@ from fsw_analysis.kpi import compute
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_campaign import definition
 from fsw_campaign.definition import ERRORS, Campaign, Entrant
+from fsw_campaign.programme_signals import with_programme
 from fsw_campaign.software import versions
 from fsw_control.contract import Controller
 from fsw_control.weld import TICK_S
 from fsw_scenario.closed_loop import ClosedLoop
-from fsw_scenario.programme_signals import with_programme
 
 Row = dict[str, Any]
 #: possible outcomes of a weld

@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 from datetime import UTC, datetime
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +22,9 @@ from fsw_campaign.definition import Bounds  # noqa: E402
 from fsw_campaign.distributions import Distribution, draw, weld_seed  # noqa: E402
 from fsw_campaign.statistics import Results, first_order  # noqa: E402
 from fsw_campaign.welds import run_weld  # noqa: E402
+from fsw_control.schema.models import InputError, validate  # noqa: E402
 from fsw_recorder.findings import Code, EvidenceError  # noqa: E402
+from fsw_recorder.recording import code_files  # noqa: E402
 from fsw_recorder.signature import (  # noqa: E402
     Purpose,
     load_private,
@@ -33,7 +34,6 @@ from fsw_recorder.signature import (  # noqa: E402
     signature_path,
 )
 from fsw_scenario.closed_loop import ClosedLoop  # noqa: E402
-from fsw_schema.models import InputError, validate  # noqa: E402
 from fsw_test_support.judged_weld import short_procedure  # noqa: E402
 from fsw_test_support.small_campaign import SMALL, campaign  # noqa: E402
 
@@ -345,16 +345,10 @@ def test_the_software_of_a_campaign_is_all_that_computes_a_weld():
     found = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     ).stdout.split()
-    of_campaigns = {"__init__.py", "errors.py", "software.py"}
-    assert {path for path in found if Path(path).name not in of_campaigns} <= set(
-        map(str, software.sources())
-    )
+    decides = {str(path) for package in software.PACKAGES for path in code_files(package)}
+    assert {*found} <= decides
 
 
-def test_code_decides_the_versions(tmp_path, monkeypatch):
-    file = tmp_path / "model.py"
-    monkeypatch.setattr(software, "sources", lambda: [file])
-    file.write_text("a = 1")
-    before = software.digest()
-    file.write_text("a = 2")
-    assert software.digest() != before
+def test_code_decides_the_versions(monkeypatch):
+    monkeypatch.setattr(software, "code_sha256", lambda package: "0" * 64)
+    assert software.versions.__wrapped__() != software.versions()

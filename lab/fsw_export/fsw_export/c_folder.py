@@ -11,12 +11,12 @@ from importlib import resources
 from pathlib import Path
 
 from fsw_control.c_library import compiler, run_compiler
+from fsw_control.schema.models import InputError
 from fsw_export.choice import Choice
 from fsw_export.sources import ControllerSources
 from fsw_export.targets import published
 from fsw_export.templates import render
 from fsw_export.vectors import VectorRecorder, csv_text, recorded
-from fsw_schema.models import InputError
 
 _WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-pedantic", "-Werror")
 #: as in the exported CMakeLists.txt

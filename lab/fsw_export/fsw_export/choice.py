@@ -8,8 +8,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from fsw_control.schema.models import InputError, content_of, read_text
 from fsw_model import ModelParameters, ProcessModel, nominal
-from fsw_schema.models import InputError, content_of, read_text
 
 
 @dataclass(frozen=True)

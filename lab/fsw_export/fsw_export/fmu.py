@@ -11,13 +11,13 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from fsw_control.c_library import PORTABLE, needed_compiler, run_compiler
+from fsw_control.schema.extras import Extra
+from fsw_control.schema.files import replacing
+from fsw_control.schema.models import InputError
 from fsw_export.choice import Choice
 from fsw_export.fmu_controllers import decentral, nmpc
 from fsw_export.fmu_description import Content, declarations, model_description, source
 from fsw_export.fmu_plant import plant
-from fsw_schema.extras import Extra
-from fsw_schema.files import replacing
-from fsw_schema.models import InputError
 
 # for any processor of its kind
 FLAGS = (*PORTABLE, "-shared", "-fvisibility=hidden")

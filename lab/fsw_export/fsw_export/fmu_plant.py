@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
-from fsw_canister.stepped import LONGEST_HEATING_S
 from fsw_control import weld
 from fsw_control.parameters import describe, require_known
 from fsw_control.weld import TICK_S
@@ -16,6 +15,7 @@ from fsw_export.templates import render
 from fsw_model import ModelParameters, equations
 from fsw_model.c_code import c_text
 from fsw_plant import PlantEmulator, config
+from fsw_plant.canister.stepped import LONGEST_HEATING_S
 from fsw_plant.library import KERNEL, model_of
 from fsw_plant.parameters import PlantParameters
 from fsw_plant.process import process_model, reduced

@@ -9,6 +9,7 @@ from math import inf, nan
 from typing import Any
 
 from fsw_control.c_library import CController
+from fsw_control.schema.models import InputError
 from fsw_export.choice import Choice
 from fsw_export.signals import Signal
 from fsw_export.sources import ControllerSources, sources_of
@@ -17,7 +18,6 @@ from fsw_model import OperatingPointError
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
 from fsw_scenario.scenario_file import parse
-from fsw_schema.models import InputError
 
 #: ticks of the vectors with faults; share of the inputs that are wrong there, and their values
 #: then

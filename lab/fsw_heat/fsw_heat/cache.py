@@ -12,10 +12,10 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from fsw_canister.parameters import SHAPE, CanisterParameters
+from fsw_control.schema.files import replacing, user_cache
+from fsw_control.schema.models import InputError
 from fsw_heat.projection import Progress, Projection, project
-from fsw_schema.files import replacing, user_cache
-from fsw_schema.models import InputError
+from fsw_plant.canister.parameters import SHAPE, CanisterParameters
 
 Kind = TypeVar("Kind")
 

@@ -1,4 +1,4 @@
-"""Makes the compact model of a canister (``fsw_canister.compact``) from the projection by finite elements."""
+"""Makes the compact model of a canister (``fsw_plant.canister.compact``) from the projection by finite elements."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fsw_canister import CanisterParameters, CompactCanister
-from fsw_canister.compact import Compact
-from fsw_canister.copper import TYPICAL, Array
 from fsw_heat.cache import kept, projection_of
 from fsw_heat.elements import one_thread
 from fsw_heat.projection import Progress, Projection
+from fsw_plant.canister import CanisterParameters, CompactCanister
+from fsw_plant.canister.compact import Compact
+from fsw_plant.canister.copper import TYPICAL, Array
 
 #: Hankel singular value, mean of the positions, below which a direction is left out [K at
 #: ``_POWER_KW``]

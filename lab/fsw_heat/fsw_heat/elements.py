@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fsw_canister.copper import Array
-from fsw_canister.parameters import CanisterParameters
-from fsw_schema.extras import Extra
-from fsw_schema.models import InputError
+from fsw_control.schema.extras import Extra
+from fsw_control.schema.models import InputError
+from fsw_plant.canister.copper import Array
+from fsw_plant.canister.parameters import CanisterParameters
 
 EXTRA = Extra("fsw-lab", "canister", ("skfem", "meshio", "threadpoolctl"))
 

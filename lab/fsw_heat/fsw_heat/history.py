@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fsw_canister.copper import Array
-from fsw_canister.stepped import CanisterState
 from fsw_heat.reduced import ReducedCanister
+from fsw_plant.canister.copper import Array
+from fsw_plant.canister.stepped import CanisterState
 
 #: states kept of a weld, one a second, for pictures and thermocouples
 KEEP_STEPS = 10
@@ -60,7 +60,7 @@ def heat_history(
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If the tool is off the copper, or an input is not finite.
     """
     steps = course.power_kw.size

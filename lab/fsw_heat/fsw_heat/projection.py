@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw_canister.copper import TYPICAL, Array
-from fsw_canister.parameters import CanisterParameters
 from fsw_heat.elements import Elements, elements_of, one_thread
+from fsw_plant.canister.copper import TYPICAL, Array
+from fsw_plant.canister.parameters import CanisterParameters
 
 Progress = Callable[[float, str], None]
 
@@ -93,7 +93,7 @@ def project(parameters: CanisterParameters, progress: Progress | None = None) ->
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If scikit-fem is not installed.
     """
     with one_thread():

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fsw_canister.copper import TYPICAL, Array
-from fsw_canister.parameters import CanisterParameters
-from fsw_canister.stepped import CanisterState, Complex, HeatModel
+from fsw_control.schema.models import InputError
 from fsw_heat.cache import projection_of
 from fsw_heat.elements import elements_of
 from fsw_heat.projection import Progress, Projection
-from fsw_schema.models import InputError
+from fsw_plant.canister.copper import TYPICAL, Array
+from fsw_plant.canister.parameters import CanisterParameters
+from fsw_plant.canister.stepped import CanisterState, Complex, HeatModel
 
 
 def load_or_reduce(
@@ -31,7 +31,7 @@ def load_or_reduce(
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If a file is of another geometry, or scikit-fem is needed and not installed.
     """
     return ReducedCanister(parameters, projection_of(parameters, cache, progress))
@@ -136,7 +136,7 @@ class ReducedCanister(HeatModel):
 
         Raises
         ------
-        fsw_schema.models.InputError
+        fsw_control.schema.models.InputError
             If a point is not in the copper, or scikit-fem is not installed.
         """
         r, angle, z = np.broadcast_arrays(radius_mm, angle_rad, axial_mm)

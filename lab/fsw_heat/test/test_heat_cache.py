@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fsw_canister import CanisterParameters
+from fsw_control.schema.models import InputError
 from fsw_heat import cache, load_or_reduce
 from fsw_heat.cache import cache_path
 from fsw_heat.projection import Projection, project
-from fsw_schema.models import InputError
+from fsw_plant.canister import CanisterParameters
 
 TINY = CanisterParameters(
     outer_radius_mm=60.0, wall_mm=20.0, rim_mm=40.0, lid_mm=0.0, tube_mm=100.0, lowest_mm=-5.0, probe_radius_mm=15.0,
@@ -62,7 +62,7 @@ class TestCache:
     def test_two_processes_may_make_the_same_one(self, tmp_path: Path) -> None:
         """One begins and ends while the other is half-way; a third finds what they left."""
         code = (
-            "import sys; from pathlib import Path; from fsw_canister import CanisterParameters;"
+            "import sys; from pathlib import Path; from fsw_plant.canister import CanisterParameters;"
             "from fsw_heat import load_or_reduce;"
             "load_or_reduce(CanisterParameters.from_yaml(sys.argv[1]), Path(sys.argv[2]))"
         )

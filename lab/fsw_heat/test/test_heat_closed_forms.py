@@ -13,8 +13,8 @@ pytest.importorskip(
 from scipy.integrate import quad
 from scipy.special import k0
 
-from fsw_canister import CanisterParameters
 from fsw_heat import ReducedCanister, load_or_reduce
+from fsw_plant.canister import CanisterParameters
 
 pytestmark = pytest.mark.slow
 

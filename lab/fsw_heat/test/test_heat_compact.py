@@ -9,9 +9,9 @@ pytest.importorskip(
     "skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock"
 )
 
-from fsw_canister import CanisterParameters, CompactCanister
+from fsw_control.schema.models import InputError
 from fsw_heat import load_or_compact, load_or_reduce
-from fsw_schema.models import InputError
+from fsw_plant.canister import CanisterParameters, CompactCanister
 
 pytestmark = pytest.mark.slow
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fsw_analysis.weld_signals import FloatArray
+from fsw_control.schema.models import InputError
 from fsw_identification.disturbed import (
     disturbed_windows,
     drop_small_shifts,
@@ -38,7 +39,6 @@ from fsw_identification.solver import solve
 from fsw_identification.statistics import CORRELATED, long_run_factor
 from fsw_identification.weld_data import Segment
 from fsw_model import ModelParameters
-from fsw_schema.models import InputError
 
 #: a parameter with a larger relative standard deviation counts as not identifiable
 LARGEST_DEVIATION = 0.25

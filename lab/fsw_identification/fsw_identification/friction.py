@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from fsw_analysis.weld_signals import WeldSignals
+from fsw_control.schema.models import InputError
 from fsw_control.weld import TICK_S
 from fsw_identification.weld_data import prepare
 from fsw_model import ModelParameters
-from fsw_schema.models import InputError
 
 _NAMES = ("friction_constant_nm", "friction_linear_nm_per_rpm", "friction_quadratic_nm_per_rpm2")
 #: settling time of the torque after a speed change, in motor lags

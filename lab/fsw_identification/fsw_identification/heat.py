@@ -20,12 +20,12 @@ from scipy.optimize import minimize, minimize_scalar
 from scipy.signal import lfilter, ss2tf
 
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
+from fsw_control.schema.models import InputError
 from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_control.weld import TICK_S
 from fsw_identification.weld_data import prepare
 from fsw_model import ModelParameters
 from fsw_model.equations import friction_torque_nm, matrix_exponential, thermal_block
-from fsw_schema.models import InputError
 
 #: standard deviations: of the thermocouple, and of the copper's own walk per tick [degC]
 _NOISE_C, _COPPER_WALK_C = 0.1, 1e-3

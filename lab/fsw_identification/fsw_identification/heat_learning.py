@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
+from fsw_control.schema.models import InputError
 from fsw_identification.heat import fit_fast, fit_walk, heat_record, smooth
 from fsw_model import ModelParameters
 from fsw_model.heat_profile import CORRELATION_MM, HeatProfile, HeatSource, ThermalModel
-from fsw_schema.models import InputError
 
 #: distance of two places of a profile
 GRID_MM = 2.0

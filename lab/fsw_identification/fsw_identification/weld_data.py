@@ -10,11 +10,11 @@ import scipy
 
 from fsw_analysis.messages import SENSOR_TOPICS
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
+from fsw_control.schema.models import InputError
 from fsw_control.sensors import SENSORS
 from fsw_control.units import NANOSECONDS
 from fsw_control.validity import Flaw, SensorGuard
 from fsw_control.weld import TICK_S
-from fsw_schema.models import InputError
 
 #: a longer gap in the data ends a segment [s]
 _LONGEST_GAP_S = 2.0

@@ -8,14 +8,14 @@ import pytest
 import yaml
 from scipy.signal import lfilter
 
+from fsw_campaign.programme_signals import with_programme
+from fsw_control.schema.models import InputError
 from fsw_identification.heat import FAST_LAG_S, HeatRecord, fit_fast, fit_walk, smooth
 from fsw_identification.heat_learning import learn
 from fsw_model import nominal
 from fsw_nmpc import NmpcController
 from fsw_scenario.closed_loop import ClosedLoop
-from fsw_scenario.programme_signals import with_programme
 from fsw_scenario.scenario_file import parse
-from fsw_schema.models import InputError
 
 P = nominal()
 TICK_S, DIGEST = 0.1, "0" * 64

@@ -8,6 +8,7 @@ import pytest
 import scipy
 
 from fsw_analysis.weld_signals import DriveSignals, FloatArray, WeldSignals
+from fsw_control.schema.models import InputError
 from fsw_identification import (
     disturbed,
     estimation,
@@ -37,7 +38,6 @@ from fsw_identification.simulation import (
 from fsw_identification.solver import solve
 from fsw_identification.weld_data import Segment, prepare
 from fsw_model import ModelParameters, ProcessModel
-from fsw_schema.models import InputError
 
 NOISE = (0.002, 0.1, 2.0)
 #: a process unlike the nominal one, with a dead time of no whole number of steps

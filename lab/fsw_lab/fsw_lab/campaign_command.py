@@ -12,7 +12,7 @@ from fsw.errors import CommandError
 from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED, trusted_keys
 from fsw.outputs import check_new, default_folder
 from fsw.progress import ProgressBar
-from fsw_schema.extras import Extra
+from fsw_control.schema.extras import Extra
 
 _REPORT = "report"
 #: arguments of only one of both forms

@@ -17,14 +17,14 @@ from fsw.errors import CommandError
 from fsw.outputs import check_new, default_folder, new_folder, write_whole
 from fsw.progress import ProgressBar
 from fsw_analysis.export import write_table
+from fsw_control.schema.models import InputError
+from fsw_control.schema.ranges import Range
 from fsw_heat import heat_figures, load_or_reduce
 from fsw_heat.elements import elements_of
 from fsw_heat.history import HeatHistory, heat_history
 from fsw_heat.vtk import write_vtk
 from fsw_lab.canister_weld import CanisterWeld, programmed, recorded
 from fsw_model import STEP_S
-from fsw_schema.models import InputError
-from fsw_schema.ranges import Range
 
 _SCENARIO = "canister_weld_heat"
 #: moments that are shown where none is given, as shares of these phases; of the whole where there

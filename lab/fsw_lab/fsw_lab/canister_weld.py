@@ -12,12 +12,12 @@ from fsw.bags import read_weld
 from fsw.errors import CommandError
 from fsw_analysis.phase_kpi import Span, recorded_spans
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
-from fsw_canister import CanisterParameters, CanisterState
-from fsw_canister.stepped import heated
 from fsw_heat import ReducedCanister
 from fsw_heat.history import ToolCourse
 from fsw_model import STEP_S, nominal
 from fsw_plant import PlantConfig
+from fsw_plant.canister import CanisterParameters, CanisterState
+from fsw_plant.canister.stepped import heated
 from fsw_plant.tool_path import ToolPath
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse

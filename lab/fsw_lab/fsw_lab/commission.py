@@ -25,6 +25,8 @@ from fsw_analysis.changes import changes, part
 from fsw_analysis.kpi import compute
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control import weld
+from fsw_control.schema.models import InputError, content_of, read_text, validate
+from fsw_control.schema.ranges import Range
 from fsw_identification import report, summary
 from fsw_lab.commissioning import (
     STEPS,
@@ -45,8 +47,6 @@ from fsw_lab.tune_command import EVALUATIONS, write_tunings
 from fsw_model import ModelParameters
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse
-from fsw_schema.models import InputError, content_of, read_text, validate
-from fsw_schema.ranges import Range
 from fsw_tuning.standard_cases import DEFAULT, TIGHT
 from fsw_tuning.tune_decentral import BOUNDS, NAMES, robustness, start_of
 

@@ -14,11 +14,11 @@ from fsw_analysis.markdown import table
 from fsw_control import weld
 from fsw_control.contract import Limits
 from fsw_control.parameters import describe
+from fsw_control.schema.models import InputError, Many, Model
 from fsw_control.severity import Severity
 from fsw_model import ModelParameters
 from fsw_plant.parameters import PlantParameters
 from fsw_scenario.scenario import Scenario
-from fsw_schema.models import InputError, Many, Model
 from fsw_tuning.identification_design import AIMS, SAFE_C, SAFE_MM, plant_factors
 from fsw_tuning.margins import GAIN_ACCURACY, texts
 

@@ -9,13 +9,13 @@ import numpy as np
 
 from fsw.arguments import validated
 from fsw.welds import Weld, read_bag
+from fsw_control.schema.models import InputError
 from fsw_identification import estimation, model_file, summary
 from fsw_identification.friction import from_air
 from fsw_identification.summary import Summary
 from fsw_identification.weld_data import prepare
 from fsw_model import ModelParameters
 from fsw_plant.parameters import Actuators
-from fsw_schema.models import InputError
 
 
 class Identified(Summary):
@@ -77,7 +77,7 @@ def identify(
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         When the welds do not suffice.
 
     Examples

@@ -14,11 +14,11 @@ from fsw.outputs import check_new, new_folder, write_text
 from fsw.progress import ProgressBar
 from fsw.welds import Weld
 from fsw_analysis.changes import cut_to_scenario
+from fsw_control.schema.models import range_of
+from fsw_control.schema.ranges import Range
 from fsw_identification import report, summary
 from fsw_model import ModelParameters, ParameterCovariance
 from fsw_plant.parameters import Actuators
-from fsw_schema.models import range_of
-from fsw_schema.ranges import Range
 from fsw_tuning.identification_design import SAFE_C, SAFE_MM, propose
 
 #: lengths of an experiment that can be proposed, and the default

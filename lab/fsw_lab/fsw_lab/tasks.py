@@ -10,10 +10,10 @@ from fsw.arguments import validated
 from fsw.processes import Model
 from fsw.welds import Progress
 from fsw_campaign import definition
+from fsw_control.schema.models import InputError
 from fsw_export.choice import Choice
 from fsw_model import ModelParameters, nominal
 from fsw_plant import PlantConfig, prepare
-from fsw_schema.models import InputError
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -45,7 +45,7 @@ def tune(
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         When there is no such tuning, or the model's file is wrong.
 
     Examples
@@ -110,7 +110,7 @@ def campaign(
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         When the campaign is wrong, or the folder cannot be used.
 
     Examples
@@ -171,7 +171,7 @@ def export_c(
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         When something of this is wrong, or the folder cannot be written.
 
     Examples

@@ -15,8 +15,8 @@ from fsw.command import command, file, number, switch
 from fsw.console import print_table
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
+from fsw_control.schema.ranges import Range
 from fsw_model import ModelParameters
-from fsw_schema.ranges import Range
 from fsw_tuning import margins
 from fsw_tuning.identification_design import plant_factors
 from fsw_tuning.standard_cases import DEFAULT, TIGHT

@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 from fsw.controller import Controller
 from fsw.welds import overrides_of
 from fsw_control import Command, Measurement, Reference, weld
+from fsw_control.schema.models import InputError
+from fsw_lab.plant_batch import CHANNELS, PlantBatch
 from fsw_model import STEP_S
 from fsw_plant import PlantConfig
-from fsw_plant.batch import CHANNELS, PlantBatch
 from fsw_scenario.closed_loop import plant_of
 from fsw_scenario.scenario import Scenario, start_reference
 from fsw_scenario.scenario_file import load
 from fsw_scenario.timeline import references
-from fsw_schema.models import InputError
 
 Array = NDArray[np.float64]
 #: What an observation holds, in this order, and by which origin and unit each number is scaled
@@ -171,7 +171,7 @@ class WeldEnv(Env[NDArray[np.float32], NDArray[np.float32]]):
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         When the scenario cannot be had or used.
 
     Examples

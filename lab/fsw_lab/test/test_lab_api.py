@@ -3,8 +3,8 @@
 import pytest
 
 import fsw
-from fsw_schema.extensions import extensions
-from fsw_schema.models import InputError
+from fsw_control.schema.extensions import extensions
+from fsw_control.schema.models import InputError
 from fsw_test_support.doc_examples import check, examples
 
 EXAMPLES = examples(["fsw_lab.identify", "fsw_lab.tasks"])

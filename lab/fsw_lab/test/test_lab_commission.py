@@ -11,6 +11,7 @@ import yaml
 
 from fsw.errors import CommandError
 from fsw.main import main
+from fsw_control.schema.models import InputError
 from fsw_control.severity import Severity
 from fsw_lab import commission, commission_ros
 from fsw_lab.commissioning import (
@@ -31,7 +32,6 @@ from fsw_lab.commissioning import (
 from fsw_model import ModelParameters
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
-from fsw_schema.models import InputError
 
 BAD = Row(what="noise", found="1", limit="0", good=False)
 

@@ -11,8 +11,8 @@ gymnasium = pytest.importorskip("gymnasium")
 
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
+from fsw_control.schema.models import InputError  # noqa: E402
 from fsw_lab import weld_env  # noqa: E402
-from fsw_schema.models import InputError  # noqa: E402
 
 
 def policy(seen):

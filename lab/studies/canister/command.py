@@ -12,7 +12,7 @@ from canister import report, verdict
 from canister.properties import properties
 from canister.validation import validation
 from fsw.progress import ProgressBar
-from fsw_schema.models import InputError
+from fsw_control.schema.models import InputError
 
 #: of the whole weld
 _WHOLE_MINUTES = 45.0

@@ -11,8 +11,6 @@ import numpy as np
 from canister.full import exact_stir_zone_c
 from fsw_analysis.changes import part
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
-from fsw_canister import CanisterParameters, CanisterState, CompactCanister, HeatModel
-from fsw_canister.stepped import heated
 from fsw_control.weld import TICK_S
 from fsw_heat import load_or_reduce
 from fsw_heat.cache import projection_of
@@ -22,6 +20,8 @@ from fsw_identification.estimation import identify
 from fsw_identification.weld_data import prepare
 from fsw_model import nominal
 from fsw_plant import PlantConfig
+from fsw_plant.canister import CanisterParameters, CanisterState, CompactCanister, HeatModel
+from fsw_plant.canister.stepped import heated
 from fsw_plant.process import reduced
 from fsw_plant.tool_path import ToolPath
 from fsw_scenario import scenario_file

@@ -16,12 +16,12 @@ from fsw_analysis.weld_signals import WeldSignals
 from fsw_campaign.definition import Campaign, Entrant, load
 from fsw_campaign.software import versions
 from fsw_control import weld
+from fsw_control.schema.models import InputError
 from fsw_control.weld import TICK_S
 from fsw_model import OperatingPointError
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.weld_programme import spans
-from fsw_schema.models import InputError
 
 Row = dict[str, Any]
 #: within which a phase must stay, but for some seconds: the process window, and errors (chosen)

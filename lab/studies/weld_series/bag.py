@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fsw_analysis.messages import SENSOR_TOPICS
 from fsw_analysis.weld_signals import MM, TruthSignals, WeldSignals
+from fsw_campaign.programme_signals import progress
 from fsw_control.cause import Cause
 from fsw_control.reason import Reason
 from fsw_control.sensors import REQUIRED, SENSORS
@@ -25,7 +26,6 @@ from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.interface_text import interface_definition, interface_hash
 from fsw_recorder.recording import versions_text
-from fsw_scenario.programme_signals import progress
 from fsw_scenario.scenario import Scenario
 
 TOPICS = {

@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from fsw_control.schema.models import InputError
 from fsw_plant import PlantConfig
 from fsw_plant.process import prepare
 from fsw_quality import attestation, history, history_report, report
@@ -21,7 +22,6 @@ from fsw_quality.history_report import Kind, Remark
 from fsw_recorder import signature
 from fsw_recorder.errors import BagError
 from fsw_scenario.scenario_file import parse
-from fsw_schema.models import InputError
 from weld_series.series import (
     BEGIN_DEG,
     SPECIAL,

@@ -10,8 +10,10 @@ from typing import Any
 import yaml
 
 from fsw_analysis.weld_signals import WeldSignals
+from fsw_campaign.programme_signals import progress
 from fsw_control.journal import RequestKind
 from fsw_control.parameters import validate
+from fsw_control.schema.files import replacing
 from fsw_control.weld import TICK_S
 from fsw_quality import history, record, report
 from fsw_quality.monitor import Monitor
@@ -21,11 +23,9 @@ from fsw_scenario import procedure
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import described_in, make_all, variant_of
 from fsw_scenario.procedure import Procedure
-from fsw_scenario.programme_signals import progress
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse
 from fsw_scenario.weld_programme import spans
-from fsw_schema.files import replacing
 from weld_series import bag
 
 CONTROLLER = "decentral:tight"

@@ -36,7 +36,7 @@ def record(
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         When the procedure is wrong.
     fsw_recorder.errors.BagError
         When there is no bag, it cannot be read, or it holds no weld in the procedure's phases.

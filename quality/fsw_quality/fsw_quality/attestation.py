@@ -17,6 +17,9 @@ from typing import Annotated, Literal
 
 from pydantic import AwareDatetime, Strict
 
+from fsw_control.schema.extras import MissingExtraError
+from fsw_control.schema.files import read_regular
+from fsw_control.schema.models import InputError, Many, Model, json_content_of, validate
 from fsw_recorder.bag_metadata import ATTESTATION_NAME as ATTESTATION_NAME
 from fsw_recorder.bag_metadata import IDENTITY as IDENTITY
 from fsw_recorder.bag_metadata import METADATA_NAME, read_metadata
@@ -28,9 +31,6 @@ from fsw_recorder.manifest import MANIFEST_NAME, Manifest, mapped, read_manifest
 from fsw_recorder.manifest_check import check_files, complete
 from fsw_recorder.signature import Purpose, Signer, TrustedKey, signature_path, verify_file
 from fsw_scenario.procedure import Identity
-from fsw_schema.extras import MissingExtraError
-from fsw_schema.files import read_regular
-from fsw_schema.models import InputError, Many, Model, json_content_of, validate
 
 #: clocks of two computers may differ by so much (chosen)
 CLOCKS = timedelta(seconds=60)

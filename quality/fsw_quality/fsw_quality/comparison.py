@@ -9,8 +9,8 @@ import numpy as np
 import scipy
 
 from fsw_analysis.judgement import Verdict
+from fsw_control.schema.models import InputError, json_content_of, read_text, validate
 from fsw_quality.record_content import Comparison, Figure, PhaseRecord, Record
-from fsw_schema.models import InputError, json_content_of, read_text, validate
 
 #: welds that are compared with at most, the latest, and at least for a standard deviation to be
 #: told (chosen)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from fsw_control.schema.models import json_content_of, validate
 from fsw_quality.attestation import IDENTITY
 from fsw_quality.record import make
 from fsw_quality.record_content import Record
@@ -13,7 +14,6 @@ from fsw_quality.report import PAGE, PDF, json_sha256, stated_otherwise
 from fsw_recorder.findings import Code, Finding, finding
 from fsw_recorder.manifest import Manifest, sha256
 from fsw_scenario.procedure import Procedure
-from fsw_schema.models import json_content_of, validate
 
 _RECORD = b'"fsw_weld_record"'
 #: fields of a record that the bag alone does not give: where it was, and what it was compared with
@@ -54,7 +54,7 @@ def check_documents(
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         A record cannot be read.
     fsw_recorder.errors.BagError
         The bag cannot be judged.

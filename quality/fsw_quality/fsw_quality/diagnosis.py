@@ -7,8 +7,8 @@ from importlib.resources import files
 from math import isfinite, nan
 
 from fsw_control.coded import Coded
-from fsw_schema.models import Model
-from fsw_schema.yaml_text import load_yaml
+from fsw_control.schema.models import Model
+from fsw_control.schema.yaml_text import load_yaml
 
 
 class WatchCause(Coded):

@@ -8,6 +8,8 @@ from datetime import datetime
 from pathlib import Path, PurePosixPath
 
 from fsw_analysis.procedure import Procedure, attached
+from fsw_control.schema.files import locked, read_regular, write_whole
+from fsw_control.schema.models import InputError
 from fsw_quality.attestation import (
     ATTESTATION_NAME,
     IDENTITY,
@@ -44,8 +46,6 @@ from fsw_recorder.signature import (
     sign,
     signature_path,
 )
-from fsw_schema.files import locked, read_regular, write_whole
-from fsw_schema.models import InputError
 
 #: what an attestation may note although the recorder cannot answer for it, where that is allowed
 _AFTERWARDS = (Code.NO_MANIFEST, Code.HASHED_AFTERWARDS, Code.RECOVERED)

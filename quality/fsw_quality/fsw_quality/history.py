@@ -17,12 +17,12 @@ from fsw_analysis.course import course_of
 from fsw_analysis.judgement import recorded_tunings
 from fsw_analysis.procedure import Identity, attached
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
+from fsw_control.schema.files import locked, replacing
+from fsw_control.schema.models import InputError
 from fsw_model import nominal
 from fsw_quality.attestation import IDENTITY, software_versions
 from fsw_quality.monitor_run import Watched
 from fsw_quality.record import judged_with
-from fsw_schema.files import locked, replacing
-from fsw_schema.models import InputError
 
 #: torque (19) at the operating point (15), to which the torque at equal conditions refers [N m]
 TORQUE_NM = 1021.5
@@ -177,7 +177,7 @@ def add(folder: Path, rows: Sequence[Row]) -> int:
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If a weld is in the history already, under its name or another, or the folder cannot be
         written.
     """
@@ -232,7 +232,7 @@ def load(folder: Path) -> pa.Table:
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If there is none, or a file cannot be read.
     """
     files = _files(folder)
@@ -272,7 +272,7 @@ def difference(table: pa.Table, first: str, second: str) -> list[tuple[str, str,
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If a weld is not in the history.
     """
     names = table["weld"].to_pylist()

@@ -15,10 +15,10 @@ import pyarrow as pa
 from fsw_analysis.figure_style import sheet
 from fsw_analysis.report import page, png, source
 from fsw_analysis.weld_signals import FloatArray
+from fsw_control.schema.files import write_whole
 from fsw_quality.control_charts import FALSE_SIGNALS, WELDS, Chart, Trend, chart, limits, trend
 from fsw_quality.diagnosis import Finding, WatchCause
 from fsw_quality.history import FINDINGS, NUMBERS, Change, Row, changes, column
-from fsw_schema.files import write_whole
 
 #: rise of the torque at equal conditions at which a tool counts as worn (chosen: 5 % of what the
 #: model says) [N m]

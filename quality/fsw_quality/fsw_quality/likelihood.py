@@ -127,7 +127,7 @@ def covariance_from(file: str | Path) -> FloatArray | None:
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If the file cannot be read or is no covariance.
     """
     if not str(file):

@@ -9,11 +9,11 @@ import numpy as np
 import yaml
 
 from fsw_analysis.weld_signals import WeldSignals
+from fsw_control.schema.yaml_text import load_yaml
 from fsw_quality.diagnosis import Finding, WatchCause
 from fsw_quality.monitor import Monitor, Sample
 from fsw_quality.sensor_health import LEARN_S
 from fsw_recorder.errors import BagError
-from fsw_schema.yaml_text import load_yaml
 
 _PROGRESS_TICKS = 500
 

@@ -10,8 +10,8 @@ from pydantic import Field, Strict
 from fsw_analysis.exceedances import Exceedance, Pair, Rounded
 from fsw_analysis.judgement import Rule, Verdict
 from fsw_analysis.procedure import Identity
+from fsw_control.schema.models import Many, Model
 from fsw_recorder.bag_metadata import METADATA_NAME
-from fsw_schema.models import Many, Model
 
 
 class BagFile(Model):

@@ -11,11 +11,11 @@ import matplotlib
 
 from fsw_analysis.course import Course
 from fsw_analysis.report import page, source
+from fsw_control.schema.files import write_whole
 from fsw_quality import figures, record_hook
 from fsw_quality.record_content import Record
 from fsw_recorder.manifest import sha256
 from fsw_scenario.procedure import Procedure
-from fsw_schema.files import write_whole
 
 #: of a section in the PDF: its heading, and a table's head and first row, which stand on one page
 _BEGIN_MM = 25.0

@@ -3,7 +3,7 @@
 import pytest
 
 import fsw
-from fsw_schema.models import InputError
+from fsw_control.schema.models import InputError
 from fsw_test_support.doc_examples import check, examples
 
 

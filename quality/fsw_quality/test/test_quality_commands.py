@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from fsw.main import parser
-from fsw_schema.extensions import all_loaded
+from fsw_control.schema.extensions import all_loaded
 from fsw_test_support.command_line import run
 
 

@@ -16,10 +16,10 @@ pytest.importorskip("pyarrow")
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from fsw_control.schema.models import InputError
 from fsw_quality import control_charts, history, history_report
 from fsw_quality.diagnosis import Finding, WatchCause
 from fsw_quality.history_report import LIMITS, Kind
-from fsw_schema.models import InputError
 from fsw_test_support.made_history import rows
 
 

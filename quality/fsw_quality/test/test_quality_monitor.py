@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fsw_control.schema.models import InputError
 from fsw_control.sensors import REQUIRED
 from fsw_model import ModelParameters, ParameterCovariance, equations
 from fsw_quality.diagnosis import Finding, WatchCause
@@ -19,7 +20,6 @@ from fsw_quality.likelihood import covariance_from, default_covariance
 from fsw_quality.monitor import PROCESSES, Monitor, Sample
 from fsw_quality.residuals import COEFFICIENTS
 from fsw_quality.sensor_health import Detached, SensorHealth
-from fsw_schema.models import InputError
 from fsw_test_support.watched_weld import drifting, samples
 
 GOOD = samples()

@@ -46,7 +46,7 @@ def __getattr__(name: str) -> Any:
         value = (
             None
             if name.startswith("_")
-            else import_module("fsw_schema.extensions").loaded("fsw.api", name)
+            else import_module("fsw_control.schema.extensions").loaded("fsw.api", name)
         )
     if value is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
@@ -55,4 +55,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*__all__, *import_module("fsw_schema.extensions").extensions("fsw.api"), "__version__"]
+    added = import_module("fsw_control.schema.extensions").extensions("fsw.api")
+    return [*__all__, *added, "__version__"]

@@ -11,7 +11,7 @@ from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_typ
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, InstanceOf, create_model
 
-from fsw_schema.models import validated_by
+from fsw_control.schema.models import validated_by
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -26,7 +26,7 @@ def validated(function: Callable[P, R]) -> Callable[P, R]:
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         By the function, with the invalid arguments as its ``problems``.
     """
     signature = inspect.signature(function)

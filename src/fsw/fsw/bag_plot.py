@@ -9,8 +9,8 @@ from fsw.bags import bag_argument, print_notes, welds_of
 from fsw.command import FORCE, command, file, option
 from fsw.outputs import check_new
 from fsw_analysis.figures import Run, draw
+from fsw_control.schema.models import InputError
 from fsw_scenario.scenario_file import parse
-from fsw_schema.models import InputError
 
 
 @command(

@@ -11,7 +11,6 @@ from fsw.command import Option, group, option
 from fsw.progress import ProgressBar
 from fsw_analysis.bag_labels import labels
 from fsw_analysis.changes import cut_to_scenario
-from fsw_analysis.messages import WeldMessages
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_recorder.bag_reader import SUFFIXES
@@ -54,14 +53,6 @@ def read_weld(bag: Path) -> WeldSignals:
         signals = load_weld(bag, bar)
     print_notes(signals.problems)
     return signals
-
-
-def read_messages(bag: Path) -> WeldMessages:
-    """Messages of the weld in a bag; problems of the bag are reported on stderr."""
-    with ProgressBar(f"reading {bag}") as bar:
-        messages = WeldMessages(bag, bar)
-    print_notes(messages.problems)
-    return messages
 
 
 def welds_of(bags: list[Path]) -> dict[str, WeldSignals]:

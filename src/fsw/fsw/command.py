@@ -12,9 +12,9 @@ import yaml
 
 from fsw.console import program
 from fsw.errors import CommandError
-from fsw_schema.extras import Extra
-from fsw_schema.ranges import Range
-from fsw_schema.yaml_text import load_yaml
+from fsw_control.schema.extras import Extra
+from fsw_control.schema.ranges import Range
+from fsw_control.schema.yaml_text import load_yaml
 
 Run = Callable[[argparse.Namespace], int]
 #: adds itself to a parser

@@ -6,9 +6,9 @@ import argparse
 from collections.abc import Iterable
 
 from fsw.command import command, option
+from fsw_control.schema.extensions import extensions
+from fsw_control.schema.extras import Extra
 from fsw_scenario.scenario_file import shipped
-from fsw_schema.extensions import extensions
-from fsw_schema.extras import Extra
 
 #: functions that complete one of some names, or a file
 _FUNCTIONS = {

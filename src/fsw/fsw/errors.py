@@ -14,10 +14,10 @@ from fsw.console import program
 from fsw.middleware import HOW, middleware_is_here
 from fsw_analysis.kpi import KpiError
 from fsw_control.free_domain import NoFreeDomainError
+from fsw_control.schema.models import InputError
 from fsw_model import OperatingPointError
 from fsw_recorder.errors import BagError
 from fsw_scenario.launcher import LaunchError
-from fsw_schema.models import InputError
 
 
 class CommandError(Exception):

@@ -8,6 +8,7 @@ from importlib import import_module
 from fsw.command import GRAPH, Command, Option, command, group, number, option, repeated, switch
 from fsw_control import ranges
 from fsw_control.contract import OPERATOR_MODES
+from fsw_control.schema.ranges import Range
 from fsw_plant.event_schema import (
     DISTURBANCE_AMPLITUDE,
     DISTURBANCE_SHAPES,
@@ -16,7 +17,6 @@ from fsw_plant.event_schema import (
     FAULT_KINDS,
     FAULT_MAGNITUDE,
 )
-from fsw_schema.ranges import Range
 
 #: ends a disturbance or a fault; ``none`` in scenarios and services
 CLEAR = "clear"

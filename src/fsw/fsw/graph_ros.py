@@ -18,6 +18,7 @@ from fsw_control import units
 from fsw_control.diagnostic_names import local_name
 from fsw_control.reason import Reason
 from fsw_control.reports_ros import OK
+from fsw_control.schema.models import validate
 from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_control.severity import Severity
 from fsw_control.topics_ros import LATEST
@@ -26,7 +27,6 @@ from fsw_msgs.srv import ListControllers, SetMode, SetReference, SwitchControlle
 from fsw_plant.event_schema import DISTURBANCE_AMPLITUDE, WITH_MAGNITUDE, DisturbanceEntry
 from fsw_plant.event_schema import fault as checked_fault
 from fsw_plant.requests_ros import SERVICES, event_request
-from fsw_schema.models import validate
 
 #: listening time after the first message
 _SETTLE_S = 1.0

@@ -12,8 +12,8 @@ from fsw import __version__
 from fsw.command import Command, as_typed
 from fsw.console import program
 from fsw.errors import exit_code
-from fsw_schema.extensions import extensions, loaded
-from fsw_schema.models import InputError
+from fsw_control.schema.extensions import extensions, loaded
+from fsw_control.schema.models import InputError
 
 #: entry points: modules that declare commands, by their first word; a suffix after a dot only
 #: distinguishes them

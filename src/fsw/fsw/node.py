@@ -6,7 +6,7 @@ import argparse
 import sys
 
 from fsw.command import command, option
-from fsw_schema.extensions import extensions, loaded
+from fsw_control.schema.extensions import extensions, loaded
 
 
 @command(

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fsw.errors import CommandError
-from fsw_schema import files
+from fsw_control.schema import files
 
 
 def check_new(wanted: Iterable[Path | None], force: bool) -> None:

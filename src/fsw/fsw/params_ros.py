@@ -15,8 +15,8 @@ from fsw.console import print_table
 from fsw.errors import CommandError
 from fsw.operator_node import Operator, domain_text, operator
 from fsw_control.parameters import require_known
-from fsw_schema.models import Whole
-from fsw_schema.yaml_text import load_yaml
+from fsw_control.schema.models import Whole
+from fsw_control.schema.yaml_text import load_yaml
 
 #: by type of a value on the wire: the one that it must have
 _TYPES: dict[Parameter.Type, Any] = {

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from fsw.arguments import validated
 from fsw.welds import needed
+from fsw_control.schema.models import InputError
 from fsw_model import STEP_S, Equilibrium, ModelParameters, ProcessModel, equations
-from fsw_schema.models import InputError
 
 Vector = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ class Model:
 
         Raises
         ------
-        fsw_schema.models.InputError
+        fsw_control.schema.models.InputError
             For a number that is none of these: 8, 16-19, 23, 24, 26, 27.
 
         Examples
@@ -273,7 +273,7 @@ def model(source: str | Path | ModelParameters | None = None, **factors: float) 
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If the file cannot be read or a value is not physical.
 
     Examples

@@ -6,8 +6,8 @@ import argparse
 import json
 
 from fsw.command import command, option
-from fsw_schema.extensions import extensions, loaded
-from fsw_schema.models import json_schema
+from fsw_control.schema.extensions import extensions, loaded
+from fsw_control.schema.models import json_schema
 
 #: entry points: models by kind of file
 GROUP = "fsw.schemas"

@@ -20,6 +20,7 @@ from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_analysis.export import export_weld
 from fsw_analysis.figures import Run, draw, draw_whole_weld
 from fsw_control.free_domain import free_domain
+from fsw_control.schema.models import content_of, read_text
 from fsw_control.weld import TICK_S
 from fsw_plant import PlantConfig, prepare
 from fsw_recorder.bag_metadata import IDENTITY
@@ -33,7 +34,6 @@ from fsw_scenario.procedure_limits import graph_parameters
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, shipped
 from fsw_scenario.weld_programme import spans
-from fsw_schema.models import content_of, read_text
 
 
 @command(

@@ -19,11 +19,11 @@ from fsw_analysis.export import Column, export_weld, weld_table
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.contract import Controller
+from fsw_control.schema.models import InputError
 from fsw_model.heat_profile import HeatProfile
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import OURS, make, make_all, name_of, short
 from fsw_scenario.scenario_file import load
-from fsw_schema.models import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -265,7 +265,7 @@ def simulate(
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         When something of this is not there or out of range, or the controller proposed nothing
         that could be applied at any tick. Where that was so for a part of the weld, its
         ``signals.problems`` have a remark.

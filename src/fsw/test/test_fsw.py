@@ -350,7 +350,7 @@ def test_nothing_is_left_of_a_file_that_was_being_written(sign, tmp_path):
         import sys, time
         from pathlib import Path
         from fsw.errors import exit_code
-        from fsw_schema.files import replacing
+        from fsw_control.schema.files import replacing
 
         def write():
             with replacing(Path(sys.argv[1])) as scratch:

@@ -13,7 +13,7 @@ import pytest
 import fsw
 from fsw.main import main
 from fsw.welds import overrides_of
-from fsw_schema.models import InputError
+from fsw_control.schema.models import InputError
 from fsw_test_support.doc_examples import check, examples
 
 EXAMPLES = examples(set(fsw.MODULE_OF.values()) - {"fsw_control.contract"})

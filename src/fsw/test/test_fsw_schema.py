@@ -6,7 +6,7 @@ import pytest
 
 from fsw.main import main
 from fsw.schema_command import GROUP, kinds
-from fsw_schema.extensions import loaded
+from fsw_control.schema.extensions import loaded
 
 
 @pytest.mark.parametrize("name", kinds())

@@ -11,8 +11,8 @@ import numpy.typing as npt
 import yaml
 
 from fsw_analysis.weld_signals import WeldSignals
+from fsw_control.schema.yaml_text import load_yaml
 from fsw_control.weld import TICK_S
-from fsw_schema.yaml_text import load_yaml
 
 #: Changes closer together than this belong to one event (a ramp or a sine is one message per
 #: tick).

@@ -14,8 +14,8 @@ from pydantic import AfterValidator, Strict
 from fsw_analysis.course import Course
 from fsw_analysis.rule_book import Check, Kind, RuleBook
 from fsw_analysis.weld_signals import FloatArray
+from fsw_control.schema.models import Many, Model
 from fsw_control.weld import TICK_S
-from fsw_schema.models import Many, Model
 
 #: to six decimals
 Rounded = Annotated[float, AfterValidator(lambda value: round(float(value), 6))]

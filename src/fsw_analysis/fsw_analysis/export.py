@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fsw_analysis.weld_signals import WeldSignals
+from fsw_control.schema.files import replacing
 from fsw_recorder.errors import BagError
-from fsw_schema.files import replacing
 
 Column = npt.NDArray[Any]
 

@@ -12,7 +12,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fsw_schema.files import replacing
+from fsw_control.schema.files import replacing
 
 STYLE = {
     "font.size": 10.0,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fsw_analysis.markdown import table
-from fsw_schema.files import write_whole
+from fsw_control.schema.files import write_whole
 
 #: Rows of the table: meaning, unit, factor to that unit, by key.
 ROWS: dict[str, tuple[str, str, float]] = {

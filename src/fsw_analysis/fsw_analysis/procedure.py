@@ -14,11 +14,11 @@ from pydantic import AfterValidator, Field, PositiveFloat, Strict, model_validat
 
 from fsw_analysis.rule_book import RuleBook, Sourced, Text, default
 from fsw_control.parameters import CONTENT_SHA256
+from fsw_control.schema.models import InputError, Many, Model, Name, content_of, problem, validate
+from fsw_control.schema.ranges import Range
 from fsw_control.sensors import SENSORS
 from fsw_recorder.findings import Code, EvidenceError, finding
 from fsw_recorder.signature import Purpose, Signer, TrustedKey, signature_path, verify_file
-from fsw_schema.models import InputError, Many, Model, Name, content_of, problem, validate
-from fsw_schema.ranges import Range
 
 #: parameters that say nothing of the control
 NOT_TUNING = ("use_sim_time", "start_type_description_service")

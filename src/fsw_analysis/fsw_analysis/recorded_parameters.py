@@ -7,8 +7,8 @@ from typing import Any
 
 import yaml
 
+from fsw_control.schema.yaml_text import load_yaml
 from fsw_recorder.errors import BagError
-from fsw_schema.yaml_text import load_yaml
 
 
 def recorded_parameters(

@@ -14,8 +14,8 @@ from pydantic import AfterValidator, Field, model_validator
 
 from fsw_control.cause import Cause
 from fsw_control.ranges import REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C
-from fsw_schema.models import Many, Model, Name, content_of, problem, read_text, validate
-from fsw_schema.ranges import Range
+from fsw_control.schema.models import Many, Model, Name, content_of, problem, read_text, validate
+from fsw_control.schema.ranges import Range
 
 _DEFAULT = Path(__file__).with_name("rule_book.yaml")
 #: what a limit may be on; an error is the measured value minus the programme's set-point, power is

@@ -25,8 +25,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from fsw_schema.files import replacing, user_cache
-from fsw_schema.processes import tool_environment
+from fsw_control.schema.files import replacing, user_cache
+from fsw_control.schema.processes import tool_environment
 
 # no contraction of multiply-add: identical results on all machines, whatever their vector width
 PORTABLE = ("-std=c99", "-O3", "-ffp-contract=off")

@@ -10,9 +10,9 @@ from pydantic import Field, create_model, model_validator
 
 from fsw_control import weld
 from fsw_control.parameters import AT_START, NodeParameters, ParameterModel
+from fsw_control.schema.models import Many, Model, Whole
+from fsw_control.schema.ranges import Range
 from fsw_control.sensors import SENSORS
-from fsw_schema.models import Many, Model, Whole
-from fsw_schema.ranges import Range
 
 
 class DriveBounds(Model):

@@ -17,7 +17,7 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.signals import SignalHandlerOptions
 
 from fsw_control import fast_dds
-from fsw_schema.files import writable
+from fsw_control.schema.files import writable
 
 #: longest time that ROS may take to leave the graph (chosen: a loaded machine takes some seconds)
 _LONGEST_END_S = 10.0

@@ -8,9 +8,9 @@ from textwrap import fill
 from typing import Any
 
 from fsw_control.parameters import NodeParameters, describe, require_known
-from fsw_schema.errors import InputError
-from fsw_schema.files import read_regular
-from fsw_schema.yaml_text import content_of
+from fsw_control.schema.errors import InputError
+from fsw_control.schema.files import read_regular
+from fsw_control.schema.yaml_text import content_of
 
 #: parameters of every node
 _OF_ROS = ("use_sim_time", "start_type_description_service")

@@ -24,10 +24,10 @@ from difflib import get_close_matches
 from functools import cache
 from typing import Annotated, Any, Literal, get_args, get_origin
 
-from fsw_schema import models
-from fsw_schema.errors import InputError
-from fsw_schema.models import Model, descriptions
-from fsw_schema.ranges import Range
+from fsw_control.schema import models
+from fsw_control.schema.errors import InputError
+from fsw_control.schema.models import Model, descriptions
+from fsw_control.schema.ranges import Range
 
 #: end of the name of a parameter with the hash of what the file holds that another one names
 CONTENT_SHA256 = "_sha256"

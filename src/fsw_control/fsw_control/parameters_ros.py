@@ -23,7 +23,7 @@ from fsw_control.parameters import (
     describe,
     validate,
 )
-from fsw_schema.errors import InputError
+from fsw_control.schema.errors import InputError
 
 if TYPE_CHECKING:
     from rclpy.node import Node

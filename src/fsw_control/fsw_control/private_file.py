@@ -6,7 +6,7 @@ import os
 import stat
 from pathlib import Path
 
-from fsw_schema.files import open_regular
+from fsw_control.schema.files import open_regular
 
 
 def read_private(name: str, path: Path, longest_bytes: int = -1) -> bytes:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from fsw_control import weld
-from fsw_schema.ranges import Range
+from fsw_control.schema.ranges import Range
 
 #: set-points, chosen about the paper's operating point
 REFERENCE_DEPTH_MM = Range(1.5, 4.0, "mm")

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
+from fsw_control.schema.ranges import Range
 from fsw_control.units import from_si, to_si
-from fsw_schema.ranges import Range
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from fsw_schema.files import write_whole
+from fsw_control.schema.files import write_whole
 
 #: environment variable with the file's path, set by the parent
 VARIABLE = "FSW_STATUS_FILE"

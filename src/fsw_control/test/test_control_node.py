@@ -16,6 +16,7 @@ from fsw_control import messages_ros as convert
 from fsw_control.controller_node import ControllerNode
 from fsw_control.parameters import NodeParameters
 from fsw_control.reason import Reason, ReasonCode
+from fsw_control.schema.ranges import Range
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import (
     ControllerStatus,
@@ -26,7 +27,6 @@ from fsw_msgs.msg import (
     WeldCommand,
     WeldReference,
 )
-from fsw_schema.ranges import Range
 from fsw_test_support.ros_graph import Spinner
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]

@@ -8,8 +8,8 @@ import pytest
 
 from fsw_control.node_arguments import NodeArguments, asks_for_help
 from fsw_control.parameters import AT_START, NodeParameters
-from fsw_schema.models import InputError, Model
-from fsw_schema.ranges import Range
+from fsw_control.schema.models import InputError, Model
+from fsw_control.schema.ranges import Range
 
 
 class Loop(Model):

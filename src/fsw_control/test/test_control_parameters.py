@@ -10,9 +10,9 @@ from pydantic import model_validator
 
 from fsw_control.common_parameters import ControllerParameters, hosted
 from fsw_control.parameters import AT_START, NodeParameters, defaults, describe, problem, validate
-from fsw_schema.extensions import all_loaded
-from fsw_schema.models import InputError, Many, Model, Whole
-from fsw_schema.ranges import Range
+from fsw_control.schema.extensions import all_loaded
+from fsw_control.schema.models import InputError, Many, Model, Whole
+from fsw_control.schema.ranges import Range
 
 
 class Loops(Model):

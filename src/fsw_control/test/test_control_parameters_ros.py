@@ -12,9 +12,9 @@ from rclpy.parameter import Parameter
 from fsw_control import parameters_ros
 from fsw_control.parameters import AT_START, NodeParameters, validate
 from fsw_control.parameters_ros import ParameterValues
-from fsw_schema.errors import InputError
-from fsw_schema.models import Many, Whole
-from fsw_schema.ranges import Range
+from fsw_control.schema.errors import InputError
+from fsw_control.schema.models import Many, Whole
+from fsw_control.schema.ranges import Range
 
 
 class Example(NodeParameters):

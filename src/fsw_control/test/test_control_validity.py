@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from fsw_control.common_parameters import ControllerParameters
 from fsw_control.contract import Command, Measurement
 from fsw_control.parameters import defaults, validate
+from fsw_control.schema.errors import InputError
 from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
 from fsw_control.validity import (
     Flaw,
@@ -20,7 +21,6 @@ from fsw_control.validity import (
     SensorValidity,
     sensor_limits,
 )
-from fsw_schema.errors import InputError
 
 LIMITS = SensorLimits(0.0, 6.0, max_rate=10.0, hold_s=0.3, frozen_samples=10, confirm_samples=3)
 

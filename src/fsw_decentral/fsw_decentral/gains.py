@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 from pydantic import Field, NonNegativeFloat, PositiveFloat
 
-from fsw_schema.models import Model
+from fsw_control.schema.models import Model
 
 
 class Gains(Model):

@@ -16,13 +16,13 @@ from fsw_control.attainable import out_of_reach, wants_heat
 from fsw_control.cause import Cause
 from fsw_control.contract import Reference
 from fsw_control.readiness import Lack, Readiness
+from fsw_control.schema.yaml_text import load_yaml
 from fsw_control.sensors import OPTIONAL, REQUIRED
 from fsw_control.severity import Severity
 from fsw_control.stop import StopCause
 from fsw_hmi.alarms import Alarm
 from fsw_hmi.frames import readable
 from fsw_hmi.standing import holds
-from fsw_schema.yaml_text import load_yaml
 
 #: time without reports of a node after which that is an alarm
 NO_REPORT_S = 3.5

@@ -10,13 +10,13 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from fsw_control.journal import RequestKind
+from fsw_control.schema.models import InputError, json_content_of
 from fsw_hmi import security
 from fsw_hmi.control import DONE, REFUSED, TIMED_OUT, Answer, Control, Session
 from fsw_hmi.frames import readable
 from fsw_hmi.logins import WrongLogins
 from fsw_hmi.requests import ACTIONS, Action, SafeStop, read
 from fsw_hmi.users import LONGEST, ROLES, User, Users, checked_name
-from fsw_schema.models import InputError, json_content_of
 
 #: after so many malformed or hasty requests a page is shut out
 _MOST_OFFENCES = 20

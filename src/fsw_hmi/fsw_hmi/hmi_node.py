@@ -25,6 +25,7 @@ from fsw_analysis.rule_book import RuleBook, default
 from fsw_control import messages_ros as convert
 from fsw_control.light_node_ros import LightNode
 from fsw_control.parameters_ros import ParameterValues
+from fsw_control.schema.models import content_of, read_text, validate
 from fsw_control.status_file import write_status
 from fsw_control.stop import StopCause, StopRegister
 from fsw_control.stop_ros import StopHolder
@@ -53,7 +54,6 @@ from fsw_hmi.web_server import WebThread, address, application, is_local, listen
 from fsw_hmi.weld_view import Row
 from fsw_msgs.msg import OperatorAction
 from fsw_recorder.signature import Purpose, signature_path, verify_file
-from fsw_schema.models import content_of, read_text, validate
 
 _LOOK_S, _REPORT_S = 0.05, 1.0
 #: shortest time between two ticks on the page, when time runs faster than the wall clock

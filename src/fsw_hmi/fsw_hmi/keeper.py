@@ -9,10 +9,10 @@ from typing import Annotated, TextIO
 
 from pydantic import Field, TypeAdapter, ValidationError
 
+from fsw_control.schema.files import read_regular, write_whole
 from fsw_hmi.alarms import Entry
 from fsw_hmi.frames import COLUMNS
 from fsw_hmi.hub import KEPT
-from fsw_schema.files import read_regular, write_whole
 
 #: what was kept longer ago is of another weld [s] (chosen)
 _OLD_S = 600.0

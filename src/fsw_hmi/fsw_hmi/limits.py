@@ -16,6 +16,7 @@ from fsw_control.ranges import (
     WELD_RATE_DEPTH_MM_PER_S,
     WELD_RATE_TEMPERATURE_C_PER_S,
 )
+from fsw_control.schema.ranges import Range
 from fsw_control.sensors import SENSORS
 from fsw_hmi.frames import readable
 from fsw_hmi.standing import QUANTITIES
@@ -27,7 +28,6 @@ from fsw_plant.event_schema import (
     FAULT_KINDS,
     FAULT_MAGNITUDE,
 )
-from fsw_schema.ranges import Range
 
 #: scales, chosen
 _TORQUE_NM, _POWER_KW = Range(300.0, 1700.0, "N m"), Range(20.0, 70.0, "kW")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Annotated
 
 from fsw_control.parameters import AT_START, NodeParameters
-from fsw_schema.models import Many, Whole
-from fsw_schema.ranges import Range
+from fsw_control.schema.models import Many, Whole
+from fsw_control.schema.ranges import Range
 
 
 class HmiParameters(NodeParameters):

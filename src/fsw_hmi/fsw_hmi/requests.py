@@ -14,11 +14,11 @@ from fsw_control.ranges import (
     REFERENCE_DEPTH_MM,
     REFERENCE_TEMPERATURE_C,
 )
+from fsw_control.schema.models import InputError, Many, Model, validate
+from fsw_control.schema.ranges import Range
 from fsw_hmi.users import Role
 from fsw_plant.event_schema import disturbance, fault
 from fsw_plant.events import Disturbance, Fault
-from fsw_schema.models import InputError, Many, Model, validate
-from fsw_schema.ranges import Range
 
 _Name = Annotated[str, Field(pattern="^[A-Za-z0-9_]{1,100}$")]
 _AlarmId = Annotated[str, Field(pattern="^[ -~]{1,100}$")]
@@ -202,7 +202,7 @@ def read(do: str, message: Mapping[str, Any]) -> Action:
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         When there is none of this name, or a value is missing, of the wrong type or out of range.
     """
     if do not in ACTIONS:

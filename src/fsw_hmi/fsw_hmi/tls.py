@@ -6,7 +6,7 @@ import ssl
 from pathlib import Path
 
 from fsw_control.private_file import read_private
-from fsw_schema.files import open_regular
+from fsw_control.schema.files import open_regular
 
 
 def context(certificate: str, key: str) -> ssl.SSLContext | None:

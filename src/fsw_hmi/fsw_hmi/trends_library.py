@@ -8,8 +8,8 @@ import sys
 import threading
 from pathlib import Path
 
+from fsw_control.schema.files import user_cache
 from fsw_hmi import npm
-from fsw_schema.files import user_cache
 
 #: what a page asks for
 FILES = ("uPlot.iife.min.js", "uPlot.min.css")

@@ -16,8 +16,8 @@ import yaml
 from pydantic import AfterValidator
 
 from fsw_control.private_file import read_private
-from fsw_schema.files import write_whole
-from fsw_schema.models import InputError, Model, content_of, validate
+from fsw_control.schema.files import write_whole
+from fsw_control.schema.models import InputError, Model, content_of, validate
 
 #: each may what those before it may
 ROLES = ("view", "operate", "engineer")

@@ -4,10 +4,10 @@ import pytest
 
 from fsw_control.parameters import defaults
 from fsw_control.ranges import REFERENCE_DEPTH_MM
+from fsw_control.schema.models import InputError
 from fsw_hmi.limits import reference
 from fsw_hmi.refusals import why_not
 from fsw_hmi.requests import ACTIONS, read
-from fsw_schema.models import InputError
 from fsw_supervisor.parameters import SupervisorParameters
 
 TRIPS = defaults(SupervisorParameters)

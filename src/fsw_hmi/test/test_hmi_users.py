@@ -6,10 +6,10 @@ import json
 import pytest
 import yaml
 
+from fsw_control.schema.models import InputError
 from fsw_hmi import users
 from fsw_hmi.control_room import ControlRoom
 from fsw_hmi.users import Users, UsersFile, new_user
-from fsw_schema.models import InputError
 
 PASSWORD = "correct horse battery"
 #: names that are none, or might be taken for another's

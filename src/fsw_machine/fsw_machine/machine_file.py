@@ -17,8 +17,8 @@ from pydantic import (
 )
 
 from fsw_control import units
+from fsw_control.schema.models import Model, content_of, problem, read_text, validate
 from fsw_control.sensors import SENSORS
-from fsw_schema.models import Model, content_of, problem, read_text, validate
 
 _NODE_ID = re.compile(
     r"(ns=\d+;)?(i=\d+|s=.+|g=[0-9A-Fa-f]{8}(-[0-9A-Fa-f]{4}){3}-[0-9A-Fa-f]{12}"
@@ -231,7 +231,7 @@ class MachineFile(Model):
 
         Raises
         ------
-        fsw_schema.models.InputError
+        fsw_control.schema.models.InputError
             If it cannot be read or is invalid.
         """
         return cls.parse(read_text(path, "machine_file"), path.name, path.parent)

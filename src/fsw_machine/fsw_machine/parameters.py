@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from fsw_control.common_parameters import Commands, DriveLimits
 from fsw_control.parameters import AT_START, NodeParameters
-from fsw_schema.models import Model
-from fsw_schema.ranges import Range
+from fsw_control.schema.models import Model
+from fsw_control.schema.ranges import Range
 
 
 class Clock(Model):

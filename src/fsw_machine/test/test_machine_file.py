@@ -7,8 +7,8 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fsw_control.schema.models import InputError
 from fsw_machine.machine_file import WRITTEN, MachineFile, Nodes
-from fsw_schema.models import InputError
 
 SECURITY = {
     "policy": "Basic256Sha256",

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from fsw_control.schema.models import Parameters, problem
 from fsw_model.parameters import ModelParameters
-from fsw_schema.models import Parameters, problem
 
 
 class ParameterCovariance(Parameters):

@@ -10,8 +10,8 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
 
+from fsw_control.schema.models import Many, Model, Name, content_of, problem, read_text, validate
 from fsw_model.parameters import ModelParameters
-from fsw_schema.models import Many, Model, Name, content_of, problem, read_text, validate
 
 Vector = NDArray[np.float64]
 

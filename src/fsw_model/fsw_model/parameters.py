@@ -8,8 +8,8 @@ from typing import Annotated
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
 
-from fsw_schema.models import Parameters, problem
-from fsw_schema.ranges import Range
+from fsw_control.schema.models import Parameters, problem
+from fsw_control.schema.ranges import Range
 
 
 class ModelParameters(Parameters):
@@ -93,7 +93,7 @@ class ModelParameters(Parameters):
 
         Raises
         ------
-        fsw_schema.models.InputError
+        fsw_control.schema.models.InputError
             If a name is unknown or a value is not valid.
         """
         return self.changed(

@@ -2,9 +2,9 @@
 
 import pytest
 
+from fsw_control.schema.models import InputError
 from fsw_model import nominal
 from fsw_model.heat_profile import HeatProfile, HeatSource, ThermalModel
-from fsw_schema.models import InputError
 
 PROFILE = HeatProfile(
     type="copper_lid",

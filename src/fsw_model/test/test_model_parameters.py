@@ -3,8 +3,8 @@
 import pytest
 import yaml
 
+from fsw_control.schema.models import InputError
 from fsw_model import ModelParameters, nominal
-from fsw_schema.models import InputError
 
 ORIGIN = {name: field.description or "" for name, field in ModelParameters.model_fields.items()}
 NAMES = list(ORIGIN)

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from fsw_control import weld
 from fsw_control.parameters import AT_START, NodeParameters
-from fsw_schema.models import Whole
-from fsw_schema.ranges import Range
+from fsw_control.schema.models import Whole
+from fsw_control.schema.ranges import Range
 
 
 class NmpcParameters(NodeParameters):

@@ -10,8 +10,8 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
 
 from fsw_control import weld
+from fsw_control.schema.models import Many, Model, content_of, problem, read_text, validate
 from fsw_model import STEP_S, ModelParameters
-from fsw_schema.models import Many, Model, content_of, problem, read_text, validate
 
 #: Kinds of reference trajectories, see ``kernel/trajectory.c``.
 Trajectory = Literal["approach", "constant", "cold_start", "recentred", "recentred_ahead"]
@@ -369,7 +369,7 @@ class Tuning(Model):
 
         Raises
         ------
-        fsw_schema.models.InputError
+        fsw_control.schema.models.InputError
             If the file cannot be read or its content is invalid; the message is one line.
         """
         content = content_of(read_text(path, "tuning_file"), str(path))

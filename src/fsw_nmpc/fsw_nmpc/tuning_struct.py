@@ -13,9 +13,9 @@ from textwrap import wrap
 from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 from fsw_control import Limits
+from fsw_control.schema.models import Model, descriptions
 from fsw_nmpc.settings import Settings
 from fsw_nmpc.tuning import PRIORITIES, TRAJECTORIES, EstimatorTuning, Share, Tuning
-from fsw_schema.models import Model, descriptions
 
 #: Settings without a member in the kernel: the model is a struct of its own, the horizon a part
 #: of it; announced set-points are an input; instead of a memory's time constant the kernel has the

@@ -6,12 +6,12 @@ import pytest
 
 from fsw_control import Command, Measurement, Reference
 from fsw_control.parameters import describe
+from fsw_control.schema.models import InputError
 from fsw_model import nominal
 from fsw_nmpc import NmpcController
 from fsw_nmpc.parameters import NmpcParameters
 from fsw_nmpc.settings import Settings
 from fsw_nmpc.tuning import PAPER, TRAJECTORIES, Tuning
-from fsw_schema.models import InputError
 
 REST = Command(78.4, 407.576)
 TARGET = Reference(2.66, 816.4)

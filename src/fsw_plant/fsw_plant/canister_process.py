@@ -11,8 +11,7 @@ from collections import deque
 from dataclasses import dataclass
 from math import isfinite, pi
 
-from fsw_canister import CanisterState, HeatModel
-from fsw_canister.stepped import heated
+from fsw_control.schema.models import InputError
 from fsw_model import (
     STEP_S,
     Equilibrium,
@@ -24,9 +23,10 @@ from fsw_model import (
 )
 from fsw_model.equations import MOTOR, TOOL, power_kw
 from fsw_model.process import driven_step
+from fsw_plant.canister import CanisterState, HeatModel
+from fsw_plant.canister.stepped import heated
 from fsw_plant.lag import lag_mean, lag_risen
 from fsw_plant.tool_path import Motion
-from fsw_schema.models import InputError
 
 
 @dataclass(slots=True)

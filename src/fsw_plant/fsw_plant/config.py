@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fsw_canister import CanisterParameters
 from fsw_control import Limits, parameters
+from fsw_control.schema import models
+from fsw_control.schema.models import InputError, validate
 from fsw_model import STEP_S, ModelParameters
+from fsw_plant.canister import CanisterParameters
 from fsw_plant.parameters import PlantParameters
-from fsw_schema import models
-from fsw_schema.models import InputError, validate
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class PlantConfig:
 
         Raises
         ------
-        fsw_schema.models.InputError
+        fsw_control.schema.models.InputError
             If a name is unknown, a value has the wrong type or is out of range, or values
             contradict each other.
         """

@@ -7,11 +7,11 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import model_validator
 
+from fsw_control.schema.models import InputError, Model, range_of, validate
+from fsw_control.schema.ranges import Range
 from fsw_control.sensors import DEPTH, SENSORS, TEMPERATURE, TORQUE, SensorName
 from fsw_control.weld import TICK_S
 from fsw_plant.events import Disturbance, Fault
-from fsw_schema.models import InputError, Model, range_of, validate
-from fsw_schema.ranges import Range
 
 #: length of a scenario and of its parts
 DURATION_S = Range(TICK_S, 36_000.0, "s")
@@ -127,7 +127,7 @@ def disturbance(
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If a scenario could not contain it; the message says what is allowed.
     """
     entry: dict[str, Any] = {"channel": channel, "shape": shape}

@@ -6,14 +6,14 @@ from typing import Annotated, Literal
 
 from pydantic import create_model
 
-from fsw_canister import CanisterParameters
 from fsw_control import weld
 from fsw_control.common_parameters import Commands, DriveBounds, numbers
 from fsw_control.parameters import AT_START, NodeParameters
+from fsw_control.schema.models import Model, Whole
+from fsw_control.schema.ranges import Range
 from fsw_control.sensors import SENSORS, Sensor
 from fsw_model import ModelParameters
-from fsw_schema.models import Model, Whole
-from fsw_schema.ranges import Range
+from fsw_plant.canister import CanisterParameters
 
 
 class Start(Model):

@@ -20,6 +20,7 @@ from fsw_control.managed_node_ros import ManagedNode
 from fsw_control.node_main_ros import main_of
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
+from fsw_control.schema.models import InputError
 from fsw_control.single_instance_ros import SEARCHING, STARTING, SingleInstanceGuard
 from fsw_control.stop import StopCause
 from fsw_control.stop_ros import StopHolder
@@ -44,7 +45,6 @@ from fsw_plant.services_ros import PlantServices
 from fsw_plant.tick_stamps import TickStamps
 from fsw_plant.truth_ros import truth_message
 from fsw_plant.watchdog import WatchdogState
-from fsw_schema.models import InputError
 
 _WATCH_S = 0.2
 _REPORT_S = 1.0

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import lru_cache
 
-from fsw_canister import CanisterParameters, CompactCanister
+from fsw_control.schema.extensions import loaded
+from fsw_control.schema.models import InputError
 from fsw_model import ModelParameters, ProcessModel
+from fsw_plant.canister import CanisterParameters, CompactCanister
 from fsw_plant.canister_process import CanisterProcess
 from fsw_plant.config import PlantConfig
-from fsw_schema.extensions import loaded
-from fsw_schema.models import InputError
 
 #: gets the completed share, and the name of the task
 Progress = Callable[[float, str], None]
@@ -42,7 +42,7 @@ def reduced(parameters: CanisterParameters, progress: Progress | None = None) ->
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If no installed distribution makes it.
     """
     if parameters not in _reduced:

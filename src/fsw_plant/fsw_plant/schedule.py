@@ -8,10 +8,10 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, model_validator
 
+from fsw_control.schema.models import Many, Model, content_of, read_text, validate
 from fsw_plant.event_schema import TIME_S, DisturbanceEntry, FaultEntry
 from fsw_plant.events import EPSILON_S, PlantEvent
 from fsw_plant.tool_path import Waypoint, check_order
-from fsw_schema.models import Many, Model, content_of, read_text, validate
 
 
 class EventEntry(Model):
@@ -95,7 +95,7 @@ class PlantSchedule:
 
         Raises
         ------
-        fsw_schema.models.InputError
+        fsw_control.schema.models.InputError
             If an event is invalid; the message says where and what is allowed.
         """
         content = content_of(text, where)

@@ -8,11 +8,11 @@ from typing import Any
 from rclpy.node import Node
 
 from fsw_control import units
+from fsw_control.schema.models import InputError
 from fsw_model import OperatingPointError
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant.emulator import PlantEmulator
 from fsw_plant.event_schema import amplitude_unit, disturbance, fault, magnitude_unit
-from fsw_schema.models import InputError
 
 
 class PlantServices:

@@ -9,11 +9,11 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from fsw_control.schema.models import Model, problem
+from fsw_control.schema.ranges import Range
 from fsw_model import STEP_S
 from fsw_plant.config import PlantConfig
 from fsw_plant.event_schema import TIME_S
-from fsw_schema.models import Model, problem
-from fsw_schema.ranges import Range
 
 
 class Waypoint(Model):

@@ -4,13 +4,13 @@ from math import exp
 
 import pytest
 
-from fsw_canister import CanisterParameters
+from fsw_control.schema.models import InputError
 from fsw_model import ModelParameters, OperatingPointError
 from fsw_plant import BeyondDrivesError, PlantConfig, PlantEmulator, PlantSchedule
+from fsw_plant.canister import CanisterParameters
 from fsw_plant.canister_process import CanisterProcess
 from fsw_plant.event_schema import disturbance
 from fsw_plant.tool_path import Motion, ToolPath, Waypoint
-from fsw_schema.models import InputError
 
 STILL = Motion(0.0, 0.0)
 

@@ -7,12 +7,12 @@ import yaml
 
 from fsw_control import Limits
 from fsw_control.parameters import defaults
+from fsw_control.schema.models import InputError, Problem
 from fsw_control.units import m_from_mm, mm_from_m, rad_s_from_rpm, rpm_from_rad_s
 from fsw_model import ModelParameters
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
 from fsw_plant.event_schema import disturbance, fault
 from fsw_plant.parameters import PlantParameters
-from fsw_schema.models import InputError, Problem
 
 
 def test_defaults_are_those_of_the_design():

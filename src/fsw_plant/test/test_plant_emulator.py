@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fsw_control import Command
+from fsw_control.schema.models import InputError
 from fsw_control.weld import TICK_NS
 from fsw_model import ProcessModel
 from fsw_plant import FIRST_TICK, BeyondDrivesError, PlantConfig, PlantEmulator, PlantSchedule
 from fsw_plant.event_schema import disturbance, fault
-from fsw_schema.models import InputError
 
 
 def plant_of(**values):

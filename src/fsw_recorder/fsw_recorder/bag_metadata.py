@@ -10,11 +10,11 @@ from typing import Any
 
 import yaml
 
+from fsw_control.schema.files import read_regular
+from fsw_control.schema.yaml_text import load_yaml
 from fsw_recorder.errors import BagError
 from fsw_recorder.qos import qos_values
 from fsw_recorder.topic import RecordedTopic
-from fsw_schema.files import read_regular
-from fsw_schema.yaml_text import load_yaml
 
 METADATA_NAME = "metadata.yaml"
 #: attestation of a bag, beside its manifest

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from fsw_recorder.bag_file import CHUNK_BYTES, BagFile
 from fsw_recorder.bag_metadata import METADATA_NAME, FileSummary, metadata_text
-from fsw_recorder.clock_source import UNKNOWN, ClockState
+from fsw_recorder.clock_source import clock_state
 from fsw_recorder.errors import BagError
 from fsw_recorder.manifest import MANIFEST_NAME, FileManifest, Manifest, hashed, sha256
 from fsw_recorder.signature import Purpose, load_private, sign, signature_path
@@ -117,10 +117,6 @@ class BagWriter:
         """Attach a file to the bag."""
         now = time.time_ns()
         self._put(lambda: self._files.attach(now, name, media_type, data))
-
-    def note_clock(self, clock: ClockState) -> None:
-        """Store the state of the system's clock, for the manifest."""
-        self._files.clock = clock
 
     def split(self) -> None:
         """Start a new file with the next message."""
@@ -234,7 +230,6 @@ class _Files:
     def __init__(self, folder: Path, options: WriterOptions, custom_data: dict[str, str]) -> None:
         self.topics: dict[str, RecordedTopic] = {}
         self.summaries: tuple[FileSummary, ...] = ()
-        self.clock = UNKNOWN
         self._manifests: list[FileManifest] = []
         self._attachments: dict[str, str] = {}
         self._folder, self._options, self._custom_data = folder, options, custom_data
@@ -343,7 +338,7 @@ class _Files:
                 bag=self._folder.name,
                 custom_data=self._custom_data,
                 attachments_sha256=self._attachments,
-                clock=self.clock,
+                clock=clock_state(),
                 files=(*self._manifests, *last),
             )
             text = found.text()

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 import zstandard
 from mcap.writer import MCAP0_MAGIC
 
-from fsw_schema.files import open_regular
+from fsw_control.schema.files import open_regular
 
 SUFFIX = ".zstd"
 #: magic bytes of sqlite3 and MCAP files

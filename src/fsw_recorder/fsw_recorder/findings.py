@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, Strict
 
-from fsw_schema.models import InputError, Many, Model
+from fsw_control.schema.models import InputError, Many, Model
 
 _MOST_FINDINGS = 5
 _BEFORE = "what happened to it before is not known"

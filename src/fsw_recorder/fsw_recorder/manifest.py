@@ -16,11 +16,11 @@ from typing import Literal
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
+from fsw_control.schema.files import open_regular, read_regular
+from fsw_control.schema.models import Many, Model, json_content_of, validate
 from fsw_recorder.clock_source import ClockState
 from fsw_recorder.errors import BagError
 from fsw_recorder.mcap_frames import CHUNK_HEAD, Buffer, frames
-from fsw_schema.files import open_regular, read_regular
-from fsw_schema.models import Many, Model, json_content_of, validate
 
 MANIFEST_NAME = "manifest.json"
 #: length of the pieces of a file without chunks
@@ -67,7 +67,7 @@ class Manifest(Model):
     attachments_sha256: dict[str, str]
     """attached files: scenario, software versions, parameters of every node"""
     clock: ClockState
-    """state of the system's clock at the start of the recording"""
+    """state of the system's clock at the end of the recording"""
     files: Many[FileManifest]
 
     def text(self) -> str:

@@ -24,6 +24,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
+from fsw_control.schema.files import open_regular
 from fsw_recorder.bag_metadata import BagMetadata, metadata_inside
 from fsw_recorder.compressed import decompressed
 from fsw_recorder.errors import BagError
@@ -38,7 +39,6 @@ from fsw_recorder.mcap_frames import (
 )
 from fsw_recorder.qos import read_qos
 from fsw_recorder.topic import BagRecord, RecordedTopic
-from fsw_schema.files import open_regular
 
 #: most messages that wait for earlier ones in overlapping chunks
 _MOST_WAITING = 1_000_000

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import fields
 from datetime import datetime
 from pathlib import Path
-from threading import Thread
 from typing import Any, NamedTuple
 
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -27,7 +26,6 @@ from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Repor
 from fsw_recorder import after_recording
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_writer import BagWriter, WriterOptions, taken
-from fsw_recorder.clock_source import clock_state
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import interface_definition, interface_hash, message_class
 from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
@@ -173,10 +171,6 @@ class RecorderNode(ManagedNode):
         for name, data in bag.attachments:
             writer.attach(name, media_type(name), data)
         self._recorded = True
-        if bag.options.manifest:  # the programs may take seconds to answer
-            Thread(
-                target=lambda: writer.note_clock(clock_state()), name="clock_source", daemon=True
-            ).start()
         return writer
 
     def _make_services(self) -> None:

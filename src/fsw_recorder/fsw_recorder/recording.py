@@ -6,15 +6,15 @@ import hashlib
 import json
 import os
 import platform
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from itertools import chain, count
 from pathlib import Path
 
+from fsw_control.schema.files import open_regular
 from fsw_recorder.errors import BagError
-from fsw_schema.files import open_regular
 
 _DISTRIBUTIONS = ("fsw-control", "ros-rclpy", "ros-fastrtps", "mcap", "numpy", "casadi", "rosbags")
 #: packages that determine the commands, with the suffixes of their sources
@@ -64,22 +64,26 @@ def versions_text() -> bytes:
         except PackageNotFoundError:
             continue
     found |= {
-        f"code of {name}": _code_sha256(name) for name in _PACKAGES if find_spec(name) is not None
+        f"code of {name}": code_sha256(name) for name in _PACKAGES if find_spec(name) is not None
     }
     return json.dumps(found, indent=2).encode()
 
 
-def _code_sha256(package: str) -> str:
-    """Hash of a package's source files by path and content, independent of its version number."""
+def code_files(package: str) -> Iterator[Path]:
+    """Source files of an installed package, C and parameters included, in a fixed order."""
     spec = find_spec(package)
-    total = hashlib.sha256()
     for folder in spec.submodule_search_locations or () if spec else ():
         for path in sorted(Path(folder).rglob("*")):
             if path.suffix in _SOURCES and path.is_file():
-                total.update(
-                    f"{path.relative_to(folder).as_posix()}\0{path.stat().st_size}\0".encode()
-                )
-                total.update(path.read_bytes())
+                yield path
+
+
+def code_sha256(package: str) -> str:
+    """Hash of a package's source files by name and content, independent of its version number."""
+    total = hashlib.sha256()
+    for path in code_files(package):
+        content = path.read_bytes()
+        total.update(f"{path.parent.name}/{path.name}\0{len(content)}\0".encode() + content)
     return total.hexdigest()
 
 

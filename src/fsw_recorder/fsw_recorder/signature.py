@@ -21,10 +21,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import AwareDatetime, Field, Strict
 
 from fsw_control.private_file import read_private
+from fsw_control.schema.extras import Extra, MissingExtraError
+from fsw_control.schema.files import read_regular, write_whole
+from fsw_control.schema.models import (
+    InputError,
+    Many,
+    Model,
+    content_of,
+    json_content_of,
+    validate,
+)
 from fsw_recorder.findings import Code, EvidenceError, Finding, finding
-from fsw_schema.extras import Extra, MissingExtraError
-from fsw_schema.files import read_regular, write_whole
-from fsw_schema.models import InputError, Many, Model, content_of, json_content_of, validate
 
 if TYPE_CHECKING:  # from the extra signing
     from securesystemslib.signer import CryptoSigner

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from fsw_control.schema.models import InputError
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_recorder.errors import BagError
@@ -25,7 +26,6 @@ from fsw_recorder.manifest_check import check_file, check_files, complete
 from fsw_recorder.recover import recover
 from fsw_recorder.recover_proven import recover_proven
 from fsw_recorder.signature import Purpose, load_trusted, make_key, verify_file
-from fsw_schema.models import InputError
 from fsw_test_support.sample_weld import sample_messages, sample_topics
 
 START_NS = 10**18

@@ -28,6 +28,7 @@ from fsw_recorder.qos import (
     replayed_qos,
 )
 from fsw_recorder.recording import (
+    code_sha256,
     custom_entries,
     free_sibling,
     media_type,
@@ -236,6 +237,25 @@ def test_output_folder() -> None:
 
 def test_versions_name_python_and_packages() -> None:
     assert {"python", "mcap", "numpy"} <= set(json.loads(versions_text()))
+
+
+def test_code_is_hashed_by_name_and_content(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(tmp_path))
+    kernel = tmp_path / "welding" / "kernel"
+    kernel.mkdir(parents=True)
+    seen = []
+    for file, content in (
+        ("__init__.py", "a = 1"),
+        ("__init__.py", "a = 2"),
+        ("kernel/a.c", "int a;"),
+        ("kernel/a.h", "int a;"),
+        ("notes.txt", "no code"),
+    ):
+        (kernel.parent / file).write_text(content)
+        seen.append(code_sha256("welding"))
+    assert len(set(seen[:4])) == 4 and seen[4] == seen[3]
 
 
 def test_free_sibling(tmp_path: Path) -> None:

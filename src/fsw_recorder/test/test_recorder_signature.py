@@ -16,6 +16,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fsw_control.schema.models import InputError
 from fsw_recorder.findings import Code, EvidenceError
 from fsw_recorder.signature import (
     Purpose,
@@ -31,7 +32,6 @@ from fsw_recorder.signature import (
     verify,
     verify_file,
 )
-from fsw_schema.models import InputError
 
 pytest.importorskip(
     "cryptography", reason="not installed: pip install -r requirements/signing.lock"

@@ -10,7 +10,7 @@ import os
 import signal
 import sys
 
-from fsw_schema.entry import Program
+from fsw_control.schema.entry import Program
 
 _PR_SET_PDEATHSIG = 1
 

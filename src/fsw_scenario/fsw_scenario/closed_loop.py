@@ -28,6 +28,7 @@ from fsw_control.host import answer
 from fsw_control.ramps import stair
 from fsw_control.reason import Reason
 from fsw_control.references import ReferencePlan
+from fsw_control.schema.models import InputError
 from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
 from fsw_control.validity import SensorGuard
 from fsw_control.weld import TICK_NS, TICK_S
@@ -41,7 +42,6 @@ from fsw_scenario.scenario import Scenario, start_reference
 from fsw_scenario.timeline import references, switches
 from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine
 from fsw_scenario.weld_programme_course import Course
-from fsw_schema.models import InputError
 
 #: ticks between progress reports
 _PROGRESS_TICKS = 100
@@ -133,7 +133,7 @@ class ClosedLoop:
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If the scenario selects a controller that is not there, or has no phases by which the heat
         would go.
     """

@@ -6,8 +6,8 @@ import sys
 from collections.abc import Sequence
 
 from fsw_control import run_controller
+from fsw_control.schema.models import InputError
 from fsw_scenario.controllers import kind_of
-from fsw_schema.models import InputError
 
 _USAGE = "NAME | MODULE:CLASS | FILE.py:CLASS [--help] [--ros-args ...]"
 

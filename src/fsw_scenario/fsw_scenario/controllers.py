@@ -13,9 +13,9 @@ from typing import Any
 
 from fsw_control.contract import Controller
 from fsw_control.parameters import NodeParameters, ParameterModel, validate
+from fsw_control.schema.models import InputError
 from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.scenario import Scenario
-from fsw_schema.models import InputError
 
 #: location of our classes, by name. They are entry points, too; other packages cannot replace
 #: them.
@@ -38,7 +38,7 @@ def name_of(label: str) -> str:
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If there is no such controller.
     """
     return _parts(label)[0]
@@ -142,7 +142,7 @@ def make(label: str, parameters: Mapping[str, Any] | None = None) -> Controller:
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If there is no such controller or variant, or it rejects its parameters.
     """
     make_one = maker(label)
@@ -180,7 +180,7 @@ def variants_of(labels: Iterable[str]) -> dict[str, dict[str, str]]:
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         As in :func:`variant_of`, and if a controller is named twice: it is one node.
     """
     found: dict[str, dict[str, str]] = {}

@@ -13,13 +13,13 @@ from typing import Any
 import yaml
 
 from fsw_control.parameters import validate
+from fsw_control.schema.files import write_whole
 from fsw_plant.parameters import PlantParameters
 from fsw_scenario.closed_loop import plant_of
 from fsw_scenario.controllers import program
 from fsw_scenario.launcher import Child, Launcher, LaunchError
 from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.scenario import Scenario
-from fsw_schema.files import write_whole
 
 #: node name of the standby supervisor
 STANDBY = "fsw_supervisor_standby"
@@ -89,7 +89,7 @@ class WeldGraph:
 
         Raises
         ------
-        fsw_schema.models.InputError
+        fsw_control.schema.models.InputError
             If a controller is not known.
         """
         plant = "machine" if self.machine else "plant"
@@ -108,7 +108,7 @@ class WeldGraph:
 
         Raises
         ------
-        fsw_schema.models.InputError
+        fsw_control.schema.models.InputError
             If a controller is not known.
         """
         processes = self.processes

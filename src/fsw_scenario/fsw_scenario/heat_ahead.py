@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from fsw_control.heat_plan import HeatPlan
+from fsw_control.schema.models import InputError
 from fsw_model.heat_profile import CORRELATION_MM, HeatProfile
 from fsw_scenario.weld_programme import Phase, spans
-from fsw_schema.models import InputError
 
 
 class HeatAhead:

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from fsw_control.fast_dds import stay_on_this_machine
+from fsw_control.schema.extensions import program_path
 from fsw_control.status_file import VARIABLE, read_status
-from fsw_schema.extensions import program_path
 
 _POLL_S = 0.02
 #: exit code of a node with invalid arguments or parameters

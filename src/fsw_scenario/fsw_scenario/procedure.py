@@ -8,8 +8,8 @@ from typing import Any
 
 from fsw_analysis import procedure
 from fsw_analysis.procedure import Identity, Procedure, digest
+from fsw_control.schema.models import content_of, read_text, shipped_names, validate
 from fsw_recorder.signature import Signer, TrustedKey, load_trusted
-from fsw_schema.models import content_of, read_text, shipped_names, validate
 
 __all__ = [
     "Identity",
@@ -45,7 +45,7 @@ def load(source: str | Path) -> Procedure:
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If it cannot be read, is invalid, or was changed after it was signed.
     """
     signer_of(source, None)

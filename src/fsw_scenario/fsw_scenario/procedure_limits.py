@@ -8,12 +8,12 @@ from typing import Any
 
 from fsw_analysis.rule_book import Limit, Variable
 from fsw_control.parameters import defaults
+from fsw_control.schema.extensions import all_loaded
+from fsw_control.schema.models import InputError
 from fsw_control.units import KW_PER_NM_RPM
 from fsw_model import OperatingPointError, ProcessModel, nominal
 from fsw_recorder.after_recording import BAG
 from fsw_scenario.procedure import Procedure, load, path_of
-from fsw_schema.extensions import all_loaded
-from fsw_schema.models import InputError
 from fsw_supervisor.parameters import SupervisorParameters
 
 #: the supervisor's low and high interlocks by variable
@@ -46,7 +46,7 @@ def node_parameters(procedure: Procedure) -> dict[str, dict[str, Any]]:
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If its limits exclude the whole range of the drives.
     """
     return {"fsw_supervisor": _supervisor(procedure, defaults(SupervisorParameters))}
@@ -59,7 +59,7 @@ def graph_parameters(source: str) -> dict[str, dict[str, Any]]:
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If the procedure cannot be used.
     """
     file = str(path_of(source))
@@ -80,7 +80,7 @@ def check_possible(procedure: Procedure) -> None:
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If a weld at its set-points violates an essential limit, or the model has no equilibrium
         there.
     """

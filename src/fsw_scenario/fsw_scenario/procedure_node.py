@@ -17,13 +17,13 @@ from fsw_control.light_node_ros import LightNode
 from fsw_control.node_main_ros import main_of
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import ERROR, OK, DiagnosticsPublisher, Report, log
+from fsw_control.schema.yaml_text import load_yaml
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import SupervisorState, WeldReference
 from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
 from fsw_scenario.parameters import ProcedureParameters
 from fsw_scenario.procedure import load
 from fsw_scenario.procedure_watch import ProcedureWatch
-from fsw_schema.yaml_text import load_yaml
 
 _REPORT_S = 1.0
 #: prefix of the names of controllers' nodes
@@ -35,7 +35,7 @@ class ProcedureNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no type
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If the procedure cannot be used.
     """
 

@@ -11,6 +11,16 @@ from pydantic import Field, field_validator, model_validator
 from fsw_control import weld
 from fsw_control.contract import Reference
 from fsw_control.ranges import COMMAND_FORCE_KN, COMMAND_SPEED_RPM
+from fsw_control.schema.models import (
+    InputError,
+    Many,
+    Model,
+    Name,
+    needs_one,
+    problem,
+    without_default,
+)
+from fsw_control.schema.ranges import Range
 from fsw_control.weld import TICK_S
 from fsw_plant import PlantConfig
 from fsw_plant.config import flatten
@@ -20,8 +30,6 @@ from fsw_plant.schedule import EventEntry
 from fsw_plant.tool_path import Waypoint, check_order
 from fsw_scenario.weld_programme import ANGLE_DEG, Phase, SetPointEntry, time_at
 from fsw_scenario.weld_programme_file import joined, set_points, tool_path
-from fsw_schema.models import InputError, Many, Model, Name, needs_one, problem, without_default
-from fsw_schema.ranges import Range
 
 #: controller name of scenarios that command the inputs themselves
 OPEN_LOOP = "none"

@@ -10,9 +10,9 @@ from typing import Any
 
 import yaml
 
+from fsw_control.schema import models
+from fsw_control.schema.models import InputError, read_text, shipped_names, validate
 from fsw_scenario.scenario import Scenario
-from fsw_schema import models
-from fsw_schema.models import InputError, read_text, shipped_names, validate
 
 _SHIPPED = Path(__file__).parent / "scenarios"
 #: a step of a path such as ``events[2].disturbance.amplitude_mm``: a key or a list index
@@ -37,7 +37,7 @@ def load(source: str | Path, overrides: Sequence[str] = ()) -> Scenario:
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If there is no such scenario or it is invalid.
     """
     return parse(text_of(source), str(source), overrides)
@@ -104,7 +104,7 @@ def put(content: dict[str, Any], path: str, value: Any, where: str = "override")
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If the path does not exist.
     """
     steps: list[Any] = [key or int(number) for key, number in _STEP.findall(path)]

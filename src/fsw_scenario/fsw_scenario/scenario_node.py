@@ -25,6 +25,7 @@ from fsw_control.light_node_ros import LightNode
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters_ros import ParameterValues
+from fsw_control.schema.models import InputError
 from fsw_control.topics_ros import STREAM
 from fsw_msgs.action import RunWeld
 from fsw_msgs.msg import WeldKpi, WeldProgress
@@ -38,7 +39,6 @@ from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse
 from fsw_scenario.weld_player_ros import FAILED, REFUSED, Outcome, PlayerOptions, WeldPlayer
 from fsw_scenario.weld_programme import State
-from fsw_schema.models import InputError
 
 ACTION = "fsw/run_weld"
 #: time limit for this node's answer to its own goal, on a stalled machine (chosen)
@@ -57,7 +57,7 @@ class ScenarioNode(LightNode, Node):
 
     Raises
     ------
-    fsw_schema.models.InputError
+    fsw_control.schema.models.InputError
         If the scenario is invalid.
     """
 

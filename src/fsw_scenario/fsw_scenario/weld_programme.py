@@ -12,10 +12,10 @@ from typing import Annotated, Literal, Self, get_args
 from pydantic import Field, model_validator
 
 from fsw_control.ranges import REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C
+from fsw_control.schema.models import Many, Model, needs_one, without_default
+from fsw_control.schema.ranges import Range
 from fsw_control.weld import TICK_S
 from fsw_plant.event_schema import DURATION_S, TIME_S
-from fsw_schema.models import Many, Model, needs_one, without_default
-from fsw_schema.ranges import Range
 
 #: Diameter of the joint line: about 1 m in the paper; with 1.05 m at 86 mm/min a turn takes the
 #: published 38 to 40 min.

@@ -10,6 +10,8 @@ from math import sqrt
 
 from fsw_control.contract import Reference
 from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S
+from fsw_control.schema.models import problem
+from fsw_control.schema.ranges import Range
 from fsw_plant.tool_path import Waypoint
 from fsw_scenario.weld_programme import (
     ANGLE_DEG,
@@ -19,8 +21,6 @@ from fsw_scenario.weld_programme import (
     Phase,
     PhaseSetPoint,
 )
-from fsw_schema.models import problem
-from fsw_schema.ranges import Range
 
 #: unit, largest step (chosen) and largest rate of the set-points
 LIMITS = {

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from fsw_control.schema.models import InputError
 from fsw_scenario import controller_node, controllers, scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import kind_of, make, name_of, program, short, variants_of
-from fsw_schema.models import InputError
 from fsw_test_support.own_controller import OWN, own
 
 SOURCES = Path(__file__).resolve().parents[2]

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_control.contract import Command, Reference
+from fsw_control.schema.models import InputError
 from fsw_scenario import scenario_file, timeline
 from fsw_scenario.scenario import tick_of
-from fsw_schema.models import InputError
 
 START = Reference(2.66, 850.0)
 

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 import yaml
 
+from fsw_control.schema.models import json_schema
 from fsw_scenario import scenario_file
 from fsw_scenario.scenario import Scenario
-from fsw_schema.models import json_schema
 
 SCHEMA = json_schema(Scenario)
 TYPES = {

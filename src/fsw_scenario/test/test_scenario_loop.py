@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from fsw_control.contract import Coming, Command, Limits, Measurement, Proposal, Reference
+from fsw_control.schema.models import InputError
 from fsw_decentral import DecentralController
 from fsw_model import ProcessModel
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
-from fsw_schema.models import InputError
 
 
 def run(name, controllers=None, overrides=()):

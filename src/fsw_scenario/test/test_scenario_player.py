@@ -15,6 +15,7 @@ from std_msgs.msg import Header
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
 from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S
+from fsw_control.schema.errors import InputError
 from fsw_control.topics_ros import LATEST, PLAYER_READY
 from fsw_msgs.action import RunWeld
 from fsw_msgs.msg import SupervisorState
@@ -25,7 +26,6 @@ from fsw_scenario.launcher import ABORTED
 from fsw_scenario.scenario_node import ALONE_S, ScenarioNode
 from fsw_scenario.set_points_ros import SetPoints
 from fsw_scenario.weld_player_ros import Outcome
-from fsw_schema.models import InputError
 from fsw_test_support import player_graph
 from fsw_test_support.player_graph import START_NS, STEP_NS, PlayerGraph
 from fsw_test_support.waiting import PATIENCE_S

@@ -9,9 +9,9 @@ import yaml
 
 from fsw_control import weld
 from fsw_control.parameters import defaults
+from fsw_control.schema.models import InputError
 from fsw_scenario import procedure
 from fsw_scenario.procedure import Procedure
-from fsw_schema.models import InputError
 from fsw_supervisor.parameters import SupervisorParameters
 
 

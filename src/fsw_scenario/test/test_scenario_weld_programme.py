@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from fsw_control.contract import Reference
 from fsw_control.ramps import stair
+from fsw_control.schema.models import InputError
 from fsw_plant import PlantSchedule
 from fsw_scenario import scenario_file, timeline
 from fsw_scenario.scenario import start_reference
 from fsw_scenario.weld_programme import PHASES, Phase, PhaseMachine, State, spans
-from fsw_schema.models import InputError
 
 WELD = [
     {"name": "dwell", "duration_s": 5.0},

@@ -12,8 +12,8 @@ from fsw_control.common_parameters import SUPERVISOR_VALIDITY, DriveLimits, fiel
 from fsw_control.contract import BUILT_IN_SOURCES
 from fsw_control.fence import UNKNOWN
 from fsw_control.parameters import AT_START, NodeParameters
-from fsw_schema.models import Many, Model, Whole
-from fsw_schema.ranges import Range
+from fsw_control.schema.models import Many, Model, Whole
+from fsw_control.schema.ranges import Range
 
 #: names of controllers, and those that none may have: of other sources, and of the supervisor's
 #: topics

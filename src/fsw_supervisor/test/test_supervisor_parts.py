@@ -11,7 +11,7 @@ from fsw_control.cause import Cause
 from fsw_control.contract import Command, Limits
 from fsw_control.parameters import defaults, validate
 from fsw_control.reason import Reason
-from fsw_schema.models import InputError
+from fsw_control.schema.models import InputError
 from fsw_supervisor.in_force import DriveOffset
 from fsw_supervisor.operator_requests import SwitchRequest
 from fsw_supervisor.parameters import SupervisorParameters

@@ -32,13 +32,13 @@ from cryptography import x509
 
 from fsw_control import Command, weld
 from fsw_control.command_check import refusal
+from fsw_control.schema.models import InputError
 from fsw_control.sensors import SENSORS
 from fsw_control.units import NANOSECONDS
 from fsw_machine.certificates import SecurityError, check_key, der, now, read_certificate
 from fsw_machine.machine_file import WRITTEN, MachineFile
 from fsw_machine.opcua_link import node_id, password
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
-from fsw_schema.models import InputError
 from fsw_test_support.certificates import make
 
 #: an operator's switch: whether commands are permitted; in the namespace of the machine file

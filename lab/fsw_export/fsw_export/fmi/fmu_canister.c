@@ -1,4 +1,4 @@
-/* The process on a canister in the plant: as fsw_plant/canister_process.py, with the heat of fsw_canister/compact.py. */
+/* The process on a canister in the plant: as fsw_plant/canister_process.py, with the heat of fsw_plant/canister/compact.py. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>

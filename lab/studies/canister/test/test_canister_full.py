@@ -10,11 +10,11 @@ pytest.importorskip(
 from canister.full import FullCanister, exact_stir_zone_c
 from scipy.sparse.linalg import eigsh
 
-from fsw_canister import CanisterParameters
 from fsw_heat import ReducedCanister
 from fsw_heat.elements import Elements
 from fsw_heat.history import ToolCourse, heat_history
 from fsw_heat.projection import project
+from fsw_plant.canister import CanisterParameters
 
 pytestmark = pytest.mark.slow
 

@@ -17,7 +17,7 @@ pytest.importorskip(
 from canister.full import FullCanister
 from scipy.special import erf
 
-from fsw_canister import CanisterParameters
+from fsw_plant.canister import CanisterParameters
 
 pytestmark = [pytest.mark.slow, pytest.mark.full]
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from canister import command, properties, report, validation, verdict
 
+from fsw_control.schema.models import InputError
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
-from fsw_schema.models import InputError
 
 SHORT = """
 name: short

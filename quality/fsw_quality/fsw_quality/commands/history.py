@@ -15,14 +15,14 @@ from fsw.outputs import check_new
 from fsw.progress import ProgressBar
 from fsw_analysis.bag_labels import labels
 from fsw_analysis.procedure import Identity
+from fsw_control.schema.extras import Extra
+from fsw_control.schema.models import json_content_of, read_text, validate
 from fsw_quality.monitor import Monitor
 from fsw_quality.monitor_run import process_of, watch
 from fsw_quality.record import files_of
 from fsw_quality.record_content import data_files
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
-from fsw_schema.extras import Extra
-from fsw_schema.models import json_content_of, read_text, validate
 
 _EXTRA = Extra("fsw-quality", "history", ("pyarrow",))
 

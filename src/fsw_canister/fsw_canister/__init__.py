@@ -1,7 +1,0 @@
-"""Transient heat conduction in the canister's end, as the plant steps it; made by ``fsw_heat``."""
-
-from fsw_canister.compact import CompactCanister
-from fsw_canister.parameters import CanisterParameters
-from fsw_canister.stepped import CanisterState, HeatModel
-
-__all__ = ["CanisterParameters", "CanisterState", "CompactCanister", "HeatModel"]

@@ -1,0 +1,379 @@
+"""Declarative validation of user input in files and requests: base model, error, text format.
+
+A model is a subclass of :class:`Model`. A number with a range is ``Annotated[float, RANGE]``,
+RANGE a :class:`fsw_control.schema.ranges.Range` with the unit; a docstring below a field describes
+it.
+The same definition gives the check, the error texts, the JSON Schema and the reference pages.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from difflib import get_close_matches
+from functools import cache
+from itertools import groupby, islice, pairwise
+from pathlib import Path
+from textwrap import dedent
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar, get_args
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    Strict,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
+
+from fsw_control.schema.errors import InputError as InputError
+from fsw_control.schema.errors import Problem as Problem
+from fsw_control.schema.files import read_regular
+from fsw_control.schema.ranges import Range
+from fsw_control.schema.yaml_text import content_of as content_of
+from fsw_control.schema.yaml_text import json_content_of as json_content_of
+
+_MOST_PROBLEMS = 10
+#: number of errors for which similar names are searched; a large file of another kind has tens of
+#: thousands
+_MOST_COMPARED = 200
+_NAME = "^[A-Za-z0-9_]+$"
+#: expected kind of value by pydantic's type of error
+_KINDS = {
+    **dict.fromkeys(
+        ("model_type", "dict_type", "mapping_type", "model_attributes_type"), "a mapping"
+    ),
+    **dict.fromkeys(("list_type", "tuple_type"), "a list"),
+    "float_type": "a number",
+    "finite_number": "a finite number",
+    "int_type": "a whole number",
+    "string_type": "text",
+    "bool_type": "true or false",
+    "callable_type": "a function",
+    "sequence_str": "a list",
+}
+#: words for a class of which a value has to be an instance
+_CLASSES = {"Path": "a path", "Sequence": "a list"}
+
+T = TypeVar("T")
+#: a list in a file
+Many = Annotated[tuple[T, ...], Strict(False)]
+#: a whole number, also written as 1e6
+Whole = Annotated[int, BeforeValidator(lambda value: int(value) if _is_whole(value) else value)]
+#: a word without spaces
+Name = Annotated[str, Field(pattern=_NAME)]
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, float) and value.is_integer()
+
+
+class Model(BaseModel):
+    """Base of all models: immutable, no unknown keys; numbers are finite, never booleans or text.
+
+    A key without a value counts as absent.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _prepare(cls, content: Any, info: ValidationInfo) -> Any:
+        """Note the model of a mapping, so that errors about a key can list the known ones."""
+        if info.context is not None:
+            info.context[id(content)] = cls
+        if isinstance(content, dict):
+            return {key: value for key, value in content.items() if value is not None}
+        return content
+
+    def changed(self, **values: Any) -> Self:
+        """Return a copy with some fields changed, validated; errors as in :func:`validate`."""
+        return validate(type(self), dict(self) | values, type(self).__name__)
+
+
+class Parameters(Model):
+    """Parameters with defaults; a file gives those that differ.
+
+    ``what`` names them in errors; ``example`` is an example of a file's content.
+    """
+
+    what: ClassVar[str]
+    example: ClassVar[str]
+
+    @classmethod
+    def from_yaml(cls, text: str, where: str = "") -> Self:
+        """Read the parameters that differ from the defaults.
+
+        Parameters
+        ----------
+        text : str
+            YAML mapping of names to values.
+        where : str
+            Name of the source, for errors.
+
+        Raises
+        ------
+        InputError
+            If the text is empty or not a mapping, or a name or value is invalid.
+        """
+        where = where or cls.what
+        content = content_of(text, where)
+        if content is None:
+            raise InputError(f"{where}: holds no parameters; give some, e.g. {cls.example}")
+        return validate(cls, content, where)
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> Self:
+        """Read a YAML file, see :meth:`from_yaml`; an unreadable one is an InputError, too."""
+        return cls.from_yaml(read_text(path, cls.what), str(path))
+
+
+M = TypeVar("M", bound=Model)
+
+
+def problem(text: str, *path: str | int) -> ValidationError:
+    """Error for a validator to raise about a nested value at ``path``."""
+    # braces would be parsed as names of a template
+    error = PydanticCustomError("problem", "{text}", {"text": text})
+    return ValidationError.from_exception_data(
+        "", [InitErrorDetails(type=error, loc=path, input=None)]
+    )
+
+
+def needs_one(entry: M, *keys: str) -> M:
+    """Return the entry if at least one of the keys is given; for validators."""
+    if all(getattr(entry, key) is None for key in keys):
+        raise ValueError(f"needs {', '.join(keys[:-1])} or {keys[-1]}")
+    return entry
+
+
+def validate(model: type[M], content: Any, where: str) -> M:
+    """Validate the content of a file or request as a model; ``where`` names it in the message.
+
+    Raises
+    ------
+    InputError
+        If it is invalid; the message lists all problems with their places.
+    """
+    return validated_by(model.model_validate, content, where)
+
+
+def validated_by(check: Callable[..., T], content: Any, where: str) -> T:
+    """Validate by a function of pydantic, with content and context; errors as in `validate`."""
+    models: dict[int, type[Model]] = {}
+    try:
+        return check(content, context=models)
+    except ValidationError as error:
+        first = islice(error.errors(include_url=False), _MOST_COMPARED)
+        found = dict.fromkeys(_problem(one, content, models) for one in first)
+        problems, texts = tuple(one.problem for one in found), list(found)
+        if len(texts) > _MOST_PROBLEMS:
+            more = len(texts) - _MOST_PROBLEMS + max(0, error.error_count() - _MOST_COMPARED)
+            texts[_MOST_PROBLEMS:] = [_Found(Problem("", ""), f"and {more} more")]
+        told = "; ".join(_known_once(texts))
+        raise InputError(f"{where}: {told}", problems=problems) from None
+
+
+def shipped_names(folder: Path) -> list[str]:
+    """Names of the YAML files in a folder."""
+    return sorted(path.stem for path in folder.glob("*.yaml"))
+
+
+def read_text(source: str | Path, what: str, shipped: Path | None = None) -> str:
+    """Return the text of a file, or of a file in the folder ``shipped`` by its name.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read; ``what`` is its expected content.
+    """
+    names = shipped_names(shipped) if shipped else []
+    file = Path(source)
+    try:
+        if shipped and str(source) in names and not file.is_file():
+            file = shipped / f"{source}.yaml"
+        return read_regular(file).decode().replace("\r\n", "\n")
+    except OSError as error:
+        near = get_close_matches(str(source), names, 1)
+        known = f"; give a YAML file or one of {', '.join(names)}" if names else ""
+        known = f"; did you mean {near[0]}?" if near else known
+        raise InputError(f"cannot read {what} {source}: {error.strerror}{known}") from None
+    except ValueError:  # also a path with a null byte
+        raise InputError(f"cannot read {what} {str(source)!r}: not a text file in UTF-8") from None
+
+
+@cache
+def descriptions(model: type[BaseModel]) -> dict[str, str]:
+    """Descriptions of a model's fields: their docstrings, else the field's own description.
+
+    They are read on demand: pydantic's ``use_attribute_docstrings`` reads the source of every
+    model at import, which took up to a fifth of a node's start-up time.
+    """
+    found = {
+        name: field.description for name, field in model.model_fields.items() if field.description
+    }
+    for one in reversed(model.__mro__):
+        if (
+            not issubclass(one, Model)
+            or one is Model
+            or one.__pydantic_generic_metadata__["origin"]
+        ):
+            # a generic model with its types has no source of its own, only its base has
+            continue
+        try:
+            (definition,) = ast.parse(dedent(inspect.getsource(one))).body
+        except OSError:  # made from a table by `create_model`
+            continue
+        assert isinstance(definition, ast.ClassDef)
+        for field, text in pairwise(definition.body):
+            match field, text:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(
+                    value=ast.Constant(value=str(words))
+                ):
+                    found[name] = inspect.cleandoc(words)
+    return found
+
+
+def json_schema(model: type[Model]) -> dict[str, Any]:
+    """JSON Schema of a model, for editors."""
+    found = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+    return found | model.model_json_schema(schema_generator=_GenerateJsonSchema)
+
+
+def range_of(model: type[Model], field: str) -> Range:
+    """Range of a number in a model."""
+    info = model.model_fields[field]
+    inside = (
+        one for kind in get_args(info.annotation) for one in get_args(kind)[1:]
+    )  # of an optional one
+    return next(one for one in (*info.metadata, *inside) if isinstance(one, Range))
+
+
+def without_default(schema: dict[str, Any]) -> None:
+    """For ``Field(json_schema_extra=...)``: mark a default that stands for absence."""
+    del schema["default"]
+
+
+class _GenerateJsonSchema(GenerateJsonSchema):
+    """JSON Schema in which optional is not nullable, and keys do not repeat as titles."""
+
+    def model_schema(self, schema: core_schema.ModelSchema) -> JsonSchemaValue:
+        found = super().model_schema(schema)
+        model: type[BaseModel] = schema["cls"]
+        for name, text in descriptions(model).items():
+            found["properties"][model.model_fields[name].alias or name]["description"] = text
+        return found
+
+    def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
+        return self.generate_inner(schema["schema"])
+
+    def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
+        found = super().default_schema(schema)
+        return {
+            key: value
+            for key, value in found.items()
+            if key != "default" or value not in (None, [])
+        }
+
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        return False
+
+
+class _Found(NamedTuple):
+    """A problem in words; of an unknown key also those that are known, and the nearest of them."""
+
+    problem: Problem
+    text: str
+    known: str = ""
+    near: str = ""
+    expected: str = ""  #: kind of value
+
+
+def _known_once(problems: Iterable[_Found]) -> Iterator[str]:
+    """The problems in words, each list of known keys only where it occurs first.
+
+    The members of a union have a problem each, with the same value; their kinds are listed.
+    """
+    told: set[str] = set()
+    for text, group in groupby(problems, lambda problem: problem.text):
+        first, *others = group
+        kinds = dict.fromkeys(one.expected for one in (first, *others) if one.expected)
+        expected = f", not {' or '.join(kinds)}" if kinds else ""
+        hint = f"; did you mean {first.near}?" if first.near else ""
+        is_new = first.known and first.known not in told
+        listed = f"{' ' if hint else '; '}known: {first.known}" if is_new else ""
+        yield text + expected + hint + listed
+        told.add(first.known)
+
+
+def _problem(error: ErrorDetails, content: Any, models: Mapping[int, type[Model]]) -> _Found:
+    """One problem with its place."""
+    path, inside, parent = "", content, content
+    for step in error["loc"][: -1 if error["type"] == "missing" else None]:
+        parent = inside
+        if isinstance(inside, dict) and step in inside:
+            path, inside = f"{path}.{step}" if path else str(step), inside[step]
+        elif isinstance(inside, list) and isinstance(step, int):
+            path, inside = f"{path}[{step}]", inside[step]
+        # any other step is the tag of a union
+    text = " ".join(f"{path} {_text(error)}".split())
+    place = f"{path}.{error['loc'][-1]}".lstrip(".") if error["type"] == "missing" else path
+    problem = Problem(place, error["type"])
+    model = models.get(id(parent))
+    if error["type"] not in _UNKNOWN_KEY or model is None:
+        return _Found(problem, text, expected=_expected(error))
+    known = [field.alias or name for name, field in model.model_fields.items()]
+    near = get_close_matches(str(error["loc"][-1]), known, 1)
+    return _Found(problem, text, ", ".join(known), near[0] if near else "")
+
+
+#: error types of a key that a model does not have
+_UNKNOWN_KEY = ("extra_forbidden", "invalid_key")
+
+
+def _text(error: ErrorDetails) -> str:
+    kind, ctx, key = error["type"], error.get("ctx", {}), error["loc"][-1] if error["loc"] else ""
+    shown = f"{error['input']!r:.60}"
+    if kind == "missing":
+        return f"lacks {key}"
+    if kind in _UNKNOWN_KEY:
+        return "is an unknown key"
+    if kind == "union_tag_not_found":
+        return f"lacks {_plain(ctx['discriminator'])}"
+    if kind == "union_tag_invalid":
+        return (
+            f"has {_plain(ctx['discriminator'])} {ctx['tag']!r}; "
+            f"one of {_plain(ctx['expected_tags'])}"
+        )
+    if kind == "literal_error":
+        return f"is {shown}; one of {_plain(ctx['expected'])}"
+    if kind == "string_pattern_mismatch" and ctx["pattern"] == _NAME:
+        return f"is {shown}, not a name (letters, digits, _)"
+    if _expected(error):
+        return f"is {shown}"
+    if kind == "too_short":
+        return f"needs at least {ctx['min_length']} entries"
+    if kind == "too_long":
+        return f"may have at most {ctx['max_length']} entries"
+    if kind == "value_error":
+        return str(ctx["error"])
+    if kind in ("problem", "outside", "not_a_number"):
+        return error["msg"]
+    return f"is {shown}: {error['msg'].replace('Input should be', 'must be')}"
+
+
+def _expected(error: ErrorDetails) -> str:
+    """Kind of value that was expected; empty if the error is another one."""
+    if error["type"] == "is_instance_of":
+        name = error["ctx"]["class"]
+        return _CLASSES.get(name, f"{'an' if name[0] in 'AEIOU' else 'a'} {name}")
+    return _KINDS.get(error["type"], "")
+
+
+def _plain(quoted: str) -> str:
+    return quoted.replace("'", "")

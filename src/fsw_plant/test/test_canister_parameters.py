@@ -1,0 +1,89 @@
+"""Parameters in files and properties of copper."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fsw_control.schema.models import InputError
+from fsw_plant.canister import CanisterParameters
+from fsw_plant.canister.copper import DENSITY_KG_PER_M3, Kirchhoff, conductivity, heat_capacity
+
+
+def test_defaults_are_those_of_the_table() -> None:
+    p = CanisterParameters()
+    assert p.conductivity_w_per_m_k == pytest.approx(float(conductivity(p.reference_c)), rel=2e-3)
+    assert p.heat_capacity_j_per_kg_k == pytest.approx(
+        float(heat_capacity(p.reference_c)), rel=2e-3
+    )
+    assert p.density_kg_per_m3 == DENSITY_KG_PER_M3
+    assert conductivity([26.85, 726.85]) == pytest.approx([401.0, 352.0])
+    assert heat_capacity([26.85, 926.85]) == pytest.approx([385.0, 480.0])
+
+
+def test_the_shoulders_share_is_that_of_the_papers_torque() -> None:
+    """(22) at the operating point."""
+    p, radius_m = CanisterParameters(), 0.015 + 20.0 / 3.0 * 2.66e-3
+    shoulder = 2.408 * (radius_m**3 - 0.015**3)
+    assert p.shoulder_share == pytest.approx(shoulder / (shoulder + 2.3e-5), abs=0.005)
+
+
+def test_kirchhoffs_transform_is_the_integral_of_k_and_inverts() -> None:
+    kirchhoff = Kirchhoff(CanisterParameters())
+    temperatures = np.array([20.0, 300.0, 816.4])
+    assert kirchhoff.temperature_c(kirchhoff.theta(temperatures)) == pytest.approx(
+        temperatures, abs=1e-6
+    )
+    grid = np.linspace(20.0, 816.4, 20001)
+    values = conductivity(grid) / conductivity(275.0)
+    assert float(kirchhoff.theta(816.4)) == pytest.approx(
+        0.5 * (values[1:] + values[:-1]) @ np.diff(grid), rel=1e-5
+    )
+    constant = Kirchhoff(CanisterParameters(properties="constant"))
+    assert float(constant.theta(816.4)) == pytest.approx(796.4)
+
+
+#: of values that are each in their range
+CONTRADICTION = ("", "value_error")
+
+
+@pytest.mark.parametrize(
+    ("text", "problem", "fact"),
+    [
+        (
+            "conductivity_w_per_m_k: 0.0",
+            ("conductivity_w_per_m_k", "outside"),
+            "1 to 2000 W/(m K)",
+        ),
+        ("heat_capacity_j_per_kg_k: -1.0", ("heat_capacity_j_per_kg_k", "outside"), "10 to 5000"),
+        ("wall_mm: .nan", ("wall_mm", "outside"), ""),
+        ("element_mm: 12.0", CONTRADICTION, "element_mm is"),
+        ("modes: 40", CONTRADICTION, "modes are"),
+        ("probe_length_mm: 60.0", CONTRADICTION, "probe_length_mm must"),
+        ("shoulder_radius_mm: 10.0", CONTRADICTION, "shoulder_radius_mm must"),
+        ("rim_mm: 80.0", CONTRADICTION, "lid_from_mm puts"),
+        (
+            "{rim_mm: 34.0, lid_mm: 0.0, lid_from_mm: 0.0, lowest_mm: 0.0}",
+            CONTRADICTION,
+            "rim_mm leaves",
+        ),
+        ("clamp_to_mm: 100.0", CONTRADICTION, "clamp_to_mm must"),
+        ("wal_mm: 49.0", ("wal_mm", "extra_forbidden"), "wall_mm"),
+        ("", None, "no parameters"),
+        ("[1]", ("", "model_type"), ""),
+    ],
+)
+def test_what_is_no_canister_is_refused_in_one_line(
+    text: str, problem: tuple[str, str] | None, fact: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        CanisterParameters.from_yaml(text, "some.yaml")
+    assert caught.value.problems == (() if problem is None else (problem,))
+    assert fact in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_yaml_gives_what_differs(tmp_path: Path) -> None:
+    path = tmp_path / "canister.yaml"
+    path.write_text("wall_mm: 51.0\nlid_mm: 45\n")
+    p = CanisterParameters.from_file(path)
+    assert (p.wall_mm, p.lid_mm, p.rim_mm) == (51.0, 45.0, CanisterParameters().rim_mm)
