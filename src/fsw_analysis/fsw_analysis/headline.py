@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any, Literal
 
 from fsw_analysis.exceedances import Exceedance
-from fsw_analysis.judgement import Account, Rule, Verdict
+from fsw_analysis.judgement import Account
+from fsw_analysis.rules import Rule, Verdict
 from fsw_control.sensors import SENSORS
 
 Level = Literal["good", "medium", "high"]
