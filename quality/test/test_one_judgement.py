@@ -163,6 +163,8 @@ def test_record_and_pages_say_the_same_of_a_weld(
         rule,
         verdict,
     )
+    assert recorded["text"] == frame["text"]
+    assert ("not on record" in frame["text"]) == (spoil is one_nan)
     assert (
         (recorded["level"] == "good") == (frame["level"] == "good") == (verdict is Verdict.ACCEPT)
     )
