@@ -3,6 +3,7 @@
 import pytest
 
 from fsw_control import weld
+from fsw_control.severity import Severity
 from fsw_plant import PlantConfig, PlantEmulator
 from fsw_plant.event_schema import disturbance, fault
 from fsw_supervisor import Arbiter, ArbiterSettings, ProposalInput
@@ -59,8 +60,8 @@ def test_interlock_trips_into_a_safe_stop(interlock):
         else:
             loop.plant.begin(disturbance(target, "step", amplitude))
     assert loop.run(10) is Mode.SAFE_STOP
-    trips = [event.text for event in loop.arbiter.machine.events if event.who == "interlock"]
-    assert any(text.startswith(f"{interlock} is trip") for text in trips)
+    facts = [event.fact for event in loop.arbiter.machine.events if event.fact.code == "interlock"]
+    assert (interlock, Severity.TRIP) in [(f.data["interlock"], f.data["level"]) for f in facts]
     also = {
         "power_high": "torque",
         "temperature_high": "thermocouple",

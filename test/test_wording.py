@@ -19,7 +19,7 @@ MOST = {
     "src/fsw_analysis": 12,
     "src/fsw_control": 3,
     "src/fsw_hmi": 87,
-    "src/fsw_supervisor": 79,
+    "src/fsw_supervisor": 5,
     "test": 3,
 }
 

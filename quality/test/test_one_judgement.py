@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 import yaml
 
-from fsw_analysis.judgement import Account, Verdict, judge
+from fsw_analysis.judgement import Account, judge
 from fsw_analysis.procedure import rule_book
 from fsw_analysis.rule_book import RuleBook, default
+from fsw_analysis.rules import Verdict
 from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.cause import Cause
@@ -162,6 +163,8 @@ def test_record_and_pages_say_the_same_of_a_weld(
         rule,
         verdict,
     )
+    assert recorded["text"] == frame["text"]
+    assert ("not on record" in frame["text"]) == (spoil is one_nan)
     assert (
         (recorded["level"] == "good") == (frame["level"] == "good") == (verdict is Verdict.ACCEPT)
     )
@@ -172,9 +175,9 @@ def test_record_and_pages_say_the_same_of_a_weld(
     assert outside(running) == of_record and len(recorded["marks"]) == len(frame["marks"]) == len(
         of_record
     )
-    own = {(one.name, one.subject, one.words): one.verdict for one in record.rules}
+    own = {(one.name, one.subject, str(one.data)): one.verdict for one in record.rules}
     assert {
-        (one.name, one.subject, one.words): one.verdict for one in running.rules
+        (one.name, one.subject, str(one.data)): one.verdict for one in running.rules
     }.items() <= own.items()
 
 

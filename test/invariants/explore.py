@@ -148,7 +148,7 @@ def state(cell: Cell) -> int:
         cell.source,
     )
     own += (cell.pushed_kn, min(cell.control, CONTROL_TICKS), arbiter.ticks.last is None)
-    own += (*arbiter.safety.sensor_reasons.values(), arbiter.safety.held_sensors)
+    own += (*arbiter.safety.sensor_flaws.values(), arbiter.safety.held_sensors)
     own += (0 if machine.mode in _LASTING_MODES else machine.time_ns - machine.mode_since_ns,)
     own += (machine.ticks_in_mode if machine.mode is Mode.START else 0,)
     own += (operator.manual if machine.mode is Mode.MANUAL else None,)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from fsw_analysis.judgement import Verdict
+from fsw_analysis.rules import Verdict
 from fsw_control.schema.models import InputError, json_content_of, read_text, validate
 from fsw_quality.record_content import Comparison, Figure, PhaseRecord, Record
 

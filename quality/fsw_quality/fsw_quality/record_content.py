@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 from pydantic import Field, Strict
 
 from fsw_analysis.exceedances import Exceedance, Pair, Rounded
-from fsw_analysis.judgement import Rule, Verdict
 from fsw_analysis.procedure import Identity
+from fsw_analysis.rules import Rule, Verdict
 from fsw_control.schema.models import Many, Model
 from fsw_recorder.bag_metadata import METADATA_NAME
 

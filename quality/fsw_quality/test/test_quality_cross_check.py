@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import yaml
 
-from fsw_analysis.judgement import Verdict
+from fsw_analysis.rules import Verdict
 from fsw_quality import evidence, record, report
 from fsw_quality.attestation import read_chain
 from fsw_quality.evidence import Policy, Subject, attest, verify_bag

@@ -13,9 +13,9 @@ import yaml
 
 from fsw.main import main
 from fsw_analysis.changes import cut_to_scenario
-from fsw_analysis.judgement import decide
 from fsw_analysis.kpi import compute
 from fsw_analysis.kpi_table import ROWS
+from fsw_analysis.rules import decide
 from fsw_analysis.signals import load_weld
 from fsw_quality import report
 from fsw_quality.attestation import manifest_for
@@ -107,7 +107,7 @@ def test_the_record_is_written_by_itself(recorded: Path) -> None:
     assert "code of fsw_supervisor" in found.software
     assert not [one for one in found.events if one.kind == "deviation"]
     (welded_by,) = [one for one in found.rules if one.name == "procedure"]
-    assert welded_by.verdict == "accept" and found.procedure.sha256[:12] in welded_by.figure
+    assert welded_by.verdict == "accept" and welded_by.data["sha256"] == found.procedure.sha256
 
 
 @pytest.mark.slow
@@ -265,7 +265,7 @@ def test_weld_without_a_phase_of_its_procedure_is_rejected(
     foreign = procedure.load(with_changes(tmp_path, phases=[PHASES[1]]))
     found, _ = make(tmp_path / "programme" if has_programme else weld_bag, foreign)
     assert (verdict(found), found.deciding.name) == ("reject", "complete")
-    assert "no phase" in found.deciding.figure
+    assert "no_phase" in [fact.code for fact in found.deciding.facts]
     names = ["dwell", "start"] if has_programme else []
     assert [phase.phase for phase in found.phases] == [*names, "whole weld"]
 

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_analysis.course import course_of
-from fsw_analysis.judgement import Verdict
+from fsw_analysis.rules import Fact, FactCode, Verdict
 from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import DriveSignals, WeldSignals
 from fsw_control.cause import Cause
@@ -140,7 +140,10 @@ def test_a_swap_of_an_older_bag_has_a_cause_that_is_not_known() -> None:
     weld.events.insert(1, WeldEvent(3.0, "swap", "nmpc", cause=Cause.UNKNOWN))
     [rule] = [one for one in judged(weld).rules if one.name == "swaps"]
     assert rule.verdict is Verdict.REVIEW
-    assert rule.figure == "1 swaps, 0 not on request, 1 of a cause that is not on record"
+    assert rule.facts == (
+        Fact.of(FactCode.SWAPS, count=1, unwanted=0),
+        Fact.of(FactCode.CAUSE_UNKNOWN, count=1),
+    )
 
 
 @pytest.mark.parametrize("lost", [20, 22, 23])
@@ -182,17 +185,29 @@ def test_what_was_before_the_programme_is_no_part_of_the_weld() -> None:
     assert record.verdict is Verdict.ACCEPT and record.phases[0].begin_s == 0.3
 
 
+def incomplete(weld: WeldSignals) -> dict[FactCode, dict[str, Any]]:
+    """What a weld that is not complete lacks, by code."""
+    deciding = judged(weld).deciding
+    assert deciding.name == "complete"
+    return {fact.code: fact.data for fact in deciding.facts}
+
+
 def test_a_phase_that_begins_late_or_ends_early_is_not_complete() -> None:
     weld = good_weld()
     weld.phases[1] = ("joint_line", 0.1 * DWELL + 0.5)  # the report at its beginning is lost
-    assert "joint_line begins at 0.1 in place of 0 deg" in judged(weld).deciding.figure
+    assert incomplete(weld)[FactCode.BEGINS]["angle_deg"] == pytest.approx(0.1)
     weld = good_weld()
     weld.angle_deg[DWELL - 1 :] += 0.5
-    assert "joint_line begins at 0.5 in place of 0 deg" in judged(weld).deciding.figure
+    assert incomplete(weld)[FactCode.BEGINS]["angle_deg"] == pytest.approx(0.5)
     weld.angle_deg[:] = 0.0
-    assert "joint_line reaches 0.0 of 1 deg" in judged(weld).deciding.figure
+    assert incomplete(weld)[FactCode.REACHES] == {
+        "phase": "joint_line",
+        "angle_deg": 0.0,
+        "to_deg": 1.0,
+    }
     weld.phases[0] = ("dwell", 0.2)
-    assert "dwell lasts 0.9 of 1 s" in judged(weld).deciding.figure
+    lasts = incomplete(weld)[FactCode.LASTS]
+    assert (lasts["time_s"], lasts["duration_s"]) == (pytest.approx(0.9), 1.0)
 
 
 def broken(name: str) -> tuple[WeldSignals, dict[str, Any], dict[str, str]]:
@@ -269,11 +284,8 @@ def test_a_weld_by_the_procedure_that_judges_it_is_accepted_and_one_by_an_unknow
     assert record.verdict is Verdict.ACCEPT and not any(
         "by which procedure" in one for one in record.cannot_say
     )
-    assert (
-        f"{wanted.id} revision {wanted.revision}, SHA-256 {wanted.sha256[:12]}…"
-        == rule.figure
-        in rule.words
-    )
+    told = {"procedure": wanted.id, "revision": wanted.revision, "sha256": wanted.sha256}
+    assert rule.facts == (Fact.of(FactCode.WELDED_BY, **told),) and rule.data == told
 
 
 def test_the_procedure_that_is_attached_to_the_bag_is_the_one_of_the_weld() -> None:
@@ -294,9 +306,9 @@ def test_the_procedure_that_is_attached_to_the_bag_is_the_one_of_the_weld() -> N
 
 def test_lost_messages_and_a_bag_without_states_are_for_review() -> None:
     weld, _, custom = broken("lost")
-    assert judged(weld, custom=custom).deciding.figure == "2 messages lost"
+    assert judged(weld, custom=custom).deciding.facts == (Fact.of(FactCode.LOST, count=2),)
     record = judged(weld, custom={})
-    assert record.deciding.figure == "whether messages were lost is not on record"
+    assert record.deciding.facts == (Fact.of(FactCode.LOST_UNKNOWN),)
     assert any("no lost_messages" in one for one in record.cannot_say)
     weld.counts = {}
     record = judged(weld)
@@ -339,7 +351,8 @@ def test_a_frozen_sensor_is_for_review() -> None:
     weld.temperature_c[40:] = weld.temperature_c[40]
     record = judged(weld)
     assert record.verdict is Verdict.REVIEW and record.unusable["thermocouple"]["frozen"] > 5
-    assert "frozen" in record.deciding.figure and record.deciding.words.startswith("thermocouple")
+    assert record.deciding.subject == "thermocouple"
+    assert [fact.data["flaw"] for fact in record.deciding.facts] == ["frozen"]
 
 
 def test_a_swap_on_request_is_as_the_procedure_says() -> None:
@@ -366,12 +379,11 @@ def test_short_exceedances_of_quality_add_up(changes: dict[str, float], verdict:
     procedure = short_procedure(acceptance=PROCEDURE.acceptance.model_dump() | changes)
     record = judged(weld, procedure)
     rule = next(
-        one
-        for one in record.rules
-        if one.name == "quality" and one.words.startswith("depth_error")
+        one for one in record.rules if one.name == "quality" and one.subject == "depth_error_mm"
     )
     assert record.verdict is rule.verdict is verdict
-    assert "longest 0.3 s" in rule.figure and " mm" in rule.figure
+    outside, length = rule.facts[:2]
+    assert outside.data["longest_s"] == pytest.approx(0.3) and length.code is FactCode.LENGTH
 
 
 @pytest.mark.parametrize(("lasts_s", "complete"), [(0.957, True), (0.93, False)])
@@ -381,7 +393,7 @@ def test_a_dwell_on_a_real_clock_may_lack_half_a_tick(lasts_s: float, complete: 
     weld.events[:] = [replace(one, time_s=one.time_s * lasts_s) for one in weld.events]
     weld.phases[:] = [(name, begin_s * lasts_s) for name, begin_s in weld.phases]
     rule = next(one for one in judged(weld).rules if one.name == "complete")
-    assert ("dwell lasts" not in rule.figure) == complete
+    assert (FactCode.LASTS not in [fact.code for fact in rule.facts]) == complete
 
 
 def cut(weld: WeldSignals, begin: int, end: int) -> WeldSignals:
@@ -414,7 +426,8 @@ def test_what_ends_a_weld_decides_before_what_its_gaps_hide() -> None:
     weld = cut(good_weld(), 30, 40)
     weld.events[-1] = WeldEvent(6.0, "weld", "aborted")
     record = judged(weld)
-    assert record.deciding.name == "complete" and "the weld was aborted" in record.deciding.figure
+    assert record.deciding.name == "complete"
+    assert record.deciding.facts[-1] == Fact.of(FactCode.ENDED, state="aborted")
 
 
 def test_where_an_exceedance_was() -> None:
@@ -452,7 +465,8 @@ def test_a_limit_of_a_phase_holds_there_only() -> None:
     weld.temperature_c[:] += np.where(np.arange(TICKS) < DWELL - 1, 11.0, 0.0)
     assert judged(weld).verdict is Verdict.ACCEPT
     weld.temperature_c[DWELL - 1 : DWELL + 3] += 11.0
-    assert judged(weld).deciding.words == "temperature_error_c -10 to 10 in joint_line"
+    deciding = judged(weld).deciding
+    assert (deciding.subject, deciding.data["phases"]) == ("temperature_error_c", ["joint_line"])
 
 
 def test_figures_of_a_phase() -> None:
@@ -516,5 +530,6 @@ def test_a_programme_that_is_held_for_long_is_for_review() -> None:
     weld.events[:0] = [WeldEvent(1.0, "weld", "held"), WeldEvent(3.0, "weld", "resumed")]
     strict = PROCEDURE.acceptance.model_dump() | {"tolerated_hold_s": 1.9}
     rule = judged(weld, short_procedure(acceptance=strict)).deciding
-    assert (rule.name, rule.figure) == ("hold", "1 times, 2.0 s")
+    assert rule.name == "hold"
+    assert rule.facts == (Fact.of(FactCode.HELD, times=1, time_s=pytest.approx(2.0)),)
     assert judged(weld).verdict is Verdict.ACCEPT

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any, Literal
 
 from fsw_analysis.exceedances import Exceedance
-from fsw_analysis.judgement import Account, Rule, Verdict
+from fsw_analysis.judgement import Account
+from fsw_analysis.rules import FactCode, Rule, Verdict
 from fsw_control.sensors import SENSORS
 
 Level = Literal["good", "medium", "high"]
@@ -33,6 +34,7 @@ _TITLES = {
     "essential": "{subject} beyond an essential limit",
     "quality": "{subject} outside its quality limit",
     "set-point": "{subject} outside the permitted range",
+    "missing": "{subject} not on record throughout",
     "procedure": "Welded by another procedure",
     "sensor": "Sensor {subject} not usable throughout",
     "controller": "Commands from a source that is not permitted",
@@ -46,10 +48,16 @@ _TITLES = {
     "interlocks": "Interlock tripped",
 }
 
+#: rules of which a missing sample breaks one, too
+_LIMITS = ("essential", "quality", "set-point")
+
 
 def title(rule: Rule) -> str:
     """What a rule that decides says, in a few words."""
-    words = _TITLES[rule.name].format(subject=VARIABLES.get(rule.subject, rule.subject))
+    codes = {fact.code for fact in rule.facts}
+    lacks = FactCode.MISSING in codes and FactCode.BEYOND not in codes and rule.name in _LIMITS
+    words = _TITLES["missing" if lacks else rule.name]
+    words = words.format(subject=VARIABLES.get(rule.subject, rule.subject))
     return words[:1].upper() + words[1:]
 
 

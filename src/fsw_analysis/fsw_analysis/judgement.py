@@ -11,17 +11,16 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from enum import StrEnum
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import Strict
 
 from fsw_analysis.course import SENSOR_SIGNALS, Course, course_of, unusable_samples
 from fsw_analysis.exceedances import Exceedance, exceedances, holds, longest_s
 from fsw_analysis.procedure import Procedure, Sensor, tuning, tuning_sha256
 from fsw_analysis.recorded_parameters import recorded_parameters
 from fsw_analysis.rule_book import RuleBook
+from fsw_analysis.rules import Fact, FactCode, Rule, Verdict, decide
 from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import SIMULATED_NS, WeldSignals
 from fsw_control.cause import Cause
@@ -29,6 +28,7 @@ from fsw_control.schema.models import Model
 from fsw_control.sensors import REQUIRED
 from fsw_control.severity import Severity
 from fsw_control.units import NANOSECONDS
+from fsw_control.validity import Flaw
 from fsw_control.weld import TICK_S as TICK
 from fsw_recorder.errors import BagError
 
@@ -40,28 +40,7 @@ _REPORTS_S = 2.0
 #: ticks. Later, it was lost, and samples of this phase were judged by the limits of the one
 #: before.
 _BEGIN_S = 0.3
-
-
-class Verdict(StrEnum):
-    """What becomes of the weld, the best first."""
-
-    ACCEPT = "accept"
-    REVIEW = "review"
-    REJECT = "reject"
-
-
-_ORDER = list(Verdict)
-
-
-class Rule(Model):
-    """A rule, its figure for this weld, and what follows from it alone."""
-
-    name: str
-    subject: str = ""
-    """what it is on: a variable, a sensor, a controller; empty where there is one only"""
-    words: str
-    figure: str
-    verdict: Annotated[Verdict, Strict(False)]
+_NOT_ON_RECORD = Fact.of(FactCode.NOT_ON_RECORD)
 
 
 class Evidence(Model):
@@ -101,19 +80,6 @@ class Account:
     def deciding(self) -> Rule:
         """The first rule that led to the verdict; of an accepted weld, that all rules are kept."""
         return decide(self.rules)
-
-
-def decide(rules: Sequence[Rule]) -> Rule:
-    """The first of the rules with the worst verdict; of an accepted weld, that all rules are kept."""
-    deciding = max(rules, key=lambda rule: _ORDER.index(rule.verdict))
-    if deciding.verdict is Verdict.ACCEPT:
-        return Rule(
-            name="all",
-            words="every rule is kept",
-            figure=f"{len(rules)} rules",
-            verdict=Verdict.ACCEPT,
-        )
-    return deciding
 
 
 def judge(
@@ -197,14 +163,16 @@ def recorded_tunings(
 
 def _rule(
     name: str,
-    words: str,
-    figure: str,
-    broken: bool,
-    otherwise: Verdict = Verdict.REVIEW,
+    facts: Sequence[Fact],
+    broken: bool | None = None,
+    verdict: Verdict = Verdict.REVIEW,
     subject: str = "",
+    data: dict[str, Any] | None = None,
 ) -> Rule:
-    verdict = otherwise if broken else Verdict.ACCEPT
-    return Rule(name=name, subject=subject, words=words, figure=figure, verdict=verdict)
+    """A rule that is broken by what was found, or as told."""
+    is_broken = bool(facts) if broken is None else broken
+    verdict = verdict if is_broken else Verdict.ACCEPT
+    return Rule(name=name, subject=subject, data=data or {}, facts=tuple(facts), verdict=verdict)
 
 
 def _limits(course: Course, book: RuleBook, found: Sequence[Exceedance]) -> Iterator[Rule]:
@@ -228,25 +196,36 @@ def _limits(course: Course, book: RuleBook, found: Sequence[Exceedance]) -> Iter
         ):
             verdict = Verdict.REVIEW
         name = check.kind.replace("_", "-")
-        figure = _extent(own, longest, share, length_mm)
+        facts = _extent(own, longest, share, length_mm)
         yield Rule(
-            name=name, subject=check.variable, words=check.words, figure=figure, verdict=verdict
+            name=name,
+            subject=check.variable,
+            data=check.model_dump(mode="json", exclude={"kind"}, exclude_none=True),
+            facts=tuple(facts),
+            verdict=verdict,
         )
 
 
-def _extent(own: Sequence[Exceedance], longest: float, share: float, length_mm: float) -> str:
+def _extent(
+    own: Sequence[Exceedance], longest: float, share: float, length_mm: float
+) -> Iterator[Fact]:
     if not own:
-        return "always inside"
+        return
     missing = sum(one.missing for one in own)
     furthest = max((one.beyond for one in own if one.beyond is not None), default=None)
-    how_often = "once" if len(own) == 1 else f"{len(own)} times"
-    parts = [
-        f"{how_often}, {sum(one.duration_s for one in own):.1f} s, {share:.2%}, longest {longest:.1f} s"
-    ]
-    parts += [f"over {length_mm:.1f} mm"] if length_mm else []
-    parts += [] if furthest is None else [f"by up to {furthest:.4g}"]
-    parts += [f"{missing} samples missing"] if missing else []
-    return ", ".join(parts)
+    yield Fact.of(
+        FactCode.OUTSIDE,
+        times=len(own),
+        time_s=round(sum(one.duration_s for one in own), 3),
+        share=share,
+        longest_s=round(longest, 3),
+    )
+    if length_mm:
+        yield Fact.of(FactCode.LENGTH, length_mm=length_mm)
+    if furthest is not None:
+        yield Fact.of(FactCode.BEYOND, beyond=furthest)
+    if missing:
+        yield Fact.of(FactCode.MISSING, count=missing)
 
 
 def _welded_by(procedure: Procedure | None, signals: WeldSignals) -> Iterator[Rule]:
@@ -254,13 +233,10 @@ def _welded_by(procedure: Procedure | None, signals: WeldSignals) -> Iterator[Ru
     told = [one for one in signals.events if one.kind == "procedure"]
     if procedure is not None and told:
         wanted = procedure.identity
-        words = f"welded by {wanted.id} revision {wanted.revision}, SHA-256 {wanted.sha256[:12]}…"
         broken = any(one.data["sha256"] != wanted.sha256 for one in told)
-        figures = [
-            f"{one.subject} revision {one.data['revision']}, SHA-256 {one.data['sha256'][:12]}…"
-            for one in told
-        ]
-        yield _rule("procedure", words, "; ".join(figures), broken)
+        facts = [Fact.of(FactCode.WELDED_BY, procedure=one.subject, **one.data) for one in told]
+        due = {"procedure": wanted.id, "revision": wanted.revision, "sha256": wanted.sha256}
+        yield _rule("procedure", facts, broken, data=due)
 
 
 def _complete(course: Course, procedure: Procedure | None, running: bool) -> Rule:
@@ -272,25 +248,20 @@ def _complete(course: Course, procedure: Procedure | None, running: bool) -> Rul
         and not running
     ):
         faults.append(
-            f"the weld was {course.end}" if course.end else "the end of the weld is not on record"
+            Fact.of(FactCode.ENDED, state=course.end) if course.end else Fact.of(FactCode.NO_END)
         )
     if running and course.end and course.end != "done":
-        faults.append(f"the weld was {course.end}")
-    wanted = (
-        "the programme"
-        if procedure is None
-        else f"phases {', '.join(one.name for one in procedure.phases)}"
-    )
-    return _rule("complete", wanted, "; ".join(faults) or "all", bool(faults), Verdict.REJECT)
+        faults.append(Fact.of(FactCode.ENDED, state=course.end))
+    phases = [] if procedure is None else [one.name for one in procedure.phases]
+    return _rule("complete", faults, verdict=Verdict.REJECT, data={"phases": phases})
 
 
-def _phases(course: Course, procedure: Procedure) -> Iterator[str]:
+def _phases(course: Course, procedure: Procedure) -> Iterator[Fact]:
     """What the phases lack."""
     names = [name for name, _ in course.spans() if name]
     if names != [phase.name for phase in procedure.phases]:
-        on_record = f"phases on record: {', '.join(names) or 'none'}"
         none = {phase.name for phase in procedure.phases}.isdisjoint(names)
-        yield f"no phase of the procedure took place; {on_record}" if none else on_record
+        yield Fact.of(FactCode.NO_PHASE if none else FactCode.PHASES, phases=names)
     spans = dict(course.spans())
     deg_per_s = np.degrees(
         procedure.machine.traverse_mm_per_min / 60.0 / (0.5 * procedure.geometry.diameter_mm)
@@ -303,33 +274,34 @@ def _phases(course: Course, procedure: Procedure) -> Iterator[str]:
         if phase.to_deg is not None:
             began = np.nanmin(course.angle_deg[ticks], initial=np.inf)
             if not began <= from_deg + _BEGIN_S * deg_per_s:
-                yield f"{phase.name} begins at {began:.1f} in place of {from_deg:g} deg"
+                begins = {"angle_deg": _finite(began), "from_deg": from_deg}
+                yield Fact.of(FactCode.BEGINS, phase=phase.name, **begins)
             from_deg = phase.to_deg
             reached = np.nanmax(course.angle_deg[ticks], initial=-np.inf)
             if not reached >= phase.to_deg - _REPORTS_S * deg_per_s:
-                yield f"{phase.name} reaches {reached:.1f} of {phase.to_deg:g} deg"
+                reaches = {"angle_deg": _finite(reached), "to_deg": phase.to_deg}
+                yield Fact.of(FactCode.REACHES, phase=phase.name, **reaches)
         elif phase.duration_s is not None:
             # the phase begins a tick before its first sample and ends with the sample of the next
             # one
             lasts_s = course.time_s[ticks.stop - 1] - course.time_s[ticks.start] + 2.0 * TICK
             if lasts_s < phase.duration_s - 0.5 * TICK:  # the ticks of a real clock jitter
-                yield f"{phase.name} lasts {lasts_s:.1f} of {phase.duration_s:g} s"
+                lasts = {"time_s": float(lasts_s), "duration_s": phase.duration_s}
+                yield Fact.of(FactCode.LASTS, phase=phase.name, **lasts)
 
 
 def _recording(course: Course, book: RuleBook, evidence: Evidence) -> Rule:
     """Over a gap nothing is shown to be inside: one that is longer than an essential limit may be left rejects."""
-    faults = [*evidence.problems]
+    faults = [Fact.of(FactCode.PROBLEM, problem=problem) for problem in evidence.problems]
     if evidence.lost is None:
-        faults.append("whether messages were lost is not on record")
+        faults.append(Fact.of(FactCode.LOST_UNKNOWN))
     elif evidence.lost:
-        faults.append(f"{evidence.lost} messages lost")
-    longest = max((length for _, length in course.gaps), default=0.0)
+        faults.append(Fact.of(FactCode.LOST, count=evidence.lost))
+    longest = float(max((length for _, length in course.gaps), default=0.0))
     if course.gaps:
-        faults.append(f"{len(course.gaps)} gaps, longest {longest:.1f} s")
+        faults.append(Fact.of(FactCode.GAPS, count=len(course.gaps), longest_s=longest))
     worst = Verdict.REJECT if longest > book.acceptance.tolerated_s + 1e-6 else Verdict.REVIEW
-    return _rule(
-        "recording", "bag intact, without gaps", "; ".join(faults) or "intact", bool(faults), worst
-    )
+    return _rule("recording", faults, verdict=worst)
 
 
 def _sensors(course: Course, procedure: Procedure | None, evidence: Evidence) -> Iterator[Rule]:
@@ -338,23 +310,20 @@ def _sensors(course: Course, procedure: Procedure | None, evidence: Evidence) ->
     required = [Sensor(name=name) for name in REQUIRED] if procedure is None else procedure.sensors
     for sensor in required:
         missing = course.missing.get(_SIGNALS[sensor.name], course.time_s.size)
-        faults = [f"{missing} of {course.time_s.size} samples missing"] if missing else []
+        faults = [Fact.of(FactCode.MISSING, count=missing)] if missing else []
         reasons = evidence.unusable.get(sensor.name, {})
-        faults += [f"{count} {fault}" for fault, count in reasons.items() if fault != "missing"]
-        due = ""
-        if sensor.calibration_due is not None:
-            due = f", calibrated until {sensor.calibration_due}"
-            if day is None:
-                faults.append("the day of the weld is not known (simulated time)")
-            elif day > sensor.calibration_due:
-                faults.append(f"welded on {day}")
-        yield _rule(
-            "sensor",
-            f"{sensor.name} on record and usable{due}",
-            "; ".join(faults) or "yes",
-            bool(faults),
-            subject=sensor.name,
-        )
+        faults += [
+            Fact.of(FactCode.UNUSABLE, count=count, flaw=flaw)
+            for flaw, count in reasons.items()
+            if flaw != Flaw.MISSING
+        ]
+        due = sensor.calibration_due
+        if due is not None and day is None:
+            faults.append(Fact.of(FactCode.DAY_UNKNOWN))
+        elif due is not None and day is not None and day > due:
+            faults.append(Fact.of(FactCode.WELDED_ON, day=str(day)))
+        data = {} if due is None else {"calibration_due": str(due)}
+        yield _rule("sensor", faults, subject=sensor.name, data=data)
 
 
 def _controllers(
@@ -368,20 +337,18 @@ def _controllers(
         name: count * TICK for name, count in zip(sources.tolist(), counts.tolist(), strict=True)
     }
     foreign = {name: time_s for name, time_s in times.items() if name not in permitted}
-    figure = ", ".join(
-        f"{name or 'not on record'} {time_s:.1f} s" for name, time_s in times.items()
-    )
-    yield _rule("controller", f"commands of {', '.join(permitted)} only", figure, bool(foreign))
+    facts = [
+        Fact.of(FactCode.COMMANDED, controller=name, time_s=time_s)
+        if name
+        else Fact.of(FactCode.NO_COMMAND, time_s=time_s)
+        for name, time_s in times.items()
+    ]
+    yield _rule("controller", facts, bool(foreign), data={"controllers": list(permitted)})
     for name, wanted in permitted.items():
         if wanted is not None and name in times:
-            actual = evidence.parameters.get(name, "not on record")
-            yield _rule(
-                "tuning",
-                f"{name}: parameters {wanted[:12]}…",
-                actual[:13],
-                actual != wanted,
-                subject=name,
-            )
+            actual = evidence.parameters.get(name)
+            facts = [Fact.of(FactCode.TUNING, sha256=actual) if actual else _NOT_ON_RECORD]
+            yield _rule("tuning", facts, actual != wanted, subject=name, data={"sha256": wanted})
 
 
 def _equipment(course: Course, procedure: Procedure | None, evidence: Evidence) -> Iterator[Rule]:
@@ -390,26 +357,28 @@ def _equipment(course: Course, procedure: Procedure | None, evidence: Evidence) 
         return
     tool, machine, custom = procedure.tool, procedure.machine, evidence.custom
     if tool.id is not None:
-        actual = custom.get("tool", "not on record")
-        yield _rule("tool", f"tool {tool.id}", actual, actual != tool.id)
+        actual = custom.get("tool")
+        facts = [Fact.of(FactCode.NAME, name=actual) if actual else _NOT_ON_RECORD]
+        yield _rule("tool", facts, actual != tool.id, data={"id": tool.id})
     if "machine" in custom:
-        yield _rule("machine", machine.name, custom["machine"], custom["machine"] != machine.name)
+        facts = [Fact.of(FactCode.NAME, name=custom["machine"])]
+        yield _rule("machine", facts, custom["machine"] != machine.name, data={"id": machine.name})
     if tool.life_mm is not None:
         known = course.travel_mm[np.isfinite(course.travel_mm)]
         welded_mm = float(known[-1] - known[0]) if known.size else np.inf
         before = custom.get("tool_used_mm", "")
         used_mm = float(before) + welded_mm if _is_number(before) else np.nan
-        figure = (
-            f"{used_mm:.0f} mm with this weld"
-            if np.isfinite(used_mm)
-            else "use before this weld is not on record"
+        known_use = np.isfinite(used_mm)
+        used = (
+            Fact.of(FactCode.USED, used_mm=used_mm) if known_use else Fact.of(FactCode.USE_UNKNOWN)
         )
-        yield _rule(
-            "tool_life",
-            f"tool used for at most {tool.life_mm:g} mm",
-            figure,
-            not used_mm <= tool.life_mm,
-        )
+        broken = not used_mm <= tool.life_mm
+        yield _rule("tool_life", [used], broken, data={"life_mm": tool.life_mm})
+
+
+def _finite(angle_deg: float) -> float | None:
+    """A figure of a fact, None if no sample gives it."""
+    return float(angle_deg) if np.isfinite(angle_deg) else None
 
 
 def _is_number(text: str) -> bool:
@@ -420,22 +389,19 @@ def _held(course: Course, book: RuleBook) -> Rule:
     """A programme that is held heats one place."""
     most_s, held_s = book.acceptance.tolerated_hold_s, TICK * float(np.sum(course.held))
     times = int(np.sum(np.diff(course.held.astype(np.int8), prepend=0) > 0))
-    figure = f"{times} times, {held_s:.1f} s" if times else "never"
-    return _rule(
-        "hold", f"programme held for at most {most_s:g} s", figure, held_s > most_s + 1e-6
-    )
+    facts = [Fact.of(FactCode.HELD, times=times, time_s=round(held_s, 3))] if times else []
+    return _rule("hold", facts, held_s > most_s + 1e-6, data={"limit_s": most_s})
 
 
 def _swaps(book: RuleBook, events: Sequence[WeldEvent], evidence: Evidence) -> Rule:
     swaps = [one.cause for one in events if one.kind == "swap" and not one.cause.at_start]
     unknown = swaps.count(Cause.UNKNOWN)
     unwanted = [cause for cause in swaps if not cause.on_request and cause is not Cause.UNKNOWN]
-    words = book.acceptance.swap_words
     broken = not all(map(book.acceptance.permits_swap, swaps)) or not evidence.has_states
-    figure = f"{len(swaps)} swaps, {len(unwanted)} not on request"
-    figure += f", {unknown} of a cause that is not on record" if unknown else ""
-    figure = figure if evidence.has_states else "not on record"
-    return _rule("swaps", words, figure, broken)
+    facts = [Fact.of(FactCode.SWAPS, count=len(swaps), unwanted=len(unwanted))]
+    facts += [Fact.of(FactCode.CAUSE_UNKNOWN, count=unknown)] if unknown else []
+    facts = facts if evidence.has_states else [_NOT_ON_RECORD]
+    return _rule("swaps", facts, broken, data={"on_request": book.acceptance.swaps_allowed})
 
 
 def _modes(course: Course, evidence: Evidence) -> Rule:
@@ -444,21 +410,17 @@ def _modes(course: Course, evidence: Evidence) -> Rule:
         for mode in sorted({*course.mode.tolist()} - {"auto", ""})
     }
     unknown = int(np.sum(course.mode == ""))
-    faults = [f"{mode} {time_s:.1f} s" for mode, time_s in others.items()]
-    faults += [f"not on record at {unknown} ticks"] if unknown else []
-    return _rule(
-        "mode",
-        "auto throughout",
-        ", ".join(faults) or "yes",
-        bool(faults) or not evidence.has_states,
-    )
+    faults = [
+        Fact.of(FactCode.IN_MODE, mode=mode, time_s=time_s) for mode, time_s in others.items()
+    ]
+    faults += [Fact.of(FactCode.MODE_UNKNOWN, ticks=unknown)] if unknown else []
+    return _rule("mode", faults, bool(faults) or not evidence.has_states)
 
 
 def _interlocks(events: Sequence[WeldEvent], evidence: Evidence) -> Rule:
     trips = [
-        one.text
+        Fact.of(FactCode.TRIPPED, interlock=one.subject, state=one.state)
         for one in events
         if one.kind == "interlock" and one.state != Severity.WARN.word and not one.is_over
     ]
-    figure = ("; ".join(trips) or "none") if evidence.has_states else "not on record"
-    return _rule("interlocks", "no trip", figure, bool(trips) or not evidence.has_states)
+    return _rule("interlocks", trips if evidence.has_states else [_NOT_ON_RECORD])

@@ -18,6 +18,8 @@ from fsw_control.schema.models import Many, Model, Name, content_of, problem, re
 from fsw_control.schema.ranges import Range
 
 _DEFAULT = Path(__file__).with_name("rule_book.yaml")
+#: which swaps are permitted, by whether those on request are
+SWAPS = {True: "swaps on request only", False: "no swap"}
 #: what a limit may be on; an error is the measured value minus the programme's set-point, power is
 #: torque times speed at the spindle
 Variable = Literal[
@@ -154,7 +156,7 @@ class Acceptance(Sourced):
     @property
     def swap_words(self) -> str:
         """Which swaps are permitted."""
-        return "swaps on request only" if self.swaps_allowed else "no swap"
+        return SWAPS[self.swaps_allowed]
 
 
 class RuleBook(Model):

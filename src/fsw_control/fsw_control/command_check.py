@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from math import isfinite
+from math import inf, isfinite
 from typing import NamedTuple
 
 from fsw_control.contract import Command, Limits
+from fsw_control.reason import Reason, ReasonCode
 
 #: excess over a limit that is rounding of the unit conversion, not a violation [kN, rpm]
 ROUNDING = 1e-6
@@ -20,11 +21,32 @@ class Flaw(StrEnum):
     JUMP = "jump"
 
 
+_UNITS = {"force": "kN", "speed": "rpm"}
+_WORDS = {
+    Flaw.NOT_FINITE: "not finite: {quantity} {value} {unit}",
+    Flaw.OUT_OF_RANGE: "{quantity} {value:.3f} {unit} is outside {low:g} to {high:g} {unit}",
+    Flaw.JUMP: "{quantity} would jump by {value:.3f} {unit}, more than {high:g} {unit} per tick",
+}
+
+
 class Refusal(NamedTuple):
-    """Why a command is rejected, as a code and in words."""
+    """Why a command is rejected."""
 
     flaw: Flaw
-    words: str
+    quantity: str  #: ``force`` or ``speed``
+    value: float  #: its value, of a jump its change [kN, rpm]
+    low: float = 0.0
+    high: float = inf  #: the range of the value
+
+    @property
+    def words(self) -> str:
+        """The refusal in words."""
+        return _WORDS[self.flaw].format_map(self._asdict() | {"unit": _UNITS[self.quantity]})
+
+    @property
+    def reason(self) -> Reason:
+        """The refusal as the reason of a command."""
+        return Reason(ReasonCode[self.flaw.name], subject=self.quantity)
 
 
 def refusal(
@@ -36,28 +58,22 @@ def refusal(
     tick, the change is not checked.
     """
     force, speed = command.force_kn, command.speed_rpm
-    if not (isfinite(force) and isfinite(speed)):
-        return Refusal(Flaw.NOT_FINITE, f"not finite: force {force} kN, speed {speed} rpm")
+    for name, value in (("force", force), ("speed", speed)):
+        if not isfinite(value):
+            return Refusal(Flaw.NOT_FINITE, name, value)
     if limits is None:
         return None
-    for name, unit, value, low, high in (
-        ("force", "kN", force, limits.force_min_kn, limits.force_max_kn),
-        ("speed", "rpm", speed, limits.speed_min_rpm, limits.speed_max_rpm),
+    for name, value, low, high in (
+        ("force", force, limits.force_min_kn, limits.force_max_kn),
+        ("speed", speed, limits.speed_min_rpm, limits.speed_max_rpm),
     ):
         if not low - ROUNDING <= value <= high + ROUNDING:
-            return Refusal(
-                Flaw.OUT_OF_RANGE,
-                f"{name} {value:.3f} {unit} is outside {low:g} to {high:g} {unit}",
-            )
+            return Refusal(Flaw.OUT_OF_RANGE, name, value, low, high)
     if previous is not None:
-        for name, unit, change, largest in (
-            ("force", "kN", force - previous.force_kn, limits.force_step_kn),
-            ("speed", "rpm", speed - previous.speed_rpm, limits.speed_step_rpm),
+        for name, change, largest in (
+            ("force", abs(force - previous.force_kn), limits.force_step_kn),
+            ("speed", abs(speed - previous.speed_rpm), limits.speed_step_rpm),
         ):
-            if abs(change) > largest + ROUNDING:
-                words = (
-                    f"{name} would jump by {abs(change):.3f} {unit}, "
-                    f"more than {largest:g} {unit} per tick"
-                )
-                return Refusal(Flaw.JUMP, words)
+            if change > largest + ROUNDING:
+                return Refusal(Flaw.JUMP, name, change, high=largest)
     return None

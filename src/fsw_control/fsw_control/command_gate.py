@@ -79,7 +79,7 @@ class CommandGate:
         if not healthy and (wrong is None or wrong.flaw is not Flaw.NOT_FINITE):
             return "unhealthy", f"{source!r} marked it as not to be applied"
         if wrong is not None:
-            return wrong
+            return wrong.flaw, wrong.words
         if measured_ns is None or stamp_ns > measured_ns:
             return "future", f"it answers {stamp_ns * 1e-9:.1f} s, which has not been measured yet"
         # A last answer newer than the last measurement dates from before the clock was set back.

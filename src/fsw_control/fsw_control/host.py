@@ -44,8 +44,9 @@ def answer(
         raised = Reason(ReasonCode.RAISED, detail=f"{type(error).__name__}: {text}")
         return Proposal(applied, healthy=False, reason=raised)
     if refused is not None:
-        bad = Reason(ReasonCode.BAD_COMMAND, detail=refused.words)
-        return Proposal(applied, healthy=False, reason=bad, diagnosis=proposal.diagnosis)
+        return Proposal(
+            applied, healthy=False, reason=refused.reason, diagnosis=proposal.diagnosis
+        )
     if proposal.healthy and needed:
         return replace(
             proposal, healthy=False, reason=Reason(ReasonCode.INVALID_SENSOR, tuple(needed))

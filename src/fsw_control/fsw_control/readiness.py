@@ -56,6 +56,11 @@ class Readiness(NamedTuple):
             why=self.reason.words, sensors=sensors, good=self.good, required=self.required
         )
 
+    @property
+    def predicate(self) -> str:
+        """The same as the predicate of a sentence about it."""
+        return "" if self.lack is Lack.NONE else f"{_WORDS[self.lack][0]}{self.why}"
+
     def words(self, name: str) -> str:
         """What controller ``name`` lacks; empty if nothing."""
-        return "" if self.lack is Lack.NONE else f"{name} {_WORDS[self.lack][0]}{self.why}"
+        return "" if self.lack is Lack.NONE else f"{name} {self.predicate}"

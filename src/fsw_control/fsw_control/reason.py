@@ -19,7 +19,7 @@ class ReasonCode(Coded):
     NO_SET_POINT = 2
     INVALID_SENSOR = 3
     RAISED = 4
-    BAD_COMMAND = 5
+    BAD_COMMAND = 5  # of earlier versions
     WAITING_FOR_SENSORS = 6
     NOT_WELDING = 7
     NO_REFERENCE = 8
@@ -30,6 +30,9 @@ class ReasonCode(Coded):
     FORCE_HELD = 13
     OVERFLOW = 14
     HORIZON = 15
+    NOT_FINITE = 16
+    OUT_OF_RANGE = 17
+    JUMP = 18
     SLEWING = 21
     FOREIGN = 22
     INCOMPLETE = 23
@@ -83,6 +86,9 @@ _WORDS = {
     ReasonCode.FORCE_HELD: "no valid {sensors}, force held",
     ReasonCode.OVERFLOW: "samples beyond all range, loops start again",
     ReasonCode.HORIZON: "another horizon cannot be made: {detail}",
+    ReasonCode.NOT_FINITE: "{subject} is not finite",
+    ReasonCode.OUT_OF_RANGE: "{subject} is outside its limits",
+    ReasonCode.JUMP: "{subject} jumps by more than a move",
     ReasonCode.SLEWING: "slewing after a swap",
     ReasonCode.FOREIGN: "the controller has followed a foreign command",
     ReasonCode.INCOMPLETE: "the measurement lacks {sensors}",
@@ -128,10 +134,8 @@ class Reason(NamedTuple):
     code: ReasonCode = ReasonCode.NONE
     sensors: tuple[str, ...] = ()  #: of ``fsw_control.sensors.SENSORS``
     limit_s: float = 0.0  #: time that was exceeded, or a duration
-    detail: str = (
-        ""  #: what other software says: an error or a solver's status, or the check of a command
-    )
-    subject: str = ""  #: name of a controller, a mode or a cause
+    detail: str = ""  #: what other software says: an error or a solver's status
+    subject: str = ""  #: name of a controller, a mode, a cause or a commanded quantity
     interlocks: tuple[str, ...] = ()  #: names of the interlocks
     because: Reason | None = None  #: its cause
 

@@ -35,8 +35,9 @@ _QUIET_SHARE = 0.2
 
 
 class Flaw(StrEnum):
-    """Why a sample is rejected."""
+    """Why a sample is rejected; false if it is good."""
 
+    NONE = ""
     MISSING = "missing"
     NOT_FINITE = "not finite"
     OUT_OF_RANGE = "out of range"
@@ -97,7 +98,7 @@ class Reading(NamedTuple):
 
     value: float
     valid: bool
-    reason: str = ""
+    reason: Flaw = Flaw.NONE
     held: bool = False
 
 
@@ -264,7 +265,7 @@ class SensorGuard:
 
     def __init__(self, limits: dict[str, SensorLimits] | None = None) -> None:
         #: by sensor, why its last sample was rejected; empty if it was used
-        self.reasons = dict.fromkeys(SENSORS, "")
+        self.reasons = dict.fromkeys(SENSORS, Flaw.NONE)
         self.held: tuple[str, ...] = ()  #: sensors whose last good value stands in for the sample
         self._limits = sensor_limits() if limits is None else limits
         self.reset()

@@ -30,6 +30,7 @@ from fsw_control.reason import Reason, ReasonCode
 from fsw_control.stop import Stop, StopCause
 from fsw_supervisor.arbitration import Arbitration
 from fsw_supervisor.controller_registry import ControllerRegistry
+from fsw_supervisor.facts import Code, Fact
 from fsw_supervisor.in_force import CommandInForce, CommandWatch
 from fsw_supervisor.operator_requests import OperatorRequests
 from fsw_supervisor.parameters import may_be_controller
@@ -165,11 +166,14 @@ class Arbiter:
         self.in_force.on_foreign(command)
         self.on_source(source)
         if self.watch.note_foreign(self.ticks.now_s, self.machine.tick, by_supervisor):
-            text = (
-                f"a foreign writer commands {command.force_kn:g} kN, "
-                f"{command.speed_rpm:g} rpm as {source[:40]!r}"
+            self.machine.log(
+                Level.ERROR,
+                "command topic",
+                Code.FOREIGN_COMMAND,
+                force_kn=command.force_kn,
+                speed_rpm=command.speed_rpm,
+                source=source[:40],
             )
-            self.machine.log(Level.ERROR, "command topic", text)
         return False
 
     def on_source(self, source: str) -> None:
@@ -240,12 +244,12 @@ class Arbiter:
             self.machine.mirror_standing(actual)
         self.registry.mirror_inhibitions(inhibited)
 
-    def lead(self, why: str) -> list[Decision]:
-        """Send from now on, first the tick decided on standby; ``why`` is empty at a start."""
+    def lead(self, unanswered: int = 0) -> list[Decision]:
+        """Send from now on, first the tick decided on standby; 0 ticks ``unanswered``: a start."""
         self.ticks.leading = True
         self.watch.change_role()
-        if why:
-            self.machine.lead(why)
+        if unanswered:
+            self.machine.lead(unanswered)
         self.operator.manual = self.applied  # the manual mode continues with the command in force
         self._take_target()
         self.ticks.send()
@@ -258,8 +262,8 @@ class Arbiter:
             reason = Reason(ReasonCode.REQUESTED_BEFORE, subject=str(target))
             self.machine.fire(OPERATOR_TRIGGERS[target], reason, "operator")
 
-    def step_down(self, reason: str) -> None:
-        """Stop sending, including the last decision."""
+    def step_down(self) -> None:
+        """Stop sending, including the last decision: another supervisor leads."""
         self.ticks.take_back([])
         self.ticks.leading = False
         self.watch.change_role()
@@ -270,8 +274,8 @@ class Arbiter:
             # In lockstep the plant may still wait for an answer to this tick: it is decided here,
             # too.
             tick.answered, tick.previous = tick.answered or not self.lockstep, None
-        self.operator.drop(reason)
-        self.machine.log(Level.WARN, "failover", f"on standby: {reason}")
+        self.operator.drop(Fact.of(Code.OTHER_LEADS))
+        self.machine.log(Level.WARN, "failover", Code.STANDBY)
 
     def withhold(self, decisions: list[Decision]) -> None:
         """Count decisions as lost that must not be sent before the actuator end's first report."""

@@ -15,6 +15,7 @@ from fsw_control.reason import Reason, ReasonCode
 from fsw_control.sensors import REQUIRED
 from fsw_control.validity import Flaw
 from fsw_supervisor.controller_registry import ControllerRegistry
+from fsw_supervisor.facts import Code
 from fsw_supervisor.in_force import CommandInForce, CommandWatch
 from fsw_supervisor.operator_requests import OperatorRequests
 from fsw_supervisor.safety_monitor import SafetyMonitor
@@ -83,7 +84,7 @@ class Arbitration:
             name = machine.target
             if (
                 not self.operator.waiting
-                and not self.registry.why_not_ready(name)
+                and self.registry.is_ready(name)
                 and not machine.storming()
             ):
                 machine.swap(
@@ -160,7 +161,7 @@ class Arbitration:
         if missing:
             proposed = active in tick.candidates
             in_grace = self._now_s < tick.started_s + self._grace_s
-            known, held = self.safety.sensor_reasons, self.safety.held_sensors
+            known, held = self.safety.sensor_flaws, self.safety.held_sensors
             lost = all(known[name] == Flaw.MISSING and name not in held for name in missing)
             # Once the proposal has arrived, a sensor known to be lost is not awaited; it may still
             # come back. Before that nothing can be decided, and on a busy machine a late sample
@@ -232,8 +233,8 @@ class Arbitration:
         record = self.registry.get(name)
         if record is not None and inhibit:
             record.inhibit(reason)
-        self.machine.log(Level.ERROR, "failover", tick.failure.words)
-        self.operator.failed(name, tick.failure.words)
+        self.machine.log(Level.ERROR, "failover", Code.FAILED, reason=tick.failure)
+        self.operator.failed(name, tick.failure)
 
     def _fall_back(self, tick: Tick, final: bool) -> Outcome | None:
         machine, settings = self.machine, self.machine.settings

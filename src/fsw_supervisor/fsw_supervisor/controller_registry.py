@@ -11,6 +11,7 @@ from fsw_control.readiness import Lack, Readiness
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.sensors import SENSORS
 from fsw_control.units import NANOSECONDS
+from fsw_supervisor.facts import Code
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.state_machine import Level, Machine
 from fsw_supervisor.tick import Candidate, ProposalInput, Tick, check, same
@@ -111,9 +112,9 @@ class ControllerRegistry:
             )
         return self.sight(name)
 
-    def why_not_ready(self, name: str) -> str:
-        """Why controller ``name`` may not be selected now, in words; empty if it may."""
-        return self.readiness(name).words(name)
+    def is_ready(self, name: str) -> bool:
+        """Whether controller ``name`` may be selected now."""
+        return self.readiness(name).lack is Lack.NONE
 
     def sight(self, name: str) -> Readiness:
         """Whether controller ``name`` requires a sensor that is invalid."""
@@ -130,12 +131,12 @@ class ControllerRegistry:
 
     def all_ready(self) -> frozenset[str]:
         """Controllers that may be selected now."""
-        return frozenset(name for name in self._records if not self.why_not_ready(name))
+        return frozenset(name for name in self._records if self.is_ready(name))
 
     def first_ready(self) -> str:
         """First selectable controller: the target, then the fallbacks; empty if there is none."""
         names = (self._machine.target, *self._machine.settings.fallbacks)
-        return next((name for name in names if not self.why_not_ready(name)), "")
+        return next((name for name in names if self.is_ready(name)), "")
 
     # ---------------------------------------------------------------- membership
 
@@ -146,14 +147,14 @@ class ControllerRegistry:
             record = self._records[name] = ControllerRecord(name)
         if record is not None and not record.present:
             record.present = True
-            self._machine.log(Level.INFO, name, f"controller {name} has joined")
+            self._machine.log(Level.INFO, name, Code.JOINED, controller=name)
 
     def leave(self, name: str) -> None:
         """Note that ``name`` is no longer in the graph."""
         record = self.get(name)
         if record is not None and record.present:
             record.present = False
-            self._machine.log(Level.WARN, name, f"controller {name} has left the graph")
+            self._machine.log(Level.WARN, name, Code.LEFT, controller=name)
 
     def on_status(self, name: str, tolerated_sensors: tuple[str, ...]) -> bool:
         """Take a controller's status; return whether the controller is known."""
@@ -172,10 +173,10 @@ class ControllerRegistry:
 
     def readmit_all(self, who: str) -> None:
         """Readmit all inhibited controllers."""
-        names = [record.name for record in self if record.inhibited]
+        names = tuple(record.name for record in self if record.inhibited)
         self.mirror_inhibitions({})
         if names:
-            self._machine.log(Level.INFO, who, f"readmitted by {who}: {', '.join(names)}")
+            self._machine.log(Level.INFO, who, Code.READMITTED, who=who, controllers=names)
 
     # ---------------------------------------------------------------- candidate commands
 
@@ -243,11 +244,7 @@ class ControllerRegistry:
             record.doubled = record.doubled + 1 if record.name in tick.duplicates else 0
             record.conflicts = record.conflicts + 1 if tick.duplicates.get(record.name) else 0
             if record.doubled == self._machine.settings.duplicate_ticks:
-                text = (
-                    f"{record.name} proposes more than once per tick: "
-                    "are there two controllers of this name?"
-                )
-                self._machine.log(Level.ERROR, record.name, text)
+                self._machine.log(Level.ERROR, record.name, Code.DOUBLED, controller=record.name)
             if record.name not in tick.candidates:
                 self._note_silence(record, tick)
 
@@ -258,9 +255,7 @@ class ControllerRegistry:
         if record.present:
             record.missed += 1
         if record.consecutive_good:
-            self._machine.log(
-                Level.WARN, record.name, f"controller {record.name} has not proposed in time"
-            )
+            self._machine.log(Level.WARN, record.name, Code.SILENT, controller=record.name)
         if record.consecutive_good or not record.problem:
             record.bad(Reason(ReasonCode.NO_PROPOSAL))
 
@@ -321,7 +316,11 @@ class ControllerRegistry:
                 machine.log(
                     Level.WARN,
                     record.name,
-                    f"proposal of {record.name} refused: {candidate.refusal.words}",
+                    Code.REFUSED,
+                    controller=record.name,
+                    reason=candidate.refusal,
+                    force_kn=candidate.command.force_kn,
+                    speed_rpm=candidate.command.speed_rpm,
                 )
             record.bad(candidate.refusal)
             return
@@ -329,11 +328,7 @@ class ControllerRegistry:
         record.silent_ticks = 0
         record.problem = Reason()
         if record.consecutive_good == machine.settings.warm_ticks and not record.inhibited:
-            machine.log(Level.INFO, record.name, f"controller {record.name} is ready")
+            machine.log(Level.INFO, record.name, Code.READY, controller=record.name)
         if record.inhibited and 0 < machine.settings.readmit_ticks <= record.consecutive_good:
             record.inhibited = Reason()
-            machine.log(
-                Level.INFO,
-                record.name,
-                f"controller {record.name} is readmitted after good shadow ticks",
-            )
+            machine.log(Level.INFO, record.name, Code.RECOVERED, controller=record.name)

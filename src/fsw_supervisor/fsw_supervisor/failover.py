@@ -139,11 +139,9 @@ class Failover:
         if self.role is not Role.ACTIVE:
             if not self._takes_over(now_s):
                 return []
-            why = (
-                f"{self.unanswered + 1} ticks went unanswered" if self.role is Role.STANDBY else ""
-            )
+            unanswered = self.unanswered + 1 if self.role is Role.STANDBY else 0
             self.role, self.term, self._confirmed = Role.ACTIVE, 0, False
-            decisions = self._arbiter.lead(why)
+            decisions = self._arbiter.lead(unanswered)
         if decisions and self.actuator is None:
             self._arbiter.withhold(decisions)
             return []
@@ -164,7 +162,7 @@ class Failover:
         self._confirmed |= state.leader == self._identity
         self._arbiter.on_actuator(state)
         if self.role is Role.ACTIVE and self._is_other(state):
-            self._step_down("another supervisor leads")
+            self._step_down()
         elif (
             self.role is Role.LISTENING and state.leader and state.unanswered < self._needed(now_s)
         ):
@@ -218,7 +216,7 @@ class Failover:
                 if self._called_s - self._asserted_s >= self._arbiter.settings.tick_period_s:
                     self.asserting, self._asserted_s = True, self._called_s
                 return False
-            self._step_down("another supervisor leads")
+            self._step_down()
         follows = term >= self._heard_term
         self._heard_term = max(self._heard_term, term)
         return follows
@@ -306,9 +304,9 @@ class Failover:
             state.term >= self.term or (state.unanswered == 0 and not self._confirmed)
         )
 
-    def _step_down(self, reason: str) -> None:
+    def _step_down(self) -> None:
         self.role, self.term, self.asserting = Role.STANDBY, 0, False
         self._tick = self._arbiter.ticks.present
         # Without measurements, two would give way to each other as fast as messages travel.
         self._due_s = self._called_s + self._arbiter.settings.takeover_s(self._arbiter.lockstep)
-        self._arbiter.step_down(reason)
+        self._arbiter.step_down()

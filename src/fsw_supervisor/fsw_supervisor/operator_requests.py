@@ -12,6 +12,7 @@ from fsw_control.contract import Command
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.units import NANOSECONDS
 from fsw_supervisor.controller_registry import ControllerRegistry
+from fsw_supervisor.facts import Answer, Code, Fact
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.state_machine import OPERATOR_TRIGGERS, Level, Machine, Mode
 
@@ -27,16 +28,24 @@ class SwitchRequest:
     #: guard)
     expires_ns: int
     who: str  #: the requesting operator
-    done: bool = False  #: answered
-    ok: bool = False
-    message: str = ""  #: text of the answer
+    reply: Answer | None = None
     on_done: Callable[[], object] | None = None  #: called after the answer
 
-    def answer(self, ok: bool, message: str) -> None:
+    @property
+    def done(self) -> bool:
+        """Whether it is answered."""
+        return self.reply is not None
+
+    @property
+    def ok(self) -> bool:
+        """Whether it is served."""
+        return self.reply is not None and self.reply.ok
+
+    def answer(self, reply: Answer) -> None:
         """Answer the request; only the first answer counts."""
         if self.done:
             return
-        self.done, self.ok, self.message = True, ok, message
+        self.reply = reply
         if self.on_done is not None:
             self.on_done()
 
@@ -72,79 +81,82 @@ class OperatorRequests:
         expires_ns = machine.time_ns + round(timeout_s * NANOSECONDS)
         request = SwitchRequest(name, strict, now_s + timeout_s, expires_ns, who)
         if self.registry.get(name) is None:
-            known = ", ".join(record.name for record in self.registry) or "none"
+            known = tuple(record.name for record in self.registry)
             return self._answer(
-                request, False, f"unknown controller {name[:40]!r}; known: {known}"
+                request,
+                Answer.refused(Code.UNKNOWN_CONTROLLER, controller=name[:40], known=known),
             )
-        self.drop(f"superseded by a request for {name}")
+        self.drop(Fact.of(Code.SUPERSEDED, controller=name))
         if machine.mode is Mode.AUTO and name == machine.active:
             machine.set_target(name)
-            return self._answer(request, True, f"{name} is active already")
+            return self._answer(request, Answer.done(Code.ACTIVE_ALREADY, controller=name))
         why_not = self._why_not(name)
         if why_not and (strict or timeout_s == 0.0):
-            return self._answer(request, False, f"{why_not}")
+            return self._answer(request, Answer(False, why_not))
         machine.set_target(name)
         if machine.mode is not Mode.AUTO:
-            text = (
-                f"{name} is selected; the mode is {machine.mode}: it is applied when auto begins"
+            return self._answer(
+                request, Answer.done(Code.SELECTED, controller=name, mode=machine.mode)
             )
-            return self._answer(request, True, text)
         self._pending = request
         if timeout_s == 0.0:
-            self._answer(request, True, f"accepted: {name} is applied from the next tick on")
+            self._answer(request, Answer.done(Code.ACCEPTED, controller=name))
         return request
 
-    def ask_mode(self, mode: str, manual: Command | None, who: str) -> tuple[bool, str]:
-        """Request one of ``OPERATOR_MODES`` (``manual`` with values); return success and text."""
-        ok, message = self._ask_mode(mode, manual, who)
-        if not ok:
-            self.machine.log(Level.WARN, who, f"mode {mode[:40]}: {message}")
-        return ok, message
+    def ask_mode(self, mode: str, manual: Command | None, who: str) -> Answer:
+        """Request one of ``OPERATOR_MODES`` (``manual`` with values)."""
+        answer = self._ask_mode(mode, manual, who)
+        if not answer.ok:
+            self.machine.log(
+                Level.WARN, who, Code.MODE_REFUSED, mode=mode[:40], answer=answer.fact
+            )
+        return answer
 
-    def _ask_mode(self, mode: str, manual: Command | None, who: str) -> tuple[bool, str]:
+    def _ask_mode(self, mode: str, manual: Command | None, who: str) -> Answer:
         machine, controller = self.machine, ""
         if mode not in OPERATOR_TRIGGERS:
-            return False, f"unknown mode {mode[:40]!r}; known: {', '.join(OPERATOR_TRIGGERS)}"
+            known = tuple(OPERATOR_TRIGGERS)
+            return Answer.refused(Code.UNKNOWN_MODE, mode=mode[:40], known=known)
         wanted = Mode(mode)
         if wanted is not Mode.SAFE_STOP and (why_stop := self.safety.why_stop()):
-            return False, f"{why_stop}"
+            return Answer(False, why_stop)
         if (
             wanted is not Mode.SAFE_STOP
             and machine.mode is Mode.SAFE_STOP
             and not machine.acknowledged
         ):
-            return False, "acknowledge the safe stop first (fsw/acknowledge, fsw.py acknowledge)"
+            return Answer.refused(Code.ACKNOWLEDGE_FIRST)
         if wanted is Mode.MANUAL:
             manual = manual or Command(nan, nan)
             refused = refusal(manual, machine.settings.limits)
             if refused is not None:
-                return False, f"{refused.words}"
+                return Answer.refused(Code.BAD_VALUES, refusal=refused)
             self.manual = manual
         if wanted is Mode.AUTO:
             self.registry.readmit_all(who)
             controller = machine.active or self.registry.first_ready()
             if not controller:
-                return False, f"{self.registry.why_not_ready(machine.target)}"
+                return Answer(False, self._not_ready(machine.target))
         machine.set_target(mode=wanted)
         if wanted is machine.mode:
             if machine.register.stopped:
                 machine.stop_again(who)
             machine.renew()
-            return True, f"{wanted} already"
+            return Answer.done(Code.MODE_ALREADY, mode=wanted)
         if wanted is not Mode.AUTO:
-            self.drop(f"the mode has become {wanted}")
+            self.drop(Fact.of(Code.MODE_CHANGED, mode=wanted))
         machine.fire(
             OPERATOR_TRIGGERS[wanted],
             Reason(ReasonCode.REQUESTED, subject=str(wanted)),
             who,
             controller,
         )
-        return True, f"{wanted} from the next command on" + (
-            f", with {controller}" if controller else ""
-        )
+        if controller:
+            return Answer.done(Code.AUTO_NEXT, controller=controller)
+        return Answer.done(Code.MODE_NEXT, mode=wanted)
 
-    def acknowledge(self, who: str) -> tuple[bool, str]:
-        """Acknowledge the safe stop, so that it can be left; return success and the answer's text.
+    def acknowledge(self, who: str) -> Answer:
+        """Acknowledge the safe stop, so that it can be left.
 
         Also accepts the values of sensors that have jumped. It is refused while a cause persists,
         or while a sensor that could show one is invalid; either voids it later, as does another
@@ -152,16 +164,15 @@ class OperatorRequests:
         have one of its own that nobody has seen yet.
         """
         if self.machine.mode is not Mode.SAFE_STOP:
-            return False, "there is no safe stop to acknowledge"
+            return Answer.refused(Code.NO_STOP)
         if why_stop := self.safety.why_stop(acknowledged=True):
-            message = f"{why_stop}"
-            self.machine.log(Level.WARN, who, f"acknowledge: {message}")
-            return False, message
+            self.machine.log(Level.WARN, who, Code.ACKNOWLEDGE_REFUSED, answer=why_stop)
+            return Answer(False, why_stop)
         if self.machine.reported not in (None, self.machine.register.value):
-            return False, "the machine has not confirmed the safe stop yet; ask again"
+            return Answer.refused(Code.STOP_UNCONFIRMED)
         self.safety.readmit(who)
         self.machine.acknowledge(who)
-        return True, "acknowledged; now request a mode"
+        return Answer.done(Code.ACKNOWLEDGED)
 
     def serve(self, now_s: float) -> None:
         """Make the requested swap, if possible; call it between two ticks."""
@@ -170,11 +181,11 @@ class OperatorRequests:
         if request is None:
             return
         if machine.mode is not Mode.AUTO:
-            self.drop(f"the mode has become {machine.mode}")
+            self.drop(Fact.of(Code.MODE_CHANGED, mode=machine.mode))
             return
         why_not = self._why_not(request.name)
         if why_not and (request.strict or request.done):
-            self.drop(f"{why_not}")
+            self.drop(why_not)
         elif not why_not and request.name != machine.active:
             reason = Reason(ReasonCode.REQUESTED, subject=request.name)
             machine.swap(request.name, Cause.SWAP_REQUESTED, reason, request.who)
@@ -196,36 +207,40 @@ class OperatorRequests:
         late = self.lockstep and self.machine.elapsed(request.expires_ns, settings.tick_period_s)
         if late or now_s > request.expires_s + guard_s:
             why_not = (
-                f"swapped, but {request.name} is not applied yet"
+                Fact.of(Code.NOT_APPLIED, controller=request.name)
                 if swapped
-                else self._why_not(request.name)
+                else self._why_not(request.name) or Fact.of(Code.NO_MEASUREMENT_YET)
             )
-            self.drop(f"timed out: {why_not or 'no measurement has arrived for the swap'}")
+            self.drop(Fact.of(Code.TIMED_OUT, reason=why_not))
 
     def on_applied(self, source: str) -> None:
         """Note the source of the sent command."""
         request = self._pending
         if request is not None and request.name == source:
             self._pending = None
-            self._answer(request, True, f"{source} is applied")
+            self._answer(request, Answer.done(Code.APPLIED, controller=source))
 
-    def failed(self, name: str, reason: str) -> None:
+    def failed(self, name: str, reason: Reason) -> None:
         """Note that ``name`` has failed while active."""
         if self._pending is not None and self._pending.name == name:
-            self.drop(f"swapped, but {reason}")
+            self.drop(Fact.of(Code.SWAP_FAILED, reason=reason))
 
-    def drop(self, message: str) -> None:
+    def drop(self, why: Fact) -> None:
         """Refuse the pending request, if any."""
         request, self._pending = self._pending, None
         if request is None:
             return
         if self.machine.target == request.name and self.machine.active:
             self.machine.set_target(self.machine.active)
-        self._answer(request, False, message)
+        self._answer(request, Answer(False, why))
 
-    def _why_not(self, name: str) -> str:
-        """Why a swap to ``name`` is not possible now; empty if it is."""
-        machine, why_not = self.machine, self.registry.why_not_ready(name)
+    def _not_ready(self, name: str) -> Fact:
+        return Fact.of(Code.NOT_READY, controller=name, readiness=self.registry.readiness(name))
+
+    def _why_not(self, name: str) -> Fact | None:
+        """Why a swap to ``name`` is not possible now; None if it is."""
+        machine = self.machine
+        why_not = None if self.registry.is_ready(name) else self._not_ready(name)
         if (
             why_not
             or machine.mode is not Mode.AUTO
@@ -235,11 +250,16 @@ class OperatorRequests:
             return why_not
         recent = not machine.elapsed(self._swapped_ns, machine.settings.switch_interval_s)
         elapsed_s = (machine.time_ns - self._swapped_ns) / NANOSECONDS
-        return f"the last swap was only {elapsed_s:.1f} s ago" if recent else ""
+        return Fact.of(Code.TOO_SOON, elapsed_s=elapsed_s) if recent else None
 
-    def _answer(self, request: SwitchRequest, ok: bool, message: str) -> SwitchRequest:
-        if not request.done or not ok:
-            level = Level.INFO if ok else Level.WARN
-            self.machine.log(level, request.who, f"switch to {request.name[:40]}: {message}")
-        request.answer(ok, message)
+    def _answer(self, request: SwitchRequest, reply: Answer) -> SwitchRequest:
+        if not request.done or not reply.ok:
+            self.machine.log(
+                Level.INFO if reply.ok else Level.WARN,
+                request.who,
+                Code.SWITCH_ANSWERED,
+                controller=request.name[:40],
+                answer=reply.fact,
+            )
+        request.answer(reply)
         return request

@@ -14,10 +14,10 @@ from fsw_control.reports_ros import ERROR, OK, WARN, Report
 from fsw_msgs.msg import ControllerHealth, Interlock, SupervisorState, WeldCommand
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.controller_registry import ControllerRecord
+from fsw_supervisor.facts import Code
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Level, Mode
 from fsw_supervisor.tick import Decision
-from fsw_supervisor.ticks import Silence
 
 #: severity of an event as a diagnostic level
 LEVELS = {Level.INFO: OK, Level.WARN: WARN, Level.ERROR: ERROR}
@@ -154,7 +154,7 @@ def _process_status(arbiter: Arbiter) -> Report:
         level = WARN
         parts.append(
             "stamps do not advance"
-            if arbiter.ticks.silence is Silence.CLOCK
+            if arbiter.ticks.silence is Code.CLOCK_STANDS
             else "no measurements"
         )
     if safety.invalid_sensors:
@@ -164,7 +164,7 @@ def _process_status(arbiter: Arbiter) -> Report:
         level = ERROR if safety.tripped else WARN
         parts += [f"{name} {level.word}" for name, level in safety.active.items()]
     reasons: dict[str, object] = {
-        f"{name} state": why or "good" for name, why in safety.sensor_reasons.items()
+        f"{name} state": why or "good" for name, why in safety.sensor_flaws.items()
     }
     reasons["held"] = ", ".join(safety.held_sensors) or "none"
     return Report(
@@ -178,7 +178,7 @@ def _controller_status(
     known = health(arbiter, record)
     latencies_s = sorted(record.latencies_s) or [0.0]
     p99_s = latencies_s[ceil(0.99 * len(latencies_s)) - 1]
-    lacks = arbiter.registry.why_not_ready(record.name)
+    lacks = arbiter.registry.readiness(record.name).words(record.name)
     level = WARN if lacks else OK
     text = lacks or ("active" if record.name == arbiter.machine.active else "ready")
     if not arbiter.lockstep and p99_s >= limits[0]:

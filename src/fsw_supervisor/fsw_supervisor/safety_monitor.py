@@ -11,7 +11,7 @@ Causes of a safe stop act by level. There are three kinds, which share a list of
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf, isfinite, isnan, nan
 from typing import Any
@@ -25,8 +25,9 @@ from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_control.severity import Severity
 from fsw_control.stop import StopCause
 from fsw_control.units import NANOSECONDS, kw_from_w, rad_s_from_rpm
-from fsw_control.validity import SensorGuard, sensor_limits
+from fsw_control.validity import Flaw, SensorGuard, sensor_limits
 from fsw_supervisor.consistency import Consistency
+from fsw_supervisor.facts import Code, Fact
 from fsw_supervisor.parameters import QUANTITIES, SupervisorParameters
 from fsw_supervisor.persistence import Persistence
 from fsw_supervisor.state_machine import Level, Machine, Mode
@@ -121,15 +122,13 @@ class SafetyMonitor:
         self._guard = SensorGuard()
         self._consistency = Consistency()
         self._blindness = Blindness()
-        self._standing: dict[
-            str, str
-        ] = {}  # jumps and blindness that are there, with the cause in words
+        self._standing: dict[str, Fact] = {}  # jumps and blindness that are there
         self.configure(defaults(SupervisorParameters))
         self._levels = dict.fromkeys(QUANTITIES, Severity.OK)
         self._runs = {name: {level: Persistence() for level in _ORDER} for name in QUANTITIES}
         self._leaving = {name: Persistence() for name in QUANTITIES}
         self._judged_ns: int | None = None
-        self._causes = dict.fromkeys(QUANTITIES, "")
+        self._causes: dict[str, Fact] = {}  # of the levels of the interlocks
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Apply new parameters of the node, keeping the state."""
@@ -151,15 +150,15 @@ class SafetyMonitor:
         for name, value in readmitted.items():
             self._standing.pop(f"{name}_jump", None)
             self._machine.log(
-                Level.WARN, who, f"{who} has acknowledged that sensor {name} shows {value:.4g}"
+                Level.WARN, who, Code.SENSOR_ACKNOWLEDGED, who=who, sensor=name, value=value
             )
         self.invalid_sensors = tuple(
             name for name in self.invalid_sensors if name not in readmitted
         )
 
     @property
-    def sensor_reasons(self) -> dict[str, str]:
-        """By sensor, why its last sample was not used; empty where it was."""
+    def sensor_flaws(self) -> dict[str, Flaw]:
+        """By sensor, why its last sample was not used."""
         return self._guard.reasons
 
     @property
@@ -181,11 +180,8 @@ class SafetyMonitor:
             *self._standing,
         )
 
-    def _words(self, tripped: Iterable[str]) -> str:
-        return "; ".join((self._causes | self._standing)[name] for name in tripped)
-
-    def why_stop(self, acknowledged: bool = False) -> str:
-        """Why a safe stop must begin or last, in words; empty when it need not.
+    def why_stop(self, acknowledged: bool = False) -> Fact | None:
+        """Why a safe stop must begin or last; None if it need not.
 
         With ``acknowledged``, as if sensors that have jumped and are steady were readmitted.
         """
@@ -194,18 +190,20 @@ class SafetyMonitor:
             name for name in self.tripped if name not in {f"{sensor}_jump" for sensor in steady}
         ]
         if tripped:
-            return f"the cause is still present: {self._words(tripped)}"
+            causes = self._causes | self._standing
+            return Fact.of(Code.CAUSE_PRESENT, causes=tuple(causes[name] for name in tripped))
         blind = self._blind(steady)
         stopped = self._machine.mode is Mode.SAFE_STOP
-        return f"{blind}, so it is unknown whether the cause is gone" if stopped and blind else ""
+        return Fact.of(Code.CAUSE_UNKNOWN, causes=blind) if stopped and blind else None
 
-    def _blind(self, but: tuple[str, ...]) -> str:
-        """Which sensors are invalid and why, in words; empty when all values that interlocks watch are known."""
+    def _blind(self, but: tuple[str, ...]) -> tuple[Fact, ...]:
+        """Invalid sensors, and why; empty when all values that interlocks watch are known."""
         if not self.judged:
-            return "nothing has been measured yet"
-        invalid = (name for name in self.invalid_sensors if name not in but)
-        return "; ".join(
-            f"sensor {name} is invalid ({self.sensor_reasons[name]})" for name in invalid
+            return (Fact.of(Code.NOTHING_MEASURED),)
+        return tuple(
+            Fact.of(Code.SENSOR_INVALID, sensor=name, flaw=self.sensor_flaws[name])
+            for name in self.invalid_sensors
+            if name not in but
         )
 
     def judge(self, tick: Tick, acting: Command | None) -> tuple[str, ...]:
@@ -228,11 +226,11 @@ class SafetyMonitor:
         for name in self.invalid_sensors:
             if name not in before:
                 self._machine.log(
-                    Level.WARN, "sensors", f"sensor {name} is invalid: {reasons[name]}"
+                    Level.WARN, "sensors", Code.SENSOR_INVALID, sensor=name, flaw=reasons[name]
                 )
         for name in before:
             if name not in self.invalid_sensors:
-                self._machine.log(Level.INFO, "sensors", f"sensor {name} is valid again")
+                self._machine.log(Level.INFO, "sensors", Code.SENSOR_VALID, sensor=name)
         self._blindness.add(self._machine.time_ns, self.invalid_sensors, self._is_automatic)
         self._note_standing(tick.samples)
         residuals = self._consistency.update(measurement)
@@ -272,22 +270,30 @@ class SafetyMonitor:
         before, self._standing = self._standing, {}
         for name, last_good in self._guard.jumped.items():
             cause, shown = f"{name}_jump", samples.get(name, nan)
-            text = (
-                f"{cause} is trip: {SENSORS[name].signal} {shown:.4g}, last good {last_good:.4g}"
+            fact = Fact.of(
+                Code.SENSOR_JUMPED,
+                interlock=cause,
+                quantity=SENSORS[name].signal,
+                value=shown,
+                last_good=last_good,
             )
-            self._standing[cause] = before.get(cause, text)
+            self._standing[cause] = before.get(cause, fact)
         if self._is_automatic or self._machine.mode is Mode.SAFE_STOP:
             for name in self._blindness.exceeded:
                 cause = f"{name}_blind"
-                why, limit_s = self.sensor_reasons[name], self._blindness.limit_s
-                text = f"{cause} is trip: invalid ({why}) for {limit_s:g} s in sum"
-                self._standing[cause] = before.get(cause, text)
-        for cause, text in self._standing.items():
+                fact = Fact.of(
+                    Code.SENSOR_BLIND,
+                    interlock=cause,
+                    flaw=self.sensor_flaws[name],
+                    limit_s=self._blindness.limit_s,
+                )
+                self._standing[cause] = before.get(cause, fact)
+        for cause, fact in self._standing.items():
             if cause not in before:
-                self._machine.log(Level.ERROR, "interlock", text)
+                self._machine.log(Level.ERROR, "interlock", fact.code, **fact.data)
         for cause in before:
             if cause not in self._standing:
-                self._machine.log(Level.INFO, "interlock", f"{cause} is ok")
+                self._machine.log(Level.INFO, "interlock", Code.CLEARED, interlock=cause)
 
     def _since_judged_s(self) -> float:
         """Time since the last tick that was judged; one tick period for the first, and after a gap."""
@@ -350,6 +356,7 @@ class SafetyMonitor:
         if level is present:
             return
         self._levels[item.name] = level
-        text = f"{item.name} is {level.word}: {item.quantity} {value:.4g}"
-        self._causes[item.name] = text
-        self._machine.log(_LOG_LEVELS[level], "interlock", text)
+        fact = self._causes[item.name] = Fact.of(
+            Code.INTERLOCK, interlock=item.name, level=level, quantity=item.quantity, value=value
+        )
+        self._machine.log(_LOG_LEVELS[level], "interlock", fact.code, **fact.data)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Awaitable, Callable
 from functools import partial
+from typing import TypeVar
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
@@ -14,13 +15,16 @@ from std_srvs.srv import Trigger
 
 from fsw_control import units
 from fsw_control.contract import Command
-from fsw_control.references_ros import ON_STANDBY
 from fsw_msgs.srv import ListControllers, SetMode, SwitchController
 from fsw_supervisor import reports_ros as reports
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.confirmation import Confirmation, Confirmations
+from fsw_supervisor.facts import Answer, Code
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import Decision
+
+_Response = TypeVar("_Response", SetMode.Response, SwitchController.Response)
+_ON_STANDBY = Answer.refused(Code.ON_STANDBY)
 
 
 class OperatorServices:
@@ -70,14 +74,11 @@ class OperatorServices:
             SwitchController.Request.BEST_EFFORT,
             SwitchController.Request.STRICT,
         ):
-            response.ok = False
-            response.message = (
-                f"strictness {request.strictness} is neither BEST_EFFORT (1) nor STRICT (2)"
+            return _respond(
+                response, Answer.refused(Code.UNKNOWN_STRICTNESS, strictness=request.strictness)
             )
-            return response
         if not await self._leads():
-            response.ok, response.message = ON_STANDBY
-            return response
+            return _respond(response, _ON_STANDBY)
         timeout_s = request.timeout.sec + request.timeout.nanosec * 1e-9
         strict = request.strictness == SwitchController.Request.STRICT
         switch = self._arbiter.operator.ask_switch(
@@ -88,11 +89,12 @@ class OperatorServices:
             answered: Future = Future(executor=self._node.executor)
             switch.on_done = partial(answered.set_result, True)
             await answered
-        response.ok, response.message = switch.ok, switch.message
-        if switch.ok and self._arbiter.machine.active == request.name:
+        answer = switch.reply
+        assert answer is not None
+        if answer.ok and self._arbiter.machine.active == request.name:
             confirmation = self._confirmations.of_source(request.name, time.monotonic())
-            response.ok, response.message = await self._confirmed(confirmation, switch.message)
-        return response
+            answer = await self._confirmed(confirmation, answer)
+        return _respond(response, answer)
 
     def _on_list(
         self, request: ListControllers.Request, response: ListControllers.Response
@@ -110,7 +112,7 @@ class OperatorServices:
         manual = Command(
             units.kn_from_n(request.axial_force), units.rpm_from_rad_s(request.spindle_speed)
         )
-        response.ok, response.message = await self._ask(
+        answer = await self._ask(
             lambda: self._arbiter.operator.ask_mode(request.mode, manual, "operator"),
             lambda now_s: (
                 self._confirmations.of_stop(now_s)
@@ -118,39 +120,41 @@ class OperatorServices:
                 else self._confirmations.of_mode(Mode(request.mode), now_s)
             ),
         )
-        return response
+        return _respond(response, answer)
 
     async def _on_acknowledge(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
         ask = partial(self._arbiter.operator.acknowledge, "operator")
-        response.success, response.message = await self._ask(
-            ask, self._confirmations.of_acknowledgement
-        )
+        answer = await self._ask(ask, self._confirmations.of_acknowledgement)
+        response.success, response.message = answer.ok, answer.fact.words
         return response
 
     async def _ask(
-        self, ask: Callable[[], tuple[bool, str]], confirmation: Callable[[float], Confirmation]
-    ) -> tuple[bool, str]:
+        self, ask: Callable[[], Answer], confirmation: Callable[[float], Confirmation]
+    ) -> Answer:
         """Execute a request and answer when its effect is reported; see ``confirmation``."""
         if not await self._leads():
-            return ON_STANDBY
-        ok, message = ask()
-        waiting = confirmation(time.monotonic()) if ok else None
+            return _ON_STANDBY
+        answer = ask()
+        waiting = confirmation(time.monotonic()) if answer.ok else None
         self._publish([])
-        return (ok, message) if waiting is None else await self._confirmed(waiting, message)
+        return answer if waiting is None else await self._confirmed(waiting, answer)
 
-    async def _confirmed(self, waiting: Confirmation, message: str) -> tuple[bool, str]:
+    async def _confirmed(self, waiting: Confirmation, answer: Answer) -> Answer:
         if waiting.ok is None:
             known: Future = Future(executor=self._node.executor)
             waiting.on_done = partial(known.set_result, True)
             await known
         if waiting.ok:
-            return True, message
+            return answer
         if not await self._leads():
-            return ON_STANDBY
-        return (
-            False,
-            "requested, but not confirmed by the machine within "
-            f"{self._confirmations.wait_s:g} s ({message})",
-        )
+            return _ON_STANDBY
+        wait_s = self._confirmations.wait_s
+        return Answer.refused(Code.UNCONFIRMED, wait_s=wait_s, answer=answer.fact)
+
+
+def _respond(response: _Response, answer: Answer) -> _Response:
+    response.ok, response.code = answer.ok, str(answer.fact.code)
+    response.message = answer.fact.words
+    return response

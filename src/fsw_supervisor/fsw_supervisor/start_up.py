@@ -6,6 +6,7 @@ from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor.controller_registry import ControllerRegistry
+from fsw_supervisor.facts import Code, Fact
 from fsw_supervisor.in_force import CommandInForce
 from fsw_supervisor.operator_requests import OperatorRequests
 from fsw_supervisor.state_machine import Level, Machine, Mode
@@ -76,30 +77,35 @@ class StartUp:
         machine, manual = self._machine, self._operator.manual
         candidate = tick.candidates.get(machine.target)
         if tick.drives is not None:
-            self._begin_from(tick, self._in_force.commanded(tick.drives), "the drives' feedback")
+            self._begin_from(tick, self._in_force.commanded(tick.drives), Code.FROM_DRIVES)
         elif not final or not self._heard(now_s) or machine.reported is not None:
             return False  # an actuator end that reports may have moved the drives itself
         elif self._in_force.seen is not None:
-            self._begin_from(tick, self._in_force.seen, "the last command seen")
+            self._begin_from(tick, self._in_force.seen, Code.FROM_COMMAND)
         elif candidate is not None and not candidate.refusal:
-            self._begin_from(tick, candidate.command, f"the proposal of {machine.target}")
+            self._begin_from(
+                tick, candidate.command, Code.FROM_PROPOSAL, controller=machine.target
+            )
         elif machine.mode is Mode.MANUAL and manual is not None:
-            self._begin_from(tick, manual, "the operator's values")
+            self._begin_from(tick, manual, Code.FROM_OPERATOR)
         else:
             return False
         return True
 
-    def _begin_from(self, tick: Tick, command: Command, origin: str) -> Command:
+    def _begin_from(self, tick: Tick, command: Command, origin: Code, **data: str) -> Command:
         applied = tick.previous = self._machine.settings.limits.clip(command, None)
         self._in_force.begin_from(applied)
         # Proposals that arrived before were checked without a rate limit.
         self._registry.check_again(tick)
         if self._machine.tick - self._begun_tick > 1:  # else one message covers successive ticks
-            text = (
-                f"taking over at {applied.force_kn:.3f} kN, "
-                f"{applied.speed_rpm:.3f} rpm from {origin}"
+            self._machine.log(
+                Level.INFO,
+                "start",
+                Code.TAKING_OVER,
+                force_kn=applied.force_kn,
+                speed_rpm=applied.speed_rpm,
+                origin=Fact(origin, data),
             )
-            self._machine.log(Level.INFO, "start", text)
         self._begun_tick = self._machine.tick
         return applied
 
@@ -192,7 +198,7 @@ class StartUp:
         if force_kn - proposed.force_kn > limits.force_step_kn:
             force_kn = proposed.force_kn
         applied = self._begin_from(
-            tick, Command(force_kn, proposed.speed_rpm), f"the drives and {name}"
+            tick, Command(force_kn, proposed.speed_rpm), Code.FROM_BOTH, controller=name
         )
         tick.candidates[name] = check(
             name, ProposalInput(tick.stamp_ns, name, proposed), applied, limits
@@ -204,7 +210,7 @@ class StartUp:
         patience = max(settings.readmit_ticks, settings.warm_ticks)
         for name in settings.fallbacks:
             record = self._registry.get(name)
-            if record is None or self._registry.why_not_ready(name):
+            if record is None or not self._registry.is_ready(name):
                 continue
             # Counted without this tick, so that the arrival order of its messages does not matter.
             if record.consecutive_good - (name in tick.candidates) >= patience:

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections import deque
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from fsw_control.cause import Cause
 from fsw_control.contract import BUILT_IN_SOURCES, OPERATOR_MODES
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.stop import Stop, StopCause, StopRegister
 from fsw_control.units import NANOSECONDS
+from fsw_supervisor.facts import Code, Fact
 from fsw_supervisor.settings import ArbiterSettings
 
 
@@ -124,11 +125,11 @@ class Level(StrEnum):
 
 
 class Event(NamedTuple):
-    """A log entry: origin (``operator``, ``failover``, ``start``, a controller ...) and text."""
+    """A log entry; ``who`` is its origin: ``operator``, ``failover``, a controller ..."""
 
     level: Level
     who: str
-    text: str
+    fact: Fact
 
 
 class Standing(NamedTuple):
@@ -239,12 +240,10 @@ class Machine:
         self.slewing = self.settings.transition_ticks if target is Mode.AUTO else 0
         if trigger is Cause.CONTROLLER_BACK:
             self._automatic.append(self.time_ns)
-        self._note(
-            trigger,
-            reason,
-            who,
-            f"{before} -> {target}" + (f" ({controller})" if self.active else ""),
+        code, data = (
+            (Code.MODE_WITH, {"controller": controller}) if self.active else (Code.MODE, {})
         )
+        self._note(trigger, reason, who, code, before=before, mode=target, **data)
 
     def _enter(self, mode: Mode) -> None:
         """Enter a mode with the present tick."""
@@ -271,7 +270,7 @@ class Machine:
         """Allow the present safe stop to be left when the operator requests another mode."""
         if self.register.stopped:
             self.register.acknowledge(who, self._stamp_ns)
-            self.log(Level.INFO, who, f"{who} has acknowledged the safe stop")
+            self.log(Level.INFO, who, Code.STOP_ACKNOWLEDGED, who=who)
 
     def merge_stop(self, stop: Stop) -> None:
         """Merge another copy of the stop register, which may begin a safe stop."""
@@ -288,7 +287,7 @@ class Machine:
         self.slewing = self.settings.transition_ticks
         if cause is not Cause.SWAP_REQUESTED:
             self._automatic.append(self.time_ns)
-        self._note(cause, reason, who, f"{before} -> {name}")
+        self._note(cause, reason, who, Code.SWAP, before=before, controller=name)
 
     def set_target(self, controller: str = "", mode: Mode | None = None) -> None:
         """Set the controller and the mode requested by the operator; omitted ones stay."""
@@ -320,11 +319,11 @@ class Machine:
         """On standby: note the state that the leader reports."""
         self._leader_standing = standing
 
-    def lead(self, why: str) -> None:
-        """Take the lead in the present state, whose cause is kept."""
+    def lead(self, unanswered: int) -> None:
+        """Take the lead, as ticks went unanswered, in the present state, whose cause is kept."""
         self.slewing = self.settings.transition_ticks
         self.transitions += 1
-        self.log(Level.INFO, "takeover", f"leads in {self.mode}: {why}")
+        self.log(Level.INFO, "takeover", Code.LEADS, mode=self.mode, ticks=unanswered)
 
     def explain(self, reason: Reason) -> None:
         """Set the reason why the present state lasts."""
@@ -332,17 +331,14 @@ class Machine:
             self.reason = reason
             self.revision += 1
 
-    def log(self, level: Level, who: str, text: str) -> None:
+    def log(self, level: Level, who: str, code: Code, /, **data: Any) -> None:
         """Record an event."""
         self.revision += 1
-        self.events.append(Event(level, who, text))
+        self.events.append(Event(level, who, Fact(code, data)))
 
-    def _note(self, cause: Cause, reason: Reason, who: str, text: str) -> None:
+    def _note(self, cause: Cause, reason: Reason, who: str, code: Code, /, **data: Any) -> None:
         self.cause, self.reason, self.since_ns = cause, reason, self._stamp_ns
         self.who = who if cause.on_request else ""
         self.transitions += 1
-        self.log(
-            Level.ERROR if self.mode is Mode.SAFE_STOP else Level.INFO,
-            who,
-            f"{text}: {reason.words}",
-        )
+        level = Level.ERROR if self.mode is Mode.SAFE_STOP else Level.INFO
+        self.log(level, who, code, reason=reason, **data)

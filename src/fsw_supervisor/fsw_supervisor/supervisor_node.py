@@ -221,7 +221,7 @@ class SupervisorNode(LightNode, Node):
         self._failover.asserting = False
         while machine.events:
             event = machine.events.popleft()
-            text = f"[{event.who}] {event.text}"
+            text = f"[{event.who}] {event.fact.words}"
             if self._role is Role.ACTIVE:
                 log(self, reports.LEVELS[event.level], text)
             else:

@@ -49,8 +49,8 @@ def check(
         return Candidate(command, proposal.reason or Reason(ReasonCode.UNHEALTHY))
     refused = refusal(command, limits, previous)
     if refused is not None:
-        reason = Reason(ReasonCode.BAD_COMMAND, detail=refused.words)
-        return Candidate(command, reason, malformed=True, jump=refused.flaw is Flaw.JUMP)
+        jump = refused.flaw is Flaw.JUMP
+        return Candidate(command, refused.reason, malformed=True, jump=jump)
     return Candidate(command)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from math import inf
 
 from fsw_control.cause import Cause
@@ -11,6 +10,7 @@ from fsw_control.reason import Reason, ReasonCode
 from fsw_control.sensors import OPTIONAL, REQUIRED
 from fsw_control.units import NANOSECONDS
 from fsw_supervisor.arbitration import Arbitration
+from fsw_supervisor.facts import Code
 from fsw_supervisor.state_machine import Level
 from fsw_supervisor.tick import GAP_S, Decision, Tick
 
@@ -19,13 +19,6 @@ from fsw_supervisor.tick import GAP_S, Decision, Tick
 CLOCK_STOP_S = 3.0
 #: a report this soon after a command may not reflect it yet [s] (chosen)
 _FLIGHT_S = 0.01
-
-
-class Silence(StrEnum):
-    """Why no tick begins."""
-
-    MEASUREMENT = "no measurement"
-    CLOCK = "measurements arrive, but their stamps have not advanced"
 
 
 class Ticks:
@@ -47,7 +40,7 @@ class Ticks:
         self._machine, self._registry = arbitration.machine, arbitration.registry
         self._in_force, self._lockstep = arbitration.in_force, arbitration.lockstep
         self._stamps = StampFilter(self._lockstep)
-        self.silence: Silence | None = None  #: why no tick begins; None while ticks begin
+        self.silence: Code | None = None  #: why no tick begins; None while ticks begin
         self._heard_s = -inf  # last arrival of a sample, whatever its stamp
         # stamp and value of the last sample of each
         self._optional: dict[str, tuple[int, float]] = {}
@@ -129,21 +122,20 @@ class Ticks:
             drain_s = settings.stall_tolerance_s if tick.stalled else settings.lockstep_deadline_s
             tick.deadline_s = now_s + drain_s / 2.0
             self.stalls += 1
-            self._machine.log(
-                Level.WARN, "arbiter", f"was stalled for {now_s - tick.started_s:.3f} s"
-            )
+            stalled_s = now_s - tick.started_s
+            self._machine.log(Level.WARN, "arbiter", Code.STALLED, time_s=stalled_s)
 
     def note_silence(self) -> None:
         """Report once that measurements have stopped, or their stamps, which is a safe stop."""
         if self._lockstep or self.present is None or not self._in_gap():
             return
-        silence = Silence.CLOCK if self.now_s - self._heard_s <= GAP_S else Silence.MEASUREMENT
+        silence = Code.CLOCK_STANDS if self.now_s - self._heard_s <= GAP_S else Code.NO_MEASUREMENT
         if silence is not self.silence:
             self.silence = silence
-            who = "clock" if silence is Silence.CLOCK else "sensors"
-            self._machine.log(Level.ERROR, who, f"{silence} for {GAP_S:g} s")
+            who = "clock" if silence is Code.CLOCK_STANDS else "sensors"
+            self._machine.log(Level.ERROR, who, silence, limit_s=GAP_S)
         silent_s = self.now_s - self.present.started_s
-        if silence is Silence.CLOCK and silent_s >= CLOCK_STOP_S:
+        if silence is Code.CLOCK_STANDS and silent_s >= CLOCK_STOP_S:
             self._machine.fire(
                 Cause.CLOCK_STOPPED,
                 Reason(ReasonCode.CLOCK_STOPPED, limit_s=CLOCK_STOP_S),
@@ -174,7 +166,7 @@ class Ticks:
             self._end(past, gap)
         self._machine.advance(stamp_ns, self._time_ns(stamp_ns, past))
         if back:
-            self._machine.log(Level.WARN, "clock", "time went back: continuing from there")
+            self._machine.log(Level.WARN, "clock", Code.TIME_BACK)
             self._arbitration.safety.forget_time()
             self._registry.forget_time(stamp_ns)
         self.silence = None
@@ -225,7 +217,7 @@ class Ticks:
         self._arbitration.start_up.interrupt()
         if self.present is not None:
             self.present.previous = None
-        self._machine.log(Level.WARN, "sensors", reason.words)
+        self._machine.log(Level.WARN, "sensors", Code.GAP, reason=reason)
         self._machine.fire(Cause.INTERRUPTED, reason, "start")
 
     # ---------------------------------------------------------------- commands

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -12,6 +13,7 @@ from fsw_control.fence import Fence
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.failover import LISTEN_S, Failover
 from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.state_machine import Machine
 from fsw_supervisor.tick import Decision, ProposalInput
 from fsw_test_support.ros_graph import domain_id
 
@@ -21,6 +23,11 @@ PERIOD_NS = 100_000_000
 START = Command(78.4, 407.5)
 #: what a kN more adds to the torque at the paper's operating point [N m]
 TORQUE_NM_PER_KN = 12.84
+
+
+def facts(machine: Machine, code: str) -> list[Mapping[str, Any]]:
+    """Fields of the events of a code."""
+    return [event.fact.data for event in machine.events if event.fact.code == code]
 
 
 class Rig:
@@ -142,9 +149,9 @@ class Rig:
         """Let ``name`` propose with some fields changed."""
         self.edit[name] = lambda proposal: replace(proposal, **changes)  # type: ignore[arg-type]
 
-    def events(self) -> str:
-        """All events as text."""
-        return "\n".join(f"{e.level} {e.who}: {e.text}" for e in self.arbiter.machine.events)
+    def facts(self, code: str) -> list[Mapping[str, Any]]:
+        """Fields of the events of a code."""
+        return facts(self.arbiter.machine, code)
 
 
 class Leader:
@@ -225,9 +232,9 @@ class Leader:
             self.run(0.1)
         return self
 
-    def events(self) -> str:
-        """All events as text."""
-        return "\n".join(event.text for event in self.arbiter.machine.events)
+    def facts(self, code: str) -> list[Mapping[str, Any]]:
+        """Fields of the events of a code."""
+        return facts(self.arbiter.machine, code)
 
     @property
     def ticks_accounted_for(self) -> bool:

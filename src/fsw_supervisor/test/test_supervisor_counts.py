@@ -3,6 +3,7 @@
 import pytest
 
 from fsw_control.contract import Command
+from fsw_control.readiness import Lack, Readiness
 from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor.controller_registry import LOCKSTEP_LAG, ControllerRegistry
 from fsw_supervisor.safety_monitor import SafetyMonitor
@@ -50,8 +51,8 @@ class Counted:
     def record(self):
         return self.registry.get("a")
 
-    def events(self):
-        return [event.text for event in self.machine.events]
+    def facts(self, code):
+        return [event.fact.data for event in self.machine.events if event.fact.code == code]
 
 
 def counts(record):
@@ -85,7 +86,7 @@ def test_a_proposal_in_time_is_good_and_its_latency_is_kept(counted):
     assert record.latencies_s[-1] == pytest.approx(0.03)
     counted.begin()
     assert counted.propose(after_s=-0.01).latencies_s[-1] == 0.0, "it came before the measurement"
-    assert counted.registry.why_not_ready("a") == ""
+    assert counted.registry.is_ready("a")
 
 
 @pytest.mark.parametrize(("after_s", "late"), [(0.079, False), (0.081, True)])
@@ -151,7 +152,8 @@ def test_in_lockstep_an_answer_is_checked_against_what_was_applied_then():
     counted.ticks[-1].previous = Command(82.0, 410.0)
     assert counted.propose(behind=1, force_kn=80.5).consecutive_good == 1
     counted.begin()
-    assert "jump by 1.500 kN" in counted.propose(behind=1, force_kn=80.5).problem.detail
+    jump = Reason(ReasonCode.JUMP, subject="force")
+    assert counted.propose(behind=1, force_kn=80.5).problem == jump
 
 
 def test_in_lockstep_an_answer_to_what_was_never_measured_is_late():
@@ -181,21 +183,21 @@ def test_silence_is_told_once_and_counts_as_a_miss_while_the_controller_is_in_th
     counted.registry.leave("a")
     counted.begin().begin()
     assert counted.record.missed == 2
-    assert counted.events().count("controller a has not proposed in time") == 1
+    assert counted.facts("silent") == [{"controller": "a"}]
 
 
 def test_silence_does_not_replace_an_earlier_problem(counted):
     counted.propose(healthy=False, reason=Reason.of("solver failed"))
     counted.begin().begin()
     assert counted.record.problem == Reason.of("solver failed")
-    assert "controller a has not proposed in time" not in counted.events()
+    assert counted.facts("silent") == []
 
 
 def test_who_never_proposed_is_told_to_be_silent_without_a_warning(counted):
     counted.registry.join("b")
     counted.begin()
     assert counted.registry.get("b").problem.code is ReasonCode.NO_PROPOSAL
-    assert "controller b has not proposed in time" not in counted.events()
+    assert {"controller": "b"} not in counted.facts("silent")
 
 
 def test_in_a_tick_that_blames_nobody_silence_is_no_failure(counted):
@@ -308,18 +310,18 @@ def test_a_name_that_two_controllers_use_is_ambiguous_after_some_ticks_in_a_row_
     counted,
 ):
     ticks = counted.machine.settings.duplicate_ticks
-    words = "a proposes more than once per tick: are there two controllers of this name?"
     for count in range(1, ticks + 3):
         counted.propose()
         counted.propose(force_kn=80.5)
         counted.begin()
         assert (counted.record.doubled, counted.record.conflicts) == (count, count)
-        assert counted.events().count(words) == int(count >= ticks)
-        assert ("ambiguous" in counted.registry.why_not_ready("a")) == (count >= ticks)
+        assert len(counted.facts("doubled")) == int(count >= ticks)
+        lack = counted.registry.readiness("a").lack
+        assert (lack is Lack.AMBIGUOUS) == (count >= ticks)
     counted.propose()
     counted.begin()
     assert (counted.record.doubled, counted.record.conflicts) == (0, 0)
-    assert counted.registry.why_not_ready("a") == ""
+    assert counted.registry.is_ready("a")
 
 
 # ---------------------------------------------------------------- who may be selected
@@ -334,20 +336,20 @@ def test_joining_and_leaving_is_told_once_each(counted):
     for _ in range(2):
         registry.join("a")
         assert counted.record.present
-    assert counted.events().count("controller a has left the graph") == 1
-    assert counted.events().count("controller a has joined") == 2
+    assert len(counted.facts("left")) == 1
+    assert len(counted.facts("joined")) == 2
     assert registry.get("nobody") is None
 
 
 def test_who_has_left_may_be_selected_only_while_it_proposes(counted):
     registry = counted.registry
     registry.leave("a")
-    assert registry.why_not_ready("a") == ""
+    assert registry.is_ready("a")
     counted.begin()
-    assert registry.why_not_ready("a") == "a is not usable: no proposal at the deadline"
+    assert registry.readiness("a") == Readiness(Lack.UNUSABLE, Reason(ReasonCode.NO_PROPOSAL))
     registry.join("b")
     registry.leave("b")
-    assert registry.why_not_ready("b") == "b has left the graph"
+    assert registry.readiness("b") == Readiness(Lack.LEFT)
 
 
 def test_a_full_registry_still_knows_those_that_it_has():
@@ -385,23 +387,21 @@ def test_who_has_failed_is_readmitted_after_so_many_good_proposals_or_never(read
     counted = Counted(readmit_ticks=readmit_ticks, warm_ticks=2)
     counted.begin().propose()
     counted.record.inhibit(Reason.of("it failed"))
-    assert counted.registry.why_not_ready("a") == "a is inhibited: it failed"
+    failed = Reason.of("it failed")
+    assert counted.registry.readiness("a") == Readiness(Lack.INHIBITED, failed)
     for count in range(1, 8):
         counted.begin().propose()
         assert (counted.record.inhibited == Reason()) == (0 < readmit_ticks <= count)
-    told = counted.events()
-    assert told.count("controller a is readmitted after good shadow ticks") == int(
-        readmit_ticks > 0
-    )
-    assert "controller a is ready" not in told
+    assert len(counted.facts("recovered")) == int(readmit_ticks > 0)
+    assert counted.facts("ready") == []
 
 
 def test_it_is_told_once_that_a_controller_is_ready():
     counted = Counted(warm_ticks=3)
     for count in range(1, 6):
         counted.begin().propose()
-        assert counted.events().count("controller a is ready") == int(count >= 3)
-        assert (counted.registry.why_not_ready("a") == "") == (count >= 3)
+        assert len(counted.facts("ready")) == int(count >= 3)
+        assert (counted.registry.is_ready("a")) == (count >= 3)
     assert counted.registry.all_ready() == {"a"}
 
 
@@ -410,7 +410,7 @@ def test_a_refusal_is_told_once_and_a_wrong_one_counted(counted):
         counted.propose(force_kn=99.0)
         counted.begin()
     assert counts(counted.record) == {"rejected": 3}
-    assert sum("proposal of a refused" in text for text in counted.events()) == 1
+    assert [fact["force_kn"] for fact in counted.facts("refused")] == [99.0]
     counted.propose(healthy=False, reason=Reason.of("solver failed"))
     assert counts(counted.record) == {"rejected": 3}
     assert counted.record.problem == Reason.of("solver failed")
@@ -427,41 +427,40 @@ def test_candidates_are_checked_again_once_it_is_known_what_is_applied(counted):
     counted.registry.check_again(tick)
     assert tick.candidates["a"].jump
     assert counts(counted.record) == {"rejected": 1}
-    assert "jump by 5.000 kN" in counted.record.problem.detail
+    assert counted.record.problem == Reason(ReasonCode.JUMP, subject="force")
+    assert counted.facts("refused")[-1]["force_kn"] == 85.0
     assert tick.candidates["b"].refusal == Reason.of("not yet")
 
 
 def test_all_are_readmitted_at_once_and_it_is_told_who(counted):
     counted.registry.readmit_all("operator")
-    assert not any("readmitted" in text for text in counted.events())
+    assert counted.facts("readmitted") == []
     counted.record.inhibit(Reason.of("it failed"))
     counted.registry.readmit_all("operator")
     assert counted.record.inhibited == Reason()
-    assert "readmitted by operator: a" in counted.events()
+    assert counted.facts("readmitted") == [{"who": "operator", "controllers": ("a",)}]
 
 
 def test_who_is_readmitted_is_usable_only_after_good_proposals(counted):
     counted.propose()
     counted.record.inhibit(Reason.of("it failed"))
     counted.registry.readmit_all("operator")
-    assert counted.registry.why_not_ready("a") == "a is not usable: it failed"
+    assert counted.registry.readiness("a") == Readiness(Lack.UNUSABLE, Reason.of("it failed"))
     warm_ticks = counted.machine.settings.warm_ticks
     for count in range(1, warm_ticks + 1):
         counted.begin().propose()
-        words = (
-            ""
-            if count == warm_ticks
-            else f"a is not ready: {count} of {warm_ticks} good proposals in a row"
-        )
-        assert counted.registry.why_not_ready("a") == words
+        lacks = Readiness(Lack.WARMING, good=count, required=warm_ticks)
+        expected = Readiness() if count == warm_ticks else lacks
+        assert counted.registry.readiness("a") == expected
 
 
 def test_a_standby_inhibits_exactly_those_that_the_leader_has_inhibited(counted):
     counted.registry.join("b")
     counted.record.inhibit(Reason.of("it failed"))
-    counted.registry.mirror_inhibitions({"b": Reason.of("the leader says so")})
+    theirs = Readiness(Lack.INHIBITED, Reason.of("the leader says so"))
+    counted.registry.mirror_inhibitions({"b": theirs.reason})
     assert counted.record.inhibited == Reason()
-    assert counted.registry.why_not_ready("b") == "b is inhibited: the leader says so"
+    assert counted.registry.readiness("b") == theirs
     for _ in range(2):  # one takes over from the other again and again
         counted.registry.mirror_inhibitions({"b": counted.registry.readiness("b").reason})
-    assert counted.registry.why_not_ready("b") == "b is inhibited: the leader says so"
+    assert counted.registry.readiness("b") == theirs

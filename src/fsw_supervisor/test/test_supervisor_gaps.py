@@ -217,7 +217,9 @@ def test_who_was_active_and_does_not_come_back_is_replaced(feed):
     feed.pause(1.5)
     feed.next(15)
     assert feed.go_on(20) == feed.other
-    assert f"{feed.active} was active before and has no usable proposal" in feed.rig.events()
+    assert feed.rig.facts("mode")[-1]["reason"] == Reason(
+        ReasonCode.ABANDONED, subject=feed.active
+    )
 
 
 def test_a_controller_that_dies_is_replaced_in_the_same_tick_and_with_a_sensor_lost_in_the_next(

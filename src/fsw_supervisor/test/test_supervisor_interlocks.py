@@ -8,6 +8,7 @@ from fsw_control.parameters import defaults, validate
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.schema.errors import InputError
 from fsw_control.severity import Severity
+from fsw_supervisor.facts import Code, Fact
 from fsw_supervisor.in_force import CommandInForce
 from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.safety_monitor import Interlock, SafetyMonitor, interlocks_from
@@ -47,7 +48,7 @@ def last_told(monitor):
     return [
         event
         for event in monitor._machine.events
-        if event.who == "interlock" and "->" not in event.text
+        if event.fact.code in (Code.INTERLOCK, Code.CLEARED)
     ][-1]
 
 
@@ -113,10 +114,11 @@ def test_each_interlock_warns_and_trips_after_three_values_and_it_is_told_with_t
             monitor.watch({quantity: value})
             assert (monitor.active.get(name) is level) == (count == 3)
         event = last_told(monitor)
-        assert event.text == f"{name} is {level.word}: {quantity} {value:.4g}"
+        assert event.fact == Fact.of(
+            Code.INTERLOCK, interlock=name, level=level, quantity=quantity, value=value
+        )
         assert event.level is (Level.WARN if level is WARN else Level.ERROR)
     assert monitor.tripped == (name,)
-    assert monitor._words(monitor.tripped) == f"{name} is trip: {quantity} {trip:.4g}"
 
 
 @pytest.mark.requirement("S2")
@@ -142,7 +144,11 @@ def test_a_warning_is_gone_with_the_first_value_without_it(monitor):
     monitor.watch({"temperature_c": 890.0})
     assert monitor.active == {}
     event = last_told(monitor)
-    assert (event.level, event.text) == (Level.INFO, "temperature_high is ok: temperature_c 890")
+    assert (event.level, event.fact.data["level"], event.fact.data["value"]) == (
+        Level.INFO,
+        OK,
+        890.0,
+    )
 
 
 @pytest.mark.requirement("S26")
@@ -158,8 +164,12 @@ def test_several_causes_are_told_together(monitor):
     for _ in range(3):
         monitor.watch({"temperature_c": 930.0, "depth_mm": 3.8, "torque_nm": NAN})
     assert monitor.tripped == ("temperature_high", "depth_high")
-    words = "temperature_high is trip: temperature_c 930; depth_high is trip: depth_mm 3.8"
-    assert monitor._words(monitor.tripped) == words
+    why = monitor.why_stop()
+    assert why.code is Code.CAUSE_PRESENT
+    assert [(cause.data["interlock"], cause.data["value"]) for cause in why.data["causes"]] == [
+        ("temperature_high", 930.0),
+        ("depth_high", 3.8),
+    ]
 
 
 def judged(monitor, count=1, acting=None, **samples):
@@ -211,11 +221,11 @@ def test_a_sensor_that_becomes_invalid_and_valid_again_is_told_once_each(monitor
     judged(monitor, 4, **GOOD)
     assert (monitor.invalid_sensors, monitor.blind_since_ns) == ((), None)
     told = [
-        (event.level, event.text) for event in monitor._machine.events if event.who == "sensors"
+        (event.level, event.fact) for event in monitor._machine.events if event.who == "sensors"
     ]
     assert told == [
-        (Level.WARN, "sensor thermocouple is invalid: missing"),
-        (Level.INFO, "sensor thermocouple is valid again"),
+        (Level.WARN, Fact.of(Code.SENSOR_INVALID, sensor="thermocouple", flaw="missing")),
+        (Level.INFO, Fact.of(Code.SENSOR_VALID, sensor="thermocouple")),
     ]
 
 
@@ -226,7 +236,7 @@ def test_where_time_goes_back_sensors_are_judged_anew(monitor):
     monitor.stamp_ns = 10**9
     judged(monitor, **(GOOD | {"depth": 1.0}))
     assert monitor.invalid_sensors == ()
-    assert not any(monitor.sensor_reasons.values())
+    assert not any(monitor.sensor_flaws.values())
 
 
 # ---------------------------------------------------------------- what acts

@@ -173,12 +173,12 @@ def test_commands_of_its_own_are_not_foreign(leader):
     leader.failover.on_command(leader.failover.signature, own.stamp_ns, own.source, own.command)
     assert leader.arbiter.watch.foreign_commands == 0
     leader.failover.on_command(Signature(0, "other"), own.stamp_ns, own.source, own.command)
-    assert (leader.arbiter.watch.foreign_commands, leader.events().count("foreign writer")) == (
+    assert (leader.arbiter.watch.foreign_commands, len(leader.facts("foreign_command"))) == (
         1,
         0,
     )
     leader.failover.on_command(Signature(), own.stamp_ns, own.source, own.command)
-    assert (leader.arbiter.watch.foreign_commands, leader.events().count("foreign writer")) == (
+    assert (leader.arbiter.watch.foreign_commands, len(leader.facts("foreign_command"))) == (
         2,
         1,
     )
@@ -189,12 +189,12 @@ def test_the_same_command_of_the_leader_before_does_not_make_the_own_one_foreign
     own = leader.sent[-1]
     for signature in (Signature(0, "other"), leader.failover.signature):
         leader.failover.on_command(signature, own.stamp_ns, own.source, own.command)
-    assert (leader.arbiter.watch.foreign_commands, leader.events().count("foreign writer")) == (
+    assert (leader.arbiter.watch.foreign_commands, len(leader.facts("foreign_command"))) == (
         0,
         0,
     )
     leader.failover.on_command(leader.failover.signature, own.stamp_ns, own.source, own.command)
-    assert leader.events().count("foreign writer") == 1, "repeated, it is another writer's"
+    assert len(leader.facts("foreign_command")) == 1, "repeated, it is another writer's"
 
 
 @pytest.mark.requirement("S9")
@@ -403,7 +403,7 @@ def test_commands_that_do_not_arrive_for_three_ticks_begin_again_from_the_drives
         max(decision.command.force_kn for decision in leader.sent) <= leader.drives.force_kn + 4.0
     )
     assert leader.sent[-1].command.force_kn == leader.drives.force_kn + 1.0
-    assert leader.events().count("taking over at") <= 2, "one message for the ticks in a row"
+    assert len(leader.facts("taking_over")) <= 2, "one message for the ticks in a row"
 
 
 @pytest.mark.requirement("S25")

@@ -12,6 +12,7 @@ from fsw_control.contract import Command, Limits
 from fsw_control.parameters import defaults, validate
 from fsw_control.reason import Reason
 from fsw_control.schema.models import InputError
+from fsw_supervisor.facts import Answer, Code
 from fsw_supervisor.in_force import DriveOffset
 from fsw_supervisor.operator_requests import SwitchRequest
 from fsw_supervisor.parameters import SupervisorParameters
@@ -130,17 +131,18 @@ def test_the_diagram_needs_its_marks(drawing, tmp_path):
 def test_events_that_nobody_takes_do_not_fill_the_memory():
     machine = Machine(ArbiterSettings.from_values({}))
     for count in range(1000):
-        machine.log(Level.INFO, "a", str(count))
-    assert machine.events[-1].text == "999"
+        machine.log(Level.INFO, "a", Code.STALLED, time_s=count)
+    assert machine.events[-1].fact.data == {"time_s": 999}
     assert len(machine.events) == 200
 
 
 def test_only_the_first_answer_to_a_request_counts():
     request, answers = SwitchRequest("a", True, 0.0, 0, "b"), []
-    request.on_done = lambda: answers.append(request.message)
-    request.answer(True, "yes")
-    request.answer(False, "no")
-    assert answers == ["yes"]
+    request.on_done = lambda: answers.append(request.reply)
+    yes = Answer.done(Code.APPLIED, controller="a")
+    request.answer(yes)
+    request.answer(Answer.refused(Code.OTHER_LEADS))
+    assert answers == [yes]
     assert request.ok
 
 

@@ -239,7 +239,7 @@ class ArbiterMachine(RuleBasedStateMachine):
     def ask_switch(self, name, strict, timeout_s):
         """The operator asks for a controller."""
         request = self.arbiter.operator.ask_switch(name, strict, timeout_s, "operator", self.now_s)
-        assert not request.done or request.message
+        assert not request.done or request.reply.fact.words
 
     @rule(
         mode=st.sampled_from(["auto", "auto", "manual", "hold", "safe_stop", "start", ""]),
@@ -250,8 +250,8 @@ class ArbiterMachine(RuleBasedStateMachine):
         wanted = Command(force, 400.0)
         before = self.arbiter.machine.mode
         latched = before is Mode.SAFE_STOP and not self.arbiter.machine.acknowledged
-        ok, message = self.arbiter.operator.ask_mode(mode, wanted, "operator")
-        assert message
+        ok, fact = self.arbiter.operator.ask_mode(mode, wanted, "operator")
+        assert fact.words
         assert not (ok and latched) or mode == "safe_stop"
         if ok and mode == "manual":
             self.manual = wanted
@@ -259,8 +259,8 @@ class ArbiterMachine(RuleBasedStateMachine):
     @rule()
     def acknowledge(self):
         """The operator acknowledges a safe stop."""
-        ok, message = self.arbiter.operator.acknowledge("operator")
-        assert message
+        ok, fact = self.arbiter.operator.acknowledge("operator")
+        assert fact.words
         safety = self.arbiter.safety
         unknown = safety.tripped or safety.invalid_sensors or not safety.judged
         assert ok == (self.arbiter.machine.mode is Mode.SAFE_STOP and not unknown)

@@ -5,8 +5,10 @@ import math
 import pytest
 
 from fsw_control.cause import Cause
+from fsw_control.command_check import Flaw
 from fsw_control.contract import Command
 from fsw_control.reason import Reason, ReasonCode
+from fsw_supervisor.facts import Answer, Code
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
 
@@ -33,15 +35,14 @@ def test_without_a_time_to_wait_the_answer_comes_at_once(rig, timeout_s, ready):
         rig.run(2)
     request = ask(rig, timeout_s=timeout_s)
     assert (request.done, request.ok) == (True, ready)
-    words = "accepted: nmpc is applied from the next tick on"
-    assert request.message == (
-        words if ready else "nmpc is not usable: no proposal at the deadline"
-    )
+    assert request.reply.fact.code == ("accepted" if ready else "not_ready")
+    if not ready:
+        assert request.reply.fact.data["readiness"].reason.code is ReasonCode.NO_PROPOSAL
     assert rig.arbiter.operator.waiting == ready
     assert rig.arbiter.machine.target == ("nmpc" if ready else "decentral")
     rig.run(1)
     assert rig.last.source == ("nmpc" if ready else "decentral")
-    assert rig.events().count("switch to nmpc") == 1
+    assert len(rig.facts("switch_answered")) == 1
 
 
 def test_an_accepted_switch_that_cannot_be_made_is_told_though_it_was_answered(rig):
@@ -51,8 +52,8 @@ def test_an_accepted_switch_that_cannot_be_made_is_told_though_it_was_answered(r
     assert rig.last.source == "decentral"
     assert not rig.arbiter.operator.waiting
     assert rig.arbiter.machine.target == "decentral"
-    assert request.message.startswith("accepted")
-    assert "warn operator: switch to nmpc: nmpc is not usable: gone" in rig.events()
+    assert request.reply.fact.code == "accepted"
+    assert rig.facts("switch_answered")[-1]["answer"].data["readiness"].reason == Reason.of("gone")
 
 
 def test_an_accepted_switch_does_not_time_out_before_the_next_tick(rig):
@@ -69,6 +70,12 @@ def test_a_request_times_out_when_its_time_is_over(rig, after_s):
     request = ask(rig, timeout_s=1.0)
     rig.arbiter.on_time(rig.now_s + after_s)
     assert request.done == (after_s > 1.0)
+
+
+def timed_out(request):
+    """Why it timed out, as a code."""
+    assert (request.reply.ok, request.reply.fact.code) == (False, "timed_out")
+    return request.reply.fact.data["reason"].code
 
 
 def swapping(rig):
@@ -88,13 +95,14 @@ def test_a_swap_that_was_made_in_time_is_not_told_to_be_too_late(rig):
     assert not request.done
     out = rig.arbiter.on_proposal("nmpc", rig.proposal("nmpc"), rig.now_s + 0.03)
     assert [decision.source for decision in out] == ["nmpc"]
-    assert (request.ok, request.message) == (True, "nmpc is applied")
+    assert (request.ok, request.reply.fact.code) == (True, "applied")
 
 
 def test_a_swap_to_a_controller_that_then_fails_is_told_as_such_though_its_time_is_over(rig):
     request = swapping(rig)
     rig.arbiter.on_time(rig.now_s + 0.08)
-    assert request.message == "swapped, but nmpc failed: no proposal at the deadline"
+    assert request.reply.fact.code == "swap_failed"
+    assert request.reply.fact.data["reason"].because.code is ReasonCode.NO_PROPOSAL
 
 
 def test_a_swap_after_which_no_measurement_comes_is_told_as_such(rig):
@@ -106,7 +114,7 @@ def test_a_swap_after_which_no_measurement_comes_is_told_as_such(rig):
     rig.arbiter.on_time(rig.now_s + 0.089)
     assert not request.done
     rig.arbiter.on_time(rig.now_s + 0.091)
-    assert request.message == "timed out: swapped, but nmpc is not applied yet"
+    assert timed_out(request) == "not_applied"
 
 
 @pytest.mark.parametrize("timeout_s", [0.3, 0.5])
@@ -124,7 +132,7 @@ def test_in_lockstep_a_request_waits_so_many_ticks_however_long_they_take(make_r
         rig.tick()
         assert not request.done
     rig.tick()
-    assert request.message.startswith("timed out: nmpc is not usable")
+    assert timed_out(request) == "not_ready"
 
 
 def test_in_lockstep_a_request_ends_when_no_tick_comes_for_long(make_rig):
@@ -135,14 +143,14 @@ def test_in_lockstep_a_request_ends_when_no_tick_comes_for_long(make_rig):
     for after_s, done in ((1.01, False), (2.49, False), (2.51, True)):
         rig.arbiter.on_time(rig.now_s + after_s)
         assert request.done == done
-    assert request.message == "timed out: no measurement has arrived for the swap"
+    assert timed_out(request) == "no_measurement_yet"
 
 
 def test_to_ask_for_the_active_one_takes_back_what_was_asked_before(waiting):
     rig, request = waiting
     again = ask(rig, "decentral")
-    assert (again.ok, again.message) == (True, "decentral is active already")
-    assert (request.ok, request.message) == (False, "superseded by a request for decentral")
+    assert again.reply == Answer.done(Code.ACTIVE_ALREADY, controller="decentral")
+    assert request.reply == Answer.refused(Code.SUPERSEDED, controller="decentral")
     assert rig.arbiter.machine.target == "decentral"
     assert not rig.arbiter.operator.waiting
     rig.silent.clear()
@@ -151,12 +159,13 @@ def test_to_ask_for_the_active_one_takes_back_what_was_asked_before(waiting):
 
 
 def test_without_any_controller_it_is_told_that_none_is_known(make_rig):
-    assert ask(make_rig()).message == "unknown controller 'nmpc'; known: none"
+    answer = ask(make_rig()).reply
+    assert answer == Answer.refused(Code.UNKNOWN_CONTROLLER, controller="nmpc", known=())
 
 
 def test_manual_without_values_is_refused(rig):
-    words = "not finite: force nan kN, speed nan rpm"
-    assert rig.arbiter.operator.ask_mode("manual", None, "operator") == (False, words)
+    ok, why = rig.arbiter.operator.ask_mode("manual", None, "operator")
+    assert (ok, why.code, why.data["refusal"].flaw) == (False, "bad_values", Flaw.NOT_FINITE)
 
 
 def test_an_unknown_name_ends_no_request_that_is_waiting(waiting):
@@ -176,7 +185,7 @@ def test_a_fallback_swap_to_the_controller_that_is_waited_for_answers_the_reques
     rig.run(1)
     assert rig.last.source == "nmpc"
     assert request.ok
-    assert request.message == "nmpc is applied"
+    assert request.reply.fact.code == "applied"
 
 
 def test_a_failure_of_the_active_one_does_not_end_a_request_for_another(rig):
@@ -198,7 +207,7 @@ def test_a_request_is_refused_when_the_mode_has_changed_by_itself(waiting):
     rig.silent.add("decentral")
     rig.run(2)
     assert rig.last.source == "hold"
-    assert (request.done, request.message) == (True, "the mode has become hold")
+    assert request.reply == Answer.refused(Code.MODE_CHANGED, mode="hold")
     assert not rig.arbiter.operator.waiting
 
 
@@ -212,11 +221,12 @@ def test_a_strict_request_is_refused_at_the_tick_at_which_the_controller_is_not_
 @pytest.mark.parametrize("interval_s", [0.3, 0.6])
 def test_swaps_of_the_operator_keep_the_interval_that_is_set(make_rig, interval_s):
     rig = make_rig(ArbiterSettings.from_values({"switch_interval_s": interval_s})).run(10)
-    assert ask(rig).message == ""
+    assert not ask(rig).done
     rig.run(1)
     for elapsed in range(round(interval_s / 0.1)):
         refused = ask(rig, "decentral", strict=True)
-        assert refused.message == f"the last swap was only {elapsed / 10:.1f} s ago"
+        assert refused.reply.fact.code == "too_soon"
+        assert refused.reply.fact.data["elapsed_s"] == pytest.approx(elapsed / 10)
         assert ask(rig, "nmpc").ok, "no swap is needed for the active one"
         rig.run(1)
     assert not ask(rig, "decentral", strict=True).done
@@ -234,10 +244,11 @@ def test_a_switch_outside_auto_needs_no_interval(rig):
 
 def test_a_refused_mode_is_told_in_the_log_with_the_reason(rig):
     rig.arbiter.operator.ask_mode("full_speed" * 10, None, "someone")
-    assert f"warn someone: mode {('full_speed' * 10)[:40]}: unknown mode" in rig.events()
+    (fact,) = rig.facts("mode_refused")
+    assert (fact["mode"], fact["answer"].code) == (("full_speed" * 10)[:40], "unknown_mode")
     rig.arbiter.machine.events.clear()
     rig.arbiter.operator.ask_mode("hold", None, "someone")
-    assert "mode hold:" not in rig.events()
+    assert rig.facts("mode_refused") == []
 
 
 def test_auto_while_in_auto_goes_on_with_the_active_one_and_readmits_the_others(rig):
@@ -246,11 +257,13 @@ def test_auto_while_in_auto_goes_on_with_the_active_one_and_readmits_the_others(
     rig.silent.clear()
     rig.run(8)
     assert rig.last.source == "nmpc"
-    assert rig.arbiter.operator.ask_mode("auto", None, "operator") == (True, "auto already")
+    assert rig.arbiter.operator.ask_mode("auto", None, "operator") == Answer.done(
+        Code.MODE_ALREADY, mode="auto"
+    )
     rig.run(2)
     assert rig.last.source == "nmpc"
     assert rig.arbiter.registry.get("decentral").inhibited == Reason()
-    assert "readmitted by operator: decentral" in rig.events()
+    assert rig.facts("readmitted")[-1]["controllers"] == ("decentral",)
 
 
 def test_a_switch_that_is_waited_for_goes_on_when_auto_is_asked_for_again(waiting):
@@ -269,7 +282,9 @@ def test_manual_values_may_be_changed_while_in_manual(rig):
     assert desk.ask_mode("manual", Command(200.0, 407.5), "operator")[0] is False
     rig.run(1)
     assert rig.last.command == Command(79.0, 407.5), "what was refused changes nothing"
-    assert desk.ask_mode("manual", Command(78.5, 408.0), "operator") == (True, "manual already")
+    assert desk.ask_mode("manual", Command(78.5, 408.0), "operator") == Answer.done(
+        Code.MODE_ALREADY, mode="manual"
+    )
     rig.run(1)
     assert (rig.last.source, rig.last.command) == ("manual", Command(78.5, 408.0))
 
@@ -289,20 +304,19 @@ def test_auto_takes_the_first_of_the_fallbacks_that_is_ready(rig):
     rig.arbiter.operator.ask_mode("hold", None, "operator")
     rig.silent.add("decentral")
     rig.run(2)
-    assert rig.arbiter.operator.ask_mode("auto", None, "operator") == (
-        True,
-        "auto from the next command on, with nmpc",
+    assert rig.arbiter.operator.ask_mode("auto", None, "operator") == Answer.done(
+        Code.AUTO_NEXT, controller="nmpc"
     )
 
 
 @pytest.mark.requirement("S25")
 def test_an_acknowledgement_is_answered_and_logged_once(rig):
     desk, machine = rig.arbiter.operator, rig.arbiter.machine
-    assert desk.acknowledge("anna") == (False, "there is no safe stop to acknowledge")
+    assert desk.acknowledge("anna") == Answer.refused(Code.NO_STOP)
     desk.ask_mode("safe_stop", None, "operator")
     for _ in range(2):
-        assert desk.acknowledge("anna") == (True, "acknowledged; now request a mode")
-    assert rig.events().count("anna has acknowledged the safe stop") == 1
+        assert desk.acknowledge("anna") == Answer.done(Code.ACKNOWLEDGED)
+    assert rig.facts("stop_acknowledged") == [{"who": "anna"}]
     revision = machine.revision
     machine.renew()
     assert machine.revision > revision, "the operator sees that it is void"
@@ -313,6 +327,6 @@ def test_an_acknowledgement_is_answered_and_logged_once(rig):
 def test_an_acknowledgement_that_is_refused_is_logged_with_the_cause(rig):
     rig.values["thermocouple"] = 930.0
     rig.run(10)
-    ok, message = rig.arbiter.operator.acknowledge("anna")
+    ok, why = rig.arbiter.operator.acknowledge("anna")
     assert not ok
-    assert f"warn anna: acknowledge: {message}" in rig.events()
+    assert rig.facts("acknowledge_refused") == [{"answer": why}]

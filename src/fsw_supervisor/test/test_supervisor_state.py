@@ -6,6 +6,7 @@ from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.stop import Stop
+from fsw_supervisor.facts import Code, Fact
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import (
     TRANSITIONS,
@@ -71,12 +72,20 @@ def test_a_transition_is_told_with_who_why_when_and_the_controller(machine):
         4200,
     )
     assert (machine.transitions, machine.ticks_in_mode) == (1, 0)
-    assert machine.events[-1] == Event(Level.INFO, "start", "start -> auto (nmpc): it is ready")
+    fact = Fact.of(
+        Code.MODE_WITH,
+        reason=Reason.of("it is ready"),
+        before="start",
+        mode="auto",
+        controller="nmpc",
+    )
+    assert machine.events[-1] == Event(Level.INFO, "start", fact)
     assert machine.revision == 1
     ticks(machine, 3)
     machine.fire(Cause.INTERLOCK_TRIP, Reason.of("too hot"), "interlock", "nmpc")
     assert (machine.mode, machine.active, machine.slewing) == (Mode.SAFE_STOP, "", 0)
-    assert machine.events[-1] == Event(Level.ERROR, "interlock", "auto -> safe_stop: too hot")
+    fact = Fact.of(Code.MODE, reason=Reason.of("too hot"), before="auto", mode="safe_stop")
+    assert machine.events[-1] == Event(Level.ERROR, "interlock", fact)
     assert (machine.transitions, machine.ticks_in_mode) == (2, 0)
     assert ticks(machine, 4).ticks_in_mode == 4
 
@@ -125,7 +134,8 @@ def test_swaps_that_nobody_asked_for_make_a_storm_within_the_window(machine):
     for name, cause in (("b", asked), ("a", asked), ("b", failed)):
         machine.swap(name, cause, Reason.of("why"), "who")
         assert (machine.active, machine.slewing, machine.storming()) == (name, 7, False)
-    assert machine.events[-1] == Event(Level.INFO, "who", "a -> b: why")
+    fact = Fact.of(Code.SWAP, reason=Reason.of("why"), before="a", controller="b")
+    assert machine.events[-1] == Event(Level.INFO, "who", fact)
     ticks(machine, 5)
     machine.swap("a", failed, Reason.of("why"), "who")
     assert machine.storming()
@@ -233,11 +243,11 @@ def test_a_standby_that_leads_tells_so_and_slews(machine):
         )
     )
     machine.mirror("nmpc")
-    machine.lead("3 ticks went unanswered")
+    machine.lead(3)
     assert (machine.slewing, machine.cause, machine.who) == (7, Cause.SWAP_REQUESTED, "anna")
     assert machine.reason.code is ReasonCode.REQUESTED, "a takeover changes who leads, not why"
     assert machine.events[-1].who == "takeover"
-    assert machine.events[-1].text == "leads in auto: 3 ticks went unanswered"
+    assert machine.events[-1].fact == Fact.of(Code.LEADS, mode="auto", ticks=3)
 
 
 def test_takeovers_again_and_again_leave_the_reason_as_it_is(machine):
@@ -245,10 +255,10 @@ def test_takeovers_again_and_again_leave_the_reason_as_it_is(machine):
     for _ in range(3):
         machine.mirror_standing(told)
         machine.mirror("hold")
-        machine.lead("3 ticks went unanswered")
+        machine.lead(3)
         assert (machine.cause, machine.reason) == (told.cause, told.reason)
     machine.mirror("nmpc")
-    machine.lead("2 ticks went unanswered")
+    machine.lead(2)
     assert (machine.cause, machine.reason) == (Cause.UNKNOWN, Reason()), (
         "the leader died before it told why"
     )

@@ -147,7 +147,7 @@ class _Arbiter:
     def __init__(self) -> None:
         self.machine = Machine(SETTINGS)
         self.safety = SimpleNamespace(
-            readmit=lambda who: None, tripped=False, why_stop=lambda acknowledged=False: ""
+            readmit=lambda who: None, tripped=False, why_stop=lambda acknowledged=False: None
         )
         self.registry = SimpleNamespace(get=lambda name: None)
         self.ticks = SimpleNamespace(
@@ -177,10 +177,10 @@ class _Arbiter:
     ) -> None:
         self.on_source(source)
 
-    def lead(self, reason: str) -> list[Decision]:
+    def lead(self, unanswered: int = 0) -> list[Decision]:
         return [Decision(0, HOME, "")]
 
-    def step_down(self, reason: str) -> None:
+    def step_down(self) -> None:
         pass
 
 

@@ -464,7 +464,7 @@ class Rules:
         """Whether there is a cause; a value that is not valid cannot say that it is gone, only that it is there."""
         value = TEMPERATURES_C[cell.temperature]
         ticks = self._covered_ticks(cell.now_s) if measured else 0
-        known = measured and not cell.arbiter.safety.sensor_reasons["thermocouple"]
+        known = measured and not cell.arbiter.safety.sensor_flaws["thermocouple"]
         beyond = (
             value is not None
             and isfinite(value)

@@ -1,0 +1,172 @@
+"""The rules that a weld is judged by, as facts: what must hold, what was found, and the one table of their words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+from typing import Annotated, Any
+
+from pydantic import Field, Strict
+
+from fsw_analysis.rule_book import SWAPS, Bounds
+from fsw_control.schema.models import Many, Model
+
+
+class Verdict(StrEnum):
+    """What becomes of the weld, the best first."""
+
+    ACCEPT = "accept"
+    REVIEW = "review"
+    REJECT = "reject"
+
+
+_ORDER = list(Verdict)
+
+
+class FactCode(StrEnum):
+    """What a rule found, with its text for people, which names the fields."""
+
+    words: str
+
+    def __new__(cls, value: str, words: str) -> FactCode:
+        """Create a code with its text."""
+        code = str.__new__(cls, value)
+        code._value_, code.words = value, words
+        return code
+
+    NOT_ON_RECORD = "not_on_record", "not on record"
+    RULES = "rules", "{count} rules"
+    # complete
+    ENDED = "ended", "the weld was {state}"
+    NO_END = "no_end", "the end of the weld is not on record"
+    NO_PHASE = (
+        "no_phase",
+        "no phase of the procedure took place; phases on record: {phases}",
+    )
+    PHASES = "phases", "phases on record: {phases}"
+    BEGINS = "begins", "{phase} begins at {angle_deg:.1f} instead of {from_deg:g} deg"
+    REACHES = "reaches", "{phase} reaches {angle_deg:.1f} of {to_deg:g} deg"
+    LASTS = "lasts", "{phase} lasts {time_s:.1f} of {duration_s:g} s"
+    # recording
+    PROBLEM = "problem", "{problem}"
+    LOST_UNKNOWN = "lost_unknown", "whether messages were lost is not on record"
+    LOST = "lost", "{count} messages lost"
+    GAPS = "gaps", "{count} gaps, longest {longest_s:.1f} s"
+    # limits
+    OUTSIDE = "outside", "{often}, {time_s:.1f} s, {share:.2%}, longest {longest_s:.1f} s"
+    LENGTH = "length", "over {length_mm:.1f} mm"
+    BEYOND = "beyond", "by up to {beyond:.4g}"
+    MISSING = "missing", "{count} samples missing"
+    # equipment
+    WELDED_BY = "welded_by", "{procedure} revision {revision}, SHA-256 {sha256:.12}…"
+    UNUSABLE = "unusable", "{count} {flaw}"
+    DAY_UNKNOWN = "day_unknown", "the day of the weld is not known (simulated time)"
+    WELDED_ON = "welded_on", "welded on {day}"
+    COMMANDED = "commanded", "{controller} {time_s:.1f} s"
+    NO_COMMAND = "no_command", "not on record {time_s:.1f} s"
+    TUNING = "tuning", "{sha256:.12}…"
+    NAME = "name", "{name}"
+    USED = "used", "{used_mm:.0f} mm with this weld"
+    USE_UNKNOWN = "use_unknown", "use before this weld is not on record"
+    # course of the weld
+    HELD = "held", "{often}, {time_s:.1f} s"
+    SWAPS = "swaps", "{count} swaps, {unwanted} not on request"
+    CAUSE_UNKNOWN = "cause_unknown", "{count} of a cause that is not on record"
+    IN_MODE = "in_mode", "{mode} {time_s:.1f} s"
+    MODE_UNKNOWN = "mode_unknown", "not on record at {ticks} ticks"
+    TRIPPED = "tripped", "interlock {interlock}, {state}"
+
+
+#: by name of a rule, what must hold, and what is said where nothing was found
+_WORDS = {
+    "all": ("every rule is kept", ""),
+    "complete": ("{programme}", "all"),
+    "recording": ("bag intact, without gaps", "intact"),
+    "procedure": ("welded by {procedure} revision {revision}, SHA-256 {sha256:.12}…", ""),
+    "sensor": ("{subject} on record and usable{due}", "yes"),
+    "controller": ("commands of {controllers} only", ""),
+    "tuning": ("{subject}: parameters {sha256:.12}…", ""),
+    "tool": ("tool {id}", ""),
+    "machine": ("{id}", ""),
+    "tool_life": ("tool used for at most {life_mm:g} mm", ""),
+    "hold": ("programme held for at most {limit_s:g} s", "never"),
+    "swaps": ("{permitted}", ""),
+    "mode": ("auto throughout", "yes"),
+    "interlocks": ("no trip", "none"),
+    "essential": ("{limit}", "always inside"),
+    "quality": ("{limit}", "always inside"),
+    "set-point": ("{limit}", "always inside"),
+}
+
+
+class Fact(Model):
+    """What a rule found: a code with its fields."""
+
+    code: Annotated[FactCode, Strict(False)]
+    data: dict[str, Any] = Field(default_factory=dict)
+
+    @classmethod
+    def of(cls, code: FactCode, **data: Any) -> Fact:
+        """Return the fact with these fields."""
+        return cls(code=code, data=data)
+
+    @property
+    def words(self) -> str:
+        """The fact in words."""
+        return self.code.words.format_map(_plain(self.data))
+
+
+class Rule(Model):
+    """A rule, what it found in this weld, and what follows from it alone."""
+
+    name: str
+    subject: str = ""
+    """what it is on: a variable, a sensor, a controller; empty where there is one only"""
+    data: dict[str, Any] = Field(default_factory=dict)
+    """what must hold: limits, names, hashes"""
+    facts: Many[Fact] = ()
+    """what was found"""
+    verdict: Annotated[Verdict, Strict(False)]
+
+    @property
+    def words(self) -> str:
+        """What must hold, in words."""
+        data = _plain(self.data) | _derived(self.name, self.data)
+        return _WORDS[self.name][0].format_map(data | {"subject": self.subject})
+
+    @property
+    def figure(self) -> str:
+        """What was found, in words."""
+        return "; ".join(fact.words for fact in self.facts) or _WORDS[self.name][1]
+
+
+def decide(rules: Sequence[Rule]) -> Rule:
+    """The first of the rules with the worst verdict; of an accepted weld, that all rules are kept."""
+    deciding = max(rules, key=lambda rule: _ORDER.index(rule.verdict))
+    if deciding.verdict is not Verdict.ACCEPT:
+        return deciding
+    count = Fact.of(FactCode.RULES, count=len(rules))
+    return Rule(name="all", facts=(count,), verdict=Verdict.ACCEPT)
+
+
+def _derived(name: str, data: Mapping[str, Any]) -> dict[str, str]:
+    """Parts of the words that depend on what is given."""
+    if name == "complete":
+        phases = ", ".join(data["phases"])
+        return {"programme": f"phases {phases}" if phases else "the programme"}
+    if name == "sensor":
+        due = data.get("calibration_due")
+        return {"due": f", calibrated until {due}" if due else ""}
+    if name == "swaps":
+        return {"permitted": SWAPS[data["on_request"]]}
+    return {"limit": Bounds(**data).words} if "variable" in data else {}
+
+
+def _plain(data: Mapping[str, Any]) -> dict[str, Any]:
+    plain = {
+        key: (", ".join(item) or "none") if isinstance(item, list) else item
+        for key, item in data.items()
+    }
+    if "times" in data:
+        plain["often"] = "once" if data["times"] == 1 else f"{data['times']} times"
+    return plain
