@@ -24,7 +24,6 @@ from controller_comparison.report import margin_rows
 from controller_comparison.study import KPIS, TOLERANCE, VARIATIONS
 from fsw_analysis.figure_style import colours_of, sheet
 from fsw_analysis.kpi_table import ROWS
-from fsw_analysis.markdown import table
 from fsw_analysis.report import templates
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_model import nominal as nominal_parameters
@@ -259,54 +258,55 @@ def worst_plant(rounds: Sequence[Sequence[Mapping[str, Any]]]) -> dict[str, floa
     }
 
 
-def page(data: Mapping[str, Any]) -> str:
-    """The page of the study."""
+def content(data: Mapping[str, Any]) -> dict[str, Any]:
+    """What the page shows, from the numbers of a run: its figures, and all tables by name."""
     plants = ran(data["random"])
     noise = {key: scatter(data["noise"], key) for key in figures(plants)}
-    swings = {
-        column: sum(bool(runs[column].get("swings")) for runs in plants) for column in COLUMNS
+    late = [(row[ADAPTIVE]["iae_c_s"], row[FIXED]["iae_c_s"]) for row in data["late"]]
+    inside, welds = data["inside"]
+    lost_figures = sum(lost(plants, FIXED, key) for key in noise)
+    return {
+        "plants": len(plants),
+        "compared": len(plants) * len(noise),
+        "lost": lost_figures,
+        "lost_percent": round(100.0 * lost_figures / (len(plants) * len(noise)), 1),
+        "lost_beyond_noise": sum(lost(plants, FIXED, key, noise[key]) for key in noise),
+        "lost_by_chance_percent": round(100.0 * by_chance(data["noise"], noise), 1),
+        "campaign": {"welds": welds, "inside_percent": round(100.0 * inside / welds, 1)},
+        "swings": {
+            column: sum(bool(runs[column].get("swings")) for runs in plants) for column in COLUMNS
+        },
+        "late": {
+            "processes": len(late),
+            "worse": sum(own > TOLERATED * fixed for own, fixed in late),
+        },
+        "worst": {name: round(value, 2) for name, value in worst_plant(data["search"]).items()},
+        "tables": {
+            "random plants, at or below decentral:tight": shares(plants, [TIGHT]),
+            "random plants, all figures": all_figures(plants),
+            "random plants, over no adaptation": against(plants, FIXED, noise),
+            "dead times": late_rows(data["late"]),
+            "search for harm": found_rows(data["search"]),
+            "speed at its bound": saturation(data["saturated"]),
+            "ramps, sines and jumps": drift_rows(data["drifts"]),
+            "margins": margin_rows(data["margins"]),
+            "model's own process": events(data["nominal"]),
+            "at rest": at_rest(data["nominal"]),
+        },
     }
-    tables = {
-        "tight": shares(plants, [TIGHT]),
-        "adapting": against(plants, FIXED, noise),
-        "saturated": saturation(data["saturated"]),
-        "events": events(data["nominal"]),
-        "rest": at_rest(data["nominal"]),
-        "all": all_figures(plants),
-        "drifts": drift_rows(data["drifts"]),
-        "margins": margin_rows(data["margins"]),
-        "late": late_rows(data["late"]),
-        "search": found_rows(data["search"]),
-    }
-    texts = {name: table(rows).replace(" | ", "|") for name, rows in tables.items()}
+
+
+def page(content: Mapping[str, Any]) -> str:
+    """The page of the study."""
     return (
         templates(Path(__file__).parent)
         .get_template("adaptive.md.j2")
         .render(
-            texts,
-            plants=len(plants),
+            content,
             seed=SEED,
-            inside=data["inside"],
-            swings=swings,
             adaptive=ADAPTIVE,
             tolerated=TOLERATED,
-            lost=sum(lost(plants, FIXED, key) for key in figures(plants)),
-            beyond=sum(lost(plants, FIXED, key, noise[key]) for key in figures(plants)),
-            beyond_noise=BEYOND_NOISE,
-            noise=dict(
-                plants=NOISY_PLANTS,
-                seeds=len(NOISE_SEEDS),
-                by_chance=100.0 * by_chance(data["noise"], noise),
-            ),
-            lost_share=100.0 * np.mean([lost(plants, FIXED, key) for key in noise]) / len(plants),
-            compared=len(plants) * len(figures(plants)),
-            of_dead_times=len(data["late"]),
-            worse_late=sum(
-                one[ADAPTIVE]["iae_c_s"] > TOLERATED * one[FIXED]["iae_c_s"]
-                for one in data["late"]
-            ),
-            steady=STEADY_C,
-            worst=worst_plant(data["search"]),
+            noise_runs={"plants": NOISY_PLANTS, "seeds": len(NOISE_SEEDS)},
         )
     )
 
