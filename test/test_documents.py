@@ -401,9 +401,10 @@ def test_rows_of_the_results_are_copied_and_a_missing_one_is_reported(
 ) -> None:
     monkeypatch.syspath_prepend(WORKSPACE / "scripts")
     build_docs = load("build_docs")
-    mark, end = "<!-- rows of campaign.md, Ratios: IAE depth -->", "<!-- rows: end -->"
+    heading = "Welds inside the limits: nmpc:default"
+    mark, end = f"<!-- rows of campaign.md, {heading} -->", "<!-- rows: end -->"
     page = build_docs.with_rows(f"before\n{mark}\nold\n{end}\nafter\n")
-    row = next(line for line in page.splitlines() if line.startswith("| IAE depth |"))
+    row = next(line for line in page.splitlines() if line.startswith("| nmpc:default |"))
     assert row in (WORKSPACE / "docs/results/campaign.md").read_text(encoding="utf-8").splitlines()
     assert (
         "old" not in page
@@ -411,7 +412,7 @@ def test_rows_of_the_results_are_copied_and_a_missing_one_is_reported(
     )
     assert build_docs.with_rows(page) == page
     with pytest.raises(SystemExit, match="no such row"):
-        build_docs.with_rows(page.replace("IAE depth -->", "IAE depth; no such row -->"))
+        build_docs.with_rows(page.replace("nmpc:default -->", "nmpc:default; no such row -->"))
 
 
 @pytest.mark.full
