@@ -29,12 +29,12 @@ FIGURES = {
     "moved_rpm": ("movement of the speed [rpm/min]", 60.0, ".0f"),
     "fastest_s": ("time at the drives' highest speed [% of the phase]", 100.0, ".1f"),
 }
-#: of the joint line at a drive's limit: a canister that asks for more than the drive gives
+#: time at a drive's limit from which a canister needs more than the drive gives [s]
 _LONG_S = 60.0
 #: error of the depth over the joint line, RMS, of a loop that oscillates for good; the others have
 #: a few µm (chosen)
 _OSCILLATES_MM = 0.02
-#: the milder limit on the time outside, that of the campaign for the temperature
+#: the campaign's limit on the time outside, for the second row [s]
 _LONGER_S = 30.0
 #: minutes of the weld in the table of the copper's properties
 _COPPER_MIN = (5.0, 10.0, 20.0, 40.0)
@@ -45,29 +45,31 @@ _PER_TIME = ("moved_kn", "moved_rpm", "fastest_s")
 
 
 def summary(rows: Sequence[Row]) -> dict[str, Any]:
-    """Of rows of welds: how many, and by phase and controller the share inside the limits and the figures.
+    """Number of welds, and by phase and controller the share inside the limits and the figures.
 
     Controllers that have welded nothing are left out.
     """
-    controllers = [one for one in CONTROLLERS if any(row["controller"] == one for row in rows)]
-    found: dict[str, Any] = {
+    controllers = [
+        label for label in CONTROLLERS if any(row["controller"] == label for row in rows)
+    ]
+    verdict: dict[str, Any] = {
         "welds": {},
         "stopped": {},
         "phases": {},
         "saturated": _saturated(rows),
     }
     line = [row for row in rows if row["phase"] == "joint_line"]
-    found["oscillating"] = {
+    verdict["oscillating"] = {
         controller: [1e3 * row["depth_sigma_mm"] for row in line if _oscillates(row, controller)]
         for controller in controllers
     }
-    found["software"] = sorted({row["software"] for row in rows if "software" in row})
+    verdict["software"] = sorted({row["software"] for row in rows if "software" in row})
     bad = [row["phase"] for row in rows if row["phase"] and not row["good"]]
-    found["bad"] = {
+    verdict["bad"] = {
         "all": len(bad),
         "long": sum(phase in LONG_PHASES for phase in bad),
     }
-    found["astray"] = {
+    verdict["astray"] = {
         controller: [
             row["temperature_peak_c"]
             for row in rows
@@ -75,7 +77,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
         ]
         for controller in controllers
     }
-    found["best"] = _best(rows)
+    verdict["best"] = _best(rows)
     for controller in controllers:
         own = [row for row in rows if row["controller"] == controller]
         stopped = [row for row in own if "stopped" in row]
@@ -86,8 +88,8 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
             )
             for name, at_most_s in (("good", AT_MOST_S), ("nearly", _LONGER_S))
         }
-        found["welds"][controller] = {"welds": len(indices), **good}
-        found["stopped"][controller] = len(stopped)
+        verdict["welds"][controller] = {"welds": len(indices), **good}
+        verdict["stopped"][controller] = len(stopped)
         for phase in PHASES:
             of_phase = [row for row in own if row["phase"] == phase]
             if not of_phase:
@@ -96,7 +98,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
             figures = {
                 name: np.array([row[name] for row in of_phase]) for name in (*FIGURES, "power_kw")
             }
-            found["phases"].setdefault(phase, {})[controller] = {
+            verdict["phases"].setdefault(phase, {})[controller] = {
                 "share_good": float(np.mean([row["good"] for row in of_phase])),
                 **{
                     name: float(
@@ -105,11 +107,11 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
                     for name, values in figures.items()
                 },
             }
-    return found
+    return verdict
 
 
 def _oscillates(row: Row, controller: str) -> bool:
-    """Whether the loop oscillates; where the drives are at their limit, the depth is off for another reason."""
+    """Whether the loop oscillates; at the drives' limits the depth is off for another reason."""
     free = row["fastest_s"] <= _LONG_S
     return bool(
         row["controller"] == controller and free and row["depth_sigma_mm"] > _OSCILLATES_MM
@@ -117,7 +119,7 @@ def _oscillates(row: Row, controller: str) -> bool:
 
 
 def _best(rows: Sequence[Row]) -> dict[str, float]:
-    """Of the canisters that all but the slow ``nmpc:paper`` have welded, on how many each is best.
+    """Share of canisters, welded by all but the slow ``nmpc:paper``, on which each is best.
 
     By the error of the temperature, RMS over the whole weld.
     """
@@ -134,30 +136,33 @@ def _best(rows: Sequence[Row]) -> dict[str, float]:
 
 
 def _saturated(rows: Sequence[Row]) -> dict[int, dict[str, Any]]:
-    """Canisters on whose joint line every controller is at the highest speed for long, and what each does there."""
-    found: dict[int, dict[str, Any]] = {}
+    """Canisters on whose joint line every controller saturates the speed for long; their rows."""
+    by_canister: dict[int, dict[str, Any]] = {}
     for row in rows:
         if row["phase"] == "joint_line":
-            found.setdefault(row["index"], {})[row["controller"]] = row
+            by_canister.setdefault(row["index"], {})[row["controller"]] = row
     return {
         index: of
-        for index, of in sorted(found.items())
-        if all(one["fastest_s"] > _LONG_S for one in of.values())
+        for index, of in sorted(by_canister.items())
+        if all(joint_line["fastest_s"] > _LONG_S for joint_line in of.values())
     }
 
 
 def shares(verdict: Mapping[str, Any]) -> list[list[str]]:
     """Share of welds inside the limits, by phase and for the whole weld."""
     names = list(verdict["welds"])
-    rows = [["phase", *(f"`{one}`" for one in names)]]
+    rows = [["phase", *(f"`{name}`" for name in names)]]
     for phase, of in verdict["phases"].items():
         rows.append(
             [phase, *(f"{100 * of[c]['share_good']:.0f} %" if c in of else "-" for c in names)]
         )
     welds = verdict["welds"].values()
-    rows.append(["**all phases**", *(_counted(one["good"], one["welds"]) for one in welds)])
+    rows.append(["**all phases**", *(_counted(count["good"], count["welds"]) for count in welds)])
     rows.append(
-        [f"all, with {_LONGER_S:g} s", *(_counted(one["nearly"], one["welds"]) for one in welds)]
+        [
+            f"all, with {_LONGER_S:g} s",
+            *(_counted(count["nearly"], count["welds"]) for count in welds),
+        ]
     )
     best = verdict["best"]
     rows.append(
@@ -180,7 +185,7 @@ def _counted(good: int, welds: int) -> str:
 def figures(verdict: Mapping[str, Any], phase: str) -> list[list[str]]:
     """The figures of a phase."""
     names = list(verdict["welds"])
-    rows = [[phase.replace("_", " "), *(f"`{one}`" for one in names)]]
+    rows = [[phase.replace("_", " "), *(f"`{label}`" for label in names)]]
     of = verdict["phases"][phase]
     for name, (words, factor, style) in FIGURES.items():
         rows.append(
@@ -194,17 +199,17 @@ def best_of(verdict: Mapping[str, Any], name: str, controller: str) -> str:
     return ", ".join(
         phase.replace("_", " ")
         for phase, of in verdict["phases"].items()
-        if controller in of and of[controller][name] == min(one[name] for one in of.values())
+        if controller in of and of[controller][name] == min(other[name] for other in of.values())
     )
 
 
 def against(
     verdict: Mapping[str, Any], phase: str, name: str, controller: str = CONTROLLERS[0]
 ) -> str:
-    """A figure of a controller as shares of those of the PI tunings, in words."""
+    """Ratios of a controller's figure to those of the PI tunings, as text."""
     of = verdict["phases"][phase]
     shares = sorted(
-        of[controller][name] / of[one][name] for one in PI if one in of and of[one][name]
+        of[controller][name] / of[rival][name] for rival in PI if rival in of and of[rival][name]
     )
     return (
         " to ".join(f"{100.0 * share:.0f} %" for share in (shares[0], shares[-1]))
@@ -214,7 +219,7 @@ def against(
 
 
 def beyond(saturated: Mapping[int, Mapping[str, Row]]) -> list[list[str]]:
-    """What the controllers do on the joint line of canisters that ask for more than the drives give."""
+    """Controllers on the joint line of canisters that need more than the drives give."""
     rows = [
         [
             "canister, controller",
@@ -224,7 +229,7 @@ def beyond(saturated: Mapping[int, Mapping[str, Row]]) -> list[list[str]]:
         ]
     ]
     for index, of in list(saturated.items())[:_SHOWN]:
-        for name in (one for one in CONTROLLERS if one in of):
+        for name in (label for label in CONTROLLERS if label in of):
             row = of[name]
             numbers = (row["fastest_s"] / 60.0, row["temperature_sigma_c"], row["depth_peak_mm"])
             rows.append(
@@ -236,19 +241,20 @@ def beyond(saturated: Mapping[int, Mapping[str, Row]]) -> list[list[str]]:
     return rows
 
 
-def identified(found: Mapping[str, Any]) -> list[list[str]]:
+def identified(estimates: Mapping[str, Any]) -> list[list[str]]:
     """The thermal coefficients with intervals of 95 %, beside the paper's."""
     names = ("gain [°C/kW]", "copper's lag [s]", "tool's lag [s]", "dead time [s]")
     rows = [
         ["`identify` on", *names],
         ["paper (16)", *(f"{getattr(nominal(), name):g}" for name in THERMAL)],
     ]
-    for words, of in found.items():
+    for words, estimate in estimates.items():
         rows.append(
             [
                 words,
                 *(
-                    f"{of[name][0]:.2f}" + (f" ± {1.96 * of[name][1]:.2f}" if of[name][1] else "")
+                    f"{estimate[name][0]:.2f}"
+                    + (f" ± {1.96 * estimate[name][1]:.2f}" if estimate[name][1] else "")
                     for name in THERMAL
                 ),
             ]
@@ -256,27 +262,27 @@ def identified(found: Mapping[str, Any]) -> list[list[str]]:
     return rows
 
 
-def responses(found: Mapping[str, Any]) -> list[list[str]]:
+def responses(steps: Mapping[str, Any]) -> list[list[str]]:
     """Step responses at some times."""
     rows = [["rise after 1 kW more [°C]", *(f"{t:g} s" for t in STEP_TIMES_S)]]
     return rows + [
         [name, *(f"{of['rise_c'][f'{t:g}']:.2f}" for t in STEP_TIMES_S)]
-        for name, of in found.items()
+        for name, of in steps.items()
     ]
 
 
-def compacts(found: Sequence[Mapping[str, Any]]) -> list[list[str]]:
-    """Largest difference of the plant's model from the decoupled one, by number of states and traverse speed."""
-    rows = [["states (tolerance)", *(f"{speed} mm/min [°C]" for speed in found[0]["largest_c"])]]
-    for one in found:
-        words = f"{one['states']} ({one['tolerance_k']:g} K)"
-        rows.append([words, *(f"{value:.2f}" for value in one["largest_c"].values())])
+def compacts(models: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """Largest error of the reduced model, by number of states and traverse speed."""
+    rows = [["states (tolerance)", *(f"{speed} mm/min [°C]" for speed in models[0]["largest_c"])]]
+    for model in models:
+        words = f"{model['states']} ({model['tolerance_k']:g} K)"
+        rows.append([words, *(f"{value:.2f}" for value in model["largest_c"].values())])
     return rows
 
 
-def coppers(found: Mapping[str, Any]) -> list[list[str]]:
-    """The stir zone with copper as it is, and what the two linear models are off by, at some moments."""
-    time_s, phase = np.array(found["at_s"]), np.array(found["phase"])
+def coppers(copper: Mapping[str, Any]) -> list[list[str]]:
+    """Stir zone with nonlinear copper, and errors of both linear models, at some moments."""
+    time_s, phase = np.array(copper["at_s"]), np.array(copper["phase"])
     moments = [
         (f"end of the {name.replace('_', ' ')}", np.flatnonzero(phase == name)[-1])
         for name in ("dwell", "downward")
@@ -287,7 +293,7 @@ def coppers(found: Mapping[str, Any]) -> list[list[str]]:
         if 60.0 * m <= time_s[-1]
     ]
     real, *linear = (
-        np.array(found["stir_zone_c"][name]) for name in ("real", "kirchhoff", "constant")
+        np.array(copper["stir_zone_c"][name]) for name in ("real", "kirchhoff", "constant")
     )
     rows = [["stir zone [°C]", *(words for words, _ in moments)]]
     rows.append(["k(T), c(T), radiation as it is", *(f"{real[at]:.0f}" for _, at in moments)])
@@ -298,10 +304,10 @@ def coppers(found: Mapping[str, Any]) -> list[list[str]]:
     return rows
 
 
-def worst_copper(found: Mapping[str, Any], model: str, phase: str) -> list[float]:
+def worst_copper(copper: Mapping[str, Any], model: str, phase: str) -> list[float]:
     """Lowest and highest error of a linear model in a phase."""
-    inside = np.array(found["phase"]) == phase
-    wrong = np.subtract(found["stir_zone_c"][model], found["stir_zone_c"]["real"])[inside]
+    inside = np.array(copper["phase"]) == phase
+    wrong = np.subtract(copper["stir_zone_c"][model], copper["stir_zone_c"]["real"])[inside]
     return [float(wrong.min()), float(wrong.max())]
 
 
@@ -320,7 +326,7 @@ def powers(weld: Mapping[str, Any]) -> list[list[str]]:
 
 
 def summary_rows(verdict: Mapping[str, Any]) -> list[list[str]]:
-    """The answer: welds inside all limits, and errors where heat changes fastest and over most of the weld."""
+    """Welds inside all limits; errors where heat changes fastest and over most of the weld."""
     header, *of_phases = shares(verdict)
     rows = [header, *of_phases[-3:]]
     for phase in ("downward", "joint_line"):
@@ -332,7 +338,7 @@ def summary_rows(verdict: Mapping[str, Any]) -> list[list[str]]:
 
 
 def verdict_content(verdict: Mapping[str, Any]) -> dict[str, Any]:
-    """What the page of the verdict shows, and all tables by name."""
+    """Content of the page of the verdict: figures, and all tables by name."""
     phases = verdict["phases"]
     long = [of["temperature_sigma_c"] for name in LONG_PHASES for of in phases[name].values()]
     own = CONTROLLERS[0]
@@ -373,7 +379,7 @@ def verdict_content(verdict: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def plant_content(validation: Mapping[str, Any], copper: Mapping[str, Any]) -> dict[str, Any]:
-    """What the page of the plant shows, and all tables by name."""
+    """Content of the page of the plant: figures, and all tables by name."""
     gain, lag_s = validation["steps"]["lid"]["lags"]["120"]
     reduced, weld = validation["reduced"], validation["weld"]
     named = ("states", "element_mm", "modes", "largest_c", "rms_c", "fine_states", "from_fine_c")
@@ -415,7 +421,7 @@ def page(name: str, content: Mapping[str, Any]) -> str:
 
 
 def write(data: Mapping[str, Any], folder: Path) -> list[Path]:
-    """The page of the plant where it was validated, and that of the verdict where canisters were welded.
+    """Write the page of the plant if it was validated, and of the verdict if there are welds.
 
     Each with its figure and its tables.
     """
