@@ -38,7 +38,9 @@ from report import Figures, parser, save, show
 
 from fsw.progress import ProgressBar
 from fsw_analysis.markdown import table
+from fsw_analysis.report import numbers as in_lines
 from fsw_control.free_domain import free_domain
+from fsw_test_support.results_page import publish
 
 #: a trial without recovery by then has failed [s]
 PATIENCE_S = 60.0
@@ -46,9 +48,10 @@ PATIENCE_S = 60.0
 SHORTEST_S, LONGEST_S = 0.2, 4.0
 
 RESULT = Path(__file__).resolve().parent.parent / "docs" / "results" / "random-faults.md"
-#: below it the page is written by --publish
-MARK = "<!-- results -->"
-TITLES = {"plant": "With the emulated plant", "machine": "At the emulated machine"}
+#: what --publish writes: each kind of fault and part, and a part of the page
+TABLES = RESULT.with_name("random-faults_tables.json")
+MARK = "results"
+TITLES = {"plant": "emulated plant", "machine": "emulated machine"}
 
 Row = dict[str, Any]
 
@@ -128,54 +131,84 @@ def run(
     }
 
 
-def fault_table(rows: list[Row]) -> str:
-    """One line per kind of fault and part, as Markdown."""
+def by_fault(rows: list[Row]) -> list[Row]:
+    """One row per kind of fault and part."""
+    faults = []
+    for fault in sorted({row["fault"] for row in rows}):
+        trials = [row for row in rows if row["fault"] == fault]
+        times = sorted(row["recovery_s"] for row in trials if row["recovered"])
+        lost = sorted(row["ticks_without_command"] for row in trials)
+        largest = ("longest_gap_s", "command_moves", "acting_moves")
+        faults.append(
+            {
+                "fault": fault,
+                "trials": len(trials),
+                "recovered": len(times),
+                "recovery_median_s": times[len(times) // 2] if times else None,
+                "recovery_largest_s": times[-1] if times else None,
+                "ticks_without_command_median": lost[len(lost) // 2],
+                "ticks_without_command_largest": lost[-1],
+                **{key: max(row[key] for row in trials) for key in largest},
+                "safe_stops": sum(row["safe_stops"] for row in trials),
+            }
+        )
+    return faults
+
+
+def summary(faults: dict[str, list[Row]]) -> str:
+    """The worst of each kind of fault in each graph, as Markdown."""
     columns = (
+        "graph",
         "fault",
         "trials",
         "recovered",
-        "recovery, median and largest [s]",
-        "ticks without command, median and largest",
+        "longest recovery [s]",
+        "most ticks without a command",
         "longest time without a tick [s]",
         "largest distance of a command from the actual values [moves]",
-        "largest change of the actual values [moves]",
         "safe stops",
     )
     cells: list[tuple[object, ...]] = [columns]
-    for fault in sorted({row["fault"] for row in rows}):
-        some = [row for row in rows if row["fault"] == fault]
-        times = sorted(row["recovery_s"] for row in some if row["recovered"])
-        lost = sorted(row["ticks_without_command"] for row in some)
-        recovery = f"{times[len(times) // 2]:.1f}, {times[-1]:.1f}" if times else "–"
-        gap_s = max(row["longest_gap_s"] for row in some)
-        moves = [
-            f"{max(row[key] for row in some):.2f}" for key in ("command_moves", "acting_moves")
-        ]
-        ticks = f"{lost[len(lost) // 2]}, {lost[-1]}"
-        safe_stops = sum(row["safe_stops"] for row in some)
-        cells.append(
-            (fault, len(some), len(times), recovery, ticks, f"{gap_s:.1f}", *moves, safe_stops)
-        )
-    return table(cells)
+    for graph, title in TITLES.items():
+        of_kind: dict[str, list[Row]] = {}
+        for row in faults[graph]:
+            of_kind.setdefault(row["fault"].split()[0], []).append(row)
+        for kind, rows in of_kind.items():
+            times = [row["recovery_largest_s"] for row in rows if row["recovered"]]
+            cells.append(
+                (
+                    title,
+                    kind,
+                    *(sum(row[key] for row in rows) for key in ("trials", "recovered")),
+                    f"{max(times):.1f}" if times else "–",
+                    max(row["ticks_without_command_largest"] for row in rows),
+                    f"{max(row['longest_gap_s'] for row in rows):.1f}",
+                    f"{max(row['command_moves'] for row in rows):.2f}",
+                    sum(row["safe_stops"] for row in rows),
+                )
+            )
+    return table(cells, words=2)
 
 
-def result(results: dict[str, tuple[list[Row], Row]], figures: Figures) -> str:
-    """The result as Markdown."""
-    lines = []
-    for name, (rows, bags) in sorted(results.items(), reverse=True):
-        numbers = {
-            key: figures[f"{name}_{key}"]
-            for key in ("without_recovery", "ticks", "ticks_without_command")
-        }
-        total = f"{len(rows)} trials, {numbers['without_recovery']} without recovery. "
-        total += (
-            f"Ticks: {numbers['ticks']}, without a command {numbers['ticks_without_command']}. "
-        )
-        total += f"Bags: {bags['bags']}, readable {bags['bags_readable']}."
-        if "largest_move_taken" in bags:
-            total += f" Largest move of the set-points that the machine accepted: {bags['largest_move_taken']:.2f}."
-        lines += [f"## {TITLES[name]}", "", total, "", fault_table(rows), ""]
-    return "\n".join(lines)
+def result(faults: dict[str, list[Row]], figures: Figures) -> str:
+    """The result as Markdown, what was lost first."""
+    rows = [row for of in faults.values() for row in of]
+    slowest = max(rows, key=lambda row: row["recovery_largest_s"] or 0.0)
+    lost = max(rows, key=lambda row: int(row["ticks_without_command_largest"]))
+    count = {key: sum(row[key] for row in rows) for key in ("trials", "recovered", "safe_stops")}
+    sums = {
+        key: sum(int(figures[f"{graph}_{key}"] or 0) for graph in TITLES)
+        for key in ("ticks", "ticks_without_command", "bags", "bags_readable")
+    }
+    return f"""**What is lost.** {count["trials"] - count["recovered"]} of {count["trials"]} trials did not recover.
+{sums["ticks_without_command"]} of {sums["ticks"]} ticks had no command of a controller; most in one trial, \
+{lost["ticks_without_command_largest"]}, after `{lost["fault"]}`. The longest recovery
+was {slowest["recovery_largest_s"]:.1f} s, after `{slowest["fault"]}`; there were {count["safe_stops"]} safe stops. \
+Of {sums["bags"]} bags {sums["bags_readable"]} are readable. The largest move of the
+set-points that the machine accepted was {figures["machine_largest_move_taken"]:.2f}.
+
+{summary(faults)}
+"""
 
 
 def figures_of(name: str, rows: list[Row], bags: Row) -> Figures:
@@ -240,11 +273,12 @@ def main() -> int:
         for name, (rows, bags) in results.items()
         for key, value in figures_of(name, rows, bags).items()
     }
-    text = result(results, figures)
+    faults = {name: by_fault(rows) for name, (rows, _) in results.items()}
+    text = result(faults, figures)
     print(text)
     if arguments.publish:
-        before, mark, _ = RESULT.read_text(encoding="utf-8").partition(f"{MARK}\n")
-        RESULT.write_text(f"{before}{mark}\n{text}", encoding="utf-8")
+        publish(RESULT.name, MARK, text)
+        TABLES.write_text(in_lines(faults), encoding="utf-8")
     show(figures)
     save({**figures, "rows": {name: rows for name, (rows, _) in results.items()}}, arguments.json)
     return int(

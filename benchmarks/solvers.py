@@ -23,7 +23,7 @@ if __name__ == "__main__":
 
 from matplotlib.figure import Figure
 
-from fsw_analysis.report import templates
+from fsw_analysis.report import numbers, templates
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "solvers.md"
 NAMES = {
@@ -48,6 +48,8 @@ NAMES = {
         "do_mpc": "do-mpc",
     },
 }
+#: time over this project's that others should have at least
+_AIM = 2.0
 #: of a whole run of the benchmarks
 ALL_PROBLEMS = 20
 #: what a figure on a logarithmic scale shows of a cost that is the best (chosen)
@@ -101,16 +103,38 @@ def nlp_rows(figures: dict[str, Any]) -> list[Row]:
     return sorted(rows, key=lambda row: row.ratio or float("inf"))
 
 
-def faster(rows: list[Row]) -> list[str]:
-    """Names of the solvers that took less time than this project's."""
-    return [row.name for row in rows if row.ratio is not None and row.ratio < 1.0]
+def lost(tables: dict[str, list[Row]]) -> list[str]:
+    """Problems in which a solver takes less than twice the time of this project's, and the solvers."""
+    close = {
+        title: [row for row in rows if row.ratio is not None and row.ratio < _AIM]
+        for title, rows in tables.items()
+    }
+    return [
+        f"{title}: {', '.join(f'{row.name} ({row.ratio:.2g})' for row in rows)}"
+        for title, of in close.items()
+        if (rows := [row for row in of if row.name != NAMES["own"]])
+    ]
 
 
-def missed(rows: list[Row]) -> bool:
-    """Whether a solver takes less than twice the time of this project's."""
-    return any(
-        row.ratio is not None and row.ratio < 2.0 for row in rows if row.name != NAMES["own"]
-    )
+def combined(tables: dict[str, list[Row]]) -> list[list[str]]:
+    """Time of each solver over this project's by problem, the most problems solved and the fastest first."""
+
+    def cell(row: Row | None) -> str:
+        if row is None:
+            return ""
+        return number(row.ratio) if row.ratio is not None else f"{row.unsolved} not solved"
+
+    by_name = {
+        name: [next((row for row in rows if row.name == name), None) for rows in tables.values()]
+        for name in dict.fromkeys(row.name for rows in tables.values() for row in rows)
+    }
+    return [["solver", *tables], *([name, *map(cell, rows)] for name, rows in by_name.items())]
+
+
+def page(tables: dict[str, list[Row]], figures: dict[str, Any]) -> str:
+    """The page, from the rows by problem and the figures of the benchmarks that it names."""
+    template = templates(Path(__file__).parent).get_template("solvers.md.j2")
+    return template.render(figures, lost=lost(tables), rows=combined(tables))
 
 
 def draw(tables: dict[str, list[Row]], file: Path) -> None:
@@ -154,17 +178,24 @@ def main() -> int:
     parsed = arguments.parse_args()
     qp, nlp = (json.loads(file.read_text(encoding="utf-8")) for file in (parsed.qp, parsed.nlp))
     tables = {
-        "QP of a tick, preset default": qp_rows(qp, "default"),
-        "QP of a tick, preset paper": qp_rows(qp, "paper"),
-        "nonlinear problem, cold": nlp_rows(nlp),
+        "QP, preset default": qp_rows(qp, "default"),
+        "QP, preset paper": qp_rows(qp, "paper"),
+        "nonlinear": nlp_rows(nlp),
     }
     draw(tables, parsed.page.with_suffix(".png"))
-    environment = templates(Path(__file__).parent)
-    environment.filters["number"] = number
-    quick = " --quick" if qp["paper_problems"] < ALL_PROBLEMS else ""
-    page = environment.get_template("solvers.md.j2")
-    text = page.render(tables=tables, faster=faster, missed=missed, qp=qp, nlp=nlp, quick=quick)
-    parsed.page.write_text(text, encoding="utf-8")
+    figures = {
+        "default_problems": qp["default_problems"],
+        "paper_problems": qp["paper_problems"],
+        "nonlinear_problems": nlp["ratio_problems"],
+        "active": number(qp["default_active"]),
+        "iterations": number(qp["default_iterations"]),
+        "quick": " --quick" if qp["paper_problems"] < ALL_PROBLEMS else "",
+    }
+    rows = {title: [row._asdict() for row in of] for title, of in tables.items()}
+    parsed.page.with_name(f"{parsed.page.stem}_tables.json").write_text(
+        numbers({**figures, "tables": rows}), encoding="utf-8"
+    )
+    parsed.page.write_text(page(tables, figures), encoding="utf-8")
     return 0
 
 

@@ -1,4 +1,4 @@
-"""The report on a campaign: one HTML file with its figures in it, or two Markdown pages and their figures."""
+"""The report on a campaign: one HTML file with all, or a short Markdown page with its tables beside it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from markdown_it import MarkdownIt
 from numpy.typing import NDArray
 
 from fsw_analysis.kpi_table import ROWS
-from fsw_analysis.report import templates, wilson
+from fsw_analysis.report import numbers, templates, wilson
 from fsw_campaign import figures, quality
 from fsw_campaign.dataset import load
 from fsw_campaign.definition import Bounds, Limit
@@ -24,6 +24,8 @@ from fsw_campaign.welds import DIVERGED, ERROR, OK
 from fsw_control.schema.models import InputError
 
 _TEMPLATES = templates("fsw_campaign")
+_MOST_PERCENT = 50.0
+_INSIDE = ["", "finished", "diverged", "error", "inside", "share [%]", "95 % Wilson interval [%]"]
 
 
 def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
@@ -34,8 +36,8 @@ def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
     folder : Path
         Folder of the campaign, which may still be running.
     target : Path
-        File to write; ends in ``.html`` or ``.md``. Markdown has its worst welds on a second page,
-        ``<stem>_worst.md``.
+        File to write; ends in ``.html`` (everything in one file) or ``.md`` (the answer, with all
+        tables in ``<stem>_tables.json`` and the worst welds in ``<stem>_worst.md``).
     limits : Path, optional
         File of further limits, see :mod:`fsw_campaign.quality`; the shipped ones by default.
 
@@ -53,26 +55,30 @@ def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
             f"{folder} has no weld yet that all controllers have finished; continue with --resume"
         )
     requirements = quality.read(limits, results.columns)
-    drawn = {
-        "outside": figures.times_outside(results),
-        "ratios": figures.ratios(results),
-        "parameters": figures.sensitivities(results),
-    }
+    whole = target.suffix == ".html"
+    drawn = {"ratios": figures.ratios(results)}
+    if whole:
+        drawn["outside"] = figures.times_outside(results)
+        drawn["parameters"] = figures.sensitivities(results)
     images = {
         f"{target.stem}_{name}.png": image for name, image in drawn.items() if image is not None
     }
     content = _content(results, requirements) | {
         "stem": target.stem,
         "figures": {name for name, image in drawn.items() if image is not None},
-        "worst_page": "" if target.suffix == ".html" else f"{target.stem}_worst.md",
+        "worst_page": "" if whole else f"{target.stem}_worst.md",
     }
-    text, worst = _rendered("report.md.j2", content), _rendered("worst.md.j2", content)
+    text = _rendered("report.md.j2" if whole else "page.md.j2", content)
+    worst = _rendered("worst.md.j2", content)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        if target.suffix == ".html":
+        if whole:
             text = _html(f"Campaign {results.campaign.name}", f"{text}\n{worst}", images)
         else:
             target.with_name(content["worst_page"]).write_text(worst, encoding="utf-8")
+            target.with_name(f"{target.stem}_tables.json").write_text(
+                numbers(content["tables"]), encoding="utf-8"
+            )
             for name, image in images.items():
                 target.with_name(name).write_bytes(image)
         target.write_text(text, encoding="utf-8")
@@ -97,24 +103,32 @@ def _html(title: str, markdown: str, images: dict[str, bytes]) -> str:
 
 def _content(results: Results, requirements: Sequence[Requirement]) -> dict[str, Any]:
     """Values for the template."""
-    worst = results.worst()
+    worst, labels = results.worst(), results.labels
+    distributions = [
+        (path, _words(drawn)) for path, drawn in results.campaign.distributions.items()
+    ]
+    inside, merit, ratios = _inside(results), _figures_of_merit(results), _ratios(results)
+    one_by_one = _one_by_one(results, requirements)
     return {
+        "tables": {
+            "distributions": [["parameter", "distribution"], *distributions],
+            "welds inside the limits": [_INSIDE, *inside],
+            "limits one by one": [["limit", *labels], *one_by_one],
+            "figures of merit": [["", *labels], *merit],
+            "ratios": [["", *labels[1:]], *ratios],
+        },
+        "losses": _losses(results),
         "campaign": results.campaign,
-        "labels": results.labels,
+        "labels": labels,
         "best": _best(results),
         "complete": results.complete.size,
         "begun": np.unique(results.table["index"].to_numpy()).size,
-        "distributions": [
-            (path, _words(one)) for path, one in results.campaign.distributions.items()
-        ],
+        "distributions": distributions,
         "versions": list(
             zip(*np.unique(results.texts("versions"), return_counts=True), strict=True)
         ),
         "limits": [_limit(signal, one) for signal, one in results.campaign.limits.items()],
-        "inside": _inside(results),
-        "one_by_one": _one_by_one(results, requirements),
-        "figures_of_merit": _figures_of_merit(results),
-        "ratios": _ratios(results),
+        "one_by_one": one_by_one,
         "chance": results.chance,
         "main": [ROWS[key] for key in MAIN],
         "main_headers": [f"{ROWS[key][0]} [{ROWS[key][1]}]" for key in MAIN],
@@ -239,6 +253,20 @@ def _figures_of_merit(results: Results) -> list[list[str]]:
             )
         rows.append([f"{meaning} [{unit}]" if unit else meaning, *cells])
     return rows
+
+
+def _losses(results: Results) -> list[tuple[str, str, float]]:
+    """Figures in which another controller is better than the first on most plants, and on how many percent."""
+    losses = []
+    for key in results.figures:
+        if ROWS[key][1] in ("", "%"):  # counts and shares
+            continue
+        for label in results.labels[1:]:
+            values = results.ratio(key, label)
+            percent = 100.0 * float(np.mean(values < 1.0)) if values.size else 0.0
+            if percent > _MOST_PERCENT:
+                losses.append((ROWS[key][0], label, percent))
+    return losses
 
 
 def _ratios(results: Results) -> list[list[str]]:

@@ -23,6 +23,19 @@ _CLOCKS = (200, 480, 1000)
 _CYCLES = (1, 3)
 #: limit on the solver's iterations that the documentation recommends for slow processors
 _LOW_CAP = 12
+#: clock of the page's times [MHz]
+_CLOCK = 480
+_TICK_MS = 100.0
+_HEADER = [
+    "controller",
+    "processor",
+    "difference from x86-64",
+    "memory [KiB]",
+    "code and constants [KiB]",
+    f"largest measured tick [ms, {_CLOCK} MHz]",
+    f"worst tick [ms, {_CLOCK} MHz]",
+    "largest `max_iterations` in time",
+]
 
 
 def published(name: str, target: str) -> dict[str, Any] | None:
@@ -35,10 +48,59 @@ def published(name: str, target: str) -> dict[str, Any] | None:
 
 def results_page(measured: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
     """The page of measured figures, by export and target as ``benchmarks/targets.py`` measures them."""
-    exports = {
-        _TITLES[name]: list(map(_derived, targets.values())) for name, targets in measured.items()
-    }
-    return render("targets.md", exports=exports)
+    targets = [(_TITLES[name], of) for name, by in measured.items() for of in by.values()]
+    counted = [(title, of) for title, of in targets if "instructions_max" in of]
+    others = [of for _, of in targets if "instructions_max" not in of]
+    return render(
+        "targets.md",
+        rows=[_HEADER, *([title, of["title"], *_figures(of)] for title, of in counted)],
+        late=sum(_longest_ms(of, _default_limit()) > _TICK_MS for _, of in counted),
+        others=sorted({of["title"] for of in others}),
+        others_differ=max((of["largest_difference"] for of in others), default=0.0),
+        limit=_default_limit(),
+        clock=_CLOCK,
+        cycles=_CYCLES,
+    )
+
+
+def _figures(measured: Mapping[str, Any]) -> list[str]:
+    """Cells of a row of the page."""
+    memory_kib = (measured["state_bytes"] + measured["stack_bytes"]) / 1024
+    cap = _largest_limit(measured, _CLOCK) if "iterations_max" in measured else "-"
+    return [
+        f"{measured['largest_difference']:.3g}",
+        f"{memory_kib:.1f}",
+        f"{measured['flash_bytes'] / 1024:.1f}",
+        _short(_milliseconds(measured["instructions_max"], _CLOCK)),
+        _short(_longest_ms(measured, _default_limit())),
+        f"{cap}",
+    ]
+
+
+def _default_limit() -> int:
+    return int(defaults(NmpcParameters)["max_iterations"])
+
+
+def _milliseconds(instructions: float, clock_mhz: int) -> float:
+    """Longest time of so many instructions."""
+    return instructions * _CYCLES[-1] / clock_mhz / 1e3
+
+
+def _longest_ms(measured: Mapping[str, Any], cap: int) -> float:
+    """Time of the worst tick: with an iterative solver that of its limit, else the largest measured."""
+    iterative = "iterations_max" in measured
+    return _milliseconds(
+        _worst(measured, cap) if iterative else measured["instructions_max"], _CLOCK
+    )
+
+
+def _largest_limit(measured: Mapping[str, Any], clock_mhz: int) -> int:
+    """Largest limit on the iterations with which the worst tick is in time; 0 if there is none."""
+    limits = range(1, 201)
+    in_time = (
+        cap for cap in limits if _milliseconds(_worst(measured, cap), clock_mhz) <= _TICK_MS
+    )
+    return max(in_time, default=0)
 
 
 def _derived(measured: Mapping[str, Any]) -> dict[str, Any]:
@@ -51,13 +113,9 @@ def _derived(measured: Mapping[str, Any]) -> dict[str, Any]:
             "largest": measured["instructions_max"],
         }
     if "iterations_max" in measured:
-        for cap in (_LOW_CAP, defaults(NmpcParameters)["max_iterations"]):
+        for cap in (_LOW_CAP, _default_limit()):
             counts[f"estimated worst case with `max_iterations` {cap}"] = _worst(measured, cap)
-        for clock in _CLOCKS:
-            budget = 0.1 * clock * 1e6 / _CYCLES[-1]
-            caps[clock] = max(
-                (cap for cap in range(1, 201) if _worst(measured, cap) <= budget), default=0
-            )
+        caps = {clock: _largest_limit(measured, clock) for clock in _CLOCKS}
     ticks = [
         (
             title,

@@ -159,7 +159,6 @@ def identify(
     steady : bool
         Assume constant disturbances, without drifts and shifts, so that slow effects are
         attributed to the process.
-        process's.
 
     Raises
     ------
@@ -172,9 +171,8 @@ def identify(
         nonlocal iterations
         iterations += 1
         if progress is not None:
-            progress(
-                1.0 - np.exp(-iterations / 30.0)
-            )  # the number of iterations is not known in advance
+            # the number of iterations is not known in advance
+            progress(1.0 - np.exp(-iterations / 30.0))
 
     try:
         return _identify(segments, start or ModelParameters(), count, steady)
@@ -196,6 +194,8 @@ def _identify(
     first.settle()
     free = _select(first, kept, _LARGEST_AT_START)
     best = _best_start(start, segments, free, first.noise, count, steady)
+    # A wrong noise model biases the residuals from which the right one is read, hence more than
+    # one look; the richer sensor model stays only if the evidence is better.
     for _ in range(0 if steady else _LOOKS):
         sensors = _sensors(best)
         if sensors == (best.coloured, best.lag_s):
@@ -205,6 +205,8 @@ def _identify(
             _best_start(start, segments, free, first.noise, count, False, sensors),
             key=evidence,
         )
+    # At the solution the deviations may be larger than expected at the start: what the data do not
+    # determine goes back to its nominal value, and the others are estimated without it.
     while (left := _select(best, kept, LARGEST_DEVIATION)) != best.free:
         nominal = {name: getattr(start, name) for name in best.free if name not in left}
         best.parameters, best.free = best.parameters.changed(**nominal), left
@@ -250,6 +252,8 @@ def _best_start(
             solved = _solve_twice(scaled, segments, free, count, sensors)
         if best is None or evidence(solved) < evidence(best):
             best = solved
+        # Noise between neighbouring samples is a lower bound that no model can beat; residuals
+        # close to it leave nothing for another start to find.
         alone = _innovation(noise, solved.autocorrelation)
         share = np.concatenate([disturbed_windows(one, alone) for one in solved.whitened]).mean(
             axis=0
@@ -309,6 +313,8 @@ def _solve(
     problem.coloured, problem.lag_s = sensors
     problem.lagged = problem.lag_s > 0.0
     solve(problem, count)
+    # Walks keep their starting size until the shifts are known: a larger walk would follow a
+    # jump and hide it.
     problem.free = free
     solve(problem, count)
     if problem.coloured and problem.autocorrelation.max() < _COLOURED:
@@ -368,6 +374,8 @@ def _innovation(noise: FloatArray, autocorrelation: FloatArray) -> FloatArray:
 
 def _sensor_noise(segments: Sequence[Segment]) -> FloatArray:
     """Noise of the sensors from the differences of neighbouring samples."""
+    # Within a tick the process hardly moves, so a difference is that of two noise samples
+    # (variance doubled). The median (0.6745 of sigma for a normal distribution) ignores jumps.
     differences = np.concatenate([np.diff(segment.measured, axis=0) for segment in segments])
     spread = np.nanmedian(np.abs(differences), axis=0) / 0.6745 / np.sqrt(2.0)
     return np.asarray(np.maximum(np.nan_to_num(spread), NOISE_FLOOR))
@@ -472,6 +480,8 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str], rejected: boo
     # never smaller than by the model: residuals of a short weld underestimate it by chance
     wider = np.sqrt(np.maximum(1.0, robust / np.diag(covariance)))
     covariance *= np.outer(wider, wider)
+    # errors of the free parameters also move the doubtful part of the temperature, and through it
+    # the depth: the estimate's reaction to its own error, to first order
     with_doubt = np.eye(len(covariance)) - covariance @ _by_doubt(wide)
     covariance = with_doubt @ covariance @ with_doubt.T
     covariance += _by_kept(wide, [name for name in kept if name not in STRUCTURAL], covariance)

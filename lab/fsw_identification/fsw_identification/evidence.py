@@ -70,6 +70,8 @@ def take_likely_colour(problem: Problem, parts: Sequence[Part]) -> None:
     for output in range(len(OUTPUTS)):
         of_output = [part for part in parts if part.output == output]
 
+        # A change of the correlation changes the whitening, and with it the noise and all columns
+        # of the output: the compressed parts have to be made again for each trial.
         def take(log_s: float, output: int = output, of_output: list[Part] = of_output) -> float:
             problem.autocorrelation[output] = autocorrelation_of(np.exp(log_s))
             problem.take_noise(output)

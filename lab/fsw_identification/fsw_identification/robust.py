@@ -44,6 +44,8 @@ def long_run_covariance(problem: Problem) -> FloatArray:
 
 def _long_run(scores: FloatArray) -> FloatArray:
     """(n, any): sum of lagged products with Bartlett weights, as sums over a moving window."""
+    # The sum over all windows of (window sum) (window sum)' counts a pair at distance d in
+    # window - d windows: exactly Bartlett's weights, without a loop over the lags.
     padded = np.pad(scores, ((_WINDOW_TICKS, _WINDOW_TICKS - 1), (0, 0)))
     sums = np.cumsum(padded, axis=0)
     moving = sums[_WINDOW_TICKS:] - sums[:-_WINDOW_TICKS]

@@ -46,6 +46,8 @@ def solve(
         progress()
         problem.settle()
         problem.estimate_noise(reject)
+        # Variable projection (Golub and Pereyra 1973): initial states, walks and shifts are linear
+        # and eliminated exactly, so the iteration moves the nonlinear parameters alone.
         before, problem.parts, _ = problem.profile(problem.parameters)
         parts, settled = problem.linearised(problem.parameters, True), True
         if problem.coloured:
@@ -59,6 +61,8 @@ def solve(
         if not problem.fixed_walk:
             earlier, problem.walk = problem.walk, likely_walk(problem, parts)
             settled &= bool((np.abs(np.log(problem.walk / earlier)) < _WALK_SETTLED).all())
+        # The cost before the move counts with the new noise and walks, else the comparison with
+        # the cost after it would reward their change.
         if problem.coloured or not problem.fixed_walk:
             before, problem.parts, _ = problem.profile(problem.parameters)
         damping, size = _descend(problem, problem.eliminate(parts, True)[0], before, damping)

@@ -1,6 +1,7 @@
 """The command of campaigns: what is wrong is one line; a weld is run again; reports."""
 
 import json
+import re
 
 import pytest
 import yaml
@@ -108,11 +109,15 @@ def test_reports(folder, tmp_path, capsys):
     assert main(["campaign", "report", str(folder), "--out", str(page)]) == 0
     assert "median IAE" in page.read_text()
     figures = {path.name for path in tmp_path.glob("*.png")}
-    assert figures == {"page_outside.png", "page_parameters.png", "page_ratios.png"}
+    assert figures == {"page_ratios.png"}
     assert all(f"]({name})" in page.read_text() for name in figures)
+    tables = json.loads((tmp_path / "page_tables.json").read_text(encoding="utf-8"))
+    assert {len(rows[0]) for rows in tables.values()} == {2, 3, 7}
     capsys.readouterr()
     report.write(folder, tmp_path / "again.md")
-    assert (tmp_path / "again.md").read_text() == page.read_text().replace("page_", "again_")
+    assert (tmp_path / "again.md").read_text() == re.sub(
+        r"\bpage(?=_|\.md)", "again", page.read_text()
+    )
 
 
 def test_limits_of_a_report_are_data(folder, tmp_path, capsys):
@@ -122,8 +127,9 @@ def test_limits_of_a_report_are_data(folder, tmp_path, capsys):
     assert (
         main(["campaign", "report", str(folder), "--out", str(page), "--limits", str(limits)]) == 0
     )
-    (row,) = [line for line in page.read_text().splitlines() if "hardly any error" in line]
-    assert row.count("| 0.0 [0.0, ") == 2
+    tables = json.loads((tmp_path / "page_tables.json").read_text(encoding="utf-8"))
+    (row,) = [row for row in tables["limits one by one"] if row[0] == "hardly any error"]
+    assert [cell.startswith("0.0 [0.0, ") for cell in row[1:]] == [True, True]
     capsys.readouterr()
     for text, words in (
         ("- words: a\n  limits: {colour: {max: 1.0}}", "limits.yaml: colour is not a figure"),

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from adaptive_nmpc import report, search, study
+from fsw_analysis.report import numbers as in_lines
 from fsw_campaign.software import versions
 
 #: random plants between two writings of the numbers
@@ -45,9 +46,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         json.loads(numbers.read_text(encoding="utf-8")) if numbers.exists() else {}
     )
     if not parsed.page:
-        if (
-            parsed.fresh or data.get("software") != versions()
-        ):  # rows of another version of the software do not count
+        # rows of another version of the software do not count
+        if parsed.fresh or data.get("software") != versions():
             data = {"software": versions(), "random": {}}
         parts: dict[str, Callable[[], Any]] = {
             **{
@@ -67,12 +67,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if name not in data:
                 data[name] = part()
                 numbers.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
-        while (
-            first := len(data["random"])
-        ) < parsed.plants:  # kept by and by: a run that is ended goes on there
+        # kept in parts, so that an interrupted run can be continued
+        while (first := len(data["random"])) < parsed.plants:
             data["random"] |= study.random_plants(first, min(first + _AT_ONCE, parsed.plants))
             numbers.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
     report.draw(welds, folder / "adaptive_priority.png")
-    (folder / "adaptive.md").write_text(report.page(data), encoding="utf-8")
+    content = report.content(data)
+    (folder / "adaptive_tables.json").write_text(in_lines(content), encoding="utf-8")
+    (folder / "adaptive.md").write_text(report.page(content), encoding="utf-8")
     print(folder / "adaptive.md")
     return 0

@@ -24,14 +24,13 @@ from controller_comparison.report import margin_rows
 from controller_comparison.study import KPIS, TOLERANCE, VARIATIONS
 from fsw_analysis.figure_style import colours_of, sheet
 from fsw_analysis.kpi_table import ROWS
-from fsw_analysis.markdown import table
 from fsw_analysis.report import templates
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_model import nominal as nominal_parameters
 from fsw_tuning.standard_cases import CASES, EVENTS, SMITH, TIGHT
 from fsw_tuning.standard_runs import JUDGED, Figures
 
-#: What must not be lost by adapting: a share of any figure.
+#: Largest tolerated ratio of a figure with to without adaptation.
 TOLERATED = 1.1
 #: A difference of two runs is beyond noise if it is more than so many of its standard deviations.
 BEYOND_NOISE = 2.0
@@ -69,7 +68,7 @@ def ratio(
 
 
 def shares(plants: Plants, rivals: Sequence[str]) -> Rows:
-    """On how many plants a column is at or below the best rival."""
+    """Share of plants on which a column is at or below the best rival."""
     rows = [["", *JUDGED.values()]]
     for own in (column for column in COLUMNS if column.startswith("nmpc")):
         rows.append(
@@ -87,14 +86,14 @@ def shares(plants: Plants, rivals: Sequence[str]) -> Rows:
 def won(
     plants: Plants, own: str, rivals: Sequence[str], key: str
 ) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """On which plants a figure is at or below the best rival's; of both PIs, the tight one's where it is movement."""
+    """Plants on which a figure is at or below the best rival's (movement: the tight PI's)."""
     if rivals == RIVALS and key.split()[1] in VARIATIONS:
         rivals = (TIGHT,)
     return ratio(plants, own, rivals, key) <= 1.0 + TOLERANCE
 
 
 def all_figures(plants: Plants) -> Rows:
-    """On how many plants the adapting controller wins each figure; then the share of all, of every NMPC."""
+    """Share of plants on which the adaptive controller wins each figure; for each NMPC, of all."""
     rivals = {TIGHT: (TIGHT,), "both PIs": RIVALS, SMITH: (SMITH,)}
     rows = [["", *rivals]]
     for key, title in figures(plants).items():
@@ -110,13 +109,13 @@ def all_figures(plants: Plants) -> Rows:
 
 
 def scatter(noise: Sequence[Sequence[Figures]], key: str) -> float:
-    """Standard deviation of a figure over seeds of the noise, as a share of it: RMS over the plants."""
+    """Relative standard deviation of a figure over seeds of the noise: RMS over the plants."""
     values = np.array([[run[key] for run in runs] for runs in noise])
     return float(np.sqrt(np.mean((values.std(axis=1, ddof=1) / values.mean(axis=1)) ** 2)))
 
 
 def by_chance(noise: Sequence[Sequence[Figures]], keys: Collection[str]) -> float:
-    """Share of figures that another seed of the noise alone makes worse than tolerated: of all pairs of seeds."""
+    """Share of figures that another seed of the noise alone makes worse than tolerated."""
     values = np.array([[[run[key] for key in keys] for run in runs] for runs in noise])
     over = values[:, :, None] / values[:, None]
     n = values.shape[1]
@@ -126,7 +125,7 @@ def by_chance(noise: Sequence[Sequence[Figures]], keys: Collection[str]) -> floa
 
 
 def lost(plants: Plants, rival: str, key: str, sigma: float = 0.0) -> int:
-    """On how many plants a figure is worse than tolerated, and by more than its noise.
+    """Number of plants on which a figure is worse than tolerated, and by more than its noise.
 
     ``sigma`` is the figure's standard deviation over seeds of the sensor noise, as a share of it:
     both runs have it.
@@ -136,7 +135,7 @@ def lost(plants: Plants, rival: str, key: str, sigma: float = 0.0) -> int:
 
 
 def against(plants: Plants, rival: str, noise: Mapping[str, float] | None = None) -> Rows:
-    """How the adapting controller's figures compare with another's, over the plants."""
+    """Ratios of the adaptive controller's figures to another's, over the plants."""
     rows = [["figure", "median", "95 %", "worst", "there", f"worse than × {TOLERATED:g}"]]
     if noise:
         rows[0] += ["noise, σ", "and beyond it"]
@@ -153,17 +152,17 @@ def against(plants: Plants, rival: str, noise: Mapping[str, float] | None = None
 
 
 def drift_rows(data: Mapping[str, Mapping[str, Sequence[float]]]) -> Rows:
-    """Ramp, sine and jumps of the tool, each without and with noise, and what the force moves at rest."""
+    """Ramp, sine and jumps of the tool without and with noise; movement of the force at rest."""
     header = ["without / with noise", "ramp, IAE [mm s]", "sine, IAE [mm s]"]
     rows = [
         [*header, "tool deeper, peak [°C]", "tool shallower, peak [°C]", "force at rest [kN/s]"]
     ]
-    for label, found in data.items():
+    for label, errors in data.items():
         pairs = (
-            " / ".join(f"{value:.3f}" for value in found[name])
+            " / ".join(f"{value:.3f}" for value in errors[name])
             for name in ("ramp", "sine", "deeper", "shallower")
         )
-        rows.append([label, *pairs, f"{found['rest'][0]:.3f}"])
+        rows.append([label, *pairs, f"{errors['rest'][0]:.3f}"])
     return rows
 
 
@@ -172,21 +171,20 @@ def events(nominal: Mapping[str, Mapping[str, Any]]) -> Rows:
     rows = [["event", *(f"{label}: {what}" for what in ("IAE", "peak °C") for label in nominal)]]
     for name, step in EVENTS.items():
         key = "iae_depth_mm_s" if step.of_depth else "iae_temperature_c_s"
-        errors = [f"{found['events'][name][key]:.3g}" for found in nominal.values()]
+        errors = [f"{runs['events'][name][key]:.3g}" for runs in nominal.values()]
         peaks = [
-            f"{found['events'][name]['peak_temperature_error_c']:.2f}"
-            for found in nominal.values()
+            f"{runs['events'][name]['peak_temperature_error_c']:.2f}" for runs in nominal.values()
         ]
         rows.append([f"{step.size}{' (disturbance)' if name[0] == 'd' else ''}", *errors, *peaks])
     return rows
 
 
 def at_rest(nominal: Mapping[str, Mapping[str, Any]]) -> Rows:
-    """What noise moves per second."""
+    """Movement per second caused by noise."""
     rows = [["at rest, with noise", "force [kN/s]", "speed [rpm/s]"]]
     return rows + [
-        [label, *(f"{found['rest'][key]:.3g}" for key in VARIATIONS)]
-        for label, found in nominal.items()
+        [label, *(f"{runs['rest'][key]:.3g}" for key in VARIATIONS)]
+        for label, runs in nominal.items()
     ]
 
 
@@ -196,12 +194,12 @@ def saturation(data: Mapping[str, Mapping[str, float]]) -> Rows:
         ["", "IAE depth [mm s]", "IAE temperature [°C s]", "peak of the temperature's error [°C]"]
     ]
     return rows + [
-        [name, *(f"{value:.3g}" for value in found.values())] for name, found in data.items()
+        [name, *(f"{value:.3g}" for value in errors.values())] for name, errors in data.items()
     ]
 
 
 def late_rows(data: Sequence[Mapping[str, Any]]) -> Rows:
-    """Worst over gain and lag, by dead time, where the tuning itself does not swing."""
+    """Worst case over gain and lag, by dead time, where the fixed tuning does not oscillate."""
     rows = [
         [
             "dead time beyond the model's [s]",
@@ -210,19 +208,19 @@ def late_rows(data: Sequence[Mapping[str, Any]]) -> Rows:
         ]
     ]
     rows[0].append(f"IAE worse than × {TOLERATED:g}")
-    for later_s in dict.fromkeys(one["later_s"] for one in data):
+    for later_s in dict.fromkeys(row["later_s"] for row in data):
         kept = [
-            one for one in data if one["later_s"] == later_s and one[FIXED]["peak_c"] < STEADY_C
+            row for row in data if row["later_s"] == later_s and row[FIXED]["peak_c"] < STEADY_C
         ]
         worst = (
-            max(one[c][key] for one in kept) for key in LATE.values() for c in (FIXED, ADAPTIVE)
+            max(row[c][key] for row in kept) for key in LATE.values() for c in (FIXED, ADAPTIVE)
         )
-        worse = sum(one[ADAPTIVE]["iae_c_s"] > TOLERATED * one[FIXED]["iae_c_s"] for one in kept)
-        of = sum(one["later_s"] == later_s for one in data)
+        worse = sum(row[ADAPTIVE]["iae_c_s"] > TOLERATED * row[FIXED]["iae_c_s"] for row in kept)
+        processes = sum(row["later_s"] == later_s for row in data)
         rows.append(
             [
                 f"{later_s:g}",
-                f"{len(kept)} of {of}",
+                f"{len(kept)} of {processes}",
                 *(f"{value:.1f}" for value in worst),
                 f"{worse}",
             ]
@@ -231,11 +229,11 @@ def late_rows(data: Sequence[Mapping[str, Any]]) -> Rows:
 
 
 def found_rows(rounds: Sequence[Sequence[Mapping[str, Any]]]) -> Rows:
-    """Of each round of the search: the ratios of the IAE with over without adaptation."""
+    """Ratios of the IAE with to without adaptation, by round of the search."""
     rows = [["", "plants", *SEARCHED]]
-    for number, found in enumerate(rounds):
-        kept = [row for row in found if is_steady(row)]
-        rows.append(["near the worst" if number else "random", f"{len(kept)} of {len(found)}"])
+    for number, plants in enumerate(rounds):
+        kept = [row for row in plants if is_steady(row)]
+        rows.append(["near the worst" if number else "random", f"{len(kept)} of {len(plants)}"])
         for key, cases in SEARCHED.values():
             ratios = np.array([harm(row, key, cases) for row in kept] or [np.nan])
             rows[-1].append(
@@ -245,9 +243,9 @@ def found_rows(rounds: Sequence[Sequence[Mapping[str, Any]]]) -> Rows:
 
 
 def worst_plant(rounds: Sequence[Sequence[Mapping[str, Any]]]) -> dict[str, float]:
-    """Of all plants of the search that with the largest ratio of the temperature's IAE: in what it differs."""
-    kept = [row for found in rounds for row in found if is_steady(row)]
-    row = max(kept, key=lambda one: harm(one, JUDGED_BY))
+    """Parameters of the plant with the largest ratio of the temperature's IAE in the search."""
+    kept = [row for plants in rounds for row in plants if is_steady(row)]
+    row = max(kept, key=lambda candidate: harm(candidate, JUDGED_BY))
     dead_s = nominal_parameters().dead_time_s
     plant = row["plant"]
     return {
@@ -259,54 +257,55 @@ def worst_plant(rounds: Sequence[Sequence[Mapping[str, Any]]]) -> dict[str, floa
     }
 
 
-def page(data: Mapping[str, Any]) -> str:
-    """The page of the study."""
+def content(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Content of the page, from the numbers of a run: figures, and all tables by name."""
     plants = ran(data["random"])
     noise = {key: scatter(data["noise"], key) for key in figures(plants)}
-    swings = {
-        column: sum(bool(runs[column].get("swings")) for runs in plants) for column in COLUMNS
+    late = [(row[ADAPTIVE]["iae_c_s"], row[FIXED]["iae_c_s"]) for row in data["late"]]
+    inside, welds = data["inside"]
+    lost_figures = sum(lost(plants, FIXED, key) for key in noise)
+    return {
+        "plants": len(plants),
+        "compared": len(plants) * len(noise),
+        "lost": lost_figures,
+        "lost_percent": round(100.0 * lost_figures / (len(plants) * len(noise)), 1),
+        "lost_beyond_noise": sum(lost(plants, FIXED, key, noise[key]) for key in noise),
+        "lost_by_chance_percent": round(100.0 * by_chance(data["noise"], noise), 1),
+        "campaign": {"welds": welds, "inside_percent": round(100.0 * inside / welds, 1)},
+        "swings": {
+            column: sum(bool(runs[column].get("swings")) for runs in plants) for column in COLUMNS
+        },
+        "late": {
+            "processes": len(late),
+            "worse": sum(own > TOLERATED * fixed for own, fixed in late),
+        },
+        "worst": {name: round(value, 2) for name, value in worst_plant(data["search"]).items()},
+        "tables": {
+            "random plants, at or below decentral:tight": shares(plants, [TIGHT]),
+            "random plants, all figures": all_figures(plants),
+            "random plants, over no adaptation": against(plants, FIXED, noise),
+            "dead times": late_rows(data["late"]),
+            "search for harm": found_rows(data["search"]),
+            "speed at its bound": saturation(data["saturated"]),
+            "ramps, sines and jumps": drift_rows(data["drifts"]),
+            "margins": margin_rows(data["margins"]),
+            "model's own process": events(data["nominal"]),
+            "at rest": at_rest(data["nominal"]),
+        },
     }
-    tables = {
-        "tight": shares(plants, [TIGHT]),
-        "adapting": against(plants, FIXED, noise),
-        "saturated": saturation(data["saturated"]),
-        "events": events(data["nominal"]),
-        "rest": at_rest(data["nominal"]),
-        "all": all_figures(plants),
-        "drifts": drift_rows(data["drifts"]),
-        "margins": margin_rows(data["margins"]),
-        "late": late_rows(data["late"]),
-        "search": found_rows(data["search"]),
-    }
-    texts = {name: table(rows).replace(" | ", "|") for name, rows in tables.items()}
+
+
+def page(content: Mapping[str, Any]) -> str:
+    """The page of the study."""
     return (
         templates(Path(__file__).parent)
         .get_template("adaptive.md.j2")
         .render(
-            texts,
-            plants=len(plants),
+            content,
             seed=SEED,
-            inside=data["inside"],
-            swings=swings,
             adaptive=ADAPTIVE,
             tolerated=TOLERATED,
-            lost=sum(lost(plants, FIXED, key) for key in figures(plants)),
-            beyond=sum(lost(plants, FIXED, key, noise[key]) for key in figures(plants)),
-            beyond_noise=BEYOND_NOISE,
-            noise=dict(
-                plants=NOISY_PLANTS,
-                seeds=len(NOISE_SEEDS),
-                by_chance=100.0 * by_chance(data["noise"], noise),
-            ),
-            lost_share=100.0 * np.mean([lost(plants, FIXED, key) for key in noise]) / len(plants),
-            compared=len(plants) * len(figures(plants)),
-            of_dead_times=len(data["late"]),
-            worse_late=sum(
-                one[ADAPTIVE]["iae_c_s"] > TOLERATED * one[FIXED]["iae_c_s"]
-                for one in data["late"]
-            ),
-            steady=STEADY_C,
-            worst=worst_plant(data["search"]),
+            noise_runs={"plants": NOISY_PLANTS, "seeds": len(NOISE_SEEDS)},
         )
     )
 

@@ -91,10 +91,10 @@ def measured(plants: Sequence[Plant], title: str) -> list[dict[str, Any]]:
         rows: list[dict[str, Any]] = [
             {"plant": plant, **{case: {} for case in CASES}} for plant in plants
         ]
-        for done, ((i, case, column), one) in enumerate(
+        for done, ((i, case, column), errors) in enumerate(
             zip(keys, on_all_cores(errors_of, jobs, chunksize=4), strict=True)
         ):
-            rows[i][case][column] = one
+            rows[i][case][column] = errors
             bar((done + 1) / len(jobs))
     return rows
 

@@ -36,7 +36,7 @@ SEED = 31415
 CAMPAIGN = "model_uncertainty"
 #: Process on which the greater depth and the temperature need nearly all of the speed.
 WEAK = {"model.sliding_friction": 0.85, "model.sticking_stress_pa": 0.85}
-#: Plants and seeds of the sensor noise by which the noise of the figures themselves is told.
+#: Plants and seeds of the sensor noise from which the noise of the figures is estimated.
 NOISY_PLANTS, NOISE_SEEDS = 20, (1, 2, 3, 4)
 #: Dead times beyond the model's, factors on the gain and on the copper's lag: every combination.
 LATER_S, GAINS, LAGS = (-1.0, 0.0, 1.0, 2.0, 3.0, 4.0), (0.5, 1.0, 2.0), (0.5, 1.0, 2.0)
@@ -46,7 +46,7 @@ _LATE_TICKS = 250
 _HERE = Path(__file__).parent
 #: Set-points go down by 0.2 mm here.
 SATURATED = str(_HERE / "saturated.yaml")
-#: Disturbances of the depth that nobody announces and no jump tells: a ramp, and a sine.
+#: Unannounced disturbances of the depth without a jump: a ramp and a sine.
 RAMP, SINE, NOTHING = (str(_HERE / f"{name}.yaml") for name in ("ramp", "sine", "nothing"))
 #: Depth by which the tool itself jumps, and when; the torque feels it.
 FELT_MM, FELT_S = 0.1, 10.0
@@ -85,10 +85,10 @@ def random_plants(first: int, count: int) -> dict[str, dict[str, Figures]]:
             for column, (label, parameters) in made.items()
             for case in CASES
         }
-        found = run_all(list(jobs.values()), bar)
+        results = run_all(list(jobs.values()), bar)
     return {
         f"{i}": {
-            column: figures({case: found[jobs[i, column, case]] for case in CASES})
+            column: figures({case: results[jobs[i, column, case]] for case in CASES})
             for column in COLUMNS
         }
         for i in plants
@@ -100,13 +100,13 @@ def figures(runs: Mapping[str, Figures]) -> Figures:
     for run in runs.values():
         if "error" in run:
             return {"error": run["error"]}
-    found = {
+    merits = {
         f"{case} {key}": run[key]
         for case, run in runs.items()
         for key in KPIS
         if run.get(key) is not None
     }
-    return found | {"swings": any(run["swings"] for run in runs.values())}
+    return merits | {"swings": any(run["swings"] for run in runs.values())}
 
 
 def noise() -> list[list[Figures]]:
@@ -120,15 +120,15 @@ def noise() -> list[list[Figures]]:
             for seed in NOISE_SEEDS
             for case in CASES
         }
-        found = run_all(list(jobs.values()), bar)
+        results = run_all(list(jobs.values()), bar)
     return [
-        [figures({case: found[jobs[i, seed, case]] for case in CASES}) for seed in NOISE_SEEDS]
+        [figures({case: results[jobs[i, seed, case]] for case in CASES}) for seed in NOISE_SEEDS]
         for i in range(NOISY_PLANTS)
     ]
 
 
 def inside_limits(folder: Path) -> list[int]:
-    """Welds of the shipped campaign `CAMPAIGN` with the preset that are inside all limits, and how many there are.
+    """Number of welds of `CAMPAIGN` with the preset inside all limits, and of all welds.
 
     Those that are in the folder already are kept.
     """
@@ -147,7 +147,7 @@ def inside_limits(folder: Path) -> list[int]:
 
 
 def _late(job: Job) -> dict[str, float]:
-    """Largest error of the temperature, how far it still moves at the end, and its IAE."""
+    """Largest error of the temperature, its range at the end, and its IAE."""
     truth, reference = (signals := weld(job)).truth, signals.reference_temperature_c
     assert truth is not None  # a simulation has it
     error = truth.temperature_c - reference
@@ -187,13 +187,13 @@ def nominal() -> dict[str, dict[str, Any]]:
     both = (DEFAULT, ADAPTIVE)
     jobs = {(label, case): Job(label, case) for label in both for case in CASES}
     jobs |= {(label, REST): Job(label, REST, True) for label in both}
-    found = run_all(list(jobs.values()))
+    results = run_all(list(jobs.values()))
     data: dict[str, dict[str, Any]] = {}
     for label in both:
         events: dict[str, Any] = {}
         for case, names in CASES.items():
-            events |= dict(zip(names, found[jobs[label, case]]["events"], strict=True))
-        rest = found[jobs[label, REST]]
+            events |= dict(zip(names, results[jobs[label, case]]["events"], strict=True))
+        rest = results[jobs[label, REST]]
         data[label] = {
             "events": events,
             "rest": {key: rest[key] / rest["duration_s"] for key in VARIATIONS},
@@ -250,21 +250,24 @@ def drifts() -> dict[str, dict[str, list[float]]]:
     with controllers() as made:
         for column in columns:
             label, values = made[column]
-            found = data[column] = {}
+            measured = data[column] = {}
             for name, case in (("ramp", RAMP), ("sine", SINE)):
                 runs = [
                     errors(loop_of(Job(label, case, noise, parameters=values)).run())
                     for noise in (False, True)
                 ]
-                found[name] = [run["iae_depth_mm_s"] for run in runs]
+                measured[name] = [run["iae_depth_mm_s"] for run in runs]
             for name, by_mm in (("deeper", FELT_MM), ("shallower", -FELT_MM)):
-                found[name] = []
+                measured[name] = []
                 for noise in (False, True):
                     loop = loop_of(Job(label, NOTHING, noise, parameters=values))
                     loop.plant = Struck(loop.plant, by_mm, FELT_S)  # type: ignore[assignment]
-                    found[name].append(errors(loop.run())["peak_temperature_error_c"])
+                    measured[name].append(errors(loop.run())["peak_temperature_error_c"])
             rest = run_all([Job(label, REST, True, parameters=values)])
-            found["rest"] = [one[VARIATIONS[0]] / one["duration_s"] for one in rest.values()]
+            measured["rest"] = [
+                run_at_rest[VARIATIONS[0]] / run_at_rest["duration_s"]
+                for run_at_rest in rest.values()
+            ]
     return data
 
 

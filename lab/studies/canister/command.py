@@ -1,4 +1,4 @@
-"""The command of the study: welds on random canisters, the numbers of the validation, and the pages of both."""
+"""Command of the study: welds on random canisters, validation of the plant, both pages."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _made(file: Path) -> Any:
-    """What an earlier part of the study has written."""
+    """Numbers that an earlier part of the study has written."""
     try:
         return json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):

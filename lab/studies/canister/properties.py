@@ -1,4 +1,4 @@
-"""What the linear models of copper cost: beside k(T), c(T) and radiation as they are, from cold to the joint line."""
+"""Errors of linear models of copper against k(T), c(T) and nonlinear radiation."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _SCENARIO = "canister_weld_heat"
 def properties(
     minutes: float, progress: Progress | None = None, changes: dict[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Temperatures of the stir zone along the path of the whole weld, heated by a constant power from cold.
+    """Temperatures of the stir zone along the whole weld's path, with constant power from cold.
 
     Of each step ``at_s``, ``phase`` and, by model, ``stir_zone_c``. ``changes`` are parameters of
     the canister in the place of the scenario's.
@@ -39,15 +39,15 @@ def properties(
     parameters = config.canister.changed(**{**_COARSE, **(changes or {})})
     path = ToolPath.of(scenario.path, config)
     starts_s = [k * _STEP_S for k in range(round(60.0 * minutes / _STEP_S))]
-    found: dict[str, Any] = {
+    result: dict[str, Any] = {
         "power_kw": POWER_KW,
         "reference_c": parameters.reference_c,
         "stir_zone_c": {},
     }
     phases = spans(scenario.phases)
-    found["at_s"] = [at_s + _STEP_S for at_s in starts_s]
-    found["phase"] = [
-        next((n for n, a, b in phases if a < t <= b + 1e-6), phases[-1][0]) for t in found["at_s"]
+    result["at_s"] = [at_s + _STEP_S for at_s in starts_s]
+    result["phase"] = [
+        next((n for n, a, b in phases if a < t <= b + 1e-6), phases[-1][0]) for t in result["at_s"]
     ]
     for number, (name, (kind, nonlinear)) in enumerate(MODELS.items()):
 
@@ -56,18 +56,18 @@ def properties(
                 progress((done + share) / len(MODELS))
 
         full = FullCanister(parameters.changed(properties=kind), _STEP_S, nonlinear)
-        found["stir_zone_c"][name] = _course(full, path, starts_s, report)
-    return found
+        result["stir_zone_c"][name] = _course(full, path, starts_s, report)
+    return result
 
 
 def _course(
     full: FullCanister, path: ToolPath, starts_s: list[float], progress: Callable[[float], None]
 ) -> list[float]:
     """The stir zone at the ends of the steps; within one the tool is where it is in its middle."""
-    state, found = full.initial(axial_mm=path.motion(0.0).axial_mm), []
+    state, temperatures_c = full.initial(axial_mm=path.motion(0.0).axial_mm), []
     for k, at_s in enumerate(starts_s):
         middle = path.motion(at_s + 0.5 * _STEP_S)
         state = full.step(state, POWER_KW, middle.traverse_mm_per_s, middle.axial_mm)
-        found.append(round(full.stir_zone_temperature_c(state), 2))
+        temperatures_c.append(round(full.stir_zone_temperature_c(state), 2))
         progress((k + 1) / len(starts_s))
-    return found
+    return temperatures_c

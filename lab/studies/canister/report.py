@@ -1,4 +1,4 @@
-"""The results as a page and a figure."""
+"""The results as pages: rows of the tables, and what the pages show."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ from typing import Any
 
 import numpy as np
 
+from canister.figures import draw, draw_shares
 from canister.validation import STEP_TIMES_S, THERMAL
 from canister.verdict import AT_MOST_S, DEPTH_MM, TEMPERATURE_C, WINDOW_C, Row
-from fsw_analysis.figure_style import COLOURS, colours_of, shade_phases, sheet
-from fsw_analysis.report import templates, wilson
+from fsw_analysis.report import numbers, templates, wilson
 from fsw_heat.compaction import TOLERANCE_K
 from fsw_model import nominal
 
 PI = ("decentral:conservative", "decentral:tight")
 CONTROLLERS = ("nmpc:default", "nmpc:adaptive", "nmpc:paper", *PI, "decentral:smith")
+#: 40 of the 45 minutes
+LONG_PHASES = ("joint_line", "overlap")
 PHASES = ("dwell", "start", "downward", "joint_line", "overlap", "parking")
 #: published or plain words for the columns of the page
 FIGURES = {
@@ -27,27 +29,15 @@ FIGURES = {
     "moved_rpm": ("movement of the speed [rpm/min]", 60.0, ".0f"),
     "fastest_s": ("time at the drives' highest speed [% of the phase]", 100.0, ".1f"),
 }
-#: of the joint line at a drive's limit: a canister that asks for more than the drive gives
+#: time at a drive's limit from which a canister needs more than the drive gives [s]
 _LONG_S = 60.0
 #: error of the depth over the joint line, RMS, of a loop that oscillates for good; the others have
 #: a few µm (chosen)
 _OSCILLATES_MM = 0.02
-#: error of the depth on the way down, RMS, up to which depth and temperature count as decoupled
-#: (chosen)
-_DECOUPLED_MM = 0.005
-#: the milder limit on the time outside, that of the campaign for the temperature
+#: the campaign's limit on the time outside, for the second row [s]
 _LONGER_S = 30.0
-#: shortest phase whose name has room in the figure
-_NAMED_S = 50.0
 #: minutes of the weld in the table of the copper's properties
 _COPPER_MIN = (5.0, 10.0, 20.0, 40.0)
-_SMALL: dict[str, Any] = {"fontsize": 7.0, "color": "dimgray"}
-#: in the figure of the steps, what is no canister
-_LINES: dict[str, dict[str, Any]] = {
-    "paper (16)": {"color": "black", "linestyle": "--"},
-    "line source in a plate, no edge": {"color": "grey", "linestyle": ":"},
-    "line source in a plate, edge at 60 mm": {"color": "grey", "linestyle": "-."},
-}
 #: rows of the table of canisters that no controller can weld within the limits
 _SHOWN = 4
 #: figures that are for the length of a phase; of these the mean is shown, of the others the median
@@ -55,29 +45,31 @@ _PER_TIME = ("moved_kn", "moved_rpm", "fastest_s")
 
 
 def summary(rows: Sequence[Row]) -> dict[str, Any]:
-    """Of rows of welds: how many, and by phase and controller the share inside the limits and the figures.
+    """Number of welds, and by phase and controller the share inside the limits and the figures.
 
     Controllers that have welded nothing are left out.
     """
-    controllers = [one for one in CONTROLLERS if any(row["controller"] == one for row in rows)]
-    found: dict[str, Any] = {
+    controllers = [
+        label for label in CONTROLLERS if any(row["controller"] == label for row in rows)
+    ]
+    verdict: dict[str, Any] = {
         "welds": {},
         "stopped": {},
         "phases": {},
         "saturated": _saturated(rows),
     }
     line = [row for row in rows if row["phase"] == "joint_line"]
-    found["oscillating"] = {
+    verdict["oscillating"] = {
         controller: [1e3 * row["depth_sigma_mm"] for row in line if _oscillates(row, controller)]
         for controller in controllers
     }
-    found["software"] = sorted({row["software"] for row in rows if "software" in row})
+    verdict["software"] = sorted({row["software"] for row in rows if "software" in row})
     bad = [row["phase"] for row in rows if row["phase"] and not row["good"]]
-    found["bad"] = {
+    verdict["bad"] = {
         "all": len(bad),
-        "long": sum(phase in ("joint_line", "overlap") for phase in bad),
+        "long": sum(phase in LONG_PHASES for phase in bad),
     }
-    found["astray"] = {
+    verdict["astray"] = {
         controller: [
             row["temperature_peak_c"]
             for row in rows
@@ -85,7 +77,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
         ]
         for controller in controllers
     }
-    found["best"] = _best(rows)
+    verdict["best"] = _best(rows)
     for controller in controllers:
         own = [row for row in rows if row["controller"] == controller]
         stopped = [row for row in own if "stopped" in row]
@@ -96,8 +88,8 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
             )
             for name, at_most_s in (("good", AT_MOST_S), ("nearly", _LONGER_S))
         }
-        found["welds"][controller] = {"welds": len(indices), **good}
-        found["stopped"][controller] = len(stopped)
+        verdict["welds"][controller] = {"welds": len(indices), **good}
+        verdict["stopped"][controller] = len(stopped)
         for phase in PHASES:
             of_phase = [row for row in own if row["phase"] == phase]
             if not of_phase:
@@ -106,7 +98,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
             figures = {
                 name: np.array([row[name] for row in of_phase]) for name in (*FIGURES, "power_kw")
             }
-            found["phases"].setdefault(phase, {})[controller] = {
+            verdict["phases"].setdefault(phase, {})[controller] = {
                 "share_good": float(np.mean([row["good"] for row in of_phase])),
                 **{
                     name: float(
@@ -115,11 +107,11 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
                     for name, values in figures.items()
                 },
             }
-    return found
+    return verdict
 
 
 def _oscillates(row: Row, controller: str) -> bool:
-    """Whether the loop oscillates; where the drives are at their limit, the depth is off for another reason."""
+    """Whether the loop oscillates; at the drives' limits the depth is off for another reason."""
     free = row["fastest_s"] <= _LONG_S
     return bool(
         row["controller"] == controller and free and row["depth_sigma_mm"] > _OSCILLATES_MM
@@ -127,7 +119,7 @@ def _oscillates(row: Row, controller: str) -> bool:
 
 
 def _best(rows: Sequence[Row]) -> dict[str, float]:
-    """Of the canisters that all but the slow ``nmpc:paper`` have welded, on how many each is best.
+    """Share of canisters, welded by all but the slow ``nmpc:paper``, on which each is best.
 
     By the error of the temperature, RMS over the whole weld.
     """
@@ -144,30 +136,33 @@ def _best(rows: Sequence[Row]) -> dict[str, float]:
 
 
 def _saturated(rows: Sequence[Row]) -> dict[int, dict[str, Any]]:
-    """Canisters on whose joint line every controller is at the highest speed for long, and what each does there."""
-    found: dict[int, dict[str, Any]] = {}
+    """Canisters on whose joint line every controller saturates the speed for long; their rows."""
+    by_canister: dict[int, dict[str, Any]] = {}
     for row in rows:
         if row["phase"] == "joint_line":
-            found.setdefault(row["index"], {})[row["controller"]] = row
+            by_canister.setdefault(row["index"], {})[row["controller"]] = row
     return {
         index: of
-        for index, of in sorted(found.items())
-        if all(one["fastest_s"] > _LONG_S for one in of.values())
+        for index, of in sorted(by_canister.items())
+        if all(joint_line["fastest_s"] > _LONG_S for joint_line in of.values())
     }
 
 
 def shares(verdict: Mapping[str, Any]) -> list[list[str]]:
     """Share of welds inside the limits, by phase and for the whole weld."""
     names = list(verdict["welds"])
-    rows = [["phase", *(f"`{one}`" for one in names)]]
+    rows = [["phase", *(f"`{name}`" for name in names)]]
     for phase, of in verdict["phases"].items():
         rows.append(
             [phase, *(f"{100 * of[c]['share_good']:.0f} %" if c in of else "-" for c in names)]
         )
     welds = verdict["welds"].values()
-    rows.append(["**all phases**", *(_counted(one["good"], one["welds"]) for one in welds)])
+    rows.append(["**all phases**", *(_counted(count["good"], count["welds"]) for count in welds)])
     rows.append(
-        [f"all, with {_LONGER_S:g} s", *(_counted(one["nearly"], one["welds"]) for one in welds)]
+        [
+            f"all, with {_LONGER_S:g} s",
+            *(_counted(count["nearly"], count["welds"]) for count in welds),
+        ]
     )
     best = verdict["best"]
     rows.append(
@@ -190,7 +185,7 @@ def _counted(good: int, welds: int) -> str:
 def figures(verdict: Mapping[str, Any], phase: str) -> list[list[str]]:
     """The figures of a phase."""
     names = list(verdict["welds"])
-    rows = [[phase.replace("_", " "), *(f"`{one}`" for one in names)]]
+    rows = [[phase.replace("_", " "), *(f"`{label}`" for label in names)]]
     of = verdict["phases"][phase]
     for name, (words, factor, style) in FIGURES.items():
         rows.append(
@@ -204,26 +199,17 @@ def best_of(verdict: Mapping[str, Any], name: str, controller: str) -> str:
     return ", ".join(
         phase.replace("_", " ")
         for phase, of in verdict["phases"].items()
-        if controller in of and of[controller][name] == min(one[name] for one in of.values())
+        if controller in of and of[controller][name] == min(other[name] for other in of.values())
     )
-
-
-def decoupled(verdict: Mapping[str, Any]) -> dict[str, str]:
-    """Who keeps the depth on the way down, where heat changes fastest, and who does not: names with errors."""
-    words: dict[str, list[str]] = {"yes": [], "no": []}
-    for name, of in verdict["phases"]["downward"].items():
-        kept = "yes" if of["depth_sigma_mm"] <= _DECOUPLED_MM else "no"
-        words[kept].append(f"{1e3 * of['depth_sigma_mm']:.0f} µm with `{name}`")
-    return {kept: ", ".join(one) for kept, one in words.items()}
 
 
 def against(
     verdict: Mapping[str, Any], phase: str, name: str, controller: str = CONTROLLERS[0]
 ) -> str:
-    """A figure of a controller as shares of those of the PI tunings, in words."""
+    """Ratios of a controller's figure to those of the PI tunings, as text."""
     of = verdict["phases"][phase]
     shares = sorted(
-        of[controller][name] / of[one][name] for one in PI if one in of and of[one][name]
+        of[controller][name] / of[rival][name] for rival in PI if rival in of and of[rival][name]
     )
     return (
         " to ".join(f"{100.0 * share:.0f} %" for share in (shares[0], shares[-1]))
@@ -233,7 +219,7 @@ def against(
 
 
 def beyond(saturated: Mapping[int, Mapping[str, Row]]) -> list[list[str]]:
-    """What the controllers do on the joint line of canisters that ask for more than the drives give."""
+    """Controllers on the joint line of canisters that need more than the drives give."""
     rows = [
         [
             "canister, controller",
@@ -243,7 +229,7 @@ def beyond(saturated: Mapping[int, Mapping[str, Row]]) -> list[list[str]]:
         ]
     ]
     for index, of in list(saturated.items())[:_SHOWN]:
-        for name in (one for one in CONTROLLERS if one in of):
+        for name in (label for label in CONTROLLERS if label in of):
             row = of[name]
             numbers = (row["fastest_s"] / 60.0, row["temperature_sigma_c"], row["depth_peak_mm"])
             rows.append(
@@ -255,19 +241,20 @@ def beyond(saturated: Mapping[int, Mapping[str, Row]]) -> list[list[str]]:
     return rows
 
 
-def identified(found: Mapping[str, Any]) -> list[list[str]]:
+def identified(estimates: Mapping[str, Any]) -> list[list[str]]:
     """The thermal coefficients with intervals of 95 %, beside the paper's."""
     names = ("gain [°C/kW]", "copper's lag [s]", "tool's lag [s]", "dead time [s]")
     rows = [
         ["`identify` on", *names],
         ["paper (16)", *(f"{getattr(nominal(), name):g}" for name in THERMAL)],
     ]
-    for words, of in found.items():
+    for words, estimate in estimates.items():
         rows.append(
             [
                 words,
                 *(
-                    f"{of[name][0]:.2f}" + (f" ± {1.96 * of[name][1]:.2f}" if of[name][1] else "")
+                    f"{estimate[name][0]:.2f}"
+                    + (f" ± {1.96 * estimate[name][1]:.2f}" if estimate[name][1] else "")
                     for name in THERMAL
                 ),
             ]
@@ -275,27 +262,27 @@ def identified(found: Mapping[str, Any]) -> list[list[str]]:
     return rows
 
 
-def responses(found: Mapping[str, Any]) -> list[list[str]]:
+def responses(steps: Mapping[str, Any]) -> list[list[str]]:
     """Step responses at some times."""
     rows = [["rise after 1 kW more [°C]", *(f"{t:g} s" for t in STEP_TIMES_S)]]
     return rows + [
         [name, *(f"{of['rise_c'][f'{t:g}']:.2f}" for t in STEP_TIMES_S)]
-        for name, of in found.items()
+        for name, of in steps.items()
     ]
 
 
-def compacts(found: Sequence[Mapping[str, Any]]) -> list[list[str]]:
-    """Largest difference of the plant's model from the decoupled one, by number of states and traverse speed."""
-    rows = [["states (tolerance)", *(f"{speed} mm/min [°C]" for speed in found[0]["largest_c"])]]
-    for one in found:
-        words = f"{one['states']} ({one['tolerance_k']:g} K)"
-        rows.append([words, *(f"{value:.2f}" for value in one["largest_c"].values())])
+def compacts(models: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """Largest error of the reduced model, by number of states and traverse speed."""
+    rows = [["states (tolerance)", *(f"{speed} mm/min [°C]" for speed in models[0]["largest_c"])]]
+    for model in models:
+        words = f"{model['states']} ({model['tolerance_k']:g} K)"
+        rows.append([words, *(f"{value:.2f}" for value in model["largest_c"].values())])
     return rows
 
 
-def coppers(found: Mapping[str, Any]) -> list[list[str]]:
-    """The stir zone with copper as it is, and what the two linear models are off by, at some moments."""
-    time_s, phase = np.array(found["at_s"]), np.array(found["phase"])
+def coppers(copper: Mapping[str, Any]) -> list[list[str]]:
+    """Stir zone with nonlinear copper, and errors of both linear models, at some moments."""
+    time_s, phase = np.array(copper["at_s"]), np.array(copper["phase"])
     moments = [
         (f"end of the {name.replace('_', ' ')}", np.flatnonzero(phase == name)[-1])
         for name in ("dwell", "downward")
@@ -306,7 +293,7 @@ def coppers(found: Mapping[str, Any]) -> list[list[str]]:
         if 60.0 * m <= time_s[-1]
     ]
     real, *linear = (
-        np.array(found["stir_zone_c"][name]) for name in ("real", "kirchhoff", "constant")
+        np.array(copper["stir_zone_c"][name]) for name in ("real", "kirchhoff", "constant")
     )
     rows = [["stir zone [°C]", *(words for words, _ in moments)]]
     rows.append(["k(T), c(T), radiation as it is", *(f"{real[at]:.0f}" for _, at in moments)])
@@ -317,10 +304,10 @@ def coppers(found: Mapping[str, Any]) -> list[list[str]]:
     return rows
 
 
-def worst_copper(found: Mapping[str, Any], model: str, phase: str) -> list[float]:
+def worst_copper(copper: Mapping[str, Any], model: str, phase: str) -> list[float]:
     """Lowest and highest error of a linear model in a phase."""
-    inside = np.array(found["phase"]) == phase
-    wrong = np.subtract(found["stir_zone_c"][model], found["stir_zone_c"]["real"])[inside]
+    inside = np.array(copper["phase"]) == phase
+    wrong = np.subtract(copper["stir_zone_c"][model], copper["stir_zone_c"]["real"])[inside]
     return [float(wrong.min()), float(wrong.max())]
 
 
@@ -338,113 +325,116 @@ def powers(weld: Mapping[str, Any]) -> list[list[str]]:
     return [header, ["mean", *(f"{value:.1f}" for value in phases.values())]]
 
 
-def draw(data: Mapping[str, Any], path: Path) -> None:
-    """Steps, the needed power over the weld, and the error of the reduction."""
-    validation = data["validation"]
-    with sheet(9.0, 8.5, path) as figure:
-        steps, power, wrong = figure.subplots(3, 1, height_ratios=(1.3, 1.0, 0.7))
-        _draw_steps(steps, validation["steps"])
-        weld, reduced = validation["weld"], validation["reduced"]
-        power.plot(np.arange(len(weld["minutes_kw"])) + 0.5, weld["minutes_kw"], "k.-")
-        power.axhline(nominal().operating_power_kw, color="grey", linestyle=":")
-        power.annotate(
-            "paper's operating point", (10.0, nominal().operating_power_kw), **_SMALL, va="bottom"
-        )
-        power.set(title="needed power, mean of each minute", ylabel="kW")
-        wrong.plot(reduced["minutes"], reduced["wrong_c"], color="black", linewidth=0.8)
-        wrong.set(
-            title="reduced model less all finite elements, stir zone",
-            xlabel="time of the weld [min]",
-        )
-        wrong.set(ylabel="°C", ylim=(-0.55, 0.55))
-        for axis in (power, wrong):
-            axis.set_xlim(min(reduced["minutes"]) - 0.5, max(reduced["minutes"]) + 0.5)
-        shade_phases(
-            (power, wrong),
-            [(begin / 60.0, end / 60.0) for begin, end in weld["phases_s"].values()],
-        )
-        for name, (begin, end) in weld["phases_s"].items():
-            if end - begin > _NAMED_S:
-                power.annotate(
-                    name.replace("_", " "),
-                    (begin / 60.0 + 0.1, min(weld["minutes_kw"])),
-                    **_SMALL,
-                    rotation=90,
-                )
+def summary_rows(verdict: Mapping[str, Any]) -> list[list[str]]:
+    """Welds inside all limits; errors where heat changes fastest and over most of the weld."""
+    header, *of_phases = shares(verdict)
+    rows = [header, *of_phases[-3:]]
+    for phase in ("downward", "joint_line"):
+        named = {row[0]: row[1:] for row in figures(verdict, phase)}
+        for name in ("temperature_sigma_c", "moved_rpm"):
+            title = FIGURES[name][0]
+            rows.append([f"{phase.replace('_', ' ')}: {title}", *named[title]])
+    return rows
 
 
-def draw_shares(data: Mapping[str, Any], path: Path) -> None:
-    """The verdict by phase."""
-    with sheet(9.0, 3.2, path) as figure:
-        _draw_shares(figure.subplots(), data["verdict"])
+def verdict_content(verdict: Mapping[str, Any]) -> dict[str, Any]:
+    """Content of the page of the verdict: figures, and all tables by name."""
+    phases = verdict["phases"]
+    long = [of["temperature_sigma_c"] for name in LONG_PHASES for of in phases[name].values()]
+    own = CONTROLLERS[0]
+    astray = {
+        name: {"canisters": len(peaks), "largest_c": round(max(peaks, default=0.0))}
+        for name, peaks in verdict["astray"].items()
+    }
+    best = {name: best_of(verdict, "temperature_sigma_c", name) for name in verdict["welds"]}
+    return {
+        "welds": {name: of["welds"] for name, of in verdict["welds"].items()},
+        "stopped": sum(verdict["stopped"].values()),
+        "long_phases_c": round(max(long), 1),
+        "power_kw": [round(phases[name][own]["power_kw"]) for name in ("downward", "overlap")],
+        "joint_line_shares": {
+            name: against(verdict, "joint_line", name)
+            for name in ("temperature_sigma_c", "moved_rpm")
+        },
+        "depth_um": {
+            name: round(1e3 * of["depth_sigma_mm"]) for name, of in phases["downward"].items()
+        },
+        "bad": verdict["bad"],
+        "astray": astray,
+        "best": best,
+        "oscillating": {name: len(of) for name, of in verdict["oscillating"].items()},
+        "oscillates_um": round(max(verdict["oscillating"][own], default=0.0)),
+        "saturated": len(verdict["saturated"]),
+        "software": verdict["software"],
+        "tables": {
+            "summary": summary_rows(verdict),
+            "inside the limits": shares(verdict),
+            **{
+                name.replace("_", " "): figures(verdict, name)
+                for name in ("downward", "joint_line")
+            },
+            "beyond the drives": beyond(verdict["saturated"]),
+        },
+    }
 
 
-def _draw_steps(axis: Any, steps: Mapping[str, Any]) -> None:
-    names = [name for name in steps if name not in _LINES]
-    styles = {
-        name: {"color": colour, "marker": "o"}
-        for name, colour in zip(names, COLOURS, strict=False)
-    } | _LINES
-    for name, of in steps.items():
-        axis.plot(
-            STEP_TIMES_S, list(of["rise_c"].values()), markersize=4.0, label=name, **styles[name]
-        )
-    axis.set(
-        xscale="log",
-        xlabel="time after the step [s]",
-        ylabel="°C",
-        title="rise of the stir zone by 1 kW more",
-    )
-    axis.set_xticks(STEP_TIMES_S, [f"{t:g}" for t in STEP_TIMES_S])
-    axis.set_xticks([], minor=True)
-    axis.legend(fontsize=8)
+def plant_content(validation: Mapping[str, Any], copper: Mapping[str, Any]) -> dict[str, Any]:
+    """Content of the page of the plant: figures, and all tables by name."""
+    gain, lag_s = validation["steps"]["lid"]["lags"]["120"]
+    reduced, weld = validation["reduced"], validation["weld"]
+    named = ("states", "element_mm", "modes", "largest_c", "rms_c", "fine_states", "from_fine_c")
+    return {
+        "lid": {"gain_c_per_kw": round(gain, 1), "lag_s": round(lag_s, 1)},
+        "reduced": {name: round(reduced[name], 2) for name in named},
+        "copper": {
+            "minutes": round(copper["at_s"][-1] / 60.0),
+            "power_kw": round(copper["power_kw"]),
+            "reference_c": round(copper["reference_c"]),
+            **{
+                model: [round(error) for error in worst_copper(copper, model, "joint_line")]
+                for model in ("kirchhoff", "constant")
+            },
+        },
+        "joint_line_kw": {f"{minute}": round(weld["minutes_kw"][minute], 1) for minute in (6, 40)},
+        "tables": {
+            "steps": responses(validation["steps"]),
+            "reduced model": differences(reduced),
+            "number of states": compacts(validation["compact"]),
+            "copper as it is": coppers(copper),
+            "identification": identified(validation["identified"]),
+            "needed power": powers(weld),
+        },
+    }
 
 
-def _draw_shares(axis: Any, verdict: Mapping[str, Any]) -> None:
-    phases, names = verdict["phases"], tuple(verdict["welds"])
-    width = 0.8 / len(names)
-    for i, (controller, colour) in enumerate(zip(names, colours_of(names), strict=True)):
-        shares = [
-            100.0 * of[controller]["share_good"] if controller in of else np.nan
-            for of in phases.values()
-        ]
-        places = np.arange(len(phases)) + (i - 0.5 * (len(names) - 1)) * width
-        axis.bar(places, shares, 0.9 * width, label=controller, color=colour)
-        for place, share in zip(places, shares, strict=True):
-            if np.isfinite(share):
-                axis.annotate(f"{share:.0f}", (place, share), ha="center", va="bottom", **_SMALL)
-    axis.set_xticks(range(len(phases)), [phase.replace("_", " ") for phase in phases])
-    axis.set(
-        ylabel="%", ylim=(0.0, 112.0), yticks=range(0, 101, 20), title="welds inside the limits"
-    )
-    axis.grid(axis="x", visible=False)
-    axis.legend(fontsize=8, ncols=len(names), loc="upper center", bbox_to_anchor=(0.5, -0.12))
-
-
-def write(data: Mapping[str, Any], folder: Path) -> list[Path]:
-    """The page of the plant where it was validated, and that of the verdict where canisters were welded.
-
-    Each with its figure.
-    """
-    pages = templates(Path(__file__).parent)
-    pages.globals |= globals()  # the functions above make the rows of tables
+def page(name: str, content: Mapping[str, Any]) -> str:
+    """A page of the study."""
     limits = {
         "window": WINDOW_C,
         "depth_mm": DEPTH_MM,
         "temperature_c": TEMPERATURE_C,
         "at_most_s": AT_MOST_S,
+        "longer_s": _LONGER_S,
     }
-    pictures = {
-        **({"canister": draw} if data["validation"] else {}),
-        **({"canister-verdict": draw_shares} if data["verdict"]["phases"] else {}),
-    }
+    template = templates(Path(__file__).parent).get_template(f"{name}.md.j2")
+    return template.render(content, limits=limits, tolerance_k=TOLERANCE_K).rstrip("\n") + "\n"
+
+
+def write(data: Mapping[str, Any], folder: Path) -> list[Path]:
+    """Write the page of the plant if it was validated, and of the verdict if there are welds.
+
+    Each with its figure and its tables.
+    """
+    contents: dict[str, tuple[dict[str, Any], Any]] = {}
+    if data["validation"]:
+        contents["canister"] = plant_content(data["validation"], data["properties"]), draw
+    if data["verdict"]["phases"]:
+        contents["canister-verdict"] = verdict_content(data["verdict"]), draw_shares
     written = []
-    for name, picture in pictures.items():
-        text = pages.get_template(f"{name}.md.j2").render(
-            **data, limits=limits, tolerance_k=TOLERANCE_K
-        )
-        page, figure = folder / f"{name}.md", folder / f"{name}.png"
-        page.write_text(text.rstrip("\n") + "\n", encoding="utf-8")
-        picture(data, figure)
-        written += [page, figure]
+    for name, (content, picture) in contents.items():
+        texts = {f"{name}.md": page(name, content), f"{name}_tables.json": numbers(content)}
+        for file, text in texts.items():
+            (folder / file).write_text(text, encoding="utf-8")
+        picture(data, folder / f"{name}.png")
+        written += [folder / f"{name}.md", folder / f"{name}.png"]
     return written

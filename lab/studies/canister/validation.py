@@ -80,14 +80,14 @@ def identified(axial_mm: float, begin_s: float) -> dict[str, dict[str, tuple[flo
     """Estimate and standard deviation of each thermal coefficient, without drifts of the disturbances and with them."""
     signals = run(experiment(axial_mm, begin_s), _CONTROLLER)
     segments = prepare(part(signals, slice(round(begin_s / TICK_S), None)), _DRIVE_LAG_S).segments
-    found = {}
+    estimates = {}
     for words, steady in (("steady", True), ("drifts", False)):
         fit = identify(segments, nominal(), steady=steady)
         std = fit.std
-        found[words] = {
+        estimates[words] = {
             name: (float(getattr(fit.parameters, name)), std.get(name, 0.0)) for name in THERMAL
         }
-    return found
+    return estimates
 
 
 def step_response(canister: HeatModel, axial_mm: float) -> FloatArray:
@@ -112,10 +112,10 @@ def one_lag(rises: FloatArray, within_s: float) -> tuple[float, float]:
 
     seen = rises[: round(within_s / TICK_S)]
     time_s = TICK_S * np.arange(1, seen.size + 1)
-    found, _ = curve_fit(
+    gain_and_lag, _ = curve_fit(
         lambda t, gain, lag: gain * (1.0 - np.exp(-t / lag)), time_s, seen, p0=(16.0, 25.0)
     )
-    return float(found[0]), float(found[1])
+    return float(gain_and_lag[0]), float(gain_and_lag[1])
 
 
 def steps() -> dict[str, dict[str, Any]]:
@@ -130,7 +130,7 @@ def steps() -> dict[str, dict[str, Any]]:
         courses |= {
             f"{place}{words}": step_response(reduced(parameters), z) for place, z in PLACES.items()
         }
-    found: dict[str, dict[str, Any]] = {
+    responses: dict[str, dict[str, Any]] = {
         name: {
             "rise_c": {f"{t:g}": float(course[round(t / TICK_S) - 1]) for t in STEP_TIMES_S},
             "lags": {f"{t:g}": one_lag(course, t) for t in _FITTED_S},
@@ -141,8 +141,8 @@ def steps() -> dict[str, dict[str, Any]]:
         values = dict(
             zip((f"{t:g}" for t in STEP_TIMES_S), line_source(edge_mm).tolist(), strict=True)
         )
-        found[f"line source in a plate, {words}"] = {"rise_c": values}
-    return found
+        responses[f"line source in a plate, {words}"] = {"rise_c": values}
+    return responses
 
 
 def line_source(edge_mm: float) -> FloatArray:
@@ -207,12 +207,12 @@ def weld_course(
 
 def stir_zone_c(canister: HeatModel, course: ToolCourse, dt_s: float) -> FloatArray:
     """Temperature of the stir zone at the ends of the steps of a course, from a cold canister."""
-    state, found = canister.initial(axial_mm=float(course.axial_mm[0])), []
+    state, temperatures_c = canister.initial(axial_mm=float(course.axial_mm[0])), []
     columns = course.power_kw.tolist(), course.traverse_mm_per_s.tolist(), course.axial_mm.tolist()
     for inputs in zip(*columns, strict=True):
         state = canister.step(state, *inputs, dt_s)
-        found.append(canister.stir_zone_temperature_c(state))
-    return np.array(found)
+        temperatures_c.append(canister.stir_zone_temperature_c(state))
+    return np.array(temperatures_c)
 
 
 def reduced_against_full(
@@ -260,7 +260,7 @@ def compact_errors(parameters: CanisterParameters) -> list[dict[str, Any]]:
         time_s, [300.0, 384.0, 1000.0, 1084.0], [PLACES["lid"], 0.0, 0.0, PLACES["lid"]]
     )
     power = 45.0 + 5.0 * np.sign(np.sin(time_s / 20.0))
-    found = []
+    errors = []
     for tolerance_k in _TOLERANCES_K:
         compact = CompactCanister(parameters, compact_of(projection, parameters, tolerance_k))
         largest = {}
@@ -269,8 +269,8 @@ def compact_errors(parameters: CanisterParameters) -> list[dict[str, Any]]:
             largest[f"{speed:g}"] = float(
                 np.abs(stir_zone_c(compact, course, 1.0) - stir_zone_c(fine, course, 1.0)).max()
             )
-        found.append({"tolerance_k": tolerance_k, "states": compact.states, "largest_c": largest})
-    return found
+        errors.append({"tolerance_k": tolerance_k, "states": compact.states, "largest_c": largest})
+    return errors
 
 
 def whole_weld(scenario: Scenario, signals: WeldSignals) -> dict[str, Any]:
@@ -280,7 +280,7 @@ def whole_weld(scenario: Scenario, signals: WeldSignals) -> dict[str, Any]:
     phases = spans(scenario.phases, signals.n_ticks * TICK_S)
     return {
         "minutes_kw": [
-            float(one.mean()) for one in np.array_split(power, range(600, power.size, 600))
+            float(minute.mean()) for minute in np.array_split(power, range(600, power.size, 600))
         ],
         "phases_kw": {
             n: float(power[round(b / TICK_S) : round(e / TICK_S)].mean()) for n, b, e in phases
@@ -295,24 +295,24 @@ def validation(
     """All numbers of the first page; ``coarse``: all finite elements on a mesh that takes a tenth of the time."""
     scenario = scenario_file.load(_TRAVERSED, [f"controller={name_of(_CONTROLLER)}"])
     signals = run(scenario, _CONTROLLER)
-    found: dict[str, Any] = {
+    result: dict[str, Any] = {
         "identified": {},
         "steps": steps(),
         "weld": whole_weld(scenario, signals),
     }
     own = PlantConfig.from_values(scenario.plant).canister
     assert own is not None
-    found["compact"] = compact_errors(own)
+    result["compact"] = compact_errors(own)
     if coarse:
         scenario = scenario_file.load(_TRAVERSED, [f"controller={name_of(_CONTROLLER)}", *COARSE])
         signals = run(scenario, _CONTROLLER)
-    found["reduced"] = reduced_against_full(
+    result["reduced"] = reduced_against_full(
         scenario, signals, None if progress is None else lambda share: progress(0.5 * share)
     )
     experiments = [(place, when) for place in PLACES for when in TIMES_S]
     for i, (place, when) in enumerate(experiments):
         for words, of in identified(PLACES[place], TIMES_S[when]).items():
-            found["identified"][f"{place}, {when}, {words}"] = of
+            result["identified"][f"{place}, {when}, {words}"] = of
         if progress is not None:
             progress(0.5 + 0.5 * (i + 1) / len(experiments))
-    return found
+    return result

@@ -41,15 +41,15 @@ def bounds() -> dict[str, Any]:
             weights, of = ((1e4, 1e-3), 0) if of_depth else ((1e-3, 1.0), 1)
             generator = np.random.default_rng(1)
             starts = [
-                clairvoyant.best(rest, goal, *weights, one)
-                for one in (None, *[generator] * _STARTS)
+                clairvoyant.best(rest, goal, *weights, inputs)
+                for inputs in (None, *[generator] * _STARTS)
             ]
-            found = [optimum.iae[of] for optimum in starts if optimum.solved]
+            errors = [optimum.iae[of] for optimum in starts if optimum.solved]
             front = {weight: clairvoyant.best(rest, goal, weight, 1.0) for weight in _FRONT}
             data[name] = {
-                "alone": min(found),
-                "starts": len(found),
-                "spread": max(found) / min(found) - 1.0,
+                "alone": min(errors),
+                "starts": len(errors),
+                "spread": max(errors) / min(errors) - 1.0,
                 "joint": front[_JOINT].iae,
                 "front": [optimum.iae for optimum in front.values()],
                 "solved": starts[0].solved and all(optimum.solved for optimum in front.values()),

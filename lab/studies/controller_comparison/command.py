@@ -1,7 +1,7 @@
 """The command of the study.
 
-Writes pages with tables and figures into the folder given by --out, or into docs/results with
---publish; all numbers (comparison.json) always into the folder given by --out.
+Writes pages, figures and all numbers (comparison.json) into the folder given by --out, or into
+docs/results with --publish.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any
 from clairvoyant_bounds.bounds import bounds
 from controller_comparison import figures, other_models, report, sensing, study
 from controller_comparison.processes import SWEEP
+from fsw_analysis.report import numbers as in_lines
 from fsw_tuning.standard_runs import draw_sweep
 
 WORKSPACE = Path(__file__).resolve().parents[3]
@@ -36,7 +37,7 @@ def compare(out: Path, plants: int) -> dict[str, Any]:
     data["random"] = study.random_plants(plants)
     data["sensing"] = sensing.study(data["matched"]["slower"], max(1, plants // 5))
     figures.fronts(data["bounds"], data["nominal"], out / "fronts.png")
-    figures.random_plants(data["random"], out / "random_plants.png")
+    figures.sensors(data["sensing"]["runs"], out / "sensors.png")
     return data
 
 
@@ -56,34 +57,43 @@ def main() -> int:
     parser.add_argument(
         "--publish", action="store_true", help="into docs/results, and README's figure"
     )
+    parser.add_argument(
+        "--page",
+        action="store_true",
+        help="only the pages again, from the numbers of the last run",
+    )
     arguments = parser.parse_args()
     if arguments.publish and arguments.quick:
         parser.error("--publish needs the whole comparison, without --quick")
     out: Path = WORKSPACE / "docs" / "results" if arguments.publish else arguments.out
-    for folder in (out, arguments.out):
-        folder.mkdir(parents=True, exist_ok=True)
+    out.mkdir(parents=True, exist_ok=True)
+    numbers = out / "comparison.json"
     began = time.monotonic()
+    if not arguments.page:
+        numbers.write_text(in_lines(measure(out, arguments)), encoding="utf-8")
+    models = out / "other_models.json"
+    if arguments.models > 0 and not arguments.page:
+        models.write_text(
+            json.dumps(other_models.study(arguments.models), indent=1) + "\n", encoding="utf-8"
+        )
+    data = json.loads(numbers.read_text(encoding="utf-8"))
+    if models.exists() and not arguments.quick:
+        data["other_models"] = json.loads(models.read_text(encoding="utf-8"))
+    for name, text in report.pages(data).items():
+        (out / name).write_text(text, encoding="utf-8")
+    print(f"{out}: {time.monotonic() - began:.0f} s")
+    return 0
+
+
+def measure(out: Path, arguments: argparse.Namespace) -> dict[str, Any]:
+    """Run the parts asked for, and draw their figures; returns all numbers."""
     if arguments.quick:
         plants = {name: SWEEP[name] for name in ("nominal", "dead time 3.8 s")}
         data = {"nominal": study.nominal(), "sweep": study.sweep(plants)}
     else:
         data = compare(out, arguments.plants)
-    figures.papers(out)
     figures.corridors(out)
     draw_sweep(data["sweep"], out / "sweep.png")
     if arguments.publish:
         figures.set_point_steps(WORKSPACE / "docs" / "figures" / "reference_tracking.png")
-    models = out / "other_models.json"
-    if arguments.models > 0:
-        models.write_text(
-            json.dumps(other_models.study(arguments.models), indent=1) + "\n", encoding="utf-8"
-        )
-    if models.exists() and not arguments.quick:
-        data["other_models"] = json.loads(models.read_text(encoding="utf-8"))
-    for name, text in report.pages(data).items():
-        (out / name).write_text(text, encoding="utf-8")
-    (arguments.out / "comparison.json").write_text(
-        json.dumps(data, indent=1) + "\n", encoding="utf-8"
-    )
-    print(f"{out / 'README.md'}: {time.monotonic() - began:.0f} s")
-    return 0
+    return data

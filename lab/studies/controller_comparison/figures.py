@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from controller_comparison.study import CONTROLLERS, CORRIDORS, paper_with
-from fsw_analysis.figure_style import COLOURS, CONTROLLER_COLOURS, sheet
+from fsw_analysis.figure_style import CONTROLLER_COLOURS, colours_of, sheet
 from fsw_analysis.figures import Run, draw, draw_outputs
-from fsw_tuning.standard_runs import JUDGED, Job, weld
-
-
-def papers(folder: Path) -> None:
-    """The paper's Figs. 6 to 9, with all controllers, without noise, and the study that it only mentions."""
-    for case, numbers in (
-        ("tracking", (6, 7)),
-        ("disturbances", (8, 9)),
-        ("model_uncertainty", (6, 7)),
-    ):
-        _draw([Run(label, weld(Job(label, case))) for label in CONTROLLERS], numbers, folder, case)
+from fsw_tuning.standard_runs import JUDGED, Figures, Job, weld
 
 
 def set_point_steps(path: Path) -> None:
@@ -39,11 +29,7 @@ def corridors(folder: Path) -> None:
     for name in ("constant", "cold_start", "recentred", "recentred_ahead"):
         with paper_with(CORRIDORS[name]) as parameters:
             runs.append(Run(name, weld(Job("nmpc", "tracking", parameters=parameters))))
-    _draw(runs, (6, 7), folder, "corridors")
-
-
-def _draw(runs: list[Run], numbers: Sequence[int], folder: Path, name: str) -> None:
-    *_, overview = draw(runs, numbers, folder, name)
+    _, overview = draw(runs, (6,), folder, "corridors")
     overview.unlink()  # it shows the same once more
 
 
@@ -69,25 +55,27 @@ def fronts(bounds: Mapping[str, Any], nominal: Mapping[str, Any], path: Path) ->
         canvas.legend(handles, labels, loc="lower center", ncols=6, frameon=False)
 
 
-def random_plants(data: Mapping[str, Any], path: Path) -> None:
-    """Distribution of the default NMPC's IAE over the better PI's."""
-    with sheet(8.0, 4.2, path) as canvas:
-        axis = canvas.subplots()
-        for colour, (key, values) in zip(COLOURS, data["ratios"].items(), strict=False):
-            axis.plot(
-                np.sort(values),
-                np.linspace(0.0, 100.0, len(values)),
-                color=colour,
-                label=JUDGED[key],
+def sensors(runs: Mapping[str, Mapping[str, Figures]], path: Path) -> None:
+    """The judged errors of every controller with every kind of sensors."""
+    kinds, names = list(runs), list(next(iter(runs.values())))
+    width = 0.8 / len(names)
+    with sheet(11.0, 8.0, path) as canvas:
+        axes = canvas.subplots(2, 2, sharex=True).flat
+        for axis, (key, title) in zip(axes, JUDGED.items(), strict=True):
+            for i, (name, colour) in enumerate(zip(names, colours_of(names), strict=True)):
+                places = np.arange(len(kinds)) + (i - 0.5 * (len(names) - 1)) * width
+                values = [runs[kind][name][key] for kind in kinds]
+                axis.bar(places, values, 0.9 * width, color=colour, label=name)
+            axis.set(title=title, ylabel=f"IAE [{'mm s' if 'depth' in key else '°C s'}]")
+            axis.set_xticks(
+                range(len(kinds)),
+                [
+                    "\n".join(kind.replace("correlated ", "correlated\n").split(", "))
+                    for kind in kinds
+                ],
+                fontsize=8,
             )
-        axis.axvline(1.0, color="black", linewidth=0.8)
-        axis.set(
-            xlabel="IAE, default NMPC over the better PI tuning",
-            ylabel="plants [%]",
-            title=f"{data['plants']} random plants, sensor noise on",
-            xscale="log",
-        )
-        ticks = [0.5, 0.7, 1.0, 1.4, 2.0]
-        axis.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-        axis.minorticks_off()
-        axis.legend(loc="lower right")
+            axis.grid(axis="x", visible=False)
+        handles, labels = canvas.axes[0].get_legend_handles_labels()
+        canvas.set_layout_engine("constrained", rect=(0.0, 0.07, 1.0, 0.93))
+        canvas.legend(handles, labels, loc="lower center", ncols=4, frameon=False)

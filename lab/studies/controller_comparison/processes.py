@@ -32,7 +32,7 @@ DEAD_TIME_S = nominal().dead_time_s
 #: Processes that differ from the model: factors on its parameters, and the plant's own parameters.
 SWEEP: dict[str, dict[str, float | str]] = {
     "nominal": {},
-    "canister": {"process": "canister"},  # conduction of heat in place of (16); warm at the start
+    "canister": {"process": "canister"},  # heat conduction instead of (16); warm at the start
     **{f"thermal gain × {k:g}": {"model.thermal_gain_c_per_kw": k} for k in (0.5, 0.7, 1.4, 2.0)},
     **{f"depth gain × {k:g}": {"model.depth_gain_mm_per_kn_s": k} for k in (0.5, 0.7, 1.4, 2.0)},
     **{
@@ -49,7 +49,7 @@ SWEEP: dict[str, dict[str, float | str]] = {
     },  # of the sensor only, as in Fig. 5
     **{f"loop latency {k / 10:g} s": {"actuators.dead_time_ticks": k} for k in (1, 3)},
 }
-#: Those of the count of wins, besides the nominal one.
+#: Processes of the count of wins, in addition to the nominal one.
 FIXED = (
     *(f"{gain} gain × {k:g}" for gain in ("thermal", "depth") for k in (0.5, 0.7, 1.4, 2.0)),
     "torque × 0.85",

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from controller_comparison.study import (
-    CONTROLLERS,
     FINALISTS,
     KPIS,
     MATCHED,
@@ -32,91 +31,15 @@ from fsw_tuning.standard_runs import JUDGED, failed
 Rows = list[list[str]]
 #: the pages, each with the part of the data that it cannot do without
 PAGES = {
-    "README": "nominal",
+    "README": "matched",
     "other-processes": "sweep",
     "other-models": "other_models",
     "losses": "wins",
     "corridors": "corridors",
     "sensors": "sensing",
 }
-#: depth and temperature apart
-_EVENTS = ("z up", "z down", "T up", "T down", "dz", "dT")
-
-
-def _iae(found: Mapping[str, Any], event: str) -> str:
-    """The figure that an event is about."""
-    key = "iae_depth_mm_s" if EVENTS[event].of_depth else "iae_temperature_c_s"
-    return f"{found[event][key]:.3g}"
-
-
-def errors(nominal: Mapping[str, Any], kind: str, bounds: Mapping[str, Any] | None = None) -> Rows:
-    """IAE of each event."""
-    rows = [["IAE", *(f"{e} [{'mm s' if EVENTS[e].of_depth else '°C s'}]" for e in _EVENTS)]]
-    rows += [
-        [label, *(_iae(nominal[label][kind]["events"], event) for event in _EVENTS)]
-        for label in CONTROLLERS
-    ]
-    if bounds:
-        joint = {e: bounds[e]["joint"][0 if EVENTS[e].of_depth else 1] for e in _EVENTS}
-        rows.append(["clairvoyant, both outputs", *(f"{joint[e]:.3g}" for e in _EVENTS)])
-        rows.append(
-            ["clairvoyant, that output alone", *(f"{bounds[e]['alone']:.3g}" for e in _EVENTS)]
-        )
-    return rows
-
-
-def other_output(nominal: Mapping[str, Any], kind: str) -> Rows:
-    """The largest error that each event leaves in the other output."""
-
-    def peak(event: Mapping[str, float], of_depth: bool) -> str:
-        peak_c, peak_um = event["peak_temperature_error_c"], 1e3 * event["peak_depth_error_mm"]
-        return f"{peak_c:.3g} °C" if of_depth else f"{peak_um:.3g} µm"
-
-    found = {label: nominal[label][kind]["events"] for label in CONTROLLERS}
-    rows = [
-        [label, *(peak(events[e], EVENTS[e].of_depth) for e in _EVENTS)]
-        for label, events in found.items()
-    ]
-    return [["peak of the other output", *_EVENTS], *rows]
-
-
-def totals(nominal: Mapping[str, Any]) -> Rows:
-    """Whole cases, without noise, and movement at rest with noise."""
-    header = [
-        "",
-        "tracking z / T",
-        "disturbances z / T",
-        "noisy tracking z / T",
-        "noisy disturbances z / T",
-    ]
-    rows = [[*header, "force at rest [kN/s]", "speed at rest [rpm/s]"]]
-    for label in CONTROLLERS:
-        runs = [nominal[label][kind][case] for kind in ("clean", "noisy") for case in CASES]
-        cells = [f"{run['iae_depth_mm_s']:.3g} / {run['iae_temperature_c_s']:.3g}" for run in runs]
-        rows.append([label, *cells, *(f"{nominal[label]['rest'][key]:.2g}" for key in VARIATIONS)])
-    return rows
-
-
-def _judged(runs: Mapping[str, Any]) -> list[str]:
-    return [
-        " / ".join(f"{runs[label][key]:.3g}" for label in FINALISTS if label in runs)
-        for key in JUDGED
-    ]
-
-
-def sweep_rows(data: Mapping[str, Any]) -> Rows:
-    """IAE on processes that differ from the model, and whether an output oscillates for good."""
-    rows = [["plant", *JUDGED.values(), "oscillates for good"]]
-    for name, runs in data.items():
-        if not failed(runs):
-            swinging = ", ".join(label for label, run in runs.items() if run["swings"])
-            rows.append([name, *_judged(runs), swinging or "–"])
-    return rows
-
-
-def model_rows(data: Mapping[str, Any]) -> Rows:
-    """IAE on other models."""
-    return [["model", *JUDGED.values()], *([name, *_judged(runs)] for name, runs in data.items())]
+#: figures of a row at matched margin of which more is better
+_MORE_IS_BETTER = ("temperature_gain", "temperature_delay_s")
 
 
 def worse(data: Mapping[str, Any]) -> list[str]:
@@ -151,34 +74,6 @@ def matched_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
     return rows
 
 
-def small_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
-    """Mean absolute errors with disturbances below the noise, and at rest."""
-    heads = {"iae_depth_mm_s": "depth [µm]", "iae_temperature_c_s": "temperature [m°C]"}
-    cases = {"disturbed": "disturbed", "rest": "at rest"}
-    rows = [
-        [
-            "mean absolute error",
-            *(f"{head}, {case}" for head in heads.values() for case in cases.values()),
-        ]
-    ]
-    for label, of in data.items():
-        rows.append([label, *(f"{of[f'{case} {key}']:.3g}" for key in heads for case in cases)])
-    return rows
-
-
-def sensing_rows(data: Mapping[str, Mapping[str, Any]], keys: tuple[str, str]) -> Rows:
-    """Two figures of every controller with every kind of sensors."""
-    names = list(next(iter(data.values())))
-    return [
-        ["", *data],
-        *([name, *(_pair(of[name], keys) for of in data.values())] for name in names),
-    ]
-
-
-def _pair(of: Mapping[str, float], keys: tuple[str, str]) -> str:
-    return " / ".join(f"{of[key]:.3g}" for key in keys)
-
-
 def swinging(data: Mapping[str, Mapping[str, Any]], welds: int) -> list[str]:
     """With which sensors an output oscillates for good, in how many of the welds of a controller."""
     found = []
@@ -192,18 +87,41 @@ def swinging(data: Mapping[str, Mapping[str, Any]], welds: int) -> list[str]:
     return found
 
 
-def lag_rows(data: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Rows:
-    """Gain and delay margin of the temperature by lag of the probe."""
-    rows = [["gain margin, delay margin", *data]]
-    for name in next(iter(data.values())):
-        rows.append([name, *(", ".join(texts(of[name]).values()) for of in data.values())])
-    return rows
-
-
 def matched_share(data: Mapping[str, Mapping[str, float]], rival: str) -> str:
     """Smallest and largest error of the matched NMPC as shares of a rival's, in words."""
     shares = [100.0 * data[MATCHED][key] / data[rival][key] for key in JUDGED]
     return f"{min(shares):.0f} to {max(shares):.0f} %"
+
+
+def behind(entrants: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """Figures at matched margin in which a PI tuning is better than the default NMPC, with both values."""
+    moved = {key: KPIS[key] for key in VARIATIONS}
+    titles = {"temperature_gain": "gain margin", "temperature_delay_s": "delay margin [s]"}
+    lost = []
+    for key, title in {**titles, **JUDGED, **moved}.items():
+        of = {name: entrants[name][key] for name in FINALISTS}
+        best = (max if key in _MORE_IS_BETTER else min)(of, key=of.__getitem__)
+        if of[best] != of[DEFAULT]:
+            lost.append(f"{title}, {of[DEFAULT]:.3g} against {of[best]:.3g} with `{best}`")
+    return lost
+
+
+def over_optimum(own: Mapping[str, Any], bounds: Mapping[str, Any]) -> str:
+    """Smallest and largest error of a controller over that of the optimum, in the output that an event is about."""
+    shares = [
+        own["clean"]["events"][name]["iae_depth_mm_s" if event.of_depth else "iae_temperature_c_s"]
+        / bounds[name]["joint"][0 if event.of_depth else 1]
+        for name, event in EVENTS.items()
+    ]
+    return f"{min(shares):.2f} to {max(shares):.2f}"
+
+
+def model_losses(data: Mapping[str, Any]) -> list[str]:
+    """On how many models the default NMPC is worse than the better PI tuning, by figure."""
+    counts = {
+        key: sum(value > 1.0 + TOLERANCE for value in of) for key, of in ratios(data).items()
+    }
+    return [f"{JUDGED[key]} on {count} models" for key, count in counts.items() if count]
 
 
 def corridor_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
@@ -220,22 +138,6 @@ def corridor_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
         cells = [f"{peaks[0]:.2f}, {peaks[1]:.2f} °C", *(f"{of[case]:.0f} °C s" for case in CASES)]
         words = texts({key: of[key] for key in ("temperature_gain", "temperature_delay_s")})
         rows.append([name, *cells, f"{of['speed_rpm']:.0f} rpm", *words.values()])
-    return rows
-
-
-def knob_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
-    """Gain margin against errors of the temperature."""
-    rows = [
-        [
-            "temperature_aggressiveness",
-            "temperature: gain",
-            *(f"{case}, IAE T [°C s]" for case in CASES),
-        ]
-    ]
-    for value, found in data.items():
-        rows.append(
-            [value, f"{found['temperature_gain']:.2f}", *(f"{found[case]:.3g}" for case in CASES)]
-        )
     return rows
 
 
@@ -290,7 +192,7 @@ def pages(data: Mapping[str, Any]) -> dict[str, str]:
         "judged": JUDGED,
         "kpis": KPIS,
     }
-    environment.globals |= {"default": DEFAULT, "matched_label": MATCHED, "ratios": ratios}
+    environment.globals |= {"default": DEFAULT, "ratios": ratios}
     parts = {
         **dict.fromkeys(
             (

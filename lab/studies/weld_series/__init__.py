@@ -1,1 +1,1 @@
-"""Sixty canisters welded one after another, and what their history tells."""
+"""Sixty canisters welded in sequence, and what their history shows."""

@@ -105,7 +105,7 @@ def write(
 def _tables(
     scenario: Scenario, signals: WeldSignals
 ) -> Iterator[tuple[str, Rows, Sequence[bool]]]:
-    """Topics, the fields of their messages by tick, and at which ticks there is one."""
+    """Topics with the fields of their messages by tick, and the ticks that have a message."""
     points = _rows(
         depth=signals.reference_depth_mm / MM, temperature=signals.reference_temperature_c
     )
@@ -159,7 +159,7 @@ def _rows(**columns: NDArray[Any]) -> Rows:
 
 
 def _changed(rows: Rows, every: int = _REPORT) -> list[bool]:
-    """At which ticks a message is new, or told again."""
+    """Ticks at which a message changes or is repeated."""
     return [tick % every == 0 or row != rows[tick - 1] for tick, row in enumerate(rows)]
 
 

@@ -1,4 +1,4 @@
-"""Welds the series, signs for it, and tells what its history found of what was planted."""
+"""Welds and signs the series, and reports which of the planted changes its history found."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the series; the exit code is 0 if the history found everything."""
     parser = argparse.ArgumentParser(
         prog="weld_series.py",
-        description="Weld a series of canisters: bags, records, signed chain, history. An interrupted series goes on.",
+        description="Weld a series of canisters: bags, records, signed chain, history. An interrupted series is continued.",
     )
     parser.add_argument("--welds", type=int, default=60, help="number of canisters (default 60)")
     parser.add_argument(
@@ -75,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"weld_series: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("\nweld_series: interrupted; the same command goes on", file=sys.stderr)
+        print("\nweld_series: interrupted; the same command continues", file=sys.stderr)
         return 130
     print(f"verdicts: {dict(Counter(row['verdict'] for row in rows))}")
     for one in history_report.tools(table):
@@ -115,7 +115,7 @@ def _end_deg(folder: Path, joint_line_deg: float) -> float:
 
 
 def _key(folder: Path) -> Path:
-    """The key that signs, made for the series: what is emulated is not signed by anybody's own key."""
+    """Signing key of the series: emulated welds are not signed with a person's key."""
     return folder / "key" / "series"
 
 
@@ -163,10 +163,10 @@ def _sign(folder: Path, row: history.Row, key: Any, procedure: Any) -> None:
 
 
 def _tell(said: Sequence[Remark], names: Sequence[str], welds: int) -> int:
-    """Print what the history found of what was planted; returns how much it did not."""
+    """Print which planted changes the history found; returns the number of missed ones."""
     missed = 0
     if welds < _SHOWS_WEAR:
-        print(f"the tool wears: {_SHOWS_WEAR} welds are needed to tell")
+        print(f"the tool wears: {_SHOWS_WEAR} welds are needed to detect it")
     for what, (special, kind, subject) in PLANTED.items():
         number = next((weld for weld, planted in SPECIAL.items() if planted == special), None)
         if (number or _SHOWS_WEAR) > welds:

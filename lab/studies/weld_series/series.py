@@ -1,4 +1,4 @@
-"""One weld of the series: what is special about it, its bag, its record and its row of the history."""
+"""One weld of the series: its planted change, bag, record and row of the history."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def scenario_text(number: int, end_deg: float = WHOLE_DEG) -> str:
 
 
 def begin_and_length(end_deg: float) -> tuple[float, float]:
-    """When what is special about a weld begins, from the begin of the joint line, and how long it lasts [s]."""
+    """Begin of the planted change after the begin of the joint line, and its duration [s]."""
     phases = load("canister_weld_heat").phases
     whole_s = next(end - begin for name, begin, end in spans(phases) if name == "joint_line")
     line_s = whole_s * (end_deg - BEGIN_DEG) / (WHOLE_DEG - BEGIN_DEG)
@@ -143,7 +143,7 @@ def weld(number: int, end_deg: float) -> tuple[Scenario, WeldSignals, bag.Action
 
 
 def judged(number: int, folder: Path, end_deg: float = WHOLE_DEG) -> history.Row:
-    """Weld, write the bag, judge it, watch it; what is there already from an interrupted series is kept."""
+    """Weld, write the bag, judge and monitor it; parts of an interrupted series are kept."""
     name = f"C{number:03d}"
     place = folder / "welds" / name
     row_file, page = place / ROW, place / "record" / report.JSON

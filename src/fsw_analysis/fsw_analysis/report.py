@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import io
+import json
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,6 +40,16 @@ def templates(place: str | Path) -> Environment:
 def page(package: str, template: str, **values: Any) -> str:
     """A page, from one of a package's templates."""
     return templates(package).get_template(template).render(values)
+
+
+def numbers(parts: Mapping[str, Any]) -> str:
+    """Numbers of a page as JSON, with six digits, a line for each part."""
+    short = json.loads(json.dumps(parts), parse_float=lambda text: float(f"{float(text):.6g}"))
+    lines = (
+        f"{json.dumps(name)}: {json.dumps(part, ensure_ascii=False)}"
+        for name, part in short.items()
+    )
+    return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
 def png(figure: Figure, dpi: float) -> bytes:

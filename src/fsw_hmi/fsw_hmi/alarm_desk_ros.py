@@ -1,4 +1,4 @@
-"""The alarms of the running graph: judged, listed, and told as a journal on ``fsw/alarms``."""
+"""Alarms of the running graph: judged, listed, and published as a journal on ``fsw/alarms``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from fsw_msgs.msg import AlarmEvent
 
 
 class AlarmDesk:
-    """Judges what a :class:`Watch` has heard; arguments as of :class:`AlarmRules`."""
+    """Judges what a :class:`Watch` has received; arguments as of :class:`AlarmRules`."""
 
     def __init__(
         self, node: Node, watch: Watch, setting: Callable[[str], float], book: RuleBook
@@ -33,7 +33,7 @@ class AlarmDesk:
         self._journal = node.create_publisher(AlarmEvent, "fsw/alarms", LATCHED)
 
     def judge(self) -> bool:
-        """Find out which alarms are present; returns whether there is something new to show."""
+        """Determine which alarms are present; returns whether the list has changed."""
         now_s, situation = time.monotonic(), self._situation()
         present = self._rules.present(situation, now_s)
         changed = self.list.update(present, now_s)
@@ -54,7 +54,7 @@ class AlarmDesk:
         return {"alarms": rows, "reach": self._reach, "attainable": self._replaced}
 
     def carry_out(self, action: Acknowledge | Shelve | Unshelve, who: str) -> tuple[bool, str]:
-        """Do what a person asked for; returns whether it was done, and words."""
+        """Carry out an operator's request; returns success and a text."""
         if isinstance(action, Acknowledge):
             refused, done = "", f"{self.list.acknowledge(action.ids, who)} acknowledged"
         elif isinstance(action, Shelve):

@@ -1,4 +1,4 @@
-"""The list of alarms after ISA-18.2: present or gone, acknowledged or not, shelved; and which came first before a trip.
+"""The list of alarms after ISA-18.2: state, acknowledgement, shelving, first-out marks.
 
 All times are of a steady clock (``now_s``); only for people they become those of the wall clock.
 """
@@ -27,7 +27,7 @@ _LED_S, _JUST_GONE_S = 60.0, 10.0
 #: entries, and alarms whose earlier times are known, at most; one of high priority is always
 #: listed
 _MOST = 300
-#: after a restart the graph has so long to tell what is still present (chosen; every node reports
+#: after a restart, time for the graph to report what is still present (chosen; every node reports
 #: once a second)
 _RESTART_S = 5.0
 
@@ -47,7 +47,7 @@ class Alarm:
 
     @property
     def text(self) -> str:
-        """What is wrong, and why."""
+        """Cause and reason."""
         return f"{self.what}: {self.why}" if self.why else self.what
 
 
@@ -92,17 +92,17 @@ class Entry:
         return "acknowledged" if self.acknowledged else "active"
 
     def show_if_high(self) -> None:
-        """One of high priority does not stay on the shelf."""
+        """Unshelve alarms that have become high."""
         if self.alarm.priority == "high":
             self.shelved_until_s, self.shelved = None, ""
 
 
 class AlarmList:
-    """Keeps every alarm until it is gone and acknowledged.
+    """List of alarms: each stays until it is gone and acknowledged.
 
-    One that comes back before it was acknowledged has a new time and a count. Of each trip the
-    alarm that came first is marked until the trip is acknowledged: most that follow are
-    consequences. ``flood`` makes the alarm that stands for so many that come at once.
+    An alarm that returns before it was acknowledged gets a new time and a count. The first alarm
+    before a trip is marked until the trip is acknowledged, since most others are consequences.
+    ``flood`` makes the alarm that stands for many simultaneous ones.
     """
 
     def __init__(self, flood: Callable[[int], Alarm]) -> None:
@@ -116,7 +116,7 @@ class AlarmList:
         self._number = 0
 
     def restore(self, entries: Mapping[str, Entry], shift_s: float, now_s: float) -> None:
-        """Go on with the entries of a server before; ``shift_s`` is from its steady clock to this one."""
+        """Continue with the previous server's entries; ``shift_s``: offset of its steady clock."""
         for name, one in entries.items():
             if name == FLOOD_ID:  # whoever is in it, is raised anew
                 continue
@@ -147,7 +147,7 @@ class AlarmList:
         return changed
 
     def _without_flood(self, present: Mapping[str, Alarm], now_s: float) -> dict[str, Alarm]:
-        """Those to be listed, the flood as one of them."""
+        """Alarms to be listed, with a flood as one alarm."""
         listed: dict[str, Alarm] = {}
         grouped: set[str] = set()
         room = _MOST - len(self.entries)
@@ -252,7 +252,7 @@ class AlarmList:
     # ---------------------------------------------------------------- what people do
 
     def acknowledge(self, names: Iterable[str], who: str) -> int:
-        """Note that somebody has seen alarms; returns how many that were not acknowledged before."""
+        """Acknowledge alarms; returns the number of those not acknowledged before."""
         count = 0
         for name in names:
             entry = self.entries.get(name)
@@ -271,7 +271,7 @@ class AlarmList:
         return count
 
     def shelve(self, name: str, minutes: float, who: str, reason: str, now_s: float) -> str:
-        """Put an alarm aside for a while; returns why not, empty when it was done."""
+        """Shelve an alarm for some time; returns the reason for a refusal, empty on success."""
         entry = self.entries.get(name)
         if entry is None:
             return "this alarm is no longer in the list"
@@ -284,7 +284,7 @@ class AlarmList:
         return ""
 
     def unshelve(self, name: str, who: str) -> str:
-        """Take an alarm back from the shelf; returns why not, empty when it was done."""
+        """Unshelve an alarm; returns the reason for a refusal, empty on success."""
         entry = self.entries.get(name)
         if entry is None or entry.shelved_until_s is None:
             return "this alarm is not shelved"
@@ -309,7 +309,7 @@ class AlarmList:
     # ---------------------------------------------------------------- for the page
 
     def rows(self, now_s: float, wall_s: float) -> list[dict[str, Any]]:
-        """The list: present ones by priority, then in the order of raising; below those that are gone, then shelved."""
+        """Rows of the list: present by priority and age, then cleared, then shelved."""
         place = {"active": 0, "acknowledged": 0, "cleared": 1, "shelved": 2}
         listed = sorted(
             self.entries.items(),

@@ -1,4 +1,4 @@
-"""The page over recorded welds: no graph, no websocket, nothing to command."""
+"""The page on recorded welds: without graph, websocket and commands."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def serve(
     allow_hosts: Sequence[str],
     tls: tuple[str, str],
 ) -> int:
-    """Serve the page over bags until Ctrl-C; None: as the live page by default. Returns the exit code."""
+    """Serve the page on bags until Ctrl-C; returns the exit code. None: the live page's default."""
     standard = defaults(HmiParameters)
     host, port = host or standard["host"], standard["port"] if port is None else port
     try:

@@ -1,4 +1,4 @@
-"""What the page shows of a recorded weld: columns, time line and figures of merit."""
+"""A recorded weld for the page: columns, time line and figures of merit."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ MOST_BAGS = 2
 
 @dataclass(frozen=True, slots=True)
 class BagView:
-    """A recorded weld as the page gets it, ready for JSON."""
+    """A recorded weld in the page's format, ready for JSON."""
 
     summary: dict[str, Any]  #: name, duration, phases, events, figures of merit and problems
     columns: tuple[str, ...] = (*COLUMNS, "mode", "controller", "flags")  #: the last ones in words
-    #: one per tick, None where something is not known; the time is the scenario's, its first tick
+    #: one per tick, None where unknown; scenario time, with the first tick
     #: at 0.1 s
     rows: list[list[Any]] = field(default_factory=list)
     #: as on the live page, with the interlocks that the supervisor was recorded with
@@ -63,7 +63,7 @@ def load(
 
 
 def view(signals: WeldSignals, name: str) -> BagView:
-    """What the page shows of a weld."""
+    """The page's content for a weld."""
     problems = list(signals.problems)
     try:
         parameters = recorded_parameters(signals.attachments, signals.namespace, "supervisor")
@@ -90,7 +90,7 @@ def view(signals: WeldSignals, name: str) -> BagView:
 
 
 def _phases(signals: WeldSignals, name: str) -> list[dict[str, Any]]:
-    """Phases with begin, end and the statistics of their errors; none without a programme."""
+    """Phases with begin, end and error statistics; empty without a programme."""
     spans = phase_kpi.recorded_spans(signals)
     if not spans:
         return []
@@ -113,7 +113,7 @@ def _errors(figures: phase_kpi.PhaseFigures) -> dict[str, Any]:
 
 
 def _kpis(signals: WeldSignals, problems: list[str]) -> list[dict[str, Any]]:
-    """Figures of merit that this weld has, in the words of ``fsw.py bag kpi``."""
+    """Figures of merit of this weld, with the names of ``fsw.py bag kpi``."""
     try:
         values = kpi.compute(cut_to_scenario(signals))
     except kpi.KpiError as error:
@@ -170,7 +170,7 @@ def _errors_of(signals: WeldSignals) -> dict[str, FloatArray]:
 
 
 def _solve_time_s(signals: WeldSignals) -> FloatArray:
-    """Of the controller whose command is applied; NaN where none is."""
+    """Solve time of the active controller; NaN without one."""
     found = np.full(signals.n_ticks, np.nan)
     for name, status in signals.statuses.items():
         chosen = signals.command_source == name

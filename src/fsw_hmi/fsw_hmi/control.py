@@ -1,4 +1,4 @@
-"""Who has control of the weld: at most one session; how it is asked for, handed over and taken. Nothing here acts."""
+"""Control of the weld by at most one session: request, handover and take-over."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Answer = tuple[str, str]  #: outcome and words
 
 
 class Bucket:
-    """Lets so many through in a second, as many at once."""
+    """Token bucket: limits the rate of requests and their burst."""
 
     def __init__(self, per_s: float) -> None:
         self._per_s = self._left = per_s
         self._then_s = 0.0
 
     def take(self, now_s: float) -> bool:
-        """Whether one more may pass."""
+        """Whether another request may pass."""
         self._left = min(self._per_s, self._left + max(0.0, now_s - self._then_s) * self._per_s)
         self._then_s = now_s
         if self._left < 1.0:
@@ -62,12 +62,12 @@ class Session:
 
     @property
     def authenticated(self) -> bool:
-        """Whether requests other than a safe stop are listened to."""
+        """Whether requests other than a safe stop are accepted."""
         return bool(self.name) and not self.idle
 
 
 class Control:
-    """Control as a state machine: free or held, and while it is held asked for by at most one other.
+    """Control as a state machine: free or held, and while held requested by at most one other.
 
     Control that was asked for may be taken without an answer after ``answer_s``.
     """
@@ -79,11 +79,11 @@ class Control:
         self.asker: Session | None = None
 
     def left_s(self, now_s: float) -> float:
-        """How long the holder still has to answer; 0: control may be taken."""
+        """Time left for the session in control to answer; 0: control may be taken."""
         return max(0.0, self._asked_s + self._answer_s - now_s) if self.asker else 0.0
 
     def shown(self, session: Session, now_s: float) -> dict[str, Any]:
-        """Who has control and who asks for it, as a session sees it."""
+        """Session in control and session that requests it, as another session sees them."""
         holder, asker, left_s = self.holder, self.asker, round(self.left_s(now_s), 1)
         return {
             "holder": holder and {"name": holder.name, "session": holder.id},
@@ -100,7 +100,10 @@ class Control:
     def take(
         self, session: Session, seen: object, now_s: float, same_person: bool = False
     ) -> Answer:
-        """Take control that is free, or that was asked for in vain; ``seen`` is the holder that the person has seen."""
+        """Take control that is free or whose request was not answered.
+
+        ``seen`` is the session that the page showed in control.
+        """
         holder = self.holder
         if holder is session:
             return DONE, "you have control already"
@@ -130,7 +133,7 @@ class Control:
         )
 
     def request(self, session: Session, now_s: float) -> Answer:
-        """Ask who has control to hand it over."""
+        """Ask the session in control to hand it over."""
         if self.holder is None or self.holder is session:
             return (
                 REFUSED,
@@ -144,14 +147,14 @@ class Control:
         return DONE, f"{self.holder.who} has been asked for control"
 
     def withdraw(self, session: Session) -> Answer:
-        """No longer ask."""
+        """Withdraw the request for control."""
         if self.asker is not session:
             return REFUSED, "you do not ask for control"
         self.asker = None
         return DONE, "control is no longer asked for"
 
     def answer(self, session: Session, to: object, grant: bool) -> Answer:
-        """Hand control over to the session that asks for it, or refuse."""
+        """Hand control over to the requesting session, or refuse."""
         if self.holder is not session:
             return REFUSED, "you do not have control"
         asker = self.asker
@@ -171,14 +174,14 @@ class Control:
         return DONE, f"control not handed over to {asker.who}"
 
     def give_back(self, session: Session) -> Answer:
-        """Give back the control that a session has."""
+        """Release a session's control."""
         if self.holder is not session:
             return REFUSED, "you do not have control"
         self.release(session)
         return DONE, "control released"
 
     def release(self, session: Session) -> None:
-        """Give back what a session has, control or the request for it."""
+        """Release a session's control or its request for it."""
         if self.asker is session:
             self.asker = None
         if self.holder is session:
@@ -187,7 +190,7 @@ class Control:
             self.holder = self.asker = None
 
     def lapse(self, now_s: float) -> None:
-        """Forget a request that nobody made use of."""
+        """Drop a request that may be taken but was not, after its time."""
         if now_s - self._asked_s > self._answer_s + _LAPSE_S:
             self.asker = None
 

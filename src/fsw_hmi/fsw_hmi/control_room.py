@@ -1,4 +1,4 @@
-"""Who is at the page, who may command, and what becomes of a request before it reaches the graph."""
+"""Sessions, login and control of the page: which requests reach the graph."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from fsw_hmi.users import LONGEST, ROLES, User, Users, checked_name
 
 #: after so many malformed or hasty requests a page is shut out
 _MOST_OFFENCES = 20
-#: for the record: control is no longer somebody's who has not given it away
+#: for the record: an operator lost control without releasing it
 LOST = "lose control"
 _CONTROL = {
     "take_control": "take control",
@@ -34,7 +34,7 @@ _CONTROL = {
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What is to be done about a message of a page."""
+    """Decision about a message of a page."""
 
     id: int | None = None  #: of the request; without one nothing is answered
     outcome: str = (
@@ -50,7 +50,7 @@ class Verdict:
 
 
 class _Request(BaseModel):
-    """What every message of a page has; what more it has depends on ``do``."""
+    """Fields common to all messages of a page; ``do`` determines the others."""
 
     model_config = ConfigDict(extra="allow", strict=True)
 
@@ -60,7 +60,7 @@ class _Request(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """An action on its way to the graph; or without one what is to be recorded, as it never gets there."""
+    """An action for the graph; without one, the record of a request that was refused."""
 
     who: str  #: name and session
     kind: RequestKind  #: what was asked for
@@ -73,7 +73,7 @@ class Order:
 
 
 class ControlRoom:
-    """Sessions, login and control. Nothing here acts; it says what may be done.
+    """Sessions, login and control. Decides what is permitted; does not act itself.
 
     ``key`` is the token that a person must know to command, or the named users; the rest are
     parameters of the node, which ``parameters.py`` describes.
@@ -99,7 +99,7 @@ class ControlRoom:
 
     @property
     def login(self) -> str:
-        """What a person logs in with, ``token`` or ``password``."""
+        """Kind of credentials: ``token`` or ``password``."""
         return "password" if self._users else "token"
 
     # ---------------------------------------------------------------- sessions
@@ -119,7 +119,7 @@ class ControlRoom:
         self._free(session, why)
 
     def tick(self, now_s: float) -> list[Order]:
-        """Let time pass; returns what is to be recorded."""
+        """Apply time-outs; returns what is to be recorded."""
         self._look_at_users()
         limit_s = self._idle_timeout_s
         for session in self._sessions.values():
@@ -135,25 +135,25 @@ class ControlRoom:
         return records
 
     def restart(self, holder: str) -> None:
-        """The server was killed while somebody had control; tell and record it."""
+        """Report and record that the server was killed while an operator had control."""
         why = "the page's server was started again"
         self.ended = f"{holder} has lost control: {why}"
         self._records.append(Order(holder, RequestKind.LOSE_CONTROL, LOST, DONE, why))
 
     def _look_at_users(self) -> None:
-        """Whoever is no longer the user who has logged in, has to log in again for all but a safe stop."""
+        """Require a new login, except for a safe stop, from users whose entry has changed."""
         changed = self._users.look() if self._users else ()
         for session in self._sessions.values():
             if session.authenticated and session.name.casefold() in changed:
                 self._shut(session, f"the user {session.name} has been changed or removed")
 
     def _shut(self, session: Session, why: str) -> None:
-        """Listen to nothing but a safe stop until somebody logs in again."""
+        """Accept only a safe stop until the next login."""
         session.idle, session.note = True, f"{why}: log in again to command"
         self._free(session, why)
 
     def _free(self, session: Session, why: str) -> None:
-        """Take from a session what it has of control."""
+        """Remove a session's control, or its request for control."""
         if self.holder is session:
             self.ended = f"{session.name} has lost control: {why}"
             self._records.append(Order(session.who, RequestKind.LOSE_CONTROL, LOST, DONE, why))
@@ -161,7 +161,7 @@ class ControlRoom:
 
     @property
     def holder(self) -> Session | None:
-        """Who has control."""
+        """Session in control."""
         return self._control.holder
 
     def control(self, session: Session, now_s: float) -> dict[str, Any]:
@@ -175,7 +175,7 @@ class ControlRoom:
         }
 
     def news(self, session: Session, now_s: float) -> dict[str, Any] | None:
-        """Content of the frame ``control``, if more than the time left has changed since the last time."""
+        """Content of the frame ``control``, if more than the remaining time has changed."""
         control = self.control(session, now_s)
         request = control["request"]
         known = control | {"request": request and request | {"left_s": bool(request["left_s"])}}
@@ -187,7 +187,7 @@ class ControlRoom:
     # ---------------------------------------------------------------- requests
 
     def handle(self, session: Session, text: str | None, now_s: float) -> Verdict:
-        """Judge a message of a page; None stands for one that is no text. Never raises."""
+        """Judge a message of a page; None: not a text message. Never raises."""
         try:
             request = _Request.model_validate(json_content_of(text or "", "request"))
         except ValueError:
@@ -255,7 +255,7 @@ class ControlRoom:
         return Verdict(number, credentials=(name, given))
 
     def check(self, name: str, password: str) -> User | None:
-        """Whose name and password this is; takes long, for any thread."""
+        """Check name and password and return their user; slow, may run in any thread."""
         return self._users.check(name, password) if self._users else None
 
     def on_checked(
@@ -266,7 +266,7 @@ class ControlRoom:
         user: User | None,
         now_s: float,
     ) -> Verdict:
-        """Judge a login whose password has been checked; ``user`` is whose it is."""
+        """Judge a login after its password has been checked; ``user`` owns the password."""
         session.checking = False
         if user is None:
             return self._wrong_login(
@@ -275,7 +275,7 @@ class ControlRoom:
         return self._logged_in(session, number, user.name, user.role, now_s)
 
     def on_busy(self, session: Session, number: int) -> Verdict:
-        """Judge a login whose password cannot be checked now."""
+        """Judge a login whose password could not be checked."""
         session.checking = False
         return Verdict(
             number, TIMED_OUT, "your password cannot be checked now: try again in some seconds"

@@ -1,4 +1,4 @@
-"""Frames to the page as text: numbers short, NaN as null."""
+"""Frames to the page as text: short numbers, NaN as null."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ COLUMNS = (
 
 
 def frame(kind: str, content: Mapping[str, Any]) -> str:
-    """A frame as text; raises ValueError at a number that is not finite."""
+    """A frame as text; raises ValueError for a number that is not finite."""
     return json.dumps({"t": kind, **content}, separators=(",", ":"), allow_nan=False)
 
 
@@ -47,7 +47,7 @@ def _number(value: float) -> str:
 
 
 def short(value: float) -> float | None:
-    """Five digits; None where it is no number."""
+    """Number with five digits; None for NaN."""
     return float(f"{value:.5g}") if isfinite(value) else None
 
 
@@ -56,7 +56,7 @@ _EPOCH = re.compile(r"\b[1-9]\d{9}(?:\.\d+ s|\.\d+| s)\b")
 
 
 def readable(text: str, longest: int = 200) -> str:
-    """A text of another node as a person can read it: short, printable, with clock times, and °C for degC."""
+    """Text of another node for operators: short, printable, with clock times, °C for degC."""
     text = text.replace("degC", "°C")
     text = "".join(one if one.isprintable() else "?" for one in text[: 2 * longest])
     text = _EPOCH.sub(

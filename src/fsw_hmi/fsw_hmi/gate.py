@@ -1,4 +1,4 @@
-"""Lets connections in before anything of them is read, so that no stranger's keep others out."""
+"""Admission control: limits open connections so that strangers cannot lock operators out."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class _Peer:
 
     @property
     def rank(self) -> tuple[bool, float]:
-        """Who has to go first: who has asked for nothing yet, then who is here longest."""
+        """Eviction order: idle connections first, then the oldest."""
         return self.requests > 0, self.since_s
 
 
@@ -59,7 +59,7 @@ class Gate:
 
     @contextlib.contextmanager
     def request(self, address: Any) -> Iterator[None]:
-        """Note that a whole request has come, and when it has been answered."""
+        """Note that a whole request has arrived, and when it has been answered."""
         peer = self._peers.get(address and tuple(address))
         if peer is None:
             yield
@@ -72,7 +72,7 @@ class Gate:
             peer.since_s = time.monotonic()
 
     def know(self, address: Any) -> None:
-        """Note that somebody has logged in by this connection."""
+        """Mark the connection as that of a user who has logged in."""
         peer = self._peers.get(address and tuple(address))
         if peer is not None:
             peer.known = True

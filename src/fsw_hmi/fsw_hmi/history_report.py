@@ -1,4 +1,4 @@
-"""The report on all welds before, which the page shows in a tab of its own."""
+"""The report on all previous welds, in a tab of the page."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _POLICY = (
 
 
 def routes(file: str) -> list[Route]:
-    """The report as the route ``/all_welds``, read anew for every request; none without a file."""
+    """Route ``/all_welds`` with the report, read for every request; none without a file."""
 
     async def answer(_: Request) -> Response:
         return response(file)
@@ -25,7 +25,7 @@ def routes(file: str) -> list[Route]:
 
 
 def response(file: str) -> Response:
-    """The report, or where there is none what to do; status 404."""
+    """The report, or status 404 with a remedy."""
     path = Path(file).expanduser()
     if not path.is_file():
         return PlainTextResponse(

@@ -1,4 +1,4 @@
-"""What a page is sent, and when it is given up. Belongs to the web server's loop."""
+"""Queues of frames for the pages; drops pages that do not read. Runs in the server's loop."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ BLOCK, _BLOCKS = 600, 60
 KEPT = BLOCK * _BLOCKS
 #: ticks that wait for a page; it loses older ones
 _TICKS = 20
-#: answers that wait for a page before it is given up
+#: answers that may wait for a page before it is dropped
 _ANSWERS = 200
 
 
 class History:
-    """Rows of ticks in blocks that are encoded once, whoever asks for them; the oldest are forgotten after an hour."""
+    """Rows of ticks in blocks, encoded once for all pages; holds an hour."""
 
     def __init__(self) -> None:
         self._blocks: deque[str] = deque(maxlen=_BLOCKS)
@@ -44,10 +44,10 @@ class History:
 
 
 class Page:
-    """One open page: who is there, and what it still has to get, the most urgent first.
+    """One open page with the frames that it still has to get, the most urgent first.
 
-    Of ticks a slow page gets the newest, of every other kind of frame the latest; it loses no
-    answer. ``peer`` is address and port of its browser, ``number`` its place in the order of
+    A slow page gets the newest ticks, the latest frame of every other kind, and all answers.
+    ``peer`` is address and port of its browser, ``number`` its place in the order of
     opening.
     """
 
@@ -63,14 +63,14 @@ class Page:
         self._sending_since_s: float | None = None
 
     def begin(self, hello: str, latest: dict[str, str], history: list[str]) -> None:
-        """Start, or start again, with everything that is known."""
+        """Start, or restart, with all known frames."""
         self._ticks.clear()
         self._history = deque(history)
         self._latest |= latest
         self.answer(hello)
 
     def answer(self, frame: str) -> None:
-        """Send an answer, whatever else is lost."""
+        """Queue an answer; answers are never dropped."""
         self._urgent.append(frame)
         if len(self._urgent) > _ANSWERS:
             self.given_up.set()
@@ -82,7 +82,7 @@ class Page:
         self._wake.set()
 
     def show(self, kind: str, frame: str) -> None:
-        """Send a frame in place of one of this kind that has not been sent."""
+        """Queue a frame; it replaces one of the same kind that has not been sent."""
         self._latest[kind] = frame
         self._wake.set()
 
@@ -106,7 +106,7 @@ class Page:
             return frame
 
     def give_up_if_stuck(self, patience_s: float) -> None:
-        """Give the page up when it has not taken a frame for so long."""
+        """Drop the page if it has not taken a frame for this long."""
         since_s = self._sending_since_s
         if since_s is not None and asyncio.get_running_loop().time() - since_s > patience_s:
             self.given_up.set()

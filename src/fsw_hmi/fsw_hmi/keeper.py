@@ -1,4 +1,4 @@
-"""What survives a restart of the page's server: a small JSON file, and the rows of the trends in another."""
+"""State that survives a restart of the page's server: a JSON file and a file of trend rows."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from fsw_hmi.alarms import Entry
 from fsw_hmi.frames import COLUMNS
 from fsw_hmi.hub import KEPT
 
-#: what was kept longer ago is of another weld [s] (chosen)
+#: older state belongs to another weld [s] (chosen)
 _OLD_S = 600.0
 
 
 @dataclass(slots=True)
 class Kept:
-    """State of the page; ``now_s`` and ``wall_s`` are the steady and the wall clock when it was kept.
+    """State of the page; ``now_s`` and ``wall_s``: steady and wall clock when it was saved.
 
-    ``holder`` had control then; ``ended`` is why somebody has lost it.
+    ``holder`` had control then; ``ended`` is the reason for the last loss of control.
     """
 
     now_s: float
@@ -41,7 +41,7 @@ _ROW: TypeAdapter[list[_Value]] = TypeAdapter(
 
 
 class Keeper:
-    """Keeps state and rows in a folder; without one (None), or when the disk does not take them, does nothing.
+    """Keeps state and rows in a folder; does nothing without a folder (None) or if the disk fails.
 
     The state is replaced as a whole. Rows are appended: a kill loses those since the last
     :meth:`keep`. ``warn`` gets a line, once each, that says why nothing can be kept, and why what
@@ -53,7 +53,7 @@ class Keeper:
         self._file: TextIO | None = None
 
     def load(self, wall_s: float) -> tuple[Kept | None, list[str]]:
-        """State and rows of the server before; none where there was none, or they are damaged or of another weld."""
+        """State and rows of the previous server; empty if missing, damaged or of another weld."""
         if self._folder is None:
             return None, []
         path, state, rows = self._folder / "hmi_state.json", None, list[str]()
@@ -85,7 +85,7 @@ class Keeper:
         return rows[-KEPT:]
 
     def forget(self, rows: Sequence[str] = ()) -> None:
-        """Another weld begins, of which there are these rows."""
+        """Start a new weld with these rows."""
         if self._folder is None:
             return
         try:

@@ -31,8 +31,7 @@ from fsw_plant.event_schema import (
 
 #: scales, chosen
 _TORQUE_NM, _POWER_KW = Range(300.0, 1700.0, "N m"), Range(20.0, 70.0, "kW")
-#: by quantity: scale, what is known of it, and the supervisor's interlocks against low and high
-#: values
+#: by quantity: scale, further fields, and the supervisor's interlocks below and above
 _QUANTITIES: dict[str, tuple[Range, dict[str, Any], str, str]] = {
     "depth_mm": (
         REFERENCE_DEPTH_MM,
@@ -52,7 +51,7 @@ _QUANTITIES: dict[str, tuple[Range, dict[str, Any], str, str]] = {
 _LEVELS = ("warn", "trip")
 #: smallest steps in which set-points are typed in, chosen
 _STEPS = {"depth_mm": 0.01, "temperature_c": 0.1}
-#: the supervisor's parameters that are looked at
+#: the supervisor's parameters that are used
 PARAMETERS = (
     *(
         f"interlocks.{name}.{level}"
@@ -66,12 +65,12 @@ PARAMETERS = (
 )
 
 
-#: the page's parameters that say how far a drive may be off its command
+#: the page's parameters for the tolerated deviation of a drive from its command
 DEVIATIONS = tuple(f"deviation_{quantity}" for quantity in ("force_kn", "speed_rpm"))
 
 
 def _interlocks(quantity: str, level: str, parameters: Mapping[str, Any]) -> list[float | None]:
-    """Values of the interlocks against low and high values of a quantity; None where unknown, or there is none."""
+    """Limits of the interlocks below and above a quantity; None: unknown, or no interlock."""
     return [parameters.get(f"interlocks.{name}.{level}") for name in _QUANTITIES[quantity][2:]]
 
 
@@ -109,7 +108,7 @@ def limits(
 
 
 def safe_state(parameters: Mapping[str, Any]) -> dict[str, float] | None:
-    """Where a safe stop goes, and how fast; None as long as the supervisor has not told."""
+    """Target and rate of a safe stop; None until the supervisor has reported them."""
     if not {"safe_force_kn", "safe_rate_kn_per_s"} <= parameters.keys():
         return None
     return {
@@ -119,7 +118,7 @@ def safe_state(parameters: Mapping[str, Any]) -> dict[str, float] | None:
 
 
 def reference(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """What set-points may be asked for, as far as the trips are known; ``parameters`` as for :func:`limits`."""
+    """Permitted set-points, as far as trips are known; ``parameters`` as in :func:`limits`."""
     found: dict[str, Any] = {
         "rate_depth_mm_per_s": WELD_RATE_DEPTH_MM_PER_S,
         "rate_temperature_c_per_s": WELD_RATE_TEMPERATURE_C_PER_S,
@@ -142,7 +141,7 @@ def _range(allowed: Range) -> dict[str, Any]:
     }
 
 
-#: what the emulated plant can be asked for
+#: requests to the emulated plant
 EMULATOR = {
     "disturbances": {
         "channels": {

@@ -1,4 +1,4 @@
-"""Who tries to log in: which clients guess, and passwords, which are checked beside the server's loop."""
+"""Login attempts: detection of guessing, and password checks outside the server's loop."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ _MOST_CLIENTS = 1000
 
 
 class WrongLogins:
-    """Tells which clients try tokens or passwords, each for itself.
+    """Counts wrong tokens and passwords by client.
 
-    The same wrong one counts once, so that pages that log in again with an old one do not lock
-    their user out.
+    The same wrong credential counts once, so that pages that retry an old one do not lock their
+    user out.
     """
 
     def __init__(self) -> None:
         self._given_s: dict[str, dict[bytes, float]] = {}
 
     def left_s(self, client: str, now_s: float) -> float:
-        """For how long a client is shut out [s], 0 when it is not."""
+        """Time for which a client is still locked out [s]; 0: it is not."""
         recent = self._recent(client, now_s)
         return _WINDOW_S - now_s + min(recent.values()) if len(recent) >= _MOST_WRONG else 0.0
 
     def knows(self, client: str, token: bytes, now_s: float) -> bool:
-        """Whether a client has given this wrong one lately."""
+        """Whether a client has recently tried this wrong credential."""
         return hashlib.sha256(token).digest() in self._recent(client, now_s)
 
     def add(self, client: str, token: bytes, now_s: float) -> float:
-        """Take note of a wrong one; returns for how long the client is shut out already [s], 0 when it is not."""
+        """Count a wrong credential; returns the remaining lock-out of the client [s]."""
         left_s = self.left_s(client, now_s)
         if left_s:
             return left_s
@@ -60,13 +60,13 @@ class WrongLogins:
 
 
 class BusyError(Exception):
-    """A password cannot be checked now."""
+    """Too many password checks are pending."""
 
 
 class LoginChecks:
-    """Checks passwords one at a time, the clients in turn: a flood delays nothing but itself.
+    """Checks passwords one at a time, clients in turn: a flood delays only its own client.
 
-    Each client has one check at most in the line of the one thread. Belongs to the server's loop.
+    Each client has at most one check in the queue of the single thread. Belongs to the server's loop.
     """
 
     def __init__(self) -> None:
@@ -75,7 +75,7 @@ class LoginChecks:
         self._counts: Counter[str] = Counter()
 
     async def run(self, client: str, check: Callable[[], User | None]) -> User | None:
-        """Have a password checked; raises :class:`BusyError`."""
+        """Check a password; raises :class:`BusyError`."""
         if self._counts[client] >= _OF_CLIENT or self._counts.total() >= _OF_ALL:
             raise BusyError
         self._counts[client] += 1
@@ -94,12 +94,12 @@ class LoginChecks:
                 del self._counts[client], self._turns[client]
 
     def close(self) -> None:
-        """Check no more."""
+        """Stop checking."""
         self._pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _step_back() -> None:
-    """Let whatever controls the weld go first; a thread has a priority of its own on Linux."""
+    """Lower this thread's priority, so that control goes first; Linux has priorities by thread."""
     with contextlib.suppress(OSError):
         os.setpriority(
             os.PRIO_PROCESS,

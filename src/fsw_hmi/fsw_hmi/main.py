@@ -1,4 +1,4 @@
-"""The command line of the operator's page: live, or over bags."""
+"""Command line of the operator's page, live or on bags."""
 
 from __future__ import annotations
 

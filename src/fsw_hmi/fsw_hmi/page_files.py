@@ -1,4 +1,4 @@
-"""The files of the page, read once at the start; nothing else of the disk is ever served."""
+"""Files of the page, read once at the start; no other file is served."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _TYPES = {
 
 
 class PageFiles:
-    """The page as routes: ``/`` and ``/page/<file>``, among them uPlot as ``/page/uplot/<file>``.
+    """Routes of the page: ``/`` and ``/page/<file>``, among them uPlot as ``/page/uplot/<file>``.
 
     ``source`` is what the page shows, ``live`` or ``bag``; it learns this from ``{{source}}`` in
     its index.html.
@@ -44,7 +44,7 @@ class PageFiles:
         content = hashlib.sha256()
         for name, data in self._files.items():
             content.update(f"{name} {len(data)}\n".encode() + data)
-        #: tells whether an open page is that of this server; in index.html for ``{{build}}``
+        #: identifies the server that an open page belongs to; in index.html for ``{{build}}``
         self.build = content.hexdigest()[:12]
         index = self._files.pop("index.html").replace(b"{{build}}", self.build.encode())
         self._index = index.replace(b"{{source}}", source.encode())

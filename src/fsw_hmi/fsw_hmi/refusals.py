@@ -1,4 +1,4 @@
-"""What is not even asked for: requests that would trip an interlock, or change nothing. The rest the graph decides."""
+"""Requests rejected before they reach the graph: they would trip an interlock or change nothing."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def why_not(
     in_force: tuple[float, float] | None,
     interlocks: Mapping[str, float],
 ) -> str:
-    """Why an action is refused before it is sent; empty if it is not. A safe stop never is.
+    """Reason for refusing an action before it is sent; empty: send it. A safe stop is always sent.
 
     ``state`` is the supervisor's, as the page gets it (None: not known now), ``in_force`` are
     set-points in mm and degC (None: not known, or others are to come), and ``interlocks`` are

@@ -1,4 +1,4 @@
-"""What a person can ask for on the page: models of the requests, each in words."""
+"""Requests of operators on the page: models, each with its text."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _AlarmId = Annotated[str, Field(pattern="^[ -~]{1,100}$")]
 
 
 class Action(Model):
-    """Something to be carried out in the graph."""
+    """An action in the graph."""
 
     role: ClassVar[Role] = "operate"  #: that it needs at least
     words: ClassVar[str]  #: for the record, with its fields
@@ -42,7 +42,7 @@ class SafeStop(Action):
 
 
 class AcknowledgeStop(Action):
-    """The safe stop has been seen, and may be left."""
+    """Acknowledgement of a safe stop, which may then be left."""
 
     words = "acknowledge the safe stop"
 
@@ -59,7 +59,7 @@ class SetReference(Action):
 
 
 class Switch(Action):
-    """Another controller, waited for as long as ``wait_s``."""
+    """Another controller; ``wait_s``: how long to wait until it is ready."""
 
     words = "switch to {controller}"
     controller: _Name
@@ -93,7 +93,7 @@ class Programme(Action):
 
 
 class Acknowledge(Action):
-    """Alarms that have been seen."""
+    """Acknowledgement of alarms."""
 
     ids: Annotated[Many[_AlarmId], Field(min_length=1, max_length=200)]
 
@@ -102,7 +102,7 @@ class Acknowledge(Action):
 
 
 class Shelve(Action):
-    """An alarm put aside for some minutes, and why."""
+    """Shelving of an alarm for some minutes, with a reason."""
 
     words = "shelve {alarm} for {minutes:g} min: {reason}"
     alarm: _AlarmId
@@ -117,14 +117,14 @@ class Shelve(Action):
 
 
 class Unshelve(Action):
-    """An alarm taken back from the shelf."""
+    """Unshelving of an alarm."""
 
     words = "unshelve {alarm}"
     alarm: _AlarmId
 
 
 class Disturb(Action):
-    """A disturbance of the emulated plant; the amplitude in the paper's unit of the channel."""
+    """A disturbance of the emulated plant; the amplitude has the paper's unit of the channel."""
 
     role = "engineer"
 
@@ -141,7 +141,7 @@ class Disturb(Action):
 
     @property
     def event(self) -> Disturbance:
-        """The disturbance; InputError when there may be none such."""
+        """The disturbance; raises InputError if it is not permitted."""
         return disturbance(
             self.channel, self.shape, self.amplitude, self.duration_s, self.period_s
         )
@@ -167,7 +167,7 @@ class Fail(Action):
 
     @property
     def event(self) -> Fault:
-        """The fault; InputError when there may be none such."""
+        """The fault; raises InputError if it is not permitted."""
         return fault(self.sensor, self.kind, self.magnitude, self.duration_s)
 
     def __str__(self) -> str:
@@ -175,7 +175,7 @@ class Fail(Action):
 
 
 def _times(duration_s: float, period_s: float = 0.0) -> str:
-    """Duration and period where there are any, for the record."""
+    """Duration and period, if any, for the record."""
     return (f" for {duration_s:g} s" if duration_s else "") + (
         f", period {period_s:g} s" if period_s else ""
     )
@@ -198,7 +198,7 @@ ACTIONS: dict[Any, type[Action]] = {
 
 
 def read(do: str, message: Mapping[str, Any]) -> Action:
-    """The action that a request asks for.
+    """Action of a request.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What every answer of the web server has in common: who may ask, and what a browser may do with the answer."""
+"""Checks of every request, and headers that restrict what a browser may do with the answer."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Counter = Callable[[Any], AbstractContextManager[None]]
 
 
 class Security:
-    """Middleware: refuses requests from other pages, and adds those headers to an answer that it lacks.
+    """Middleware: refuses requests from other pages, and adds missing security headers.
 
     The check of the origin refuses cross-site WebSockets. A WebSocket without an origin is
     refused, too; every browser sends one.
@@ -63,7 +63,7 @@ class Security:
 
 
 def _refusal(headers: Headers, websocket: bool) -> str:
-    """Why a request must not be answered, empty if it may be."""
+    """Reason for refusing a request; empty: answer it."""
     host, origins = headers.get("host", "").lower(), headers.getlist("origin")
     if websocket and not origins:
         return "a websocket needs an Origin"
@@ -73,7 +73,7 @@ def _refusal(headers: Headers, websocket: bool) -> str:
 
 
 def client_of(address: str) -> str:
-    """Whom a limit counts: an IPv4 address, or the /64 network from which one computer takes its IPv6 addresses."""
+    """Client by which limits count: an IPv4 address, or the /64 network of an IPv6 address."""
     found = _ip(address)
     return (
         str(IPv6Network((found, 64), strict=False))
@@ -83,7 +83,7 @@ def client_of(address: str) -> str:
 
 
 def is_loopback(address: str) -> bool:
-    """Whether who has this address is on this computer."""
+    """Whether the address belongs to this computer."""
     found = _ip(address)
     return found is not None and found.is_loopback
 

@@ -1,7 +1,7 @@
-"""How values stand at a moment: against interlocks in force, limits of the rule book, and what they should follow.
+"""Values at a moment against interlocks, the limits of the rule book and their set-points.
 
-The page draws what is found here and judges nothing itself; ``fsw_analysis.judgement`` judges the
-weld as a whole.
+The page draws the result and judges nothing itself; ``fsw_analysis.judgement`` judges the weld as
+a whole.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ QUANTITIES = {
 
 
 class _Test(NamedTuple):
-    """A range that values must be in."""
+    """Permitted range of values."""
 
     kind: Kind
     variable: str
@@ -50,7 +50,7 @@ class _Test(NamedTuple):
 def variables(
     values: Mapping[str, float], progress: Mapping[str, Any] | None = None
 ) -> dict[str, float]:
-    """Values of a row, and their distance from the programme's set-points; without a programme those in force."""
+    """Values of a row, and errors from the programme's set-points or else those in force."""
     own = programme_aims(progress)
     found = dict(values)
     for quantity, error in QUANTITIES.items():
@@ -62,7 +62,7 @@ def variables(
 
 
 def programme_aims(progress: Mapping[str, Any] | None) -> dict[str, float]:
-    """The programme's set-points of depth and temperature, as far as it reports any; it has none at depth 0."""
+    """Set-points of depth and temperature that the programme reports; none at depth 0."""
     told = progress or {}
     if not told.get("depth_mm"):
         return {}
@@ -74,7 +74,7 @@ def programme_aims(progress: Mapping[str, Any] | None) -> dict[str, float]:
 
 
 def holds(check: Check, phase: str) -> bool:
-    """Whether a limit holds in a phase; where the phase is not known it does, as in the judgement of the weld."""
+    """Whether a limit applies in a phase; in an unknown phase it does, as in the judgement."""
     return not check.phases or phase in (*check.phases, "")
 
 
@@ -84,7 +84,7 @@ def flags(
     book: RuleBook,
     limits: Mapping[str, Mapping[str, Any]],
 ) -> list[dict[str, dict[str, str]]]:
-    """What is wrong with each quantity at each moment, the worst of it: level, kind and words; most have nothing.
+    """Worst violation of each quantity at each moment: level, kind, words; empty if none.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def flags_now(
 
 
 def _tests(quantity: str, book: RuleBook, own: Mapping[str, Any]) -> Iterator[_Test]:
-    """All ranges of a quantity, the worst to leave first."""
+    """Ranges of a quantity, in order of severity."""
     checks = [one for one in book.checks() if one.variable in (quantity, QUANTITIES[quantity])]
     if "trip" in own:
         yield _Test("trip", quantity, *_ends(own["trip"]))

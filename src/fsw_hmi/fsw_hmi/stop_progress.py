@@ -1,4 +1,4 @@
-"""How far a safe stop has come: whether the force falls as the supervisor's ramp demands."""
+"""Progress of a safe stop: whether the force follows the supervisor's ramp."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import StrEnum
 from math import isfinite, nan
 from typing import Any
 
-#: the force follows its ramp late by so much [s], and by no more than this [kN] (chosen)
+#: tolerated lag of the force behind its ramp [s], and distance from it [kN] (chosen)
 _LATE_S = 2.0
 _NEAR_KN = 1.0
 
@@ -30,7 +30,7 @@ class StopProgress:
     def at(
         self, stopped: bool, values: Mapping[str, float], safe: Mapping[str, float] | None
     ) -> dict[str, Any] | None:
-        """State at a tick, ready for JSON; None where nothing is being stopped.
+        """State at a tick, ready for JSON; None without a safe stop.
 
         Parameters
         ----------

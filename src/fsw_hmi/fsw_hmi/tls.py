@@ -1,4 +1,4 @@
-"""Certificate and key of the page, tried before anybody connects."""
+"""Certificate and key of the page, tested before the first connection."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fsw_control.schema.files import open_regular
 
 
 def context(certificate: str, key: str) -> ssl.SSLContext | None:
-    """What the server needs to encrypt; None where neither file is given.
+    """TLS context of the server; None without files.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def _why_not(error: ssl.SSLError, certificate: Path, key: Path) -> str:
 
 
 def _try(server_side: ssl.SSLContext, certificate: Path) -> None:
-    """Let a client that trusts just this certificate connect in memory: it finds what a browser would."""
+    """Test handshake in memory with a client that trusts only this certificate."""
     trusting = ssl.create_default_context(cafile=certificate)
     trusting.verify_flags |= ssl.VERIFY_X509_PARTIAL_CHAIN
     trusting.check_hostname = False

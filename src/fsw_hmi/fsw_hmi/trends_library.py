@@ -1,4 +1,4 @@
-"""uPlot, which draws the trends: installed by npm at the page's first start, beside everything else that it does."""
+"""uPlot, which draws the trends: installed by npm in the background of the page's first start."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from pathlib import Path
 from fsw_control.schema.files import user_cache
 from fsw_hmi import npm
 
-#: what a page asks for
+#: files that a page requests
 FILES = ("uPlot.iife.min.js", "uPlot.min.css")
 _LOOK_S = 0.05
 
 
 def folder() -> Path:
-    """Where it is installed for this user; a folder for each version of the lock."""
+    """Folder of the installation for this user and version of the lock."""
     lock = (npm.OWN / "package-lock.json").read_bytes()
     return user_cache("fsw_hmi") / hashlib.sha256(lock).hexdigest()[:12]
 
 
 def install() -> Path:
-    """Install it, unless that is done; returns the folder of ``FILES``. Raises NpmError when that is not possible."""
+    """Install it if necessary; returns the folder of ``FILES``. Raises NpmError on failure."""
     return npm.install(folder(), ["--omit=dev"]) / "uplot" / "dist"
 
 
 class Uplot:
-    """The files of uPlot, as soon as they are there. Without them the page has no trends, but all else."""
+    """Files of uPlot once installed; without them the page lacks only its trends."""
 
     def __init__(self) -> None:
         self._files: dict[str, bytes] = {}
@@ -36,7 +36,7 @@ class Uplot:
         self._thread.start()
 
     async def file(self, name: str) -> bytes | None:
-        """A file; waits while it is being installed. None where there is none."""
+        """A file; waits for the installation. None if it does not exist."""
         while self._thread.is_alive():
             await asyncio.sleep(_LOOK_S)
         return self._files.get(name)

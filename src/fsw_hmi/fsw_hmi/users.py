@@ -1,4 +1,4 @@
-"""Named users: their file with salted hashes of their passwords, and the check of a password; or one token for all."""
+"""Users and their file of salted password hashes, or one token for all."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from fsw_control.private_file import read_private
 from fsw_control.schema.files import write_whole
 from fsw_control.schema.models import InputError, Model, content_of, validate
 
-#: each may what those before it may
+#: each role includes those before it
 ROLES = ("view", "operate", "engineer")
 Role = Literal["view", "operate", "engineer"]
 #: Only what looks different is different: no letters of other alphabets, no spaces; upper and
@@ -38,7 +38,7 @@ _HASH = re.compile(
 
 
 def checked_name(name: str) -> str:
-    """The name, if it is one that cannot be taken for another; raises ValueError."""
+    """Return the name if it is unambiguous; else raises ValueError."""
     if not _NAME.fullmatch(name):
         raise ValueError(f"{name[:40]!r} is not a user's name ({NAME_RULE})")
     return name
@@ -62,7 +62,7 @@ class User(Model):
 
 
 class Users:
-    """All users. A password that was right once is known again without hashing, as long as it is not changed."""
+    """All users. A correct password is cached, so that it is hashed only once."""
 
     def __init__(self, users: Iterable[User]) -> None:
         self._users = _by_name(users)
@@ -70,22 +70,22 @@ class Users:
         self._known: dict[str, bytes] = {}
 
     def look(self) -> Set[str]:
-        """Find out whether users have been changed; returns the names of those that have, or are gone."""
+        """Look for changes; returns the names of users that were changed or removed."""
         return frozenset()
 
     def name(self, name: str) -> str:
-        """How the file spells a user's name; empty if there is no such user."""
+        """Spelling of a user's name in the file; empty for an unknown user."""
         user = self._users.get(name.casefold())
         return user.name if user else ""
 
     def remembered(self, name: str, password: str) -> User | None:
-        """Who has given this name and password before; takes no time."""
+        """User who has given this name and password before; fast."""
         known = self._known.get(name.casefold())
         right = known is not None and hmac.compare_digest(known, self._mark(name, password))
         return self._users.get(name.casefold()) if right else None
 
     def check(self, name: str, password: str) -> User | None:
-        """Whose name and password this is. Takes long, as long for a name that there is not; for any thread."""
+        """User of a name and password; slow, equally so for unknown names, and thread-safe."""
         user = self.remembered(name, password)
         if user is not None:
             return user
@@ -102,7 +102,7 @@ class Users:
 
 
 class UsersFile(Users):
-    """The users in a file, read again when it has changed. With a broken one those before stay.
+    """Users in a file that is read again after a change; an invalid file is ignored.
 
     ``warn`` gets a line, once for each change, that says why the file cannot be used.
 
@@ -235,7 +235,7 @@ def read(path: Path) -> list[User]:
 
 
 def write(path: Path, users: Sequence[User]) -> None:
-    """Write the file, for its owner alone to read; it is the old one or the new one at any time."""
+    """Write the file atomically, readable only by its owner."""
     lines = (
         yaml.safe_dump([one.model_dump()], sort_keys=False, default_flow_style=None, width=1000)
         for one in users
@@ -244,7 +244,7 @@ def write(path: Path, users: Sequence[User]) -> None:
 
 
 def _bytes(password: str) -> bytes:
-    """One of several ways to encode the same letters."""
+    """Bytes of the normalised text, since the same letters have several encodings."""
     return unicodedata.normalize("NFC", password).encode("utf-8", "surrogatepass")
 
 

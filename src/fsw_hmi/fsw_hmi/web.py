@@ -1,4 +1,4 @@
-"""The live page as a web application: pages come and go, requests in, frames out."""
+"""Web application of the live page: requests of pages in, frames out."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class LivePage:
     """The page over a running weld. All methods but the constructor belong to the server's loop.
 
     ``deliver`` takes an :class:`Order`, in the server's thread; ``know`` address and port of a
-    connection by which somebody has logged in. The numbers are parameters of the node, which
+    connection by which a user has logged in. The numbers are parameters of the node, which
     ``parameters.py`` describes.
     """
 
@@ -79,19 +79,19 @@ class LivePage:
     # ---------------------------------------------------------------- from the graph
 
     def set_hello(self, hello: Mapping[str, Any]) -> None:
-        """Take the first frame of new pages; open pages are restarted with it."""
+        """Set the first frame of new pages; open pages restart with it."""
         self._hello = dict(hello)
         self._begin(*self._pages)
 
     def forget(self) -> None:
-        """Another weld begins."""
+        """Start a new weld: discard the rows of the last one."""
         self._history = History()
         # who is there and what is wrong does not belong to one weld
         self._latest = {kind: text for kind, text in self._latest.items() if kind in _LASTING}
         self._begin(*self._pages)
 
     def restore(self, rows: list[str]) -> None:
-        """Go on with the rows of a server before; to be called before the first page."""
+        """Continue with the rows of the previous server; call before the first page."""
         for row in rows:
             self._history.add(row)
 
@@ -110,7 +110,7 @@ class LivePage:
             page.show(kind, text)
 
     def on_outcome(self, number: int, outcome: str, message: str) -> None:
-        """Take what became of an order; only the first time counts."""
+        """Take the outcome of an order; only the first one counts."""
         pending = self._pending.pop(number, None)
         if pending is None:
             return
@@ -119,7 +119,7 @@ class LivePage:
             pending.page.answer(_answer(request, outcome, message))
 
     def beat(self) -> None:
-        """Tell all pages that the server is alive; to be called several times a second."""
+        """Send a heartbeat to all pages; call several times a second."""
         self._look_at_control()
         age_s = None if self._tick_s is None else round(time.monotonic() - self._tick_s, 3)
         beat = frame("beat", {"server_s": _now_s(), "tick_age_s": age_s})
@@ -146,8 +146,8 @@ class LivePage:
     def _make_room(self, client: str) -> None:
         """Close the idlest page of a client, if it has too many.
 
-        That is the oldest that nobody has ever touched, else the one that has not been touched for
-        longest; only then one at which somebody has logged in, and never the one in control.
+        The order: pages never touched, the oldest first; pages without a login, by idle time;
+        pages with a login. The page in control is never closed.
         """
         pages = [
             page for page in self._pages if page.session.client == client and not page.evicted
@@ -222,7 +222,7 @@ class LivePage:
                 self._carry_out(page, verdict)
 
     async def _check(self, page: Page, request: int, credentials: tuple[str, str]) -> None:
-        """Have a password checked; meanwhile the page's other requests, a safe stop above all, go on."""
+        """Check a password without delaying the page's other requests, above all a safe stop."""
         room, session = self._room, page.session
         try:
             user = await self._logins.run(session.client, partial(room.check, *credentials))
@@ -236,11 +236,11 @@ class LivePage:
                 page.given_up.set()
 
     def end(self) -> None:
-        """The server is about to close all pages."""
+        """Prepare for the server closing all pages."""
         self._closed = True
 
     def close(self) -> None:
-        """Check no more passwords, and record who loses control."""
+        """Stop checking passwords, and record the loss of control."""
         self._logins.close()
         self._look_at_control()
 
@@ -286,7 +286,7 @@ class LivePage:
         self._deliver(replace(order, holder=holder.who if holder else ""))
 
     def _show_control(self) -> None:
-        """Tell every page what has changed for it."""
+        """Send changes of control to the pages that they concern."""
         for page in self._pages:
             control = self._room.news(page.session, time.monotonic())
             if control is not None:

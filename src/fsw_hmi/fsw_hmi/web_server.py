@@ -1,4 +1,4 @@
-"""The web server of the page: where it listens, and how much it takes from a client."""
+"""Web server of the page: listening socket and limits per client."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from fsw_hmi.gate import Gate
 from fsw_hmi.security import Security, is_loopback
 from fsw_hmi.web import LivePage
 
-#: hosts by which this computer calls itself
+#: names of this computer for itself
 LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 #: longest frame that a page may send
 MAX_FRAME_BYTES = 4096
@@ -32,7 +32,7 @@ _PATIENCE_S = 5.0
 
 
 class Listening(socket.socket):
-    """The socket to listen on, with the gate through which every connection comes, before TLS and HTTP."""
+    """Listening socket with admission control before TLS and HTTP."""
 
     gate: Gate
 
@@ -44,7 +44,7 @@ class Listening(socket.socket):
 
 
 def listen(host: str, port: int, patience_s: float = 20.0) -> Listening:
-    """Open the socket to listen on; port 0 is any free one.
+    """Open the listening socket; port 0: any free port.
 
     The kernel drops a connection whose client has taken nothing for ``patience_s``.
 
@@ -79,7 +79,7 @@ def listen(host: str, port: int, patience_s: float = 20.0) -> Listening:
 
 
 def address(listening: socket.socket, encrypted: bool = False) -> str:
-    """What to type into a browser on this computer."""
+    """Address of the page for a browser on this computer."""
     host, port = listening.getsockname()[:2]
     if host in ("0.0.0.0", "::"):
         host = "localhost"
@@ -87,7 +87,7 @@ def address(listening: socket.socket, encrypted: bool = False) -> str:
 
 
 def is_local(listening: socket.socket) -> bool:
-    """Whether only this computer can reach it."""
+    """Whether only this computer can reach the page."""
     return is_loopback(listening.getsockname()[0])
 
 
@@ -104,7 +104,7 @@ def application(routes: Sequence[BaseRoute], hosts: Iterable[str], gate: Gate) -
 
 
 class _Server(uvicorn.Server):
-    """Closes connections that have sent no whole request in time, for which uvicorn waits for ever; and beats."""
+    """Closes connections without a complete request in time, which uvicorn would keep open."""
 
     def __init__(self, config: uvicorn.Config, gate: Gate, beat: Callable[[], object]) -> None:
         super().__init__(config)
@@ -124,7 +124,7 @@ def server(
     encrypted: ssl.SSLContext | None = None,
     beat: Callable[[], object] = lambda: None,
 ) -> uvicorn.Server:
-    """Make the server; to be run with ``serve(sockets=[listen(...)])``. ``beat`` is called every 0.2 s."""
+    """Server to be run with ``serve(sockets=[listen(...)])``; calls ``beat`` every 0.2 s."""
     config = uvicorn.Config(
         app,
         http="h11",
@@ -161,11 +161,11 @@ class WebThread:
         self._thread = threading.Thread(target=self._run, name="page", daemon=True)
 
     def start(self) -> None:
-        """Serve from now on."""
+        """Start to serve."""
         self._thread.start()
 
     def call(self, function: Callable[[], None]) -> None:
-        """Let a function run in the server's loop; may be called in any thread."""
+        """Run a function in the server's loop; may be called from any thread."""
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(function)
 

@@ -1,4 +1,4 @@
-"""Collects the samples of the graph into the rows that the page draws."""
+"""Joins the samples of the graph into the rows that the page draws."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from fsw_control.message_synchronizer import JUMP_NS
 from fsw_control.sensors import OPTIONAL, REQUIRED
 from fsw_control.units import KW_PER_NM_RPM
 
-#: ticks of which samples may still come
+#: ticks whose samples may still arrive
 _PENDING = 20
 
 
 class Row(NamedTuple):
-    """A tick: its stamp, and the values of ``frames.COLUMNS`` after the time; NaN where something is not known."""
+    """A tick: stamp, and values of ``frames.COLUMNS`` after the time; NaN if unknown."""
 
     stamp_ns: int
     values: tuple[float, ...]
@@ -25,12 +25,11 @@ class Row(NamedTuple):
 class WeldView:
     """Joins sensors, drives, set-points and commands by their stamps.
 
-    The drives' samples make the ticks: of all that is measured, no fault changes their stamps. A
-    tick is over when all required sensors, and the others of the tick before, have come or the
-    next one begins. The command of a row is the one in force when it was measured. Stamps of
-    drives that are older than the newest are late, or of another weld where they are further back
-    than `JUMP_NS`. ``reference_at`` tells the set-points in force at a tick, None before the
-    first.
+    The drives' samples define the ticks, since no sensor fault changes their stamps. A tick ends
+    when all required sensors, and the others that the last tick had, have arrived, or the next
+    tick begins. The command of a row is the one in force at its measurement. Drive samples older
+    than the newest are late; if older by more than `JUMP_NS`, they belong to another weld.
+    ``reference_at`` returns the set-points in force at a tick, None before the first.
     """
 
     def __init__(self, reference_at: Callable[[int], Reference | None]) -> None:
@@ -54,7 +53,7 @@ class WeldView:
         self.command_s: float | None = None  #: when the last command of this weld came
 
     def on_drives(self, stamp_ns: int, acting: Command, now_s: float) -> tuple[list[Row], bool]:
-        """Begin a tick; returns the rows that are over, and whether another weld has begun."""
+        """Begin a tick; returns the completed rows, and whether another weld has begun."""
         newest_ns, restarted = self.newest_ns, False
         if newest_ns is not None and stamp_ns <= newest_ns:
             if stamp_ns >= newest_ns - JUMP_NS:
@@ -70,7 +69,7 @@ class WeldView:
         return [*rows, *self._close_if_complete()], restarted
 
     def on_sample(self, sensor: str, stamp_ns: int, value: float, now_s: float) -> list[Row]:
-        """Take a sample of a sensor; returns the rows that are over."""
+        """Take a sample of a sensor; returns the completed rows."""
         if isfinite(value):
             self.good_s[sensor] = now_s
         self._samples.setdefault(stamp_ns, {}).setdefault(sensor, value)

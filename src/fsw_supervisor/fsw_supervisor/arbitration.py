@@ -170,6 +170,8 @@ class Arbitration:
                 return False
             if mode is Mode.START and self.start_up.controller not in tick.candidates:
                 return False
+        # In lockstep a decision also waits for the shadows that answered the last tick. Otherwise
+        # which of them is ready would depend on the order of arrival, and runs would differ.
         if (
             not self.lockstep
             or self._now_s >= tick.started_s + self.machine.settings.lockstep_shadow_wait_s
@@ -238,6 +240,9 @@ class Arbitration:
 
     def _fall_back(self, tick: Tick, final: bool) -> Outcome | None:
         machine, settings = self.machine, self.machine.settings
+        # Too many swaps within the window: the cause is probably not the controllers, and another
+        # swap would add a transient. Hold, until the window has passed, and let the controllers
+        # settle meanwhile.
         if machine.storming():
             reason = Reason(
                 ReasonCode.STORM, limit_s=settings.storm_window_s, because=tick.failure
@@ -275,6 +280,8 @@ class Arbitration:
         machine, settings, applied = self.machine, self.machine.settings, self.in_force.applied
         assert applied is not None
         command, reason = proposed, Reason()
+        # Two controllers seldom agree to the last digit. Just after a swap the command approaches
+        # the new proposal in steps smaller than a move, until it arrives.
         if machine.slewing:
             force = _towards(applied.force_kn, proposed.force_kn, settings.force_transition_kn)
             speed = _towards(applied.speed_rpm, proposed.speed_rpm, settings.speed_transition_rpm)

@@ -41,6 +41,8 @@ class StartUp:
     @property
     def listening_ends_s(self) -> float | None:
         """Steady time until which controllers may report their selection; None once irrelevant."""
+        # On a busy machine nodes take a second to find each other, so the time is longer until the
+        # first report.
         if not self._in_force.before_first or self._measured_s is None:
             return None
         settings = self._machine.settings
@@ -56,6 +58,8 @@ class StartUp:
 
     def interrupt(self) -> None:
         """At a gap in the measurements: forget the command in force, keep the controller."""
+        # The actuator end may have ramped down meanwhile, so the command has to be found again.
+        # The controller that was active knows the weld best and gets the first chance.
         self.was_active = self._machine.active or self.was_active
         if self._in_force.before_first:
             self._measured_s = None
@@ -76,6 +80,8 @@ class StartUp:
         """
         machine, manual = self._machine, self._operator.manual
         candidate = tick.candidates.get(machine.target)
+        # Feedback shows what acts, whatever happened before. The other sources only say what was
+        # meant to act, and count once every controller has had time to report.
         if tick.drives is not None:
             self._begin_from(tick, self._in_force.commanded(tick.drives), Code.FROM_DRIVES)
         elif not final or not self._heard(now_s) or machine.reported is not None:
@@ -125,6 +131,8 @@ class StartUp:
         has proposed, the tick is waited out: without measurements the listening time would pass
         in silence.
         """
+        # A command other than the safe stop's would end a safe stop that the previous supervisor
+        # had begun, without an acknowledgement.
         if not self._in_force.before_first or self._machine.mode is Mode.SAFE_STOP:
             return True
         if final:
@@ -195,6 +203,8 @@ class StartUp:
             candidate.command,
             applied.force_kn,
         )
+        # Less force than proposed is the plant's own ramp and is kept; more is a disturbance, as
+        # is any other speed.
         if force_kn - proposed.force_kn > limits.force_step_kn:
             force_kn = proposed.force_kn
         applied = self._begin_from(

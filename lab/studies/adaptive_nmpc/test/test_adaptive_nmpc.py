@@ -1,6 +1,8 @@
 """The study of the adaptive preset: what it counts, and its page."""
 
+import json
 import random
+from pathlib import Path
 
 import pytest
 from adaptive_nmpc import report, search, study
@@ -109,6 +111,12 @@ def test_the_columns_differ_only_in_what_they_are_named_for():
     assert adaptive.changed(estimator=fixed.estimator) == fixed
 
 
+def test_the_published_page_is_that_of_the_published_numbers():
+    folder = Path(__file__).resolve().parents[4] / "docs" / "results"
+    content = json.loads((folder / "adaptive_tables.json").read_text(encoding="utf-8"))
+    assert report.page(content) == (folder / "adaptive.md").read_text(encoding="utf-8")
+
+
 @pytest.mark.full
 def test_page_and_figure(tmp_path):
     welds = study.saturated_welds()
@@ -123,12 +131,15 @@ def test_page_and_figure(tmp_path):
     figures = {"peak_c": 10.0, "moves_c": 1.0, "iae_c_s": 100.0}
     data["late"] = [{"later_s": 3.0, study.FIXED: figures, study.ADAPTIVE: figures}]
     data["search"] = [[found_plant(10.0, 100.0, 90.0)]]
-    page = report.page(data)
-    assert "2000 welds" in page and "99.5 % are inside" in page
-    assert "2 plants" in page
-    named = [line for line in page.splitlines() if line.startswith("| set-points, IAE depth [")]
-    rows = [[cell.strip() for cell in line.strip("| ").split("|")][1:] for line in named]
-    assert ["1.10", "1.19", "1.20", "1 → 1.2", "1 of 2", "5.0 %", "1"] in rows
+    content = report.content(data)
+    assert content["plants"] == 2
+    assert content["campaign"] == {"welds": 2000, "inside_percent": 99.5}
+    rows = content["tables"]["random plants, over no adaptation"]
+    named = {row[0]: row[1:] for row in rows}
+    assert named["set-points, IAE depth [mm s]"] == [
+        *("1.10", "1.19", "1.20", "1 → 1.2", "1 of 2", "5.0 %", "1")
+    ]
+    assert "2000 welds" in report.page(content)
     report.draw(welds, tmp_path / "priority.png")
     assert (tmp_path / "priority.png").read_bytes().startswith(b"\x89PNG")
     depth = {name: found["iae_depth_mm_s"] for name, found in data["saturated"].items()}

@@ -1,6 +1,7 @@
 """The study of canisters: figures of phases, their summary, the single lag, the page."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -215,6 +216,13 @@ def test_a_missing_part_of_the_study_is_told_in_one_line(tmp_path):
         command.main(["page", "--out", str(tmp_path)])
 
 
+@pytest.mark.parametrize("name", ["canister", "canister-verdict"])
+def test_published_pages_are_those_of_the_published_numbers(name):
+    folder = Path(__file__).resolve().parents[4] / "docs" / "results"
+    content = json.loads((folder / f"{name}_tables.json").read_text(encoding="utf-8"))
+    assert report.page(name, content) == (folder / f"{name}.md").read_text(encoding="utf-8")
+
+
 def test_the_page_is_written(tmp_path):
     lags = {
         "rise_c": dict.fromkeys(("5", "10", "30", "60", "120", "300", "600"), 1.0),
@@ -256,7 +264,9 @@ def test_the_page_is_written(tmp_path):
     lines = verdict_page.read_text().splitlines()
     [row] = [line for line in lines if line.startswith("| **all phases**")]
     assert {cell.strip() for cell in row.split("|")[2:-1]} == {"1 of 1, 21 to 100 %"}
-    assert "stir zone | 0.30" in first.read_text()
+    tables = json.loads((tmp_path / "canister_tables.json").read_text(encoding="utf-8"))["tables"]
+    assert tables["reduced model"][1] == ["stir zone", "0.30"]
+    assert "| paper (16) | 1.00 |" in first.read_text()
     assert figure.stat().st_size > 10_000 and shares.stat().st_size > 5_000
     folder = tmp_path / "verdict"  # the plant was not validated
     folder.mkdir()

@@ -88,6 +88,8 @@ static int is_finite_model(const fsw_nmpc_model *m) {
   return fsw_is_finite(sum);
 }
 
+/* Whether a tuning makes sense: finite, non-negative, and without combinations that the problem or
+ * the estimator does not support (a Huber cost beside L1, doubt of the heat without its gain). */
 static int is_usable(const fsw_nmpc_tuning *t) {
   double sum = 0.0, least = 0.0, largest_share = 0.0;
 #define ADD(number) add(t->number, &sum, &least);
@@ -129,6 +131,7 @@ int fsw_nmpc_configure(fsw_nmpc *c, const fsw_nmpc_tuning *tuning) {
   return 0;
 }
 
+/* Forget the plan: the next solve starts from no moves, and its failure has nothing to fall back on. */
 static void clear_plan(fsw_nmpc *c) {
   for (int j = 0; j < 2 * c->model.n_blocks; j++) c->plan.moves[j] = c->plan.start[j] = 0.0;
   c->plan.is_cold = 1;
@@ -168,6 +171,8 @@ static double limited(const fsw_nmpc *c, int q, double wanted) {
   return fsw_clip(near, fsw_least(t, q), fsw_most(t, q));
 }
 
+/* NAN and 0 mean "not given", so that a caller who sets only what is known does not command by
+ * leftovers of the last tick. */
 void fsw_nmpc_input_clear(fsw_nmpc_input *in) {
   in->depth_mm = in->torque_nm = in->temperature_c = in->force_kn = in->speed_rpm = NAN;
   in->applied_force_kn = in->applied_speed_rpm = in->reference_depth_mm = in->reference_temperature_c = NAN;
@@ -188,7 +193,9 @@ void fsw_nmpc_reset(fsw_nmpc *c, double force_kn, double speed_rpm) {
   clear_plan(c);
 }
 
-/* Bring the estimator to this tick, by pure prediction over missed ones; 0 until it starts. */
+/* Bring the estimator to this tick, by pure prediction over missed ones; 0 until it starts. The
+ * model is discrete in ticks: `late_s` keeps what is left of a jittering dt_s, so that rounding does
+ * not accumulate. After a long gap the prediction would be worse than a start from the samples. */
 static int estimate(fsw_nmpc *c, const fsw_nmpc_input *in) {
   const double dt_s = in->dt_s > 0.0 ? in->dt_s : FSW_TICK_S;
   const int is_gap = !(dt_s < LONGEST_GAP_S);
@@ -215,7 +222,8 @@ static int estimate(fsw_nmpc *c, const fsw_nmpc_input *in) {
   return 1;
 }
 
-/* Movement of the two offsets over the horizon while their rates decay. */
+/* Movement of the two offsets over the horizon while their rates decay: a ramp that has been
+ * observed is extrapolated, but not indefinitely, as few disturbances keep their slope. */
 static void take_drifts(fsw_nmpc *c) {
   const double *x = c->estimator.x;
   const double keep[2] = {c->tuning.estimator.depth_rate_keep, c->tuning.estimator.temperature_rate_keep};
@@ -239,6 +247,9 @@ static double temp_cost(const fsw_nmpc *c) {
   return 1.0 / (share * share);
 }
 
+/* The optimal control problem of this tick: estimated states and disturbances as its start, then
+ * what is known beforehand (heat, set-points). Without an offset in the outputs the predicted steady
+ * state would differ from the measured one (offset-free MPC, Pannocchia and Rawlings 2003). */
 static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
   fsw_start *s = &c->problem.start;
   const double *x = c->estimator.x;
@@ -308,7 +319,8 @@ int fsw_nmpc_begin(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out) 
   return 1;
 }
 
-/* Why a solution cannot be used: FSW_OK if it is finite and within all limits. */
+/* Why a solution cannot be used: FSW_OK if it is finite and within all limits. The check does not
+ * rely on the solver: it repeats the limits from the tuning, move by move. */
 static int judge(const fsw_nmpc *c, const double *moves, const double *depth, const double *temp) {
   const fsw_nmpc_model *m = &c->model;
   const fsw_nmpc_tuning *t = &c->tuning;
@@ -388,6 +400,9 @@ static void tell_plan(const fsw_nmpc *c, fsw_nmpc_output *out) {
   }
 }
 
+/* Take the solution, or the shifted last plan for up to `plan_reuse` ticks, and make the proposal.
+ * The plan is optimal for the old measurement, so it is better than no move for a few ticks, but
+ * blind to new disturbances; beyond that the proposal is unhealthy and the supervisor decides. */
 void fsw_nmpc_end(fsw_nmpc *c, const double *moves, const double *depth, const double *temp, int status,
                         fsw_nmpc_output *out) {
   const fsw_nmpc_model *m = &c->model;

@@ -6,6 +6,7 @@
  * paper's tool uses an implicit first-order scheme instead. */
 #include "internal.h"
 
+/* Torque (19)-(22) times the estimated scale, which absorbs an error of its level. */
 static fsw_torque scaled_torque(const fsw_nmpc_model *m, double scale, double force, double depth) {
   const fsw_torque t = fsw_torque_at(m, force, depth), s = {scale * t.value, scale * t.by_force, scale * t.by_depth};
   return s;
@@ -98,6 +99,8 @@ static void step_power(const fsw_nmpc_model *m, const fsw_start *s, int k, doubl
   z->motor = start + rise + friction + motor_decay * rest;
 }
 
+/* One pass over the steps: states and their derivatives by all moves together (forward mode). A move
+ * acts from its interval on, so a step has only `width` nonzero columns. */
 int fsw_predict_into(const fsw_nmpc_model *m, const fsw_start *s, const double *v, fsw_workspace *w) {
   fsw_path *p = &w->scratch.path;
   fsw_point z = {s->x[0], s->x[1], s->x[2], s->x[3], s->x[4], s->force_kn, s->speed_rpm};
@@ -117,6 +120,7 @@ int fsw_predict_into(const fsw_nmpc_model *m, const fsw_start *s, const double *
     }
     const int width = p->width[k] = 2 * (m->interval_block[interval] + 1);
     const double acting = z.force + s->force_offset_kn, pushed = acting - m->operating_force_kn;
+    /* the torque at both ends of the step, since depth and softening change within it */
     const fsw_torque left = scaled_torque(m, s->torque_scale, acting, depth_of(m, s->depth_gain, &z, pushed, width, p));
     torque_row(left, p->count, p->d_depth, width, p->d_left);
     step_depth(m->modes + k * FSW_MODES, s->depth_gain, pushed, width, &z, p);

@@ -24,6 +24,8 @@
 /* share of the tolerated gap below which smaller complementarity would only cost rank */
 #define LEAST_SHARE 0.02
 
+/* Four partial sums: without them each addition would wait for the one before, as C does not let the
+ * compiler reorder floating-point sums. */
 static double sum_of(const double *x, int n) {
   double sum[4] = {0.0, 0.0, 0.0, 0.0};
   int k = 0;
@@ -55,7 +57,8 @@ static double largest_size(const double *x, int n) {
 
 static int n_soft(const fsw_workspace *w) { return 2 * w->n_soft_rows + w->n_moves; }
 
-/* e[] of all sides, at z */
+/* Excess e[] of all sides at z: by how much a row is beyond its bound (negative inside). A soft side
+ * costs weight * max(0, e), a hard side has to be at most 0. */
 static void sides(fsw_workspace *w) {
   const int n = w->n_soft_rows, nv = w->nv;
   double *e = w->soft.e, *h = w->hard.e;
@@ -137,7 +140,8 @@ static void start(fsw_workspace *w) {
   }
 }
 
-/* Residuals and pivots of the sides, complementarity, stationarity residual (in dual[]). */
+/* Residuals and pivots of the sides, complementarity, stationarity residual (in dual[]). One reciprocal
+ * of the product serves both factors, as divisions are slow. */
 static double residuals(fsw_workspace *w, double *primal, double *dual) {
   const int n = n_soft(w), nv = w->nv, n_rows = w->n_soft_rows;
   fsw_soft *f = &w->soft;
@@ -184,7 +188,9 @@ static double residuals(fsw_workspace *w, double *primal, double *dual) {
   return gap;
 }
 
-/* Right-hand side of the condensed Newton system, into w->step. */
+/* Right-hand side of the condensed Newton system, into w->step. c1 and c2 are the residuals of the
+ * two complementarities s lambda = mu and t pi = mu; eliminating ds, dt and dlambda leaves one
+ * number per side, which acts on z like a force through its row. */
 static void condense(fsw_workspace *w, double mu, double second) {
   const int n = n_soft(w), nv = w->nv, n_rows = w->n_soft_rows;
   fsw_soft *f = &w->soft;
@@ -213,7 +219,8 @@ static void condense(fsw_workspace *w, double mu, double second) {
   for (int k = 0; k < w->n_moves; k++) x[w->move[k]] -= f->work[2 * n_rows + k];
 }
 
-/* Steps of slacks and duals from the step of the moves; work: relative decrease of each. */
+/* Steps of slacks and duals from the step of the moves, by substituting back what condense()
+ * eliminated. work: relative decrease of each; the largest one limits the step (ratio test). */
 static void expand(fsw_workspace *w) {
   const int n = n_soft(w), nv = w->nv, n_rows = w->n_soft_rows;
   const double *x = w->step;
@@ -296,7 +303,8 @@ static void advance(fsw_workspace *w, double alpha) {
   }
 }
 
-/* Outputs of the linear model at the solution. */
+/* Outputs of the linear model at the solution. A nonlinear prediction would cost another pass over
+ * the horizon; the next tick measures the difference. */
 static void outputs(const fsw_nmpc_model *m, const fsw_workspace *w, double *depth, double *temp) {
   for (int r = 0; r < 2 * m->n_out; r++) {
     const int is_temp = r >= m->n_out, i = is_temp ? r - m->n_out : r;
