@@ -72,6 +72,10 @@ ARGUMENTS = {
         "",
         "Whether a second supervisor runs on standby and takes over when the first dies; empty: in real time",
     ),
+    "heat": (
+        "",
+        "Heat profile of the type of weld, from fsw.py learn (YAML); the player publishes it; empty: none",
+    ),
     "monitor": ("false", "Whether the monitor watches the weld and names causes and advice"),
     "model_file": ("", "Model of this machine (YAML), for the monitor; empty: the paper's"),
     "covariance_file": (
@@ -153,6 +157,10 @@ def weld(context: LaunchContext) -> list[Any]:
         )
         controllers = graph.all_controllers
         parameters = _parameters_of_scenario(graph, scenario, folder, speed)
+    if arguments["heat"]:
+        parameters["fsw_scenario"]["ros__parameters"]["heat_file"] = str(
+            Path(arguments["heat"]).expanduser().absolute()
+        )
     if arguments["bag_dir"]:
         _record_into(Path(arguments["bag_dir"]).expanduser(), record, parameters)
     if machine:

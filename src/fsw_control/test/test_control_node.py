@@ -1,6 +1,7 @@
 """The controller node among real topics: what goes in, what comes out, what goes wrong."""
 
 import math
+from dataclasses import replace
 from hashlib import sha256
 from typing import Annotated
 
@@ -10,20 +11,25 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Temperature
+from std_msgs.msg import Header
 
 from fsw_control import Command, Diagnosis, Plan, Proposal, Reference
 from fsw_control import messages_ros as convert
 from fsw_control.controller_node import ControllerNode
+from fsw_control.heat_plan import HeatPlan as HeatPlanData
+from fsw_control.heat_plan import HeatPlanProblem
 from fsw_control.parameters import NodeParameters
 from fsw_control.reason import Reason, ReasonCode
-from fsw_control.topics_ros import LATCHED, STREAM
+from fsw_control.topics_ros import LATCHED, LATEST, STREAM
 from fsw_msgs.msg import (
     ControllerStatus,
     DriveFeedback,
+    HeatPlan,
     Prediction,
     ShoulderDepth,
     SpindleTorque,
     WeldCommand,
+    WeldProgress,
     WeldReference,
 )
 from fsw_schema.ranges import Range
@@ -31,6 +37,11 @@ from fsw_test_support.ros_graph import Spinner
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
 STEP_NS = 100_000_000
+
+
+HEAT_PLAN = HeatPlanData(
+    [0.0, 10.0], [0.0, 1.0], [0.0, 0.1], {}, [0.0, 14.0], "copper_lid", "a" * 64
+)
 
 
 class EchoParameters(NodeParameters):
@@ -256,6 +267,65 @@ def test_who_starts_in_mid_weld_takes_the_reference_that_the_supervisor_keeps(
         peer.until(lambda: peer.node.references.n_waiting == 2)
     assert peer.tick(9).healthy
     assert peer.controller.seen[-1][1].depth_mm == pytest.approx(2.71)
+
+
+@pytest.fixture
+def heated(start):
+    """A peer with the publisher of heat plans, and a plan in force since before the first tick."""
+    peer = start()
+    peer.heat = peer.peer.create_publisher(HeatPlan, "/fsw/heat_plan", LATEST)
+    peer.refer()
+    peer.heat.publish(convert.heat_plan_message(HEAT_PLAN, 0))
+    peer.until(lambda: peer.node._heat.plan)
+    peer.tick(1)
+    return peer
+
+
+def test_known_heat_reaches_a_controller_and_the_one_after_its_restart(heated):
+    assert heated.controller.seen[-1][1].heat.heat(5.0) == pytest.approx(0.5)
+    heated.executor.remove_node(heated.node)
+    heated.node.destroy_node()
+    heated.node = ControllerNode("echo", heated._make, EchoParameters)
+    heated.executor.add_node(heated.node)
+    heated.until(lambda: heated.node._heat.plan)
+    heated.until(lambda: heated.depths.get_subscription_count() == 1)
+    heated.until(lambda: heated.node.references)
+    heated.tick(2)
+    assert heated.controller.seen[-1][1].heat.profile == HEAT_PLAN.profile
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"heat_kw": [0.0, math.nan]}, HeatPlanProblem.NOT_FINITE),
+        ({"heat_kw": [0.0]}, HeatPlanProblem.LENGTHS),
+        ({"variance_kw2": [0.0, -1.0]}, HeatPlanProblem.VARIANCE),
+        ({"profile": "b" * 64}, HeatPlanProblem.CHANGED),
+        ({"at_s": [0.0, 0.05]}, HeatPlanProblem.OVER),
+    ],
+)
+def test_a_bad_heat_plan_is_reported_and_changes_nothing(heated, changes, problem):
+    heated.heat.publish(convert.heat_plan_message(replace(HEAT_PLAN, **changes), 0))
+    shown = f"refused: {problem.words}"
+    heated.until(
+        lambda: any(
+            pair.key == "heat plan" and pair.value == shown
+            for array in heated.got["diagnostics"]
+            for pair in array.status[0].values
+        )
+    )
+    heated.tick(2)
+    (_, before, *_), (_, after, *_) = heated.controller.seen
+    assert after.heat is before.heat
+
+
+def test_a_plan_of_another_path_is_dropped_by_the_programmes_report(heated):
+    progress = heated.peer.create_publisher(WeldProgress, "/fsw/weld_progress", LATEST)
+    stamp = convert.stamp_from_ns(5 * 10**9)
+    progress.publish(WeldProgress(header=Header(stamp=stamp), state="running", length=0.5))
+    heated.until(lambda: heated.node._heat.plan is None)
+    heated.tick(2)
+    assert heated.controller.seen[-1][1].heat is None
 
 
 def test_reference_sent_ahead_begins_at_its_tick(start):

@@ -55,6 +55,7 @@ class WeldGraph:
     companions: Mapping[str, str] = field(default_factory=dict)
     #: further parameters by node: of companions, or derived from a welding procedure
     derived: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    heat: Path | None = None  #: heat profile of the type of weld, for the player to publish
 
     @property
     def bag(self) -> Path:
@@ -114,7 +115,11 @@ class WeldGraph:
                 **({} if self.realtime else {"clock": "simulated", "speed": 0.0}),
             },
             "fsw_supervisor": {"controller": names[0]},
-            "fsw_scenario": {"scenario": str(scenario_file), "wait_for_controllers": len(names)},
+            "fsw_scenario": {
+                "scenario": str(scenario_file),
+                "wait_for_controllers": len(names),
+                **({} if self.heat is None else {"heat_file": str(self.heat.absolute())}),
+            },
             "fsw_recorder": {
                 "output": str(self.bag),
                 "scenario": str(scenario_file),
