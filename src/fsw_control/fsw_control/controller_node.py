@@ -34,13 +34,13 @@ from fsw_control.topics_ros import (
     SENT,
     STREAM,
     display_publisher,
-    subscribe_drives,
     subscribe_sensors,
 )
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_control.weld_ticks_ros import WeldTicks
 from fsw_msgs.msg import (
     ControllerStatus,
+    DriveFeedback,
     HeatPlan,
     Prediction,
     WeldCommand,
@@ -71,7 +71,9 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
     parameters : class, optional
         Model of the controller's own parameters (:mod:`fsw_control.parameters`). At runtime they
         are passed to the controller's ``check(values)`` and then to its ``configure(values)``, if
-        it has these methods; ``use_logger(logger)`` gets the node's logger.
+        it has these methods; ``use_logger(logger)`` gets the node's logger. ``rejoin()`` is called
+        before the first step if others have commanded the actuators before: what acted in the
+        last seconds is unknown.
     """
 
     def __init__(self, name: str, make: Make, parameters: ParameterModel = None) -> None:
@@ -106,6 +108,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._step_time_s = 0.0
         self._longest_step_s = 0.0
         self._stream_of_ticks = False
+        self._has_drives = False
         self._open_parameters()
         self._open_topics()
 
@@ -140,7 +143,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self.create_subscription(WeldProgress, "fsw/weld_progress", self._on_progress, LATEST)
         subscribe_references(self, self.references)
         self.create_subscription(WeldCommand, "fsw/command", self._ticks.on_command, STREAM)
-        subscribe_drives(self, self._ticks.on_drives)
+        self.create_subscription(DriveFeedback, "fsw/drives", self._on_drives, STREAM)
         subscribe_sensors(self, self._ticks.on_sample)
 
     def _on_bad_reference(self, what: str) -> None:
@@ -154,10 +157,18 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         except ValueError as error:
             self._on_bad_reference(str(error))
 
+    def _on_drives(self, message: DriveFeedback) -> None:
+        if not self._has_drives and convert.actuator_state(message).answered_ns > 0:
+            rejoin = getattr(self.controller, "rejoin", None)
+            if rejoin is not None:
+                rejoin()
+        self._has_drives = True
+        self._ticks.on_drives(convert.stamp_ns(message.header.stamp), convert.command(message))
+
     def _on_heat_plan(self, message: HeatPlan) -> None:
         self._heat_state = message.type
-        now_s = None if self._last_ns is None else self._last_ns * 1e-9
-        self._heat.receive(convert.heat_plan(message), now_s)
+        stamp_ns = convert.stamp_ns(message.header.stamp)
+        self._heat.receive(convert.heat_plan(message), stamp_ns, self._last_ns)
 
     def _on_bad_heat(self, problem: HeatPlanProblem) -> None:
         self._heat_state = f"refused: {problem.words}"
@@ -165,8 +176,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
 
     def _on_progress(self, message: WeldProgress) -> None:
         if message.state == "running":
-            time_s = convert.stamp_ns(message.header.stamp) * 1e-9
-            self._heat.follow(units.mm_from_m(message.length), time_s)
+            stamp_ns = convert.stamp_ns(message.header.stamp)
+            self._heat.follow(units.mm_from_m(message.length), stamp_ns)
         elif message.state != "held":
             self._heat.restart()
 
@@ -214,8 +225,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         reference = self.references.at(tick.stamp_ns)
         if reference is not None and (coming := self._plan.after(tick.stamp_ns, reference)):
             reference = replace(reference, coming=coming)
-        if reference is not None and self._heat.plan is not None:
-            reference = replace(reference, heat=self._heat.plan)
+        if reference is not None and (heat := self._heat.at(tick.stamp_ns)):
+            reference = replace(reference, heat=heat)
         begin = time.perf_counter()
         proposal = answer(
             self.controller, measurement, reference, self.applied.before(tick.stamp_ns), dt_s

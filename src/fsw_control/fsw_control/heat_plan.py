@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import chain, pairwise
 from math import isfinite, sqrt
 
+from fsw_control.units import NANOSECONDS
 from fsw_schema.ranges import Range
 
 #: largest heat of a plan: more than the spindle's power (chosen)
@@ -17,6 +19,8 @@ HEAT_KW = Range(-50.0, 50.0, "kW")
 SHARE, SHARE_NAME = Range(0.0, 1.0, ""), "known_heat_share"
 #: A day of places 2 mm apart at the fastest traverse; a longer message is no plan (chosen).
 _MOST_POINTS = 20_000
+#: plans that wait for their tick (chosen)
+_MOST_COMING = 8
 #: The place reported by the programme and that of the plan may differ by seven seconds of the
 #: paper's traverse: reports are a second apart, and some may be under way (chosen).
 _PLACE_MM = 10.0
@@ -114,9 +118,11 @@ def _falls(values: Sequence[float]) -> bool:
 class ReceivedHeat:
     """The heat plan in force, of those that others publish.
 
-    A weld keeps the profile it began with: its plan may be withdrawn and moved in time, as by a
-    hold, but not replaced by one of another profile. As only changes of the heat are used, a plan
-    that is refused, withdrawn or dropped leaves the controller with what it has estimated.
+    A plan is in force from the first tick after its stamp, however early it arrives, so that a
+    weld in lockstep does not depend on who is faster. A weld keeps the profile it began with: its
+    plan may be withdrawn and moved in time, as by a hold, but not replaced by one of another
+    profile. As only changes of the heat are used, a plan that is refused, withdrawn or dropped
+    leaves the controller with what it has estimated.
 
     Parameters
     ----------
@@ -127,25 +133,28 @@ class ReceivedHeat:
     def __init__(self, refuse: Callable[[HeatPlanProblem], object]) -> None:
         self._refuse = refuse
         self._profile, self._begin_s, self._end_s = "", 0.0, 0.0
-        self.plan: HeatPlan | None = None  #: in force
+        self._coming: deque[tuple[int, HeatPlan | None]] = deque(maxlen=_MOST_COMING)
+        self._plan: HeatPlan | None = None
 
     def restart(self) -> None:
-        """After a jump of time: the next plan may be of any profile."""
+        """After a jump of time or a weld: the next plan may be of any profile."""
         self._profile = ""
 
-    def receive(self, plan: HeatPlan | None, now_s: float | None) -> None:
-        """Take a plan; None withdraws. ``now_s``: newest measurement, None before the first."""
-        if plan is None:
-            self.plan = None
-        elif problem := plan.problem or self._untimely(plan, now_s):
-            self._refuse(problem)
-        else:
-            self.plan, self._profile = plan, plan.profile
+    def receive(self, plan: HeatPlan | None, stamp_ns: int, newest_ns: int | None) -> None:
+        """Take a plan, None withdraws; ``newest_ns``: last tick, None before the first."""
+        if plan is not None:
+            problem = plan.problem or self._untimely(plan, newest_ns)
+            if problem:
+                self._refuse(problem)
+                return
+            self._profile = plan.profile
             self._begin_s, self._end_s = plan.at_s[0], plan.at_s[-1]
+        self._coming.append((stamp_ns, plan))
 
-    def _untimely(self, plan: HeatPlan, now_s: float | None) -> HeatPlanProblem | None:
-        if now_s is None:
+    def _untimely(self, plan: HeatPlan, newest_ns: int | None) -> HeatPlanProblem | None:
+        if newest_ns is None:
             return None
+        now_s = newest_ns / NANOSECONDS
         if plan.at_s[-1] <= now_s:
             return HeatPlanProblem.OVER
         is_weld_under_way = self._profile and self._begin_s < now_s < self._end_s
@@ -153,11 +162,17 @@ class ReceivedHeat:
             return HeatPlanProblem.CHANGED
         return None
 
-    def follow(self, travelled_mm: float, time_s: float) -> None:
+    def at(self, tick_ns: int) -> HeatPlan | None:
+        """Return the plan in force at a tick."""
+        while self._coming and self._coming[0][0] < tick_ns:
+            self._plan = self._coming.popleft()[1]
+        return self._plan
+
+    def follow(self, travelled_mm: float, stamp_ns: int) -> None:
         """Compare with the place that the running programme reports; drop another path's plan."""
-        plan = self.plan
+        plan, time_s = self._plan, stamp_ns / NANOSECONDS
         if plan is None or not plan.at_s[0] <= time_s <= plan.at_s[-1]:
             return
         if not abs(plan.place(time_s) - travelled_mm) <= _PLACE_MM:
-            self.plan = None
+            self._plan = None
             self._refuse(HeatPlanProblem.PLACE)

@@ -203,7 +203,7 @@ def heat_plan(message: HeatPlanMessage) -> HeatPlan | None:
 
 
 def heat_plan_message(plan: HeatPlan | None, time_ns: int) -> HeatPlanMessage:
-    """Message of a plan made at ``time_ns``; without a plan it withdraws the one before it."""
+    """Message of a plan from the tick after ``time_ns``; without a plan it withdraws the last."""
     if plan is None:
         return HeatPlanMessage(header=header(time_ns))
     return HeatPlanMessage(

@@ -18,14 +18,29 @@ PLAN = HeatPlan(
 )
 
 
-@pytest.fixture
-def received():
+#: seconds, of stamps in ns
+S = 10**9
+
+
+class Weld(ReceivedHeat):
     """A receiver that has taken a plan before the first measurement, and its refusals."""
-    heat = ReceivedHeat(lambda problem: heat.refusals.append(problem))
-    heat.refusals = []
-    heat.receive(PLAN, None)
-    assert heat.plan is PLAN
-    return heat
+
+    def __init__(self):
+        self.refusals = []
+        super().__init__(self.refusals.append)
+        self.receive(PLAN, 0, None)
+
+    def take(self, plan, now_s):
+        """Take a plan after the tick of now; returns the one in force at the next tick."""
+        self.receive(plan, round(now_s * S), round(now_s * S))
+        return self.at(round(now_s * S) + S // 10)
+
+
+@pytest.fixture
+def weld():
+    made = Weld()
+    assert made.at(1) is PLAN
+    return made
 
 
 def test_values_lie_on_lines_and_stay_constant_outside():
@@ -53,52 +68,58 @@ def test_values_lie_on_lines_and_stay_constant_outside():
         ({"heat_kw": [1.0, 51.0, 1.0]}, HeatPlanProblem.HEAT),
     ],
 )
-def test_bad_values_are_refused_and_the_plan_in_force_stays(received, changes, problem):
-    received.receive(replace(PLAN, **changes), 105.0)
-    assert received.refusals == [problem]
-    assert received.plan is PLAN
+def test_bad_values_are_refused_and_the_plan_in_force_stays(weld, changes, problem):
+    assert weld.take(replace(PLAN, **changes), 105.0) is PLAN
+    assert weld.refusals == [problem]
 
 
-def test_a_plan_that_is_over_is_refused(received):
-    received.receive(replace(PLAN, type="late"), 120.0)
-    assert received.refusals == [HeatPlanProblem.OVER]
-    assert received.plan is PLAN
+def test_a_plan_that_is_over_is_refused(weld):
+    assert weld.take(replace(PLAN, type="late"), 120.0) is PLAN
+    assert weld.refusals == [HeatPlanProblem.OVER]
 
 
-def test_a_weld_keeps_its_profile_through_holds(received):
-    other = replace(PLAN, profile="b" * 64)
-    moved = replace(PLAN, at_s=[101.0, 111.0, 121.0])
-    received.receive(moved, 105.0)
-    assert received.plan is moved
-    received.receive(None, 106.0)
-    assert received.plan is None
-    received.receive(other, 107.0)
-    assert received.plan is None
-    assert received.refusals == [HeatPlanProblem.CHANGED]
-    received.receive(moved, 108.0)
-    assert received.plan is moved
+def test_a_weld_keeps_its_profile_through_holds(weld):
+    moved, other = replace(PLAN, at_s=[101.0, 111.0, 121.0]), replace(PLAN, profile="b" * 64)
+    assert weld.take(moved, 105.0) is moved
+    assert weld.take(None, 106.0) is None
+    assert weld.take(other, 107.0) is None
+    assert weld.refusals == [HeatPlanProblem.CHANGED]
+    assert weld.take(moved, 108.0) is moved
+
+
+def test_a_plan_holds_from_the_tick_after_its_stamp_however_early_it_comes(weld):
+    first, second = replace(PLAN, type="first"), replace(PLAN, type="second")
+    weld.receive(first, 105 * S, 104 * S)
+    weld.receive(second, 106 * S, 104 * S)
+    assert [weld.at(at_s * S) for at_s in (105, 106, 107)] == [PLAN, first, second]
+
+
+def test_plans_that_never_come_into_force_do_not_pile_up(weld):
+    for number in range(100):
+        weld.receive(replace(PLAN, type=str(number)), 10**18, 105 * S)
+    assert len(weld._coming) < 10
+    assert weld.at(106 * S) is PLAN
 
 
 @pytest.mark.parametrize("between", ["time restarts", "weld is over"])
-def test_the_next_weld_may_have_another_profile(received, between):
+def test_the_next_weld_may_have_another_profile(weld, between):
     other = replace(PLAN, profile="b" * 64, at_s=[130.0, 140.0, 150.0])
     if between == "time restarts":
-        received.restart()
-    received.receive(other, 110.0 if between == "time restarts" else 125.0)
-    assert received.plan is other
+        weld.restart()
+    assert weld.take(other, 110.0 if between == "time restarts" else 125.0) is other
 
 
 @pytest.mark.parametrize(
     ("travelled_mm", "at_s", "stays"),
     [
-        (7.5, 115.0, True),
-        (10.0, 115.0, True),  # reports are a second apart
-        (30.0, 115.0, False),
-        (nan, 115.0, False),
-        (30.0, 90.0, True),  # before the programme begins it says nothing
+        (7.5, 115, True),
+        (10.0, 115, True),  # reports are a second apart
+        (30.0, 115, False),
+        (nan, 115, False),
+        (30.0, 90, True),  # before the programme begins it says nothing
     ],
 )
-def test_a_plan_of_another_path_is_dropped(received, travelled_mm, at_s, stays):
-    received.follow(travelled_mm, at_s)
-    assert (received.plan is PLAN) is stays
-    assert received.refusals == ([] if stays else [HeatPlanProblem.PLACE])
+def test_a_plan_of_another_path_is_dropped(weld, travelled_mm, at_s, stays):
+    weld.follow(travelled_mm, at_s * S)
+    assert weld.at(116 * S) is (PLAN if stays else None)
+    assert weld.refusals == ([] if stays else [HeatPlanProblem.PLACE])

@@ -16,6 +16,7 @@ from std_msgs.msg import Header
 from fsw_control import Command, Diagnosis, Plan, Proposal, Reference
 from fsw_control import messages_ros as convert
 from fsw_control.controller_node import ControllerNode
+from fsw_control.fence import ActuatorState
 from fsw_control.heat_plan import HeatPlan as HeatPlanData
 from fsw_control.heat_plan import HeatPlanProblem
 from fsw_control.parameters import NodeParameters
@@ -68,6 +69,7 @@ class Echo:
         self.gain = values["gain"]
         self.seen = []
         self.resets = 0
+        self.rejoined_after = []  # steps
         self.raises = False
         self.attainable = {}
 
@@ -87,6 +89,9 @@ class Echo:
 
     def reset(self, applied):
         self.resets += 1
+
+    def rejoin(self):
+        self.rejoined_after.append(len(self.seen))
 
     def use_logger(self, logger):
         self.logger = logger
@@ -276,7 +281,7 @@ def heated(start):
     peer.heat = peer.peer.create_publisher(HeatPlan, "/fsw/heat_plan", LATEST)
     peer.refer()
     peer.heat.publish(convert.heat_plan_message(HEAT_PLAN, 0))
-    peer.until(lambda: peer.node._heat.plan)
+    peer.until(lambda: peer.node._heat.at(1))
     peer.tick(1)
     return peer
 
@@ -287,7 +292,7 @@ def test_known_heat_reaches_a_controller_and_the_one_after_its_restart(heated):
     heated.node.destroy_node()
     heated.node = ControllerNode("echo", heated._make, EchoParameters)
     heated.executor.add_node(heated.node)
-    heated.until(lambda: heated.node._heat.plan)
+    heated.until(lambda: heated.node._heat.at(1))
     heated.until(lambda: heated.depths.get_subscription_count() == 1)
     heated.until(lambda: heated.node.references)
     heated.tick(2)
@@ -323,7 +328,7 @@ def test_a_plan_of_another_path_is_dropped_by_the_programmes_report(heated):
     progress = heated.peer.create_publisher(WeldProgress, "/fsw/weld_progress", LATEST)
     stamp = convert.stamp_from_ns(5 * 10**9)
     progress.publish(WeldProgress(header=Header(stamp=stamp), state="running", length=0.5))
-    heated.until(lambda: heated.node._heat.plan is None)
+    heated.until(lambda: heated.node._heat.at(1) is None)
     heated.tick(2)
     assert heated.controller.seen[-1][1].heat is None
 
@@ -390,6 +395,18 @@ def test_what_the_drives_report_reaches_the_controller_with_its_tick(start):
     with_drives, without = (entry[0] for entry in peer.controller.seen)
     assert (with_drives.force_kn, with_drives.speed_rpm) == pytest.approx((81.5, 402.0))
     assert math.isnan(without.force_kn) and math.isnan(without.speed_rpm)
+
+
+@pytest.mark.parametrize(("answered_ns", "expected"), [(0, []), (5 * STEP_NS, [0])])
+def test_who_starts_in_mid_weld_rejoins_before_the_first_step(start, answered_ns, expected):
+    """The actuator end has answered others' commands before."""
+    peer = start("--ros-args", "-p", "use_sim_time:=true")  # a tick waits for the drives
+    peer.refer()
+    for k in (6, 7):
+        state = ActuatorState(answered_ns=answered_ns + (k - 6) * STEP_NS)
+        peer.drives.publish(convert.drives_message(Command(78.0, 400.0), k * STEP_NS, state))
+        peer.tick(k)
+    assert peer.controller.rejoined_after == expected
 
 
 def test_nan_from_a_tolerated_sensor_stays_healthy(start):

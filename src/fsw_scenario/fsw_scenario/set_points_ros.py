@@ -25,6 +25,8 @@ from fsw_scenario.weld_programme_course import Course
 _AHEAD = LATCHED.depth // 2
 #: On the wall clock a reference is sent this long in advance, whichever machine's clock is ahead.
 _AHEAD_REAL_NS = 5_000_000_000
+#: in lockstep, time limit for a delivery on a busy machine, also to a dead node (chosen)
+DELIVERY = Duration(seconds=2)
 #: mark by which the player recognises its own set-points
 _MARK = "programme {}"
 
@@ -136,6 +138,9 @@ class SetPoints:
         self.announce_heat()
         self._send(present, 0)
         self.send_ahead()
+        if self._synchronous:  # the plant takes its next step after this
+            for publisher in self.publishers:
+                publisher.wait_for_all_acked(DELIVERY)
 
     def _send(self, one: Reference, stamp_ns: int) -> None:
         self._references.publish(convert.reference_message(one, stamp_ns, mark=self._mark))
@@ -155,7 +160,7 @@ class SetPoints:
         """
         if self._heat is not None:
             plan = self._heat.plan(self._time.ns(0) * 1e-9) if self.course.followed else None
-            self._heat_plan.publish(convert.heat_plan_message(plan, self._time.ns(0)))
+            self._heat_plan.publish(convert.heat_plan_message(plan, self._time.stamp_ns))
 
     def send_ahead(self) -> None:
         """Send set-points that are due soon."""

@@ -10,7 +10,6 @@ from math import nan
 from typing import NamedTuple
 
 from rclpy.clock import Clock, ClockType
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 from std_msgs.msg import Header, String
@@ -29,7 +28,7 @@ from fsw_scenario.emulator_events_ros import EmulatorEvents
 from fsw_scenario.heat_ahead import HeatAhead
 from fsw_scenario.running_kpi import RunningKpi
 from fsw_scenario.scenario import Scenario
-from fsw_scenario.set_points_ros import ScenarioTime, SetPoints
+from fsw_scenario.set_points_ros import DELIVERY, ScenarioTime, SetPoints
 from fsw_scenario.timeline import switches
 from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine, State
 from fsw_scenario.weld_programme_ros import (
@@ -41,9 +40,6 @@ from fsw_scenario.weld_programme_ros import (
 
 #: time limit for finding a controller named by a goal
 _CONTROLLER_S = 5.0
-#: in lockstep, time limit for the delivery of a request on a busy machine, also lost on a dead
-#: supervisor (chosen)
-_DELIVERY = Duration(seconds=2)
 FAILED, REFUSED = "failed", "refused"
 _TIME_JUMPED = (
     "the measurements' time has jumped: the scenario continues from its present position"
@@ -301,7 +297,7 @@ class WeldPlayer:
             if (
                 self._ready is not None
             ):  # the plant takes its next step after that: the request must be there first
-                self._requests.wait_for_all_acked(_DELIVERY)
+                self._requests.wait_for_all_acked(DELIVERY)
         if (self.time.tick - self._reported) * 100 >= self.scenario.n_ticks:
             self._reported = self.time.tick
             self._report(False)
