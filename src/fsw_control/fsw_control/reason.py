@@ -30,6 +30,7 @@ class ReasonCode(Coded):
     FORCE_HELD = 13
     OVERFLOW = 14
     HORIZON = 15
+    REJOINING = 16
     SLEWING = 21
     FOREIGN = 22
     INCOMPLETE = 23
@@ -83,6 +84,7 @@ _WORDS = {
     ReasonCode.FORCE_HELD: "no valid {sensors}, force held",
     ReasonCode.OVERFLOW: "samples beyond all range, loops start again",
     ReasonCode.HORIZON: "another horizon cannot be made: {detail}",
+    ReasonCode.REJOINING: "started in mid-weld: the heat is not known yet",
     ReasonCode.SLEWING: "slewing after a swap",
     ReasonCode.FOREIGN: "the controller has followed a foreign command",
     ReasonCode.INCOMPLETE: "the measurement lacks {sensors}",
