@@ -70,13 +70,14 @@ class HeatPlan:
     #: parameters of the thermal model with which it was found; with another one it is another heat
     model: Mapping[str, float]
     travel_mm: Sequence[float] = ()  #: place of the tool along its path at each time
+    angle_deg: Sequence[float] = ()  #: place of the tool about the canister at each time
     type: str = ""  #: of weld
     profile: str = ""  #: SHA-256 of the profile
 
     @property
     def problem(self) -> HeatPlanProblem | None:
         """What is wrong with the values themselves."""
-        columns = (self.at_s, self.heat_kw, self.variance_kw2, self.travel_mm)
+        columns = (self.at_s, self.heat_kw, self.variance_kw2, self.travel_mm, self.angle_deg)
         if len({*map(len, columns)}) > 1 or not 2 <= len(self.at_s) <= _MOST_POINTS:
             return HeatPlanProblem.LENGTHS
         if not all(map(isfinite, chain(*columns, self.model.values()))):

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from importlib import import_module
 from itertools import pairwise
-from math import nan
+from math import degrees, nan, radians
 from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
@@ -197,6 +197,7 @@ def heat_plan(message: HeatPlanMessage) -> HeatPlan | None:
         [units.kw_from_w(units.kw_from_w(variance_w2)) for variance_w2 in message.variance],
         dict(zip(message.model_names, message.model_values, strict=False)),
         [units.mm_from_m(length_m) for length_m in message.length],
+        list(map(degrees, message.angle)),
         message.type,
         message.profile,
     )
@@ -212,6 +213,7 @@ def heat_plan_message(plan: HeatPlan | None, time_ns: int) -> HeatPlanMessage:
         profile=plan.profile,
         time=list(plan.at_s),
         length=[units.m_from_mm(travel_mm) for travel_mm in plan.travel_mm],
+        angle=list(map(radians, plan.angle_deg)),
         heat=[units.w_from_kw(heat_kw) for heat_kw in plan.heat_kw],
         variance=[units.w_from_kw(units.w_from_kw(value)) for value in plan.variance_kw2],
         model_names=list(plan.model),

@@ -13,6 +13,7 @@ PLAN = HeatPlan(
     variance_kw2=[0.0, 0.01, 0.04],
     model={"copper_lag_s": 11.0},
     travel_mm=[0.0, 0.0, 15.0],
+    angle_deg=[0.0, 0.0, 1.6],
     type="copper_lid",
     profile="a" * 64,
 )
@@ -55,7 +56,7 @@ def test_values_lie_on_lines_and_stay_constant_outside():
         ({"heat_kw": [1.0, 2.0]}, HeatPlanProblem.LENGTHS),
         ({"travel_mm": []}, HeatPlanProblem.LENGTHS),
         (
-            {"at_s": [1.0], "heat_kw": [1.0], "variance_kw2": [1.0], "travel_mm": [1.0]},
+            {key: [1.0] for key in ("at_s", "heat_kw", "variance_kw2", "travel_mm", "angle_deg")},
             HeatPlanProblem.LENGTHS,
         ),
         ({"heat_kw": [1.0, nan, 1.0]}, HeatPlanProblem.NOT_FINITE),

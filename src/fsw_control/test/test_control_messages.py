@@ -162,7 +162,14 @@ def test_a_plan_of_set_points_goes_there_and_back():
 
 def test_a_heat_plan_goes_there_and_back():
     plan = HeatPlan(
-        [1.0, 2.5], [0.5, -1.0], [0.0, 0.01], {"dead_time_s": 2.8}, [0.0, 2.15], "lid", "a" * 64
+        [1.0, 2.5],
+        [0.5, -1.0],
+        [0.0, 0.01],
+        {"dead_time_s": 2.8},
+        [0.0, 2.15],
+        [0.0, 0.25],
+        "lid",
+        "a" * 64,
     )
     message = convert.heat_plan_message(plan, 5)
     assert list(message.heat) == [500.0, -1000.0]
@@ -176,7 +183,7 @@ def test_a_heat_plan_goes_there_and_back():
         plan.type,
         plan.profile,
     )
-    for name in ("heat_kw", "variance_kw2", "travel_mm"):
+    for name in ("heat_kw", "variance_kw2", "travel_mm", "angle_deg"):
         assert getattr(back, name) == pytest.approx(getattr(plan, name))
     assert convert.heat_plan(convert.heat_plan_message(None, 5)) is None
 

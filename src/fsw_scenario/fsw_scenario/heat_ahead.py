@@ -36,7 +36,8 @@ class HeatAhead:
             times.append(np.interp(inside, places_mm[part : part + 2], ends_s[part : part + 2]))
         self._at_s = np.unique(np.concatenate(times))
         travelled_mm = np.interp(self._at_s, ends_s, places_mm)
-        self._travel_mm = travelled_mm.tolist()
+        turns_deg = [phases[0].from_deg, *(phase.to_deg for phase in phases)]
+        self._places = travelled_mm.tolist(), np.interp(self._at_s, ends_s, turns_deg).tolist()
         self._heat_kw = np.interp(travelled_mm, travel_mm, profile.heat_kw).tolist()
         deviation_kw = np.interp(travelled_mm, travel_mm, profile.deviation_kw)
         # what it lacks is a process of this deviation that forgets over the correlation length
@@ -49,5 +50,5 @@ class HeatAhead:
         """The plan of a weld whose programme begins at ``begin_s`` on the measurements' clock."""
         at_s = (self._at_s + begin_s).tolist()
         return HeatPlan(
-            at_s, self._heat_kw, self._variance_kw2, self._model, self._travel_mm, *self._of
+            at_s, self._heat_kw, self._variance_kw2, self._model, *self._places, *self._of
         )

@@ -80,7 +80,10 @@ class SetPoints:
         self._subscription: Subscription | None = None
 
     def destroy(self) -> None:
-        """Leave the graph."""
+        """Leave the graph; the known heat goes with the weld."""
+        if self._heat is not None:
+            self._heat_plan.publish(convert.heat_plan_message(None, self._time.stamp_ns))
+            self._heat_plan.wait_for_all_acked(DELIVERY)
         if self._subscription is not None:
             self._node.destroy_subscription(self._subscription)
         for publisher in self.publishers:
