@@ -6,6 +6,9 @@ import pytest
 from fsw_analysis.changes import cut_to_scenario, part
 from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
+from fsw_control.heat_plan import SHARE_NAME
+from fsw_model import nominal
+from fsw_model.heat_profile import HeatProfile, HeatSource, ThermalModel
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
 from fsw_scenario.graph import WeldGraph
@@ -95,6 +98,27 @@ events:
   - {at_deg: 2.2, disturbance: {channel: depth, shape: step, amplitude_mm: 0.05}}
   - {at_s: 78.0, switch: nmpc}
 """
+#: with the heat of a profile; the plan moves when the dwell ends early
+KNOWN = """
+name: short_weld_with_known_heat
+controller: nmpc
+plant:
+  seed: 8
+  process: canister
+  start: {temperature_c: 795.0}
+  canister: {lid_mm: 0.0, probe_radius_mm: 25.0, shoulder_share: 0.2, element_mm: 12.5, modes: 53}
+phases:
+  - {name: dwell, duration_s: 60.0, until_c: 803.0, set_points: [{temperature_c: 804.4}]}
+  - {name: start, to_deg: 2.0, length_mm: 20.0}
+"""
+PROFILE = HeatProfile(
+    type="short_weld",
+    model=ThermalModel.of(nominal()),
+    welds=(HeatSource(weld="C001", sha256="a" * 64),),
+    travel_mm=(0.0, 8.0, 12.0, 20.0),
+    heat_kw=(0.0, 0.0, 1.0, 1.0),
+    deviation_kw=(0.1, 0.1, 0.2, 0.1),
+)
 SIGNALS = (
     "reference_depth_mm",
     "reference_temperature_c",
@@ -122,22 +146,29 @@ TRUTH = (
         pytest.param(ALONE, id="alone", marks=pytest.mark.full),
         pytest.param(WELD, id="weld", marks=pytest.mark.full),
         pytest.param(HEAT, id="heat", marks=pytest.mark.full),
+        pytest.param(KNOWN, id="known heat"),
     ],
 )
 def test_graph_in_lockstep_equals_one_process(text, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))  # of reduced canisters
     path = tmp_path / "scenario.yaml"
     path.write_text(text)
-    scenario = load(path)
-    shares = []
+    scenario, heat, shares = load(path), None, []
+    if text == KNOWN:
+        heat = tmp_path / "heat.yaml"
+        heat.write_text(PROFILE.text, encoding="utf-8")
     with free_domain() as domain, Launcher(tmp_path / "log", domain, PATIENCE_S) as launcher:
-        graph = WeldGraph(scenario, tmp_path / "weld")
+        graph = WeldGraph(scenario, tmp_path / "weld", heat=heat)
         elapsed_s = graph.run(launcher, shares.append)
     recorded = load_weld(graph.bag)
     assert recorded.problems == []
     assert recorded.attachments["scenario.yaml"] == scenario.text.encode()
     there = cut_to_scenario(recorded)
-    here = ClosedLoop(scenario, {name: make(name) for name in scenario.controllers}).run()
+    here = ClosedLoop(
+        scenario,
+        {name: make(name) for name in scenario.controllers},
+        PROFILE if text == KNOWN else None,
+    ).run()
 
     # a dwell that ends early shortens the weld; the plant then goes on until the launcher ends it
     n = here.n_ticks
@@ -159,8 +190,26 @@ def test_graph_in_lockstep_equals_one_process(text, tmp_path, monkeypatch):
             atol=1e-9,
             err_msg=f"truth {name}",
         )
+    for name, status in here.statuses.items():
+        for key, values in status.disturbances.items():
+            if key == SHARE_NAME:
+                recorded_share = there.statuses[name].disturbances[key]
+                np.testing.assert_allclose(recorded_share, values, rtol=0.0, atol=1e-9)
     assert shares == sorted(shares)
     assert elapsed_s > 0.0
+
+
+def test_the_known_heat_moves_the_speed(tmp_path):
+    """So the plan has arrived in the graph where the trajectories are the same."""
+    path = tmp_path / "scenario.yaml"
+    path.write_text(KNOWN)
+    with_heat, without = (
+        ClosedLoop(load(path), {"nmpc": make("nmpc")}, heat).run() for heat in (PROFILE, None)
+    )
+    n = min(with_heat.n_ticks, without.n_ticks)
+    assert n < 700  # the dwell ends early
+    assert np.abs(with_heat.speed_rpm[:n] - without.speed_rpm[:n]).max() > 1.0
+    assert np.isfinite(with_heat.statuses["nmpc"].disturbances[SHARE_NAME]).all()
 
 
 def test_the_courses_of_force_and_speed_are_not_trivial(tmp_path):

@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from fsw.command import command, option, switch
+from fsw.command import command, file, option, switch
 from fsw.errors import CommandError, exit_code
 from fsw.middleware import HOW, middleware_is_here
 from fsw.outputs import new_folder
@@ -22,10 +22,12 @@ from fsw_analysis.figures import Run
 from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
 from fsw_hmi.main import EXTRA
+from fsw_model.heat_profile import HeatProfile
 from fsw_plant import PlantConfig, prepare
 from fsw_scenario import live
 from fsw_scenario.controllers import OURS, name_of, variant_of
 from fsw_scenario.graph import WeldGraph
+from fsw_scenario.heat_ahead import HeatAhead
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse, shipped
@@ -65,6 +67,7 @@ LIVE_SCENARIO = "canister_weld"
         default=8080,
         help="of the page of --live; 0: any free one (default 8080)",
     ),
+    file("--heat", "with --live: heat profile of the type of weld, from fsw.py learn"),
     option("--out", type=Path, help="folder for the results (default: out/<date>)"),
     description="Run welds in closed loop over DDS; "
     "plant, controllers, supervisor, recorder and player are "
@@ -72,6 +75,8 @@ LIVE_SCENARIO = "canister_weld"
 )
 def demo(parsed: argparse.Namespace) -> int:
     """Run the demonstration; returns the exit code."""
+    if parsed.heat is not None and not parsed.live:
+        raise CommandError("--heat needs --live")
     return _live(parsed) if parsed.live else _demonstrate(parsed)
 
 
@@ -101,10 +106,20 @@ def _live(parsed: argparse.Namespace) -> int:
         raise CommandError(f"--live needs ROS 2: {HOW}")
     EXTRA.need("--live")
     prepare(PlantConfig.from_values(scenario.plant))
+    if parsed.heat is not None:
+        HeatAhead(
+            HeatProfile.from_file(parsed.heat), scenario.phases
+        )  # else the player refuses it
     folder = new_folder(parsed.out, "live")
     others = () if scenario.open_loop else tuple(controllers)
     graph = WeldGraph(
-        scenario, folder, others, realtime=True, standby=True, parameters=controllers
+        scenario,
+        folder,
+        others,
+        realtime=True,
+        standby=True,
+        parameters=controllers,
+        heat=parsed.heat,
     )
     with free_domain() as domain, Launcher(folder / "log", domain) as launcher:
         return live.weld(graph, launcher, parsed.port)

@@ -96,8 +96,6 @@ def simulate(arguments: argparse.Namespace) -> int:
         raise CommandError(
             f"simulate: give a scenario, one of {', '.join(shipped())}, or a YAML file"
         )
-    if arguments.heat is not None and arguments.bag:
-        raise CommandError("simulate: --heat goes without --bag: the graph does not announce heat")
     by_procedure: dict[str, dict[str, Any]] = {}
     if arguments.require_signed and not arguments.procedure:
         raise CommandError("simulate: --require-signed needs --procedure")
@@ -129,7 +127,13 @@ def simulate(arguments: argparse.Namespace) -> int:
         export_weld(runs[-1].signals, folder / f"signals_{file}.csv")
         if arguments.bag:
             _record(
-                loop.scenario, label, parameters, folder / f"graph_{file}", by_procedure, identity
+                loop.scenario,
+                label,
+                parameters,
+                folder / f"graph_{file}",
+                by_procedure,
+                identity,
+                arguments.heat,
             )
     write_results(scenario, runs, folder, with_figures=not arguments.no_figures)
     print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
@@ -209,6 +213,7 @@ def _record(
     folder: Path,
     by_procedure: Mapping[str, dict[str, Any]],
     identity: Sequence[str],
+    heat: Path | None,
 ) -> None:
     """Run a scenario in the graph, in lockstep, and store its bag in a folder."""
     nodes = {name: parameters.get(name, {}) for name in scenario.controllers}
@@ -221,7 +226,9 @@ def _record(
             **derived.get("fsw_recorder", {}),
             "custom_data": list(identity),
         }
-    graph = WeldGraph(scenario, folder, parameters=nodes, companions=companions, derived=derived)
+    graph = WeldGraph(
+        scenario, folder, parameters=nodes, companions=companions, derived=derived, heat=heat
+    )
     run_graph(graph, f"{scenario.name}, bag {graph.bag}")
     if "on_finished" in by_procedure.get("fsw_recorder", {}):
         print_notes([f"the record of the weld is being written to {graph.bag / 'record'}"])

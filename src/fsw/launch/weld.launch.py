@@ -72,6 +72,10 @@ ARGUMENTS = {
         "",
         "Whether a second supervisor runs on standby and takes over when the first dies; empty: in real time",
     ),
+    "heat": (
+        "",
+        "Heat profile of the type of weld, from fsw.py learn (YAML); the player publishes it; empty: none",
+    ),
     "monitor": ("false", "Whether the monitor watches the weld and names causes and advice"),
     "model_file": ("", "Model of this machine (YAML), for the monitor; empty: the paper's"),
     "covariance_file": (
@@ -152,6 +156,7 @@ def weld(context: LaunchContext) -> list[Any]:
         companions=[*companions, *(["procedure"] if arguments["procedure"] else [])],
         machine=bool(machine),
         speed=speed or 0.0,
+        heat=Path(arguments["heat"]).expanduser() if arguments["heat"] else None,
     )
     parameters = graph.parameter_file(folder / "scenario.yaml")
     parameters.pop(STANDBY, None)  # it gets those of the first, from whatever file

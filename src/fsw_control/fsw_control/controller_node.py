@@ -5,16 +5,19 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from math import nan
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from fsw_control import messages_ros as convert
+from fsw_control import units
 from fsw_control.attainable import attainable_of, out_of_reach
 from fsw_control.common_parameters import ControllerParameters, hosted
 from fsw_control.contract import Command, Controller, Proposal, Reference
 from fsw_control.deadline_timer_ros import DeadlineTimer
+from fsw_control.heat_plan import SHARE_NAME, HeatPlanProblem, ReceivedHeat
 from fsw_control.host import answer
 from fsw_control.light_node_ros import LightNode
 from fsw_control.message_synchronizer import SampleSet
@@ -31,12 +34,19 @@ from fsw_control.topics_ros import (
     SENT,
     STREAM,
     display_publisher,
-    subscribe_drives,
     subscribe_sensors,
 )
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_control.weld_ticks_ros import WeldTicks
-from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand, WeldReferencePlan
+from fsw_msgs.msg import (
+    ControllerStatus,
+    DriveFeedback,
+    HeatPlan,
+    Prediction,
+    WeldCommand,
+    WeldProgress,
+    WeldReferencePlan,
+)
 
 #: makes the controller from its parameters (empty if it has none)
 Make = Callable[[dict[str, Any]], Controller]
@@ -61,7 +71,9 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
     parameters : class, optional
         Model of the controller's own parameters (:mod:`fsw_control.parameters`). At runtime they
         are passed to the controller's ``check(values)`` and then to its ``configure(values)``, if
-        it has these methods; ``use_logger(logger)`` gets the node's logger.
+        it has these methods; ``use_logger(logger)`` gets the node's logger. ``rejoin()`` is called
+        before the first step if others have commanded the actuators before: what acted in the
+        last seconds is unknown.
     """
 
     def __init__(self, name: str, make: Make, parameters: ParameterModel = None) -> None:
@@ -77,6 +89,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._deviations = getattr(self.controller, "plan_deviations", None)
         self.references = reference_queue(self, self._on_bad_reference)
         self._plan = ReferencePlan()
+        self._heat = ReceivedHeat(self._on_bad_heat)
+        self._heat_state, self._heat_share = "", nan
         self._guard = SensorGuard(sensor_limits(self._settings.values))
         self._last_ns: int | None = None
         self._last_proposal: Proposal | None = None
@@ -94,6 +108,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._step_time_s = 0.0
         self._longest_step_s = 0.0
         self._stream_of_ticks = False
+        self._has_drives = False
         self._open_parameters()
         self._open_topics()
 
@@ -124,9 +139,11 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         # Before the set-points, so that a peer that has discovered the subscription to those can
         # rely on this one, too.
         self.create_subscription(WeldReferencePlan, "fsw/reference_plan", self._on_plan, LATEST)
+        self.create_subscription(HeatPlan, "fsw/heat_plan", self._on_heat_plan, LATEST)
+        self.create_subscription(WeldProgress, "fsw/weld_progress", self._on_progress, LATEST)
         subscribe_references(self, self.references)
         self.create_subscription(WeldCommand, "fsw/command", self._ticks.on_command, STREAM)
-        subscribe_drives(self, self._ticks.on_drives)
+        self.create_subscription(DriveFeedback, "fsw/drives", self._on_drives, STREAM)
         subscribe_sensors(self, self._ticks.on_sample)
 
     def _on_bad_reference(self, what: str) -> None:
@@ -139,6 +156,30 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
             self._plan = ReferencePlan(convert.reference_plan(message))
         except ValueError as error:
             self._on_bad_reference(str(error))
+
+    def _on_drives(self, message: DriveFeedback) -> None:
+        if not self._has_drives and convert.actuator_state(message).answered_ns > 0:
+            rejoin = getattr(self.controller, "rejoin", None)
+            if rejoin is not None:
+                rejoin()
+        self._has_drives = True
+        self._ticks.on_drives(convert.stamp_ns(message.header.stamp), convert.command(message))
+
+    def _on_heat_plan(self, message: HeatPlan) -> None:
+        self._heat_state = message.type
+        stamp_ns = convert.stamp_ns(message.header.stamp)
+        self._heat.receive(convert.heat_plan(message), stamp_ns, self._last_ns)
+
+    def _on_bad_heat(self, problem: HeatPlanProblem) -> None:
+        self._heat_state = f"refused: {problem.words}"
+        self.get_logger().error(f"heat plan {self._heat_state}", throttle_duration_sec=1.0)
+
+    def _on_progress(self, message: WeldProgress) -> None:
+        if message.state == "running":
+            stamp_ns = convert.stamp_ns(message.header.stamp)
+            self._heat.follow(units.mm_from_m(message.length), stamp_ns)
+        elif message.state != "held":
+            self._heat.restart()
 
     def _on_deadline(self) -> None:
         self._ticks.expire(self._patience_s())
@@ -172,6 +213,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
             self.applied.restart()
             self.controller.reset(self.applied.latest.command)
             self._last_ns = None
+            self._heat.restart()
             self.get_logger().warning("the measurements' time has jumped: the controller restarts")
         dt_s = (
             self._settings["period"]
@@ -183,6 +225,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         reference = self.references.at(tick.stamp_ns)
         if reference is not None and (coming := self._plan.after(tick.stamp_ns, reference)):
             reference = replace(reference, coming=coming)
+        if reference is not None and (heat := self._heat.at(tick.stamp_ns)):
+            reference = replace(reference, heat=heat)
         begin = time.perf_counter()
         proposal = answer(
             self.controller, measurement, reference, self.applied.before(tick.stamp_ns), dt_s
@@ -192,6 +236,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._publish(tick.stamp_ns, proposal)
         self._replaced = reference, attainable_of(proposal.diagnosis.disturbances)
         self._followed.update(tick.stamp_ns, reference, self.references.issued_ns)
+        self._heat_share = proposal.diagnosis.disturbances.get(SHARE_NAME, nan)
         self._steps += 1
         self._stream_of_ticks = True
         self._step_time_s += elapsed_s
@@ -263,6 +308,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
             "set-points refused": self.refused_references,
             "last refused set-points": self._last_refused_reference,
             "jumps of time": self._synchronizer.stamps.jumps,
+            "heat plan": self._heat_state,
+            "share of known heat in use": f"{self._heat_share:.2f}",
         }
         for sensor, counts in self._synchronizer.counts.items():
             values |= {f"{sensor} {what}": count for what, count in counts.items()}

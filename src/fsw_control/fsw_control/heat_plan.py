@@ -3,9 +3,57 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import sqrt
+from enum import StrEnum
+from itertools import chain, pairwise
+from math import isfinite, sqrt
+
+from fsw_control.schema.ranges import Range
+from fsw_control.units import NANOSECONDS
+
+#: largest heat of a plan: more than the spindle's power (chosen)
+HEAT_KW = Range(-50.0, 50.0, "kW")
+#: share of a plan that a controller uses, which it reports as :data:`SHARE_NAME`
+SHARE, SHARE_NAME = Range(0.0, 1.0, ""), "known_heat_share"
+#: A day of places 2 mm apart at the fastest traverse; a longer message is no plan (chosen).
+_MOST_POINTS = 20_000
+#: plans that wait for their tick (chosen)
+_MOST_COMING = 8
+#: The place reported by the programme and that of the plan may differ by seven seconds of the
+#: paper's traverse: reports are a second apart, and some may be under way (chosen).
+_PLACE_MM = 10.0
+
+
+class HeatPlanProblem(StrEnum):
+    """Why a heat plan is refused, or no longer used."""
+
+    LENGTHS = "lengths"
+    NOT_FINITE = "not finite"
+    ORDER = "order"
+    VARIANCE = "variance"
+    HEAT = "heat"
+    OVER = "over"
+    CHANGED = "changed"
+    PLACE = "place"
+
+    @property
+    def words(self) -> str:
+        """The reason in words."""
+        return _WORDS[self]
+
+
+_WORDS = {
+    HeatPlanProblem.LENGTHS: f"its lists differ in length, or have not 2 to {_MOST_POINTS} values",
+    HeatPlanProblem.NOT_FINITE: "a value is not finite",
+    HeatPlanProblem.ORDER: "its times do not rise, or its places fall",
+    HeatPlanProblem.VARIANCE: "its variance is negative or falls",
+    HeatPlanProblem.HEAT: f"its heat is not {HEAT_KW}",
+    HeatPlanProblem.OVER: "it came after its last time",
+    HeatPlanProblem.CHANGED: "another profile is in use in this weld",
+    HeatPlanProblem.PLACE: "the tool is not where the plan has it: the plan is of another path",
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,10 +69,34 @@ class HeatPlan:
     variance_kw2: Sequence[float]
     #: parameters of the thermal model with which it was found; with another one it is another heat
     model: Mapping[str, float]
+    travel_mm: Sequence[float] = ()  #: place of the tool along its path at each time
+    angle_deg: Sequence[float] = ()  #: place of the tool about the canister at each time
+    type: str = ""  #: of weld
+    profile: str = ""  #: SHA-256 of the profile
+
+    @property
+    def problem(self) -> HeatPlanProblem | None:
+        """What is wrong with the values themselves."""
+        columns = (self.at_s, self.heat_kw, self.variance_kw2, self.travel_mm, self.angle_deg)
+        if len({*map(len, columns)}) > 1 or not 2 <= len(self.at_s) <= _MOST_POINTS:
+            return HeatPlanProblem.LENGTHS
+        if not all(map(isfinite, chain(*columns, self.model.values()))):
+            return HeatPlanProblem.NOT_FINITE
+        if not all(begin < end for begin, end in pairwise(self.at_s)) or _falls(self.travel_mm):
+            return HeatPlanProblem.ORDER
+        if self.variance_kw2[0] < 0.0 or _falls(self.variance_kw2):
+            return HeatPlanProblem.VARIANCE
+        if not all(HEAT_KW.low <= heat <= HEAT_KW.high for heat in self.heat_kw):
+            return HeatPlanProblem.HEAT
+        return None
 
     def heat(self, time_s: float) -> float:
         """Heat at a time [kW]."""
         return self._at(time_s, self.heat_kw)
+
+    def place(self, time_s: float) -> float:
+        """Place of the tool at a time [mm]."""
+        return self._at(time_s, self.travel_mm)
 
     def deviation(self, begin_s: float, end_s: float) -> float:
         """Standard deviation of the change between two times that the plan lacks [kW]."""
@@ -38,3 +110,70 @@ class HeatPlan:
         begin_s, end_s = self.at_s[after - 1 : after + 1]
         share = (time_s - begin_s) / (end_s - begin_s)
         return values[after - 1] + share * (values[after] - values[after - 1])
+
+
+def _falls(values: Sequence[float]) -> bool:
+    return any(after < before for before, after in pairwise(values))
+
+
+class ReceivedHeat:
+    """The heat plan in force, of those that others publish.
+
+    A plan is in force from the first tick after its stamp, however early it arrives, so that a
+    weld in lockstep does not depend on who is faster. A weld keeps the profile it began with: its
+    plan may be withdrawn and moved in time, as by a hold, but not replaced by one of another
+    profile. As only changes of the heat are used, a plan that is refused, withdrawn or dropped
+    leaves the controller with what it has estimated.
+
+    Parameters
+    ----------
+    refuse : callable
+        Gets each refusal.
+    """
+
+    def __init__(self, refuse: Callable[[HeatPlanProblem], object]) -> None:
+        self._refuse = refuse
+        self._profile, self._begin_s, self._end_s = "", 0.0, 0.0
+        self._coming: deque[tuple[int, HeatPlan | None]] = deque(maxlen=_MOST_COMING)
+        self._plan: HeatPlan | None = None
+
+    def restart(self) -> None:
+        """After a jump of time or a weld: the next plan may be of any profile."""
+        self._profile = ""
+
+    def receive(self, plan: HeatPlan | None, stamp_ns: int, newest_ns: int | None) -> None:
+        """Take a plan, None withdraws; ``newest_ns``: last tick, None before the first."""
+        if plan is not None:
+            problem = plan.problem or self._untimely(plan, newest_ns)
+            if problem:
+                self._refuse(problem)
+                return
+            self._profile = plan.profile
+            self._begin_s, self._end_s = plan.at_s[0], plan.at_s[-1]
+        self._coming.append((stamp_ns, plan))
+
+    def _untimely(self, plan: HeatPlan, newest_ns: int | None) -> HeatPlanProblem | None:
+        if newest_ns is None:
+            return None
+        now_s = newest_ns / NANOSECONDS
+        if plan.at_s[-1] <= now_s:
+            return HeatPlanProblem.OVER
+        is_weld_under_way = self._profile and self._begin_s < now_s < self._end_s
+        if is_weld_under_way and plan.profile != self._profile:
+            return HeatPlanProblem.CHANGED
+        return None
+
+    def at(self, tick_ns: int) -> HeatPlan | None:
+        """Return the plan in force at a tick."""
+        while self._coming and self._coming[0][0] < tick_ns:
+            self._plan = self._coming.popleft()[1]
+        return self._plan
+
+    def follow(self, travelled_mm: float, stamp_ns: int) -> None:
+        """Compare with the place that the running programme reports; drop another path's plan."""
+        plan, time_s = self._plan, stamp_ns / NANOSECONDS
+        if plan is None or not plan.at_s[0] <= time_s <= plan.at_s[-1]:
+            return
+        if not abs(plan.place(time_s) - travelled_mm) <= _PLACE_MM:
+            self._plan = None
+            self._refuse(HeatPlanProblem.PLACE)

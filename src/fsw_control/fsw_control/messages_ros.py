@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from importlib import import_module
 from itertools import pairwise
-from math import nan
+from math import degrees, nan, radians
 from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
@@ -15,6 +15,7 @@ from std_msgs.msg import Header
 from fsw_control import units
 from fsw_control.contract import Command, Plan, Proposal, Reference
 from fsw_control.fence import ActuatorState, Signature
+from fsw_control.heat_plan import HeatPlan
 from fsw_control.ranges import set_point_problem
 from fsw_control.readiness import Lack, Readiness
 from fsw_control.reason import Reason
@@ -32,6 +33,7 @@ from fsw_msgs.msg import (
     WeldReference,
     WeldReferencePlan,
 )
+from fsw_msgs.msg import HeatPlan as HeatPlanMessage
 from fsw_msgs.msg import Reason as ReasonMessage
 from fsw_msgs.msg import Stop as StopMessage
 from fsw_msgs.srv import SetMode, SetReference, SwitchController
@@ -182,6 +184,40 @@ def reference_plan_message(
     return WeldReferencePlan(
         header=header(time_ns),
         references=[reference_message(one, begin_ns) for begin_ns, one in planned],
+    )
+
+
+def heat_plan(message: HeatPlanMessage) -> HeatPlan | None:
+    """Plan of a message, not checked; None if it withdraws the plan before it."""
+    if not len(message.time):
+        return None
+    return HeatPlan(
+        list(message.time),
+        [units.kw_from_w(heat_w) for heat_w in message.heat],
+        [units.kw_from_w(units.kw_from_w(variance_w2)) for variance_w2 in message.variance],
+        dict(zip(message.model_names, message.model_values, strict=False)),
+        [units.mm_from_m(length_m) for length_m in message.length],
+        list(map(degrees, message.angle)),
+        message.type,
+        message.profile,
+    )
+
+
+def heat_plan_message(plan: HeatPlan | None, time_ns: int) -> HeatPlanMessage:
+    """Message of a plan from the tick after ``time_ns``; without a plan it withdraws the last."""
+    if plan is None:
+        return HeatPlanMessage(header=header(time_ns))
+    return HeatPlanMessage(
+        header=header(time_ns),
+        type=plan.type,
+        profile=plan.profile,
+        time=list(plan.at_s),
+        length=[units.m_from_mm(travel_mm) for travel_mm in plan.travel_mm],
+        angle=list(map(radians, plan.angle_deg)),
+        heat=[units.w_from_kw(heat_kw) for heat_kw in plan.heat_kw],
+        variance=[units.w_from_kw(units.w_from_kw(value)) for value in plan.variance_kw2],
+        model_names=list(plan.model),
+        model_values=[float(value) for value in plan.model.values()],
     )
 
 

@@ -33,6 +33,7 @@ class ReasonCode(Coded):
     NOT_FINITE = 16
     OUT_OF_RANGE = 17
     JUMP = 18
+    REJOINING = 19
     SLEWING = 21
     FOREIGN = 22
     INCOMPLETE = 23
@@ -89,6 +90,7 @@ _WORDS = {
     ReasonCode.NOT_FINITE: "{subject} is not finite",
     ReasonCode.OUT_OF_RANGE: "{subject} is outside its limits",
     ReasonCode.JUMP: "{subject} jumps by more than a move",
+    ReasonCode.REJOINING: "started in mid-weld: the heat is not known yet",
     ReasonCode.SLEWING: "slewing after a swap",
     ReasonCode.FOREIGN: "the controller has followed a foreign command",
     ReasonCode.INCOMPLETE: "the measurement lacks {sensors}",

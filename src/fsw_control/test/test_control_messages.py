@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from fsw_control import Command, Diagnosis, Plan, Proposal, Reference
 from fsw_control import messages_ros as convert
+from fsw_control.heat_plan import HeatPlan
 from fsw_control.reason import Reason
 from fsw_msgs.msg import WeldReference
 
@@ -157,6 +158,34 @@ def test_a_plan_of_set_points_goes_there_and_back():
     back = convert.reference_plan(convert.reference_plan_message(planned, 5))
     assert [stamp for stamp, _ in back] == [10**9, 3 * 10**9]
     assert [one.depth_mm for _, one in back] == pytest.approx([2.7, 2.8])
+
+
+def test_a_heat_plan_goes_there_and_back():
+    plan = HeatPlan(
+        [1.0, 2.5],
+        [0.5, -1.0],
+        [0.0, 0.01],
+        {"dead_time_s": 2.8},
+        [0.0, 2.15],
+        [0.0, 0.25],
+        "lid",
+        "a" * 64,
+    )
+    message = convert.heat_plan_message(plan, 5)
+    assert list(message.heat) == [500.0, -1000.0]
+    assert list(message.variance) == pytest.approx([0.0, 1e4])
+    assert list(message.length) == pytest.approx([0.0, 2.15e-3])
+    back = convert.heat_plan(message)
+    assert back.problem is None
+    assert (back.at_s, back.model, back.type, back.profile) == (
+        plan.at_s,
+        plan.model,
+        plan.type,
+        plan.profile,
+    )
+    for name in ("heat_kw", "variance_kw2", "travel_mm", "angle_deg"):
+        assert getattr(back, name) == pytest.approx(getattr(plan, name))
+    assert convert.heat_plan(convert.heat_plan_message(None, 5)) is None
 
 
 @pytest.mark.parametrize("wrong", ["falling", "nan"])

@@ -1,6 +1,7 @@
 """The controller node among real topics: what goes in, what comes out, what goes wrong."""
 
 import math
+from dataclasses import replace
 from hashlib import sha256
 from typing import Annotated
 
@@ -10,27 +11,38 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Temperature
+from std_msgs.msg import Header
 
 from fsw_control import Command, Diagnosis, Plan, Proposal, Reference
 from fsw_control import messages_ros as convert
 from fsw_control.controller_node import ControllerNode
+from fsw_control.fence import ActuatorState
+from fsw_control.heat_plan import HeatPlan as HeatPlanData
+from fsw_control.heat_plan import HeatPlanProblem
 from fsw_control.parameters import NodeParameters
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.schema.ranges import Range
-from fsw_control.topics_ros import LATCHED, STREAM
+from fsw_control.topics_ros import LATCHED, LATEST, STREAM
 from fsw_msgs.msg import (
     ControllerStatus,
     DriveFeedback,
+    HeatPlan,
     Prediction,
     ShoulderDepth,
     SpindleTorque,
     WeldCommand,
+    WeldProgress,
     WeldReference,
 )
 from fsw_test_support.ros_graph import Spinner
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
 STEP_NS = 100_000_000
+
+
+HEAT_PLAN = HeatPlanData(
+    [0.0, 10.0], [0.0, 1.0], [0.0, 0.1], {}, [0.0, 14.0], [0.0, 1.5], "copper_lid", "a" * 64
+)
 
 
 class EchoParameters(NodeParameters):
@@ -57,6 +69,7 @@ class Echo:
         self.gain = values["gain"]
         self.seen = []
         self.resets = 0
+        self.rejoined_after = []  # steps
         self.raises = False
         self.attainable = {}
 
@@ -76,6 +89,9 @@ class Echo:
 
     def reset(self, applied):
         self.resets += 1
+
+    def rejoin(self):
+        self.rejoined_after.append(len(self.seen))
 
     def use_logger(self, logger):
         self.logger = logger
@@ -258,6 +274,65 @@ def test_who_starts_in_mid_weld_takes_the_reference_that_the_supervisor_keeps(
     assert peer.controller.seen[-1][1].depth_mm == pytest.approx(2.71)
 
 
+@pytest.fixture
+def heated(start):
+    """A peer with the publisher of heat plans, and a plan in force since before the first tick."""
+    peer = start()
+    peer.heat = peer.peer.create_publisher(HeatPlan, "/fsw/heat_plan", LATEST)
+    peer.refer()
+    peer.heat.publish(convert.heat_plan_message(HEAT_PLAN, 0))
+    peer.until(lambda: peer.node._heat.at(1))
+    peer.tick(1)
+    return peer
+
+
+def test_known_heat_reaches_a_controller_and_the_one_after_its_restart(heated):
+    assert heated.controller.seen[-1][1].heat.heat(5.0) == pytest.approx(0.5)
+    heated.executor.remove_node(heated.node)
+    heated.node.destroy_node()
+    heated.node = ControllerNode("echo", heated._make, EchoParameters)
+    heated.executor.add_node(heated.node)
+    heated.until(lambda: heated.node._heat.at(1))
+    heated.until(lambda: heated.depths.get_subscription_count() == 1)
+    heated.until(lambda: heated.node.references)
+    heated.tick(2)
+    assert heated.controller.seen[-1][1].heat.profile == HEAT_PLAN.profile
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"heat_kw": [0.0, math.nan]}, HeatPlanProblem.NOT_FINITE),
+        ({"heat_kw": [0.0]}, HeatPlanProblem.LENGTHS),
+        ({"variance_kw2": [0.0, -1.0]}, HeatPlanProblem.VARIANCE),
+        ({"profile": "b" * 64}, HeatPlanProblem.CHANGED),
+        ({"at_s": [0.0, 0.05]}, HeatPlanProblem.OVER),
+    ],
+)
+def test_a_bad_heat_plan_is_reported_and_changes_nothing(heated, changes, problem):
+    heated.heat.publish(convert.heat_plan_message(replace(HEAT_PLAN, **changes), 0))
+    shown = f"refused: {problem.words}"
+    heated.until(
+        lambda: any(
+            pair.key == "heat plan" and pair.value == shown
+            for array in heated.got["diagnostics"]
+            for pair in array.status[0].values
+        )
+    )
+    heated.tick(2)
+    (_, before, *_), (_, after, *_) = heated.controller.seen
+    assert after.heat is before.heat
+
+
+def test_a_plan_of_another_path_is_dropped_by_the_programmes_report(heated):
+    progress = heated.peer.create_publisher(WeldProgress, "/fsw/weld_progress", LATEST)
+    stamp = convert.stamp_from_ns(5 * 10**9)
+    progress.publish(WeldProgress(header=Header(stamp=stamp), state="running", length=0.5))
+    heated.until(lambda: heated.node._heat.at(1) is None)
+    heated.tick(2)
+    assert heated.controller.seen[-1][1].heat is None
+
+
 def test_reference_sent_ahead_begins_at_its_tick(start):
     peer = start()
     peer.refer()
@@ -320,6 +395,18 @@ def test_what_the_drives_report_reaches_the_controller_with_its_tick(start):
     with_drives, without = (entry[0] for entry in peer.controller.seen)
     assert (with_drives.force_kn, with_drives.speed_rpm) == pytest.approx((81.5, 402.0))
     assert math.isnan(without.force_kn) and math.isnan(without.speed_rpm)
+
+
+@pytest.mark.parametrize(("answered_ns", "expected"), [(0, []), (5 * STEP_NS, [0])])
+def test_who_starts_in_mid_weld_rejoins_before_the_first_step(start, answered_ns, expected):
+    """The actuator end has answered others' commands before."""
+    peer = start("--ros-args", "-p", "use_sim_time:=true")  # a tick waits for the drives
+    peer.refer()
+    for k in (6, 7):
+        state = ActuatorState(answered_ns=answered_ns + (k - 6) * STEP_NS)
+        peer.drives.publish(convert.drives_message(Command(78.0, 400.0), k * STEP_NS, state))
+        peer.tick(k)
+    assert peer.controller.rejoined_after == expected
 
 
 def test_nan_from_a_tolerated_sensor_stays_healthy(start):

@@ -89,7 +89,13 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._emulator = False
         self._actions = self.create_publisher(OperatorAction, "fsw/operator_action", LATCHED)
         self._get_parameters = self.create_client(GetParameters, "fsw_supervisor/get_parameters")
-        self._watch = Watch(self, self._on_rows, self._on_prediction, self._show_state)
+        self._watch = Watch(
+            self,
+            self._on_rows,
+            self._on_prediction,
+            self._show_state,
+            partial(self._show, "heat"),
+        )
         self._book = book_of(values["procedure"])
         self._desk = AlarmDesk(self, self._watch, self._setting, self._book)
         self._weld = LiveWeld(self._book)

@@ -69,6 +69,8 @@ interface Health {
 interface State {
   t: "state";
   known: boolean;
+  /** of known heat that the controller in command uses, 0 to 1; null: it knows none */
+  known_heat_share: Value;
   target_controller: string;
   actual_controller: string;
   target_mode: string;
@@ -155,11 +157,20 @@ type Frame =
   | Tick
   | (Account & { t: "account" })
   | (Headline & { t: "headline" })
+  | Heat
   | { t: "history"; rows: Row[] }
   | { t: "beat"; tick_age_s: Value }
   | ({ t: "prediction"; controller: string } & Ahead)
   | { t: "alarms"; alarms: Alarm[]; reach: Reach; attainable: SetPoints | null }
   | { t: "actions"; actions: Action[] };
+/** Heat known from earlier welds, by angle; empty without. */
+interface Heat {
+  t: "heat";
+  type: string;
+  angle_deg: number[];
+  heat_kw: number[];
+  deviation_kw: number[];
+}
 interface Answer {
   outcome: string;
   message: string;

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from math import degrees
+from math import degrees, nan
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -19,6 +19,7 @@ from fsw_control import units
 from fsw_control.cause import Cause
 from fsw_control.contract import SAFE_STOP, Command, Reference
 from fsw_control.diagnostic_names import local_name
+from fsw_control.heat_plan import SHARE_NAME
 from fsw_control.reason import Reason
 from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.sensors import REQUIRED, SENSORS
@@ -26,10 +27,12 @@ from fsw_control.severity import Severity
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
 from fsw_hmi.alarm_rules import MONITOR, NO_REPORT_S, UNDER_WAY, Part
 from fsw_hmi.frames import COLUMNS, readable, short
+from fsw_hmi.heat_band import heat_band
 from fsw_hmi.weld_view import Row, WeldView
 from fsw_msgs.msg import (
     ControllerHealth,
     ControllerStatus,
+    HeatPlan,
     Prediction,
     SupervisorState,
     WeldCommand,
@@ -66,8 +69,8 @@ class Watch:
     subscribers are not counted.
 
     ``on_rows`` gets the rows that are over, and whether another weld has begun; ``on_prediction``
-    a controller's prediction as the content of its frame; ``on_state`` is called when the
-    supervisor has reported.
+    a controller's prediction as the content of its frame, ``on_heat`` the known heat likewise;
+    ``on_state`` is called when the supervisor has reported.
     """
 
     def __init__(
@@ -76,6 +79,7 @@ class Watch:
         on_rows: Callable[[list[Row], bool], None],
         on_prediction: Callable[[dict[str, Any]], None],
         on_state: Callable[[], None],
+        on_heat: Callable[[dict[str, Any]], None],
     ) -> None:
         self._node, self._on_rows, self._on_prediction, self._show_state = (
             node,
@@ -83,6 +87,8 @@ class Watch:
             on_prediction,
             on_state,
         )
+        self._on_heat = on_heat
+        self._known_heat_share = nan  # that the controller which commands uses
         self.references = reference_queue(node)
         self.view = WeldView(self.references.at)
         self.state: dict[str, Any] | None = None  #: as the page gets it, like the progress
@@ -106,6 +112,7 @@ class Watch:
         node.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         node.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_state, LATEST)
         node.create_subscription(WeldProgress, "fsw/weld_progress", self._on_progress, LATEST)
+        node.create_subscription(HeatPlan, "fsw/heat_plan", self._on_heat_plan, LATEST)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, STREAM)
 
     # ---------------------------------------------------------------- ticks
@@ -173,6 +180,8 @@ class Watch:
                 1e3 * message.solve_time if message.solver_status else float("nan")
             )
             self.attainable, self._goes_for = convert.attainable(message), message.controller
+            told = dict(zip(message.disturbance_names, message.disturbances, strict=False))
+            self._known_heat_share = told.get(SHARE_NAME, nan)
         elif message.controller == self._goes_for:  # it no longer commands
             self.attainable = None
 
@@ -181,6 +190,9 @@ class Watch:
         if now_s - self._controllers[controller] >= _PREDICTION_PERIOD_S:
             self._controllers[controller] = now_s
             self._on_prediction(_prediction(controller, message))
+
+    def _on_heat_plan(self, message: HeatPlan) -> None:
+        self._on_heat(heat_band(convert.heat_plan(message)))
 
     def _on_progress(self, message: WeldProgress) -> None:
         self.progress, self.progress_s = _progress(message), time.monotonic()
@@ -229,6 +241,7 @@ class Watch:
         """Content of the frame ``state`` but for the parts; not ``known`` is a state of a supervisor that is silent."""
         return {
             "known": time.monotonic() - self.state_s <= NO_REPORT_S,
+            "known_heat_share": short(self._known_heat_share),
             **(self.state or NO_STATE),
         }
 

@@ -22,6 +22,8 @@ from std_srvs.srv import Trigger
 from fsw_analysis.rule_book import default
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Command, Diagnosis, Proposal, Reference
+from fsw_control.heat_plan import SHARE_NAME
+from fsw_control.heat_plan import HeatPlan as HeatPlanData
 from fsw_control.journal import AlarmChange
 from fsw_control.topics_ros import LATCHED, LATEST, STREAM
 from fsw_hmi import alarm_rules, alarms, hmi_node, main, watch_ros
@@ -31,6 +33,7 @@ from fsw_msgs.msg import (
     ControllerHealth,
     ControllerStatus,
     DriveFeedback,
+    HeatPlan,
     Interlock,
     OperatorAction,
     Prediction,
@@ -280,6 +283,31 @@ def test_state_prediction_and_alarms_reach_the_page(graph, page, monkeypatch):
     page.seen("alarms", lambda frame: ("interlock:depth_high", "acknowledged") in states(frame))
     monkeypatch.setattr(hmi_node, "NO_REPORT_S", 0.0)
     page.until("state", lambda frame: not frame["known"])  # the supervisor is silent
+
+
+def test_known_heat_reaches_the_page_with_the_share_in_use(graph, page):
+    plan = HeatPlanData(
+        [0.0, 60.0], [1.0, 3.0], [0.0, 0.02], {}, [0.0, 86.0], [0.0, 10.0], "copper_lid", "a" * 64
+    )
+    plans = graph.node.create_publisher(HeatPlan, "fsw/heat_plan", LATEST)
+    plans.publish(convert.heat_plan_message(plan, 0))
+    shown = page.until("heat")
+    assert (shown["type"], shown["angle_deg"][-1]) == ("copper_lid", 10.0)
+    assert shown["heat_kw"][-1] == 3.0
+    graph.states.publish(SupervisorState(controllers=[ControllerHealth(name="nmpc")]))
+    statuses = graph.node.create_publisher(ControllerStatus, "fsw/nmpc/status", STREAM)
+    wait_until(statuses.get_subscription_count, "the page at the status")
+    statuses.publish(
+        ControllerStatus(
+            controller="nmpc",
+            selected=True,
+            disturbance_names=[SHARE_NAME],
+            disturbances=[0.75],
+        )
+    )
+    page.until("state", lambda frame: frame["known_heat_share"] == 0.75)
+    plans.publish(convert.heat_plan_message(None, 0))
+    page.until("heat", lambda frame: frame["angle_deg"] == [])
 
 
 def test_set_points_out_of_reach_are_told_beside_what_is_attainable_until_they_are_within(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hashlib import sha256
 from itertools import pairwise
 from typing import Annotated
 
@@ -78,6 +79,11 @@ class HeatProfile(Model):
         return validate(
             cls, content_of(read_text(str(path), "heat profile"), str(path)), str(path)
         )
+
+    @property
+    def sha256(self) -> str:
+        """Digest of :attr:`text`, that is of the file as written."""
+        return sha256(self.text.encode()).hexdigest()
 
     @property
     def text(self) -> str:

@@ -15,9 +15,10 @@ from fsw_control.parameters import defaults, problem
 from fsw_control.reason import Reason, ReasonCode
 from fsw_nmpc.deviation import output_deviations
 from fsw_nmpc.horizon import horizon_of
-from fsw_nmpc.library import KERNEL, Doubt, Library, Missing, SolveStatus, tuning_of
+from fsw_nmpc.library import KERNEL, Doubt, Library, Missing, SolveStatus, State, tuning_of
 from fsw_nmpc.library import Reason as Fault
 from fsw_nmpc.parameters import NmpcParameters
+from fsw_nmpc.rejoining import Rejoining
 from fsw_nmpc.settings import Settings
 
 #: disturbance estimates in the library's order; depth and temperature are sensor offsets
@@ -178,7 +179,14 @@ class NmpcController:
 
     def reset(self, applied: Command) -> None:
         """Forget the past; the next step starts from ``applied``."""
+        self._rejoining: Rejoining | None = None
         self.library.reset(applied.force_kn, applied.speed_rpm)
+
+    def rejoin(self) -> None:
+        """The next step is in mid-weld: nothing is proposed until the heat is known."""
+        at_rest = self.settings.tuning.estimator.start_deviation
+        heat_kw, copper_c = at_rest[State.HEAT], at_rest[State.COPPER]
+        self._rejoining = Rejoining(self.settings.model.dead_time_s, heat_kw, copper_c)
 
     def step(
         self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float
@@ -213,6 +221,8 @@ class NmpcController:
             )
         self._take_heat(reference.heat, m.time_s)
         library.step()
+        if self._rejoining is not None and self._rejoining.follow(library, dt_s):
+            self._rejoining = None
         command = Command(outputs.force_kn, outputs.speed_rpm)
         reason = self._reason(m) if outputs.reason else self._remark()
         if outputs.reason in (Fault.WAITING_FOR_SENSORS, Fault.WAITING_FOR_REFERENCE):
@@ -240,6 +250,8 @@ class NmpcController:
             bad_cycles=outputs.bad_cycles,
             plan=self._plan() if outputs.has_plan else None,
         )
+        if self._rejoining is not None and outputs.healthy:
+            return Proposal(command, False, Reason(ReasonCode.REJOINING), diagnosis)
         return Proposal(command, bool(outputs.healthy), reason, diagnosis)
 
     def _take_heat(self, heat: HeatPlan | None, now_s: float) -> None:

@@ -31,7 +31,7 @@ from fsw_control.references import ReferencePlan
 from fsw_control.schema.models import InputError
 from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
 from fsw_control.validity import SensorGuard
-from fsw_control.weld import TICK_NS, TICK_S
+from fsw_control.weld import TICK_NS
 from fsw_model import STEP_S
 from fsw_model.heat_profile import HeatProfile
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule, Truth
@@ -76,7 +76,9 @@ class _Programme:
             ((tick + self._held) * TICK_NS, one) for tick, one in stair(self._course.coming)
         ]
         self.plan = ReferencePlan(planned) if self._announced else None
-        self._heat = self._heat_ahead.plan(self._held * TICK_S) if self._heat_ahead else None
+        self._heat = (
+            self._heat_ahead.plan(self._held * TICK_NS * 1e-9) if self._heat_ahead else None
+        )
 
     def over(self, tick: int) -> bool:
         """Whether the scenario ends before a tick of the process."""

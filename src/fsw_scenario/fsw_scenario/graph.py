@@ -68,6 +68,7 @@ class WeldGraph:
     derived: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     machine: bool = False  #: whether the gateway to a machine runs instead of the emulated plant
     speed: float = 0.0  #: pace of simulated time against the wall clock; 0: lockstep
+    heat: Path | None = None  #: heat profile of the type of weld, for the player to publish
 
     @property
     def bag(self) -> Path:
@@ -137,6 +138,7 @@ class WeldGraph:
             "fsw_scenario": {
                 "scenario": str(scenario_file) if plays else "",
                 "wait_for_controllers": len(names),
+                **({} if self.heat is None else {"heat_file": str(self.heat.absolute())}),
             },
             "fsw_recorder": {},
             **{f"fsw_{name}": {} for name in names},

@@ -36,14 +36,19 @@ class HeatAhead:
             times.append(np.interp(inside, places_mm[part : part + 2], ends_s[part : part + 2]))
         self._at_s = np.unique(np.concatenate(times))
         travelled_mm = np.interp(self._at_s, ends_s, places_mm)
+        turns_deg = [phases[0].from_deg, *(phase.to_deg for phase in phases)]
+        self._places = travelled_mm.tolist(), np.interp(self._at_s, ends_s, turns_deg).tolist()
         self._heat_kw = np.interp(travelled_mm, travel_mm, profile.heat_kw).tolist()
         deviation_kw = np.interp(travelled_mm, travel_mm, profile.deviation_kw)
         # what it lacks is a process of this deviation that forgets over the correlation length
         rate = 2.0 / CORRELATION_MM * deviation_kw[1:] ** 2
         self._variance_kw2 = [0.0, *np.cumsum(rate * np.diff(travelled_mm)).tolist()]
         self._model = profile.model.model_dump()
+        self._of = profile.type, profile.sha256
 
     def plan(self, begin_s: float) -> HeatPlan:
         """The plan of a weld whose programme begins at ``begin_s`` on the measurements' clock."""
         at_s = (self._at_s + begin_s).tolist()
-        return HeatPlan(at_s, self._heat_kw, self._variance_kw2, self._model)
+        return HeatPlan(
+            at_s, self._heat_kw, self._variance_kw2, self._model, *self._places, *self._of
+        )

@@ -17,6 +17,8 @@ class PlayerParameters(NodeParameters):
     goals of fsw/run_weld."""
     overrides: Annotated[Many[str], AT_START] = ()
     """Entries key=value that replace values of the scenario, e.g. controller=nmpc."""
+    heat_file: Annotated[str, AT_START] = ""
+    """Heat profile of the type of weld (YAML), published on fsw/heat_plan; empty: none."""
     wait_for_controllers: Annotated[Whole, Range(0, 100, ""), AT_START] = 1
     """The player starts once this many controllers subscribe to fsw/reference; the plant can wait
     for the player."""

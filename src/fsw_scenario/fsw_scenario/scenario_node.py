@@ -27,10 +27,12 @@ from fsw_control.node_main_ros import run
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.schema.models import InputError
 from fsw_control.topics_ros import STREAM
+from fsw_model.heat_profile import HeatProfile
 from fsw_msgs.action import RunWeld
 from fsw_msgs.msg import WeldKpi, WeldProgress
 from fsw_plant import PlantSchedule
 from fsw_scenario.emulator_events_ros import emulator_listens
+from fsw_scenario.heat_ahead import HeatAhead
 from fsw_scenario.held_for import HeldFor
 from fsw_scenario.launcher import ABORTED
 from fsw_scenario.parameters import PlayerParameters
@@ -70,6 +72,8 @@ class ScenarioNode(LightNode, Node):
             RunWeld.Goal(scenario=given, overrides=self._settings["overrides"]) if given else None
         )
         self._start = load(given, self._settings["overrides"]) if given else None
+        heat_file = self._settings["heat_file"]
+        self._heat = HeatProfile.from_file(heat_file) if heat_file else None
         self.weld: WeldPlayer | None = None
         self._goal: Any = None
         self._over: Future = Future()
@@ -190,6 +194,7 @@ class ScenarioNode(LightNode, Node):
         """Begin the weld of a goal, or answer with a reason: a rejection cannot carry one."""
         try:
             scenario = self.scenario_of(handle.request)
+            heat = self._heat and HeatAhead(self._heat, scenario.phases)
         except InputError as error:
             why = str(error)
             self.get_logger().error(f"goal refused: {why}")
@@ -199,6 +204,7 @@ class ScenarioNode(LightNode, Node):
             self._settings["wait_for_controllers"],
             self._settings["silence_timeout_s"],
             self._start is not None,
+            heat,
         )
         if scenario.plant and self._start is None:
             self.get_logger().warning(

@@ -14,7 +14,8 @@ from fsw_control.ramps import stair
 from fsw_control.references_ros import reference_queue, subscribe_sent
 from fsw_control.topics_ros import LATCHED, LATEST
 from fsw_control.weld import TICK_NS
-from fsw_msgs.msg import WeldReference, WeldReferencePlan
+from fsw_msgs.msg import HeatPlan, WeldReference, WeldReferencePlan
+from fsw_scenario.heat_ahead import HeatAhead
 from fsw_scenario.scenario import Scenario, start_reference
 from fsw_scenario.timeline import references
 from fsw_scenario.weld_programme_course import Course
@@ -24,6 +25,8 @@ from fsw_scenario.weld_programme_course import Course
 _AHEAD = LATCHED.depth // 2
 #: On the wall clock a reference is sent this long in advance, whichever machine's clock is ahead.
 _AHEAD_REAL_NS = 5_000_000_000
+#: in lockstep, time limit for a delivery on a busy machine, also to a dead node (chosen)
+DELIVERY = Duration(seconds=2)
 #: mark by which the player recognises its own set-points
 _MARK = "programme {}"
 
@@ -58,13 +61,10 @@ class SetPoints:
         time: ScenarioTime,
         from_start: bool,
         synchronous: bool,
+        heat: HeatAhead | None = None,
     ) -> None:
-        self._node, self._scenario, self._time, self._synchronous = (
-            node,
-            scenario,
-            time,
-            synchronous,
-        )
+        self._node, self._scenario, self._time = node, scenario, time
+        self._synchronous, self._heat = synchronous, heat
         self.course = Course(references(scenario, start_reference(scenario.plant)))
         #: set-points that the controllers follow, by the same rules, including this node's
         self.received = reference_queue(node)
@@ -73,11 +73,17 @@ class SetPoints:
         self._mark_received, self._restarts = False, 0
         self._references = node.create_publisher(WeldReference, "fsw/reference", LATCHED)
         self._plan = node.create_publisher(WeldReferencePlan, "fsw/reference_plan", LATEST)
-        self.publishers = (self._references, self._plan)
+        self.publishers = [self._references, self._plan]
+        if heat is not None:
+            self._heat_plan = node.create_publisher(HeatPlan, "fsw/heat_plan", LATEST)
+            self.publishers.append(self._heat_plan)
         self._subscription: Subscription | None = None
 
     def destroy(self) -> None:
-        """Leave the graph."""
+        """Leave the graph; the known heat goes with the weld."""
+        if self._heat is not None:
+            self._heat_plan.publish(convert.heat_plan_message(None, self._time.stamp_ns))
+            self._heat_plan.wait_for_all_acked(DELIVERY)
         if self._subscription is not None:
             self._node.destroy_subscription(self._subscription)
         for publisher in self.publishers:
@@ -88,6 +94,7 @@ class SetPoints:
         _, first = self.course.coming.popleft()
         if self._synchronous:
             self.announce()
+            self.announce_heat()
         self._send(first, 0)
         if self._synchronous:
             self.send_ahead()
@@ -131,8 +138,12 @@ class SetPoints:
         self._restarts += 1
         self._mark, self._mark_received = _MARK.format(self._restarts), False
         self.announce()
+        self.announce_heat()
         self._send(present, 0)
         self.send_ahead()
+        if self._synchronous:  # the plant takes its next step after this
+            for publisher in self.publishers:
+                publisher.wait_for_all_acked(DELIVERY)
 
     def _send(self, one: Reference, stamp_ns: int) -> None:
         self._references.publish(convert.reference_message(one, stamp_ns, mark=self._mark))
@@ -144,6 +155,15 @@ class SetPoints:
                 (self._time.ns(tick), reference) for tick, reference in stair(self.course.coming)
             ]
             self._plan.publish(convert.reference_plan_message(planned, self._time.ns(0)))
+
+    def announce_heat(self) -> None:
+        """Publish the heat along the path from where the programme is now, if it is known.
+
+        A programme that is held or aborted withdraws it: the tool does not move along the path.
+        """
+        if self._heat is not None:
+            plan = self._heat.plan(self._time.ns(0) * 1e-9) if self.course.followed else None
+            self._heat_plan.publish(convert.heat_plan_message(plan, self._time.stamp_ns))
 
     def send_ahead(self) -> None:
         """Send set-points that are due soon."""

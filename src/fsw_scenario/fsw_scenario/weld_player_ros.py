@@ -25,6 +25,7 @@ from fsw_msgs.msg import WeldProgress
 from fsw_scenario.audience_ros import Audience
 from fsw_scenario.deviations import Deviations
 from fsw_scenario.emulator_events_ros import EmulatorEvents
+from fsw_scenario.heat_ahead import HeatAhead
 from fsw_scenario.running_kpi import RunningKpi
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.set_points_ros import ScenarioTime, SetPoints
@@ -62,6 +63,7 @@ class PlayerOptions:
     #: plant and controllers were started for this scenario: the player is part of the first tick
     #: in simulated time, and the plant plays its own part of the scenario
     from_start: bool
+    heat: HeatAhead | None = None  #: known along the path
 
 
 class WeldPlayer:
@@ -92,7 +94,7 @@ class WeldPlayer:
         self.kpi = RunningKpi()
         self.time = ScenarioTime()
         self.set_points = SetPoints(
-            node, scenario, self.time, options.from_start, self._synchronous
+            node, scenario, self.time, options.from_start, self._synchronous, options.heat
         )
         self._stamps = StampFilter(lockstep=self._simulated)
         self._switches = deque(switches(scenario).items())
@@ -274,6 +276,7 @@ class WeldPlayer:
             self._began_s = time.monotonic()
             if not self._synchronous:
                 self.set_points.announce()
+                self.set_points.announce_heat()
         self._last_sample_s = time.monotonic()
         self.time.tick, self.time.stamp_ns = (
             1 + round((stamp_ns - self.time.first_ns) / TICK_NS),

@@ -17,8 +17,10 @@ from fsw_control.contract import Reference
 from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S
 from fsw_control.schema.errors import InputError
 from fsw_control.topics_ros import LATEST, PLAYER_READY
+from fsw_model import nominal
+from fsw_model.heat_profile import HeatProfile, HeatSource, ThermalModel
 from fsw_msgs.action import RunWeld
-from fsw_msgs.msg import SupervisorState
+from fsw_msgs.msg import HeatPlan, SupervisorState
 from fsw_msgs.srv import SetMode, SwitchController
 from fsw_scenario.audience_ros import Audience
 from fsw_scenario.held_for import HeldFor
@@ -50,6 +52,47 @@ def graph(tmp_path):
     one = PlayerGraph(str(path))
     yield one
     one.end()
+
+
+def heat_profile():
+    """A profile along 30 mm."""
+    return HeatProfile(
+        type="short",
+        model=ThermalModel.of(nominal()),
+        welds=(HeatSource(weld="C001", sha256="a" * 64),),
+        travel_mm=(0.0, 30.0),
+        heat_kw=(0.0, 1.0),
+        deviation_kw=(0.1, 0.1),
+    )
+
+
+def test_known_heat_is_announced_withdrawn_by_a_hold_and_comes_back_later(tmp_path):
+    """The path resumes later, by the time that the tool stood."""
+    phases = [*WELD["phases"], {"name": "start", "to_deg": 3.0, "length_mm": 30.0}]
+    (tmp_path / "weld.yaml").write_text(yaml.safe_dump(WELD | {"phases": phases}))
+    (tmp_path / "heat.yaml").write_text(heat_profile().text)
+    graph = PlayerGraph(str(tmp_path / "weld.yaml"), f"heat_file:={tmp_path / 'heat.yaml'}")
+    plans = []
+    graph.peer.create_subscription(HeatPlan, "fsw/heat_plan", plans.append, LATEST)
+    try:
+        graph.tick()
+        graph.until(lambda: len(plans) == 1)
+        begun = convert.heat_plan(plans[0])
+        assert (begun.type, begun.profile) == ("short", heat_profile().sha256)
+        assert begun.place(begun.at_s[-1]) == pytest.approx(30.0)
+        assert begun.at_s[0] == pytest.approx(START_NS * 1e-9, abs=0.2)
+        graph.ask("hold")
+        graph.until(lambda: len(plans) == 2)
+        assert convert.heat_plan(plans[1]) is None
+        for _ in range(3):
+            graph.tick()
+        graph.ask("resume")
+        graph.until(lambda: len(plans) == 3)
+        later = convert.heat_plan(plans[2])
+        assert later.at_s[0] - begun.at_s[0] == pytest.approx(0.3, abs=1e-3)
+        assert convert.stamp_ns(plans[2].header.stamp) == graph.weld.time.stamp_ns
+    finally:
+        graph.end()
 
 
 def test_one_depth_stamp_far_ahead_does_not_end_the_programme(graph):

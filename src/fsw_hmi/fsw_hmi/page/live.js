@@ -14,7 +14,7 @@ import { Veil } from "./veil.js";
 import { WeldMap } from "./weld_map.js";
 
 /** @type {Control} */ const NOBODY = { t: "control", holder: null, you: false, request: null, name: "", authenticated: false, role: "", may_stop: false, note: "" };
-/** @type {State} */ const UNKNOWN = { t: "state", known: false, target_controller: "", actual_controller: "", target_mode: "", actual_mode: "", reason: "", cause: 0, by: "", stop_cause: 0, acknowledged: false, controllers: [], interlocks: [], parts: [] };
+/** @type {State} */ const UNKNOWN = { t: "state", known: false, known_heat_share: null, target_controller: "", actual_controller: "", target_mode: "", actual_mode: "", reason: "", cause: 0, by: "", stop_cause: 0, acknowledged: false, controllers: [], interlocks: [], parts: [] };
 
 /** No ticks for longer than this: the values on the page are old. */
 const TICK_AGE_S = 0.5;
@@ -24,6 +24,7 @@ export class LivePage {
   /** @type {Hello?} */ hello = null;
   /** @type {State} */ state = UNKNOWN;
   /** @type {Programme?} */ progress = null;
+  /** @type {Heat?} */ heat = null;
   /** @type {Control} */ control = NOBODY;
   /** @type {Values} */ values = {};
   /** @type {{alarms: Alarm[], reach: Reach?, attainable: SetPoints?}} */ alarms = { alarms: [], reach: null, attainable: null };
@@ -55,9 +56,10 @@ export class LivePage {
       if (frame.t === "beat") this.tickAgeS = frame.tick_age_s;
       else Object.assign(this, { [frame.t]: frame });
       if (frame.t === "account") this.map?.judged(frame.marks);
+      if (frame.t === "heat" || frame.t === "state") this.map?.known(this.heat, this.state.known_heat_share);
       this.#show();
     }
-    if (["state", "history", "account"].includes(frame.t)) this.map?.draw();
+    if (["state", "history", "account", "heat"].includes(frame.t)) this.map?.draw();
   }
 
   #show() {

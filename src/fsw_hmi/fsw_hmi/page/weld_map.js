@@ -8,6 +8,9 @@ const STEP_DEG = 0.5;
 /** @type {Level[]} */ const LEVELS = ["good", "medium", "high"];
 /** Marks are for fingers: those that are nearer become one. */
 const MARK_PX = 48;
+/** 95 of 100 welds of the type lie within so many standard deviations of the known heat. */
+const SIGMAS = 2;
+const HEIGHT = 10;
 
 export class WeldMap {
   /** Which steps of the way are welded. @type {boolean[]} */
@@ -15,6 +18,7 @@ export class WeldMap {
   /** @type {Mark[]} */
   #marks = [];
   #drawn = "";
+  #known = "";
 
   /** `onMoment` is called with the moment of a mark that is chosen, which `told` puts into words. @param {HTMLElement} root @param {string[]} names @param {(timeS: number) => void} onMoment @param {(timeS: number) => string} told */
   constructor(root, names, onMoment, told = span) {
@@ -23,7 +27,8 @@ export class WeldMap {
     this.angle = names.indexOf("angle_deg");
     this.paths = LEVELS.map((level) => svg("path", { class: level }));
     this.tool = svg("path", { class: "tool" });
-    this.picture = svg("svg", { viewBox: `0 0 ${WAY_DEG} 10`, preserveAspectRatio: "none", role: "img" }, svg("rect", { x: TURN_DEG, width: WAY_DEG - TURN_DEG, height: 10, class: "overlap" }), ...this.paths, this.tool);
+    this.heat = svg("path", { class: "heat" });
+    this.picture = svg("svg", { viewBox: `0 0 ${WAY_DEG} 10`, preserveAspectRatio: "none", role: "img" }, svg("rect", { x: TURN_DEG, width: WAY_DEG - TURN_DEG, height: 10, class: "overlap" }), ...this.paths, this.heat, this.tool);
     this.detail = el("span", { className: "detail" });
     this.marks = el("div", { className: "exceedances" });
     const axis = [0, 90, 180, 270, 360, 400].map((deg) => at(el("span", { className: "tick" }, `${deg}°`), deg / WAY_DEG));
@@ -45,11 +50,22 @@ export class WeldMap {
     this.#marks = marks;
   }
 
+  /** Take the heat that is known from earlier welds, drawn as a band from its least to its most, and the share of it in use. */
+  known(/** @type {Heat?} */ heat, /** @type {Value} */ share) {
+    const edge = (/** @type {number} */ sign) => (heat?.heat_kw ?? []).map((value, i) => value + sign * SIGMAS * (heat?.deviation_kw[i] ?? 0));
+    const [low, high] = [edge(-1), edge(1)];
+    const [least, most] = [Math.min(...low), Math.max(...high)];
+    const points = (/** @type {number[]} */ values) => values.map((value, i) => `${heat?.angle_deg[i]} ${fixed((HEIGHT * (most - value)) / Math.max(most - least, 1e-6), 2)}`);
+    this.heat.setAttribute("d", low.length ? `M${[...points(high), ...points(low).reverse()].join("L")}z` : "");
+    const used = known(share) ? `${fixed(100 * share, 0)} % in use` : "not in use";
+    this.#known = low.length ? `; known heat of ${heat?.type}: ${fixed(least, 1)} to ${fixed(most, 1)} kW, ${used}` : "";
+  }
+
   draw() {
     const welded = this.#steps.findLastIndex(Boolean) * STEP_DEG;
     const outside = this.#marks.map((mark) => ({ from: mark.from_deg ?? 0, to: Math.max(mark.to_deg ?? 0, (mark.from_deg ?? 0) + STEP_DEG), worst: { rank: LEVELS.indexOf(mark.level), text: mark.text, timeS: mark.time_s } }));
     const times = outside.length === 1 ? "once" : outside.length ? `${outside.length} times` : "nowhere";
-    setShort(this.detail, welded < 0 ? "no angle is known yet" : `${fixed(welded, 0)}° welded, ${times} outside the limits`);
+    setShort(this.detail, welded < 0 ? "no angle is known yet" : `${fixed(welded, 0)}° welded, ${times} outside the limits${this.#known}`);
     this.picture.setAttribute("aria-label", `Way around the canister: ${this.detail.textContent}`);
     this.tool.setAttribute("d", welded < 0 ? "" : `M${welded} 0v10`);
     const drawn = [this.#welded(), ...LEVELS.slice(1).map((_, i) => outside.filter(({ worst }) => worst.rank === i + 1))];

@@ -1,0 +1,75 @@
+"""A controller that starts in mid-weld, while the power is moving: it proposes once it knows the heat."""
+
+import pytest
+
+from fsw_control import Reference
+from fsw_control.reason import ReasonCode
+from fsw_nmpc import NmpcController
+from fsw_test_support.nmpc_loop import TARGET, Loop
+
+#: a rise of the set-point that takes the power up, and the ticks after which its controller dies
+WARMER, BEFORE, LONGEST = Reference(2.66, 826.4), 30, 100
+#: ticks of the dead time
+DEAD_TICKS = 28
+
+
+def restarted(rejoins, values=None):
+    """A loop whose controller is a new one, three seconds after a rise of the set-point."""
+    loop = Loop(NmpcController(values))
+    for _ in range(10):
+        loop.step()
+    for _ in range(BEFORE):
+        loop.step(WARMER)
+    loop.controller = NmpcController(values)
+    loop.controller.reset(loop.applied)
+    if rejoins:
+        loop.controller.rejoin()
+    return loop
+
+
+def step_until_healthy(loop, reference=WARMER):
+    """Hold the command until a proposal is healthy; returns the proposals."""
+    proposals = []
+    while len(proposals) < LONGEST:
+        proposals.append(loop.step(reference, follow=loop.applied))
+        if proposals[-1].healthy:
+            break
+    return proposals
+
+
+@pytest.mark.slow
+def test_the_power_on_its_way_is_not_taken_for_heat():
+    """The process has none of it: what a first healthy proposal is based on is its error."""
+    errors = {}
+    for rejoins in (False, True):
+        proposals = step_until_healthy(restarted(rejoins))
+        assert proposals[-1].healthy
+        errors[rejoins] = abs(proposals[-1].diagnosis.disturbances["power_kw"])
+    assert errors[False] > 3.0
+    assert errors[True] < 0.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", ["default", "adaptive", "paper", "paper:letter"])
+def test_it_proposes_no_sooner_than_after_a_dead_time_and_within_seconds(preset):
+    proposals = step_until_healthy(restarted(True, {"preset": preset}))
+    assert DEAD_TICKS < len(proposals) < DEAD_TICKS + 40
+    assert {proposal.reason.code for proposal in proposals[:-1]} == {ReasonCode.REJOINING}
+    assert proposals[-1].healthy
+
+
+@pytest.mark.slow
+def test_time_without_sensors_does_not_count():
+    loop = restarted(True)
+    for _ in range(40):
+        blind = loop.step(WARMER, follow=loop.applied, depth_valid=False)
+        assert blind.reason.code == ReasonCode.WAITING_FOR_SENSORS
+    assert len(step_until_healthy(loop)) > DEAD_TICKS
+
+
+@pytest.mark.slow
+def test_a_reset_ends_it():
+    loop = restarted(True)
+    loop.step(WARMER, follow=loop.applied)
+    loop.controller.reset(loop.applied)
+    assert loop.step(TARGET).healthy
