@@ -175,6 +175,12 @@ class FakeHmi:
             session, json.dumps({"id": 1, "do": "take_control", "from": None}), session.active_s
         )
 
+    def ask_for_control(self, name: str) -> None:
+        """Somebody on another page asks for control that is held."""
+        session = self._room.join()
+        session.name, session.role, session.active_s = name, "operate", time.monotonic()
+        self._room.handle(session, '{"id": 1, "do": "request_control"}', session.active_s)
+
     def log_out(self) -> None:
         """Let nobody have touched any page for a long time."""
         self._room.tick(time.monotonic() + 10_000.0)
