@@ -236,6 +236,10 @@ def test_no_dialog_or_notice_lies_under_the_stop_at_any_size(fake, open_page):
     for opener in (*openers, page.locator(".acts button", has_text="Shelve")):
         opener.click()
         check(f"{page.locator('dialog h2').text_content()} and notice")
+    fake.progress["state"] = "aborted"
+    fake.push()
+    expect(page.locator(".end-screen")).to_be_visible()
+    check("end of the weld, form and notice")
     press(page, "Keep control")
-    expect(page.locator(".notice")).to_have_count(0)
+    expect(page.locator(".notice")).to_have_count(1)
     assert faults_at == {}

@@ -114,6 +114,8 @@ class FakeHmi:
             None  #: what stands in for set-points out of reach
         )
         self.actions: list[dict[str, Any]] = []
+        self.recording: dict[str, Any] = {"state": "recording", "bag": "weld/bag"}
+        self.recording |= {"bytes": 12_300_000, "missing": 0, "gap": None}
         self.refusals: dict[str, str] = {}  #: request -> reason
         self.requests: list[dict[str, Any]] = []
         self.touches = 0  #: how often a page has said that somebody is there
@@ -214,6 +216,7 @@ class FakeHmi:
         frames.append({"t": "actions", "actions": self.actions[-50:]})
         if self.progress:
             frames.append({"t": "progress", **self.progress})
+        frames.append({"t": "recording", **self.recording})
         for frame in frames:
             await socket.send_text(json.dumps(frame))
 
@@ -270,7 +273,10 @@ class FakeHmi:
         return time.time() - self._last_tick_s if self._last_tick_s else None
 
     def _headline(self) -> dict[str, Any]:
-        now = Now(self._tick_age_s(), self.alarms, self._flags, self.state, self.account)
+        programme = self.progress["state"] if self.progress else ""
+        now = Now(
+            self._tick_age_s(), self.alarms, self._flags, self.state, self.account, programme
+        )
         return {"t": "headline", **headline(now)}
 
     def _time_s(self) -> float:
