@@ -16,7 +16,7 @@ PROGRAMME = "{name: long, phases: [{name: dwell, duration_s: 600.0}]}"
 #: in this order, and what is then said: by then the one before is missed already
 SAID = {
     "scenario": ("programme", "The weld programme no longer runs"),
-    "recorder": ("node:fsw_recorder", "fsw_recorder no longer reports"),
+    "recorder": ("recorder", "The recorder no longer reports"),
     "nmpc": ("controller:nmpc", "Controller nmpc is not ready"),
     "standby": ("standby", "No supervisor stands by"),
     "decentral": ("hold", "Command held: "),

@@ -42,10 +42,13 @@ def test_weld_goes_on_to_its_end_without_its_page(demo, tmp_path):
         page.until("tick")
         assert kill(tmp_path, "fsw_hmi") == 1
     assert re.search(r"export ROS_DOMAIN_ID=\d+$", child.text(), re.MULTILINE)
-    wait_until(lambda: not child.running, "the end of the weld")
-    assert (child.process.returncode, "the weld is over" in child.text()) == (0, True), (
-        child.text()
-    )
+    wait_until(lambda: "the page stays" in child.text(), "the end of the weld")
+    wait_until(lambda: not processes(tmp_path, "recorder_node"), "the end of the recorder")
+    with Page(url) as page:  # it outlives the weld
+        assert page.seen("recording")
+    child.process.send_signal(signal.SIGINT)
+    wait_until(lambda: not child.running, "the end of the page")
+    assert child.process.returncode == 0, child.text()
     with BagReader(tmp_path / "weld" / "bag") as bag:
         assert "/fsw/operator_action" in bag.topics()
     wait_until(lambda: not processes(tmp_path), "the end of all processes")
@@ -104,9 +107,7 @@ def test_safe_stop_keeps_the_page_up_whatever_was_killed(demo, tmp_path, killed)
         page.seen("state", lambda frame: frame["actual_mode"] == "auto")
         kill(tmp_path, *killed)
         if killed == ("scenario_node",):
-            wait_until(
-                lambda: "the scenario player has ended" in child.text(), "word of the player's end"
-            )
+            wait_until(lambda: "scenario has ended" in child.text(), "word of the player's end")
         page.send("safe_stop")
         stopped = page.seen("state", lambda frame: frame["actual_mode"] == "safe_stop")
         assert stopped["reason"]
@@ -116,6 +117,21 @@ def test_safe_stop_keeps_the_page_up_whatever_was_killed(demo, tmp_path, killed)
         for _ in range(20):
             page.until("tick")
         assert page.frames["state"]["actual_mode"] == "safe_stop"
+        child.process.send_signal(signal.SIGINT)
+        wait_until(lambda: not child.running, "the end of the demonstration")
+    assert child.process.returncode == 130
+
+
+@pytest.mark.requirement("S34")
+@pytest.mark.full
+def test_page_outlives_a_killed_plant(demo, tmp_path):
+    child, url, _ = demo(PROGRAMME)
+    with Page(url) as page:
+        page.until("tick")
+        kill(tmp_path, "plant_node")
+        page.seen("alarms", lambda frame: "measurements" in {one["id"] for one in frame["alarms"]})
+        wait_until(lambda: "plant has ended" in child.text(), "word of the plant's end")
+        page.seen("beat")
         child.process.send_signal(signal.SIGINT)
         wait_until(lambda: not child.running, "the end of the demonstration")
     assert child.process.returncode == 130

@@ -185,3 +185,61 @@ def test_accessible_by_axe(fake, bags, open_page, axe, what):
         return [(one["id"], [node["html"][:120] for node in one["nodes"]]) for one in found]
 
     assert settled(page, violations) == []
+
+
+#: every size at which a form or notice once lay under the stop, and those where none did
+TIGHT = [(390, 844), (360, 640), (844, 390), (640, 400), (1024, 600), (1280, 800), (320, 568)]
+COVERED = """(() => {
+    const cross = (p, q) => p.left < q.right && q.left < p.right && p.top < q.bottom && q.top < p.bottom;
+    const box = (one) => one.getBoundingClientRect();
+    const inView = ({ left, top, right, bottom }) => left >= 0 && top >= 0 && right <= innerWidth && bottom <= innerHeight;
+    const stop = document.querySelector("#safe-stop");
+    const over = [...document.querySelectorAll("dialog, #veil p")];
+    const crossing = over.flatMap((one, i) => (one.closest("#veil") ? [stop] : [stop, ...over.slice(i + 1)]).filter((other) => cross(box(one), box(other))).map((other) => `${one.className || one.tagName} and ${other.id || other.className || other.tagName}`));
+    const hidden = [...document.querySelectorAll("dialog :is(button, input, select)")].filter((one) => {
+        if (!one.checkVisibility()) return false;
+        one.scrollIntoView({ block: "nearest" });
+        const { left, top, width, height } = box(one);
+        return !one.contains(document.elementFromPoint(left + width / 2, top + height / 2)) || !inView(box(one));
+    });
+    return [...crossing, ...over.filter((one) => !inView(box(one))).map((one) => `${one.className} out of view`), ...hidden.map((one) => `cannot reach ${one.textContent || one.type}`)];
+})()"""
+#: buttons that open a form
+FORMS = ["Set-points", "Controller", "Mode", "Resume weld", "Abort weld", "Disturb", "Fault"]
+
+
+@pytest.mark.requirement("S19")
+def test_no_dialog_or_notice_lies_under_the_stop_at_any_size(fake, open_page):
+    fake.alarms = sample_alarms(time.time())
+    page = open_page(fake.url, *PANEL)
+    faults_at = {}
+
+    def check(what):
+        for width, height in TIGHT:
+            page.set_viewport_size({"width": width, "height": height})
+            if covered := page.evaluate(COVERED):
+                faults_at[f"{what} at {width}x{height}"] = covered
+        page.set_viewport_size({"width": PANEL[0], "height": PANEL[1]})
+
+    press(page, "Log in")
+    check("Log in")
+    press(page, "Cancel")
+    page.locator("#safe-stop").click()
+    check("Log in and safe stop")
+    press(page, "Cancel")
+    in_control(page)
+    page.locator("summary", has_text="decentral commands").click()
+    fake.ask_for_control("Bartholomäus.the.third.of.the.day")
+    expect(page.locator(".notice")).to_be_visible()
+    check("notice")
+    openers = [page.get_by_role("button", name=name, exact=True) for name in FORMS]
+    for opener in (*openers, page.locator(".acts button", has_text="Shelve")):
+        opener.click()
+        check(f"{page.locator('dialog h2').text_content()} and notice")
+    fake.progress["state"] = "aborted"
+    fake.push()
+    expect(page.locator(".end-screen")).to_be_visible()
+    check("end of the weld, form and notice")
+    press(page, "Keep control")
+    expect(page.locator(".notice")).to_have_count(1)
+    assert faults_at == {}

@@ -66,13 +66,7 @@ def page_account(account: Account, offset_s: float = 0.0) -> dict[str, Any]:
     rule = account.deciding
     good = rule.verdict is Verdict.ACCEPT
     gaps = [
-        _mark(
-            "high",
-            "not on record",
-            (begin_s, length_s),
-            offset_s,
-            account.course.place(begin_s, length_s),
-        )
+        gap_mark(begin_s + offset_s, length_s, account.course.place(begin_s, length_s))
         for begin_s, length_s in account.course.gaps
     ]
     return {
@@ -83,6 +77,11 @@ def page_account(account: Account, offset_s: float = 0.0) -> dict[str, Any]:
         "detail": "every limit is kept" if good else f"{rule.words}: {rule.figure}",
         "marks": gaps + [_of_exceedance(one, offset_s) for one in account.exceedances],
     }
+
+
+def gap_mark(begin_s: float, lasts_s: float, place: tuple[float, float] | None) -> dict[str, Any]:
+    """The mark of a time that is not on record, at a time of the page."""
+    return _mark("high", "not on record", (begin_s, lasts_s), 0.0, place)
 
 
 def _of_exceedance(one: Exceedance, offset_s: float) -> dict[str, Any]:

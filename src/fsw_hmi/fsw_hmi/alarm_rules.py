@@ -28,7 +28,7 @@ from fsw_hmi.standing import holds
 NO_REPORT_S = 3.5
 #: a weld programme, too, reports once a second
 NO_PROGRAMME_S = 5.0
-UNDER_WAY = ("running", "held")
+UNDER_WAY, DONE = ("running", "held"), "done"
 #: time without samples of one sensor
 _NO_SAMPLE_S = 0.5
 #: what is said of a sensor whose fault is over, until its value is trusted again
@@ -49,6 +49,8 @@ _WRITERS = ("command topic", "commands")
 _OTHER_RULES = ("controller", "process", "arbiter", "watchdog", *_WRITERS)
 #: parts of a gateway that say whether commands reach the machine
 _GATEWAY = ("connection", "machine", "writes")
+#: the part of a recorder that says whether it records
+RECORDING = "recording"
 #: the node that watches the weld: its warnings have causes and advice of their own
 MONITOR = "fsw_monitor"
 #: a swap that was asked for takes so long: the longest wait that can be asked for, and what the
@@ -66,6 +68,7 @@ class _Texts(BaseModel):
     interlocks: dict[str, tuple[str, str]]
     limits: dict[str, tuple[str, str]]
     drives: dict[str, tuple[str, str, str]]
+    expected: dict[str, tuple[str, ...]]
 
 
 _TEXTS = _Texts(**load_yaml(files("fsw_hmi").joinpath("alarms.yaml").read_text(encoding="utf-8")))
@@ -176,7 +179,12 @@ class AlarmRules:
         self._parts(now, found)
         if now.pages > 1:
             found["other_page"] = alarm("other_page")
-        return found
+        return self._unexpected(now, found)
+
+    def _unexpected(self, now: Situation, found: dict[str, Alarm]) -> dict[str, Alarm]:
+        """Alarms without those that the present state of the weld explains (ISA-18.2, suppressed by design)."""
+        expected = _TEXTS.expected["ended"] if now.programme == DONE else ()
+        return {name: one for name, one in found.items() if name.partition(":")[0] not in expected}
 
     def reach(self, now: Situation, found: Mapping[str, Alarm]) -> dict[str, Any]:
         """Whether commands reach the machine, for the page: ``ok`` None where it is not known, and a text."""
@@ -410,7 +418,9 @@ class AlarmRules:
         ]
         for node, parts in now.parts.items():
             if parts and all(part.level == "stale" for part in parts.values()):
-                if node not in told:
+                if RECORDING in parts:
+                    found["recorder"] = alarm("recorder")
+                elif node not in told:
                     found[alarm_id("node", node)] = alarm("node_silent", node=node)
                 continue
             if any(parts.get(what, _FINE).level == "error" for what in _WRITERS):

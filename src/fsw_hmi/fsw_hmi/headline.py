@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from fsw_analysis.headline import VARIABLES
+from fsw_hmi.alarm_rules import DONE
 
 #: no ticks for longer than this: the values on the page are old
 TICK_AGE_S = 0.5
@@ -25,10 +26,15 @@ class Now:
     flags: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     state: Mapping[str, Any] = field(default_factory=dict)
     account: Mapping[str, Any] | None = None
+    programme: str = ""  #: its state
 
 
 def headline(now: Now) -> dict[str, str]:
     """Level, text and detail."""
+    if now.programme == DONE:
+        return (
+            _of_alarms(now.alarms, "high") or _of_alarms(now.alarms, "medium") or _end(now.account)
+        )
     if now.tick_age_s is None:
         return _line("attention", "No measurements yet")
     if now.tick_age_s > TICK_AGE_S:
@@ -88,6 +94,13 @@ def _of_state(state: Mapping[str, Any]) -> dict[str, str] | None:
         f"In {mode.replace('_', ' ')}",
         state["reason"],
     )
+
+
+def _end(account: Mapping[str, Any] | None) -> dict[str, str]:
+    """The weld has ended as its programme has it: what the rules of its record say."""
+    if account is None:
+        return _line("attention", "Weld done", "not judged")
+    return _line(account["level"], f"Weld done: {account['text']}", account["detail"])
 
 
 def _of_account(account: Mapping[str, Any] | None) -> dict[str, str] | None:

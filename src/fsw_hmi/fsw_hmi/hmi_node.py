@@ -44,6 +44,7 @@ from fsw_hmi.live_weld import LiveWeld
 from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.parameters import HmiParameters
+from fsw_hmi.recording import Recording
 from fsw_hmi.refusals import why_not
 from fsw_hmi.requests import Acknowledge, Action, SafeStop, Shelve, Unshelve
 from fsw_hmi.standing import flags_now
@@ -100,7 +101,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._desk = AlarmDesk(self, self._watch, self._setting, self._book)
         self._weld = LiveWeld(self._book)
         self._flags: dict[str, dict[str, str]] = {}
-        self._stopping = StopProgress()
+        self._stopping, self._recording = StopProgress(), Recording()
         self._headline: dict[str, str] = {}
         self._account: dict[str, Any] | None = None
         self._orders = Orders(self)
@@ -192,6 +193,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self._web.call(self._page.forget)
             self._keeper.forget()
             self._weld.forget()
+            self._recording = Recording()
         if self._watch.progress is not None:
             self._weld.on_progress(self._watch.progress)
         if self._watch.state is not None:
@@ -232,6 +234,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
                 self._flags,
                 watch.state_frame(),
                 self._account,
+                watch.progress["state"] if watch.progress else "",
             )
         )
         if found != self._headline:
@@ -273,7 +276,10 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
                 and time.monotonic() - watch.progress_s > NO_PROGRAMME_S
             )
             self._show("progress", watch.progress | ({"state": "silent"} if silent else {}))
-        self._account = self._weld.frame()
+        newest_s = (watch.view.newest_ns or 0) / NANOSECONDS
+        self._recording.look(watch.recording_level(), watch.recording, newest_s)
+        self._show("recording", self._recording.frame())
+        self._account = self._weld.frame(self._recording.gaps)
         if self._account is not None:
             self._show("account", self._account)
         self._keep()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ import numpy as np
 
 from fsw_analysis.course import OVER, UnusableSamples
 from fsw_analysis.events import of_programme_states, of_states
-from fsw_analysis.headline import page_account
+from fsw_analysis.headline import gap_mark, page_account
 from fsw_analysis.judgement import Account, judge
 from fsw_analysis.rule_book import RuleBook
 from fsw_analysis.weld_events import WeldEvent
@@ -105,15 +105,19 @@ class LiveWeld:
             unusable=self._unusable.counts,
         )
 
-    def frame(self) -> dict[str, Any] | None:
-        """The judgement as the page gets it."""
+    def frame(self, gaps: Sequence[tuple[float, float]] = ()) -> dict[str, Any] | None:
+        """The judgement as the page gets it, with the gaps of the recording marked on the weld."""
         account = self.account()
         if account is None:
             return None
         stamp_ns = np.array(self._stamps_ns[:1])
-        return page_account(
-            account, self._stamps_ns[0] / NANOSECONDS - float(experiment_time_s(stamp_ns)[0])
-        )
+        offset_s = self._stamps_ns[0] / NANOSECONDS - float(experiment_time_s(stamp_ns)[0])
+        shown = page_account(account, offset_s)
+        for begin_s, end_s in gaps:
+            lasts_s = end_s - begin_s
+            place = account.course.place(begin_s - offset_s, lasts_s)
+            shown["marks"].append(gap_mark(begin_s, lasts_s, place))
+        return shown
 
     def _signals(self) -> WeldSignals:
         stamp_ns = np.array(self._stamps_ns, np.int64)

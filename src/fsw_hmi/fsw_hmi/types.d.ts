@@ -96,6 +96,16 @@ interface Programme {
   left: boolean;
   way_back_s: Value;
 }
+type BagState = "none" | "recording" | "incomplete" | "failed" | "silent" | "closed";
+/** What is known of the recording; the last gap in the weld's time. */
+interface RecordingReport {
+  t: "recording";
+  state: BagState;
+  bag: string;
+  bytes: number;
+  missing: number;
+  gap: [number, number] | null;
+}
 interface Control {
   t: "control";
   holder: { name: string; session: string } | null;
@@ -153,6 +163,7 @@ type Frame =
   | Hello
   | State
   | Programme
+  | RecordingReport
   | Control
   | Tick
   | (Account & { t: "account" })

@@ -25,7 +25,7 @@ from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_control.severity import Severity
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
-from fsw_hmi.alarm_rules import MONITOR, NO_REPORT_S, UNDER_WAY, Part
+from fsw_hmi.alarm_rules import MONITOR, NO_REPORT_S, RECORDING, UNDER_WAY, Part
 from fsw_hmi.frames import COLUMNS, readable, short
 from fsw_hmi.heat_band import heat_band
 from fsw_hmi.weld_view import Row, WeldView
@@ -101,6 +101,7 @@ class Watch:
             None  #: set-points that the controller which commands goes for, if it tells
         )
         self._goes_for = ""  # the controller that told it
+        self.recording: dict[str, str] = {}  #: what the recorder has reported last
         self.values: dict[str, float] = {}  #: the newest row by column; empty before the first
         self._parts: dict[str, dict[str, tuple[Part, float]]] = {}
         self._sensors: list[Subscription] = []
@@ -216,16 +217,23 @@ class Watch:
             level = _LEVELS[min(int.from_bytes(status.level, "little"), 3)]
             values = (
                 {pair.key: pair.value for pair in status.values}
-                if what in ("machine", "process") or node == MONITOR
+                if what in ("machine", "process", RECORDING) or node == MONITOR
                 else {}
             )
             permissive = None if "permissive" not in values else values["permissive"] == "True"
             advice = readable(values.get("advice", ""))
             parts[what] = Part(level, readable(status.message), permissive, advice), now_s
+            if what == RECORDING:
+                self.recording = values
             if name == "fsw_supervisor: process":
                 self.sensor_states = {
                     name: readable(values.get(f"{name} state", "good")) for name in SENSORS
                 }
+
+    def recording_level(self) -> str:
+        """Level of the recorder's last report, ``stale`` if it is old; empty before the first."""
+        levels = (parts[RECORDING].level for parts in self.parts().values() if RECORDING in parts)
+        return min(levels, key=lambda level: level == "stale", default="")
 
     def _is_full(self, node: str) -> bool:
         """Whether no more parts are kept; a flood of others leaves this software's own nodes their room."""

@@ -421,6 +421,22 @@ def test_value_must_be_back_by_a_margin_and_both_must_last(rules):
     assert one(0.09) is None
 
 
+SILENT = {"fsw_supervisor": {"arbiter": Part("stale", "")}}
+ENDED = {"tick_age_s": 60.0, "command_age_s": 60.0, "state_age_s": 60.0, "parts": SILENT}
+
+
+def test_what_the_end_of_a_weld_explains_is_no_alarm(rules):
+    assert rules.present(situation(programme="running", **ENDED), 0.0)
+    assert rules.present(situation(programme="done", **ENDED), 0.0) == {}
+    assert "machine" in rules.present(situation(programme="done", parts=gateway("error")), 0.0)
+
+
+def test_recorder_that_is_killed_is_an_alarm(rules):
+    parts = {"fsw_recorder": {"recording": Part("stale", "recording")}}
+    raised = rules.present(situation(parts=parts), 0.0)
+    assert {name: one.priority for name, one in raised.items()} == {"recorder": "medium"}
+
+
 def test_whether_commands_reach_the_machine_is_told(rules):
     def reach(**changed):
         now = situation(**changed)

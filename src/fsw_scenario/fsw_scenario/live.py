@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import secrets
@@ -11,7 +12,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from fsw_scenario.graph import ONCE, WeldGraph
-from fsw_scenario.launcher import Launcher, LaunchError, Respawn
+from fsw_scenario.launcher import Child, Launcher, Respawn
 
 _PATIENCE_S = 120.0
 
@@ -20,8 +21,8 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
     """Weld to the scenario's end; Ctrl-C ends all processes. Returns the exit code.
 
     Processes that die are restarted, except for plant and player: a weld cannot start half-way.
-    Without its player it continues until Ctrl-C, so that the operator can see why it has stopped,
-    or stop it.
+    Without them the others run until Ctrl-C, so that the operator can see why it has stopped, or
+    stop it. The page stays after the weld, until Ctrl-C.
     """
     scenario = graph.scenario
     assert scenario is not None
@@ -54,44 +55,49 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
         f"in another terminal: export ROS_DOMAIN_ID={launcher.domain}",
         flush=True,
     )
-    player = graph.start(launcher)
-    respawn = Respawn(launcher, [name for name in launcher.children if name not in ONCE])
-    player_ended = False
-
-    def over() -> bool:
-        nonlocal player_ended
-        respawn.update()
-        if player.running or player_ended:
-            return False
-        status = player.status()
-        if status.get("finished"):
-            return True
-        if not status:
-            raise LaunchError(
-                f"the scenario player has ended before the first tick: {player.last_lines()}"
-            )
-        player_ended = True
-        code = player.process.returncode
-        print(
-            f"the scenario player has ended with exit code {code}: {player.last_lines()}",
-            file=sys.stderr,
-        )
-        print(
-            "the other processes keep running, also the page; Ctrl-C ends them",
-            file=sys.stderr,
-            flush=True,
-        )
-        return False
-
-    # the programme may be held for any length of time
-    launcher.wait_until(over, float("inf"), "the end of the weld", ["plant"])
+    _weld(launcher, graph.start(launcher))
+    launcher.stop("plant")  # first, so that the bag does not show the others leaving
+    launcher.stop(*(name for name in reversed(launcher.children) if name != "hmi"))
     print("the weld is over; look at it:")
     page = (
         "fsw node hmi" if Path(sys.argv[0]).name == "fsw" else "python3 scripts/run_hmi.py"
     )  # installed, or here
     for bag in sorted(graph.folder.glob("bag*")):
         print(f"  {page} --bag {bag}")
+    print("the page stays; Ctrl-C ends it", flush=True)
+    respawn = Respawn(launcher, ["hmi"])
+    with contextlib.suppress(KeyboardInterrupt):
+        launcher.wait_until(respawn.update, float("inf"), "Ctrl-C", [])
     return 0
+
+
+def _weld(launcher: Launcher, player: Child) -> None:
+    """Weld to the scenario's end; the page also survives the plant and the player."""
+    respawn = Respawn(launcher, [name for name in launcher.children if name not in ONCE])
+    ended = set[str]()
+
+    def over() -> bool:
+        respawn.update()
+        status = player.status()
+        if not player.running and status.get("finished"):
+            return True
+        for child in (launcher.children["plant"], player):
+            if child.running or child.name in ended:
+                continue
+            if not status:
+                launcher.check([child.name])
+            ended.add(child.name)
+            print(
+                f"{child.name} has ended with exit code {child.process.returncode}: "
+                f"{child.last_lines()}\n"
+                "the other processes keep running, also the page; Ctrl-C ends them",
+                file=sys.stderr,
+                flush=True,
+            )
+        return False
+
+    # the programme may be held for any length of time
+    launcher.wait_until(over, float("inf"), "the end of the weld", [])
 
 
 def _write_secret(path: Path, text: str) -> None:

@@ -114,6 +114,8 @@ class FakeHmi:
             None  #: what stands in for set-points out of reach
         )
         self.actions: list[dict[str, Any]] = []
+        self.recording: dict[str, Any] = {"state": "recording", "bag": "weld/bag"}
+        self.recording |= {"bytes": 12_300_000, "missing": 0, "gap": None}
         self.refusals: dict[str, str] = {}  #: request -> reason
         self.requests: list[dict[str, Any]] = []
         self.touches = 0  #: how often a page has said that somebody is there
@@ -175,6 +177,12 @@ class FakeHmi:
             session, json.dumps({"id": 1, "do": "take_control", "from": None}), session.active_s
         )
 
+    def ask_for_control(self, name: str) -> None:
+        """Somebody on another page asks for control that is held."""
+        session = self._room.join()
+        session.name, session.role, session.active_s = name, "operate", time.monotonic()
+        self._room.handle(session, '{"id": 1, "do": "request_control"}', session.active_s)
+
     def log_out(self) -> None:
         """Let nobody have touched any page for a long time."""
         self._room.tick(time.monotonic() + 10_000.0)
@@ -208,6 +216,7 @@ class FakeHmi:
         frames.append({"t": "actions", "actions": self.actions[-50:]})
         if self.progress:
             frames.append({"t": "progress", **self.progress})
+        frames.append({"t": "recording", **self.recording})
         for frame in frames:
             await socket.send_text(json.dumps(frame))
 
@@ -264,7 +273,10 @@ class FakeHmi:
         return time.time() - self._last_tick_s if self._last_tick_s else None
 
     def _headline(self) -> dict[str, Any]:
-        now = Now(self._tick_age_s(), self.alarms, self._flags, self.state, self.account)
+        programme = self.progress["state"] if self.progress else ""
+        now = Now(
+            self._tick_age_s(), self.alarms, self._flags, self.state, self.account, programme
+        )
         return {"t": "headline", **headline(now)}
 
     def _time_s(self) -> float:

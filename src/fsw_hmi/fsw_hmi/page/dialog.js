@@ -1,5 +1,5 @@
 // Forms over the page. They are not modal: the safe stop stays within reach of one click.
-import { byId, el, setText } from "./dom.js";
+import { byId, el, renew, setText } from "./dom.js";
 
 const PENDING = "… pending";
 /** @type {{dialog: HTMLElement, opener: HTMLElement?, closed?: () => void}?} */ let opened = null;
@@ -49,13 +49,33 @@ export function closeForm() {
 /** Say something that wants an answer, beside a form that may be open, without taking the focus; no key: no longer. @param {string} key @param {HTMLElement[]} buttons */
 export function notice(key, text = "", ...buttons) {
   const root = byId("dialogs");
-  const shown = /** @type {HTMLElement?} */ (root.querySelector(".notice"));
+  const shown = /** @type {HTMLElement?} */ (root.querySelector(".notice:not(.end-screen)"));
   if (shown?.firstChild && shown.dataset.key === key) return setText(shown.firstChild, text);
   shown?.remove();
   if (!key) return;
   const dialog = el("dialog", { className: "notice", role: "alertdialog", "data-key": key, "aria-label": "Request for control" }, el("p", { "aria-live": "assertive" }, text), el("p", { className: "buttons" }, ...buttons));
   root.append(dialog);
   dialog.setAttribute("open", ""); // show() would take the focus
+}
+
+/** @type {string} */ let dismissed = "";
+
+/** The end screen, until it is closed; null: none. @param {string} key what it is about @param {{title: string, lines: string[]} | null} content */
+export function endScreen(key, content) {
+  const shown = /** @type {HTMLElement?} */ (byId("dialogs").querySelector(".end-screen"));
+  if (!content || dismissed === key) {
+    if (!content) dismissed = "";
+    return shown?.remove();
+  }
+  const root = shown ?? el("dialog", { className: "notice end-screen", "aria-labelledby": "end-title" });
+  renew(root, JSON.stringify(content), () => [
+    el("h2", { id: "end-title" }, content.title),
+    ...content.lines.map((line) => el("p", {}, line)),
+    el("p", { className: "buttons" }, el("button", { type: "button", onclick: () => endScreen((dismissed = key), content) }, "Close")),
+  ]);
+  if (shown) return;
+  byId("dialogs").append(root);
+  root.setAttribute("open", ""); // show() would take the focus
 }
 
 function labelled(/** @type {string} */ text, /** @type {HTMLElement} */ input, hint = "") {

@@ -5,8 +5,9 @@ import { Bars } from "./bars.js";
 import { Commands } from "./command.js";
 import { Connection } from "./connection.js";
 import { Controllers } from "./controllers.js";
-import { openForm } from "./dialog.js";
+import { endScreen, openForm } from "./dialog.js";
 import { byId, meta } from "./dom.js";
+import { ending, recordingWords } from "./ending.js";
 import { LiveTrends } from "./live_trends.js";
 import { Status } from "./status.js";
 import { Store } from "./store.js";
@@ -29,6 +30,8 @@ export class LivePage {
   /** @type {Values} */ values = {};
   /** @type {{alarms: Alarm[], reach: Reach?, attainable: SetPoints?}} */ alarms = { alarms: [], reach: null, attainable: null };
   /** @type {Headline} */ headline = { level: "attention", text: "No measurements yet", detail: "" };
+  /** @type {Account?} */ account = null;
+  /** @type {RecordingReport?} */ recording = null;
   /** @type {Value} */ tickAgeS = null;
   /** @type {Tick["stop"]} */ stop = null;
 
@@ -65,6 +68,8 @@ export class LivePage {
   #show() {
     if (this.state !== UNKNOWN) this.status.tell(this.state);
     this.status.progress.update(this);
+    this.status.record(recordingWords(this.recording, this.trends?.toServerS ?? NaN));
+    endScreen(`${this.hello?.session} ${this.progress?.state}`, ending(this));
     this.controllers.update(this.state);
     this.commands.update();
     this.list.update(this.alarms.alarms, this.alarms.reach);
@@ -118,7 +123,7 @@ export class LivePage {
     document.body.dataset.link = link.kind;
     byId("announce-connection").textContent = link.text;
     this.#show();
-    this.status.connection(link);
+    this.status.connection(link, this.progress);
     if (link.kind === "live") return;
     this.veil.drop(link.text);
     if (link.kind === "stale") openForm({ title: "The page is out of date", summary: () => "The server has a newer one. Nothing can be shown or commanded here.", confirm: "Reload", run: async () => location.reload() });

@@ -16,6 +16,7 @@ export class Status {
   why = part("#who .detail");
   time = part("#clock .time");
   link = part("#clock .detail");
+  recording = part("#clock .recording");
   progress = new Progress();
 
   judge(/** @type {Headline} */ { level, text, detail }) {
@@ -39,9 +40,17 @@ export class Status {
     setText(this.time, clock(serverS));
   }
 
-  connection(/** @type {Link} */ { kind, text }) {
+  /** Whether the weld is on record. @param {{short: string, long: string}} words */
+  record({ short, long }) {
+    setText(this.recording, short);
+    this.recording.title = long;
+  }
+
+  /** @param {Link} link @param {Programme?} programme */
+  connection({ kind, text }, programme) {
     setText(this.link, kind === "live" ? "server time, UTC" : "last server time");
     if (kind === "live") return;
+    if (kind === "lost" && programme?.state === "done") return this.judge({ level: "attention", text: "Weld done", detail: `the page's server no longer answers; ${text[0].toLowerCase()}${text.slice(1)}` });
     this.judge({ level: "high", text: kind === "connecting" ? "Connecting" : text, detail: kind === "lost" ? "values are old, commands are off; reconnecting" : "" });
   }
 }

@@ -1,0 +1,59 @@
+"""What the page says of the recording: state, file, size and gaps."""
+
+import pytest
+
+from fsw_hmi.recording import Recording, RecordingState
+
+
+@pytest.fixture
+def values(tmp_path):
+    return {"bag": str(tmp_path), "bytes": "1000", "pending_bytes": "24", "lost": "0"}
+
+
+def test_without_a_recorder_nothing_is_on_record():
+    recording = Recording()
+    recording.look("", {}, 1.0)
+    assert recording.frame()["state"] is RecordingState.NONE
+
+
+@pytest.mark.parametrize(
+    ("level", "state"),
+    [
+        ("ok", RecordingState.RECORDING),
+        ("warn", RecordingState.INCOMPLETE),
+        ("error", RecordingState.FAILED),
+    ],
+)
+def test_state_file_and_size_are_the_recorders(values, level, state):
+    recording = Recording()
+    recording.look(level, values, 1.0)
+    shown = recording.frame()
+    assert shown == {
+        **{"state": state, "bag": values["bag"], "bytes": 1024, "missing": 0, "gap": None}
+    }
+
+
+def test_silent_recorder_leaves_a_gap_until_it_reports_again(values):
+    recording = Recording()
+    for level, weld_s in (("ok", 10.0), ("stale", 14.0), ("stale", 15.0)):
+        recording.look(level, values, weld_s)
+    assert recording.state is RecordingState.SILENT
+    assert recording.gaps == [(10.0, 15.0)]
+    recording.look("ok", values, 16.0)
+    recording.look("ok", values, 17.0)
+    assert (recording.state, recording.gaps) == (RecordingState.RECORDING, [(10.0, 16.0)])
+
+
+def test_lost_messages_are_one_gap_while_more_are_lost(values):
+    recording = Recording()
+    for lost, weld_s in ((0, 1.0), (2, 2.0), (3, 3.0), (3, 4.0), (4, 5.0)):
+        recording.look("warn", values | {"lost": str(lost)}, weld_s)
+    assert recording.gaps == [(1.0, 3.0), (4.0, 5.0)]
+
+
+def test_bag_with_its_metadata_is_complete(values, tmp_path):
+    recording = Recording()
+    recording.look("ok", values, 1.0)
+    (tmp_path / "metadata.yaml").touch()
+    recording.look("stale", values, 5.0)
+    assert (recording.state, recording.gaps) == (RecordingState.CLOSED, [])
