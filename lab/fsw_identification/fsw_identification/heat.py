@@ -4,9 +4,9 @@ It is estimated by a Kalman smoother on the thermal model (16).
 
 The heat is a random walk, that is a Gaussian process. The model is the fast part of the copper's
 response to the power: the slower part, which the weld's history makes, is in the heat, as it
-comes again in the next weld of the type. Its lag is chosen; its gain, the dead time and the walk
-are those of the greatest likelihood: a weld shows how fast and when a power heats, but a heat
-that wanders hides the settled gain.
+comes again in the next weld of the type. Its lag is chosen; its gain, the tool's lag, the dead
+time and the walk are those of the greatest likelihood: a weld shows how fast and when a power
+heats, but a heat that wanders hides the settled gain.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ FAST_LAG_S = 11.0
 #: start of the search: gain of the fast part, and the walk of the heat per root second
 _START_GAIN, _START_WALK = 10.0, 0.15
 _WALK_LOGARITHMS = (np.log(1e-3), np.log(3.0))
-_SEARCH_STEPS = 200
+_SEARCH_STEPS = 400
 #: time until the filter has forgotten where it began
 _SETTLED_S = 60.0
 
@@ -144,8 +144,8 @@ def fit_fast(
 ) -> tuple[ModelParameters, float]:
     """The model of the fast part of the copper, and the walk of the heat [kW per root second].
 
-    Its lag is chosen; gain and dead time are estimated. From where the search begins, the dead
-    time is found if it is within a factor of about two.
+    Its lag is chosen; gain, dead time and lag of the tool are estimated. From where the search
+    begins, the dead time is found if it is within a factor of about two.
     """
     rows = [np.arange(record.rise_c.size) for record in records]
     shown = [
@@ -154,24 +154,27 @@ def fit_fast(
     ]
 
     def changed(logarithms: FloatArray) -> ModelParameters:
-        gain, dead_time_s, _ = np.exp(logarithms).tolist()
+        gain, tool_lag_s, dead_time_s, _ = np.exp(logarithms).tolist()
         return model.changed(
-            thermal_gain_c_per_kw=gain, copper_lag_s=FAST_LAG_S, dead_time_s=dead_time_s
+            thermal_gain_c_per_kw=gain,
+            copper_lag_s=FAST_LAG_S,
+            tool_lag_s=tool_lag_s,
+            dead_time_s=dead_time_s,
         )
 
     def cost(logarithms: FloatArray) -> float:
         try:
-            tried, walk_kw = changed(logarithms), float(np.exp(logarithms[2]))
+            tried, walk_kw = changed(logarithms), float(np.exp(logarithms[3]))
             return sum(
                 map(_unlikelihood, records, [tried] * len(rows), [walk_kw] * len(rows), shown)
             )
         except (InputError, LinAlgError):  # out of the model's range
             return float("inf")
 
-    start = np.log([_START_GAIN, model.dead_time_s, _START_WALK])
+    start = np.log([_START_GAIN, model.tool_lag_s, model.dead_time_s, _START_WALK])
     options = {"maxfev": _SEARCH_STEPS, "xatol": 1e-3, "fatol": 0.1}
     found = minimize(cost, start, method="Nelder-Mead", options=options)
-    return changed(found.x), float(np.exp(found.x[2]))
+    return changed(found.x), float(np.exp(found.x[3]))
 
 
 def fit_walk(records: Sequence[HeatRecord], model: ModelParameters) -> float:

@@ -44,11 +44,11 @@ def learn(
         Name, SHA-256 of the bag, and signals.
     type_name : str
     model : ModelParameters
-        Lag of the tool and friction are taken from it.
+        Friction and inertia are taken from it.
     drive_lag_s : float
         Time constant of the drives.
     keep_model : bool
-        Keep gain, lag and dead time, too; else they are those of the fast part of the copper's
+        Keep gain, lags and dead time, too; else they are those of the fast part of the copper's
         response, from these welds.
     progress : callable, optional
         Called with the share done, 0 to 1.

@@ -102,12 +102,17 @@ def record(rng, model, walk_kw=0.15, minutes=15):
 
 
 def test_fast_part_of_the_copper_is_found():
-    truth = P.changed(thermal_gain_c_per_kw=9.5, copper_lag_s=FAST_LAG_S, dead_time_s=1.9)
+    truth = P.changed(
+        thermal_gain_c_per_kw=9.5, copper_lag_s=FAST_LAG_S, tool_lag_s=0.6, dead_time_s=1.9
+    )
     rng = np.random.default_rng(4)
     found, walk_kw = fit_fast([record(rng, truth)[0] for _ in range(2)], P)
     assert found.thermal_gain_c_per_kw == pytest.approx(9.5, rel=0.05)
     assert found.copper_lag_s == FAST_LAG_S
-    assert found.dead_time_s == pytest.approx(1.9, abs=0.1)
+    assert found.tool_lag_s == pytest.approx(0.6, abs=0.15)
+    assert found.dead_time_s == pytest.approx(1.9, abs=0.15)
+    # together they are surer than each: a lag looks like a later and softer response
+    assert found.tool_lag_s + found.dead_time_s == pytest.approx(2.5, abs=0.1)
     assert walk_kw == pytest.approx(0.15, rel=0.2)
 
 

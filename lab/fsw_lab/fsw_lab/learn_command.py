@@ -24,7 +24,7 @@ from fsw_model import ModelParameters
     file("--out", "heat profile (YAML; default NAME.heat.yaml)"),
     file("--model-out", "model file that belongs to it (YAML; default NAME.model.yaml)"),
     file("--model", "model of the process (default: the paper's)"),
-    switch("--keep-model", "keep the copper's gain and lag and the dead time of the model"),
+    switch("--keep-model", "keep gain, lags and dead time of the model"),
     DRIVE_LAG,
     FORCE,
     description="Find the heat into the copper beyond the spindle's power in each weld, by place, and write its "
@@ -77,8 +77,8 @@ def _print(learned: Learned) -> None:
     ]
     print_table(rows, ("weld", "SHA-256", "lacking when left out [kW]"), words=2)
     print(
-        f"copper: {model.thermal_gain_c_per_kw:.3g} degC/kW, {model.copper_lag_s:.3g} s, dead "
-        f"time {model.dead_time_s:.3g} s; "
+        f"copper: {model.thermal_gain_c_per_kw:.3g} degC/kW, {model.copper_lag_s:.3g} s, tool "
+        f"{model.tool_lag_s:.3g} s, dead time {model.dead_time_s:.3g} s; "
         f"heat: {min(profile.heat_kw):.2f} to {max(profile.heat_kw):.2f} kW over "
         f"{profile.travel_mm[-1]:.0f} mm, wandering by {learned.walk_kw:.2g} kW per root second"
     )
