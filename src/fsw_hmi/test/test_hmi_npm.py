@@ -2,6 +2,7 @@
 
 import asyncio
 import sys
+import tempfile
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -89,8 +90,9 @@ def test_node_that_is_too_old_is_not_taken(make_npm):
     assert npm.find((20, 19)) is not None
 
 
-def test_folder_that_cannot_be_made_is_told(make_npm, tmp_path, capsys):
+def test_folder_that_cannot_be_made_is_told(make_npm, monkeypatch, tmp_path, capsys):
     make_npm()
     (tmp_path / "cache").write_text("a file")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "cache"))
     assert served(FILES[0]) is None
     assert "cache" in capsys.readouterr().err
