@@ -53,7 +53,7 @@ def tune(
     >>> import fsw
     >>> gains = fsw.tune("decentral:tight", evaluations=2)
     >>> weld = fsw.simulate("quick", "decentral", parameters=gains)
-    >>> fsw.tune("nmpc", fsw.model(dead_time_s=2.0))
+    >>> fsw.tune("nmpc", fsw.model(factors={"dead_time_s": 2.0}))
     {'temperature_time_s': 1.68}
     """
     from fsw_nmpc.tuning import Tuning

@@ -18,7 +18,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from fsw.controller import Controller
-from fsw.welds import overrides_of
+from fsw.simulation import overrides_of
 from fsw_control import Command, Measurement, Reference, weld
 from fsw_control.schema.models import InputError
 from fsw_lab.plant_batch import CHANNELS, PlantBatch

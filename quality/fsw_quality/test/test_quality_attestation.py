@@ -477,4 +477,7 @@ def test_what_is_no_bag_is_one_line(shop: Shop) -> None:
 
 def test_the_manifest_says_what_the_schema_allows(shop: Shop) -> None:
     content = json.loads((shop.bag(1) / MANIFEST_NAME).read_text())
-    assert content["format"] == "fsw_bag_manifest" and content["clock"]["source"] in ("kernel", "unknown")
+    assert content["format"] == "fsw_bag_manifest" and content["clock"]["source"] in (
+        "kernel",
+        "unknown",
+    )

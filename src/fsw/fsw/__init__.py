@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from fsw.controller import Controller as Controller
     from fsw.processes import Model as Model
     from fsw.processes import model as model
+    from fsw.simulation import controllers as controllers
+    from fsw.simulation import scenarios as scenarios
     from fsw.welds import Comparison as Comparison
     from fsw.welds import Weld as Weld
     from fsw.welds import compare as compare
@@ -26,14 +28,17 @@ if TYPE_CHECKING:
     from fsw_control.contract import Measurement as Measurement
     from fsw_control.contract import Proposal as Proposal
     from fsw_control.contract import Reference as Reference
+    from fsw_control.schema.errors import InputError as InputError
 
 __version__ = "0.3.0"
 #: public names by module
 _PLACES = {
     "fsw.controller": ("Controller",),
     "fsw.processes": ("Model", "model"),
+    "fsw.simulation": ("controllers", "scenarios"),
     "fsw.welds": ("Comparison", "Weld", "compare", "read_bag", "simulate"),
     "fsw_control.contract": ("Command", "Limits", "Measurement", "Proposal", "Reference"),
+    "fsw_control.schema.errors": ("InputError",),
 }
 MODULE_OF = {name: module for module, names in _PLACES.items() for name in names}
 __all__ = sorted(MODULE_OF)

@@ -16,7 +16,7 @@ from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
 from fsw.side_by_side import run_side_by_side
 from fsw.simulate_command import write_results
-from fsw.welds import closed_loop
+from fsw.simulation import closed_loop
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.figures import Run
 from fsw_analysis.signals import load_weld

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fsw.arguments import validated
 from fsw.welds import needed
 from fsw_control.schema.models import InputError
-from fsw_model import STEP_S, Equilibrium, ModelParameters, ProcessModel, equations
+from fsw_model import STEP_S, Equilibrium, ModelParameters, ProcessModel, equations, nominal
 
 Vector = NDArray[np.float64]
 
@@ -149,6 +149,26 @@ class Model:
         y = ca.vertcat(shown[0], shown[1], shown[3])
         return ca.Function("discrete", [x, u], [after, y], ["x", "u"], ["x_next", "y"])
 
+    def __repr__(self) -> str:
+        """What differs from the paper's parameters."""
+        own = {
+            name: value
+            for name, value in self.parameters.model_dump().items()
+            if value != getattr(nominal(), name)
+        }
+        words = " ".join(f"{name}={value:g}" for name, value in own.items())
+        return f"<Model {words or 'of the paper'}>"
+
+    @property
+    def state_names(self) -> list[str]:
+        """Names of the state of :attr:`discrete`.
+
+        The power's four numbers of a tick are ``power_TICK_NUMBER``, the oldest tick first.
+        """
+        numbers = range(equations.N_POWER)
+        power = [f"power_{k}_{i}" for k in range(self.process.delay_steps) for i in numbers]
+        return [*equations.STATE_NAMES, *power]
+
     @validated
     def state(self, at: Equilibrium | None = None) -> Vector:
         """State of :attr:`discrete` at an equilibrium, by default the operating point."""
@@ -197,13 +217,14 @@ class Model:
         control = needed("control")
 
         at = self.process.equilibrium(depth_mm, temperature_c)
-        names = {"inputs": list(INPUTS), "outputs": list(OUTPUTS)}
+        names = {"inputs": list(INPUTS), "outputs": list(OUTPUTS), "states": self.state_names}
         if delay == "exact":
             a, b, c, d = self._slopes(self.state(at), [at.force_kn, at.speed_rpm])
             return control.ss(a, b, c, d, STEP_S, **names)
         if order < 1:
             raise InputError(f"linearise: order is at least 1, not {order}")
         a, b, c = self._with_pade(at, order)
+        names["states"] = [*equations.STATE_NAMES, *(f"pade_{i}" for i in range(order))]
         return control.ss(a, b, c, np.zeros((3, 2)), **names)
 
     def _slopes(self, x: Vector, u: Sequence[float]) -> list[Vector]:
@@ -261,15 +282,22 @@ def _function(name: str, given: Mapping[str, ca.SX], result: str, value: ca.SX) 
 
 
 @validated
-def model(source: str | Path | ModelParameters | None = None, **factors: float) -> Model:
+def model(
+    source: str | Path | ModelParameters | None = None,
+    *,
+    factors: Mapping[str, float] | None = None,
+    **values: float,
+) -> Model:
     """The process model.
 
     Parameters
     ----------
     source : str, Path or ModelParameters, optional
         Model file, e.g. from :func:`identify`, or parameters; by default the paper's.
-    **factors : float
-        Factors on parameters, e.g. ``thermal_gain_c_per_kw=1.2``.
+    factors : mapping of str to float, optional
+        Factors on parameters, e.g. ``{"thermal_gain_c_per_kw": 1.2}``.
+    **values : float
+        Parameters in the unit of their name, e.g. ``dead_time_s=3.4``.
 
     Raises
     ------
@@ -279,14 +307,16 @@ def model(source: str | Path | ModelParameters | None = None, **factors: float) 
     Examples
     --------
     >>> import fsw
-    >>> round(fsw.model(thermal_gain_c_per_kw=1.2).parameters.thermal_gain_c_per_kw, 2)
-    21.72
+    >>> fsw.model(dead_time_s=3.4, factors={"thermal_gain_c_per_kw": 1.2})
+    <Model thermal_gain_c_per_kw=21.72 dead_time_s=3.4>
     """
     found = ModelParameters() if source is None else source
     if not isinstance(found, ModelParameters):
         found = ModelParameters.from_file(Path(found))
+    if factors:
+        found = found.scaled(**{name: float(factor) for name, factor in factors.items()})
     return Model(
-        found.scaled(**{name: float(factor) for name, factor in factors.items()})
-        if factors
+        found.changed(**{name: float(value) for name, value in values.items()})
+        if values
         else found
     )

@@ -15,7 +15,7 @@ from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED
 from fsw.middleware import HOW, middleware_is_here
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
-from fsw.welds import closed_loop
+from fsw.simulation import closed_loop
 from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_analysis.export import export_weld
 from fsw_analysis.figures import Run, draw, draw_whole_weld

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json
+import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from difflib import get_close_matches
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from fsw.arguments import validated
+from fsw.simulation import Source, closed_loop, overrides_of
 from fsw_analysis import kpi, kpi_table
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.export import Column, export_weld, weld_table
@@ -20,10 +20,7 @@ from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.contract import Controller
 from fsw_control.schema.models import InputError
-from fsw_model.heat_profile import HeatProfile
-from fsw_scenario.closed_loop import ClosedLoop
-from fsw_scenario.controllers import OURS, make, make_all, name_of, short
-from fsw_scenario.scenario_file import load
+from fsw_scenario.controllers import OURS, name_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -224,12 +221,16 @@ def _figure(welds: Sequence[Weld], number: int | None) -> Figure:
         raise InputError(
             f"plot: there is no figure {number!r}; there are {', '.join(map(str, PAPER_FIGURES))}"
         )
-    return page([Run(weld.label, weld.signals) for weld in welds], number)
+    drawn = page([Run(weld.label, weld.signals) for weld in welds], number)
+    if (pyplot := sys.modules.get("matplotlib.pyplot")) is not None:
+        with suppress(ValueError):  # before matplotlib 3.11
+            pyplot.figure(drawn)  # plt.show() shows it, too
+    return drawn
 
 
 @validated
 def simulate(
-    scenario: str | Path,
+    scenario: Source,
     controller: str | Controller | None = None,
     *,
     plant: Mapping[str, Any] | None = None,
@@ -244,8 +245,10 @@ def simulate(
 
     Parameters
     ----------
-    scenario : str or Path
-        Name of a shipped scenario, e.g. ``reference_tracking``, or a YAML file.
+    scenario : str, Path or mapping
+        Name of a shipped scenario, e.g. ``reference_tracking``, a YAML file, or the content of
+        one.
+    controller : str or Controller, optional
         Name, also with a variant, e.g. ``nmpc:paper``; ``MODULE:CLASS``, ``FILE.py:CLASS``, or an
         object of your own class. By default the scenario's.
     plant : mapping of str to value, optional
@@ -293,81 +296,9 @@ def simulate(
     return Weld(label or name, loop.run(progress))
 
 
-def overrides_of(
-    plant: Mapping[str, Any] | None, changes: Mapping[str, Any] | None, noise: bool | None
-) -> list[str]:
-    """Overrides for :func:`fsw_scenario.scenario_file.load` from values by path."""
-    values = {
-        **(changes or {}),
-        **{f"plant.{name}": value for name, value in (plant or {}).items()},
-    }
-    if noise is not None:
-        values["plant.noise"] = noise
-    return [f"{name}={_as_text(str(name), value)}" for name, value in values.items()]
-
-
-def _as_text(name: str, value: Any) -> str:
-    def plain(other: Any) -> Any:
-        if isinstance(other, np.generic | np.ndarray):
-            return other.tolist()
-        raise TypeError
-
-    try:
-        return json.dumps(value, default=plain)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} is a number, text, list or mapping, not {value!r}") from None
-
-
-def closed_loop(
-    source: str | Path,
-    controller: str | Controller | None,
-    overrides: Sequence[str] = (),
-    parameters: Mapping[str, Mapping[str, Any]] | None = None,
-    heat: str | Path | None = None,
-) -> tuple[str, ClosedLoop]:
-    """Label of a weld, and its simulation; see :func:`simulate`.
-
-    ``overrides`` are those of :func:`fsw_scenario.scenario_file.load`, ``parameters`` by name of
-    the controller.
-    """
-    if not isinstance(controller, str | None) and (
-        isinstance(controller, type) or not hasattr(controller, "step")
-    ):
-        raise InputError(
-            "simulate: controller is a name or an object of a controller's class, "
-            f"not {controller!r}"
-        )
-    scenario = load(source, overrides)
-    if scenario.open_loop and controller is not None:
-        raise InputError(
-            f"simulate: {scenario.name} is an open-loop scenario; it takes no controller"
-        )
-    known = None if heat is None else HeatProfile.from_file(heat)
-    own = None if controller is None or isinstance(controller, str) else controller
-    name = (
-        scenario.controller
-        if controller is None
-        else own.name
-        if own
-        else name_of(str(controller))
-    )
-    if controller is not None:
-        scenario = load(source, [*overrides, f"controller={name}"])
-    if own is not None:
-        return own.name, ClosedLoop(
-            scenario,
-            {one: own if one == own.name else make(one) for one in scenario.controllers},
-            known,
-        )
-    label = name if controller is None else str(controller)
-    controllers = {} if scenario.open_loop else make_all(scenario, label, parameters or {})
-    loop = ClosedLoop(scenario, controllers, known)
-    return "open loop" if scenario.open_loop else short(label), loop
-
-
 @validated
 def compare(
-    scenario: str | Path, controllers: Sequence[str | Controller] = tuple(OURS), **options: Any
+    scenario: Source, controllers: Sequence[str | Controller] = tuple(OURS), **options: Any
 ) -> Comparison:
     """Weld a scenario with each of several controllers; ``options`` as for :func:`simulate`.
 

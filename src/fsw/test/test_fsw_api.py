@@ -12,7 +12,7 @@ import pytest
 
 import fsw
 from fsw.main import main
-from fsw.welds import overrides_of
+from fsw.simulation import overrides_of
 from fsw_control.schema.models import InputError
 from fsw_test_support.doc_examples import check, examples
 
@@ -119,15 +119,14 @@ def test_a_comparison_takes_a_list(controllers):
         (lambda: fsw.simulate("quick", 3), "simulate", "controller", {TEXT, PATH}),
         (lambda: fsw.simulate("quick", plant=3), "simulate", "plant", {"dict_type"}),
         (lambda: fsw.simulate("quick", changes="a=3"), "simulate", "changes", {"dict_type"}),
-        (lambda: fsw.simulate({"a": 1}), "simulate", "scenario", {TEXT, PATH}),
-        (lambda: fsw.simulate(None), "simulate", "scenario", {TEXT, PATH}),
+        (lambda: fsw.simulate(None), "simulate", "scenario", {TEXT, PATH, "dict_type"}),
         (lambda: fsw.simulate("quick", noise="no"), "simulate", "noise", {"bool_type"}),
         (lambda: fsw.simulate("quick", progress=3), "simulate", "progress", {"callable_type"}),
         (lambda: fsw.read_bag(None), "read_bag", "bag", {TEXT, PATH}),
         (lambda: fsw.model([]), "model", "source", {TEXT, PATH}),
         (lambda: fsw.model({"dead_time_s": 2.0}), "model", "source", {TEXT, PATH}),
         (lambda: fsw.model(np.eye(2)), "model", "source", {TEXT, PATH}),
-        (lambda: fsw.model(dead_time_s="x"), "model", "factors.dead_time_s", {"float_type"}),
+        (lambda: fsw.model(dead_time_s="x"), "model", "values.dead_time_s", {"float_type"}),
         (lambda: fsw.Model(3), "Model", "parameters", {PATH}),
         (lambda: fsw.model().equation([]), "equation", "number", {"int_type"}),
         (lambda: fsw.model().equation(True), "equation", "number", {"int_type"}),
@@ -239,7 +238,7 @@ def test_welds_of_equal_labels_are_kept_apart():
 
 
 def test_discrete_form_follows_the_process():
-    model = fsw.model(thermal_gain_c_per_kw=1.1, dead_time_s=0.3)
+    model = fsw.model(factors={"thermal_gain_c_per_kw": 1.1, "dead_time_s": 0.3})
     force, speed = (
         78.4 + np.r_[np.ones(20), np.zeros(40)],
         407.0 + np.r_[np.zeros(30), 5.0 * np.ones(30)],
@@ -296,3 +295,42 @@ def test_an_equation_that_is_not_there_is_named():
     with pytest.raises(InputError, match=r"equation 3: .* 8, 16"):
         fsw.model().equation(3)
     assert float(fsw.model().equation(27)([0, 0, 0], [0, 0])) == pytest.approx(2.66)
+
+
+def test_a_keyword_of_the_model_has_the_unit_of_its_name():
+    assert fsw.model(dead_time_s=3.4).parameters.dead_time_s == 3.4
+    twice = fsw.model(fsw.model(dead_time_s=1.7).parameters, factors={"dead_time_s": 2.0})
+    assert repr(twice) == "<Model dead_time_s=3.4>"
+    assert repr(fsw.model()) == "<Model of the paper>"
+
+
+def test_a_scenario_may_be_a_mapping():
+    content = {"name": "mine", "controller": "decentral", "duration_s": 3.0, "plant": {"seed": 4}}
+    weld = fsw.simulate(content, plant={"noise": False})
+    assert weld.signals.n_ticks == 30
+    with pytest.raises(fsw.InputError) as raised:
+        fsw.simulate({"a": 1})
+    assert "a" in {problem.path for problem in raised.value.problems}
+
+
+def test_pyplot_knows_a_figure_that_is_drawn_after_its_import():
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    pyplot.switch_backend("Agg")
+    pyplot.close("all")
+    drawn = fsw.simulate("quick").plot()
+    known = [pyplot.figure(number) for number in pyplot.get_fignums()]
+    pyplot.close("all")
+    try:
+        pyplot.figure(type(drawn)())
+    except ValueError:
+        pytest.skip("this matplotlib takes no figure made without it")
+    assert known == [drawn]
+
+
+def test_states_of_the_linearisations_have_names():
+    pytest.importorskip("control")
+    model = fsw.model()
+    exact, pade = model.linearise(delay="exact"), model.linearise(order=2)
+    assert exact.state_labels[:6] == pade.state_labels[:6] == model.state_names[:6]
+    assert pade.state_labels[6:] == ["pade_0", "pade_1"]
+    assert len(exact.state_labels) == exact.nstates == model.state().size

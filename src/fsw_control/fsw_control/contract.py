@@ -217,9 +217,15 @@ class Controller(Protocol):
     bump.
     """
 
-    name: str
-    #: sensors (of ``SENSORS``) that may be invalid for a while without invalidating the proposal
-    tolerated_sensors: tuple[str, ...]
+    @property
+    def name(self) -> str:
+        """By which it is selected."""
+        ...
+
+    @property
+    def tolerated_sensors(self) -> tuple[str, ...]:
+        """Sensors that may be invalid for a while without invalidating the proposal."""
+        ...
 
     def step(
         self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +24,13 @@ def shipped() -> list[str]:
     return shipped_names(_SHIPPED)
 
 
-def load(source: str | Path, overrides: Sequence[str] = ()) -> Scenario:
+def load(source: str | Path | Mapping[str, Any], overrides: Sequence[str] = ()) -> Scenario:
     """Read a scenario.
 
     Parameters
     ----------
-    source : str or Path
-        Path of a YAML file, or the name of a shipped scenario.
+    source : str, Path or mapping
+        Path of a YAML file, the name of a shipped scenario, or the content of such a file.
     overrides : sequence of str
         ``key=value`` with dotted keys, e.g. ``plant.noise=false`` or
         ``events[2].disturbance.amplitude_mm=0.2``; values are YAML.
@@ -40,6 +40,8 @@ def load(source: str | Path, overrides: Sequence[str] = ()) -> Scenario:
     fsw_control.schema.models.InputError
         If there is no such scenario or it is invalid.
     """
+    if isinstance(source, Mapping):
+        return parse(_dump(dict(source)), "scenario", overrides)
     return parse(text_of(source), str(source), overrides)
 
 

@@ -19,6 +19,13 @@ class InputError(ValueError):
     """Invalid input from a person or a file; the message in one line: where, what, what is valid.
 
     ``problems`` has those that a model has found.
+
+    Examples
+    --------
+    >>> import fsw
+    >>> fsw.simulate("quik")
+    Traceback (most recent call last):
+    fsw_control.schema.errors.InputError: cannot read scenario quik: ...; did you mean quick?
     """
 
     def __init__(self, *words: object, problems: tuple[Problem, ...] = ()) -> None:
