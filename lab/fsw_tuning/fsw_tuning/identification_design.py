@@ -25,7 +25,7 @@ from fsw_tuning.decentral_loop import NOISE
 SAFE_MM, SAFE_C = 0.15, 8.0
 #: shares of the bounds that the modelled process may use, in closed loop and in open loop: in
 #: closed loop room is left for processes that differ from the model; in open loop none can be,
-#: because only the model tells what is steady
+#: because only the model knows the steady state
 _SHARES = {True: (0.6, 0.45), False: (0.75, 0.75)}
 #: relative standard deviations to aim for, by which experiments are compared
 AIMS = {

@@ -48,7 +48,7 @@ GAIN_ACCURACY = 1.02
 
 
 class _LateForce:
-    """A plant whose drive gets its commands of the force some ticks late; all else is the plant's."""
+    """A plant whose force drive receives its commands some ticks late."""
 
     def __init__(self, plant: Any, ticks: int) -> None:
         self._plant = plant
@@ -143,7 +143,7 @@ class Loops:
 
 
 def texts(margins: Mapping[str, float], process: ModelParameters | None = None) -> dict[str, str]:
-    """Margins as texts; the model takes dead times up to 10 s, so that larger margins are not told apart."""
+    """Margins as texts; larger ones are not distinguished, as the model takes dead times to 10 s."""
     process = process or nominal()
     longest_s = STEP_S * _longest_ticks(process)
     found = {}
@@ -157,12 +157,12 @@ def texts(margins: Mapping[str, float], process: ModelParameters | None = None) 
 
 
 def _longest_ticks(process: ModelParameters) -> int:
-    """Delay, in ticks, up to which the margin of a loop is sought."""
+    """Largest delay, in ticks, for the search of a loop's margin."""
     return math.floor((_LONGEST_S - process.dead_time_s) / STEP_S + 1e-9)
 
 
 def _most_gain(process: ModelParameters, name: str) -> float:
-    """Factor on a gain of the process up to which its margin is sought."""
+    """Largest factor on a process gain for the search of its margin."""
     usual: float = dict(nominal())[name]
     return min(LARGEST_GAIN, _LARGEST_FACTOR * usual / float(dict(process)[name]))
 

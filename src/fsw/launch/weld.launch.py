@@ -45,7 +45,7 @@ ARGUMENTS = {
     ),
     "machine": (
         "",
-        "Machine file: the gateway to this machine runs in place of the emulated plant; empty: the plant",
+        "Machine file: the gateway to this machine runs instead of the emulated plant; empty: the plant",
     ),
     "scenario": (
         "",
@@ -60,10 +60,10 @@ ARGUMENTS = {
     "procedure": (
         "",
         f"Welding procedure: YAML file, or one of {', '.join(procedures())}. Interlocks, limits of commands and the "
-        "page's bands follow from it, a weld that leaves it is told on /diagnostics, and the weld's record is written "
+        "page's bands follow from it, deviations are reported on /diagnostics, and the weld's record is written "
         "into the bag's folder; empty: none",
     ),
-    "require_signed": ("false", "Whether a procedure that nobody signed is refused"),
+    "require_signed": ("false", "Whether an unsigned procedure is refused"),
     "trusted": (
         "",
         "Keys whose signatures of a procedure count: public key or list of them (YAML); empty: any",
@@ -249,7 +249,9 @@ def _after_player(realtime: bool) -> Callable[[ProcessExited, LaunchContext], li
     def on_exit(event: ProcessExited, _: LaunchContext) -> list[Any]:
         if realtime and event.returncode == ABORTED:
             return [
-                LogInfo(msg="the programme was aborted; the other nodes go on, Ctrl-C ends them")
+                LogInfo(
+                    msg="the programme was aborted; the other nodes keep running, Ctrl-C ends them"
+                )
             ]
         return [Shutdown(reason="the scenario player has ended")]
 

@@ -1,4 +1,4 @@
-"""A recorded weld on its ticks, with those that are missing put in: what is not recorded is not known."""
+"""A recorded weld on a complete grid of ticks; values of missing ticks are unknown."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fsw_control.units import KW_PER_NM_RPM
 from fsw_control.validity import SensorGuard
 from fsw_control.weld import TICK_S
 
-#: ticks that are put into one gap, so that a damaged stamp does not fill the memory
+#: most ticks to fill a gap, so that a damaged stamp does not exhaust the memory
 _MOST_IN_A_GAP = 600
 #: ticks after a change at which its report may come into force, and most ticks between two reports
 #: of a tool that moves
@@ -32,7 +32,7 @@ SENSOR_SIGNALS = {name: row.signal for name, row in SENSORS.items()}
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """The weld from the first report of its programme to its end; every array has shape (n,), unknown numbers are NaN.
+    """The weld from its programme's first report to its end: arrays (n,), NaN if unknown.
 
     ``values`` has the variables of a procedure and the set-points in force, `set_point_depth_mm`
     and `set_point_temperature_c`; ``source`` is who commanded, ``phase`` is empty where no
@@ -53,13 +53,13 @@ class Course:
 
     @property
     def missing(self) -> dict[str, int]:
-        """Samples that are not known, by variable."""
+        """Unknown samples, by variable."""
         return {name: int(np.sum(~np.isfinite(values))) for name, values in self.values.items()}
 
     def place(
         self, begin_s: float, lasts_s: float, of: FloatArray | None = None
     ) -> tuple[float, float] | None:
-        """Angle, or another position, before and after a stretch of time; None where either is not known."""
+        """Angle or another position before and after an interval; None if unknown."""
         values = self.angle_deg if of is None else of
         known = np.isfinite(values)
         before, after = (
@@ -74,7 +74,7 @@ class Course:
 
     @property
     def controllers(self) -> tuple[str, ...]:
-        """Whose commands were applied, in order of time."""
+        """Active controllers, in order of time."""
         return tuple(dict.fromkeys(str(one) for one in self.source if one))
 
     def spans(self) -> list[tuple[str, slice]]:
@@ -88,7 +88,7 @@ class Course:
 
 
 def course_of(signals: WeldSignals) -> Course:
-    """The course of a recorded weld, from its sensors alone: the emulator's truth is no evidence."""
+    """Course of a recorded weld, by its sensors only: the emulator's truth is not evidence."""
     over = [event for event in signals.events if event.kind == "weld" and event.subject in OVER]
     end_s = over[-1].time_s if over else float(signals.time_s[-1])
     begin_s = signals.phases[0][1] if signals.phases else _start_s(signals)
@@ -164,14 +164,14 @@ def _held(signals: WeldSignals, time_s: FloatArray) -> npt.NDArray[np.bool_]:
 
 
 class UnusableSamples:
-    """Counts samples that would be held or left out, as the supervisor judges them by default."""
+    """Counts samples that the supervisor would hold or reject with its defaults."""
 
     def __init__(self) -> None:
         self._guard = SensorGuard()
         self.counts = {name: Counter[str]() for name in SENSORS}  #: by sensor and reason
 
     def add(self, time_s: float, values: Mapping[str, float]) -> None:
-        """Take a tick: values by signal, NaN where there is none."""
+        """Take a tick: values by signal, NaN if missing."""
         samples = {name: values.get(signal, nan) for name, signal in SENSOR_SIGNALS.items()}
         self._guard.measure(
             time_s, {name: value for name, value in samples.items() if isfinite(value)}
@@ -182,7 +182,7 @@ class UnusableSamples:
 
 
 def unusable_samples(course: Course) -> dict[str, Counter[str]]:
-    """Samples of a weld that would be held or left out, by sensor and reason."""
+    """Samples of a weld that would be held or rejected, by sensor and reason."""
     found = UnusableSamples()
     columns = {
         name: course.values[name].tolist()
@@ -195,7 +195,7 @@ def unusable_samples(course: Course) -> dict[str, Counter[str]]:
 
 
 def _travel(signals: WeldSignals, end_s: float) -> tuple[FloatArray, FloatArray]:
-    """Position along the weld [mm] and traverse speed [mm/min] at the ticks, from the programme's reports.
+    """Position along the weld [mm] and traverse speed [mm/min] by the programme's reports.
 
     They come each second and when something begins or ends. The stamp of a report is up to a tick
     off the position that it tells, 10 % of a second's travel, so the speed is taken over some
@@ -234,7 +234,7 @@ def _travel(signals: WeldSignals, end_s: float) -> tuple[FloatArray, FloatArray]
 
 
 def _apart(reports_s: FloatArray, fixed: npt.NDArray[np.bool_]) -> list[int]:
-    """The reports that are taken: the first, the last, those that are fixed, and between them some that are apart."""
+    """Reports to use: first, last, fixed ones, and others at a distance between them."""
     rows, last = [0], reports_s.size - 1
     for row in range(1, last + 1):
         if fixed[row] or row == last:

@@ -1,6 +1,6 @@
-"""Where a weld left its limits. A sample that is missing is outside: what is not shown to be inside is not inside.
+"""Exceedances of the limits of a weld. A missing sample counts as outside.
 
-Ticks that are missing on all topics are gaps of the recording, told once and not with every limit.
+Ticks missing on all topics are gaps of the recording, reported once and not for every limit.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Pair = Annotated[tuple[Rounded, Rounded], Strict(False)]
 
 
 class Exceedance(Model):
-    """Samples in a row that are outside a limit or missing."""
+    """Consecutive samples outside a limit or missing."""
 
     limit: Check
     begin_s: Rounded
@@ -38,9 +38,9 @@ class Exceedance(Model):
     """how far it is outside"""
     phases: Many[str]
     angle_deg: Pair | None = None
-    """from and to, where the programme tells it"""
+    """from and to, if the programme reports it"""
     travel_mm: Pair | None = None
-    """from and to along the weld, likewise"""
+    """from and to along the weld, if reported"""
     commanded_by: str
     """whose commands were applied then, empty when not on record"""
 
@@ -56,7 +56,7 @@ class Exceedance(Model):
 
 
 def beyond(values: FloatArray, low: float | None, high: float | None) -> FloatArray:
-    """How far values are outside; 0 inside, NaN for a sample that is missing."""
+    """Distance of values outside their range; 0 inside, NaN for a missing sample."""
     below = 0.0 if low is None else np.maximum(low - values, 0.0)
     above = 0.0 if high is None else np.maximum(values - high, 0.0)
     found: FloatArray = np.where(np.isfinite(values), below + above, np.nan)
@@ -75,14 +75,14 @@ def exceedances(course: Course, book: RuleBook) -> list[Exceedance]:
 
 
 def holds(course: Course, check: Check) -> npt.NDArray[np.bool_]:
-    """At which ticks a check holds: in its phases, and where the phase is not known."""
+    """Ticks at which a check applies: in its phases, and if the phase is unknown."""
     if not check.phases:
         return np.ones(course.time_s.size, bool)
     return np.isin(course.phase.astype(str), [*check.phases, ""])
 
 
 def longest_s(course: Course, check: Check) -> float:
-    """The longest time outside a limit; a gap beside it counts, for nothing shows that it was inside there."""
+    """Longest time outside a limit, including adjacent gaps of the recording."""
     outside = ~(beyond(course.values[check.variable], check.min, check.max) == 0.0) & holds(
         course, check
     )

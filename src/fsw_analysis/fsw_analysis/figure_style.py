@@ -1,4 +1,4 @@
-"""How all figures look, and the one table of the controllers' colours."""
+"""Style of all figures, and the table of the controllers' colours."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ COLOURS = ("#2e8540", "#8d5fd3", "#8c564b", "#444444", "#c2569f", "#7a8b00")
 def sheet(
     width: float, height: float, path: Path | None = None, **options: Any
 ) -> Iterator[Figure]:
-    """A figure of this size [inch], drawn in the block in this style; written there at its end, if anywhere, as PNG."""
+    """A figure of this size [inch] to draw in the block; saved as PNG at its end if ``path`` is given."""
     with rc_context(STYLE):
         figure = Figure(figsize=(width, height), layout="constrained", **options)
         yield figure
@@ -52,14 +52,14 @@ def sheet(
 
 
 def shade_phases(axes: Iterable[Axes], spans: Iterable[tuple[float, float]]) -> None:
-    """Put every other phase of a weld on a grey ground; ``spans`` are begin and end of each, in the axes' unit."""
+    """Shade every other phase of a weld; ``spans``: begin and end of each in the axes' unit."""
     for axis in axes:
         for number, (begin, end) in enumerate(spans):
             axis.axvspan(begin, end, color="black", alpha=0.06 * (number % 2), linewidth=0.0)
 
 
 def colours_of(names: Sequence[str]) -> list[str]:
-    """A colour of its own for each name in a figure: a controller's own, or one that depends on the name alone."""
+    """A distinct colour for each name in a figure; the same for a controller in all figures."""
     found: list[str] = []
     for name in names:
         own = CONTROLLER_COLOURS.get(name, COLOURS[crc32(name.encode()) % len(COLOURS)])

@@ -34,7 +34,7 @@ _MARKS: dict[str, dict[str, Any]] = {
         "markeredgewidth": 1.6,
     },
 }
-#: height of the strip that shows who commands, as a share of the axis
+#: height of the strip that shows the active controller, as a share of the axis
 _STRIP = 0.035
 #: more marks of one kind would hide the axis
 _MOST_MARKS = 20
@@ -52,7 +52,7 @@ _NEAR = 0.4
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """A weld to draw, under the name that the legend gives it."""
+    """A weld to draw, with its name in the legend."""
 
     label: str
     signals: WeldSignals
@@ -145,7 +145,7 @@ _WHOLE_WELD = (
 
 
 def draw(runs: Sequence[Run], numbers: Sequence[int], folder: Path, name: str = "") -> list[Path]:
-    """Draw figures of the paper (``numbers``, 4 to 9) and an overview of everything into a folder; returns the files.
+    """Draw figures of the paper (``numbers``, 4 to 9) and an overview; returns the files.
 
     At least one run is needed; they are overlaid, with the references of the first. ``name``, of
     the scenario, goes into the titles and before the files' names.
@@ -161,7 +161,7 @@ def draw(runs: Sequence[Run], numbers: Sequence[int], folder: Path, name: str = 
 
 
 def page(runs: Sequence[Run], number: int | None = None, title: str = "") -> Figure:
-    """One figure of the paper (4 to 9), or an overview, of at least one run, to be shown; see :func:`draw`."""
+    """A figure of the paper (4 to 9) or an overview, to be shown; see :func:`draw`."""
     name, panels = ("Overview", _OVERVIEW) if number is None else _FIGURES[number]
     return _draw_page(runs, title or name, panels, 2 if number is None else 1)
 
@@ -290,7 +290,7 @@ def _others(signals: WeldSignals, panel: _Panel) -> dict[str, FloatArray]:
 
 
 def _colours(runs: Sequence[Run]) -> list[str]:
-    """The colour of each run: that of its label or, where it names no controller, of the one that commands."""
+    """Colour of each run: by its label if it names a controller, else by the active controller."""
     names = []
     for run in runs:
         sources = set(run.signals.command_source) - {""}
@@ -303,7 +303,7 @@ def _colours(runs: Sequence[Run]) -> list[str]:
 def _draw_curves(
     axis: Axes, panel: _Panel, runs: Sequence[Run], curves: Sequence[FloatArray]
 ) -> None:
-    """Draw one curve of each run, the most active commands lowest and widest, so that none hides another."""
+    """Draw a curve of each run, the most active lowest and widest, so that all stay visible."""
     widths = np.linspace(*_LINE_WIDTHS, len(runs)) if len(runs) > 1 else [STYLE["lines.linewidth"]]
     ranks = np.argsort(np.argsort([-_restlessness(run.signals) for run in runs], kind="stable"))
     for run, values, colour, rank in zip(
@@ -319,13 +319,13 @@ def _draw_curves(
 
 
 def _restlessness(signals: WeldSignals) -> float:
-    """How much the moves of both manipulated variables change from tick to tick, relative to their limits."""
+    """Change of the moves of both manipulated variables from tick to tick, in their limits."""
     moves = (signals.force_kn / _LIMITS.force_step_kn, signals.speed_rpm / _LIMITS.speed_step_rpm)
     return float(sum(np.nansum(np.abs(np.diff(values, n=2))) for values in moves))
 
 
 def _mark_events(axes: Sequence[Axes], runs: Sequence[Run]) -> None:
-    """Mark what happens in any of the runs: a sign on the upper edge of each axis and a thin line below it."""
+    """Mark the events of all runs: a sign on the upper edge of each axis and a thin line."""
     found = [marks(run.signals) for run in runs]
     for kind, style in _MARKS.items():
         times_s = sorted({round(time_s, 3) for one in found for time_s in one[kind]})
@@ -364,7 +364,7 @@ def _draw_error(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
 
 
 def _mark_phases(axes: Sequence[Axes], phases: Sequence[Span]) -> None:
-    """Every other phase on a grey ground; the names of the first axis stand in the middle of each."""
+    """Shade every other phase, with its name in the first axis."""
     shade_phases(axes, [(begin_s, end_s) for _, begin_s, end_s in phases])
     for name, begin_s, end_s in phases:
         middle, across = 0.5 * (begin_s + end_s), axes[0].get_xaxis_transform()
@@ -381,7 +381,7 @@ def _mark_phases(axes: Sequence[Axes], phases: Sequence[Span]) -> None:
 
 
 def _mark_swaps(axes: Sequence[Axes], signals: WeldSignals) -> None:
-    """Where the command's source changes: a line at each swap, and below it the colour of the one that commands."""
+    """Mark swaps by lines, and the active controller by a coloured strip."""
     source, time_s = signals.command_source, signals.time_s
     names = [name for name in dict.fromkeys(source) if name]
     if len(names) < 2:
@@ -405,7 +405,7 @@ def _mark_swaps(axes: Sequence[Axes], signals: WeldSignals) -> None:
 
 
 def _values(signals: WeldSignals, panel: _Panel) -> FloatArray | None:
-    """True values where the bag has them, the applied command for the manipulated variables, else None."""
+    """True values if the bag has them; the applied command for manipulated variables; else None."""
     if panel.is_input:
         command: FloatArray = getattr(signals, panel.quantity)
         return command

@@ -1,4 +1,4 @@
-"""Figures of merit of a weld, from its signals alone: the same for a simulation, a graph run and an old bag."""
+"""Figures of merit from the signals of a weld: simulated, run in the graph, or recorded."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def compute(signals: WeldSignals, label: str = "") -> dict[str, Any]:
 
 
 def true_or_measured(signals: WeldSignals) -> WeldSignals | TruthSignals:
-    """Where the outputs are: the emulator's truth if the bag has it, else the sensors."""
+    """Outputs: the emulator's truth if the bag has it, else the sensors."""
     truth = signals.truth
     return truth if truth is not None and np.isfinite(truth.depth_mm).any() else signals
 
@@ -199,10 +199,10 @@ def _settling(error: FloatArray, band: float, time_s: FloatArray) -> float | Non
 
 
 def _summary(events: list[dict[str, Any]]) -> dict[str, float | None]:
-    """The worst of all events; None if there was no such event."""
+    """Worst value of all events; None without such an event."""
 
     def largest(key: str, quantity: str = "", sign: float = 0.0) -> float | None:
-        """Of all events, or of those that changed one quantity, alone, in one direction."""
+        """Largest value of all events, or of changes of one quantity alone in one direction."""
         chosen = [
             event.get(key)
             for event in events

@@ -1,4 +1,4 @@
-"""The messages of a weld's bag by topic, without the weld's namespace, and their fields as columns."""
+"""Messages of a weld's bag by topic without namespace, with their fields as columns."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _KINDS: dict[Kind, tuple[type, Any]] = {
 }
 #: by sensor
 SENSOR_TOPICS = {name: f"/{row.topic}" for name, row in SENSORS.items()}
-#: topics of which a weld has at least one, after its namespace
+#: topics by which a weld is recognised, after its namespace
 _OF_A_WELD = re.compile(
     rf"(.*)(?:{'|'.join(SENSOR_TOPICS.values())}|/fsw/plant/truth|/fsw/command)"
 )
@@ -63,7 +63,7 @@ class Table:
         return self._columns[path]
 
     def without_repetitions(self) -> Table:
-        """Of messages with one stamp, one after the other, the first."""
+        """First of consecutive messages with the same stamp."""
         rows = np.flatnonzero(np.diff(self.stamp_ns, prepend=-1))
         times = np.column_stack((self.log_ns, self.publish_ns, self.stamp_ns))[rows]
         return Table(
@@ -134,7 +134,7 @@ class WeldMessages:
             raise BagError(
                 f"{path}: holds several welds, in {several}: convert or record one of them"
             )
-        #: in which the weld ran, e.g. ``/hall/cell1``; the names of topics are without it
+        #: namespace of the weld, e.g. ``/hall/cell1``; the names of topics are without it
         self.namespace = spaces.pop() if len(spaces) == 1 else ""
         self.topics = {name.removeprefix(self.namespace): topic for name, topic in topics.items()}
         #: log time, publish time and data of every message of a topic
@@ -142,7 +142,7 @@ class WeldMessages:
         self._order()
 
     def _order(self) -> None:
-        """Order the messages of each topic by receive times or, where the sensors' are wrong, by publish times."""
+        """Order messages of each topic by receive times or, if the sensors' are wrong, publish times."""
         for messages in self.raw.values():
             messages.sort(key=itemgetter(0))
         sensors = [self.raw.get(topic, []) for topic in SENSOR_TOPICS.values()]
@@ -167,7 +167,7 @@ class WeldMessages:
         return {match[1]: name for name in sorted(self.raw) if (match := topic.fullmatch(name))}
 
     def decoded(self, name: str) -> Iterator[tuple[int, int, Any]]:
-        """Log time, publish time and message of all messages of a topic but the damaged ones; see `problems`."""
+        """Log time, publish time and message of a topic's intact messages; see `problems`."""
         topic, raw = self.topics.get(name), self.raw.get(name)
         if topic is None or not raw:
             return
@@ -205,9 +205,9 @@ class WeldMessages:
     def table(
         self, name: str, wanted: Mapping[str, Kind], optional: Mapping[str, Kind] | None = None
     ) -> Table:
-        """Columns of a topic by the paths of fields; empty when the bag has none of its messages, or none to be read.
+        """Columns of a topic by paths of fields; empty without readable messages.
 
-        NaN or empty values stand for a field that its type does not have, which is told as a
+        NaN or empty values stand for a field that its type lacks, which is reported as a
         problem unless the field is ``optional``: of other versions of the messages.
         """
         kinds = {**wanted, **(optional or {})}
@@ -234,13 +234,13 @@ class WeldMessages:
 
 
 def _goes_back(messages: Sequence[tuple[int, int, bytes]]) -> bool:
-    """Whether the stamps of one node's messages go back."""
+    """Whether the stamps of a node's messages decrease."""
     stamps = [stamp_ns(data) or 0 for _, _, data in messages]
     return any(after < before for before, after in pairwise(stamps))
 
 
 def _simultaneous(messages: Sequence[tuple[int, int, bytes]]) -> bool:
-    """Whether messages that one node has published one after the other were received at the same time."""
+    """Whether consecutive messages of one node were received at the same time."""
     return any(a[0] == b[0] and a[1] != b[1] for a, b in pairwise(messages))
 
 
@@ -252,7 +252,7 @@ def _has(message: Any, path: str, kind: Kind) -> bool:
 
 
 def stamp_of(message: Any) -> int:
-    """Stamp of a decoded message [ns]; 0 where its type has none."""
+    """Stamp of a decoded message [ns]; 0 if its type has none."""
     try:
         stamp = message.header.stamp
         return int(stamp.sec * NANOSECONDS + stamp.nanosec)

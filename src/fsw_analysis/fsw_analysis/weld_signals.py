@@ -1,4 +1,4 @@
-"""What analysis gets from the bag of a weld: aligned arrays of shape (n_ticks,) in the paper's units."""
+"""Signals of a recorded weld: aligned arrays of shape (n_ticks,) in the paper's units."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ MM, KN, KW, RPM = 1e3, 1e-3, 1e-3, 1.0 / RAD_PER_S_PER_RPM
 
 
 def experiment_time_s(stamp_ns: IntArray) -> FloatArray:
-    """Time of each tick on the scenario's clock: the stamp in simulated time, else the first tick is at 0.1 s."""
+    """Scenario time of each tick: the stamp in simulated time, else 0.1 s for the first tick."""
     simulated = stamp_ns.size and stamp_ns[0] < SIMULATED_NS
     since_ns = stamp_ns - (0 if simulated else stamp_ns[:1] - TICK_NS)
     return since_ns.astype(np.float64) * 1e-9
 
 
 def of(path: str, factor: float = 1.0, kind: str = "number") -> dict[str, Any]:
-    """Where a signal comes from: the field of the message, the factor to the paper's unit, and the kind of the field.
+    """Source of a signal: field of the message, factor to the paper's unit, kind of the field.
 
     Kinds are ``number``, ``text``, ``texts`` (joined with ``,``), and of no single field
     ``latency`` and ``reason``.
@@ -40,7 +40,7 @@ def of(path: str, factor: float = 1.0, kind: str = "number") -> dict[str, Any]:
 
 @dataclass(slots=True)
 class ProposalSignals:
-    """Candidate command of one controller, and its health; NaN or empty where none answers the tick.
+    """Candidate commands of one controller, and its health; NaN or empty without an answer.
 
     ``healthy`` is 1 or 0, ``reason`` says why not, and ``latency_s`` is from the tick's first
     recorded measurement to the recorded proposal, by receive time.
@@ -55,7 +55,7 @@ class ProposalSignals:
 
 @dataclass(slots=True)
 class StatusSignals:
-    """Estimates and solver of one controller; NaN or empty where there was no status.
+    """Estimates and solver of one controller; NaN or empty without a status.
 
     ``healthy`` and ``selected`` are 1 or 0, ``bad_cycles`` counts ticks without an accepted result
     since the start, and ``disturbances`` has the disturbance estimates by the name the controller
@@ -78,7 +78,7 @@ class StatusSignals:
 
 @dataclass(slots=True)
 class DriveSignals:
-    """Inputs acting on the process as the drives measure them, disturbances included; NaN where missing."""
+    """Inputs acting on the process as measured by the drives, with disturbances; NaN if missing."""
 
     force_kn: FloatArray = field(metadata=of("axial_force", KN))
     speed_rpm: FloatArray = field(metadata=of("spindle_speed", RPM))
@@ -86,7 +86,7 @@ class DriveSignals:
 
 @dataclass(slots=True)
 class TruthSignals:
-    """Noise-free truth of the plant emulator; NaN or empty where missing.
+    """Noise-free truth of the plant emulator; NaN or empty if missing.
 
     Outputs include output disturbances; force and speed are those after limits, rate limits, lag
     and input disturbance. ``copper_temperature_c`` is the first lag of the temperature,
@@ -138,7 +138,7 @@ class WeldSignals:
     command_reason: TextArray
     #: from the tick's first recorded measurement to the recorded command, by receive time [s]
     command_latency_s: FloatArray
-    #: what the supervisor had selected at the tick (held from the last message)
+    #: selection of the supervisor at the tick (held from the last message)
     actual_controller: TextArray
     actual_mode: TextArray
     #: optional sensors that the bag has, by signal of the row in ``fsw_control.sensors``, e.g.
@@ -154,13 +154,13 @@ class WeldSignals:
     #: the bag's attachments, e.g. ``scenario.yaml``, ``parameters/fsw_nmpc.yaml``,
     #: ``versions.json``
     attachments: dict[str, bytes] = field(default_factory=dict)
-    #: what the recorder was given with the bag, e.g. ``canister.id``, and its count of lost
+    #: custom data of the recorder, e.g. ``canister.id``, and its count of lost
     #: messages
     custom: dict[str, str] = field(default_factory=dict)
     #: messages per topic; names are those without the weld's namespace
     counts: dict[str, int] = field(default_factory=dict)
     namespace: str = ""  #: in which the weld ran; empty or e.g. ``/hall/cell1``
-    #: what was wrong with the bag and could be worked around (cut end, damaged chunk, unknown
+    #: faults of the bag that could be worked around (cut end, damaged chunk, unknown
     #: order, …)
     problems: list[str] = field(default_factory=list)
     #: name and begin [s], like ``time_s``, of each phase that a programme ran through
@@ -170,9 +170,9 @@ class WeldSignals:
     #: hand; those in force where the bag has no programme
     programme_depth_mm: FloatArray = field(default_factory=lambda: np.empty(0))
     programme_temperature_c: FloatArray = field(default_factory=lambda: np.empty(0))
-    #: where the tool was about the canister's axis, by the programme; NaN where the bag has none
+    #: angle of the tool about the canister's axis, by the programme; NaN without one
     angle_deg: FloatArray = field(default_factory=lambda: np.empty(0))
-    #: how far it had travelled along the weld, likewise
+    #: distance travelled along the weld; NaN without a programme
     travel_mm: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
@@ -195,7 +195,7 @@ class WeldSignals:
         return float(self.time_s[-1] - self.time_s[0]) if self.time_s.size else 0.0
 
     def phase_names(self, time_s: FloatArray | None = None) -> TextArray:
-        """The phase at each tick, or at other times; the first before it began, empty without a programme."""
+        """Phase at each tick or at other times; empty without a programme."""
         names = np.array([name for name, _ in self.phases] or [""], object)
         begins = [begin_s - 1e-6 for _, begin_s in self.phases[1:]]
         found: TextArray = names[
@@ -205,5 +205,5 @@ class WeldSignals:
 
     @property
     def operators(self) -> tuple[str, ...]:
-        """Who asked for something, in order of time."""
+        """Operators with requests, in order of time."""
         return tuple(dict.fromkeys(event.who for event in self.events if event.kind == "operator"))
