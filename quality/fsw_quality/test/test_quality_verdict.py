@@ -427,7 +427,7 @@ def test_what_ends_a_weld_decides_before_what_its_gaps_hide() -> None:
     weld.events[-1] = WeldEvent(6.0, "weld", "aborted")
     record = judged(weld)
     assert record.deciding.name == "complete"
-    assert record.deciding.facts[-1] == Fact.of(FactCode.ENDED, state="aborted")
+    assert record.deciding.facts[0] == Fact.of(FactCode.ENDED, state="aborted")
 
 
 def test_where_an_exceedance_was() -> None:

@@ -44,8 +44,8 @@ ACTION: dict[str, Kind] = {
     "outcome": "text",
     "message": "text",
 }
-#: which older bags lack: who had control then
-ACTION_ADDED: dict[str, Kind] = {"holder": "text", "kind": "number"}
+#: which older bags lack: who had control then, and the code of the answer
+ACTION_ADDED: dict[str, Kind] = {"holder": "text", "kind": "number", "code": "text"}
 ALARM: dict[str, Kind] = {
     "priority": "text",
     "text": "text",
@@ -137,11 +137,11 @@ def _interlock(recorded: Any) -> tuple[str, str]:
 
 def of_actions(times_s: FloatArray, actions: Table) -> Iterator[WeldEvent]:
     """Requests made on the operator's page, and their outcome."""
-    for time_s, (who, action, outcome, message, holder, kind) in _in_order(
+    for time_s, (who, action, outcome, message, holder, kind, code) in _in_order(
         times_s, actions, *ACTION, *ACTION_ADDED
     ):
         request = RequestKind(0 if np.isnan(kind) else int(kind))
-        data = {"holder": holder, "request": request.word}
+        data = {"holder": holder, "request": request.word, "code": code}
         yield WeldEvent(time_s, "operator", action, outcome, who=who, detail=message, data=data)
 
 

@@ -241,17 +241,14 @@ def _welded_by(procedure: Procedure | None, signals: WeldSignals) -> Iterator[Ru
 
 def _complete(course: Course, procedure: Procedure | None, running: bool) -> Rule:
     """Every phase in its order, to its end: of what is not on record nothing can be said."""
-    faults = [] if procedure is None or running else [*_phases(course, procedure)]
-    if (
-        course.end != "done"
-        and (course.end or (course.phase != "").any() or procedure)
-        and not running
-    ):
-        faults.append(
-            Fact.of(FactCode.ENDED, state=course.end) if course.end else Fact.of(FactCode.NO_END)
-        )
-    if running and course.end and course.end != "done":
+    faults = []
+    lacks_end = (course.phase != "").any() or procedure is not None
+    if course.end and course.end != "done":  # the cause before what follows from it
         faults.append(Fact.of(FactCode.ENDED, state=course.end))
+    elif not course.end and lacks_end and not running:
+        faults.append(Fact.of(FactCode.NO_END))
+    if procedure is not None and not running:
+        faults += _phases(course, procedure)
     phases = [] if procedure is None else [one.name for one in procedure.phases]
     return _rule("complete", faults, verdict=Verdict.REJECT, data={"phases": phases})
 

@@ -185,13 +185,15 @@ def test_what_operators_did() -> None:
             "decentral is not ready",
             ANNA,
             int(RequestKind.SWITCH),
+            "not_ready",
         ),
-        (2.0, ANNA, "safe_stop", "done", "", "", np.nan),
+        (2.0, ANNA, "safe_stop", "done", "", "", np.nan, ""),
     )
     found = list(events.of_actions(times, actions))
     assert [one.data["request"] for one in found] == ["switch", "unknown"], (
         "the last is of an older bag"
     )
+    assert [one.data["code"] for one in found] == ["not_ready", ""]
     assert told(found) == [
         (1.0, "operator", "anna (3f2a): switch decentral: refused: decentral is not ready"),
         (2.0, "operator", "anna (3f2a): safe_stop: done"),

@@ -13,6 +13,7 @@ from fsw_control import messages_ros as convert
 from fsw_control.topics_ros import LATCHED
 from fsw_hmi.alarm_rules import AlarmRules, Situation, alarm
 from fsw_hmi.alarms import AlarmList
+from fsw_hmi.answers import Answer, Code
 from fsw_hmi.requests import Acknowledge, Shelve, Unshelve
 from fsw_hmi.standing import variables
 from fsw_hmi.watch_ros import Watch
@@ -53,20 +54,17 @@ class AlarmDesk:
         rows = self.list.rows(time.monotonic(), time.time())
         return {"alarms": rows, "reach": self._reach, "attainable": self._replaced}
 
-    def carry_out(self, action: Acknowledge | Shelve | Unshelve, who: str) -> tuple[bool, str]:
-        """Carry out an operator's request; returns success and a text."""
+    def carry_out(self, action: Acknowledge | Shelve | Unshelve, who: str) -> Answer:
+        """Carry out an operator's request."""
         if isinstance(action, Acknowledge):
-            refused, done = "", f"{self.list.acknowledge(action.ids, who)} acknowledged"
+            answer = Code.ACKNOWLEDGED.done(count=self.list.acknowledge(action.ids, who))
         elif isinstance(action, Shelve):
             now_s = time.monotonic()
-            refused, done = (
-                self.list.shelve(action.alarm, action.minutes, who, action.reason, now_s),
-                "shelved",
-            )
+            answer = self.list.shelve(action.alarm, action.minutes, who, action.reason, now_s)
         else:
-            refused, done = self.list.unshelve(action.alarm, who), "back in the list"
+            answer = self.list.unshelve(action.alarm, who)
         self._publish()
-        return not refused, refused or done
+        return answer
 
     def _situation(self) -> Situation:
         watch, view, now_s = self._watch, self._watch.view, time.monotonic()

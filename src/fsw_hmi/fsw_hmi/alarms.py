@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from fsw_control.journal import AlarmChange
+from fsw_hmi.answers import Answer, Code
 
 Priority = Literal["high", "medium", "low"]
 RANK = {"high": 0, "medium": 1, "low": 2}
@@ -270,31 +271,31 @@ class AlarmList:
                 del self.entries[name]
         return count
 
-    def shelve(self, name: str, minutes: float, who: str, reason: str, now_s: float) -> str:
-        """Shelve an alarm for some time; returns the reason for a refusal, empty on success."""
+    def shelve(self, name: str, minutes: float, who: str, reason: str, now_s: float) -> Answer:
+        """Shelve an alarm for some time."""
         entry = self.entries.get(name)
         if entry is None:
-            return "this alarm is no longer in the list"
+            return Code.NOT_LISTED.refused()
         if entry.alarm.priority == "high":
-            return "an alarm of high priority cannot be shelved"
+            return Code.HIGH_PRIORITY.refused()
         entry.shelved_until_s, entry.shelved = now_s + 60.0 * minutes, f"{who}: {reason}"
         self.events.append(
             Event(name, AlarmChange.SHELVED, entry.alarm, entry.count, who, reason, 60.0 * minutes)
         )
-        return ""
+        return Code.SHELVED.done()
 
-    def unshelve(self, name: str, who: str) -> str:
-        """Unshelve an alarm; returns the reason for a refusal, empty on success."""
+    def unshelve(self, name: str, who: str) -> Answer:
+        """Unshelve an alarm."""
         entry = self.entries.get(name)
         if entry is None or entry.shelved_until_s is None:
-            return "this alarm is not shelved"
+            return Code.NOT_SHELVED.refused()
         entry.shelved_until_s, entry.shelved = None, ""
         self.events.append(Event(name, AlarmChange.UNSHELVED, entry.alarm, entry.count, who))
         if entry.present:
             entry.acknowledged = False
         else:
             del self.entries[name]
-        return ""
+        return Code.UNSHELVED.done()
 
     def _unshelve_expired(self, now_s: float) -> bool:
         over = [

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-DONE, REFUSED, TIMED_OUT = "done", "refused", "timed_out"
+from fsw_hmi.answers import Answer, Code
+
 #: how long control may be taken that was asked for in vain; then it has to be asked for again
 #: (chosen)
 _LAPSE_S = 60.0
 #: requests of a session in a second; safe stops do not count
 _RATE_PER_S = 10.0
-
-Answer = tuple[str, str]  #: outcome and words
 
 
 class Bucket:
@@ -106,79 +105,67 @@ class Control:
         """
         holder = self.holder
         if holder is session:
-            return DONE, "you have control already"
+            return Code.HAVE_CONTROL.done()
         if seen != (holder and holder.id):
-            return (
-                REFUSED,
-                f"{holder.who} has control now: look again"
-                if holder
-                else "control is free now: look again",
-            )
+            if holder is None:
+                return Code.FREE_NOW.refused()
+            return Code.OTHER_HOLDER.refused(holder=holder.who)
         if holder is None:
             self._give(session)
-            return DONE, "control taken"
+            return Code.TAKEN.done()
         if same_person:
             self._give(session, f"you have taken control on another page ({session.id})")
-            return DONE, f"control taken from {holder.who}, the same person"
+            return Code.TAKEN_FROM_OWN.done(holder=holder.who)
         if self.asker is not session:
-            return REFUSED, f"{holder.who} has control: ask for it"
+            return Code.ASK_FIRST.refused(holder=holder.who)
         if self.left_s(now_s) > 0.0:
-            return REFUSED, f"{holder.who} has {self.left_s(now_s):.0f} s left to answer"
+            return Code.TIME_LEFT.refused(holder=holder.who, left_s=self.left_s(now_s))
         self._give(
             session, f"{session.name} has taken control: nobody answered for {self._answer_s:g} s"
         )
-        return (
-            DONE,
-            f"control taken from {holder.who}, who did not answer for {self._answer_s:g} s",
-        )
+        return Code.TAKEN_FROM_SILENT.done(holder=holder.who, limit_s=self._answer_s)
 
     def request(self, session: Session, now_s: float) -> Answer:
         """Ask the session in control to hand it over."""
         if self.holder is None or self.holder is session:
-            return (
-                REFUSED,
-                "control is free: take it" if self.holder is None else "you have control already",
-            )
+            return (Code.FREE if self.holder is None else Code.HAVE_CONTROL).refused()
         if self.asker is not None and self.asker is not session:
-            return REFUSED, f"{self.asker.who} asks for control already"
+            return Code.OTHER_ASKER.refused(asker=self.asker.who)
         if self.asker is None:
             self.asker, self._asked_s = session, now_s
         session.note = ""
-        return DONE, f"{self.holder.who} has been asked for control"
+        return Code.ASKED.done(holder=self.holder.who)
 
     def withdraw(self, session: Session) -> Answer:
         """Withdraw the request for control."""
         if self.asker is not session:
-            return REFUSED, "you do not ask for control"
+            return Code.NOT_ASKER.refused()
         self.asker = None
-        return DONE, "control is no longer asked for"
+        return Code.WITHDRAWN.done()
 
     def answer(self, session: Session, to: object, grant: bool) -> Answer:
         """Hand control over to the requesting session, or refuse."""
         if self.holder is not session:
-            return REFUSED, "you do not have control"
+            return Code.NOT_HOLDER.refused()
         asker = self.asker
         if asker is None or asker.id != to:
-            return (
-                REFUSED,
-                "nobody asks for control now"
-                if asker is None
-                else f"{asker.who} asks now: look again",
-            )
+            if asker is None:
+                return Code.NOBODY_ASKS.refused()
+            return Code.ANOTHER_ASKS.refused(asker=asker.who)
         if grant:
             self._give(asker, f"you have handed control over to {asker.name}")
             asker.note = f"{session.name} has handed control over to you"
-            return DONE, f"control handed over to {asker.who}"
+            return Code.HANDED_OVER.done(asker=asker.who)
         self.asker = None
         asker.note = f"{session.name} keeps control"
-        return DONE, f"control not handed over to {asker.who}"
+        return Code.KEPT.done(asker=asker.who)
 
     def give_back(self, session: Session) -> Answer:
         """Release a session's control."""
         if self.holder is not session:
-            return REFUSED, "you do not have control"
+            return Code.NOT_HOLDER.refused()
         self.release(session)
-        return DONE, "control released"
+        return Code.RELEASED.done()
 
     def release(self, session: Session) -> None:
         """Release a session's control or its request for it."""

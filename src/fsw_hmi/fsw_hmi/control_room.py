@@ -12,7 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from fsw_control.journal import RequestKind
 from fsw_control.schema.models import InputError, json_content_of
 from fsw_hmi import security
-from fsw_hmi.control import DONE, REFUSED, TIMED_OUT, Answer, Control, Session
+from fsw_hmi.answers import DONE, Answer, Code
+from fsw_hmi.control import Control, Session
 from fsw_hmi.frames import readable
 from fsw_hmi.logins import WrongLogins
 from fsw_hmi.requests import ACTIONS, Action, SafeStop, read
@@ -20,6 +21,8 @@ from fsw_hmi.users import LONGEST, ROLES, User, Users, checked_name
 
 #: after so many malformed or hasty requests a page is shut out
 _MOST_OFFENCES = 20
+#: not answered here
+UNDECIDED = Answer("", "", "")
 #: for the record: an operator lost control without releasing it
 LOST = "lose control"
 _CONTROL = {
@@ -37,10 +40,8 @@ class Verdict:
     """Decision about a message of a page."""
 
     id: int | None = None  #: of the request; without one nothing is answered
-    outcome: str = (
-        ""  #: empty when ``action`` is to be carried out or ``credentials`` to be checked first
-    )
-    message: str = ""
+    #: empty when ``action`` is to be carried out or ``credentials`` to be checked first
+    answer: Answer = UNDECIDED
     action: Action | None = None
     kind: RequestKind = RequestKind.UNKNOWN  #: what was asked for
     asked: str = ""  #: the same in words, when it has to be recorded; empty when not
@@ -65,8 +66,7 @@ class Order:
     who: str  #: name and session
     kind: RequestKind  #: what was asked for
     asked: str  #: the same in words
-    outcome: str = ""  #: for the record, as the message
-    message: str = ""
+    answer: Answer = UNDECIDED  #: for the record
     action: Action | None = None
     number: int = 0  #: by which the outcome of an action is reported
     holder: str = ""  #: who has control when it is delivered
@@ -138,7 +138,9 @@ class ControlRoom:
         """Report and record that the server was killed while an operator had control."""
         why = "the page's server was started again"
         self.ended = f"{holder} has lost control: {why}"
-        self._records.append(Order(holder, RequestKind.LOSE_CONTROL, LOST, DONE, why))
+        self._records.append(
+            Order(holder, RequestKind.LOSE_CONTROL, LOST, Code.LOST.done(why=why))
+        )
 
     def _look_at_users(self) -> None:
         """Require a new login, except for a safe stop, from users whose entry has changed."""
@@ -156,7 +158,9 @@ class ControlRoom:
         """Remove a session's control, or its request for control."""
         if self.holder is session:
             self.ended = f"{session.name} has lost control: {why}"
-            self._records.append(Order(session.who, RequestKind.LOSE_CONTROL, LOST, DONE, why))
+            self._records.append(
+                Order(session.who, RequestKind.LOSE_CONTROL, LOST, Code.LOST.done(why=why))
+            )
         self._control.release(session)
 
     @property
@@ -191,31 +195,32 @@ class ControlRoom:
         try:
             request = _Request.model_validate(json_content_of(text or "", "request"))
         except ValueError:
-            return self._offence(session, None, "the message is no request")
+            return self._offence(session, None, Code.MALFORMED)
         number, do, message = request.id, request.do, request.model_extra or {}
         if do == "safe_stop" and session.may_stop:  # before every limit
             return Verdict(
                 number, action=SafeStop(), kind=RequestKind.SAFE_STOP, asked=str(SafeStop())
             )
         if not session.requests.take(now_s):
-            return self._offence(session, number, "too many requests in a second")
+            return self._offence(session, number, Code.TOO_MANY)
         if not isinstance(do, str):
-            return self._offence(session, number, "the message names no request")
+            return self._offence(session, number, Code.NAMELESS)
         if do == "login":
             return self._login(session, number, message, now_s)
         if not session.authenticated:
             session.touched_s = now_s
-            return Verdict(number, REFUSED, "log in again" if session.idle else "log in first")
+            code = Code.LOG_IN_AGAIN if session.idle else Code.LOG_IN
+            return Verdict(number, code.refused())
         session.active_s = session.touched_s = now_s
         if do == "active":
-            return Verdict(number, DONE)
+            return Verdict(number, Code.ACTIVE.done())
         if do in _CONTROL:
             return self._change_control(session, number, do, message, now_s)
         return self._command(session, number, do, message)
 
-    def _offence(self, session: Session, number: int | None, why: str) -> Verdict:
+    def _offence(self, session: Session, number: int | None, why: Code) -> Verdict:
         session.offences += 1
-        return Verdict(number, REFUSED, why, close=session.offences > _MOST_OFFENCES)
+        return Verdict(number, why.refused(), close=session.offences > _MOST_OFFENCES)
 
     # ---------------------------------------------------------------- login
 
@@ -227,30 +232,25 @@ class ControlRoom:
         try:
             name = checked_name(name.strip() if isinstance(name, str) else "")
         except ValueError as error:
-            return Verdict(number, REFUSED, str(error))
+            return Verdict(number, Code.INVALID.refused(reason=error))
         given = given if isinstance(given, str) else ""
         if self._users is None:
             if not hmac.compare_digest(_bytes(given), self._token):
                 return self._wrong_login(session, number, "", given, now_s)
             others = [one.name for one in self._sessions.values() if one is not session]
             if any(one.casefold() == name.casefold() and one != name for one in others):
-                return Verdict(
-                    number,
-                    REFUSED,
-                    "name: somebody is here whose name differs only in case; take another",
-                )
+                return Verdict(number, Code.NAME_TAKEN.refused())
             return self._logged_in(session, number, name, ROLES[-1], now_s)
         user = self._users.remembered(name, given)
         if user is not None:
             return self._logged_in(session, number, user.name, user.role, now_s)
         wait_s = self._wrong.left_s(session.client, now_s)
         if wait_s:
-            text = f"too many wrong passwords from your address: wait {wait_s:.0f} s"
-            return Verdict(number, REFUSED, text, close=True)
+            return Verdict(number, Code.LOCKED_OUT.refused(wait_s=wait_s), close=True)
         if session.checking:
-            return Verdict(number, REFUSED, "your password is being checked")
+            return Verdict(number, Code.BEING_CHECKED.refused())
         if len(given) > LONGEST:
-            return Verdict(number, REFUSED, f"password: at most {LONGEST} characters")
+            return Verdict(number, Code.TOO_LONG.refused(longest=LONGEST))
         session.checking = True
         return Verdict(number, credentials=(name, given))
 
@@ -277,23 +277,23 @@ class ControlRoom:
     def on_busy(self, session: Session, number: int) -> Verdict:
         """Judge a login whose password could not be checked."""
         session.checking = False
-        return Verdict(
-            number, TIMED_OUT, "your password cannot be checked now: try again in some seconds"
-        )
+        return Verdict(number, Code.BUSY.timed_out())
 
     def _wrong_login(
         self, session: Session, number: int, name: str, given: str, now_s: float
     ) -> Verdict:
         known = self._wrong.knows(session.client, _bytes(given), now_s)
         wait_s = self._wrong.add(session.client, _bytes(given), now_s)
-        what = "wrong token" if self._users is None else "wrong name or password"
+        wrong = (Code.WRONG_TOKEN if self._users is None else Code.WRONG_PASSWORD).refused()
         if not wait_s and not known:  # what was typed in as a name may be a password
             who = self._users.name(name) if self._users else ""
-            words = f"{what}, from {session.client or 'an unknown address'}"
+            address = session.client or "an unknown address"
+            answer = Code.WRONG_FROM.refused(what=wrong.message, address=address)
             name = f"{who or 'unknown name'} ({session.id})"
-            self._records.append(Order(name, RequestKind.LOGIN, "log in", REFUSED, words))
-        too_many = f", one of too many from your address: wait {wait_s:.0f} s" if wait_s else ""
-        return Verdict(number, REFUSED, what + too_many, close=bool(wait_s))
+            self._records.append(Order(name, RequestKind.LOGIN, "log in", answer))
+        if wait_s:
+            wrong = Code.LAST_WRONG.refused(what=wrong.message, wait_s=wait_s)
+        return Verdict(number, wrong, close=bool(wait_s))
 
     def _logged_in(
         self, session: Session, number: int, name: str, role: str, now_s: float
@@ -304,13 +304,8 @@ class ControlRoom:
             )  # what one person has, another does not get by a login
         session.name, session.role, session.idle, session.note = name, role, False, ""
         session.active_s = session.touched_s = now_s
-        return Verdict(
-            number,
-            DONE,
-            f"logged in as {name}, role {role}",
-            kind=RequestKind.LOGIN,
-            asked="log in",
-        )
+        answer = Code.LOGGED_IN.done(name=name, role=role)
+        return Verdict(number, answer, kind=RequestKind.LOGIN, asked="log in")
 
     # ---------------------------------------------------------------- control and commands
 
@@ -319,13 +314,13 @@ class ControlRoom:
     ) -> Verdict:
         kind, asked = RequestKind.of(do), _CONTROL[do]
         if session.role == ROLES[0]:
-            return Verdict(number, REFUSED, _needs(session, "operate"), kind=kind, asked=asked)
+            return Verdict(number, _needs(session, "operate"), kind=kind, asked=asked)
         if do == "take_control" and self.holder is session:
-            return Verdict(number, DONE, "you have control already")
-        outcome, text = self._ask_control(session, do, message, now_s)
-        if outcome == DONE:
+            return Verdict(number, Code.HAVE_CONTROL.done())
+        answer = self._ask_control(session, do, message, now_s)
+        if answer.outcome == DONE:
             self.ended = ""
-        return Verdict(number, outcome, text, kind=kind, asked=asked)
+        return Verdict(number, answer, kind=kind, asked=asked)
 
     def _ask_control(
         self, session: Session, do: str, message: dict[str, Any], now_s: float
@@ -345,25 +340,21 @@ class ControlRoom:
     def _command(self, session: Session, number: int, do: str, message: dict[str, Any]) -> Verdict:
         known, kind = ACTIONS.get(do), RequestKind.of(do)
         if known is not None and ROLES.index(session.role) < ROLES.index(known.role):
-            return Verdict(number, REFUSED, _needs(session, known.role), kind=kind, asked=do)
+            return Verdict(number, _needs(session, known.role), kind=kind, asked=do)
         try:
             action = read(do, message)
         except InputError as error:
             asked = do if known else "unknown request"
-            return Verdict(number, REFUSED, readable(str(error)), kind=kind, asked=asked)
+            answer = Code.INVALID.refused(reason=readable(str(error)))
+            return Verdict(number, answer, kind=kind, asked=asked)
         if self.holder is not session:
-            return Verdict(
-                number,
-                REFUSED,
-                "you do not have control: take it first",
-                kind=kind,
-                asked=str(action),
-            )
+            answer = Code.TAKE_FIRST.refused()
+            return Verdict(number, answer, kind=kind, asked=str(action))
         return Verdict(number, action=action, kind=kind, asked=str(action))
 
 
-def _needs(session: Session, role: str) -> str:
-    return f"your role is {session.role}: this needs the role {role}"
+def _needs(session: Session, role: str) -> Answer:
+    return Code.ROLE.refused(role=session.role, needed=role)
 
 
 def _bytes(text: str) -> bytes:

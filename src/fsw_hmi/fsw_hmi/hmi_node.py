@@ -34,7 +34,7 @@ from fsw_control.units import NANOSECONDS
 from fsw_hmi import history_report, tls, users
 from fsw_hmi.alarm_desk_ros import AlarmDesk
 from fsw_hmi.alarm_rules import NO_PROGRAMME_S, NO_REPORT_S, UNDER_WAY
-from fsw_hmi.control import DONE, REFUSED
+from fsw_hmi.answers import Answer
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import frame, readable, row
 from fsw_hmi.headline import Now, headline
@@ -322,13 +322,13 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._holder = order.holder
         action, answer = order.action, partial(self._answer, order)
         if action is None:
-            self._record(order, order.outcome, order.message)
+            self._record(order, order.answer)
         elif isinstance(action, Acknowledge | Shelve | Unshelve):
-            ok, words = self._desk.carry_out(action, order.who)
+            done = self._desk.carry_out(action, order.who)
             self._show("alarms", self._desk.frame())
-            answer(DONE if ok else REFUSED, words)
+            answer(done)
         elif why := self._why_not(action):
-            answer(REFUSED, why)
+            answer(why)
         else:
             if isinstance(action, SafeStop) and not self._register.stopped:
                 # Not only by the supervisor's service: the plant hears of it, too, if no
@@ -339,7 +339,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
                 self._stop.look()
             self._orders.carry_out(action, answer, self._settings["request_timeout_s"])
 
-    def _why_not(self, action: Action) -> str:
+    def _why_not(self, action: Action) -> Answer | None:
         """Why a request is not even sent, by what is known now."""
         watch, now_s = self._watch, time.monotonic()
         known = watch.state if now_s - watch.state_s <= NO_REPORT_S else None
@@ -350,13 +350,13 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         )
         return why_not(action, known, in_force, self._interlocks)
 
-    def _answer(self, order: Order, outcome: str, message: str) -> None:
-        message = readable(message)
-        self._record(order, outcome, message)
-        self._web.call(partial(self._page.on_outcome, order.number, outcome, message))
+    def _answer(self, order: Order, answer: Answer) -> None:
+        answer = answer._replace(message=readable(answer.message))
+        self._record(order, answer)
+        self._web.call(partial(self._page.on_outcome, order.number, answer))
 
-    def _record(self, order: Order, outcome: str, message: str) -> None:
-        done = {"who": order.who, "action": order.asked, "outcome": outcome, "message": message}
+    def _record(self, order: Order, answer: Answer) -> None:
+        done = {"who": order.who, "action": order.asked, **answer._asdict()}
         self._done.append(done | {"server_s": round(time.time(), 3)})
         self._show("actions", {"actions": list(self._done)})
         header = convert.header(int(self.get_clock().now().nanoseconds))

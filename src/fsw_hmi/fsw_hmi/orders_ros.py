@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 
 from fsw_control import messages_ros as convert
 from fsw_control.contract import SAFE_STOP
-from fsw_hmi.control import DONE, REFUSED, TIMED_OUT
+from fsw_hmi.answers import DONE, REFUSED, Answer, Code
 from fsw_hmi.requests import (
     AcknowledgeStop,
     Action,
@@ -34,8 +34,6 @@ from fsw_plant.requests_ros import SERVICES, event_request
 #: answer: a supervisor that is being started again must get it
 _REPEAT_S, _REPEAT_FOR_S = 0.5, 60.0
 
-Answer = Callable[[str, str], None]
-
 
 @dataclass(eq=False, slots=True)
 class _Call:
@@ -44,7 +42,7 @@ class _Call:
     client: Client
     offered_by: str
     request: Any
-    answer: Answer
+    answer: Callable[[Answer], object]
     due_s: float
     repeat: bool
     asked_s: float = 0.0
@@ -76,10 +74,12 @@ class Orders:
 
     # ---------------------------------------------------------------- services
 
-    def carry_out(self, action: Action, answer: Answer, timeout_s: float) -> None:
+    def carry_out(
+        self, action: Action, answer: Callable[[Answer], object], timeout_s: float
+    ) -> None:
         """Begin an action of the graph's services.
 
-        ``answer`` gets the outcome and its text; twice for a safe stop that is answered late.
+        ``answer`` gets what became of it; twice for a safe stop that is answered late.
         """
         client, offered_by, request = self._request(action)
         repeat = isinstance(request, srv.SetMode.Request) and request.mode == SAFE_STOP
@@ -124,20 +124,19 @@ class Orders:
         now_s = time.monotonic()
         for call in [*self._calls]:
             if now_s >= call.due_s:
-                asked = call.asked_s and f"the {call.offered_by} did not answer in time"
-                why = asked or f"there is no {call.offered_by} to ask"
-                if not call.repeat or call.is_answered:
-                    self._end(call, TIMED_OUT, why)
+                again = call.repeat and not call.is_answered
+                if not again:
+                    code = Code.SILENT if call.asked_s else Code.NO_SERVICE
+                    self._end(call, code.timed_out(service=call.offered_by))
                 else:
                     call.is_answered, call.due_s = True, now_s + _REPEAT_FOR_S
-                    call.answer(
-                        TIMED_OUT, f"{why}; it is asked for up to {_REPEAT_FOR_S:g} s more"
-                    )
+                    code = Code.SILENT_YET if call.asked_s else Code.NO_SERVICE_YET
+                    call.answer(code.timed_out(service=call.offered_by, wait_s=_REPEAT_FOR_S))
             elif call.asked_s == 0.0 or (call.repeat and now_s >= call.asked_s + _REPEAT_S):
                 if call.client.service_is_ready():
                     self._ask(call, now_s)
                 elif not call.repeat:
-                    self._end(call, REFUSED, f"there is no {call.offered_by} to ask")
+                    self._end(call, Code.NO_SERVICE.refused(service=call.offered_by))
 
     def _ask(self, call: _Call, now_s: float) -> None:
         self._drop(call)
@@ -150,18 +149,18 @@ class Orders:
             return
         error, call.future = future.exception(), None
         if error is not None:
-            self._end(call, REFUSED, f"the {call.offered_by} could not be asked: {error}")
+            self._end(call, Code.NOT_ASKED.refused(service=call.offered_by, error=error))
             return
-        ok, message = _outcome(future.result())
-        if call.repeat and not ok:
+        answer = _answer(future.result())
+        if call.repeat and answer.outcome != DONE:
             return  # it is asked for again until its effect is confirmed
-        self._end(call, DONE if ok else REFUSED, message)
+        self._end(call, answer)
 
-    def _end(self, call: _Call, outcome: str, message: str) -> None:
+    def _end(self, call: _Call, answer: Answer) -> None:
         if call in self._calls:
             self._calls.remove(call)
             self._drop(call)
-            call.answer(outcome, message)
+            call.answer(answer)
 
     def _drop(self, call: _Call) -> None:
         """Drop a pending request."""
@@ -170,11 +169,10 @@ class Orders:
             call.client.remove_pending_request(future)
 
 
-def _outcome(response: Any) -> tuple[bool, str]:
-    """Whether a service succeeded, and its message."""
+def _answer(response: Any) -> Answer:
+    """Answer of a service."""
     if isinstance(response, CancelGoal.Response):
-        ok = bool(response.goals_canceling)
-        return ok, "the weld is aborted" if ok else "no weld is under way that could be aborted"
-    return response.success if isinstance(response, Trigger.Response) else response.ok, str(
-        response.message
-    )
+        return Code.ABORTED.done() if response.goals_canceling else Code.NO_WELD.refused()
+    ok = response.success if isinstance(response, Trigger.Response) else response.ok
+    code = getattr(response, "code", "") or Code.SERVICE
+    return Answer(DONE if ok else REFUSED, str(code), str(response.message))

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from fsw_control.ranges import beyond_trip
+from fsw_hmi.answers import Answer, Code
 from fsw_hmi.requests import AcknowledgeStop, Action, ChangeMode, SetReference, Switch
 
 _SAME = 1e-6
@@ -16,8 +17,8 @@ def why_not(
     state: Mapping[str, Any] | None,
     in_force: tuple[float, float] | None,
     interlocks: Mapping[str, float],
-) -> str:
-    """Reason for refusing an action before it is sent; empty: send it. A safe stop is always sent.
+) -> Answer | None:
+    """Reason for refusing an action before it is sent; None: send it. A safe stop is always sent.
 
     ``state`` is the supervisor's, as the page gets it (None: not known now), ``in_force`` are
     set-points in mm and degC (None: not known, or others are to come), and ``interlocks`` are
@@ -28,19 +29,20 @@ def why_not(
         if in_force and all(
             abs(one - other) <= _SAME for one, other in zip(wanted, in_force, strict=True)
         ):
-            return "these set-points are in force already"
-        return beyond_trip(action.depth_mm, action.temperature_c, interlocks)
+            return Code.IN_FORCE.refused()
+        why = beyond_trip(action.depth_mm, action.temperature_c, interlocks)
+        return Code.WOULD_TRIP.refused(why=why) if why else None
     if state is None:
-        return ""
+        return None
     mode, commanding = state["actual_mode"], state["actual_controller"]
     nominal = mode == state["target_mode"] == "auto" and commanding == state["target_controller"]
     if isinstance(action, Switch) and nominal and action.controller == commanding:
-        return f"{commanding} commands already"
+        return Code.COMMANDS_ALREADY.refused(controller=commanding)
     readmits = any(one["inhibited"] for one in state["controllers"])
     if isinstance(action, ChangeMode) and action.mode == "auto" and nominal and not readmits:
-        return "the mode is auto already"
+        return Code.AUTO_ALREADY.refused()
     if isinstance(action, AcknowledgeStop) and mode != "safe_stop":
-        return "there is no safe stop to acknowledge"
+        return Code.NO_STOP.refused()
     if isinstance(action, AcknowledgeStop) and state["acknowledged"]:
-        return "the safe stop is acknowledged already"
-    return ""
+        return Code.STOP_ACKNOWLEDGED.refused()
+    return None

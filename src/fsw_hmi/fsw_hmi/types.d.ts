@@ -147,6 +147,7 @@ interface Action {
   who: string;
   action: string;
   outcome: string;
+  code: string;
   message: string;
 }
 /** Set-points to come, or a controller's plan: values by quantity, at times of the weld, and as `quantity:deviation` the
@@ -184,6 +185,8 @@ interface Heat {
 }
 interface Answer {
   outcome: string;
+  /** Kind of the answer; none of those that the page makes itself. */
+  code?: string;
   message: string;
 }
 interface Link {

@@ -13,7 +13,7 @@ from typing import Any
 from starlette.routing import BaseRoute, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from fsw_hmi.control import TIMED_OUT
+from fsw_hmi.answers import Answer, Code
 from fsw_hmi.control_room import ControlRoom, Order, Verdict
 from fsw_hmi.frames import COLUMNS, frame
 from fsw_hmi.hub import History, Page
@@ -109,14 +109,14 @@ class LivePage:
         for page in self._pages:
             page.show(kind, text)
 
-    def on_outcome(self, number: int, outcome: str, message: str) -> None:
+    def on_outcome(self, number: int, answer: Answer) -> None:
         """Take the outcome of an order; only the first one counts."""
         pending = self._pending.pop(number, None)
         if pending is None:
             return
         pending.timer.cancel()
         for request in pending.ids:
-            pending.page.answer(_answer(request, outcome, message))
+            pending.page.answer(_answer(request, answer))
 
     def beat(self) -> None:
         """Send a heartbeat to all pages; call several times a second."""
@@ -211,7 +211,7 @@ class LivePage:
             verdict = self._room.handle(page.session, message.get("text"), time.monotonic())
             if verdict.close:  # the answer before, not in the queue
                 if verdict.id is not None:
-                    await socket.send_text(_answer(verdict.id, verdict.outcome, verdict.message))
+                    await socket.send_text(_answer(verdict.id, verdict.answer))
                 await socket.close(_POLICY, "too many bad requests")
                 return
             if verdict.credentials is not None and verdict.id is not None:
@@ -253,11 +253,9 @@ class LivePage:
             self._order(page, verdict.id, verdict.action, verdict)
             return
         if verdict.id is not None:
-            page.answer(_answer(verdict.id, verdict.outcome, verdict.message))
+            page.answer(_answer(verdict.id, verdict.answer))
         if verdict.asked:
-            self._hand_on(
-                Order(session.who, verdict.kind, verdict.asked, verdict.outcome, verdict.message)
-            )
+            self._hand_on(Order(session.who, verdict.kind, verdict.asked, verdict.answer))
 
     def _order(self, page: Page, request: int, action: Action, verdict: Verdict) -> None:
         if isinstance(action, SafeStop):
@@ -276,7 +274,7 @@ class LivePage:
         )
         timer = asyncio.get_running_loop().call_later(
             wait_s,
-            partial(self.on_outcome, order.number, TIMED_OUT, f"no answer within {wait_s:g} s"),
+            partial(self.on_outcome, order.number, Code.NO_ANSWER.timed_out(wait_s=wait_s)),
         )
         self._pending[order.number] = _Pending(page, [request], order, timer)
         self._hand_on(order)
@@ -298,8 +296,8 @@ async def _send(socket: WebSocket, page: Page) -> None:
         await socket.send_text(await page.next())
 
 
-def _answer(request: int, outcome: str, message: str) -> str:
-    return frame("answer", {"id": request, "outcome": outcome, "message": message})
+def _answer(request: int, answer: Answer) -> str:
+    return frame("answer", {"id": request, **answer._asdict()})
 
 
 def _now_s() -> float:

@@ -9,6 +9,7 @@ from functools import partial
 import pytest
 
 from fsw_hmi import history_report
+from fsw_hmi.answers import Answer
 from fsw_hmi.control_room import ControlRoom
 from fsw_hmi.gate import Gate
 from fsw_hmi.page_files import PageFiles
@@ -66,7 +67,7 @@ class Server:
         return self.orders.get(timeout=PATIENCE_S)
 
     def answer(self, order, outcome="done", message="well"):
-        self.thread.call(partial(self.page.on_outcome, order.number, outcome, message))
+        self.thread.call(partial(self.page.on_outcome, order.number, Answer(outcome, "", message)))
 
 
 @pytest.fixture

@@ -206,8 +206,8 @@ def test_list_has_an_end_but_for_high_priority(desk):
 
 def test_shelved_alarm_is_back_when_its_time_is_over(desk):
     desk.update(0.0, a=MEDIUM, b=LOW)
-    assert desk.shelve("a", 2.0) == ""
-    assert desk.shelve("b", 2.0) == ""
+    assert desk.shelve("a", 2.0).outcome == "done"
+    assert desk.shelve("b", 2.0).outcome == "done"
     row = desk.row("a")
     assert (row["state"], row["shelved_until_s"], row["shelved"]) == (
         "shelved",
@@ -231,11 +231,11 @@ def test_shelved_alarm_is_back_when_its_time_is_over(desk):
 
 def test_shelf_refuses_high_priority_and_what_is_not_there(desk):
     desk.update(0.0, a=HIGH, b=MEDIUM)
-    assert "high priority" in desk.shelve("a")
-    assert "no longer" in desk.shelve("c")
-    assert "not shelved" in desk.list.unshelve("b", "anna")
+    assert desk.shelve("a").code == "high_priority"
+    assert desk.shelve("c").code == "not_listed"
+    assert desk.list.unshelve("b", "anna").code == "not_shelved"
     desk.shelve("b")
-    assert desk.list.unshelve("b", "otto") == ""
+    assert desk.list.unshelve("b", "otto").code == "unshelved"
     assert desk.states() == {"a": "active", "b": "active"}
 
 
@@ -306,13 +306,13 @@ class AnyOrder(RuleBasedStateMachine):
     @rule(name=NAMES, minutes=st.sampled_from([1.0, 60.0]))
     def shelve(self, name, minutes):
         row = self.desk.row(name)
-        refused = self.desk.shelve(name, minutes)
-        assert bool(refused) == (row is None or row["priority"] == "high")
+        refused = self.desk.shelve(name, minutes).outcome == "refused"
+        assert refused == (row is None or row["priority"] == "high")
 
     @rule(name=NAMES)
     def unshelve(self, name):
         was = self.desk.states().get(name)
-        assert (self.desk.list.unshelve(name, "anna") == "") == (was == "shelved")
+        assert (self.desk.list.unshelve(name, "anna").outcome == "done") == (was == "shelved")
 
     @rule()
     def restart(self):

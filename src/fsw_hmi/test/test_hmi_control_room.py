@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, rule
 
-from fsw_hmi.control import DONE, REFUSED
+from fsw_hmi.answers import DONE, REFUSED
 from fsw_hmi.control_room import ControlRoom
 from fsw_hmi.requests import (
     Acknowledge,
@@ -75,7 +75,7 @@ class Desk:
     def __init__(self, room, name="", address=HERE):
         self.room, self.session = room, room.join(address)
         if name:
-            assert self.ask("login", token=TOKEN, name=name).outcome == DONE
+            assert self.ask("login", token=TOKEN, name=name).answer.outcome == DONE
 
     def send(self, text):
         Desk.now_s += 1.0
@@ -99,21 +99,21 @@ def room():
 
 def test_login_needs_token_and_name(room):
     desk = Desk(room)
-    assert desk.ask("login", token="wrong", name="anna").message == "wrong token"
-    assert desk.ask("login", token=None, name="anna").outcome == REFUSED
+    assert desk.ask("login", token="wrong", name="anna").answer.code == "wrong_token"
+    assert desk.ask("login", token=None, name="anna").answer.outcome == REFUSED
     for name in CONFUSING:
         verdict = desk.ask("login", token=TOKEN, name=name)
-        assert (verdict.outcome, "not a user's name" in verdict.message) == (REFUSED, True)
+        assert (verdict.answer.outcome, verdict.answer.code) == (REFUSED, "invalid")
         assert not desk.control()["authenticated"]
     verdict = desk.ask("login", token=TOKEN, name=" anna.b ")
-    assert verdict.outcome == DONE
+    assert verdict.answer.outcome == DONE
     assert desk.control() == {
         **{"holder": None, "you": False, "request": None, "name": "anna.b"},
         **{"authenticated": True, "role": "engineer", "may_stop": True, "note": ""},
     }
     assert desk.session.who == f"anna.b ({desk.session.id})"
-    assert "only in case" in Desk(room).ask("login", token=TOKEN, name="Anna.B").message
-    assert desk.ask("login", token=TOKEN, name="Anna.B").outcome == DONE  # nobody else is
+    assert "only in case" in Desk(room).ask("login", token=TOKEN, name="Anna.B").answer.message
+    assert desk.ask("login", token=TOKEN, name="Anna.B").answer.outcome == DONE  # nobody else is
 
 
 @pytest.mark.requirement("S30")
@@ -124,15 +124,24 @@ def test_five_wrong_tokens_shut_their_sender_out_and_nobody_else(room):
         [Desk(room, address=THERE) for _ in range(5)],
     )
     for number, desk in enumerate(stranger):
-        assert desk.ask("login", token=f"wrong {number}", name="x").message == "wrong token"
+        assert desk.ask("login", token=f"wrong {number}", name="x").answer.code == "wrong_token"
     for desk, number in itertools.product(stranger, range(3)):
         verdict = desk.ask("login", token=f"more {number}", name="x")
-        assert (verdict.outcome, verdict.close) == (REFUSED, True) and "wait" in verdict.message
-    assert Desk(room, address=THERE).ask("login", token=TOKEN, name="colleague").outcome == DONE
+        assert (verdict.answer.outcome, verdict.close) == (
+            REFUSED,
+            True,
+        ) and "wait" in verdict.answer.message
+    assert (
+        Desk(room, address=THERE).ask("login", token=TOKEN, name="colleague").answer.outcome
+        == DONE
+    )
     assert anna.ask("safe_stop").action == SafeStop()
-    assert anna.ask("login", token=TOKEN, name="anna").outcome == DONE
-    assert bert.ask("login", token=TOKEN, name="bert").outcome == DONE
-    assert Desk(room, address=THERE[:-1] + "7").ask("login", token=TOKEN, name="x").outcome == DONE
+    assert anna.ask("login", token=TOKEN, name="anna").answer.outcome == DONE
+    assert bert.ask("login", token=TOKEN, name="bert").answer.outcome == DONE
+    assert (
+        Desk(room, address=THERE[:-1] + "7").ask("login", token=TOKEN, name="x").answer.outcome
+        == DONE
+    )
     Desk.now_s += 60.0
     assert not stranger[0].ask("login", token="wrong once more", name="x").close
 
@@ -141,18 +150,18 @@ def test_five_wrong_tokens_shut_their_sender_out_and_nobody_else(room):
 def test_pages_that_log_in_again_with_an_old_token_shut_nobody_out(room):
     for _ in range(20):
         assert (
-            Desk(room).ask("login", token="of the server before", name="anna").message
+            Desk(room).ask("login", token="of the server before", name="anna").answer.message
             == "wrong token"
         )
-    assert Desk(room).ask("login", token=TOKEN, name="anna").outcome == DONE
+    assert Desk(room).ask("login", token=TOKEN, name="anna").answer.outcome == DONE
 
 
 @pytest.mark.requirement("S30")
 def test_safe_stop_on_this_computer_needs_no_login_unless_configured(room):
     assert Desk(room, address=HERE).ask("safe_stop").asked == "safe stop"
-    assert Desk(room, address=THERE).ask("safe_stop").message == "log in first"
+    assert Desk(room, address=THERE).ask("safe_stop").answer.message == "log in first"
     assert (
-        Desk(ControlRoom(TOKEN, local_stop=False), address=HERE).ask("safe_stop").message
+        Desk(ControlRoom(TOKEN, local_stop=False), address=HERE).ask("safe_stop").answer.message
         == "log in first"
     )
 
@@ -184,16 +193,15 @@ class Misuse(RuleBasedStateMachine):
     def logs_in_with_wrong_tokens(self, page, token, times):
         for number in range(times):
             assert (
-                self.send(page, do="login", token=f"{token}{number}", name="x").outcome == REFUSED
+                self.send(page, do="login", token=f"{token}{number}", name="x").answer.outcome
+                == REFUSED
             )
 
     @rule(page=pages)
     def logs_in(self, page):
         answer = self.send(page, do="login", token=TOKEN, name="anna")
-        assert (
-            answer.outcome == DONE or answer.message == "too many requests in a second"
-        )  # of this page
-        if answer.outcome == DONE and page.id in self.allowed:
+        assert answer.answer.outcome == DONE or answer.answer.code == "too_many"  # of this page
+        if answer.answer.outcome == DONE and page.id in self.allowed:
             self.allowed[page.id] = page, True
 
     @rule(address=st.sampled_from([HERE, THERE, "2001:db8::1"]))
@@ -231,28 +239,28 @@ TestMisuse.settings = settings(stateful_step_count=30, deadline=None)
 
 def test_control_is_taken_only_explicitly(room):
     anna, bert = Desk(room, "anna"), Desk(room, "bert")
-    assert anna.ask("mode", mode="hold").message == "you do not have control: take it first"
-    assert anna.take().outcome == DONE
+    assert anna.ask("mode", mode="hold").answer.code == "take_first"
+    assert anna.take().answer.outcome == DONE
     assert (bert.control()["holder"], bert.control()["you"]) == (
         {"name": "anna", "session": anna.session.id},
         False,
     )
     assert (
-        bert.ask("take_control", **{"from": None}).outcome == REFUSED
+        bert.ask("take_control", **{"from": None}).answer.outcome == REFUSED
     )  # he has not seen that she has it
     assert bert.ask("mode", mode="hold").action is None
-    assert bert.take().message == f"{anna.session.who} has control: ask for it"
-    assert bert.ask("request_control").outcome == DONE
-    assert "s left to answer" in bert.take().message
+    assert bert.take().answer.code == "ask_first"
+    assert bert.ask("request_control").answer.outcome == DONE
+    assert bert.take().answer.code == "time_left"
     Desk.now_s += 30.0
     assert (
-        bert.take().message
+        bert.take().answer.message
         == f"control taken from {anna.session.who}, who did not answer for 30 s"
     )
     assert anna.control()["note"] == "bert has taken control: nobody answered for 30 s"
     assert anna.ask("mode", mode="hold").action is None
-    assert anna.ask("release_control").outcome == REFUSED
-    assert bert.ask("release_control").outcome == DONE
+    assert anna.ask("release_control").answer.outcome == REFUSED
+    assert bert.ask("release_control").answer.outcome == DONE
     assert room.holder is None
 
 
@@ -271,11 +279,11 @@ def test_who_may_ask_for_what(room, do):
     content, action = GOOD[do]
     viewer, anna, holder = Desk(room, address=THERE), Desk(room, "anna"), Desk(room, "bert")
     holder.take()
-    assert viewer.ask(do, **content).message == "log in first"
+    assert viewer.ask(do, **content).answer.message == "log in first"
     assert viewer.ask(do, **content).asked == ""  # nothing to record of strangers
     assert anna.ask(do, **content).action == (action if do == "safe_stop" else None)
     verdict = holder.ask(do, **content)
-    assert (verdict.id, verdict.outcome, verdict.action) == (7, "", action)
+    assert (verdict.id, verdict.answer.outcome, verdict.action) == (7, "", action)
     assert verdict.asked == str(action)
 
 
@@ -322,10 +330,10 @@ def test_wrong_values_are_refused_in_a_line(room, do, change):
     holder = Desk(room, "anna")
     holder.take()
     verdict = holder.ask(do, **GOOD[do][0] | change)
-    assert verdict.outcome == REFUSED
+    assert verdict.answer.outcome == REFUSED
     assert verdict.action is None
-    assert 0 < len(verdict.message) <= 200
-    assert "\n" not in verdict.message
+    assert 0 < len(verdict.answer.message) <= 200
+    assert "\n" not in verdict.answer.message
 
 
 @pytest.mark.parametrize(
@@ -461,8 +469,8 @@ def test_whatever_a_stranger_sends_nothing_acts_and_nothing_breaks(texts):
         verdict = stranger.send(text)
         assert verdict.action is None
         assert not verdict.asked
-        assert verdict.outcome == REFUSED
-        json.dumps([verdict.id, verdict.message], allow_nan=False)
+        assert verdict.answer.outcome == REFUSED
+        json.dumps([verdict.id, verdict.answer.message], allow_nan=False)
     assert room.holder is holder.session
 
 

@@ -157,7 +157,7 @@ def test_too_many_wrong_passwords_cost_the_connection_after_the_answer(make_serv
     with server.open() as page:
         assert page.seen("hello")["login"] == "password"
         for number in range(5):
-            assert page.log_in(f"guess {number}", "egon")["message"] == "wrong name or password"
+            assert page.log_in(f"guess {number}", "egon")["code"] == "wrong_password"
         assert "wait" in page.log_in("one more", "egon")["message"]
         with pytest.raises(ConnectionClosed):
             page.until("never")
@@ -172,7 +172,7 @@ def test_control_is_handed_over_and_a_role_is_refused_on_real_pages(make_server,
         otto.command(PASSWORD, "otto")
         assert server.next_order().asked == "take control"
         refused = otto.ask("disturb", channel="depth", shape="step", amplitude=0.1)
-        assert refused["message"] == "your role is operate: this needs the role engineer"
+        assert refused["code"] == "role"
         assert (server.next_order().action, server.orders.empty()) == (None, True)
         assert olga.log_in(PASSWORD, "olga")["outcome"] == "done"
         assert olga.ask("request_control")["outcome"] == "done"
@@ -201,6 +201,6 @@ def test_idle_page_is_told_and_recorded(make_server, users):
         told = otto.seen("control", lambda frame: frame["note"])
         assert (told["holder"], told["authenticated"], told["may_stop"]) == (None, False, True)
         order = server.next_order()
-        assert (order.asked, order.outcome) == ("lose control", "done")
+        assert (order.asked, order.answer.outcome) == ("lose control", "done")
         otto.send("safe_stop")
         assert server.next_order().asked == "safe stop"

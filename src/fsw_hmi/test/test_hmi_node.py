@@ -361,6 +361,7 @@ def test_answers_of_services(graph, page):
             request.mode in ("hold", "safe_stop"),
             f"{request.mode} {request.axial_force:g}",
         )
+        response.code = "mode_next"
         return response
 
     def on_switch(request, response):
@@ -379,7 +380,7 @@ def test_answers_of_services(graph, page):
         return response
 
     refused = page.ask("mode", mode="hold")
-    assert (refused["outcome"], refused["message"]) == ("refused", "there is no supervisor to ask")
+    assert (refused["outcome"], refused["code"]) == ("refused", "no_service")
     assert (
         page.ask("disturb", channel="depth", shape="step", amplitude=0.1)["outcome"] == "refused"
     )
@@ -392,6 +393,7 @@ def test_answers_of_services(graph, page):
         "t": "answer",
         "id": 0,
         "outcome": "done",
+        "code": "mode_next",
         "message": "hold nan",
     }
     manual = page.ask("mode", mode="manual", force_kn=78.0, speed_rpm=400.0)
@@ -406,10 +408,14 @@ def test_answers_of_services(graph, page):
     wait_until(graph.hmi._orders._acknowledge.service_is_ready, "the service")
     assert page.ask("acknowledge_stop")["message"] == "still hot"
     wait_until(lambda: len(graph.actions) == 10, "the record of all actions")
-    assert (graph.actions[0].action, graph.actions[0].message) == (
-        "log in",
-        "logged in as anna, role engineer",
-    )
+    assert [(one.action, one.code) for one in graph.actions[:1]] == [("log in", "logged_in")]
+    assert [one.code for one in graph.actions[-5:]] == [
+        "mode_next",
+        "service",
+        "service",
+        "mode_next",
+        "service",
+    ]
     assert [(one.action, one.outcome) for one in graph.actions][-5:] == [
         ("mode manual 78 kN, 400 rpm", "refused"),
         ("switch to nmpc", "done"),
@@ -419,8 +425,8 @@ def test_answers_of_services(graph, page):
     ]
     assert all(one.who.startswith("anna (") for one in graph.actions)
     listed = page.seen("actions", lambda frame: len(frame["actions"]) == 10)["actions"]
-    assert [(one["who"], one["action"], one["outcome"], one["message"]) for one in listed] == [
-        (one.who, one.action, one.outcome, one.message) for one in graph.actions
+    assert [(one["who"], one["action"], one["outcome"], one["code"]) for one in listed] == [
+        (one.who, one.action, one.outcome, one.code) for one in graph.actions
     ]
 
 
@@ -439,7 +445,7 @@ def test_safe_stop_is_asked_for_until_somebody_answers(graph, page):
 @pytest.mark.requirement("S20")
 @pytest.mark.parametrize("graph", [0.5], indirect=True)
 def test_request_without_an_answer_times_out(graph, page):
-    assert "there is no supervisor to ask" in page.ask("safe_stop")["message"]
+    assert page.ask("safe_stop")["code"] == "no_service_yet"
     assert page.frames["answer"]["outcome"] == "timed_out"
 
 
@@ -607,7 +613,7 @@ def test_set_points_beyond_a_trip_are_refused_before_they_are_sent(graph, page):
     graph.states.publish(SupervisorState(term=1, leader="leader"))
     page.seen("hello", lambda frame: frame["limits"]["depth_mm"].get("trip") == [None, 3.0])
     refused = page.ask("set_reference", depth_mm=3.0, temperature_c=820)
-    assert (refused["outcome"], "would trip the interlock" in refused["message"]) == (
+    assert (refused["outcome"], refused["code"] == "would_trip") == (
         "refused",
         True,
     )

@@ -29,18 +29,18 @@ POINTS = {"depth_mm": 2.7, "temperature_c": 820.0}
     [
         ("set_reference", POINTS, {}, ""),
         ("set_reference", POINTS, {"depth_mm": 2.7, "temperature_c": 819.0}, ""),
-        ("set_reference", POINTS, POINTS, "these set-points are in force already"),
+        ("set_reference", POINTS, POINTS, "in_force"),
         (
             "set_reference",
             POINTS | {"depth_mm": 3.7},
             {"interlocks": TRIPS},
-            "depth 3.7 mm would trip the interlock",
+            "would_trip",
         ),
-        ("switch", {"controller": "nmpc"}, {"state": STATE}, "nmpc commands already"),
+        ("switch", {"controller": "nmpc"}, {"state": STATE}, "commands_already"),
         ("switch", {"controller": "nmpc"}, {}, ""),
         ("switch", {"controller": "nmpc"}, {"state": REPLACED}, ""),
         ("switch", {"controller": "decentral"}, {"state": REPLACED}, ""),  # selects it, too
-        ("mode", {"mode": "auto"}, {"state": STATE}, "the mode is auto already"),
+        ("mode", {"mode": "auto"}, {"state": STATE}, "auto_already"),
         ("mode", {"mode": "auto"}, {"state": INHIBITED}, ""),  # readmits it
         ("mode", {"mode": "auto"}, {"state": STOPPED}, ""),
         (
@@ -49,26 +49,26 @@ POINTS = {"depth_mm": 2.7, "temperature_c": 820.0}
             {"state": STATE | {"actual_mode": "hold", "target_mode": "hold"}},
             "",
         ),  # lasts anew
-        ("acknowledge_stop", {}, {"state": STATE}, "there is no safe stop to acknowledge"),
+        ("acknowledge_stop", {}, {"state": STATE}, "no_stop"),
         ("acknowledge_stop", {}, {"state": STOPPED}, ""),
         (
             "acknowledge_stop",
             {},
             {"state": STOPPED | {"acknowledged": True}},
-            "the safe stop is acknowledged already",
+            "stop_acknowledged",
         ),
     ],
 )
 def test_what_would_change_nothing_or_trip_is_refused(do, content, known, told):
     in_force = (known["depth_mm"], known["temperature_c"]) if "depth_mm" in known else None
     found = why_not(read(do, content), known.get("state"), in_force, known.get("interlocks", {}))
-    assert found.startswith(told) and bool(found) == bool(told)
+    assert (found.code if found else "") == told
 
 
 @pytest.mark.requirement("S18")
 @pytest.mark.parametrize("state", [None, STATE, STOPPED, STOPPED | {"acknowledged": True}])
 def test_safe_stop_is_never_refused(state):
-    assert why_not(ACTIONS["safe_stop"](), state, (2.66, 816.4), TRIPS) == ""
+    assert why_not(ACTIONS["safe_stop"](), state, (2.66, 816.4), TRIPS) is None
 
 
 @pytest.mark.parametrize(
@@ -95,4 +95,4 @@ def test_form_has_the_limits_by_which_the_server_judges():
     )
     for depth_mm, temperature_c in zip(found["depth_mm"], found["temperature_c"], strict=True):
         points = read("set_reference", {"depth_mm": depth_mm, "temperature_c": temperature_c})
-        assert why_not(points, None, None, TRIPS) == ""
+        assert why_not(points, None, None, TRIPS) is None

@@ -15,7 +15,7 @@ from hypothesis.stateful import (
 )
 
 from fsw_control.journal import RequestKind
-from fsw_hmi.control import DONE, REFUSED, TIMED_OUT
+from fsw_hmi.answers import DONE, REFUSED, TIMED_OUT, Code
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.requests import ACTIONS, SafeStop
 from fsw_hmi.users import ROLES, Users, new_user
@@ -52,7 +52,7 @@ class Place:
     def __init__(self, hall, name="", address=THERE):
         self.hall, self.session = hall, hall.room.join(address)
         if name:
-            assert self.log_in(name).outcome == DONE
+            assert self.log_in(name).answer.outcome == DONE
 
     def ask(self, do, **content):
         self.hall.now_s += 1.0
@@ -112,7 +112,7 @@ def test_role_that_may_not_is_refused_in_a_line_and_nothing_moves(hall, name, do
         assert verdict.action is not None
     else:
         text = f"your role is {USERS[name]}: this needs the role {NEEDS[do]}"
-        assert (verdict.action, verdict.outcome, verdict.message, verdict.asked) == (
+        assert (verdict.action, verdict.answer.outcome, verdict.answer.message, verdict.asked) == (
             None,
             REFUSED,
             text,
@@ -123,15 +123,15 @@ def test_role_that_may_not_is_refused_in_a_line_and_nothing_moves(hall, name, do
 
 def test_view_gets_no_control(hall):
     vera, otto = Place(hall, "vera"), Place(hall, "otto")
-    assert vera.take().message == "your role is view: this needs the role operate"
+    assert vera.take().answer.code == "role"
     otto.take()
-    assert vera.ask("request_control").outcome == REFUSED
+    assert vera.ask("request_control").answer.outcome == REFUSED
     assert hall.room.holder is otto.session
 
 
 def test_login_is_told_with_its_role_and_as_the_file_spells_the_name(hall):
     place = Place(hall)
-    assert place.log_in("EGON").message == "logged in as egon, role engineer"
+    assert place.log_in("EGON").answer.message == "logged in as egon, role engineer"
     assert (place.control["role"], place.session.who) == ("engineer", f"egon ({place.session.id})")
     assert place.ask("login", name="egon", token=PASSWORD).credentials == (
         "egon",
@@ -144,13 +144,13 @@ def test_wrong_passwords_shut_their_sender_out_but_for_who_was_right_before(hall
     Place(hall, "otto")
     stranger = Place(hall)
     for number in range(5):
-        assert stranger.log_in("egon", f"guess {number}").message == "wrong name or password"
+        assert stranger.log_in("egon", f"guess {number}").answer.code == "wrong_password"
     verdict = stranger.log_in("egon")
-    assert (verdict.outcome, verdict.close) == (REFUSED, True)
-    assert verdict.message.startswith("too many wrong passwords from your address: wait ")
-    assert stranger.log_in("otto").outcome == DONE  # without another hash
-    assert Place(hall, address="192.0.2.9").log_in("egon").outcome == DONE
-    assert Place(hall).log_in("egon").outcome == DONE  # known by now
+    assert (verdict.answer.outcome, verdict.close) == (REFUSED, True)
+    assert verdict.answer.code == "locked_out"
+    assert stranger.log_in("otto").answer.outcome == DONE  # without another hash
+    assert Place(hall, address="192.0.2.9").log_in("egon").answer.outcome == DONE
+    assert Place(hall).log_in("egon").answer.outcome == DONE  # known by now
     hall.now_s += 60.0
     assert not Place(hall).log_in("olga").close
 
@@ -160,11 +160,11 @@ def test_only_one_password_of_a_page_is_checked_at_a_time_and_a_busy_check_is_no
     first = place.ask("login", name="otto", password=PASSWORD)
     assert first.credentials == ("otto", PASSWORD)
     assert (
-        place.ask("login", name="otto", password=PASSWORD).message
+        place.ask("login", name="otto", password=PASSWORD).answer.message
         == "your password is being checked"
     )
-    assert hall.room.on_busy(place.session, 7).outcome == TIMED_OUT
-    assert place.log_in("otto").outcome == DONE
+    assert hall.room.on_busy(place.session, 7).answer.outcome == TIMED_OUT
+    assert place.log_in("otto").answer.outcome == DONE
     assert Place(hall).ask("login", name="olga", password="x" * 129).credentials is None
 
 
@@ -179,21 +179,21 @@ def test_another_person_does_not_get_control_by_logging_in_at_the_same_page(hall
 
 def test_control_is_asked_for_and_handed_over(hall):
     otto, olga, egon = Place(hall, "otto"), Place(hall, "olga"), Place(hall, "egon")
-    assert olga.ask("request_control").message == "control is free: take it"
+    assert olga.ask("request_control").answer.code == "free"
     otto.take()
-    assert otto.ask("request_control").message == "you have control already"
-    assert olga.ask("request_control").outcome == DONE
+    assert otto.ask("request_control").answer.code == "have_control"
+    assert olga.ask("request_control").answer.outcome == DONE
     asked = {"name": "olga", "session": olga.session.id, "left_s": 30.0}
     assert otto.control["request"] == {**asked, "you": False}
     assert olga.control["request"] == {**asked, "you": True}
-    assert egon.ask("request_control").message == f"{olga.session.who} asks for control already"
-    assert olga.ask("hand_over_control", to=olga.session.id).message == "you do not have control"
+    assert egon.ask("request_control").answer.code == "other_asker"
+    assert olga.ask("hand_over_control", to=olga.session.id).answer.code == "not_holder"
     assert (
-        otto.ask("hand_over_control", to=egon.session.id).message
+        otto.ask("hand_over_control", to=egon.session.id).answer.message
         == f"{olga.session.who} asks now: look again"
     )
     verdict = otto.ask("hand_over_control", to=olga.session.id)
-    assert (verdict.asked, verdict.message) == (
+    assert (verdict.asked, verdict.answer.message) == (
         "hand control over",
         f"control handed over to {olga.session.who}",
     )
@@ -209,14 +209,14 @@ def test_request_is_refused_withdrawn_or_lapses(hall):
     otto, olga = Place(hall, "otto"), Place(hall, "olga")
     otto.take()
     olga.ask("request_control")
-    assert otto.ask("keep_control", to=olga.session.id).outcome == DONE
+    assert otto.ask("keep_control", to=olga.session.id).answer.outcome == DONE
     assert (olga.control["note"], olga.control["request"]) == ("otto keeps control", None)
     hall.now_s += 1000.0
-    assert olga.take().outcome == REFUSED
-    assert olga.ask("withdraw_request").message == "you do not ask for control"
+    assert olga.take().answer.outcome == REFUSED
+    assert olga.ask("withdraw_request").answer.code == "not_asker"
     olga.ask("request_control")
-    assert olga.ask("withdraw_request").outcome == DONE
-    assert otto.ask("keep_control", to=olga.session.id).message == "nobody asks for control now"
+    assert olga.ask("withdraw_request").answer.outcome == DONE
+    assert otto.ask("keep_control", to=olga.session.id).answer.code == "nobody_asks"
     olga.ask("request_control")
     hall.news(otto, olga)
     hall.now_s += 20.0
@@ -227,7 +227,7 @@ def test_request_is_refused_withdrawn_or_lapses(hall):
     hall.now_s += 60.0
     assert hall.room.tick(hall.now_s) == []
     assert hall.news(otto, olga) == [True, True]
-    assert olga.take().message == f"{otto.session.who} has control: ask for it"
+    assert olga.take().answer.code == "ask_first"
     assert hall.room.holder is otto.session
 
 
@@ -237,11 +237,11 @@ def test_asking_again_does_not_wind_the_clock_up(hall):
     olga.ask("request_control")
     hall.now_s += 20.0
     olga.ask("request_control")
-    assert olga.take().message == f"{otto.session.who} has 8 s left to answer"
+    assert olga.take().answer == Code.TIME_LEFT.refused(holder=otto.session.who, left_s=8.0)
     hall.now_s += 7.0
     verdict = olga.take()
-    assert (verdict.outcome, verdict.asked) == (DONE, "take control")
-    assert verdict.message == f"control taken from {otto.session.who}, who did not answer for 30 s"
+    assert (verdict.answer.outcome, verdict.asked) == (DONE, "take control")
+    assert verdict.answer.code == "taken_from_silent"
 
 
 def test_who_asks_is_told_when_control_becomes_free(hall):
@@ -259,8 +259,8 @@ def test_who_asks_is_told_when_control_becomes_free(hall):
 def test_same_person_takes_control_along_to_another_page(hall):
     first, second, stranger = Place(hall, "otto"), Place(hall, "otto"), Place(hall, "olga")
     first.take()
-    assert stranger.take().outcome == REFUSED
-    assert second.take().message == f"control taken from {first.session.who}, the same person"
+    assert stranger.take().answer.outcome == REFUSED
+    assert second.take().answer.code == "taken_from_own"
     token = ControlRoom("a token of some length")
     pages = [token.join(THERE) for _ in range(2)]
     for page in pages:  # with a token a name proves nothing
@@ -275,7 +275,7 @@ def test_same_person_takes_control_along_to_another_page(hall):
     again = token.handle(
         pages[1], json.dumps({"id": 2, "do": "take_control", "from": pages[0].id}), 0.0
     )
-    assert again.outcome == REFUSED
+    assert again.answer.outcome == REFUSED
 
 
 def test_idle_page_gives_control_back_and_still_stops():
@@ -283,10 +283,10 @@ def test_idle_page_gives_control_back_and_still_stops():
     otto, olga = Place(hall, "otto"), Place(hall, "olga")
     otto.take()
     hall.now_s += 599.0
-    assert olga.ask("active").outcome == DONE
+    assert olga.ask("active").answer.outcome == DONE
     hall.now_s += 10.0
     why = "nobody has touched the page for 10 min"
-    assert hall.room.tick(hall.now_s) == [Order(otto.session.who, *LOST, DONE, why)]
+    assert hall.room.tick(hall.now_s) == [Order(otto.session.who, *LOST, Code.LOST.done(why=why))]
     assert hall.room.tick(hall.now_s) == []
     assert (hall.room.holder, otto.control["authenticated"], otto.control["may_stop"]) == (
         None,
@@ -294,11 +294,11 @@ def test_idle_page_gives_control_back_and_still_stops():
         True,
     )
     assert otto.control["note"] == f"{why}: log in again to command"
-    assert otto.ask("mode", mode="hold").message == "log in again"
+    assert otto.ask("mode", mode="hold").answer.message == "log in again"
     assert otto.ask("safe_stop").action == SafeStop()
     assert olga.control["authenticated"]
-    assert otto.log_in("otto").outcome == DONE
-    assert otto.take().outcome == DONE
+    assert otto.log_in("otto").answer.outcome == DONE
+    assert otto.take().answer.outcome == DONE
 
 
 def test_who_loses_control_is_recorded_and_everybody_is_told_why(hall):
@@ -306,14 +306,16 @@ def test_who_loses_control_is_recorded_and_everybody_is_told_why(hall):
     otto.take()
     hall.room.leave(otto.session)
     assert hall.room.tick(hall.now_s) == [
-        Order(otto.session.who, *LOST, DONE, "the page was closed")
+        Order(otto.session.who, *LOST, Code.LOST.done(why="the page was closed"))
     ]
     assert olga.control["note"] == "otto has lost control: the page was closed"
     olga.take()
     assert olga.control["note"] == ""
     olga.log_in("egon")
     why = "egon has logged in there"
-    assert hall.room.tick(hall.now_s) == [Order(f"olga ({olga.session.id})", *LOST, DONE, why)]
+    assert hall.room.tick(hall.now_s) == [
+        Order(f"olga ({olga.session.id})", *LOST, Code.LOST.done(why=why))
+    ]
     olga.take()
     olga.ask("release_control")
     assert (olga.control["note"], hall.room.tick(hall.now_s)) == ("", [])
@@ -322,32 +324,29 @@ def test_who_loses_control_is_recorded_and_everybody_is_told_why(hall):
 def test_control_that_ends_with_the_server_is_told_by_the_next_one(hall):
     hall.room.restart("otto (3f2a)")
     why = "the page's server was started again"
-    assert hall.room.tick(hall.now_s) == [Order("otto (3f2a)", *LOST, DONE, why)]
+    assert hall.room.tick(hall.now_s) == [Order("otto (3f2a)", *LOST, Code.LOST.done(why=why))]
     olga = Place(hall, "olga")
     assert (olga.control["holder"], olga.control["note"]) == (
         None,
         f"otto (3f2a) has lost control: {why}",
     )
-    assert olga.take().outcome == DONE
+    assert olga.take().answer.outcome == DONE
 
 
 def test_logins_are_recorded_without_what_a_stranger_has_typed_in(hall):
     place = Place(hall)
     right = place.log_in("OTTO")
-    assert (right.asked, right.outcome, right.message) == (
-        "log in",
-        DONE,
-        "logged in as otto, role operate",
-    )
+    answer = Code.LOGGED_IN.done(name="otto", role="operate")
+    assert (right.asked, right.answer) == ("log in", answer)
     stranger = Place(hall)
     for name, password in (("Otto", "x"), ("Otto", "x"), ("my-secret-password", "y")):
         stranger.log_in(name, password)
     recorded = hall.room.tick(hall.now_s)
-    assert [(one.who.split(" (")[0], one.asked, one.outcome) for one in recorded] == [
+    assert [(one.who.split(" (")[0], one.asked, one.answer.outcome) for one in recorded] == [
         ("otto", "log in", REFUSED),
         ("unknown name", "log in", REFUSED),
     ]
-    assert {one.message for one in recorded} == {f"wrong name or password, from {THERE}"}
+    assert {one.answer.message for one in recorded} == {f"wrong name or password, from {THERE}"}
     for number in range(9):
         stranger.log_in("egon", f"guess {number}")
     assert len(hall.room.tick(hall.now_s)) == 3, "no flood of them in the bag"
@@ -385,7 +384,7 @@ class Passing(RuleBasedStateMachine):
 
     @rule(place=places, name=st.sampled_from(sorted(USERS)), right=st.booleans())
     def log_in(self, place, name, right):
-        if place.log_in(name, PASSWORD if right else "wrong").outcome == DONE:
+        if place.log_in(name, PASSWORD if right else "wrong").answer.outcome == DONE:
             self.logged_in.add(place)
 
     @rule(
@@ -398,7 +397,7 @@ class Passing(RuleBasedStateMachine):
     @rule(place=places)
     def takes(self, place):
         before, asked = self.hall.room.holder, place.control["request"]
-        took = place.take().outcome == DONE
+        took = place.take().answer.outcome == DONE
         if took and before not in (None, place.session) and before.name != place.session.name:
             assert asked["you"] and asked["left_s"] <= 1.0  # a second passes with the request
 

@@ -258,9 +258,9 @@ def test_user_who_is_changed_loses_control_and_may_still_stop(file, told):
     room.tick(1.0)
     assert room.holder is None
     assert "the user anna has been changed" in room.control(session, 1.0)["note"]
-    assert ask(session, "mode", mode="hold").message == "log in again"
+    assert ask(session, "mode", mode="hold").answer.message == "log in again"
     assert ask(session, "safe_stop").action is not None
-    assert ask(other, "take_control", **{"from": None}).outcome == "done"
+    assert ask(other, "take_control", **{"from": None}).answer.outcome == "done"
     changed(file, user("dora"))
     again = ask(
         session, "login", name="Bert.2", password=PASSWORD

@@ -170,19 +170,25 @@ def test_request_goes_to_the_graph_and_is_answered_once(server):
         page.command(TOKEN)
         number = page.send("mode", mode="hold")
         orders = [server.next_order() for _ in range(2)]
-        assert [(one.asked, one.outcome) for one in orders] == [
+        assert [(one.asked, one.answer.outcome) for one in orders] == [
             ("take control", "done"),
             ("mode hold", ""),
         ]
         server.answer(orders[1], "refused", "no")
         server.answer(orders[1], "done", "too late")
         answer = page.until("answer")
-        assert answer == {"t": "answer", "id": number, "outcome": "refused", "message": "no"}
+        assert answer == {
+            "t": "answer",
+            "id": number,
+            "outcome": "refused",
+            "code": "",
+            "message": "no",
+        }
         assert (
             page.ask("release_control")["outcome"] == "done"
         )  # and no second answer before this one
         released = server.next_order()
-        assert (released.asked, released.outcome, released.action) == (
+        assert (released.asked, released.answer.outcome, released.action) == (
             "release control",
             "done",
             None,

@@ -28,7 +28,8 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from fsw_analysis.rule_book import default
 from fsw_control.cause import Cause
 from fsw_hmi import history_report
-from fsw_hmi.control import DONE, REFUSED, Session
+from fsw_hmi.answers import DONE, REFUSED, Answer
+from fsw_hmi.control import Session
 from fsw_hmi.control_room import ControlRoom, Verdict
 from fsw_hmi.frames import COLUMNS
 from fsw_hmi.headline import Now, headline
@@ -319,13 +320,8 @@ class FakeHmi:
                     self.touches += 1
                 else:
                     self.requests.append(request)
-                outcome, message = self._answer(request, session)
-                answer = {
-                    "t": "answer",
-                    "id": request["id"],
-                    "outcome": outcome,
-                    "message": message,
-                }
+                told = self._answer(request, session)
+                answer = {"t": "answer", "id": request["id"], **told._asdict()}
                 await socket.send_text(json.dumps(answer))
                 await self._push()
         except WebSocketDisconnect:
@@ -334,10 +330,10 @@ class FakeHmi:
             self._sessions.pop(session.id, None)
             self._room.leave(session)
 
-    def _answer(self, request: dict[str, Any], session: Session) -> tuple[str, str]:
+    def _answer(self, request: dict[str, Any], session: Session) -> Answer:
         what = request["do"]
         if what in self.refusals:
-            return REFUSED, self.refusals[what]
+            return Answer(REFUSED, "", self.refusals[what])
         now_s = time.monotonic()
         verdict = self._room.handle(session, json.dumps(request), now_s)
         if verdict.credentials:
@@ -347,16 +343,11 @@ class FakeHmi:
             )
         if verdict.action:
             self._act(what, request)
-            verdict = Verdict(request["id"], DONE, asked=verdict.asked)
+            verdict = Verdict(request["id"], Answer(DONE, "", ""), asked=verdict.asked)
         if verdict.asked:
-            done = {
-                "who": session.who,
-                "action": verdict.asked,
-                "outcome": verdict.outcome,
-                "message": verdict.message,
-            }
+            done = {"who": session.who, "action": verdict.asked, **verdict.answer._asdict()}
             self.actions.append({"server_s": time.time(), **done})
-        return verdict.outcome, verdict.message
+        return verdict.answer
 
     def _act(self, what: str, request: dict[str, Any]) -> None:
         if what == "safe_stop":

@@ -1,0 +1,121 @@
+"""Answers to requests of the page: a code for records and tests, and the one table of their words."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import NamedTuple
+
+DONE, REFUSED, TIMED_OUT = "done", "refused", "timed_out"
+
+
+class Answer(NamedTuple):
+    """What became of a request."""
+
+    outcome: str  #: ``DONE``, ``REFUSED`` or ``TIMED_OUT``; empty while it is not decided
+    code: str  #: of :class:`Code`, or of the service that answered
+    message: str  #: the same in words
+
+
+class Code(StrEnum):
+    """Kind of an answer, with its text for people, which names the fields."""
+
+    words: str
+
+    def __new__(cls, value: str, words: str) -> Code:
+        """Create a code with its text."""
+        code = str.__new__(cls, value)
+        code._value_, code.words = value, words
+        return code
+
+    def done(self, **data: object) -> Answer:
+        """Return the answer to a request that is carried out."""
+        return Answer(DONE, self, self.words.format_map(data))
+
+    def refused(self, **data: object) -> Answer:
+        """Return the answer to a request that is refused."""
+        return Answer(REFUSED, self, self.words.format_map(data))
+
+    def timed_out(self, **data: object) -> Answer:
+        """Return the answer to a request without an answer in time."""
+        return Answer(TIMED_OUT, self, self.words.format_map(data))
+
+    # the message
+    ACTIVE = "active", ""
+    MALFORMED = "malformed", "the message is no request"
+    NAMELESS = "nameless", "the message names no request"
+    INVALID = "invalid", "{reason}"
+    TOO_MANY = "too_many", "too many requests in a second"
+    NO_ANSWER = "no_answer", "no answer within {wait_s:g} s"
+    # login
+    LOG_IN = "log_in", "log in first"
+    LOG_IN_AGAIN = "log_in_again", "log in again"
+    LOGGED_IN = "logged_in", "logged in as {name}, role {role}"
+    NAME_TAKEN = (
+        "name_taken",
+        "name: somebody is here whose name differs only in case; take another",
+    )
+    WRONG_TOKEN = "wrong_token", "wrong token"
+    WRONG_PASSWORD = "wrong_password", "wrong name or password"
+    LAST_WRONG = "last_wrong", "{what}, one of too many from your address: wait {wait_s:.0f} s"
+    WRONG_FROM = "wrong_from", "{what}, from {address}"
+    LOCKED_OUT = (
+        "locked_out",
+        "too many wrong passwords from your address: wait {wait_s:.0f} s",
+    )
+    BEING_CHECKED = "being_checked", "your password is being checked"
+    TOO_LONG = "too_long", "password: at most {longest} characters"
+    BUSY = "busy", "your password cannot be checked now: try again in some seconds"
+    ROLE = "role", "your role is {role}: this needs the role {needed}"
+    # control
+    NOT_HOLDER = "not_holder", "you do not have control"
+    TAKE_FIRST = "take_first", "you do not have control: take it first"
+    HAVE_CONTROL = "have_control", "you have control already"
+    OTHER_HOLDER = "other_holder", "{holder} has control now: look again"
+    FREE_NOW = "free_now", "control is free now: look again"
+    TAKEN = "taken", "control taken"
+    TAKEN_FROM_OWN = "taken_from_own", "control taken from {holder}, the same person"
+    TAKEN_FROM_SILENT = (
+        "taken_from_silent",
+        "control taken from {holder}, who did not answer for {limit_s:g} s",
+    )
+    ASK_FIRST = "ask_first", "{holder} has control: ask for it"
+    TIME_LEFT = "time_left", "{holder} has {left_s:.0f} s left to answer"
+    FREE = "free", "control is free: take it"
+    OTHER_ASKER = "other_asker", "{asker} asks for control already"
+    ASKED = "asked", "{holder} has been asked for control"
+    NOT_ASKER = "not_asker", "you do not ask for control"
+    WITHDRAWN = "withdrawn", "control is no longer asked for"
+    NOBODY_ASKS = "nobody_asks", "nobody asks for control now"
+    ANOTHER_ASKS = "another_asks", "{asker} asks now: look again"
+    HANDED_OVER = "handed_over", "control handed over to {asker}"
+    KEPT = "kept", "control not handed over to {asker}"
+    RELEASED = "released", "control released"
+    LOST = "lost", "{why}"
+    # requests that are not sent, and answers of the graph
+    IN_FORCE = "in_force", "these set-points are in force already"
+    WOULD_TRIP = "would_trip", "{why}"
+    COMMANDS_ALREADY = "commands_already", "{controller} commands already"
+    AUTO_ALREADY = "auto_already", "the mode is auto already"
+    NO_STOP = "no_stop", "there is no safe stop to acknowledge"
+    STOP_ACKNOWLEDGED = "stop_acknowledged", "the safe stop is acknowledged already"
+    NO_SERVICE = "no_service", "there is no {service} to ask"
+    NO_SERVICE_YET = (
+        "no_service_yet",
+        "there is no {service} to ask; it is asked for up to {wait_s:g} s more",
+    )
+    SILENT = "silent", "the {service} did not answer in time"
+    SILENT_YET = (
+        "silent_yet",
+        "the {service} did not answer in time; it is asked for up to {wait_s:g} s more",
+    )
+    NOT_ASKED = "not_asked", "the {service} could not be asked: {error}"
+    SERVICE = "service", "{message}"
+    ABORTED = "aborted", "the weld is aborted"
+    NO_WELD = "no_weld", "no weld is under way that could be aborted"
+    # alarms
+    ACKNOWLEDGED = "acknowledged", "{count} acknowledged"
+    SHELVED = "shelved", "shelved"
+    UNSHELVED = "unshelved", "back in the list"
+    NOT_LISTED = "not_listed", "this alarm is no longer in the list"
+    HIGH_PRIORITY = "high_priority", "an alarm of high priority cannot be shelved"
+    NOT_SHELVED = "not_shelved", "this alarm is not shelved"
