@@ -46,6 +46,7 @@ MAY_IMPORT = {
         "fsw_schema",
         "fsw_control",
         "fsw_plant",
+        "fsw_model",
         "fsw_analysis",
         "fsw_recorder",
         "fsw_msgs",
