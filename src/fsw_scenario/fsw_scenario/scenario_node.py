@@ -194,7 +194,7 @@ class ScenarioNode(LightNode, Node):
         """Begin the weld of a goal, or answer with a reason: a rejection cannot carry one."""
         try:
             scenario = self.scenario_of(handle.request)
-            heat = self._heat and HeatAhead(self._heat, scenario.phases)
+            heat = None if self._heat is None else HeatAhead(self._heat, scenario.phases)
         except InputError as error:
             why = str(error)
             self.get_logger().error(f"goal refused: {why}")
