@@ -43,6 +43,7 @@ MAY_IMPORT = {
     "fsw_hmi": {
         "fsw_control",
         "fsw_plant",
+        "fsw_model",
         "fsw_analysis",
         "fsw_recorder",
         "fsw_msgs",

@@ -1,6 +1,7 @@
 """``fsw.py learn``: from bags to a profile that a later weld takes; one line for bad input, nothing overwritten."""
 
 import hashlib
+import json
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import yaml
 import fsw
 from fsw.bags import data_sha256
 from fsw.main import main
+from fsw_lab.heat_update import RECORD
 from fsw_model import ModelParameters
 from fsw_model.heat_profile import HeatProfile, ThermalModel
 from fsw_nmpc import NmpcController
@@ -34,8 +36,9 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def weld_to_bag(folder, seed):
-    scenario = parse(yaml.safe_dump(WAY | {"plant": {"seed": seed}}), "way")
+def weld_to_bag(folder, seed, events=()):
+    content = WAY | {"plant": {"seed": seed}, "events": list(events)}
+    scenario = parse(yaml.safe_dump(content), "way")
     signals = ClosedLoop(scenario, {"nmpc": NmpcController()}).run()
     bag.write(folder / f"C{seed}", scenario, signals, {"machine": "emulator"}, {"nmpc": {}}, {})
     return folder / f"C{seed}"
@@ -62,6 +65,43 @@ def test_a_later_weld_takes_what_earlier_ones_taught(folder, capsys):
     capsys.readouterr()
     assert main(["learn", str(bags[0]), "--type", "way"]) == 1
     assert "way.heat.yaml" in capsys.readouterr().err
+
+
+def accept(bag):
+    """Put the record of an accepted weld into a bag."""
+    (bag / RECORD).parent.mkdir()
+    record = {"verdict": "accept", "files": [{"sha256": data_sha256(bag)}]}
+    (bag / RECORD).write_text(json.dumps(record), encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_an_accepted_weld_is_added_and_one_with_other_heat_is_not(folder, capsys):
+    first, second, third = (weld_to_bag(folder, seed) for seed in (1, 2, 3))
+    assert main(["learn", str(first), str(second), "--type", "way"]) == 0
+    accept(third)
+    assert main(["learn", "--update", "way.heat.yaml", str(third)]) == 0
+    updated = (folder / "way.heat.yaml").read_text(encoding="utf-8")
+    profile = HeatProfile.from_file(folder / "way.heat.yaml")
+    assert [source.weld for source in profile.welds] == ["C1", "C2", "C3"]
+    assert ThermalModel.of(ModelParameters.from_file(folder / "way.model.yaml")) == profile.model
+    assert profile.welds[-1].left_out_kw is not None
+    events = [
+        {
+            "at_s": 40.0 + 20.0 * k,
+            "disturbance": {
+                "channel": "temperature",
+                "shape": "pulse",
+                "amplitude_c": 6.0,
+                "duration_s": 8.0,
+            },
+        }
+        for k in range(4)
+    ]
+    strange = weld_to_bag(folder, 4, events)
+    accept(strange)
+    capsys.readouterr()
+    assert main(["learn", "--update", "way.heat.yaml", str(strange)]) == 1
+    assert (folder / "way.heat.yaml").read_text(encoding="utf-8") == updated
 
 
 def test_a_weld_without_a_way_teaches_nothing(folder, capsys):

@@ -8,19 +8,30 @@ from pathlib import Path
 from fsw.bags import data_sha256, read_weld
 from fsw.command import FORCE, command, file, option, switch
 from fsw.console import print_table
+from fsw.errors import CommandError
 from fsw.outputs import check_new, write_text
 from fsw.progress import ProgressBar
 from fsw_analysis.changes import cut_to_scenario
 from fsw_identification.heat_learning import Learned, learn
+from fsw_lab.heat_update import check_heat, check_record, check_type, earlier_bags
 from fsw_lab.identify_command import DRIVE_LAG
 from fsw_model import ModelParameters
+from fsw_model.heat_profile import HeatProfile
+
+#: welds of a profile that is updated: one is nearly as good as eight, and each takes seconds
+MOST_WELDS = 8
 
 
 @command(
     "learn",
     "heat over the path of a type of weld, from bags of such welds",
     option("bag", type=Path, nargs="+", help="bag of a weld of the type"),
-    option("--type", required=True, metavar="NAME", help="name of the type: canister, tool, path"),
+    option("--type", metavar="NAME", help="name of the type: canister, tool, path"),
+    file(
+        "--update",
+        "heat profile of the type: add the bag of an accepted weld to it, "
+        f"with its last {MOST_WELDS} welds, whose bags are beside this one",
+    ),
     file("--out", "heat profile (YAML; default NAME.heat.yaml)"),
     file("--model-out", "model file that belongs to it (YAML; default NAME.model.yaml)"),
     file("--model", "model of the process (default: the paper's)"),
@@ -31,6 +42,12 @@ from fsw_model import ModelParameters
     "mean with its standard deviation as a heat profile, and the model file with which the NMPC takes it.",
 )
 def learn_type(arguments: argparse.Namespace) -> int:
+    if (arguments.type is None) == (arguments.update is None):
+        raise CommandError("learn: give --type, or the profile of one by --update")
+    return _learn(arguments) if arguments.update is None else _update(arguments)
+
+
+def _learn(arguments: argparse.Namespace) -> int:
     out = arguments.out or Path(f"{arguments.type}.heat.yaml")
     model_out = arguments.model_out or Path(f"{arguments.type}.model.yaml")
     check_new([out, model_out], arguments.force)
@@ -50,6 +67,31 @@ def learn_type(arguments: argparse.Namespace) -> int:
     write_text(out, learned.profile.text)
     write_text(model_out, model_text(learned))
     print(f"written: {out}, {model_out}")
+    return 0
+
+
+def _update(arguments: argparse.Namespace) -> int:
+    """Learn again from the profile's last welds and an accepted one, with the profile's model."""
+    if len(arguments.bag) > 1:
+        raise CommandError("learn --update: adds one weld; give one bag")
+    (bag,), file = arguments.bag, arguments.update
+    profile = HeatProfile.from_file(file)
+    check_record(bag, profile)
+    bags = [*earlier_bags(profile, bag.parent, MOST_WELDS - 1).values(), bag]
+    welds = [(one.name, data_sha256(one), cut_to_scenario(read_weld(one))) for one in bags]
+    *earlier, weld = (signals for _, _, signals in welds)
+    check_type(weld, earlier)
+    model = (
+        ModelParameters().changed(**profile.model.model_dump())
+        if arguments.model is None
+        else ModelParameters.from_file(arguments.model)
+    )
+    with ProgressBar("learning") as bar:
+        learned = learn(welds, profile.type, model, arguments.drive_lag, True, bar)
+    _print(learned)
+    check_heat(profile, learned.profile)
+    write_text(arguments.out or file, learned.profile.text)
+    print(f"written: {arguments.out or file}")
     return 0
 
 

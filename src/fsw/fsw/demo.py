@@ -22,6 +22,7 @@ from fsw_analysis.figures import Run
 from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
 from fsw_hmi.main import EXTRA
+from fsw_model import ModelParameters
 from fsw_model.heat_profile import HeatProfile
 from fsw_plant import PlantConfig, prepare
 from fsw_scenario import live
@@ -68,6 +69,7 @@ LIVE_SCENARIO = "canister_weld"
         help="of the page of --live; 0: any free one (default 8080)",
     ),
     file("--heat", "with --live: heat profile of the type of weld, from fsw.py learn"),
+    file("--model", "with --live: model of the NMPC (YAML), e.g. that of the heat profile"),
     option("--out", type=Path, help="folder for the results (default: out/<date>)"),
     description="Run welds in closed loop over DDS; "
     "plant, controllers, supervisor, recorder and player are "
@@ -75,8 +77,8 @@ LIVE_SCENARIO = "canister_weld"
 )
 def demo(parsed: argparse.Namespace) -> int:
     """Run the demonstration; returns the exit code."""
-    if parsed.heat is not None and not parsed.live:
-        raise CommandError("--heat needs --live")
+    if not (parsed.live or parsed.heat is parsed.model is None):
+        raise CommandError("--heat and --model need --live")
     return _live(parsed) if parsed.live else _demonstrate(parsed)
 
 
@@ -106,6 +108,11 @@ def _live(parsed: argparse.Namespace) -> int:
         raise CommandError(f"--live needs ROS 2: {HOW}")
     EXTRA.need("--live")
     prepare(PlantConfig.from_values(scenario.plant))
+    if parsed.model is not None:
+        ModelParameters.from_file(parsed.model)  # else the NMPC refuses it
+        if "nmpc" not in controllers:
+            raise CommandError("--model is for nmpc, which does not run")
+        controllers["nmpc"]["model_file"] = str(parsed.model.absolute())
     if parsed.heat is not None:
         HeatAhead(
             HeatProfile.from_file(parsed.heat), scenario.phases
