@@ -11,8 +11,9 @@ from rclpy.node import Node
 from fsw_analysis.rule_book import RuleBook
 from fsw_control import messages_ros as convert
 from fsw_control.topics_ros import LATCHED
-from fsw_hmi.alarm_rules import AlarmRules, Situation, alarm
+from fsw_hmi.alarm_rules import AlarmRules, Situation, flood
 from fsw_hmi.alarms import AlarmList
+from fsw_hmi.awake import Awake
 from fsw_hmi.requests import Acknowledge, Shelve, Unshelve
 from fsw_hmi.standing import variables
 from fsw_hmi.watch_ros import Watch
@@ -25,7 +26,8 @@ class AlarmDesk:
     def __init__(
         self, node: Node, watch: Watch, setting: Callable[[str], float], book: RuleBook
     ) -> None:
-        self.list = AlarmList(lambda count: alarm("flood", count=count))
+        self.list = AlarmList(flood)
+        self._awake = Awake()
         self._node, self._watch = node, watch
         self._rules = AlarmRules(setting, book)
         self._reach: dict[str, Any] = {"ok": None, "text": ""}
@@ -34,7 +36,9 @@ class AlarmDesk:
 
     def judge(self) -> bool:
         """Find out which alarms are present; returns whether there is something new to show."""
-        now_s, situation = time.monotonic(), self._situation()
+        now_s = time.monotonic()
+        self._awake.look(now_s)
+        situation = self._situation()
         present = self._rules.present(situation, now_s)
         changed = self.list.update(present, now_s)
         listed = {name: one.alarm for name, one in self.list.entries.items() if one.present}
@@ -56,7 +60,8 @@ class AlarmDesk:
     def carry_out(self, action: Acknowledge | Shelve | Unshelve, who: str) -> tuple[bool, str]:
         """Do what a person asked for; returns whether it was done, and words."""
         if isinstance(action, Acknowledge):
-            refused, done = "", f"{self.list.acknowledge(action.ids, who)} acknowledged"
+            ids = action.ids if action.up_to is None else self.list.waiting(action.up_to)
+            refused, done = "", f"{self.list.acknowledge(ids, who)} acknowledged"
         elif isinstance(action, Shelve):
             now_s = time.monotonic()
             refused, done = (
@@ -68,17 +73,23 @@ class AlarmDesk:
         self._publish()
         return not refused, refused or done
 
+    def age_s(self, came_s: float | None) -> float | None:
+        """Age of something that came, without the time in which this process stood still."""
+        return None if came_s is None else self._awake.age_s(came_s, time.monotonic())
+
     def _situation(self) -> Situation:
         watch, view, now_s = self._watch, self._watch.view, time.monotonic()
         programme = watch.programme()
         return Situation(
             state=watch.state,
-            state_age_s=None if watch.state is None else now_s - watch.state_s,
+            state_age_s=None if watch.state is None else self.age_s(watch.state_s),
             programme=watch.progress["state"] if watch.progress else "",
             programme_age_s=now_s - watch.progress_s,
-            tick_age_s=None if view.tick_s is None else now_s - view.tick_s,
-            command_age_s=None if view.command_s is None else now_s - view.command_s,
-            sample_age_s={name: now_s - good_s for name, good_s in view.good_s.items()},
+            tick_age_s=self.age_s(view.tick_s),
+            command_age_s=self.age_s(view.command_s),
+            sample_age_s={
+                name: self._awake.age_s(good_s, now_s) for name, good_s in view.good_s.items()
+            },
             sensor_states=watch.sensor_states,
             values=variables(watch.values, programme),
             phase=programme["phase"] if programme else "",

@@ -126,6 +126,8 @@ interface Alarm {
   advice: string;
   priority: Priority;
   state: "active" | "acknowledged" | "cleared" | "shelved";
+  /** in the order of raising */
+  number: number;
   count: number;
   chatters: boolean;
   first_out: boolean;

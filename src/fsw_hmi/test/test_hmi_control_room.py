@@ -304,6 +304,8 @@ def test_who_may_ask_for_what(room, do):
         ("weld", {"action": "begin"}),
         ("acknowledge", {"ids": []}),
         ("acknowledge", {"ids": "all"}),
+        ("acknowledge", {"ids": ["a"], "up_to": 3}),
+        ("acknowledge", {"up_to": 0}),
         ("acknowledge", {"ids": [1]}),
         ("acknowledge", {"ids": ["\ud800"]}),
         ("disturb", {"channel": "else"}),

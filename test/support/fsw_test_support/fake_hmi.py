@@ -542,6 +542,7 @@ def _alarm(
             "why": why,
             "priority": priority,
             "state": state,
+            "number": 1,
             "count": 1,
         },
         "consequence": "The controllers do without it for a short time only",

@@ -182,8 +182,13 @@ export class Commands {
     openForm({ title: "Take control", summary: () => `${holder.name} has control, has not answered, and loses it.`, confirm: `Take control from ${holder.name}`, run: take });
   }
 
-  acknowledge(/** @type {string[]} */ ids) {
-    this.ask(`Acknowledge ${ids.length === 1 ? "alarm" : `${ids.length} alarms`}`, "acknowledge", { ids });
+  acknowledge(/** @type {string} */ id) {
+    this.ask("Acknowledge alarm", "acknowledge", { ids: [id] });
+  }
+
+  /** All alarms up to the newest that is on the page: one that comes meanwhile stays. */
+  acknowledgeAll(/** @type {number} */ newest) {
+    this.ask("Acknowledge all alarms", "acknowledge", { up_to: newest });
   }
 
   switchController() {
