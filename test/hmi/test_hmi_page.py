@@ -47,6 +47,16 @@ def test_value_far_off_its_set_point_is_not_normal_though_inside_its_limits(fake
     expect(page.locator("#verdict strong")).to_have_text("Temperature: off its set-point, high")
 
 
+def test_value_off_the_scale_is_marked(fake, open_page):
+    page = ready(open_page(fake.url))
+    pointer = page.locator("#value-force_kn .pointer")
+    expect(pointer).not_to_have_class(re.compile("off"))
+    fake.force_kn = 40.0
+    expect(page.locator("#value-force_kn .flag")).to_contain_text("off scale")
+    expect(pointer).to_have_class(re.compile("off"))
+    shot(page, "off_scale")
+
+
 def test_set_point_out_of_reach_is_marked_with_what_is_attainable(fake, open_page):
     page = ready(open_page(fake.url))
     tile, mark = page.locator("#value-temperature_c"), page.locator("#value-temperature_c .goal")
@@ -374,7 +384,8 @@ def test_stop_is_followed_until_the_force_is_safe(fake, open_page):
     fake.held_s += 20.0
     expect(page.locator("#progress strong")).to_have_text("■ Force does not fall: 70.0 kN")
     fake.force_kn = 65.0
-    expect(page.locator("#progress strong")).to_have_text("Stopped")
+    expect(page.locator("#progress strong")).to_contain_text("Stopped, tool turns at")
+    expect(page.locator("#progress .detail")).to_contain_text("this weld cannot be continued")
     expect(page.locator("#progress .detail")).to_contain_text("programme aborted at 143°")
 
 
