@@ -145,9 +145,28 @@ def test_server_that_is_gone_is_told_and_commands_are_off(fake, open_page):
     fake.stop()
     expect(page.locator("#veil-text")).to_contain_text("Disconnected since")
     expect(page.locator("#veil")).to_have_css("opacity", "1")
-    expect(page.locator("#safe-stop")).to_be_disabled()
+    expect(page.locator("#safe-stop")).to_contain_text("not connected: stop at the machine")
     expect(page.get_by_role("button", name="Set-points")).to_be_disabled()
     shot(page, "disconnected")
+
+
+@pytest.mark.requirement("S18")
+@pytest.mark.requirement("S19")
+def test_page_that_is_cut_off_keeps_form_and_control_and_sends_its_stop_first(fake, open_page):
+    page = ready(open_page(fake.url))
+    in_control(page)
+    press(page, "Set-points")
+    page.locator("dialog").get_by_label("Depth").fill("2.75")
+    before = len(fake.requests)
+    fake.cut()
+    expect(page.locator("body")).to_have_attribute("data-link", "lost")
+    page.locator("#safe-stop").click()
+    expect(page.locator("#safe-stop")).to_contain_text("waits for the connection")
+    fake.silent = False
+    expect(page.locator("#who strong")).to_have_text("safe stop")
+    assert [one["do"] for one in fake.requests[before:]] == ["safe_stop"]  # no login again
+    expect(page.locator(".control")).to_have_text("Anna (you) has control.")
+    expect(page.locator("dialog").get_by_label("Depth")).to_have_value("2.75")
 
 
 @pytest.mark.requirement("S16")

@@ -42,6 +42,7 @@ interface SetPoints {
 interface Hello {
   t: "hello";
   session: string;
+  resume: string;
   server_s: number;
   login: "token" | "password";
   emulator: boolean;
