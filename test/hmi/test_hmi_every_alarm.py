@@ -416,7 +416,7 @@ def test_alarms_of_nodes(graph):
     fine = partial(weld.tell, DiagnosticStatus.OK, "")
     weld.cycle(f"part:{odd}", partial(error, odd), partial(fine, odd), "the disk is full")
     weld.cycle(f"node:{odd}", lambda: None, partial(fine, odd), "no longer reports")
-    weld.cycle("flood", partial(error, *many), partial(fine, *many), "further alarms")
+    weld.cycle("flood:low", partial(error, *many), partial(fine, *many), "further alarms")
     weld.cycle("other_page", weld.keep_another_journal, weld.drop_another_journal)
     weld.kill("standby")
 

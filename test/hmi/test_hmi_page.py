@@ -47,6 +47,16 @@ def test_value_far_off_its_set_point_is_not_normal_though_inside_its_limits(fake
     expect(page.locator("#verdict strong")).to_have_text("Temperature: off its set-point, high")
 
 
+def test_value_off_the_scale_is_marked(fake, open_page):
+    page = ready(open_page(fake.url))
+    pointer = page.locator("#value-force_kn .pointer")
+    expect(pointer).not_to_have_class(re.compile("off"))
+    fake.force_kn = 40.0
+    expect(page.locator("#value-force_kn .flag")).to_contain_text("off scale")
+    expect(pointer).to_have_class(re.compile("off"))
+    shot(page, "off_scale")
+
+
 def test_set_point_out_of_reach_is_marked_with_what_is_attainable(fake, open_page):
     page = ready(open_page(fake.url))
     tile, mark = page.locator("#value-temperature_c"), page.locator("#value-temperature_c .goal")
@@ -135,9 +145,28 @@ def test_server_that_is_gone_is_told_and_commands_are_off(fake, open_page):
     fake.stop()
     expect(page.locator("#veil-text")).to_contain_text("Disconnected since")
     expect(page.locator("#veil")).to_have_css("opacity", "1")
-    expect(page.locator("#safe-stop")).to_be_disabled()
+    expect(page.locator("#safe-stop")).to_contain_text("not connected: stop at the machine")
     expect(page.get_by_role("button", name="Set-points")).to_be_disabled()
     shot(page, "disconnected")
+
+
+@pytest.mark.requirement("S18")
+@pytest.mark.requirement("S19")
+def test_page_that_is_cut_off_keeps_form_and_control_and_sends_its_stop_first(fake, open_page):
+    page = ready(open_page(fake.url))
+    in_control(page)
+    press(page, "Set-points")
+    page.locator("dialog").get_by_label("Depth").fill("2.75")
+    before = len(fake.requests)
+    fake.cut()
+    expect(page.locator("body")).to_have_attribute("data-link", "lost")
+    page.locator("#safe-stop").click()
+    expect(page.locator("#safe-stop")).to_contain_text("waits for the connection")
+    fake.silent = False
+    expect(page.locator("#who strong")).to_have_text("safe stop")
+    assert [one["do"] for one in fake.requests[before:]] == ["safe_stop"]  # no login again
+    expect(page.locator(".control")).to_have_text("Anna (you) has control.")
+    expect(page.locator("dialog").get_by_label("Depth")).to_have_value("2.75")
 
 
 @pytest.mark.requirement("S16")
@@ -374,7 +403,8 @@ def test_stop_is_followed_until_the_force_is_safe(fake, open_page):
     fake.held_s += 20.0
     expect(page.locator("#progress strong")).to_have_text("■ Force does not fall: 70.0 kN")
     fake.force_kn = 65.0
-    expect(page.locator("#progress strong")).to_have_text("Stopped")
+    expect(page.locator("#progress strong")).to_contain_text("Stopped, tool turns at")
+    expect(page.locator("#progress .detail")).to_contain_text("this weld cannot be continued")
     expect(page.locator("#progress .detail")).to_contain_text("programme aborted at 143°")
 
 

@@ -11,9 +11,10 @@ from rclpy.node import Node
 from fsw_analysis.rule_book import RuleBook
 from fsw_control import messages_ros as convert
 from fsw_control.topics_ros import LATCHED
-from fsw_hmi.alarm_rules import AlarmRules, Situation, alarm
+from fsw_hmi.alarm_rules import AlarmRules, Situation, flood
 from fsw_hmi.alarms import AlarmList
 from fsw_hmi.answers import Answer, Code
+from fsw_hmi.awake import Awake
 from fsw_hmi.requests import Acknowledge, Shelve, Unshelve
 from fsw_hmi.standing import variables
 from fsw_hmi.watch_ros import Watch
@@ -26,7 +27,8 @@ class AlarmDesk:
     def __init__(
         self, node: Node, watch: Watch, setting: Callable[[str], float], book: RuleBook
     ) -> None:
-        self.list = AlarmList(lambda count: alarm("flood", count=count))
+        self.list = AlarmList(flood)
+        self._awake = Awake()
         self._node, self._watch = node, watch
         self._rules = AlarmRules(setting, book)
         self._reach: dict[str, Any] = {"ok": None, "text": ""}
@@ -35,7 +37,9 @@ class AlarmDesk:
 
     def judge(self) -> bool:
         """Determine which alarms are present; returns whether the list has changed."""
-        now_s, situation = time.monotonic(), self._situation()
+        now_s = time.monotonic()
+        self._awake.look(now_s)
+        situation = self._situation()
         present = self._rules.present(situation, now_s)
         changed = self.list.update(present, now_s)
         listed = {name: one.alarm for name, one in self.list.entries.items() if one.present}
@@ -57,7 +61,8 @@ class AlarmDesk:
     def carry_out(self, action: Acknowledge | Shelve | Unshelve, who: str) -> Answer:
         """Carry out an operator's request."""
         if isinstance(action, Acknowledge):
-            answer = Code.ACKNOWLEDGED.done(count=self.list.acknowledge(action.ids, who))
+            ids = action.ids if action.up_to is None else self.list.waiting(action.up_to)
+            answer = Code.ACKNOWLEDGED.done(count=self.list.acknowledge(ids, who))
         elif isinstance(action, Shelve):
             now_s = time.monotonic()
             answer = self.list.shelve(action.alarm, action.minutes, who, action.reason, now_s)
@@ -66,17 +71,23 @@ class AlarmDesk:
         self._publish()
         return answer
 
+    def age_s(self, came_s: float | None) -> float | None:
+        """Age of something that came, without the time in which this process stood still."""
+        return None if came_s is None else self._awake.age_s(came_s, time.monotonic())
+
     def _situation(self) -> Situation:
         watch, view, now_s = self._watch, self._watch.view, time.monotonic()
         programme = watch.programme()
         return Situation(
             state=watch.state,
-            state_age_s=None if watch.state is None else now_s - watch.state_s,
+            state_age_s=None if watch.state is None else self.age_s(watch.state_s),
             programme=watch.progress["state"] if watch.progress else "",
             programme_age_s=now_s - watch.progress_s,
-            tick_age_s=None if view.tick_s is None else now_s - view.tick_s,
-            command_age_s=None if view.command_s is None else now_s - view.command_s,
-            sample_age_s={name: now_s - good_s for name, good_s in view.good_s.items()},
+            tick_age_s=self.age_s(view.tick_s),
+            command_age_s=self.age_s(view.command_s),
+            sample_age_s={
+                name: self._awake.age_s(good_s, now_s) for name, good_s in view.good_s.items()
+            },
             sensor_states=watch.sensor_states,
             values=variables(watch.values, programme),
             phase=programme["phase"] if programme else "",

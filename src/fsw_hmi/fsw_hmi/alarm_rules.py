@@ -20,7 +20,7 @@ from fsw_control.schema.yaml_text import load_yaml
 from fsw_control.sensors import OPTIONAL, REQUIRED
 from fsw_control.severity import Severity
 from fsw_control.stop import StopCause
-from fsw_hmi.alarms import Alarm
+from fsw_hmi.alarms import Alarm, Priority
 from fsw_hmi.frames import readable
 from fsw_hmi.standing import holds
 
@@ -56,6 +56,8 @@ MONITOR = "fsw_monitor"
 #: a swap that was asked for takes so long: the longest wait that can be asked for, and what the
 #: supervisor adds
 _SWAP_S = 12.0
+#: within this time a supervisor that stands by takes over (0.3 s, measured) and is heard
+_TAKEOVER_S = 0.6
 _LONGEST_ID = 100
 _NO_REASON = "no reason is told"
 
@@ -68,7 +70,7 @@ class _Texts(BaseModel):
     interlocks: dict[str, tuple[str, str]]
     limits: dict[str, tuple[str, str]]
     drives: dict[str, tuple[str, str, str]]
-    expected: dict[str, tuple[str, ...]]
+    expected: dict[str, frozenset[str]]
 
 
 _TEXTS = _Texts(**load_yaml(files("fsw_hmi").joinpath("alarms.yaml").read_text(encoding="utf-8")))
@@ -79,6 +81,11 @@ def alarm(kind: str, **values: object) -> Alarm:
     one = _TEXTS.kinds[kind]
     parts = {key: getattr(one, key).format(**values) for key in ("what", "why", "advice")}
     return replace(one, **parts)
+
+
+def flood(count: int, priority: Priority) -> Alarm:
+    """The alarm that stands for so many of a priority."""
+    return replace(alarm("flood", count=count), priority=priority)
 
 
 def alarm_id(kind: str, name: str) -> str:
@@ -165,6 +172,7 @@ class AlarmRules:
         self._failed = "", ""
         self._nominal = ""  # who has commanded as selected, and does so without a break
         self._faults: dict[str, str] = {}
+        self._before_stop = frozenset[str]()  # present when a stop began: it may be their effect
 
     def present(self, now: Situation, now_s: float) -> dict[str, Alarm]:
         """The alarms that are present by name; ``now_s`` on a steady clock."""
@@ -183,8 +191,19 @@ class AlarmRules:
 
     def _unexpected(self, now: Situation, found: dict[str, Alarm]) -> dict[str, Alarm]:
         """Alarms without those that the present state of the weld explains (ISA-18.2, suppressed by design)."""
-        expected = _TEXTS.expected["ended"] if now.programme == DONE else ()
-        return {name: one for name, one in found.items() if name.partition(":")[0] not in expected}
+        stopped = now.state is not None and now.state["actual_mode"] == "safe_stop"
+        expected, earlier = frozenset[str](), self._before_stop
+        if now.programme == DONE:
+            expected, earlier = _TEXTS.expected["ended"], frozenset()
+        elif stopped:
+            expected = _TEXTS.expected["stopped"]
+        else:
+            self._before_stop = frozenset(found)
+        return {
+            name: one
+            for name, one in found.items()
+            if name in earlier or expected.isdisjoint((name, name.partition(":")[0]))
+        }
 
     def reach(self, now: Situation, found: Mapping[str, Alarm]) -> dict[str, Any]:
         """Whether commands reach the machine, for the page: ``ok`` None where it is not known, and a text."""
@@ -271,7 +290,12 @@ class AlarmRules:
             measuring and not starts and (now.command_age_s or 0.0) > self._setting("silence_s")
         )
         if never or silent or (age_s is not None and age_s > NO_REPORT_S):
-            found["supervisor"] = alarm("supervisor")
+            ready = any(
+                "standby" in parts and parts["standby"].level == "ok"
+                for parts in now.parts.values()
+            )
+            one = alarm("supervisor")
+            found["supervisor"] = replace(one, on_s=_TAKEOVER_S) if ready else one
         if state is None or (age_s is not None and age_s > NO_REPORT_S):
             return
         for interlock in state["interlocks"]:

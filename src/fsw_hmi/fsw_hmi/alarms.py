@@ -5,7 +5,8 @@ All times are of a steady clock (``now_s``); only for people they become those o
 
 from __future__ import annotations
 
-from collections import deque
+import re
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -18,10 +19,10 @@ RANK = {"high": 0, "medium": 1, "low": 2}
 #: chosen, after the usual definition of a chattering alarm: so many times in this time; it then
 #: stays until it has been gone for as long
 _CHATTERS, _CHATTER_S = 3, 60.0
-#: chosen, after the usual definition of a flood: more new ones of low priority in this time are
-#: one alarm
+#: chosen, after the usual definition of a flood: more new ones of a priority in this time are one
+#: alarm of this priority
 _FLOOD, _FLOOD_S = 10, 10.0
-FLOOD_ID = "flood"
+FLOOD_ID = "flood:"
 #: alarms that led to a trip came at most so long before it, and went at most so long before it
 #: (chosen)
 _LED_S, _JUST_GONE_S = 60.0, 10.0
@@ -50,6 +51,11 @@ class Alarm:
     def text(self) -> str:
         """Cause and reason."""
         return f"{self.what}: {self.why}" if self.why else self.what
+
+    @property
+    def cause(self) -> str:
+        """The text without its figures: values that change are no other cause."""
+        return re.sub(r"\d[\d.]*", "#", self.text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,25 +107,26 @@ class Entry:
 class AlarmList:
     """List of alarms: each stays until it is gone and acknowledged.
 
-    An alarm that returns before it was acknowledged gets a new time and a count. The first alarm
-    before a trip is marked until the trip is acknowledged, since most others are consequences.
-    ``flood`` makes the alarm that stands for many simultaneous ones.
+    One that comes back before it was acknowledged has a new time and a count. Of each trip the
+    alarm that came first is marked until the trip is acknowledged: most that follow are
+    consequences. ``flood`` makes the alarm that stands for so many of a priority that come at once;
+    a trip is always listed.
     """
 
-    def __init__(self, flood: Callable[[int], Alarm]) -> None:
+    def __init__(self, flood: Callable[[int, Priority], Alarm]) -> None:
         self._flood = flood
         self.entries: dict[str, Entry] = {}
         self.events: list[Event] = []  #: what has happened since the caller last emptied it
         self._coming_s: dict[str, float] = {}
         self._raised_s: dict[str, deque[float]] = {}
-        self._low_s: deque[float] = deque(maxlen=_FLOOD)
-        self._grouped: set[str] = set()
+        self._new_s = {priority: deque[float](maxlen=_FLOOD) for priority in RANK}
+        self.grouped: dict[str, Priority] = {}  #: present, but only counted in a flood
         self._number = 0
 
     def restore(self, entries: Mapping[str, Entry], shift_s: float, now_s: float) -> None:
         """Continue with the previous server's entries; ``shift_s``: offset of its steady clock."""
         for name, one in entries.items():
-            if name == FLOOD_ID:  # whoever is in it, is raised anew
+            if name.startswith(FLOOD_ID):  # whoever is in it, is raised anew
                 continue
             until_s = one.shelved_until_s
             self.entries[name] = replace(
@@ -150,31 +157,30 @@ class AlarmList:
     def _without_flood(self, present: Mapping[str, Alarm], now_s: float) -> dict[str, Alarm]:
         """Alarms to be listed, with a flood as one alarm."""
         listed: dict[str, Alarm] = {}
-        grouped: set[str] = set()
+        grouped: dict[str, Priority] = {}
         room = _MOST - len(self.entries)
         for name, alarm in present.items():
             entry = self.entries.get(name)
             known = entry is not None and entry.present
             if not known and now_s - self._coming_s[name] < alarm.on_s:
                 continue
-            if not known and alarm.priority != "high":
-                is_low = alarm.priority == "low"
-                if (entry is None and room <= 0) or (
-                    is_low and (name in self._grouped or self._floods(now_s))
-                ):
-                    grouped.add(name)
+            if not known and not alarm.trip:
+                priority = alarm.priority
+                full = entry is None and room <= 0 and priority != "high"
+                if full or self.grouped.get(name) == priority or self._floods(priority, now_s):
+                    grouped[name] = priority
                     continue
-                if is_low:
-                    self._low_s.append(now_s)
+                self._new_s[priority].append(now_s)
             room -= entry is None
             listed[name] = alarm
-        self._grouped = grouped
-        if grouped:
-            listed[FLOOD_ID] = self._flood(len(grouped))
+        self.grouped = grouped
+        for priority, count in Counter(grouped.values()).items():
+            listed[f"{FLOOD_ID}{priority}"] = self._flood(count, priority)
         return listed
 
-    def _floods(self, now_s: float) -> bool:
-        return len(self._low_s) == _FLOOD and now_s - self._low_s[0] <= _FLOOD_S
+    def _floods(self, priority: Priority, now_s: float) -> bool:
+        new_s = self._new_s[priority]
+        return len(new_s) == _FLOOD and now_s - new_s[0] <= _FLOOD_S
 
     def _take(self, name: str, alarm: Alarm, now_s: float) -> bool:
         entry = self.entries.get(name)
@@ -185,6 +191,7 @@ class AlarmList:
         if entry.alarm == alarm:
             return False
         before, entry.alarm = entry.alarm, alarm
+        self._unshelve_if_other(name, entry, before)
         if RANK[alarm.priority] < RANK[before.priority]:  # it has become worse: to be seen again
             entry.acknowledged = False
             entry.show_if_high()
@@ -204,12 +211,9 @@ class AlarmList:
         if entry is None:
             self.entries[name] = entry = Entry(alarm, now_s, now_s, self._number)
         else:
-            entry.alarm, entry.present, entry.acknowledged, entry.absent_s = (
-                alarm,
-                True,
-                False,
-                None,
-            )
+            before, entry.alarm, entry.present = entry.alarm, alarm, True
+            entry.acknowledged, entry.absent_s = False, None
+            self._unshelve_if_other(name, entry, before)
             entry.raised_s, entry.number, entry.count = now_s, self._number, entry.count + 1
             entry.show_if_high()
         entry.chatters = (
@@ -220,6 +224,11 @@ class AlarmList:
         )
         if alarm.trip:
             self._mark_first(name, entry, now_s)
+
+    def _unshelve_if_other(self, name: str, entry: Entry, before: Alarm) -> None:
+        """Who shelved an alarm has judged its cause then; with another cause it comes back."""
+        if entry.shelved_until_s is not None and entry.alarm.cause != before.cause:
+            self.unshelve(name, "")
 
     def _leave(self, name: str, entry: Entry, now_s: float) -> bool:
         if entry.absent_s is None:
@@ -271,6 +280,14 @@ class AlarmList:
                 del self.entries[name]
         return count
 
+    def waiting(self, up_to: int) -> list[str]:
+        """Alarms to be acknowledged that were raised before a person has seen the list, by its newest number."""
+        return [
+            name
+            for name, one in self.entries.items()
+            if one.number <= up_to and one.state in ("active", "cleared")
+        ]
+
     def shelve(self, name: str, minutes: float, who: str, reason: str, now_s: float) -> Answer:
         """Shelve an alarm for some time."""
         entry = self.entries.get(name)
@@ -310,8 +327,8 @@ class AlarmList:
     # ---------------------------------------------------------------- for the page
 
     def rows(self, now_s: float, wall_s: float) -> list[dict[str, Any]]:
-        """Rows of the list: present by priority and age, then cleared, then shelved."""
-        place = {"active": 0, "acknowledged": 0, "cleared": 1, "shelved": 2}
+        """The list: by state, the unacknowledged first, then by priority, then in the order of raising."""
+        place = {"active": 0, "acknowledged": 1, "cleared": 2, "shelved": 3}
         listed = sorted(
             self.entries.items(),
             key=lambda item: (place[item[1].state], RANK[item[1].alarm.priority], item[1].number),
@@ -325,7 +342,7 @@ class AlarmList:
                 },
                 **{
                     key: getattr(one, key)
-                    for key in ("state", "count", "chatters", "first", "shelved")
+                    for key in ("state", "number", "count", "chatters", "first", "shelved")
                 },
                 "first_out": bool(one.led_to),
                 "first_s": round(wall_s + one.first_s - now_s, 3),

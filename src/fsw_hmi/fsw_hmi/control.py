@@ -38,6 +38,8 @@ class Session:
     id: str
     client: str = ""  #: that limits count
     local_stop: bool = False  #: whether it may stop without login
+    token: str = ""  #: by which its page resumes it after its connection was lost
+    lost_s: float | None = None  #: when the connection was lost; None while it stands
     name: str = ""  #: of the person; empty before the login
     role: str = ""
     idle: bool = False  #: nobody has touched the page for so long that only a safe stop is left

@@ -23,6 +23,9 @@ from fsw_hmi.users import LONGEST, ROLES, User, Users, checked_name
 _MOST_OFFENCES = 20
 #: not answered here
 UNDECIDED = Answer("", "", "")
+#: a page that was cut off may resume its session for so long (chosen: a stall, or a short loss of
+#: radio, but not an absence)
+_RESUME_S = 10.0
 #: for the record: an operator lost control without releasing it
 LOST = "lose control"
 _CONTROL = {
@@ -104,14 +107,28 @@ class ControlRoom:
 
     # ---------------------------------------------------------------- sessions
 
-    def join(self, address: str = "") -> Session:
-        """A page was opened by a browser at this address."""
+    def join(self, address: str = "", resume: str = "") -> Session:
+        """A page was opened by a browser at this address, or connects again with its token."""
+        client = security.client_of(address)
+        for session in self._sessions.values():
+            same = hmac.compare_digest(_bytes(session.token), _bytes(resume))
+            if same and session.client == client:
+                session.lost_s = None
+                return session
         number = secrets.token_hex(3)
         while number in self._sessions:
             number = secrets.token_hex(3)
         local_stop = self._local_stop and security.is_loopback(address)
-        self._sessions[number] = session = Session(number, security.client_of(address), local_stop)
+        token = secrets.token_urlsafe(16)
+        self._sessions[number] = session = Session(number, client, local_stop, token)
         return session
+
+    def lose(self, session: Session, now_s: float) -> None:
+        """The connection of a page was lost; for a short time it may resume its session."""
+        if session.name:
+            session.lost_s = now_s
+        else:
+            self.leave(session)
 
     def leave(self, session: Session, why: str = "the page was closed") -> None:
         """A page was closed."""
@@ -121,6 +138,9 @@ class ControlRoom:
     def tick(self, now_s: float) -> list[Order]:
         """Apply time-outs; returns what is to be recorded."""
         self._look_at_users()
+        for session in [*self._sessions.values()]:
+            if session.lost_s is not None and now_s - session.lost_s > _RESUME_S:
+                self.leave(session, f"its page was not connected for {_RESUME_S:g} s")
         limit_s = self._idle_timeout_s
         for session in self._sessions.values():
             if (

@@ -32,9 +32,7 @@ class Now:
 def headline(now: Now) -> dict[str, str]:
     """Level, text and detail."""
     if now.programme == DONE:
-        return (
-            _of_alarms(now.alarms, "high") or _of_alarms(now.alarms, "medium") or _end(now.account)
-        )
+        return _urgent(now.alarms) or _end(now.account)
     if now.tick_age_s is None:
         return _line("attention", "No measurements yet")
     if now.tick_age_s > TICK_AGE_S:
@@ -44,8 +42,7 @@ def headline(now: Now) -> dict[str, str]:
             f"for {now.tick_age_s:.0f} s" if now.tick_age_s >= 1.0 else "",
         )
     return (
-        _of_alarms(now.alarms, "high")
-        or _of_alarms(now.alarms, "medium")
+        _urgent(now.alarms)
         or _of_flags(now.flags)
         or _of_state(now.state)
         or _of_account(now.account)
@@ -58,9 +55,28 @@ def _line(level: str, text: str, detail: str = "") -> dict[str, str]:
     return {"level": level, "text": text, "detail": detail}
 
 
-def _of_alarms(alarms: Sequence[Mapping[str, Any]], priority: str) -> dict[str, str] | None:
+def _urgent(alarms: Sequence[Mapping[str, Any]]) -> dict[str, str] | None:
+    """The alarm that needs a person first: one that nobody has acknowledged before all others."""
+    return (
+        _of_alarms(alarms, "high", new=True)
+        or _of_alarms(alarms, "medium", new=True)
+        or _of_alarms(alarms, "high")
+        or _of_alarms(alarms, "medium")
+    )
+
+
+def _of_alarms(
+    alarms: Sequence[Mapping[str, Any]], priority: str, new: bool = False
+) -> dict[str, str] | None:
     present = [one for one in alarms if one["state"] not in ("cleared", "shelved")]
-    first = next((one for one in present if one["priority"] == priority), None)
+    first = next(
+        (
+            one
+            for one in present
+            if one["priority"] == priority and (one["state"] == "active" or not new)
+        ),
+        None,
+    )
     if first is None:
         return None
     more = f", {len(present) - 1} more" if len(present) > 1 else ""

@@ -226,7 +226,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
 
     def _show_headline(self) -> None:
         watch, tick_s = self._watch, self._watch.view.tick_s
-        age_s = None if tick_s is None else time.monotonic() - tick_s
+        age_s = self._desk.age_s(tick_s)
         found = headline(
             Now(
                 age_s,

@@ -54,6 +54,8 @@ class Page:
     def __init__(self, session: Session, peer: Any, number: int) -> None:
         self.session, self.peer, self.number = session, peer, number
         self.evicted = False  #: to make room
+        self.closed = False  #: by the person, not cut off
+        self.superseded = False  #: another connection has resumed its session
         self.given_up = asyncio.Event()  #: nothing more is to be sent
         self._wake = asyncio.Event()
         self._urgent: deque[str] = deque()

@@ -93,11 +93,20 @@ class Programme(Action):
 
 
 class Acknowledge(Action):
-    """Acknowledgement of alarms."""
+    """Alarms that have been seen: some, or all up to the newest that was on the page."""
 
-    ids: Annotated[Many[_AlarmId], Field(min_length=1, max_length=200)]
+    ids: Annotated[Many[_AlarmId], Field(max_length=200)] = ()
+    up_to: Annotated[int, Field(ge=1)] | None = None  #: number of the newest
+
+    @model_validator(mode="after")
+    def _check_alarms(self) -> Acknowledge:
+        if bool(self.ids) == (self.up_to is not None):
+            raise ValueError("give ids or up_to")
+        return self
 
     def __str__(self) -> str:
+        if self.up_to is not None:
+            return "acknowledge all alarms"
         return f"acknowledge {', '.join(self.ids[:3])}{' ...' if len(self.ids) > 3 else ''}"
 
 

@@ -42,6 +42,7 @@ interface SetPoints {
 interface Hello {
   t: "hello";
   session: string;
+  resume: string;
   server_s: number;
   login: "token" | "password";
   emulator: boolean;
@@ -128,6 +129,8 @@ interface Alarm {
   advice: string;
   priority: Priority;
   state: "active" | "acknowledged" | "cleared" | "shelved";
+  /** in the order of raising */
+  number: number;
   count: number;
   chatters: boolean;
   first_out: boolean;

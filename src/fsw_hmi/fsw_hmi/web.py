@@ -27,6 +27,8 @@ _MARGIN_S = 2.0
 #: kinds of frames that do not belong to one weld
 _LASTING = ("state", "alarms", "actions")
 _STALE, _POLICY, _TRY_LATER = 4001, 1008, 1013
+#: codes of a page that is closed or left; any other is a connection that was lost
+_CLOSED = (1000, 1001)
 
 
 @dataclass(slots=True)
@@ -165,7 +167,12 @@ class LivePage:
     async def _serve(self, socket: WebSocket, address: str) -> None:
         self._make_room(client_of(address))
         self._opened += 1
-        page = Page(self._room.join(address), socket.client, self._opened)
+        session = self._room.join(address, socket.query_params.get("resume", ""))
+        page = Page(session, socket.client, self._opened)
+        for before in self._pages:  # the end of its connection has not been noticed yet
+            if before.session is session:
+                before.superseded = True
+                before.given_up.set()
         self._pages.add(page)
         self._begin(page)
         jobs = [
@@ -179,9 +186,11 @@ class LivePage:
             for job in jobs:
                 job.cancel()
             await asyncio.gather(*jobs, return_exceptions=True)
-            self._room.leave(
-                page.session, "the page's server ended" if self._closed else "the page was closed"
-            )
+            if self._closed or page.closed or page.evicted:
+                why = "the page's server ended" if self._closed else "the page was closed"
+                self._room.leave(page.session, why)
+            elif not page.superseded:
+                self._room.lose(page.session, time.monotonic())
             self._show_control()
             if page.evicted:
                 await socket.close(
@@ -195,6 +204,7 @@ class LivePage:
                 "source": "live",
                 "server_s": _now_s(),
                 "session": page.session.id,
+                "resume": page.session.token,
                 "login": self._room.login,
                 "columns": COLUMNS,
                 **self._hello,
@@ -207,11 +217,13 @@ class LivePage:
         while True:
             message = await socket.receive()
             if message["type"] == "websocket.disconnect":
+                page.closed = message.get("code") in _CLOSED
                 return
             verdict = self._room.handle(page.session, message.get("text"), time.monotonic())
             if verdict.close:  # the answer before, not in the queue
                 if verdict.id is not None:
                     await socket.send_text(_answer(verdict.id, verdict.answer))
+                page.closed = True
                 await socket.close(_POLICY, "too many bad requests")
                 return
             if verdict.credentials is not None and verdict.id is not None:

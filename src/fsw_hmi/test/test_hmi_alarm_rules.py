@@ -9,6 +9,7 @@ from fsw_control.parameters import defaults
 from fsw_control.stop import StopCause
 from fsw_hmi.alarm_rules import _TEXTS, AlarmRules, Part, Situation, alarm_id
 from fsw_hmi.alarms import RANK, Alarm, AlarmList
+from fsw_hmi.awake import Awake
 from fsw_hmi.frames import readable
 from fsw_hmi.limits import DEVIATIONS, limits
 from fsw_hmi.parameters import HmiParameters
@@ -431,10 +432,50 @@ def test_what_the_end_of_a_weld_explains_is_no_alarm(rules):
     assert "machine" in rules.present(situation(programme="done", parts=gateway("error")), 0.0)
 
 
+COLD = {"temperature_c": 700.0, "temperature_error_c": -150.0, "depth_mm": 2.0}
+LOW = [lock("temperature_low", "trip")]
+
+
+def test_what_a_stop_explains_is_no_alarm_but_what_led_to_it_is(rules):
+    stopped = situation(COLD, state=state(actual_mode="safe_stop", interlocks=LOW))
+    cooling = rules.present(situation(COLD, state=state(interlocks=LOW)), 0.0)
+    assert "interlock:temperature_low" in cooling
+    assert rules.present(stopped, 1.0).keys() == {*cooling, "safe_stop"}
+    rules.present(situation(), 2.0)
+    assert rules.present(stopped, 3.0).keys() == {"safe_stop"}
+    other = state(actual_mode="safe_stop", interlocks=[lock("depth_high", "trip"), *LOW])
+    assert rules.present(situation(COLD, state=other), 4.0).keys() == {
+        "safe_stop",
+        "interlock:depth_high",
+    }
+
+
 def test_recorder_that_is_killed_is_an_alarm(rules):
     parts = {"fsw_recorder": {"recording": Part("stale", "recording")}}
     raised = rules.present(situation(parts=parts), 0.0)
     assert {name: one.priority for name, one in raised.items()} == {"recorder": "medium"}
+
+
+@pytest.mark.parametrize(("standby", "on_s"), [("ok", 0.6), ("error", 0.04), ("stale", 0.04)])
+def test_takeover_by_a_supervisor_that_stands_by_is_no_alarm_while_it_may_last(
+    rules, standby, on_s
+):
+    parts = {"fsw_supervisor_standby": {"standby": Part(standby, "standing by")}}
+    silent = situation(command_age_s=0.3, parts=parts)
+    assert rules.present(silent, 0.0)["supervisor"].on_s == on_s
+
+
+def test_own_lateness_does_not_make_what_waits_in_the_queues_old():
+    awake = Awake()
+    for look in range(20):
+        awake.look(0.05 * look)
+    assert awake.age_s(0.9, 0.95) == pytest.approx(0.05)
+    awake.look(3.0)  # this process stood still
+    assert awake.age_s(0.9, 3.0) == pytest.approx(0.1)
+    for look in range(1, 21):
+        awake.look(3.0 + 0.05 * look)
+    assert awake.age_s(0.9, 4.0) == pytest.approx(1.1)  # really missing
+    assert awake.age_s(3.5, 4.0) == pytest.approx(0.5)
 
 
 def test_whether_commands_reach_the_machine_is_told(rules):

@@ -274,6 +274,40 @@ def test_control_is_free_when_its_holder_leaves(room):
 
 
 @pytest.mark.requirement("S18")
+def test_page_that_was_cut_off_resumes_its_session_with_control(room):
+    anna = Desk(room, "anna", THERE)
+    anna.take()
+    room.lose(anna.session, Desk.now_s)
+    room.tick(Desk.now_s + 9.9)
+    assert room.join(THERE, anna.session.token) is room.holder is anna.session
+    room.tick(Desk.now_s + 60.0)
+    assert anna.ask("mode", mode="hold").action
+
+
+@pytest.mark.requirement("S18")
+@pytest.mark.parametrize(
+    ("address", "token", "after_s"),
+    [("192.0.2.9", None, 1.0), (THERE, "guess", 1.0), (THERE, "", 1.0), (THERE, None, 10.1)],
+)
+def test_nobody_else_resumes_a_session_nor_anybody_too_late(room, address, token, after_s):
+    anna = Desk(room, "anna", THERE)
+    anna.take()
+    room.lose(anna.session, Desk.now_s)
+    records = room.tick(Desk.now_s + after_s)
+    other = room.join(address, anna.session.token if token is None else token)
+    assert other is not anna.session and not other.name
+    lost = [(one.who, one.message) for one in records]
+    late = [(anna.session.who, "its page was not connected for 10 s")]
+    assert lost == (late if after_s > 10.0 else [])
+
+
+def test_session_of_a_stranger_ends_with_its_connection(room):
+    viewer = Desk(room, address=THERE)
+    room.lose(viewer.session, 0.0)
+    assert room.join(THERE, viewer.session.token) is not viewer.session
+
+
+@pytest.mark.requirement("S18")
 @pytest.mark.parametrize("do", GOOD)
 def test_who_may_ask_for_what(room, do):
     content, action = GOOD[do]
@@ -312,6 +346,8 @@ def test_who_may_ask_for_what(room, do):
         ("weld", {"action": "begin"}),
         ("acknowledge", {"ids": []}),
         ("acknowledge", {"ids": "all"}),
+        ("acknowledge", {"ids": ["a"], "up_to": 3}),
+        ("acknowledge", {"up_to": 0}),
         ("acknowledge", {"ids": [1]}),
         ("acknowledge", {"ids": ["\ud800"]}),
         ("disturb", {"channel": "else"}),

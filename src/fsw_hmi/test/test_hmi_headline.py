@@ -48,6 +48,8 @@ def now(**changed: Any) -> Now:
         ({"tick_age_s": 60.0, "programme": "done"}, "good", "Weld done: Good"),
         ({"programme": "done", "alarms": [alarm("high")]}, "high", "high one"),
         ({"tick_age_s": 0.6, "alarms": [alarm("high")]}, "high", "No measurements"),
+        ({"alarms": [alarm("high", "acknowledged"), alarm("medium")]}, "medium", "medium one"),
+        ({"alarms": [alarm("medium", "acknowledged")]}, "medium", "medium one"),
         ({"alarms": [alarm("medium")], "flags": {"depth_mm": FLAG}}, "medium", "medium one"),
         ({"alarms": [alarm("medium", "shelved"), alarm("high", "cleared")]}, "good", "Good"),
         (

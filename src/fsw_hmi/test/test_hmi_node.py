@@ -281,7 +281,7 @@ def test_state_prediction_and_alarms_reach_the_page(graph, page, monkeypatch):
     page.seen("alarms", lambda frame: ("interlock:depth_high", "active") in states(frame))
     assert page.ask("acknowledge", ids=["interlock:depth_high"])["message"] == "1 acknowledged"
     page.seen("alarms", lambda frame: ("interlock:depth_high", "acknowledged") in states(frame))
-    monkeypatch.setattr(hmi_node, "NO_REPORT_S", 0.0)
+    monkeypatch.setattr(watch_ros, "NO_REPORT_S", 0.0)
     page.until("state", lambda frame: not frame["known"])  # the supervisor is silent
 
 
@@ -585,7 +585,7 @@ def test_odd_names_and_floods_leave_the_page_alive(graph, page):
     diagnostics.publish(DiagnosticArray(status=[own]))
     shown = page.seen(
         "alarms",
-        lambda frame: {"flood", "part:fsw_recorder"} <= {name for name, _ in states(frame)},
+        lambda frame: {"flood:low", "part:fsw_recorder"} <= {name for name, _ in states(frame)},
     )
     page.seen("state", lambda frame: len(frame["parts"]) == 200)
     assert page.ask("acknowledge", ids=[name for name, _ in states(shown)])["outcome"] == "done"

@@ -424,3 +424,20 @@ def test_report_on_all_welds_has_its_own_policy_and_runs_no_script(make_server, 
     assert {name: response.getheader(name) for name in HEADERS if name != policy} == {
         name: value for name, value in HEADERS.items() if name != policy
     }
+
+
+@pytest.mark.requirement("S18")
+@pytest.mark.parametrize("noticed", [True, False], ids=["noticed", "unnoticed"])
+def test_page_that_is_cut_off_resumes_where_it_was(server, noticed):
+    page = server.open()
+    page.command(TOKEN)
+    hello = page.frames["hello"]
+    if noticed:
+        page.socket.close(4002)
+        wait_until(lambda: server.room.holder.lost_s is not None, "the loss of the connection")
+    with server.open(resume=hello["resume"]) as again:
+        assert again.seen("hello")["session"] == hello["session"]
+        assert again.seen("control")["you"]
+        again.send("mode", mode="hold")
+        assert server.next_order().holder == f"anna ({hello['session']})"
+    wait_until(lambda: server.room.holder is None, "the end of control")  # a page that is closed

@@ -37,6 +37,8 @@ _ORDER = Severity.OK, Severity.WARN, Severity.TRIP
 _LOG_LEVELS = {Severity.OK: Level.INFO, Severity.WARN: Level.WARN, Severity.TRIP: Level.ERROR}
 #: by value, the sensor that it needs
 _SENSOR = {**{SENSORS[name].signal: name for name in REQUIRED}, "power_kw": "torque"}
+#: trips that a safe stop itself causes: less force heats less
+_CONSEQUENCES = {"temperature_low"}
 #: modes in which the process is controlled, or is to be again, without an operator
 _AUTOMATIC = (Mode.START, Mode.AUTO, Mode.HOLD)
 #: time in which as much blindness is forgiven as has lasted for a tenth of it (chosen)
@@ -129,6 +131,7 @@ class SafetyMonitor:
         self._leaving = {name: Persistence() for name in QUANTITIES}
         self._judged_ns: int | None = None
         self._causes: dict[str, Fact] = {}  # of the levels of the interlocks
+        self._consequences: set[str] = set()  # interlocks that tripped during the safe stop, by it
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Apply new parameters of the node, keeping the state."""
@@ -183,12 +186,14 @@ class SafetyMonitor:
     def why_stop(self, acknowledged: bool = False) -> Fact | None:
         """Why a safe stop must begin or last; None if it need not.
 
-        With ``acknowledged``, as if sensors that have jumped and are steady were readmitted.
+        With ``acknowledged``, as if sensors that have jumped and are steady were readmitted, and
+        without the stop's own consequences: they only keep the mode from being left.
         """
         steady = self._guard.steady if acknowledged else ()
-        tripped = [
-            name for name in self.tripped if name not in {f"{sensor}_jump" for sensor in steady}
-        ]
+        seen = {f"{sensor}_jump" for sensor in steady}
+        if acknowledged:
+            seen |= self._consequences
+        tripped = [name for name in self.tripped if name not in seen]
         if tripped:
             causes = self._causes | self._standing
             return Fact.of(Code.CAUSE_PRESENT, causes=tuple(causes[name] for name in tripped))
@@ -319,16 +324,23 @@ class SafetyMonitor:
         clear. A trip acts for as long as it lasts, in every mode, not only when it begins.
         ``elapsed_s`` is the time since the values before.
         """
+        before = set(self.tripped)
         for item in self._interlocks:
             value, bad = values.get(item.quantity, nan), (rejected or {}).get(item.quantity, nan)
             if not isnan(bad) and item.level(bad, Severity.OK) is Severity.TRIP:
                 self._judge(item, bad, elapsed_s)
             elif isfinite(value) and _SENSOR.get(item.quantity) not in held:
                 self._judge(item, value, elapsed_s)
+        stopped = self._machine.mode is Mode.SAFE_STOP
+        # what trips only during a stop cannot be its cause
+        new = set(self.tripped) - before if stopped else set[str]()
+        self._consequences = (self._consequences & set(self.tripped) if stopped else set()) | (
+            new & _CONSEQUENCES
+        )
         if not self.tripped:
             return
-        if self._machine.mode is Mode.SAFE_STOP:
-            if self._machine.acknowledged:
+        if stopped:
+            if self._machine.acknowledged and set(self.tripped) - self._consequences:
                 self._machine.renew(StopCause.INTERLOCK, "interlock")
         else:
             reason = Reason(ReasonCode.INTERLOCKS, interlocks=self.tripped)

@@ -99,6 +99,49 @@ def test_a_cause_after_the_acknowledgement_voids_it(rig):
     assert not ask(rig, "hold")[0]
 
 
+COLD = 770.0
+
+
+def change_temperature(rig, value):
+    """In steps that are no jumps of the sensor."""
+    while (gap := value - rig.values["thermocouple"]) != 0.0:
+        rig.values["thermocouple"] += max(-30.0, min(30.0, gap))
+        rig.run(5)
+    return rig.run(10)
+
+
+@pytest.mark.requirement("S25")
+def test_cooling_by_the_stop_is_acknowledged_but_lets_nobody_leave_it(rig):
+    ask(rig, "safe_stop")
+    change_temperature(rig.run(10), COLD)
+    assert rig.arbiter.safety.active["temperature_low"] is Severity.TRIP
+    assert acknowledge(rig)[0]
+    rig.run(20)
+    assert rig.arbiter.machine.acknowledged
+    assert [ask(rig, mode)[0] for mode in OUT] == [False] * 3
+    change_temperature(rig, GOOD)
+    assert ask(rig, "hold")[0]
+
+
+@pytest.mark.requirement("S25")
+def test_cold_that_caused_the_stop_is_not_its_consequence(rig):
+    change_temperature(rig, COLD)
+    assert rig.arbiter.machine.mode is Mode.SAFE_STOP
+    rig.run(20)
+    assert not acknowledge(rig)[0]
+
+
+@pytest.mark.requirement("S25")
+def test_another_trip_voids_an_acknowledgement_beside_the_stops_consequence(rig):
+    ask(rig, "safe_stop")
+    change_temperature(rig.run(10), COLD)
+    assert acknowledge(rig)[0]
+    rig.values["depth"] = 3.9
+    rig.run(20)
+    assert not rig.arbiter.machine.acknowledged
+    assert not acknowledge(rig)[0]
+
+
 @pytest.mark.requirement("S25")
 def test_another_safe_stop_after_the_acknowledgement_voids_it(rig):
     ask(rig, "safe_stop")

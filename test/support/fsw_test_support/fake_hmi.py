@@ -184,6 +184,14 @@ class FakeHmi:
         session.name, session.role, session.active_s = name, "operate", time.monotonic()
         self._room.handle(session, '{"id": 1, "do": "request_control"}', session.active_s)
 
+    def cut(self) -> None:
+        """Cut all connections, as a network does; no page gets a frame until ``silent`` is False again."""
+        self.silent = True
+        assert self._loop is not None
+        sockets = [socket for socket, _ in self._sessions.values()]
+        for socket in sockets:
+            asyncio.run_coroutine_threadsafe(socket.close(1011), self._loop).result(5.0)
+
     def log_out(self) -> None:
         """Let nobody have touched any page for a long time."""
         self._room.tick(time.monotonic() + 10_000.0)
@@ -301,9 +309,10 @@ class FakeHmi:
             return
         while self.silent:
             await asyncio.sleep(TICK_S)
-        session = self._room.join()
+        session = self._room.join(resume=socket.query_params.get("resume", ""))
         session.local_stop = self.local_stop
-        await socket.send_text(json.dumps(self._hello(session.id)))
+        hello = self._hello(session.id) | {"resume": session.token}
+        await socket.send_text(json.dumps(hello))
         now_s = time.time() - self.start_s
         for newest in range(0, 600, 60):
             times = [now_s - newest - (600 - i) * TICK_S for i in range(600)]
@@ -327,8 +336,9 @@ class FakeHmi:
         except WebSocketDisconnect:
             pass
         finally:
-            self._sessions.pop(session.id, None)
-            self._room.leave(session)
+            if self._sessions.get(session.id) == (socket, session):
+                del self._sessions[session.id]
+                self._room.lose(session, time.monotonic())
 
     def _answer(self, request: dict[str, Any], session: Session) -> Answer:
         what = request["do"]
@@ -533,6 +543,7 @@ def _alarm(
             "why": why,
             "priority": priority,
             "state": state,
+            "number": 1,
             "count": 1,
         },
         "consequence": "The controllers do without it for a short time only",

@@ -40,11 +40,15 @@ class Page:
         Of the server.
     build : str, optional
         By default that of the server.
+    resume : str, optional
+        Token of a page that was cut off.
     options
         Of the websocket.
     """
 
-    def __init__(self, url: str, build: str | None = None, **options: Any) -> None:
+    def __init__(
+        self, url: str, build: str | None = None, resume: str = "", **options: Any
+    ) -> None:
         given = {
             "origin": url.rstrip("/"),
             "max_size": None,
@@ -52,7 +56,8 @@ class Page:
             "ping_interval": None,
         } | options
         self._connection = connect(
-            f"{url.replace('http', 'ws')}ws?build={build or build_of(url, options.get('ssl'))}",
+            f"{url.replace('http', 'ws')}ws?build={build or build_of(url, options.get('ssl'))}"
+            f"&resume={resume}",
             **given,
         )
         self.socket = self._connection.__enter__()

@@ -8,7 +8,7 @@ const needsAcknowledging = (/** @type {Alarm} */ { state }) => state === "active
 
 export class Alarms {
   /** @type {Set<string>} */ #told = new Set();
-  /** @type {string[]} */ #waiting = [];
+  #newest = 0; // number of the newest alarm of the list
   /** @type {string?} */ #opened = null; // whose id was chosen; null: the first is open
   /** @type {[Alarm[], Reach | null]} */ #latest = [[], null];
 
@@ -18,7 +18,7 @@ export class Alarms {
     this.list = el("ol", { className: "alarms" });
     this.count = el("span", { className: "count" });
     this.reach = el("p", { className: "reach detail" });
-    this.all = el("button", { type: "button", onclick: () => commands.acknowledge(this.#waiting) }, "Ack all");
+    this.all = el("button", { type: "button", onclick: () => commands.acknowledgeAll(this.#newest) }, "Ack all");
     this.root = panel("alarms", "Alarms ", this.reach, this.all, scroll("List of alarms", this.list));
     this.root.firstElementChild?.append(this.count);
   }
@@ -27,10 +27,11 @@ export class Alarms {
   update(alarms, reach) {
     this.#latest = [alarms, reach];
     const { lack } = this.commands;
-    this.#waiting = alarms.filter(needsAcknowledging).map((alarm) => alarm.id);
-    setText(this.count, alarms.length ? `${alarms.length}, ${this.#waiting.length} to acknowledge` : "none");
-    this.all.disabled = Boolean(lack) || !this.#waiting.length;
-    this.all.title = lack || (this.#waiting.length ? "" : "nothing is to be acknowledged");
+    const waiting = alarms.filter(needsAcknowledging).length;
+    this.#newest = Math.max(0, ...alarms.map(({ number }) => number));
+    setText(this.count, alarms.length ? `${alarms.length}, ${waiting} to acknowledge` : "none");
+    this.all.disabled = Boolean(lack) || !waiting;
+    this.all.title = lack || (waiting ? "" : "nothing is to be acknowledged");
     const reaches = reach?.text && reach.ok !== false ? `${reach.ok ? "✓ " : ""}${reach.text}` : ""; // what is wrong is an alarm
     setShort(this.reach, [reaches, lack && alarms.length ? "Ack and Shelve need control." : ""].filter(Boolean).join(" · "));
     const focused = /** @type {HTMLElement?} */ (document.activeElement)?.dataset.alarm;
@@ -65,7 +66,7 @@ export class Alarms {
     };
     if (state === "shelved") return [button("Back", () => this.commands.ask("Take an alarm back", "unshelve", { alarm: id }))];
     const shelve = priority === "high" || !open ? [] : [button("Shelve", () => this.#shelve(alarm))];
-    return needsAcknowledging(alarm) ? [button("Ack", () => this.commands.acknowledge([id])), ...shelve] : shelve;
+    return needsAcknowledging(alarm) ? [button("Ack", () => this.commands.acknowledge(id)), ...shelve] : shelve;
   }
 
   #shelve(/** @type {Alarm} */ { id, text }) {

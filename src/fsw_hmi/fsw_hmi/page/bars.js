@@ -47,7 +47,9 @@ class Bar {
     const replaced = goal !== null && known(aim) && fixed(goal, spec.digits) !== fixed(aim, spec.digits);
     const told = replaced && (!wrong || wrong.kind === "error") ? `attainable ${fixed(goal, spec.digits)}` : wrong?.text; // why it is off
     this.tile.dataset.level = wrong?.level ?? (replaced ? "low" : "");
-    setText(this.flag, told ? `${SIGN[wrong?.level ?? "low"]} ${told}` : "");
+    const off = known(value) && (value < this.low || value > this.high);
+    this.pointer.classList.toggle("off", off);
+    setText(this.flag, [told ? `${SIGN[wrong?.level ?? "low"]} ${told}` : "", off ? "off scale" : ""].filter(Boolean).join(" · "));
     this.#point(this.planned, differs ? plan : null);
     this.#point(this.goal, replaced ? goal : null);
     this.#point(this.pointer, value);

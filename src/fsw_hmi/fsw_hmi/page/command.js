@@ -16,12 +16,15 @@ const NAME = "[A-Za-z0-9][A-Za-z0-9._\\-]*";
 /** How often the server is told that somebody is at the page, and when a login is tried again that could not be checked. */
 const TOUCH_MS = 20_000;
 const AGAIN_MS = 5000;
+/** A stop that was pressed without a connection waits for so long; later it would surprise. */
+const STOPS_MS = 10_000;
 
 export class Commands {
   /** @type {{[kind: string]: string}?} */ #credentials = null; // only here, so that a reload forgets them
   /** @type {Control?} */ #control = null; // as last told
   #due = 0; // until when control that is asked for must be answered
   #touched = -Infinity;
+  #stopsUntil = -Infinity; // until when a stop that was pressed without a connection is sent with the next one
   #lost = ""; // how control has got lost without anybody's doing
   /** Why nothing can be commanded from here; empty where it can. */
   lack = "";
@@ -67,9 +70,9 @@ export class Commands {
     permit([this.acknowledgeStop], this.lack || (stopped ? "" : "There is no safe stop to acknowledge."));
     permit(this.emulator, this.lack || (control.role === "engineer" ? "" : "This needs the role engineer."));
     for (const one of this.emulator) one.hidden = !hello?.emulator;
-    this.stop.disabled = !live;
-    if (this.stop.lastChild) setText(this.stop.lastChild, live ? "Ctrl + ." : "not connected: stop at the machine");
-    if (!live && this.#control?.you) closeForm(); // a login may go on
+    this.stop.disabled = !live && !hello; // once connected, it waits for the connection
+    const waits = performance.now() < this.#stopsUntil;
+    if (this.stop.lastChild) setText(this.stop.lastChild, live ? "Ctrl + ." : `${waits ? "waits for the connection" : "not connected"}: stop at the machine`);
   }
 
   /** Who has control, who asks for it, and what this page can do about it. */
@@ -138,12 +141,17 @@ export class Commands {
     return answer;
   };
 
-  /** A new connection knows nobody: log in again with what this page was told. Control is lost with the old one. */
-  async connected(hadControl = false) {
+  /** A connection begins: a stop that waits goes first. A new session knows nobody: log in again with what this page was told; control is lost with the old one. */
+  async connected(isNew = true, hadControl = false) {
+    const stops = performance.now() < this.#stopsUntil;
+    this.#stopsUntil = -Infinity;
+    const refused = stops && (await this.ask("Safe stop", "safe_stop")).outcome === "refused";
+    if (!isNew) return;
     if (hadControl) this.#lost = "control was lost with the connection to the server";
     this.update();
     if (!this.#credentials) return;
     const answer = await this.ask("Log in again", "login", this.#credentials);
+    if (refused && answer.outcome === "done") this.ask("Safe stop", "safe_stop");
     if (answer.outcome === "refused") this.#credentials = null; // one that is out of date is not tried for ever
     else if (answer.outcome !== "done" && this.connection.live) setTimeout(() => this.page.control.authenticated || this.connected(), AGAIN_MS);
   }
@@ -169,7 +177,10 @@ export class Commands {
   }
 
   safeStop() {
-    if (!this.connection.live) return;
+    if (!this.connection.live) {
+      this.#stopsUntil = performance.now() + STOPS_MS;
+      return this.update();
+    }
     const send = () => this.ask("Safe stop", "safe_stop");
     if (this.page.control.may_stop) send();
     else this.logIn(send, "Safe stop");
@@ -182,8 +193,13 @@ export class Commands {
     openForm({ title: "Take control", summary: () => `${holder.name} has control, has not answered, and loses it.`, confirm: `Take control from ${holder.name}`, run: take });
   }
 
-  acknowledge(/** @type {string[]} */ ids) {
-    this.ask(`Acknowledge ${ids.length === 1 ? "alarm" : `${ids.length} alarms`}`, "acknowledge", { ids });
+  acknowledge(/** @type {string} */ id) {
+    this.ask("Acknowledge alarm", "acknowledge", { ids: [id] });
+  }
+
+  /** All alarms up to the newest that is on the page: one that comes meanwhile stays. */
+  acknowledgeAll(/** @type {number} */ newest) {
+    this.ask("Acknowledge all alarms", "acknowledge", { up_to: newest });
   }
 
   switchController() {

@@ -9,6 +9,7 @@ const AGAIN_MS = 1000;
 /** The server answers in time or says that it timed out; this is for an answer that is lost. */
 const ANSWER_MS = 15_000;
 const STALE_CODE = 4001;
+const LOST_CODE = 4002;
 /** The server has no room for this page: to ask again at once would take it from another. */
 const NO_ROOM_CODE = 1013;
 const NO_ROOM_MS = 10_000;
@@ -18,6 +19,7 @@ export class Connection {
   #on;
   /** @type {Map<number, {resolve: (answer: Answer) => void, timer: number}>} */ #pending = new Map();
   /** @type {WebSocket?} */ #socket = null;
+  #resume = ""; // by which the server knows this page again after a short loss
   #nextId = 1;
   #retry = 0;
   #lastFrame = -Infinity;
@@ -55,7 +57,7 @@ export class Connection {
 
   #open() {
     clearTimeout(this.#retry);
-    const url = new URL(`ws?build=${encodeURIComponent(this.#build)}`, location.href);
+    const url = new URL(`ws?build=${encodeURIComponent(this.#build)}&resume=${encodeURIComponent(this.#resume)}`, location.href);
     url.protocol = location.protocol === "https:" ? "wss:" : "ws:";
     const socket = new WebSocket(url);
     this.#socket = socket;
@@ -78,6 +80,7 @@ export class Connection {
 
   #receive(/** @type {any} */ frame) {
     if (frame.t === "answer") return this.#answer(frame);
+    if (frame.t === "hello") this.#resume = frame.resume;
     if (frame.server_s !== undefined) this.#note(frame.server_s);
     this.#on.frame(frame);
   }
@@ -102,7 +105,7 @@ export class Connection {
     // A socket that is silent or behind is not worth waiting for: a new one starts with the present.
     const old = this.#socket;
     this.#socket = null;
-    if (old) old.close();
+    if (old) old.close(LOST_CODE);
     this.#closed({ code: 0 });
   }
 

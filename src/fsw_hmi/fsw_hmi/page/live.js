@@ -91,7 +91,7 @@ export class LivePage {
     this.map?.destroy();
     this.map = new WeldMap(byId("map"), hello.columns, (timeS) => this.trends?.look(timeS), (timeS) => this.trends?.clock(timeS) ?? "");
     this.#show();
-    if (isNew) this.commands.connected(hadControl);
+    this.commands.connected(isNew, hadControl);
   }
 
   #tick(/** @type {Tick} */ tick) {
