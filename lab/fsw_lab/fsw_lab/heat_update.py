@@ -12,10 +12,10 @@ import numpy as np
 from fsw.bags import data_sha256
 from fsw_analysis.rules import Verdict
 from fsw_analysis.weld_signals import WeldSignals
+from fsw_control.schema.models import InputError, json_content_of, read_text
 from fsw_model.heat_profile import HeatProfile
 from fsw_recorder.bag_reader import SUFFIXES
 from fsw_scenario.scenario_file import parse
-from fsw_control.schema.models import InputError, json_content_of, read_text
 
 #: what a weld of the same type has in common with the others, of what the recorder notes
 IDENTITY = ("lid", "tool", "machine")

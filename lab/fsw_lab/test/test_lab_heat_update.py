@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
+from fsw_control.schema.models import InputError
 from fsw_lab.heat_update import (
     IDENTITY,
     RECORD,
@@ -20,7 +21,6 @@ from fsw_lab.heat_update import (
 )
 from fsw_model import nominal
 from fsw_model.heat_profile import HeatProfile, HeatSource, ThermalModel
-from fsw_control.schema.models import InputError
 
 WAY = {"name": "way", "phases": [{"name": "start", "to_deg": 2.0, "length_mm": 20.0}]}
 
