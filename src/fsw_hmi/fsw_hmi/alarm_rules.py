@@ -76,11 +76,11 @@ class _Texts(BaseModel):
 _TEXTS = _Texts(**load_yaml(files("fsw_hmi").joinpath("alarms.yaml").read_text(encoding="utf-8")))
 
 
-def alarm(kind: str, **values: object) -> Alarm:
+def alarm(kind: str, cause: str = "", /, **values: object) -> Alarm:
     """An alarm of a kind, with ``values`` in its texts."""
     one = _TEXTS.kinds[kind]
     parts = {key: getattr(one, key).format(**values) for key in ("what", "why", "advice")}
-    return replace(one, **parts)
+    return replace(one, cause=cause, **parts)
 
 
 def flood(count: int, priority: Priority) -> Alarm:
@@ -171,7 +171,7 @@ class AlarmRules:
         self._mute_since_s: float | None = None
         self._failed = "", ""
         self._nominal = ""  # who has commanded as selected, and does so without a break
-        self._faults: dict[str, str] = {}
+        self._faults: dict[str, str] = {}  # by sensor, the state that it began with
         self._before_stop = frozenset[str]()  # present when a stop began: it may be their effect
 
     def present(self, now: Situation, now_s: float) -> dict[str, Alarm]:
@@ -274,8 +274,10 @@ class AlarmRules:
             if (
                 state not in _AFTERWARDS or name not in self._faults
             ):  # the alarm tells what it began with
-                self._faults[name] = _TEXTS.sensors.get(state, state)
-            found[f"sensor:{name}"] = alarm("sensor", name=name, why=self._faults[name])
+                self._faults[name] = state
+            fault = self._faults[name]
+            why = _TEXTS.sensors.get(fault, fault)
+            found[f"sensor:{name}"] = alarm("sensor", fault, name=name, why=why)
 
     def _supervisor(self, now: Situation, now_s: float, found: dict[str, Alarm]) -> None:
         state, age_s = now.state, now.state_age_s
@@ -319,7 +321,7 @@ class AlarmRules:
                 alarm("safe_stop", why=_tripped(state) or why), trip=not asked
             )
         elif mode == "hold" and target_mode != "hold" and not state["cause"].at_start:
-            found["hold"] = alarm("hold", why=why)
+            found["hold"] = alarm("hold", state["cause"].name, why=why)
         elif mode == "auto" and actual and target and actual != target:
             lacks = (one["why"] for one in state["controllers"] if one["name"] == target)
             return self._failover(

@@ -5,7 +5,6 @@ All times are of a steady clock (``now_s``); only for people they become those o
 
 from __future__ import annotations
 
-import re
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -46,16 +45,12 @@ class Alarm:
     on_s: float = 0.0  #: how long the cause must last before that counts
     off_s: float = 1.0  #: and how long be gone
     why: str = ""  #: where more than one cause is possible
+    cause: str = ""  #: which of them, as a code
 
     @property
     def text(self) -> str:
         """Cause and reason."""
         return f"{self.what}: {self.why}" if self.why else self.what
-
-    @property
-    def cause(self) -> str:
-        """The text without its figures: values that change are no other cause."""
-        return re.sub(r"\d[\d.]*", "#", self.text)
 
 
 @dataclass(frozen=True, slots=True)

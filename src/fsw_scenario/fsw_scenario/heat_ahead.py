@@ -7,12 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from fsw_control.heat_plan import HeatPlan
-<<<<<<< HEAD
 from fsw_control.schema.models import InputError
-from fsw_model.heat_profile import CORRELATION_MM, HeatProfile
-=======
 from fsw_model.heat_profile import CORRELATION_MM, CORRELATION_S, HeatProfile
->>>>>>> heatmodel
 from fsw_scenario.weld_programme import Phase, spans
 
 

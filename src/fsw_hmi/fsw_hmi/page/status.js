@@ -50,7 +50,7 @@ export class Status {
   connection({ kind, text }, programme) {
     setText(this.link, kind === "live" ? "server time, UTC" : "last server time");
     if (kind === "live") return;
-    if (kind === "lost" && programme?.state === "done") return this.judge({ level: "attention", text: "Weld done", detail: `the page's server no longer answers; ${text[0].toLowerCase()}${text.slice(1)}` });
+    if (kind === "lost" && programme?.state === "done") return this.judge({ level: "attention", text: "Weld done", detail: `the page's server no longer answers. ${text}` });
     this.judge({ level: "high", text: kind === "connecting" ? "Connecting" : text, detail: kind === "lost" ? "values are old, commands are off; reconnecting" : "" });
   }
 }
