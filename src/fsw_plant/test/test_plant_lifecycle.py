@@ -56,6 +56,7 @@ def test_it_ticks_while_active_and_is_safe_when_deactivated(graph, capfd):
     # it begins where it was left: in the safe state, until that is acknowledged
     assert peer.got["truth"][seen].axial_force == pytest.approx(1e3 * safe_kn, rel=0.01)
     assert peer.got["truth"][-1].axial_force < 66e3
+    peer.stop = plant._fence.register.value
     peer.answer = lambda _, stamp: peer.command(stamp, force_kn=65.0, source="safe_stop")
     graph.until(lambda: peer.got["truth"][-1].watchdog == 0)
     peer.stop, peer.answer = Stop(plant._fence.register.value.epoch + 1, False), answer(graph)

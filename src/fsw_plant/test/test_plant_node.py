@@ -16,6 +16,7 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
 from fsw_control import Command
+from fsw_control import messages_ros as convert
 from fsw_control.single_instance_ros import AnotherPlantError
 from fsw_control.stop import Stop as Register
 from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM
@@ -386,6 +387,7 @@ def test_watchdog_holds_and_ramps_until_that_is_acknowledged(graph):
     refused = peer.got["truth"][-1].refused_commands
     commanded("test", lambda: peer.got["truth"][-1].refused_commands > refused + 10)
     assert peer.got["truth"][-1].watchdog == PlantState.WATCHDOG_SAFE
+    peer.stop = convert.stop(stop)
     commanded("safe_stop", lambda: peer.got["truth"][-1].watchdog == PlantState.WATCHDOG_OK)
     peer.stop = Register(drives[-1].actuator.stop.epoch + 1, False)
     commanded("safe_stop", lambda: not drives[-1].actuator.stop.stopped)
