@@ -21,7 +21,12 @@ os.environ.setdefault(
     "OPENBLAS_NUM_THREADS", "1"
 )  # before the first import of numpy, in test files
 stay_on_this_machine(os.environ)  # before the first node: Fast DDS reads its profiles once
-_PATIENT = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+#: With CI in the environment each run has the same examples: it judges a commit, not its luck.
+_PATIENT = settings(
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+    derandomize="CI" in os.environ,
+)
 settings.register_profile("project", _PATIENT, max_examples=30)
 settings.register_profile("full", _PATIENT, max_examples=400)  # scripts/test.py --full
 settings.load_profile("project")

@@ -67,7 +67,7 @@ WHEELS_READY = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 FROM_ROS = ("numpy",)
 #: extras that the tests need; those of the second line are not there in the oldest supported
 #: versions
-TEST_EXTRAS = ("fmu", "machine", "hmi", "canister", "signing", "pdf")
+TEST_EXTRAS = ("fmu", "machine", "hmi", "canister", "signing", "pdf", "completion")
 NEWER_TEST_EXTRAS = ("campaign", "build", "science", "gym")
 
 
@@ -152,9 +152,7 @@ def ensure(dev=False, oldest=False, extras=()):
     if not _is_ready(home, locks):
         try:
             with open(home.with_suffix(".lock"), "w") as turn:
-                fcntl.flock(
-                    turn, fcntl.LOCK_EX
-                )  # several nodes may be started at once on a fresh machine
+                _wait_for(turn)  # several nodes may be started at once on a fresh machine
                 if not _is_ready(home, locks):
                     if reason:
                         print(
@@ -344,8 +342,18 @@ def _has_installed(home, locks):
         return False
 
 
+def _wait_for(turn):
+    """Lock a file, and say so if another script has it."""
+    try:
+        fcntl.flock(turn, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        print("[set-up] waiting for another script's set-up", file=sys.stderr, flush=True)
+        fcntl.flock(turn, fcntl.LOCK_EX)
+
+
 def _make(home, locks):
-    if _made_with(home) != _minor(sys.version):
+    # One without a lock installed may have been interrupted before pip was there.
+    if _made_with(home) != _minor(sys.version) or not any(home.glob("*.installed")):
         print(
             f"[set-up] making {home.name} with Python {sys.version.split()[0]}",
             file=sys.stderr,

@@ -24,6 +24,9 @@ from fsw_test_support.waiting import PATIENCE_S, has_ended, wait_for_text
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 NODES = ("recorder", "plant", "decentral", "supervisor")
+#: exit codes of nodes that leave the graph at the same time; Fast DDS may not let one leave, which
+#: then ends by an alarm after its own work: see light_node_ros.py
+CLEANLY = (0, -signal.SIGALRM)
 
 
 @pytest.mark.parametrize(
@@ -51,9 +54,9 @@ def test_every_process_ends_cleanly_and_the_bag_is_whole(signs, tmp_path):
             child.process.wait(PATIENCE_S)
         for name in NODES:
             child = launcher.children[name]
-            assert child.process.returncode == 0, (name, child.text())
+            assert child.process.returncode in CLEANLY, (name, child.text())
             assert "Traceback" not in child.text(), (name, child.text())
-        assert player.process.returncode == 0, "a requested stop is no failure"
+        assert player.process.returncode in CLEANLY, "a requested stop is no failure"
         assert "stopped before" in player.text()
     signals = load_weld(graph.bag)
     assert signals.problems == []

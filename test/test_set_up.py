@@ -1,5 +1,6 @@
 """The set-up of the environment: which Python, whether ROS 2 can be had, and building messages for it."""
 
+import fcntl
 import os
 import subprocess
 import sys
@@ -8,17 +9,17 @@ from pathlib import Path
 import pytest
 
 SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
+BEGIN = f"import sys; sys.path.insert(0, {str(SCRIPTS)!r}); import _bootstrap, _interfaces\n"
 
 
 def in_python(program, *arguments, **environment):
     """Run a program that has imported ``_bootstrap``, outside of any sourced ROS 2; returns its output."""
-    begin = f"import sys; sys.path.insert(0, {str(SCRIPTS)!r}); import _bootstrap, _interfaces\n"
     kept = {
         name: value
         for name, value in os.environ.items()
         if name not in ("ROS_DISTRO", "AMENT_PREFIX_PATH")
     }
-    command = [sys.executable, "-c", begin + program, *map(str, arguments)]
+    command = [sys.executable, "-c", BEGIN + program, *map(str, arguments)]
     return subprocess.run(
         command, capture_output=True, text=True, timeout=600, check=False, env=kept | environment
     )
@@ -67,6 +68,40 @@ def test_a_python_with_wheels_is_found_on_the_search_path(tmp_path):
     assert "Python 3.15" in ran.stderr and f"using {tmp_path / 'python3.13'}" in ran.stderr
     ran = in_python("sys.version_info = (3, 9, 0)\n_bootstrap.ensure()", PATH="/nowhere")
     assert ran.returncode == 1 and "Python 3.11" in ran.stderr
+
+
+def test_an_environment_whose_making_was_interrupted_is_made_again(tmp_path):
+    """It has an interpreter, but no pip."""
+    home = tmp_path / ".venv"
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", home], check=True)
+    program = """
+_bootstrap._run_with_progress = lambda command, what: None
+_bootstrap._install_from_source = lambda home: None
+_bootstrap._make(_bootstrap.Path(sys.argv[1]), [_bootstrap.WORKSPACE / "requirements" / "runtime.lock"])
+"""
+    ran = in_python(program, home)
+    assert ran.returncode == 0, ran.stderr
+    subprocess.run([home / "bin" / "python", "-m", "pip", "--version"], check=True)
+    kept = home / "kept"
+    kept.touch()
+    assert in_python(program, home).returncode == 0 and kept.exists()
+
+
+def test_who_waits_for_another_set_up_says_so(tmp_path):
+    program = """
+with open(sys.argv[1], "w") as turn:
+    _bootstrap._wait_for(turn)
+"""
+    lock = tmp_path / "set-up.lock"
+    assert "waiting" not in in_python(program, lock).stderr
+    with lock.open("w") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        waiting = subprocess.Popen(
+            [sys.executable, "-c", BEGIN + program, str(lock)], stderr=subprocess.PIPE, text=True
+        )
+        assert "waiting" in waiting.stderr.readline()
+    with waiting:
+        assert waiting.wait(600) == 0
 
 
 @pytest.fixture(scope="module")

@@ -1,11 +1,22 @@
-"""``fsw completion``: shell script that completes commands and options."""
+"""``fsw completion``: shell script that completes commands, options, scenarios and controllers."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 
 from fsw.command import command, option
+from fsw_control.schema.extensions import extensions
 from fsw_control.schema.extras import Extra
+from fsw_scenario.scenario_file import shipped
+
+#: functions that complete one of some names, or a file
+_FUNCTIONS = {
+    "bash": """_fsw_{kind}() {{ compgen -W "{names}" -- "$1"; compgen -f -- "$1"; }}
+""",
+    "zsh": """_fsw_{kind}() {{ _alternative "names:{kind}:({names})" "files:file:_files" }}
+""",
+}
 
 
 @command(
@@ -19,5 +30,23 @@ def completion(arguments: argparse.Namespace) -> int:
 
     from fsw.main import parser
 
-    print(shtab.complete(parser("fsw"), arguments.shell))
+    values = {"scenario": shipped(), "controller": tuple(extensions("fsw.controllers"))}
+    function = _FUNCTIONS.get(arguments.shell, "")
+    preamble = "".join(
+        function.format(kind=kind, names=" ".join(names)) for kind, names in values.items()
+    )
+    commands = parser("fsw")
+    for action in _actions(commands) if function else ():
+        if action.dest in values:
+            action.complete = {arguments.shell: f"_fsw_{action.dest}"}  # type: ignore[attr-defined]
+    print(shtab.complete(commands, arguments.shell, preamble={arguments.shell: preamble}))
     return 0
+
+
+def _actions(parser: argparse.ArgumentParser) -> Iterable[argparse.Action]:
+    """Arguments of a parser and of the commands in it."""
+    for action in parser._actions:
+        yield action
+        if isinstance(action, argparse._SubParsersAction):
+            for inner in action.choices.values():
+                yield from _actions(inner)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
 from types import ModuleType
 
 from fsw import __version__
@@ -47,7 +48,7 @@ def parser(name: str = "fsw.py", word: str = "") -> argparse.ArgumentParser:
                     places[one.name] = _places(added)
                 for add in one.options:
                     add(added)
-                added.set_defaults(run=one, verb=last)
+                added.set_defaults(run=one, verb=last, parser=added)
     return whole
 
 
@@ -81,13 +82,33 @@ def _places(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code, 2 for invalid arguments."""
     words = sys.argv[1:] if arguments is None else list(arguments)
+    if words[:1] == ["help"]:
+        words = [*words[1:], "--help"]
 
     def run() -> int:
-        parsed = parser(program(), words[0] if words else "").parse_args(words)
+        word = words[0] if words else ""
+        if word == "--version":  # without an import of all commands
+            print(f"fsw-control {__version__}")
+            return 0
+        commands = {name.partition(".")[0] for name in extensions(GROUP)}
+        if word and word[0] != "-" and word not in commands:
+            short = argparse.ArgumentParser(prog=program(), usage="%(prog)s COMMAND ...")
+            short.error(f"unknown command {word}{_nearest(word, commands)}")
+        parsed, surplus = parser(program(), word).parse_known_args(words)
+        if surplus:
+            known = parsed.parser._option_string_actions
+            nearest = _nearest(surplus[0].partition("=")[0], known)
+            parsed.parser.error(f"unrecognized arguments: {' '.join(surplus)}{nearest}")
         code: int = parsed.run(parsed)
         return code
 
     return exit_code(run)
+
+
+def _nearest(word: str, known: Iterable[str]) -> str:
+    """Which known word may have been meant, as a continuation of an error message."""
+    likely = get_close_matches(word, known, 1)
+    return f"; did you mean {likely[0]}?" if likely else ""
 
 
 if __name__ == "__main__":

@@ -16,13 +16,12 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from fsw.errors import CommandError
-from fsw_control import fast_dds
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
+from fsw_control.light_node_ros import join
 from fsw_control.references import ReferenceQueue
 from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.sensors import REQUIRED, SENSORS
@@ -159,10 +158,9 @@ def graph_text(node: Operator) -> str:
 @contextlib.contextmanager
 def operator(arguments: argparse.Namespace) -> Iterator[Operator]:
     """Join the graph of ``--namespace`` as ``fsw_operator`` while the context lasts."""
-    os.environ.update(fast_dds.settings(os.environ))
     try:
         # Ctrl-C must leave the graph reachable: an interrupted command aborts what it has begun
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        join([])
     except RuntimeError as error:  # the environment is wrong, e.g. ROS_DOMAIN_ID
         raise CommandError(str(error)) from None
     try:

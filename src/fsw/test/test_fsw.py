@@ -159,6 +159,47 @@ def test_wrong_arguments_tell_the_usage(capsys, arguments):
 
 
 @pytest.mark.parametrize(
+    ("arguments", "meant"),
+    [
+        (["simulat"], "simulate"),
+        (["simulate", "quick", "--no-figure"], "--no-figures"),
+        (["bag", "info", "--jsn", "bag"], "--json"),
+    ],
+)
+def test_what_may_have_been_meant_is_said(capsys, arguments, meant):
+    code, _, error = run(capsys, *arguments)
+    assert code == 2 and meant in error.split("usage:")[-1].splitlines()[-1]
+
+
+def test_help_is_a_command_too(capsys):
+    assert run(capsys, "help", "bag", "info") == run(capsys, "bag", "info", "--help")
+    assert run(capsys, "help")[0] == 0
+
+
+@pytest.mark.parametrize("words", [("simulate", "refer"), ("simulate", "--controller", "decen")])
+def test_bash_completes_scenarios_and_controllers(capsys, tmp_path, words):
+    pytest.importorskip("shtab")
+    script = tmp_path / "completion.bash"
+    script.write_text(run(capsys, "completion", "bash")[1])
+    program = """
+source "$1"; shift
+COMP_WORDS=("$@") COMP_CWORD=$(($# - 1))
+_shtab_fsw "$1" "${@: -1}" ""
+echo "${COMPREPLY[*]}"
+"""
+    completed = subprocess.run(
+        ["bash", "-c", program, "bash", script, "fsw", *words],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=tmp_path,
+    )
+    assert completed.stdout.split() == [
+        "reference_tracking" if words[-1] == "refer" else "decentral"
+    ]
+
+
+@pytest.mark.parametrize(
     ("command", "words"),
     [
         ("reference", ("1.5 to 4 mm", "750 to 950 degC")),

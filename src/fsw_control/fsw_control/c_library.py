@@ -168,7 +168,7 @@ class CLibrary:
         """An existing usable library, or None."""
         try:
             built = self.cache_path()
-        except RuntimeError:  # there is no home folder
+        except OSError:  # there is no cache
             built = None
         packaged = sorted(self.folder.parent.glob("_kernel*.so"))
         for library in [*([built] if built else []), *packaged]:
@@ -214,9 +214,7 @@ class CLibrary:
                     run_compiler([*command, *arguments])
                 target.chmod(0o755)
         except OSError as error:
-            raise RuntimeError(
-                f"cannot write the kernel's library: {error} (set XDG_CACHE_HOME)"
-            ) from None
+            raise RuntimeError(f"cannot write the kernel's library: {error}") from None
         return library
 
     def extension(self) -> dict[str, Any]:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import os
-import tempfile
+import socket
 from collections.abc import Iterator
-from pathlib import Path
+from contextlib import contextmanager
 
 # Domains that fit the port range of Linux, without the low ones that people choose by hand.
 _DOMAINS = range(20, 101)
@@ -18,12 +16,13 @@ class NoFreeDomainError(RuntimeError):
     """All domains of this machine are taken."""
 
 
-@contextlib.contextmanager
+@contextmanager
 def free_domain() -> Iterator[int]:
-    """Reserve a ROS domain (20 to 100) on this machine, by a lock file, while the context lasts.
+    """Reserve a ROS domain (20 to 100) on this machine while the context lasts.
 
-    Each call of a process takes another domain: killed participants linger in theirs until their
-    lease ends.
+    The reservation is the name of a local socket: the kernel ends it with its process, and no file
+    is left. Each call of a process takes another domain, because killed
+    participants linger in theirs until their lease ends.
 
     Raises
     ------
@@ -34,13 +33,10 @@ def free_domain() -> Iterator[int]:
     for _ in _DOMAINS:
         _last += 1
         domain = _DOMAINS[_last % len(_DOMAINS)]
-        with contextlib.ExitStack() as stack:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as reservation:
             try:
-                file = stack.enter_context(
-                    (Path(tempfile.gettempdir()) / f"ros_domain_{domain}.lock").open("w")
-                )
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:  # in use, or another user's file
+                reservation.bind(f"\0ros_domain_{domain}")
+            except OSError:  # it is in use
                 continue
             yield domain
             return

@@ -1,22 +1,45 @@
-"""Nodes without rclpy's default event handlers, which shut down within a bounded time."""
+"""How a node joins the graph, what it leaves out, and how it leaves in bounded time."""
 
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
+import rclpy
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.signals import SignalHandlerOptions
+
+from fsw_control import fast_dds
+from fsw_control.schema.files import writable
 
 #: longest time that ROS may take to leave the graph (chosen: a loaded machine takes some seconds)
 _LONGEST_END_S = 10.0
 #: Longest time to deliver a node's last messages: at load 30, retransmissions of lost packets took
 #: more than 1 s. A subscriber that was killed never acknowledges.
 _LAST_WORDS_S = 5.0
+
+
+def join(arguments: Sequence[str]) -> None:
+    """As ``rclpy.init``, without its signal handlers, on the project's settings of the middleware.
+
+    ROS writes its logs into the user's cache where the home folder cannot be written.
+
+    Raises
+    ------
+    RuntimeError
+        If the arguments or the environment are wrong.
+    """
+    os.environ.update(fast_dds.settings(os.environ))
+    if not {"ROS_LOG_DIR", "ROS_HOME"} & os.environ.keys():
+        os.environ["ROS_LOG_DIR"] = str(writable(Path("~/.ros"), "ros") / "log")
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
 
 
 @contextlib.contextmanager

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import atexit
 import contextlib
-import os
 import signal
 import socket
 import sys
@@ -17,11 +16,9 @@ import rclpy
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import get_default_context, remove_ros_args
 
-from fsw_control import fast_dds
-from fsw_control.light_node_ros import ends_in_time
+from fsw_control.light_node_ros import ends_in_time, join
 from fsw_control.node_arguments import NodeArguments, asks_for_help
 from fsw_control.parameters import NodeParameters
 
@@ -155,8 +152,7 @@ def run(
         try:
             if arguments is not None:
                 arguments.check(argv)  # before ROS opens the files: it would block on a pipe
-            os.environ.update(fast_dds.settings(os.environ))
-            rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
+            join(argv)
             started = True
             words = remove_ros_args(args=argv)[1:]
             taken = 1 if arguments is not None and arguments.positional else 0

@@ -53,11 +53,13 @@ class StopRegister:
     """A copy of the register, which only grows.
 
     Merging takes the maximum, so copies that have heard each other are equal, whatever was lost,
-    delayed or repeated. A stop survives as long as one copy of it does.
+    delayed or repeated. A stop survives as long as one copy of it does. An acknowledgement from
+    elsewhere cannot cover a stop of which no other copy has been heard: its maker did not know it.
     """
 
     def __init__(self) -> None:
         self.value = Stop()
+        self._unheard = False  #: the value is a stop made here, and no other copy has shown it
 
     @property
     def stopped(self) -> bool:
@@ -66,13 +68,16 @@ class StopRegister:
 
     def merge(self, other: Stop) -> bool:
         """Take another copy's value; return whether this one has changed."""
-        changed = other > self.value
-        self.value = max(self.value, other)
-        return changed
+        own, unheard = self.value, self._unheard
+        self.value, self._unheard = max(own, other), unheard and other < own
+        if unheard and other > own and not other.stopped:
+            self.stop(own.cause, own.who, own.since_ns)
+        return self.value != own
 
     def stop(self, cause: StopCause, who: str, since_ns: int) -> None:
         """Begin a safe stop, which the acknowledgement of an earlier one does not cover."""
-        self.merge(self.next_stop(cause, who, since_ns))
+        self.value = max(self.value, self.next_stop(cause, who, since_ns))
+        self._unheard = True
 
     def next_stop(self, cause: StopCause, who: str, since_ns: int) -> Stop:
         """Return the value of a safe stop that would begin now.
@@ -87,3 +92,4 @@ class StopRegister:
         """End the safe stop that this copy knows."""
         if self.value.stopped and self.value.epoch < LAST_EPOCH:
             self.value = Stop(self.value.epoch + 1, False, self.value.cause, who, since_ns)
+            self._unheard = False

@@ -57,6 +57,22 @@ def test_a_new_stop_is_greater_than_any_acknowledgement_that_was_heard(heard):
 
 
 @pytest.mark.requirement("S25")
+@given(stops.filter(lambda value: not value.stopped))
+def test_only_who_has_heard_of_a_stop_ends_it_by_an_acknowledgement(acknowledgement):
+    """A supervisor that restarts without a link knows neither the epoch nor the time."""
+    register = StopRegister()
+    register.stop(StopCause.OPERATOR, "anna", 0)
+    register.merge(acknowledgement)
+    assert register.stopped and register.value > acknowledgement
+    other = StopRegister()
+    other.merge(register.value)
+    register.merge(other.value)
+    other.acknowledge("anna", 0)
+    register.merge(other.value)
+    assert not register.stopped
+
+
+@pytest.mark.requirement("S25")
 @pytest.mark.parametrize("second", ["aaron", "zoe"])
 def test_acknowledgement_of_one_stop_does_not_cover_another_of_its_epoch(second):
     fence, acknowledging = Fence(), StopRegister()

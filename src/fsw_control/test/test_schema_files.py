@@ -5,7 +5,7 @@ import fcntl
 import os
 import socket
 import stat
-from pathlib import Path
+import tempfile
 
 import pytest
 
@@ -20,17 +20,40 @@ from fsw_control.schema.files import (
 
 
 @pytest.mark.parametrize(
-    ("variable", "folder"),
-    [
-        ("/var/kept", "/var/kept/fsw_x"),
-        ("relative", "/home/anna/.cache/fsw_x"),
-        ("", "/home/anna/.cache/fsw_x"),
-    ],
+    ("variable", "folder"), [("/kept", "kept"), ("kept", "anna/.cache"), ("", "anna/.cache")]
 )
-def test_cache_is_where_the_user_says_if_that_is_absolute(monkeypatch, variable, folder):
-    monkeypatch.setenv("HOME", "/home/anna")
-    monkeypatch.setenv("XDG_CACHE_HOME", variable)
-    assert user_cache("fsw_x") == Path(folder)
+def test_cache_is_where_the_user_says_if_that_is_absolute(monkeypatch, tmp_path, variable, folder):
+    monkeypatch.setenv("HOME", str(tmp_path / "anna"))
+    monkeypatch.setenv(
+        "XDG_CACHE_HOME", f"{tmp_path}{variable}" if variable[:1] == "/" else variable
+    )
+    assert user_cache("fsw_x") == tmp_path / folder / "fsw_x"
+    assert (tmp_path / folder / "fsw_x").is_dir()
+
+
+@pytest.fixture
+def private(monkeypatch, tmp_path):
+    """The folder that is used where HOME cannot be written; there is none yet."""
+    monkeypatch.setenv("HOME", "/proc/none")
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return tmp_path / f"fsw-{os.getuid()}"
+
+
+def test_without_a_home_the_cache_is_private(private):
+    assert user_cache("fsw_x") == user_cache("fsw_x") == private / "fsw_x"
+    assert stat.S_IMODE(private.stat().st_mode) == 0o700
+
+
+def test_no_cache_is_taken_that_others_can_write(private, tmp_path):
+    private.symlink_to(tmp_path)
+    with pytest.raises(PermissionError):
+        user_cache("fsw_x")
+    private.unlink()
+    private.mkdir()
+    private.chmod(0o777)
+    with pytest.raises(PermissionError):
+        user_cache("fsw_x")
 
 
 def test_file_is_the_old_one_until_the_new_one_is_whole(tmp_path):

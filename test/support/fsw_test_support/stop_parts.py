@@ -31,6 +31,7 @@ class End(NamedTuple):
     """The actuator end. Its counts of measurements are left out: it may react at any time."""
 
     value: Stop = Stop()
+    unheard: bool = False  #: the value is a stop of its own that no other copy has shown
     term: int = 0
     leader: str = ""
     source: str = ""
@@ -47,6 +48,7 @@ class Supervisor(NamedTuple):
     heard_term: int = 0
     confirmed: bool = False
     value: Stop = Stop()
+    unheard: bool = False  #: the value is a stop of its own that no other copy has shown
     agrees: bool = True  #: the last report had this copy's value
     safe: bool = False  #: its mode is safe stop; else it commands by a controller
     fresh: bool = True  #: it has neither sent a command nor followed one
@@ -68,7 +70,7 @@ class Message(NamedTuple):
 
 def _fence(end: End) -> Fence:
     fence = Fence()
-    fence.register.value = end.value
+    fence.register.value, fence.register._unheard = end.value, end.unheard
     fence._term, fence._leader, fence._source, fence._reacted = (
         end.term,
         end.leader,
@@ -80,7 +82,14 @@ def _fence(end: End) -> Fence:
 
 def _end(fence: Fence) -> End:
     state = fence.state
-    return End(state.stop, state.term, state.leader, state.source, fence._reacted)
+    return End(
+        state.stop,
+        fence.register._unheard,
+        state.term,
+        state.leader,
+        state.source,
+        fence._reacted,
+    )
 
 
 def report(end: End) -> ActuatorState:
@@ -202,7 +211,7 @@ class Rebuilt:
             machine.register.value = before.asked
             self.confirmations = Confirmations(failover, 0.0)
             self.waiting = self.confirmations.of_stop(0.0)
-        machine.register.value = before.value
+        machine.register.value, machine.register._unheard = before.value, before.unheard
         machine.reported = before.value if before.agrees else Stop(-1)
         if not before.fresh:
             self.arbiter.ticks.last = Decision(0, HOME, "")
@@ -218,6 +227,7 @@ class Rebuilt:
             heard_term=failover._heard_term,
             confirmed=failover._confirmed and active,
             value=own,
+            unheard=machine.register._unheard,
             agrees=machine.reported == own,
             safe=machine.mode is Mode.SAFE_STOP,
             fresh=self.arbiter.ticks.last is None,

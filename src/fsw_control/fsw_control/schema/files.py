@@ -7,8 +7,9 @@ import fcntl
 import os
 import secrets
 import stat
+import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -77,13 +78,38 @@ def read_regular(path: str | Path, longest_bytes: int = LONGEST_BYTES) -> bytes:
 def user_cache(name: str) -> Path:
     """Folder of a package in the user's cache, by the XDG Base Directory Specification.
 
-    Raises
-    ------
-    RuntimeError
-        If there is no home folder.
+    Made if it is missing; see :func:`writable`.
     """
     cache = os.environ.get("XDG_CACHE_HOME", "")
-    return (Path(cache) if os.path.isabs(cache) else Path.home() / ".cache") / name
+    home = Path(cache) if os.path.isabs(cache) else Path("~/.cache")
+    return writable(home / name, name)
+
+
+def writable(folder: Path, name: str) -> Path:
+    """Return a folder, made if it is missing, or where it cannot be written a private one.
+
+    That is the case in containers and sandboxes. The private one, called ``name``, is in the
+    temporary folder, in a folder where only this user may write.
+
+    Raises
+    ------
+    OSError
+        If that cannot be made, or belongs to another user.
+    """
+    with suppress(OSError, RuntimeError):  # RuntimeError: there is no home folder
+        folder = folder.expanduser()
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK | os.X_OK):
+            return folder
+    own = Path(tempfile.gettempdir()) / f"fsw-{os.getuid()}"
+    own.mkdir(mode=0o700, exist_ok=True)
+    # Libraries are loaded from there: neither a link nor a folder of somebody else will do.
+    state = own.lstat()
+    if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.getuid() or state.st_mode & 0o077:
+        raise PermissionError(errno.EACCES, "not private; set XDG_CACHE_HOME", str(own))
+    folder = own / name
+    folder.mkdir(exist_ok=True)
+    return folder
 
 
 @contextmanager
