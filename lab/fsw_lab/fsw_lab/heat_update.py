@@ -21,8 +21,7 @@ from fsw_scenario.scenario_file import parse
 IDENTITY = ("lid", "tool", "machine")
 #: record that the recorder's procedure writes into a bag's folder
 RECORD = Path("record") / "record.json"
-#: A weld lacks of the profile by this many of the profile's deviations if it is of another type;
-#: one of the type does so once in thousands (chosen).
+#: a weld that lacks more than this many of the profile's deviations is of another type (chosen)
 _STRANGE = 2.0
 
 

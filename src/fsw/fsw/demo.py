@@ -104,10 +104,6 @@ def _live(parsed: argparse.Namespace) -> int:
     scenario = load(names[0])
     if not scenario.open_loop and len(scenario.controllers) == 1:
         scenario = parse(scenario.text, scenario.name, [f"controller={next(iter(controllers))}"])
-    if not middleware_is_here():
-        raise CommandError(f"--live needs ROS 2: {HOW}")
-    EXTRA.need("--live")
-    prepare(PlantConfig.from_values(scenario.plant))
     if parsed.model is not None:
         ModelParameters.from_file(parsed.model)  # else the NMPC refuses it
         if "nmpc" not in controllers:
@@ -117,6 +113,10 @@ def _live(parsed: argparse.Namespace) -> int:
         HeatAhead(
             HeatProfile.from_file(parsed.heat), scenario.phases
         )  # else the player refuses it
+    if not middleware_is_here():
+        raise CommandError(f"--live needs ROS 2: {HOW}")
+    EXTRA.need("--live")
+    prepare(PlantConfig.from_values(scenario.plant))
     folder = new_folder(parsed.out, "live")
     others = () if scenario.open_loop else tuple(controllers)
     graph = WeldGraph(

@@ -79,6 +79,8 @@ def test_nothing_is_overwritten(capsys, tmp_path):
         ["simulate", "quick", "--set", "plant.model_file=/dev/null"],
         ["simulate", "quick", "--heat", "nothing_of_the_kind.yaml"],
         ["simulate", "quick", "--heat", "/dev/null"],
+        ["demo", "--heat", "heat.yaml"],
+        ["demo", "--live", "--model", "/dev/null"],
         [
             "simulate",
             "quick",
