@@ -192,7 +192,7 @@ class Late(Nothing):
 
 @pytest.mark.parametrize(
     ("controller", "why"),
-    [(Nothing, "method 'command'"), (Silent, "NoneType"), (Blank, "command is")],
+    [(Nothing, "method 'command'"), (Silent, "NoneType"), (Blank, "not finite")],
 )
 def test_a_controller_that_never_proposes_a_command_has_no_figures(controller, why):
     with pytest.raises(InputError, match=f"^quick: nothing .* 600 ticks: .*{why}"):
