@@ -21,7 +21,7 @@ from fsw_supervisor.operator_requests import OperatorRequests
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.start_up import StartUp
 from fsw_supervisor.state_machine import Level, Machine, Mode
-from fsw_supervisor.tick import Decision, Outcome, Tick, same
+from fsw_supervisor.tick import Decision, Tick, same
 
 #: in lockstep, shortest wait for late samples [s]
 _LOCKSTEP_GRACE_S = 1.0
@@ -117,40 +117,36 @@ class Arbitration:
 
     # ---------------------------------------------------------------- the decision
 
-    def decide(self, tick: Tick, now_s: float, final: bool) -> Outcome | None:
-        """Decide a tick if possible; ``final``: with the inputs at hand, as after the deadline.
-
-        Returns the outcome; None: it cannot be decided yet.
-        """
+    def decide(self, tick: Tick, now_s: float, final: bool) -> None:
+        """Decide a tick if possible; ``final``: with the inputs at hand, as after the deadline."""
         self._now_s = now_s
         final = final or now_s >= tick.deadline_s
         if not final and not self._inputs_complete(tick):
-            return None
+            return
         if not tick.judged:
             # Interlocks first: a trip decides the mode of this very tick, before any proposal.
-            acting = self.in_force.acting(tick, self.safety.hold_s)
-            tick.dropouts = self.safety.judge(tick, acting)
+            self.safety.judge(tick, self.in_force.acting(tick, self.safety.hold_s))
         if tick.answered:
-            return tick.conclude()
+            tick.settle()
+            return
         if self.in_force.applied is None and not self.start_up.find_command(tick, now_s, final):
-            if not final:
-                return None
-            self.machine.explain(Reason(ReasonCode.COMMAND_UNKNOWN))
-            return tick.conclude()
+            if final:
+                self.machine.explain(Reason(ReasonCode.COMMAND_UNKNOWN))
+                tick.settle()
+            return
         if not self.start_up.may_command(tick, now_s, final):
-            if not final:
-                return None
-            # A command now would deselect every controller; the command in force may still change.
-            self.in_force.forget()
-            return tick.conclude()
-        outcome = None
+            if final:
+                # A command now would deselect every controller; the command in force may still
+                # change.
+                tick.settle()
+                self.in_force.forget()
+            return
         if self.machine.mode is Mode.START and (reason := self.start_up.decide(tick, final)):
-            outcome = self._hold(tick, reason.head)
-        if self.machine.mode is Mode.AUTO and outcome is None:
-            outcome = self._decide_auto(tick, final)
-        if self.machine.mode in (Mode.MANUAL, Mode.HOLD, Mode.SAFE_STOP) and outcome is None:
-            outcome = self._decide_without_controller(tick)
-        return outcome
+            self._hold(tick, reason.head)
+        if self.machine.mode is Mode.AUTO and not tick.settled:
+            self._decide_auto(tick, final)
+        if self.machine.mode in (Mode.MANUAL, Mode.HOLD, Mode.SAFE_STOP) and not tick.settled:
+            self._decide_without_controller(tick)
 
     def _inputs_complete(self, tick: Tick) -> bool:
         """Whether all inputs have arrived whose order must not influence the decision."""
@@ -187,12 +183,14 @@ class Arbitration:
 
     # ---------------------------------------------------------------- auto
 
-    def _decide_auto(self, tick: Tick, final: bool) -> Outcome | None:
+    def _decide_auto(self, tick: Tick, final: bool) -> None:
         """Apply the active controller's proposal, or the first fallback's in the same tick."""
-        outcome = None if tick.failure else self._apply_active(tick, final)
-        return self._fall_back(tick, final) if tick.failure else outcome
+        if not tick.failure:
+            self._apply_active(tick, final)
+        if tick.failure:
+            self._fall_back(tick, final)
 
-    def _apply_active(self, tick: Tick, final: bool) -> Outcome | None:
+    def _apply_active(self, tick: Tick, final: bool) -> None:
         """Apply the active controller's proposal, hold if it is excused, or note its failure."""
         machine = self.machine
         name = machine.active
@@ -206,21 +204,20 @@ class Arbitration:
         elif blind := self.registry.blind(name):
             self._fail(tick, blind, inhibit=False)
         elif candidate is not None and not candidate.refusal:
-            return self._follow(tick, candidate.command)
+            self._follow(tick, candidate.command)
         elif (
             candidate is not None
             and candidate.jump
             and machine.tick - self.watch.foreign_tick <= 1
         ):
             # Controllers track the command topic, including a foreign command, for one tick.
-            return self._hold(tick, Reason(ReasonCode.FOREIGN))
+            self._hold(tick, Reason(ReasonCode.FOREIGN))
         elif candidate is not None:
             self._fail(tick, candidate.refusal, inhibit=True)
         elif final and (excuse := tick.excuse or self._partial_measurement(tick)):
-            return self._hold(tick, excuse, excuse)
+            self._hold(tick, excuse, excuse)
         elif final:
             self._fail(tick, Reason(ReasonCode.NO_PROPOSAL), inhibit=True)
-        return None
 
     def _partial_measurement(self, tick: Tick) -> Reason:
         """Excuse for missing samples, which controllers may lack, too; never twice in a row."""
@@ -238,7 +235,7 @@ class Arbitration:
         self.machine.log(Level.ERROR, "failover", Code.FAILED, reason=tick.failure)
         self.operator.failed(name, tick.failure)
 
-    def _fall_back(self, tick: Tick, final: bool) -> Outcome | None:
+    def _fall_back(self, tick: Tick, final: bool) -> None:
         machine, settings = self.machine, self.machine.settings
         # Too many swaps within the window: the cause is probably not the controllers, and another
         # swap would add a transient. Hold, until the window has passed, and let the controllers
@@ -248,7 +245,7 @@ class Arbitration:
                 ReasonCode.STORM, limit_s=settings.storm_window_s, because=tick.failure
             )
             machine.fire(Cause.STORM, reason, "failover")
-            return None
+            return
         for name in settings.fallbacks:
             # Only controllers that were ready at the tick's begin qualify, so that the order
             # of messages within the tick does not influence the choice.
@@ -264,18 +261,18 @@ class Arbitration:
                 # The plant waits: a slow fallback gets as much time as the active controller had.
                 tick.extended = True
                 tick.deadline_s = self._now_s + settings.lockstep_deadline_s
-                return None
+                return
             if candidate is None and not final:
-                return None
+                return
             if candidate is not None and not candidate.refusal:
                 machine.swap(name, Cause.SWAP_FAILED, tick.failure, "failover")
-                return self._follow(tick, candidate.command)
+                self._follow(tick, candidate.command)
+                return
         machine.fire(
             Cause.NO_CONTROLLER, Reason(ReasonCode.NO_FALLBACK, because=tick.failure), "failover"
         )
-        return None
 
-    def _follow(self, tick: Tick, proposed: Command) -> Outcome:
+    def _follow(self, tick: Tick, proposed: Command) -> None:
         """Apply a proposal, rate-limited (bumpless transfer) just after a swap."""
         machine, settings, applied = self.machine, self.machine.settings, self.in_force.applied
         assert applied is not None
@@ -289,11 +286,11 @@ class Arbitration:
             arrived = same(command, proposed)
             machine.slew(arrived)
             reason = Reason() if arrived else Reason(ReasonCode.SLEWING)
-        return self._commit(tick, command, machine.active, reason)
+        self._commit(tick, command, machine.active, reason)
 
     # ---------------------------------------------------------------- without a controller
 
-    def _decide_without_controller(self, tick: Tick) -> Outcome:
+    def _decide_without_controller(self, tick: Tick) -> None:
         """Manual, hold and safe stop."""
         machine, settings, applied = self.machine, self.machine.settings, self.in_force.applied
         assert applied is not None
@@ -306,11 +303,11 @@ class Arbitration:
             step_kn = settings.safe_rate_kn_per_s * machine.step_s
             ramp_kn = max(settings.safe_force_kn, applied.force_kn - step_kn)
             wanted = Command(min(ramp_kn, applied.force_kn), applied.speed_rpm)
-        return self._commit(tick, wanted, str(machine.mode), machine.reason.head)
+        self._commit(tick, wanted, str(machine.mode), machine.reason.head)
 
-    def _hold(self, tick: Tick, reason: Reason, excuse: Reason | None = None) -> Outcome:
+    def _hold(self, tick: Tick, reason: Reason, excuse: Reason | None = None) -> None:
         assert self.in_force.applied is not None
-        return self._commit(tick, self.in_force.applied, "hold", reason, excuse)
+        self._commit(tick, self.in_force.applied, "hold", reason, excuse)
 
     def _commit(
         self,
@@ -319,13 +316,12 @@ class Arbitration:
         source: str,
         reason: Reason,
         excuse: Reason | None = None,
-    ) -> Outcome:
-        """Conclude the tick with its one command, within bounds and rates whatever the source."""
+    ) -> None:
+        """Settle the tick with its one command, within bounds and rates whatever the source."""
         latency_s = max(0.0, self._now_s - tick.started_s)
         # Last line of defence: bounds and rates hold whatever the source has computed.
         command = self.machine.settings.limits.clip(wanted, self.in_force.applied)
-        decision = Decision(tick.stamp_ns, command, source, reason, latency_s)
-        return tick.conclude(decision, excuse)
+        tick.settle(Decision(tick.stamp_ns, command, source, reason, latency_s), excuse)
 
 
 def _towards(start: float, goal: float, step: float) -> float:

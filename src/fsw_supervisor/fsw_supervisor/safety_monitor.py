@@ -211,15 +211,11 @@ class SafetyMonitor:
             if name not in but
         )
 
-    def judge(self, tick: Tick, acting: Command | None) -> tuple[str, ...]:
-        """Judge the samples of a tick; a trip leads to a safe stop.
-
-        ``acting``: force and speed that act. Returns the sensors without a sample that had one in
-        the tick before.
-        """
+    def judge(self, tick: Tick, acting: Command | None) -> None:
+        """Judge the samples of a tick; ``acting``: force and speed that act. A trip leads to a safe stop."""
         before, reasons = self.invalid_sensors, self._guard.reasons
-        self.judged = True
-        dropouts = tuple(
+        tick.judged = self.judged = True
+        tick.dropouts = tuple(
             name for name in REQUIRED if name not in tick.samples and not reasons[name]
         )
         measurement = self._guard.measure(tick.stamp_ns / NANOSECONDS, tick.samples, acting)
@@ -263,7 +259,6 @@ class SafetyMonitor:
             self._machine.renew(
                 StopCause.BLIND, "sensors"
             )  # from now on it is unknown whether a cause is present
-        return dropouts
 
     @property
     def _is_automatic(self) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import isclose
-from typing import Final
 
 from fsw_control.command_check import Flaw, refusal
 from fsw_control.contract import Command, Limits
@@ -84,14 +83,10 @@ class Outcome:
 
 @dataclass(slots=True)
 class Tick:
-    """Inputs of one tick as they arrive, and its outcome; times are on the steady clock.
+    """Inputs of one tick as they arrive, and its outcome; times are on the steady clock."""
 
-    The sequence of ticks (``ticks.py``) alone begins, settles and ends it. Which measurement it is
-    and when it began never changes.
-    """
-
-    stamp_ns: Final[int]
-    started_s: Final[float]
+    stamp_ns: int
+    started_s: float
     deadline_s: float  #: when it is decided with the inputs at hand
     previous: Command | None  #: command applied in the tick before; None if unknown
     ready: frozenset[str] = frozenset()  #: controllers that were ready when it began
@@ -101,9 +96,8 @@ class Tick:
     candidates: dict[str, Candidate] = field(default_factory=dict)
     #: by controller with several proposals: whether they differ
     duplicates: dict[str, bool] = field(default_factory=dict)
-    #: sensors without a sample that had one in the tick before; None: the safety monitor has not
-    #: judged it yet
-    dropouts: tuple[str, ...] | None = None
+    judged: bool = False  #: by the safety monitor
+    dropouts: tuple[str, ...] = ()  #: sensors without a sample that had one in the tick before
     #: why the active controller has failed in this tick
     failure: Reason = Reason()  # noqa: RUF009  # immutable
     extended: bool = False  #: in lockstep: more time was given to a slow fallback
@@ -111,11 +105,6 @@ class Tick:
     stalled: bool = False  #: this process was stalled, so that no controller counts as failed
     answered: bool = False  #: a command was sent, here or by the leader
     outcome: Outcome | None = None  #: None until it is settled
-
-    @property
-    def judged(self) -> bool:
-        """Whether the safety monitor has judged it."""
-        return self.dropouts is not None
 
     @property
     def settled(self) -> bool:
@@ -131,6 +120,6 @@ class Tick:
             return Reason(ReasonCode.STALLED)
         return Reason() if self.samples else Reason(ReasonCode.NO_SAMPLES)
 
-    def conclude(self, decision: Decision | None = None, excuse: Reason | None = None) -> Outcome:
-        """Outcome of the tick with a command, or without one."""
-        return Outcome(decision, excuse or self.excuse)
+    def settle(self, decision: Decision | None = None, excuse: Reason | None = None) -> None:
+        """Settle the tick with a command, or without one."""
+        self.outcome = Outcome(decision, excuse or self.excuse)

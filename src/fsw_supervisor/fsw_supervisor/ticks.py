@@ -202,7 +202,7 @@ class Ticks:
         # Feedback on a past measurement does not describe the drives now.
         unknown = self._in_force.applied is None and not self._in_force.before_first
         if not tick.settled and (gap or unknown or self._starts_from_drives):
-            tick.outcome = tick.conclude()
+            tick.settle()
             self.lost += 1
         elif not tick.settled:
             tick.stalled = True
@@ -239,7 +239,7 @@ class Ticks:
             and self.now_s < tick.deadline_s
         ):
             return
-        tick.outcome = self._arbitration.decide(tick, self.now_s, final)
+        self._arbitration.decide(tick, self.now_s, final)
         if tick.outcome is not None and tick.outcome.decision is None and not tick.answered:
             self.lost += 1
         if self.leading:

@@ -130,7 +130,7 @@ def test_an_old_answer_that_was_given_before_is_a_duplicate_and_refused(counted)
 
 def test_an_old_answer_to_a_tick_in_which_the_supervisor_was_held_up_is_no_failure(counted):
     counted.ticks[-1].stalled = True
-    counted.ticks[-1].outcome = counted.ticks[-1].conclude()
+    counted.ticks[-1].settle()
     record = counted.begin().propose(behind=1)
     assert record.problem == Reason()
     assert counts(record) == {"late": 1, "consecutive_good": 5, "silent_ticks": 1}
@@ -207,8 +207,7 @@ def test_in_a_tick_that_blames_nobody_silence_is_no_failure(counted):
         Reason(),
         {"consecutive_good": 5, "silent_ticks": 1},
     )
-    decision = Decision(counted.stamp_ns, STEADY, "hold")
-    counted.ticks[-1].outcome = counted.ticks[-1].conclude(decision, "an excuse")
+    counted.ticks[-1].settle(Decision(counted.stamp_ns, STEADY, "hold"), "an excuse")
     assert counted.propose().consecutive_good == 5, "an answer to it is neither good nor bad"
     assert counted.ticks[-1].candidates == {}
     assert counted.record.last_stamp_ns == counted.stamp_ns

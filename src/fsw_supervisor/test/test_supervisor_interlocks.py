@@ -178,7 +178,7 @@ def judged(monitor, count=1, acting=None, **samples):
         monitor.stamp_ns = getattr(monitor, "stamp_ns", 10**12) + 10**8
         tick = Tick(monitor.stamp_ns, 0.0, 0.08, None, samples=dict(samples))
         monitor._machine.advance(monitor.stamp_ns)
-        tick.dropouts = monitor.judge(tick, acting)
+        monitor.judge(tick, acting)
     return tick
 
 
