@@ -337,6 +337,45 @@ def test_control_lost_by_a_restart_of_the_server_is_told_and_closes_the_form(fak
         again.stop()
 
 
+@pytest.mark.parametrize(
+    ("state", "left", "possible"),
+    [
+        ("running", False, ["Hold weld", "Abort weld"]),
+        ("running", True, ["Hold weld", "Resume weld", "Abort weld"]),
+        ("held", True, ["Resume weld", "Abort weld"]),
+        ("done", False, []),
+        ("aborted", False, []),
+    ],
+)
+def test_what_the_programme_would_refuse_is_disabled_with_the_reason(
+    fake, open_page, state, left, possible
+):
+    fake.progress.update(state=state, left=left)
+    page = open_page(fake.url)
+    in_control(page)
+    for name in ("Hold weld", "Resume weld", "Abort weld"):
+        button = page.get_by_role("button", name=name)
+        if name in possible:
+            expect(button).to_be_enabled()
+        else:
+            expect(button).to_be_disabled()
+            expect(button).to_have_attribute("title", re.compile("weld|programme"))
+
+
+def test_local_time_is_beside_utc(fake, browser):
+    context = browser.new_context(timezone_id="Asia/Kolkata")
+    page = context.new_page()
+    page.goto(fake.url)
+    shown = page.locator("#clock .detail").first
+    expect(shown).to_have_text(re.compile(r"UTC · \d\d:\d\d:\d\d local"))
+    utc, local = page.evaluate(
+        """[document.querySelector("#clock .time").textContent, document.querySelector("#clock .detail").textContent]"""
+    )
+    minutes = [60 * int(text[:2]) + int(text[3:5]) for text in (utc, local.split()[2])]
+    assert (minutes[1] - minutes[0]) % 1440 == 330
+    context.close()
+
+
 def test_form_holds_what_may_be_sent_only(fake, open_page):
     page = ready(open_page(fake.url))
     in_control(page)

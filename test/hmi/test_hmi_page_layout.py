@@ -232,6 +232,8 @@ def test_no_dialog_or_notice_lies_under_the_stop_at_any_size(fake, open_page):
     fake.ask_for_control("Bartholomäus.the.third.of.the.day")
     expect(page.locator(".notice")).to_be_visible()
     check("notice")
+    fake.progress["state"] = "held"  # so that it can be resumed
+    fake.push()
     openers = [page.get_by_role("button", name=name, exact=True) for name in FORMS]
     for opener in (*openers, page.locator(".acts button", has_text="Shelve")):
         opener.click()

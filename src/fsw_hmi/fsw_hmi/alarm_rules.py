@@ -76,11 +76,11 @@ class _Texts(BaseModel):
 _TEXTS = _Texts(**load_yaml(files("fsw_hmi").joinpath("alarms.yaml").read_text(encoding="utf-8")))
 
 
-def alarm(kind: str, cause: str = "", /, **values: object) -> Alarm:
-    """An alarm of a kind, with ``values`` in its texts."""
+def alarm(kind: str, cause: object = "", /, **values: object) -> Alarm:
+    """An alarm of a kind, with ``values`` in its texts; ``cause`` is a code where there are several."""
     one = _TEXTS.kinds[kind]
     parts = {key: getattr(one, key).format(**values) for key in ("what", "why", "advice")}
-    return replace(one, cause=cause, **parts)
+    return replace(one, **parts, cause=str(cause))
 
 
 def flood(count: int, priority: Priority) -> Alarm:
@@ -321,7 +321,7 @@ class AlarmRules:
                 alarm("safe_stop", why=_tripped(state) or why), trip=not asked
             )
         elif mode == "hold" and target_mode != "hold" and not state["cause"].at_start:
-            found["hold"] = alarm("hold", state["cause"].name, why=why)
+            found["hold"] = alarm("hold", state["cause"], why=why)
         elif mode == "auto" and actual and target and actual != target:
             lacks = (one["why"] for one in state["controllers"] if one["name"] == target)
             return self._failover(
@@ -349,11 +349,15 @@ class AlarmRules:
     def _controller(self, one: Mapping[str, Any], found: dict[str, Alarm]) -> None:
         name, why = one["name"], one["why"] or _NO_REASON
         if one["inhibited"]:
-            found[alarm_id("controller", name)] = alarm("inhibited", name=name, why=why)
+            found[alarm_id("controller", name)] = alarm(
+                "inhibited", one["lack"], name=name, why=why
+            )
         elif not one["ready"]:
             if any(f"sensor:{sensor}" in found for sensor in one["missing_sensors"]):
                 return  # that sensor is the cause
-            found[alarm_id("controller", name)] = alarm("not_ready", name=name, why=why)
+            found[alarm_id("controller", name)] = alarm(
+                "not_ready", one["lack"], name=name, why=why
+            )
 
     # ---------------------------------------------------------------- the weld
 
@@ -466,6 +470,7 @@ class AlarmRules:
                 text = f"{what}: {part.text}" if what else part.text
                 one = alarm(
                     "part_error",
+                    what,
                     node=node,
                     why=text + (f"; {more} more of its parts" if more else ""),
                 )

@@ -14,12 +14,11 @@ from fsw_control.journal import AlarmChange
 from fsw_hmi.answers import Answer, Code
 
 Priority = Literal["high", "medium", "low"]
-RANK = {"high": 0, "medium": 1, "low": 2}
+RANK: dict[Priority, int] = {"high": 0, "medium": 1, "low": 2}
 #: chosen, after the usual definition of a chattering alarm: so many times in this time; it then
 #: stays until it has been gone for as long
 _CHATTERS, _CHATTER_S = 3, 60.0
-#: chosen, after the usual definition of a flood: more new ones of a priority in this time are one
-#: alarm of this priority
+#: chosen, after the usual definition of a flood: more new ones of a group in this time are one alarm
 _FLOOD, _FLOOD_S = 10, 10.0
 FLOOD_ID = "flood:"
 #: alarms that led to a trip came at most so long before it, and went at most so long before it
@@ -45,7 +44,7 @@ class Alarm:
     on_s: float = 0.0  #: how long the cause must last before that counts
     off_s: float = 1.0  #: and how long be gone
     why: str = ""  #: where more than one cause is possible
-    cause: str = ""  #: which of them, as a code
+    cause: str = ""  #: code of this one; figures in ``why`` that change are no other cause
 
     @property
     def text(self) -> str:
@@ -99,13 +98,18 @@ class Entry:
             self.shelved_until_s, self.shelved = None, ""
 
 
+def _group(name: str, alarm: Alarm) -> str:
+    """With which others an alarm is grouped in a flood: low ones are one group, others never hide another kind."""
+    return "low" if alarm.priority == "low" else f"{alarm.priority}:{name.partition(':')[0]}"
+
+
 class AlarmList:
     """List of alarms: each stays until it is gone and acknowledged.
 
     One that comes back before it was acknowledged has a new time and a count. Of each trip the
     alarm that came first is marked until the trip is acknowledged: most that follow are
-    consequences. ``flood`` makes the alarm that stands for so many of a priority that come at once;
-    a trip is always listed.
+    consequences. ``flood`` makes the alarm that stands for so many of a group that come at once; a
+    trip is always listed.
     """
 
     def __init__(self, flood: Callable[[int, Priority], Alarm]) -> None:
@@ -114,8 +118,8 @@ class AlarmList:
         self.events: list[Event] = []  #: what has happened since the caller last emptied it
         self._coming_s: dict[str, float] = {}
         self._raised_s: dict[str, deque[float]] = {}
-        self._new_s = {priority: deque[float](maxlen=_FLOOD) for priority in RANK}
-        self.grouped: dict[str, Priority] = {}  #: present, but only counted in a flood
+        self._new_s: dict[str, deque[float]] = {}
+        self.grouped: dict[str, str] = {}  #: present, but only counted in a flood
         self._number = 0
 
     def restore(self, entries: Mapping[str, Entry], shift_s: float, now_s: float) -> None:
@@ -152,7 +156,7 @@ class AlarmList:
     def _without_flood(self, present: Mapping[str, Alarm], now_s: float) -> dict[str, Alarm]:
         """Alarms to be listed, with a flood as one alarm."""
         listed: dict[str, Alarm] = {}
-        grouped: dict[str, Priority] = {}
+        grouped: dict[str, str] = {}
         room = _MOST - len(self.entries)
         for name, alarm in present.items():
             entry = self.entries.get(name)
@@ -160,22 +164,23 @@ class AlarmList:
             if not known and now_s - self._coming_s[name] < alarm.on_s:
                 continue
             if not known and not alarm.trip:
-                priority = alarm.priority
-                full = entry is None and room <= 0 and priority != "high"
-                if full or self.grouped.get(name) == priority or self._floods(priority, now_s):
-                    grouped[name] = priority
+                group = _group(name, alarm)
+                new_s = self._new_s.setdefault(group, deque(maxlen=_FLOOD))
+                if entry is None and room <= 0 and alarm.priority != "high":
+                    grouped[name] = alarm.priority
                     continue
-                self._new_s[priority].append(now_s)
+                flooded = len(new_s) == _FLOOD and now_s - new_s[0] <= _FLOOD_S
+                if flooded or self.grouped.get(name) == group:
+                    grouped[name] = group
+                    continue
+                new_s.append(now_s)
             room -= entry is None
             listed[name] = alarm
         self.grouped = grouped
-        for priority, count in Counter(grouped.values()).items():
-            listed[f"{FLOOD_ID}{priority}"] = self._flood(count, priority)
+        for group, count in Counter(grouped.values()).items():
+            priority = next(one for one in RANK if group.startswith(one))
+            listed[f"{FLOOD_ID}{group}"] = self._flood(count, priority)
         return listed
-
-    def _floods(self, priority: Priority, now_s: float) -> bool:
-        new_s = self._new_s[priority]
-        return len(new_s) == _FLOOD and now_s - new_s[0] <= _FLOOD_S
 
     def _take(self, name: str, alarm: Alarm, now_s: float) -> bool:
         entry = self.entries.get(name)

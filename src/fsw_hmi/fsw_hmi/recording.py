@@ -50,9 +50,10 @@ class Recording:
         if level in _OF_LEVEL:
             self.state, self._values = _OF_LEVEL[level], values
         elif self.state is not RecordingState.NONE:
-            closed = (Path(self._values["bag"]) / METADATA_NAME).is_file()
+            bag = self._values.get("bag", "")
+            closed = bool(bag) and (Path(bag) / METADATA_NAME).is_file()
             self.state = RecordingState.CLOSED if closed else RecordingState.SILENT
-        missing = sum(int(self._values.get(name, 0)) for name in ("lost", "dropped"))
+        missing = self._count("lost") + self._count("dropped")
         if was_silent:  # it lasts until the recorder, or another one, reports again
             self.gaps[-1] = self.gaps[-1][0], weld_s
         elif self.state is RecordingState.SILENT or missing > self._missing:
@@ -64,12 +65,17 @@ class Recording:
         if level in _OF_LEVEL:
             self._heard_s = weld_s
 
+    def _count(self, name: str) -> int:
+        """A number of the report; 0 where another node sends something else."""
+        text = self._values.get(name, "")
+        return int(text) if text.isascii() and text.isdecimal() and len(text) < 16 else 0
+
     def frame(self) -> dict[str, Any]:
         """Content of the frame ``recording``; the last gap in the page's time of the weld."""
         return {
             "state": self.state,
             "bag": readable(self._values.get("bag", "")),
-            "bytes": int(self._values.get("bytes", 0)) + int(self._values.get("pending_bytes", 0)),
+            "bytes": self._count("bytes") + self._count("pending_bytes"),
             "missing": self._missing,
             "gap": self.gaps[-1] if self.gaps else None,
         }

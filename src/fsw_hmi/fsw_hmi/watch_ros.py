@@ -306,6 +306,7 @@ def _controller(one: ControllerHealth) -> dict[str, Any]:
         "healthy": bool(one.healthy),
         "inhibited": bool(one.latched_out),
         "reason": readable(lacks.words(one.name)),
+        "lack": int(lacks.lack),
         "why": readable(lacks.why),
         "missing_sensors": list(lacks.sensors),
         "latency_ms": short(1e3 * one.latency_mean),

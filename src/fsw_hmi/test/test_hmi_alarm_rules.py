@@ -37,6 +37,7 @@ def controller(name="nmpc", ready=True, inhibited=False, why="", missing_sensors
         "ready": ready,
         "inhibited": inhibited,
         "why": why,
+        "lack": 0,
         "missing_sensors": missing_sensors,
     }
 

@@ -57,3 +57,12 @@ def test_bag_with_its_metadata_is_complete(values, tmp_path):
     (tmp_path / "metadata.yaml").touch()
     recording.look("stale", values, 5.0)
     assert (recording.state, recording.gaps) == (RecordingState.CLOSED, [])
+
+
+@pytest.mark.parametrize("odd", [{}, {"bag": "\0", "bytes": "many", "lost": "-1"}])
+def test_odd_reports_of_others_leave_the_page_alive(odd):
+    recording = Recording()
+    for level, weld_s in (("ok", 1.0), ("stale", 2.0)):
+        recording.look(level, odd, weld_s)
+    assert recording.frame()["bytes"] == 0
+    assert recording.state is RecordingState.SILENT

@@ -66,7 +66,13 @@ export class Commands {
     this.#showControl(live);
     const stopped = state.actual_mode === "safe_stop" && !state.acknowledged;
     permit(this.acting, this.lack);
-    permit(this.welding, this.lack || (progress ? "" : "No programme of a weld runs."));
+    const runs = progress?.state === "running";
+    const held = progress?.state === "held";
+    const none = this.lack || (runs || held ? "" : "No programme of a weld runs.");
+    const [hold, resumed, abort] = this.welding;
+    permit([hold], none || (runs ? "" : "The weld is held already."));
+    permit([resumed], none || (held || progress?.left ? "" : "The programme runs with its own set-points."));
+    permit([abort], none);
     permit([this.acknowledgeStop], this.lack || (stopped ? "" : "There is no safe stop to acknowledge."));
     permit(this.emulator, this.lack || (control.role === "engineer" ? "" : "This needs the role engineer."));
     for (const one of this.emulator) one.hidden = !hello?.emulator;

@@ -24,6 +24,11 @@ export function clock(/** @type {Maybe} */ serverS) {
   return known(serverS) ? new Date(serverS * 1000).toISOString().slice(11, 19) : "--:--:--";
 }
 
+/** The same time where the page is looked at. */
+export function localClock(/** @type {Maybe} */ serverS) {
+  return known(serverS) ? new Date(serverS * 1000).toLocaleTimeString("en-GB") : "--:--:--";
+}
+
 /** Seconds as m:ss or h:mm:ss. */
 export function span(/** @type {Maybe} */ seconds) {
   if (!known(seconds)) return NONE;

@@ -1,6 +1,6 @@
 // The line at the top: good or not, who commands and why, progress, server time, safe stop. Its height never changes.
 import { byId, setShort, setText } from "./dom.js";
-import { clock, SIGN, words } from "./format.js";
+import { clock, localClock, SIGN, words } from "./format.js";
 import { Progress } from "./progress.js";
 
 /** What index.html has for one of its parts. */
@@ -38,6 +38,7 @@ export class Status {
 
   tick(/** @type {number} */ serverS) {
     setText(this.time, clock(serverS));
+    setText(this.link, `UTC · ${localClock(serverS)} local`);
   }
 
   /** Whether the weld is on record. @param {{short: string, long: string}} words */
@@ -48,8 +49,8 @@ export class Status {
 
   /** @param {Link} link @param {Programme?} programme */
   connection({ kind, text }, programme) {
-    setText(this.link, kind === "live" ? "server time, UTC" : "last server time");
     if (kind === "live") return;
+    setText(this.link, "last server time, UTC");
     if (kind === "lost" && programme?.state === "done") return this.judge({ level: "attention", text: "Weld done", detail: `the page's server no longer answers. ${text}` });
     this.judge({ level: "high", text: kind === "connecting" ? "Connecting" : text, detail: kind === "lost" ? "values are old, commands are off; reconnecting" : "" });
   }
