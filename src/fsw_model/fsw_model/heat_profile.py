@@ -15,9 +15,9 @@ from fsw_schema.models import Many, Model, Name, content_of, problem, read_text,
 
 Vector = NDArray[np.float64]
 
-#: path after which what a profile lacks of the heat has become another one: a minute of the
-#: paper's traverse; chosen
-CORRELATION_MM = 86.0
+#: path after which what a profile lacks of the heat has become another one, and the time that the
+#: paper's traverse takes for it; chosen
+CORRELATION_MM, CORRELATION_S = 86.0, 60.0
 
 
 class HeatSource(Model):

@@ -136,14 +136,17 @@ class EstimatorTuning(Model):
 
     known_heat_keep: Share = 0.9983
     """share of the evidence for the known heat left after a tick: it covers about a minute"""
-    known_heat_evidence: PositiveFloat = 5.0
+    known_heat_evidence: PositiveFloat = 20.0
     """logarithm of the likelihood ratio against the known heat at which none of it is used; as
     much counts for it at most"""
-    known_heat_counter_evidence: NonNegativeFloat = 20.0
+    known_heat_counter_evidence: NonNegativeFloat = 40.0
     """no more is counted against the known heat, so that it can be used again"""
-    known_heat_walk_kw: NonNegativeFloat = 0.006
+    known_heat_walk_kw: NonNegativeFloat = 0.02
     """largest random walk of what the known heat lacks, however uncertain: more would cost the
     loop its margin"""
+    known_heat_start_kw: NonNegativeFloat = 3.0
+    """standard deviation of the heat at the start of a weld whose heat is known: there the process
+    warms, and is not at rest"""
     known_heat_step: NonNegativeFloat = 0.05
     """largest change per tick of the share of the known heat in use"""
 

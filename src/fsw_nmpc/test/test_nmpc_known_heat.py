@@ -22,6 +22,7 @@ from fsw_test_support.nmpc_problems import (
 P = nominal()
 NOISE = (2e-3, 2.0, 0.1)  # depth mm, torque N m, temperature degC: the emulator's sensors
 STEP_AT_S, STEP_KW, LENGTH_S = 60.0, 2.0, 120.0
+HEAT = 6  # of `fsw_state`
 
 
 class Loop:
@@ -131,6 +132,22 @@ def test_heat_of_the_wrong_sign_is_ignored_within_seconds():
     mirrored = Loop(step, lambda time_s: -step(time_s)).run()
     ignored = np.flatnonzero(np.array(mirrored.weight) == 0.0)
     assert STEP_AT_S < ignored[0] * weld.TICK_S < STEP_AT_S + 5.0
+
+
+def test_where_heat_is_known_the_start_need_not_be_at_rest():
+    """Heat that has just come is found within seconds, while the thermocouple is still late."""
+    heat_kw = 6.0
+
+    def estimated_kw(deviation_kw):
+        loop = Loop(lambda time_s: np.full_like(time_s, heat_kw))
+        loop.library.input.known_deviation_kw = deviation_kw
+        for k in range(round(8.0 / weld.TICK_S)):
+            loop.tick(k)
+            loop.library.input.known_deviation_kw = 0.0  # of the first tick alone
+        return loop.library.state.estimator.x[HEAT]
+
+    assert estimated_kw(0.0) < 0.5 * heat_kw
+    assert estimated_kw(0.01) == pytest.approx(heat_kw, rel=0.1)
 
 
 @pytest.mark.parametrize("value", [0.0, nan])

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fsw_control.heat_plan import HeatPlan
-from fsw_model.heat_profile import CORRELATION_MM, HeatProfile
+from fsw_model.heat_profile import CORRELATION_MM, CORRELATION_S, HeatProfile
 from fsw_scenario.weld_programme import Phase, spans
 from fsw_schema.models import InputError
 
@@ -38,9 +38,13 @@ class HeatAhead:
         travelled_mm = np.interp(self._at_s, ends_s, places_mm)
         self._heat_kw = np.interp(travelled_mm, travel_mm, profile.heat_kw).tolist()
         deviation_kw = np.interp(travelled_mm, travel_mm, profile.deviation_kw)
-        # what it lacks is a process of this deviation that forgets over the correlation length
-        rate = 2.0 / CORRELATION_MM * deviation_kw[1:] ** 2
-        self._variance_kw2 = [0.0, *np.cumsum(rate * np.diff(travelled_mm)).tolist()]
+        # what it lacks is a process of this deviation that forgets over the correlation length;
+        # where the tool stands, over the time in which it would travel as far
+        forgotten = np.maximum(
+            np.diff(travelled_mm) / CORRELATION_MM, np.diff(self._at_s) / CORRELATION_S
+        )
+        variance_kw2 = np.cumsum(2.0 * forgotten * deviation_kw[1:] ** 2)
+        self._variance_kw2 = [0.0, *variance_kw2.tolist()]
         self._model = profile.model.model_dump()
 
     def plan(self, begin_s: float) -> HeatPlan:

@@ -169,6 +169,7 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_est
   for (int i = 0; i < N; i++) e->by_delay[i] = 0.0;
   for (int k = 0; k < FSW_SLOWER; k++) e->by_later[k] = 0.0;
   fsw_known_heat_start(e);
+  fsw_known_heat_unsettle(e, m, t, in);
   e->is_excited = e->heated_ticks = e->is_telling = e->is_late = 0;
   for (int k = 0; k < FSW_MAX_HISTORY + FSW_LATER; k++) e->power[k] = power;
   return e->started = is_sound(e, m, t);

@@ -122,6 +122,9 @@ typedef struct {
   /* largest random walk of what the known heat lacks, however uncertain: more would cost the loop
    * its margin */
   double known_heat_walk_kw;
+  /* standard deviation of the heat at the start of a weld whose heat is known: there the process
+   * warms, and is not at rest */
+  double known_heat_start_kw;
   /* largest change per tick of the share of the known heat in use */
   double known_heat_step;
   /* Decay per tick of the two sensor offsets. */
@@ -249,13 +252,13 @@ typedef struct {
   DO(estimator.excitation_power_kw) DO(estimator.excitation_power_s) \
   DO(estimator.known_heat_keep) DO(estimator.known_heat_evidence) \
   DO(estimator.known_heat_counter_evidence) DO(estimator.known_heat_walk_kw) \
-  DO(estimator.known_heat_step) DO(estimator.offset_keep) DO(estimator.depth_rate_keep) \
-  DO(estimator.temperature_rate_keep) DO(adaptation.rival_share) DO(adaptation.evidence_max) \
-  DO(adaptation.counter_evidence_max) DO(adaptation.certain_sigmas) DO(adaptation.gain_step) \
-  DO(adaptation.delay_step_s) DO(adaptation.misfit_keep) DO(adaptation.misfit_max) \
-  DO(adaptation.power_memory_s) DO(depth_corridor_keep) DO(temperature_corridor_keep) \
-  DO(force_min_kn) DO(force_max_kn) DO(speed_min_rpm) DO(speed_max_rpm) DO(force_step_kn) \
-  DO(speed_step_rpm) DO(blind_limit_s)
+  DO(estimator.known_heat_start_kw) DO(estimator.known_heat_step) DO(estimator.offset_keep) \
+  DO(estimator.depth_rate_keep) DO(estimator.temperature_rate_keep) DO(adaptation.rival_share) \
+  DO(adaptation.evidence_max) DO(adaptation.counter_evidence_max) DO(adaptation.certain_sigmas) \
+  DO(adaptation.gain_step) DO(adaptation.delay_step_s) DO(adaptation.misfit_keep) \
+  DO(adaptation.misfit_max) DO(adaptation.power_memory_s) DO(depth_corridor_keep) \
+  DO(temperature_corridor_keep) DO(force_min_kn) DO(force_max_kn) DO(speed_min_rpm) \
+  DO(speed_max_rpm) DO(force_step_kn) DO(speed_step_rpm) DO(blind_limit_s)
 
 #define FSW_EACH_SHARE(DO) \
   DO(approach.brake_share) DO(approach.rate_share) DO(approach.depth_approach_keep) \

@@ -31,6 +31,8 @@ double fsw_contact_depth(const fsw_estimator *e, const fsw_nmpc_model *m, double
 
 /* known_heat.c */
 void fsw_known_heat_start(fsw_estimator *e);
+void fsw_known_heat_unsettle(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t,
+                             const fsw_nmpc_input *in);
 void fsw_known_heat_rise(fsw_estimator *e, const fsw_estimator_tuning *t, const fsw_nmpc_input *in);
 void fsw_known_heat_predict(fsw_estimator *e);
 void fsw_known_heat_correct(fsw_estimator *e, const double row[FSW_STATES], const double gain[FSW_STATES]);

@@ -18,6 +18,18 @@ void fsw_known_heat_start(fsw_estimator *e) {
   for (int i = 0; i < N; i++) e->by_known[i] = e->by_used[i] = 0.0;
 }
 
+/* At the start of a weld whose heat is known: the tool need not be at rest but warms or cools, at a rate that tells how much
+ * heat there is, and by which the copper is ahead of it. */
+void fsw_known_heat_unsettle(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t,
+                             const fsw_nmpc_input *in) {
+  if (!(in->known_deviation_kw > 0.0)) return;
+  const double heat = t->known_heat_start_kw, rate = heat * m->thermal_gain_c_per_kw / m->copper_lag_s;
+  const double copper = rate * m->tool_lag_s;
+  e->p[FSW_HEAT][FSW_HEAT] += heat * heat;
+  e->p[FSW_COPPER][FSW_COPPER] += copper * copper;
+  e->p[FSW_HEAT][FSW_COPPER] = e->p[FSW_COPPER][FSW_HEAT] = heat * copper;
+}
+
 /* The heat of the tick that just ended; before it is predicted. */
 void fsw_known_heat_rise(fsw_estimator *e, const fsw_estimator_tuning *t, const fsw_nmpc_input *in) {
   const double rise = in->known_rise_kw;
