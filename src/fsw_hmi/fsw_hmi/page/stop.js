@@ -9,7 +9,7 @@ export function stopProgress({ stop, values, progress }) {
   const { share = null, safe_kn: safe = null, due_kn: due = null, left_s: left = null } = stop;
   const told = {
     unknown: ["attention", `Stopping: ${now} kN`, rest],
-    safe: ["attention", `Stopped, tool turns at ${fixed(values.speed_rpm, 0)} rpm`, `force ${now} kN, safe; this weld cannot be continued; ${rest}`],
+    safe: ["attention", "Stopped, tool turns", `force ${now} kN, safe; this weld cannot be continued; ${rest}`],
     not_falling: ["high", `■ Force does not fall: ${now} kN`, `it should be below ${fixed(due, 1)} kN; ${rest}`],
     falling: ["attention", `Stopping: ${now} → ${fixed(safe, 1)} kN`, `${span(left)} left; ${rest}`],
   };
