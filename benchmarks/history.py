@@ -52,7 +52,7 @@ SPREAD, MODEL = 0.01, ("thermal_gain_c_per_kw", "depth_gain_mm_per_kn_s", "slidi
 BEFORE, WITHIN = (10, 20, 50), 100
 #: wear of the series of sixty canisters [N m per weld]
 WEAR_NM = 0.8
-CORRELATION = 0.3
+CORRELATION, FEW = 0.3, 50
 HISTORIES = 400
 
 
@@ -84,23 +84,27 @@ def emulated(label, folder, seed):
     return row
 
 
-def share(draw, histories, groups=None):
-    """Share of histories with a signal; ``draw`` returns the quantities of a history, by name."""
-    signalled = (
-        any(
-            at
-            for made in history_report.charts_of(draw(), groups=groups).values()
-            for at in made.signals.values()
-        )
-        for _ in range(histories)
-    )
-    return sum(signalled) / histories
+def shares(name, draw, histories, groups=None):
+    """Shares of histories with a signal, noted as correlated, and with a signal but not noted as correlated.
+
+    ``draw`` returns the quantities of a history, by name.
+    """
+    signalled, noted = np.zeros((2, histories), bool)
+    for i in range(histories):
+        charts = history_report.charts_of(draw(), groups=groups)
+        signalled[i] = any(at for made in charts.values() for at in made.signals.values())
+        noted[i] = bool(history_report.correlated(charts, groups))
+    return {
+        f"false_share_{name}": float(signalled.mean()),
+        f"noted_share_{name}": float(noted.mean()),
+        f"unnoted_share_{name}": float((signalled & ~noted).mean()),
+    }
 
 
-def stable(random, correlation=0.0):
+def stable(random, correlation=0.0, welds=WELDS):
     """Quantities of stable welds, normally distributed far above the least spread that counts, or their logarithms."""
-    noise = random.normal(0.0, 1.0, (len(CHARTED), WELDS))
-    for i in range(1, WELDS):
+    noise = random.normal(0.0, 1.0, (len(CHARTED), welds))
+    for i in range(1, welds):
         noise[:, i] = correlation * noise[:, i - 1] + np.sqrt(1.0 - correlation**2) * noise[:, i]
     return {
         name: 1e6 * np.exp(0.2 * values)
@@ -132,10 +136,11 @@ def signals(histories):
     random = np.random.default_rng(45)
     figures = {"limit_shewhart_sigma": LIMITS.shewhart, "limit_cusum_sigma": LIMITS.cusum}
     figures |= {"histories": histories, **history_report.performance()}
-    figures["false_share_normal"] = share(lambda: stable(random), histories)
+    figures |= shares("normal", lambda: stable(random), histories)
     tools = [weld // 50 for weld in range(WELDS)]
-    figures["false_share_new_tool_every_50"] = share(lambda: stable(random), histories, tools)
-    figures["false_share_correlated"] = share(lambda: stable(random, CORRELATION), histories)
+    figures |= shares("new_tool_every_50", lambda: stable(random), histories, tools)
+    figures |= shares("correlated", lambda: stable(random, CORRELATION), histories)
+    figures |= shares("correlated_few", lambda: stable(random, CORRELATION, FEW), histories)
     for before in BEFORE:
         for shift in (1, 2, 3):
             late, detected = delays(random, histories, partial(shifted, before, shift), before)
@@ -162,10 +167,10 @@ def of_emulated(count, folder, histories):
             chosen = random.integers(0, count, WELDS)
             return {column: factor * values[chosen] for column, values in table.items()}
 
-        figures[f"false_share_{name}"] = share(drawn, histories)
+        figures |= shares(name, drawn, histories)
         # in other units the least spreads that count do not: what the distributions of the
         # quantities themselves do
-        figures[f"false_share_{name}_any_spread"] = share(partial(drawn, factor=1e6), histories)
+        figures |= shares(f"{name}_any_spread", partial(drawn, factor=1e6), histories)
         torque = table["torque_nm"]
         figures[f"sigma_torque_nm_{name}"] = float(torque.std(ddof=1))
         figures[f"weld_of_wear_{name}"], _ = delays(random, histories, partial(_worn, torque), 0)
@@ -180,11 +185,26 @@ def _worn(torque, random):
 
 def write_page(figures, page):
     """Write the page of the results."""
+    rows = [
+        (
+            "quantities normally distributed, or their logarithms, independent of each other",
+            "normal",
+        ),
+        ("the same, a new tool every 50 welds", "new_tool_every_50"),
+    ]
+    for name in map(name_of, CONTROLLERS):
+        rows.append((f"drawn from {figures['emulated_welds']} emulated welds, {name}", name))
+        rows.append(("the same, without the least spreads that count", f"{name}_any_spread"))
+    rows.append(
+        (f"normally distributed, correlated from weld to weld by {CORRELATION}", "correlated")
+    )
     text = (
         templates(Path(__file__).parent)
         .get_template("history.md.j2")
         .render(
             figures=figures,
+            rows=rows,
+            few=FEW,
             welds=WELDS,
             quantities=len(CHARTED),
             aim=100.0 * FALSE_SIGNALS,

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from math import copysign, exp, sqrt
+from math import copysign, exp, nan, sqrt
 
 import numpy as np
 import scipy
@@ -190,6 +190,30 @@ def _judge(made: Chart, i: int, value: float, baseline: _Baseline, least: float)
     if max(baseline.rise, baseline.fall) > made.limits.cusum:
         made.signals["cusum"].append(i)
     return any(at[-1:] == [i] for at in made.signals.values())
+
+
+def correlation(
+    made: Chart, quantities: int, groups: Sequence[object] | None = None
+) -> tuple[float, bool]:
+    """Correlation of a quantity from weld to weld, and whether it is significant, so that no limit holds.
+
+    The mean square of the differences over two welds is 1 + correlation times that over one (after
+    J. von Neumann: Distribution of the ratio of the mean square successive difference to the
+    variance, Ann. Math. Stat. 12, 1941). Differences hardly contain a shift or slow wear. Any of
+    so many independent quantities is significant in ``FALSE_SIGNALS`` of histories at most.
+    """
+    by_group: dict[object, list[float]] = {}
+    for i in np.flatnonzero(np.isfinite(made.scores)).tolist():
+        by_group.setdefault(groups[i] if groups is not None else None, []).append(made.scores[i])
+    scores = list(map(np.array, by_group.values()))
+    squares = [
+        np.concatenate([(entry[lag:] - entry[:-lag]) ** 2 for entry in scores]) for lag in (1, 2)
+    ]
+    if not squares[1].size or not squares[0].any():
+        return nan, False
+    ratio = float(squares[1].mean() / squares[0].mean())
+    limit = exp(-sqrt(2.0 / squares[1].size) * float(ndtri(FALSE_SIGNALS / quantities)))
+    return ratio - 1.0, ratio > limit
 
 
 @dataclass(frozen=True, slots=True)

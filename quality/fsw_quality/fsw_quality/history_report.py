@@ -16,7 +16,16 @@ from fsw_analysis.figure_style import sheet
 from fsw_analysis.report import page, png, source
 from fsw_analysis.weld_signals import FloatArray
 from fsw_control.schema.files import write_whole
-from fsw_quality.control_charts import FALSE_SIGNALS, WELDS, Chart, Trend, chart, limits, trend
+from fsw_quality.control_charts import (
+    FALSE_SIGNALS,
+    WELDS,
+    Chart,
+    Trend,
+    chart,
+    correlation,
+    limits,
+    trend,
+)
 from fsw_quality.diagnosis import Finding, WatchCause
 from fsw_quality.history import FINDINGS, NUMBERS, Change, Row, changes, column
 
@@ -58,6 +67,7 @@ class Kind(StrEnum):
     """What stands out at a weld."""
 
     CHART = "chart"
+    CORRELATION = "correlation"
     ALARM = "alarm"
     CHANGE = "change"
     SWAP = "swap"
@@ -124,6 +134,14 @@ def charts_of(
     return {name: entry for name, entry in made.items() if entry is not None}
 
 
+def correlated(
+    made: Mapping[str, Chart], groups: Sequence[object] | None = None
+) -> dict[str, float]:
+    """Quantities that are significantly correlated from weld to weld, and how much."""
+    shares = {name: correlation(entry, len(CHARTED), groups) for name, entry in made.items()}
+    return {name: share for name, (share, significant) in shares.items() if significant}
+
+
 def performance() -> dict[str, float]:
     """Welds until the charts signal: all of them on stable welds, those of a quantity on a shift of 1, 2, 3 sigma."""
     lengths = {f"arl_{shift}_sigma": LIMITS.run_length(shift) for shift in (1, 2, 3)}
@@ -145,9 +163,18 @@ def tools(table: pa.Table) -> list[ToolLife]:
 
 
 def remarks(table: pa.Table, made: dict[str, Chart]) -> list[Remark]:
-    """What stands out: first signals of the charts, alarms, changed settings, swaps, operators' actions, verdicts."""
-    rows = table.to_pylist()
-    said = [*_signals(made, _groups(table)), *_alarms(rows)]
+    """What stands out: first signals of the charts, alarms, changed settings, swaps, operators' actions, verdicts.
+
+    Correlated quantities, whose charts have no limits that hold, stand at the newest weld.
+    """
+    rows, groups = table.to_pylist(), _groups(table)
+    said = [*_signals(made, groups), *_alarms(rows)]
+    for name, share in correlated(made, groups).items():
+        text = (
+            f"{NUMBERS[name]} is correlated from weld to weld ({share:+.2f}): the limits of its charts "
+            "do not hold, their signals may be false"
+        )
+        said.append(Remark(len(rows) - 1, Kind.CORRELATION, name, text))
     for i, (before, row) in enumerate(zip([None, *rows], rows, strict=False)):
         if before and (changed := changes(before, row, _SETTINGS)):
             said.append(_changed(i, changed))

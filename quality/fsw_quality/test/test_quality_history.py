@@ -219,6 +219,41 @@ def test_scores_of_normal_welds_are_normal_from_the_first_that_is_judged_on() ->
         assert scipy.stats.kstest(scores[:, weld], "norm").pvalue > 1e-3
 
 
+def test_correlation_from_weld_to_weld_is_noted_and_a_shift_or_wear_is_none() -> None:
+    random, welds, quantities = np.random.default_rng(10), 100, 13
+    fresh = random.normal(size=(200, welds))
+    correlated = scipy.signal.lfilter([np.sqrt(0.75)], [1.0, -0.5], fresh)
+    away = np.arange(welds) > 50
+
+    def noted(histories: np.ndarray, groups: list[int] | None = None) -> tuple[float, int]:
+        made = [control_charts.chart(one, LIMITS, groups=groups) for one in histories]
+        judged = [
+            control_charts.correlation(entry, quantities, groups)
+            for entry in made
+            if entry is not None
+        ]
+        return float(np.median([share for share, _ in judged])), sum(sure for _, sure in judged)
+
+    share, count = noted(correlated)
+    assert share == pytest.approx(0.5, abs=0.1) and count > 100
+    share, count = noted(fresh)
+    assert share == pytest.approx(0.0, abs=0.1) and count <= 2
+    assert noted(fresh + 3.0 * away)[1] <= 2 and noted(fresh + 0.1 * np.arange(welds))[1] <= 2
+    # of two tools in turn each has its own correlation, and none with the other
+    assert noted(correlated, [weld % 2 for weld in range(welds)])[0] < 0.35
+    assert noted(fresh + 9.0 * (np.arange(welds) % 2), [weld % 2 for weld in range(welds)])[1] <= 2
+
+
+def test_the_report_notes_correlated_quantities() -> None:
+    made, random = rows(120, wear_nm=0.0), np.random.default_rng(11)
+    power_kw = 50.0 + scipy.signal.lfilter([1.0], [1.0, -0.6], random.normal(size=120))
+    made = [row | {"power_kw": float(power)} for row, power in zip(made, power_kw, strict=True)]
+    table = pa.Table.from_pylist(made, history.SCHEMA)
+    said = history_report.remarks(table, history_report.charts(table))
+    noted = [(one.at, one.subject) for one in said if one.kind is Kind.CORRELATION]
+    assert noted == [(119, "power_kw")]
+
+
 def test_no_chart_of_few_values_or_without_spread() -> None:
     assert control_charts.chart(np.array([1.0, np.nan, 2.0]), LIMITS) is None
     assert control_charts.chart(np.arange(5.0), LIMITS) is None
