@@ -296,7 +296,7 @@ def test_nobody_else_resumes_a_session_nor_anybody_too_late(room, address, token
     records = room.tick(Desk.now_s + after_s)
     other = room.join(address, anna.session.token if token is None else token)
     assert other is not anna.session and not other.name
-    lost = [(one.who, one.message) for one in records]
+    lost = [(one.who, one.answer.message) for one in records]
     late = [(anna.session.who, "its page was not connected for 10 s")]
     assert lost == (late if after_s > 10.0 else [])
 
