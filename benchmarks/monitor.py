@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """The watch within a weld: false alarms, detection delays and cost, on emulated welds without and with faults.
 
-usage: monitor.py [--quick] [--json FILE] [--page FILE]
+usage: monitor.py [--quick] [--json FILE] [--page FILE] [--calibrate]
 
-Nothing in the monitor was set by these seeds. ``monitor_welds.py`` says how the plants are drawn.
+With ``--calibrate`` it computes the level of an alarm instead, from other seeds. Nothing in the
+monitor was set by those of the page. ``monitor_welds.py`` says how the plants are drawn.
 """
 
 import os
@@ -22,18 +23,26 @@ if __name__ == "__main__":
     ensure(extras=("canister",))
 
 import numpy as np
-from monitor_welds import CASES, FAULT_S, PROCESSES, weld
+import scipy
+from monitor_welds import CASES, DURATION_S, FAULT_S, PROCESSES, weld
 from report import parser, save, show
 
 from fsw_analysis.report import templates, wilson
 from fsw_control.weld import TICK_S
 from fsw_quality.diagnosis import WatchCause
-from fsw_quality.monitor import ALARM, Monitor
-from fsw_quality.monitor_run import watch
+from fsw_quality.monitor import LEVELS, Monitor
+from fsw_quality.monitor_run import samples, watch
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "monitor.md"
 #: seeds of the welds without a fault, and of each fault
-HEALTHY, FAULTY = range(1000, 1050), range(2000, 2003)
+HEALTHY, FAULTY = range(7050, 7100), range(2000, 2003)
+#: seeds of whole welds of 45 minutes without a fault
+LONG, LONG_S = range(7500, 7506), 2700.0
+#: lengths of welds without a fault
+HEALTHY_S = {"none": DURATION_S, "long": LONG_S}
+#: seeds of whole healthy welds that calibrate the levels of an alarm, and share of them with a
+#: false alarm that is allowed
+CALIBRATING, FALSE_ALARMS = range(5500, 5512), 0.01
 #: what a fault must be named within [s] (of gains: after the set-point that shows it has moved)
 AIMS_S = {
     **dict.fromkeys(("depth stuck", "torque stuck", "thermocouple stuck"), 3.0),
@@ -69,7 +78,7 @@ def judged(process, case, seed):
     """One weld, watched; its row."""
     began = time.process_time()
     try:
-        signals, moved_s, controller = weld(process, seed, case)
+        signals, moved_s, controller = weld(process, seed, case, HEALTHY_S.get(case, DURATION_S))
     except ValueError as error:  # no equilibrium to start from
         return {"process": process, "case": case, "seed": seed, "no_weld": str(error)}
     made_s = time.process_time() - began
@@ -93,9 +102,10 @@ def judged(process, case, seed):
     after = [one for one in watched.alarms if faulty and one.begin_s >= FAULT_S]
     named = [one for one in after if one.finding.cause.word in causes]
     beside = [one for one in after if any(other.word in causes for other in one.finding.others)]
+    process_trends = [one for one in watched.others if one.finding.cause.of_process]
     trends = [
         one
-        for one in watched.others
+        for one in process_trends
         if faulty and one.end_s > FAULT_S and one.finding.cause.word in causes
     ]
 
@@ -113,6 +123,7 @@ def judged(process, case, seed):
         "first": after[0].finding.cause.word if after else "",
         "alone": bool(named) and not named[0].finding.others,
         "trend": bool(trends),
+        "trends_s": {one.finding.cause.word: one.end_s - one.begin_s for one in process_trends},
         "possible_s": next(
             (TICK_S * tick for tick, one in enumerate(expected, 1) if one >= CLAIRVOYANT), None
         ),
@@ -123,6 +134,32 @@ def judged(process, case, seed):
         },
         "simulated_s": made_s,
     }
+
+
+def largest(process, seed):
+    """Largest log likelihood ratio of a fault in a whole healthy weld, by the seconds for which it is exceeded."""
+    signals, *_ = weld(process, seed, "none", LONG_S)
+    monitor, ratios = Monitor(process), []
+    for sample in samples(signals):
+        seconds = monitor.seconds
+        monitor.step(sample)
+        if monitor.seconds != seconds:
+            ratios.append(monitor.process.ratio)
+    windows = {one: np.lib.stride_tricks.sliding_window_view(ratios, one) for one in LEVELS}
+    return {one: float(window.min(axis=1).max()) for one, window in windows.items()}
+
+
+def calibrate():
+    """Levels that the maxima of healthy welds exceed in the share that is allowed, by a Gumbel distribution."""
+    with ProcessPoolExecutor(min(2, len(os.sched_getaffinity(0)))) as pool:
+        welds = list(pool.map(largest, *zip(*product(PROCESSES, CALIBRATING), strict=True)))
+    figures = {"welds": len(welds)}
+    for seconds in LEVELS:
+        maxima = [weld[seconds] for weld in welds]
+        figures[f"largest_of_{seconds}_s"] = max(maxima)
+        fitted = scipy.stats.gumbel_r.fit(maxima)
+        figures[f"level_of_{seconds}_s"] = float(scipy.stats.gumbel_r.isf(FALSE_ALARMS, *fitted))
+    return figures
 
 
 def summary(rows, process, case):
@@ -161,20 +198,22 @@ def overall(rows):
         "fault_welds": len(faulty),
         "fault_welds_with_alarm_before": sum(bool(row["false"]) for row in faulty),
     }
-    for process in PROCESSES:
-        free = [row for row in rows if row["process"] == process and row["case"] not in CASES]
+    for process, case in product(PROCESSES, HEALTHY_S):
+        free = [row for row in rows if row["process"] == process and row["case"] == case]
         bad = [row for row in free if row["false"]]
-        figures[f"{process}_healthy_welds"], figures[f"{process}_with_false_alarm"] = (
-            len(free),
-            len(bad),
-        )
-        figures[f"{process}_at_most_percent"] = 100.0 * wilson(len(bad), len(free))[1]
-        figures[f"{process}_false_alarms"] = ", ".join(
-            sorted({cause for row in bad for cause in row["false"]})
-        )
-        figures[f"{process}_under_nmpc"] = sum(
-            row["controller"].startswith("nmpc") for row in free
-        )
+        shown = [row["trends_s"] for row in free if row["trends_s"]]
+        causes = sorted({cause for row in bad for cause in row["false"]})
+        trends = sorted({cause for row in shown for cause in row})
+        of_case = {
+            "welds": len(free),
+            "under_nmpc": sum(row["controller"].startswith("nmpc") for row in free),
+            "with_false_alarm": len(bad),
+            "false_alarms": ", ".join(causes),
+            "at_most_percent": 100.0 * wilson(len(bad), len(free))[1],
+            "with_trend": len(shown),
+            "trends": ", ".join(trends),
+        }
+        figures |= {f"{process}_{case}_{name}": value for name, value in of_case.items()}
     return figures
 
 
@@ -182,9 +221,17 @@ def main():
     """Measure, print a table, write JSON and the page."""
     arguments = parser(__doc__, "few welds, no page")
     arguments.add_argument("--page", type=Path, default=PAGE, help="page of the results")
+    arguments.add_argument(
+        "--calibrate", action="store_true", help="compute the level of an alarm; no page"
+    )
     chosen = arguments.parse_args()
+    if chosen.calibrate:
+        show(figures := calibrate())
+        save(figures, chosen.json)
+        return
     healthy, faulty = (HEALTHY[1:3], FAULTY[1:2]) if chosen.quick else (HEALTHY, FAULTY)
     tasks = [*product(PROCESSES, CASES, faulty), *product(PROCESSES, ("none",), healthy)]
+    tasks += [] if chosen.quick else product(PROCESSES, ("long",), LONG)
     with ProcessPoolExecutor(min(2, len(os.sched_getaffinity(0)))) as pool:
         rows = []
         for row in pool.map(judged, *zip(*tasks, strict=True)):
@@ -219,7 +266,7 @@ def main():
             missed=missed,
             of_heat=OF_HEAT,
             clairvoyant=CLAIRVOYANT,
-            alarm=ALARM,
+            levels=LEVELS,
         )
         chosen.page.write_text(text, encoding="utf-8")
 

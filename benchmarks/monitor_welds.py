@@ -162,7 +162,7 @@ def plant_of(process, random, seed):
     return plant
 
 
-def scenario(process, seed, case):
+def scenario(process, seed, case, duration_s):
     """A weld with random steps of the set-points, an unsteady torque, and an edge of the workpiece."""
     random = np.random.default_rng([seed, PROCESSES.index(process)])
     plant = plant_of(process, random, seed)
@@ -184,7 +184,7 @@ def scenario(process, seed, case):
         events.append({"at_s": 1.0, "disturbance": {"channel": "torque", "shape": "sine", **sine}})
     depth, temperature, at_s = 2.66, 816.4, 5.0
     # one weld in four is left alone
-    while seed % 4 and (at_s := at_s + float(random.uniform(30.0, 70.0))) < DURATION_S - 30.0:
+    while seed % 4 and (at_s := at_s + float(random.uniform(30.0, 70.0))) < duration_s - 30.0:
         if random.random() < 0.5:
             depth = 2.66 if depth != 2.66 else 2.66 + float(random.choice([-0.2, 0.1, 0.2]))
             events.append({"at_s": round(at_s, 1), "reference": {"depth_mm": depth}})
@@ -199,12 +199,12 @@ def scenario(process, seed, case):
         event and "fault" in event
     ):  # then a supervisor commands, with a fallback; its switch comes after the end
         fallback = "decentral" if name_of(label) == "nmpc" else "nmpc"
-        events.append({"at_s": DURATION_S - 0.1, "switch": fallback})
+        events.append({"at_s": duration_s - 0.1, "switch": fallback})
     made = parse(
         yaml.safe_dump(
             {
                 "name": "monitor",
-                "duration_s": DURATION_S,
+                "duration_s": duration_s,
                 "controller": name_of(label),
                 "plant": plant,
                 "events": sorted(events, key=lambda one: one["at_s"]),
@@ -215,9 +215,9 @@ def scenario(process, seed, case):
     return made, label
 
 
-def weld(process, seed, case):
+def weld(process, seed, case, duration_s=DURATION_S):
     """The signals of a weld, and when the set-point moves first that shows the fault (None: it shows at once)."""
-    made, label = scenario(process, seed, case)
+    made, label = scenario(process, seed, case, duration_s)
     _, act, _, shown_by = CASES.get(case, (None, None, (), ""))
     loop = ClosedLoop(made, make_all(made, label, {}))
     if act is not None and act is not load_cell:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -60,29 +61,27 @@ def signatures(
     ``by_model`` are the sensitivities to the coefficients, shape (3, coefficients ...).
     """
     since = np.array([max(time_s - one.time_s, 0.0) for one in onsets])
-    creep, slow, heated = (
-        np.array([getattr(one.gains, name) for one in onsets])
-        for name in ("creep_mm", "slow_mm", "heated_c")
-    )
+    # gains of the onset: those of now contain the noise that is in the residuals, too
+    at: Any = Gains(*np.array([one.gains for one in onsets]).T)
     # power reaches the thermocouple behind the dead time, through the lag of the copper
     late = np.maximum(since - p.dead_time_s - p.tool_lag_s, 0.0)
     faded = np.exp(-late / p.copper_lag_s)
-    heat_per_nm = -p.thermal_gain_c_per_kw * KW_PER_NM_RPM * now.speed_rpm
+    heat_per_nm = -p.thermal_gain_c_per_kw * KW_PER_NM_RPM * at.speed_rpm
     follow = 1.0 - np.exp(-since / p.depth_pole_slow_s)
     sunk_per_kn = -p.depth_gain_mm_per_kn_s * (
         since + (p.depth_zero_s - p.depth_pole_slow_s) * follow
     )
-    by_gain = now.creep_mm + now.slow_mm - creep - slow * (1.0 - follow)
+    by_gain = now.creep_mm + now.slow_mm - at.creep_mm - at.slow_mm * (1.0 - follow)
     found = np.zeros((3, len(onsets), len(faults) + 1))
 
-    def put(cause: WatchCause, **at: FloatArray) -> None:
+    def put(cause: WatchCause, **by_residual: FloatArray) -> None:
         if cause in faults:
-            for name, value in at.items():
+            for name, value in by_residual.items():
                 found[("torque", "depth", "heat").index(name), :, faults.index(cause)] = value
 
-    put(WatchCause.THERMOCOUPLE_DRIFT, depth=-now.mm_per_c * since, heat=since)
-    put(WatchCause.DEPTH_DRIFT, torque=-now.nm_per_mm * since, depth=since)
-    put(WatchCause.LOAD_CELL_STEP, torque=np.full(since.size, -now.nm_per_kn), depth=sunk_per_kn)
+    put(WatchCause.THERMOCOUPLE_DRIFT, depth=-at.mm_per_c * since, heat=since)
+    put(WatchCause.DEPTH_DRIFT, torque=-at.nm_per_mm * since, depth=since)
+    put(WatchCause.LOAD_CELL_STEP, torque=-at.nm_per_kn, depth=sunk_per_kn)
     put(
         WatchCause.TORQUE_DRIFT,
         torque=since,
@@ -92,7 +91,7 @@ def signatures(
     put(WatchCause.TOOL_WEAR, torque=since)
     put(WatchCause.TORQUE_GAIN, torque=np.full(since.size, now.process_nm))
     put(WatchCause.DEPTH_GAIN, depth=by_gain)
-    put(WatchCause.HEAT_GAIN, heat=now.heated_c - heated * faded)
+    put(WatchCause.HEAT_GAIN, heat=now.heated_c - at.heated_c * faded)
     dead_time = by_model[HEAT, COEFFICIENTS.index("dead_time_s")] / p.dead_time_s
     put(WatchCause.DEAD_TIME, heat=np.full(since.size, dead_time))
     warmed = 1.0 - np.exp(-since / p.copper_lag_s)

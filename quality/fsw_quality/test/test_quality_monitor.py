@@ -20,7 +20,7 @@ from fsw_quality.monitor import PROCESSES, Monitor, Sample
 from fsw_quality.residuals import COEFFICIENTS
 from fsw_quality.sensor_health import Detached, SensorHealth
 from fsw_schema.models import InputError
-from fsw_test_support.watched_weld import drifting, samples
+from fsw_test_support.watched_weld import drifting, noise, samples
 
 GOOD = samples()
 STILL = samples(excited=False)
@@ -173,6 +173,37 @@ def test_slow_wear_over_a_long_weld_is_a_trend_and_the_end_of_its_heating_is_non
     assert {finding.cause for finding in shown} == {WatchCause.TOOL_WEAR}
     for finding in shown:
         assert abs(finding.size - wear_nm_per_s) < 3.0 * finding.error
+
+
+@pytest.mark.slow
+def test_noise_of_the_depth_is_no_drift_however_long_the_weld() -> None:
+    weld = samples(1500.0)
+    spread_mm = 0.006 * noise(np.random.default_rng(2), len(weld), 5.0)
+    noisy = (
+        sample._replace(depth_mm=sample.depth_mm + more)
+        for sample, more in zip(weld, spread_mm, strict=True)
+    )
+    assert not trends(noisy)
+
+
+def test_trend_stands_before_it_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    def shown() -> dict[int, WatchCause]:
+        monitor, causes = Monitor(), dict[int, WatchCause]()
+        for sample in drifting(STILL, "torque_nm", 3.0 / 60.0):
+            monitor.step(sample)
+            for finding in monitor.findings:
+                causes[monitor.seconds] = finding.cause
+        return causes
+
+    patient = shown()
+    monkeypatch.setattr("fsw_quality.monitor._STANDS_S", 1)
+    at_once = shown()
+    standing = {
+        second: cause
+        for second, cause in at_once.items()
+        if all(at_once.get(second - before) is cause for before in range(10))
+    }
+    assert min(at_once) < min(patient) == min(standing)
 
 
 @pytest.mark.parametrize("process", PROCESSES)
