@@ -25,7 +25,7 @@ stay_on_this_machine(os.environ)  # before the first node: Fast DDS reads its pr
 _PATIENT = settings(
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow],
-    derandomize="CI" in os.environ,
+    derandomize=bool(os.environ.get("CI")),
 )
 settings.register_profile("project", _PATIENT, max_examples=30)
 settings.register_profile("full", _PATIENT, max_examples=400)  # scripts/test.py --full

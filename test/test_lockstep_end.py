@@ -24,9 +24,6 @@ from fsw_test_support.waiting import PATIENCE_S, has_ended, wait_for_text
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 NODES = ("recorder", "plant", "decentral", "supervisor")
-#: exit codes of nodes that leave the graph at the same time; Fast DDS may not let one leave, which
-#: then ends by an alarm after its own work: see light_node_ros.py
-CLEANLY = (0, -signal.SIGALRM)
 
 
 @pytest.mark.parametrize(
@@ -54,9 +51,11 @@ def test_every_process_ends_cleanly_and_the_bag_is_whole(signs, tmp_path):
             child.process.wait(PATIENCE_S)
         for name in NODES:
             child = launcher.children[name]
-            assert child.process.returncode in CLEANLY, (name, child.text())
             assert "Traceback" not in child.text(), (name, child.text())
-        assert player.process.returncode in CLEANLY, "a requested stop is no failure"
+        codes = [child.process.returncode for child in launcher.children.values()]
+        # Fast DDS may not let one of those leave that leave at once: see light_node_ros.py
+        assert sorted(codes)[1:] == [0] * (len(codes) - 1), codes
+        assert min(codes) in (0, -signal.SIGALRM), "a requested stop is no failure"
         assert "stopped before" in player.text()
     signals = load_weld(graph.bag)
     assert signals.problems == []

@@ -25,7 +25,7 @@ FLOOD_ID = "flood:"
 #: (chosen)
 _LED_S, _JUST_GONE_S = 60.0, 10.0
 #: entries, and alarms whose earlier times are known, at most; one of high priority is always
-#: listed
+#: listed, alone or in a flood
 _MOST = 300
 #: after a restart, time for the graph to report what is still present (chosen; every node reports
 #: once a second)
@@ -39,7 +39,7 @@ class Alarm:
     what: str  #: is wrong
     consequence: str
     advice: str
-    priority: Priority  #: one of high priority cannot be shelved, and is never left out
+    priority: Priority  #: one of high priority cannot be shelved
     trip: bool = False  #: it stops the weld, so that what came first before it is marked
     on_s: float = 0.0  #: how long the cause must last before that counts
     off_s: float = 1.0  #: and how long be gone
@@ -125,8 +125,6 @@ class AlarmList:
     def restore(self, entries: Mapping[str, Entry], shift_s: float, now_s: float) -> None:
         """Continue with the previous server's entries; ``shift_s``: offset of its steady clock."""
         for name, one in entries.items():
-            if name.startswith(FLOOD_ID):  # whoever is in it, is raised anew
-                continue
             until_s = one.shelved_until_s
             self.entries[name] = replace(
                 one,
