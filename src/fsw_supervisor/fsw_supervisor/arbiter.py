@@ -27,7 +27,7 @@ from fsw_control.command_check import refusal
 from fsw_control.contract import Command
 from fsw_control.fence import LOST_COMMANDS, ActuatorState
 from fsw_control.reason import Reason, ReasonCode
-from fsw_control.stop import Stop, StopCause
+from fsw_control.stop import Stop
 from fsw_supervisor.arbitration import Arbitration
 from fsw_supervisor.controller_registry import ControllerRegistry
 from fsw_supervisor.facts import Code, Fact
@@ -121,9 +121,7 @@ class Arbiter:
         self._end_restarted, before = False, self.in_force.applied or self.in_force.seen
         acting = self.in_force.commanded(feedback)
         if before is not None and refusal(acting, self.settings.limits, before) is not None:
-            self.machine.merge_stop(
-                self.machine.register.next_stop(StopCause.WATCHDOG, "plant", stamp_ns)
-            )
+            self.machine.stop_for_plant(stamp_ns)
 
     def on_proposal(self, name: str, proposal: ProposalInput, now_s: float) -> list[Decision]:
         """Take a proposal that arrived on the topic of controller ``name``."""
@@ -256,9 +254,12 @@ class Arbiter:
         return self.ticks.decide()
 
     def _take_target(self) -> None:
-        """Enter the mode requested of the previous leader, even if it sent no command since."""
+        """Enter the mode requested of the previous leader, even if it sent no command since.
+
+        A safe stop is left by a new request only: this one may be older than the stop.
+        """
         target = self.machine.target_mode
-        if target not in (Mode.AUTO, Mode.SAFE_STOP):  # a safe stop is in the register
+        if self.machine.mode is not Mode.SAFE_STOP and target not in (Mode.AUTO, Mode.SAFE_STOP):
             reason = Reason(ReasonCode.REQUESTED_BEFORE, subject=str(target))
             self.machine.fire(OPERATOR_TRIGGERS[target], reason, "operator")
 

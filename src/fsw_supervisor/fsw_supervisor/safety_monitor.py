@@ -132,6 +132,9 @@ class SafetyMonitor:
         self._judged_ns: int | None = None
         self._causes: dict[str, Fact] = {}  # of the levels of the interlocks
         self._consequences: set[str] = set()  # interlocks that tripped during the safe stop, by it
+        # what may be one: how long its values have been no trip, and whether for long in this stop
+        self._free = {name: Persistence() for name in _CONSEQUENCES}
+        self._was_free: set[str] = set()
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Apply new parameters of the node, keeping the state."""
@@ -319,19 +322,18 @@ class SafetyMonitor:
         clear. A trip acts for as long as it lasts, in every mode, not only when it begins.
         ``elapsed_s`` is the time since the values before.
         """
-        before = set(self.tripped)
+        before, stopped = set(self.tripped), self._machine.mode is Mode.SAFE_STOP
+        if not stopped:
+            self._was_free.clear()
         for item in self._interlocks:
             value, bad = values.get(item.quantity, nan), (rejected or {}).get(item.quantity, nan)
             if not isnan(bad) and item.level(bad, Severity.OK) is Severity.TRIP:
                 self._judge(item, bad, elapsed_s)
             elif isfinite(value) and _SENSOR.get(item.quantity) not in held:
                 self._judge(item, value, elapsed_s)
-        stopped = self._machine.mode is Mode.SAFE_STOP
-        # what trips only during a stop cannot be its cause
-        new = set(self.tripped) - before if stopped else set[str]()
-        self._consequences = (self._consequences & set(self.tripped) if stopped else set()) | (
-            new & _CONSEQUENCES
-        )
+        # what was free of a trip during a stop, and trips later, cannot be its cause
+        new = (set(self.tripped) - before) & self._was_free
+        self._consequences = (self._consequences & set(self.tripped) if stopped else set()) | new
         if not self.tripped:
             return
         if stopped:
@@ -350,6 +352,11 @@ class SafetyMonitor:
             self._leaving[item.name],
         )
         shown = item.level(value, present)
+        if (free := self._free.get(item.name)) is not None:
+            stopped = self._machine.mode is Mode.SAFE_STOP
+            free.note(stopped and shown is not Severity.TRIP, elapsed_s, period_s)
+            if free.reaches(limit_s, period_s):
+                self._was_free.add(item.name)
         for level in _ORDER:
             runs[level].note(_ORDER.index(shown) >= _ORDER.index(level), elapsed_s, period_s)
         leaves = present is Severity.TRIP and shown is not Severity.TRIP

@@ -274,10 +274,18 @@ class Machine:
 
     def merge_stop(self, stop: Stop) -> None:
         """Merge another copy of the stop register, which may begin a safe stop."""
-        if not self.register.merge(stop):
-            return
+        if self.register.merge(stop):
+            self._take_register()
+
+    def stop_for_plant(self, stamp_ns: int) -> None:
+        """Begin a safe stop that the actuator end would have begun, had it not restarted."""
+        self.register.stop(StopCause.WATCHDOG, "plant", stamp_ns)
+        self._take_register()
+
+    def _take_register(self) -> None:
+        """Act on a register that has changed."""
         self.revision += 1
-        if self.register.stopped:
+        if (stop := self.register.value).stopped:
             reason = Reason(ReasonCode.STOP_HEARD, subject=stop.cause.name.lower())
             self.fire(Cause.STOP_HEARD, reason, stop.who or "operator")
 

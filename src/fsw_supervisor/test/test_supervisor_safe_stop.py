@@ -132,6 +132,18 @@ def test_cold_that_caused_the_stop_is_not_its_consequence(rig):
 
 
 @pytest.mark.requirement("S25")
+def test_cold_when_the_stop_begins_is_not_its_consequence(rig):
+    """An operator stops because of it, before it has lasted long enough to trip."""
+    change_temperature(rig, 800.0)
+    rig.values["thermocouple"] = COLD
+    rig.run(1)
+    ask(rig, "safe_stop")
+    rig.run(20)
+    assert rig.arbiter.safety.active["temperature_low"] is Severity.TRIP
+    assert not acknowledge(rig)[0]
+
+
+@pytest.mark.requirement("S25")
 def test_another_trip_voids_an_acknowledgement_beside_the_stops_consequence(rig):
     ask(rig, "safe_stop")
     change_temperature(rig.run(10), COLD)

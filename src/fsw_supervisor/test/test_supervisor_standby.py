@@ -13,6 +13,7 @@ from hypothesis import settings as hypothesis_settings
 from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_control.fence import Fence, Signature
+from fsw_control.reason import Reason
 from fsw_control.sensors import REQUIRED
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.failover import Failover, Role
@@ -225,6 +226,21 @@ def test_it_stays_in_the_mode_that_the_operator_chose(world, mode):
     world.tick(10)
     assert world.source == mode
     assert (b.arbiter.machine.mode, b.arbiter.machine.target_mode) == (mode, mode)
+
+
+@pytest.mark.requirement("S9", "S25")
+def test_a_takeover_leaves_no_safe_stop_by_a_request_before_it(world):
+    a, b = world.members
+    a.arbiter.operator.ask_mode("manual", Command(78.0, 407.0), "operator")
+    world.tick(5)
+    a.arbiter.machine.fire(Cause.INTERLOCK_TRIP, Reason(), "interlock")
+    world.tick(30)
+    assert a.arbiter.operator.acknowledge("operator")[0]
+    world.tick(5)
+    assert b.arbiter.machine.acknowledged and b.arbiter.machine.target_mode is Mode.MANUAL
+    world.members.remove(a)
+    world.tick(10)
+    assert world.source == Mode.SAFE_STOP and b.arbiter.machine.mode is Mode.SAFE_STOP
 
 
 @pytest.mark.requirement("S9", "S25")
