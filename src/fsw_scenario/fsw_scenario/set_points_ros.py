@@ -73,10 +73,8 @@ class SetPoints:
         self._mark_received, self._restarts = False, 0
         self._references = node.create_publisher(WeldReference, "fsw/reference", LATCHED)
         self._plan = node.create_publisher(WeldReferencePlan, "fsw/reference_plan", LATEST)
-        self.publishers = [self._references, self._plan]
-        if heat is not None:
-            self._heat_plan = node.create_publisher(HeatPlan, "fsw/heat_plan", LATEST)
-            self.publishers.append(self._heat_plan)
+        self._heat_plan = node.create_publisher(HeatPlan, "fsw/heat_plan", LATEST)
+        self.publishers = [self._references, self._plan, self._heat_plan]
         self._subscription: Subscription | None = None
 
     def destroy(self) -> None:
