@@ -34,6 +34,7 @@ class HeatPlanProblem(StrEnum):
     ORDER = "order"
     VARIANCE = "variance"
     HEAT = "heat"
+    MODEL = "model"
     OVER = "over"
     CHANGED = "changed"
     PLACE = "place"
@@ -50,6 +51,7 @@ _WORDS = {
     HeatPlanProblem.ORDER: "its times do not rise, or its places fall",
     HeatPlanProblem.VARIANCE: "its variance is negative or falls",
     HeatPlanProblem.HEAT: f"its heat is not {HEAT_KW}",
+    HeatPlanProblem.MODEL: "it has no thermal model, or not one value for each name",
     HeatPlanProblem.OVER: "it came after its last time",
     HeatPlanProblem.CHANGED: "another profile is in use in this weld",
     HeatPlanProblem.PLACE: "the tool is not where the plan has it: the plan is of another path",
@@ -88,7 +90,7 @@ class HeatPlan:
             return HeatPlanProblem.VARIANCE
         if not all(HEAT_KW.low <= heat <= HEAT_KW.high for heat in self.heat_kw):
             return HeatPlanProblem.HEAT
-        return None
+        return None if self.model else HeatPlanProblem.MODEL
 
     def heat(self, time_s: float) -> float:
         """Heat at a time [kW]."""

@@ -67,6 +67,7 @@ def test_values_lie_on_lines_and_stay_constant_outside():
         ({"variance_kw2": [-0.1, 0.0, 0.1]}, HeatPlanProblem.VARIANCE),
         ({"variance_kw2": [0.0, 0.2, 0.1]}, HeatPlanProblem.VARIANCE),
         ({"heat_kw": [1.0, 51.0, 1.0]}, HeatPlanProblem.HEAT),
+        ({"model": {}}, HeatPlanProblem.MODEL),
     ],
 )
 def test_bad_values_are_refused_and_the_plan_in_force_stays(weld, changes, problem):

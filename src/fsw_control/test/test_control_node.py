@@ -41,7 +41,14 @@ STEP_NS = 100_000_000
 
 
 HEAT_PLAN = HeatPlanData(
-    [0.0, 10.0], [0.0, 1.0], [0.0, 0.1], {}, [0.0, 14.0], [0.0, 1.5], "copper_lid", "a" * 64
+    at_s=[0.0, 10.0],
+    heat_kw=[0.0, 1.0],
+    variance_kw2=[0.0, 0.1],
+    model={"copper_lag_s": 11.0},
+    travel_mm=[0.0, 14.0],
+    angle_deg=[0.0, 1.5],
+    type="copper_lid",
+    profile="a" * 64,
 )
 
 
