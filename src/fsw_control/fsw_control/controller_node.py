@@ -213,7 +213,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
             self.applied.restart()
             self.controller.reset(self.applied.latest.command)
             self._last_ns = None
-            self._heat.restart()
+            self._heat.jump()
             self.get_logger().warning("the measurements' time has jumped: the controller restarts")
         dt_s = (
             self._settings["period"]
