@@ -450,6 +450,17 @@ def test_a_jump_of_time_resets_the_controller(start):
     assert peer.controller.seen[-1][3] == 0.1
 
 
+@pytest.mark.parametrize(("answered_ns", "expected"), [(0, []), (STEP_NS, [2])])
+def test_after_a_jump_of_time_in_mid_weld_the_controller_rejoins(start, answered_ns, expected):
+    peer = start("--ros-args", "-p", "use_sim_time:=true")  # a tick waits for the drives
+    peer.refer()
+    for k, answered in ((100, 0), (101, answered_ns), (5000, answered_ns)):
+        state = ActuatorState(answered_ns=answered)
+        peer.drives.publish(convert.drives_message(Command(78.0, 400.0), k * STEP_NS, state))
+        peer.tick(k)
+    assert peer.controller.rejoined_after == expected
+
+
 def test_bad_commands_and_references_are_ignored(start):
     peer = start()
     peer.refer()
