@@ -72,8 +72,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         Model of the controller's own parameters (:mod:`fsw_control.parameters`). At runtime they
         are passed to the controller's ``check(values)`` and then to its ``configure(values)``, if
         it has these methods; ``use_logger(logger)`` gets the node's logger. ``rejoin()`` is called
-        before the first step if others have commanded the actuators before: what acted in the
-        last seconds is unknown.
+        before the first step, and after a jump of time, if the actuators have been commanded
+        before: what acted in the last seconds is unknown.
     """
 
     def __init__(self, name: str, make: Make, parameters: ParameterModel = None) -> None:
@@ -108,7 +108,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._step_time_s = 0.0
         self._longest_step_s = 0.0
         self._stream_of_ticks = False
-        self._has_drives = False
+        self._commands_act: bool | None = None  # by the drives' last report; None before the first
         self._open_parameters()
         self._open_topics()
 
@@ -158,12 +158,16 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
             self._on_bad_reference(str(error))
 
     def _on_drives(self, message: DriveFeedback) -> None:
-        if not self._has_drives and convert.actuator_state(message).answered_ns > 0:
-            rejoin = getattr(self.controller, "rejoin", None)
-            if rejoin is not None:
-                rejoin()
-        self._has_drives = True
+        is_first = self._commands_act is None
+        self._commands_act = convert.actuator_state(message).answered_ns > 0
+        if is_first:
+            self._rejoin()
         self._ticks.on_drives(convert.stamp_ns(message.header.stamp), convert.command(message))
+
+    def _rejoin(self) -> None:
+        """Before a step without a past: say so if it is in mid-weld."""
+        if self._commands_act and hasattr(self.controller, "rejoin"):
+            self.controller.rejoin()
 
     def _on_heat_plan(self, message: HeatPlan) -> None:
         self._heat_state = message.type
@@ -212,8 +216,9 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
             self._guard.reset()
             self.applied.restart()
             self.controller.reset(self.applied.latest.command)
+            self._rejoin()
             self._last_ns = None
-            self._heat.restart()
+            self._heat.jump()
             self.get_logger().warning("the measurements' time has jumped: the controller restarts")
         dt_s = (
             self._settings["period"]

@@ -34,6 +34,7 @@ class HeatPlanProblem(StrEnum):
     ORDER = "order"
     VARIANCE = "variance"
     HEAT = "heat"
+    MODEL = "model"
     OVER = "over"
     CHANGED = "changed"
     PLACE = "place"
@@ -50,6 +51,7 @@ _WORDS = {
     HeatPlanProblem.ORDER: "its times do not rise, or its places fall",
     HeatPlanProblem.VARIANCE: "its variance is negative or falls",
     HeatPlanProblem.HEAT: f"its heat is not {HEAT_KW}",
+    HeatPlanProblem.MODEL: "it has no thermal model, or not one value for each name",
     HeatPlanProblem.OVER: "it came after its last time",
     HeatPlanProblem.CHANGED: "another profile is in use in this weld",
     HeatPlanProblem.PLACE: "the tool is not where the plan has it: the plan is of another path",
@@ -88,7 +90,7 @@ class HeatPlan:
             return HeatPlanProblem.VARIANCE
         if not all(HEAT_KW.low <= heat <= HEAT_KW.high for heat in self.heat_kw):
             return HeatPlanProblem.HEAT
-        return None
+        return None if self.model else HeatPlanProblem.MODEL
 
     def heat(self, time_s: float) -> float:
         """Heat at a time [kW]."""
@@ -138,8 +140,16 @@ class ReceivedHeat:
         self._plan: HeatPlan | None = None
 
     def restart(self) -> None:
-        """After a jump of time or a weld: the next plan may be of any profile."""
+        """After a weld: the next plan may be of any profile."""
         self._profile = ""
+
+    def jump(self) -> None:
+        """After a jump of time: the plan in force is of before, one that waits may be new.
+
+        The next plan may be of any profile.
+        """
+        self.restart()
+        self._plan = None
 
     def receive(self, plan: HeatPlan | None, stamp_ns: int, newest_ns: int | None) -> None:
         """Take a plan, None withdraws; ``newest_ns``: last tick, None before the first."""
@@ -164,8 +174,11 @@ class ReceivedHeat:
         return None
 
     def at(self, tick_ns: int) -> HeatPlan | None:
-        """Return the plan in force at a tick."""
-        while self._coming and self._coming[0][0] < tick_ns:
+        """Return the plan in force at a tick: the last received of those with an earlier stamp.
+
+        It replaces all received before it, whatever their stamps.
+        """
+        while any(stamp_ns < tick_ns for stamp_ns, _ in self._coming):
             self._plan = self._coming.popleft()[1]
         return self._plan
 

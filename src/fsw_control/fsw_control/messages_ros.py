@@ -188,14 +188,18 @@ def reference_plan_message(
 
 
 def heat_plan(message: HeatPlanMessage) -> HeatPlan | None:
-    """Plan of a message, not checked; None if it withdraws the plan before it."""
+    """Plan of a message, not checked; None if it withdraws the plan before it.
+
+    It has no thermal model, and so a problem, if the model's names and values differ in number.
+    """
     if not len(message.time):
         return None
+    names, values = message.model_names, message.model_values
     return HeatPlan(
         list(message.time),
         [units.kw_from_w(heat_w) for heat_w in message.heat],
         [units.kw_from_w(units.kw_from_w(variance_w2)) for variance_w2 in message.variance],
-        dict(zip(message.model_names, message.model_values, strict=False)),
+        dict(zip(names, values, strict=True)) if len(names) == len(values) else {},
         [units.mm_from_m(length_m) for length_m in message.length],
         list(map(degrees, message.angle)),
         message.type,

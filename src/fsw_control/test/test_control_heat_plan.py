@@ -67,6 +67,7 @@ def test_values_lie_on_lines_and_stay_constant_outside():
         ({"variance_kw2": [-0.1, 0.0, 0.1]}, HeatPlanProblem.VARIANCE),
         ({"variance_kw2": [0.0, 0.2, 0.1]}, HeatPlanProblem.VARIANCE),
         ({"heat_kw": [1.0, 51.0, 1.0]}, HeatPlanProblem.HEAT),
+        ({"model": {}}, HeatPlanProblem.MODEL),
     ],
 )
 def test_bad_values_are_refused_and_the_plan_in_force_stays(weld, changes, problem):
@@ -95,6 +96,23 @@ def test_a_plan_holds_from_the_tick_after_its_stamp_however_early_it_comes(weld)
     assert [weld.at(at_s * S) for at_s in (105, 106, 107)] == [PLAN, first, second]
 
 
+def test_a_plan_stamped_far_ahead_blocks_neither_the_next_nor_a_withdrawal(weld):
+    moved = replace(PLAN, type="moved")
+    for later in (moved, None):
+        weld.receive(PLAN, 10**18, 105 * S)
+        assert weld.take(later, 106.0) is later
+    assert weld.at(10**18 + 1) is None  # replaced
+
+
+def test_a_jump_of_time_ends_the_plan_in_force_not_one_that_waits(weld):
+    weld.jump()
+    assert weld.at(101 * S) is None
+    moved = replace(PLAN, type="moved")
+    weld.receive(moved, 102 * S, 101 * S)
+    weld.jump()
+    assert weld.at(103 * S) is moved
+
+
 def test_plans_that_never_come_into_force_do_not_pile_up(weld):
     for number in range(100):
         weld.receive(replace(PLAN, type=str(number)), 10**18, 105 * S)
@@ -106,7 +124,7 @@ def test_plans_that_never_come_into_force_do_not_pile_up(weld):
 def test_the_next_weld_may_have_another_profile(weld, between):
     other = replace(PLAN, profile="b" * 64, at_s=[130.0, 140.0, 150.0])
     if between == "time restarts":
-        weld.restart()
+        weld.jump()
     assert weld.take(other, 110.0 if between == "time restarts" else 125.0) is other
 
 

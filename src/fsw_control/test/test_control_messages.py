@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from fsw_control import Command, Diagnosis, Plan, Proposal, Reference
 from fsw_control import messages_ros as convert
-from fsw_control.heat_plan import HeatPlan
+from fsw_control.heat_plan import HeatPlan, HeatPlanProblem
 from fsw_control.reason import Reason
 from fsw_msgs.msg import WeldReference
 
@@ -186,6 +186,8 @@ def test_a_heat_plan_goes_there_and_back():
     for name in ("heat_kw", "variance_kw2", "travel_mm", "angle_deg"):
         assert getattr(back, name) == pytest.approx(getattr(plan, name))
     assert convert.heat_plan(convert.heat_plan_message(None, 5)) is None
+    message.model_names = ["dead_time_s", "copper_lag_s"]
+    assert convert.heat_plan(message).problem is HeatPlanProblem.MODEL
 
 
 @pytest.mark.parametrize("wrong", ["falling", "nan"])

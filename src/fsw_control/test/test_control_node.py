@@ -41,7 +41,14 @@ STEP_NS = 100_000_000
 
 
 HEAT_PLAN = HeatPlanData(
-    [0.0, 10.0], [0.0, 1.0], [0.0, 0.1], {}, [0.0, 14.0], [0.0, 1.5], "copper_lid", "a" * 64
+    at_s=[0.0, 10.0],
+    heat_kw=[0.0, 1.0],
+    variance_kw2=[0.0, 0.1],
+    model={"copper_lag_s": 11.0},
+    travel_mm=[0.0, 14.0],
+    angle_deg=[0.0, 1.5],
+    type="copper_lid",
+    profile="a" * 64,
 )
 
 
@@ -441,6 +448,17 @@ def test_a_jump_of_time_resets_the_controller(start):
     assert peer.tick(0).healthy
     assert peer.controller.resets == resets + 1
     assert peer.controller.seen[-1][3] == 0.1
+
+
+@pytest.mark.parametrize(("answered_ns", "expected"), [(0, []), (STEP_NS, [2])])
+def test_after_a_jump_of_time_in_mid_weld_the_controller_rejoins(start, answered_ns, expected):
+    peer = start("--ros-args", "-p", "use_sim_time:=true")  # a tick waits for the drives
+    peer.refer()
+    for k, answered in ((100, 0), (101, answered_ns), (5000, answered_ns)):
+        state = ActuatorState(answered_ns=answered)
+        peer.drives.publish(convert.drives_message(Command(78.0, 400.0), k * STEP_NS, state))
+        peer.tick(k)
+    assert peer.controller.rejoined_after == expected
 
 
 def test_bad_commands_and_references_are_ignored(start):

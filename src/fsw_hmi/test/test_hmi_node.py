@@ -287,7 +287,14 @@ def test_state_prediction_and_alarms_reach_the_page(graph, page, monkeypatch):
 
 def test_known_heat_reaches_the_page_with_the_share_in_use(graph, page):
     plan = HeatPlanData(
-        [0.0, 60.0], [1.0, 3.0], [0.0, 0.02], {}, [0.0, 86.0], [0.0, 10.0], "copper_lid", "a" * 64
+        at_s=[0.0, 60.0],
+        heat_kw=[1.0, 3.0],
+        variance_kw2=[0.0, 0.02],
+        model={"copper_lag_s": 11.0},
+        travel_mm=[0.0, 86.0],
+        angle_deg=[0.0, 10.0],
+        type="copper_lid",
+        profile="a" * 64,
     )
     plans = graph.node.create_publisher(HeatPlan, "fsw/heat_plan", LATEST)
     plans.publish(convert.heat_plan_message(plan, 0))

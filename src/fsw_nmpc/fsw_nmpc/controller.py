@@ -272,8 +272,9 @@ class NmpcController:
 
     def _is_of_model(self, heat: HeatPlan) -> bool:
         """Whether the heat was found with this controller's thermal model."""
-        return all(
-            abs(getattr(self.settings.model, name) - value) <= _SAME_MODEL * value
+        own = self.settings.model.model_dump()
+        return bool(heat.model) and all(
+            name in own and abs(own[name] - value) <= _SAME_MODEL * abs(value)
             for name, value in heat.model.items()
         )
 

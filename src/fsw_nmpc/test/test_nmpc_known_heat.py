@@ -1,16 +1,19 @@
 """Heat that is known beforehand: met before it comes, ignored where it does not come, without effect where absent."""
 
+from dataclasses import replace
 from math import exp, nan
 
 import numpy as np
 import pytest
 
 from fsw_control import weld
+from fsw_control.heat_plan import SHARE_NAME, HeatPlan
 from fsw_model import ProcessModel, nominal
 from fsw_model.equations import COPPER
 from fsw_nmpc.library import KERNEL, tuning_of
 from fsw_nmpc.settings import Settings
 from fsw_nmpc.tuning import Tuning
+from fsw_test_support import nmpc_loop
 from fsw_test_support.nmpc_problems import (
     LIMITS,
     make_library,
@@ -160,6 +163,24 @@ def test_without_known_heat_nothing_changes(value):
     plain, given = Loop(step).run(), Loop(step, absent).run()
     assert given.speed == plain.speed
     assert given.temperature == plain.temperature
+
+
+@pytest.mark.parametrize(
+    ("model", "is_used"),
+    [
+        (P.model_dump(), True),
+        ({"copper_lag_s": 11.0}, False),
+        ({"no_such": 1.0}, False),
+        ({"model_dump": 1.0}, False),
+        ({}, False),
+    ],
+)
+def test_only_heat_of_the_same_thermal_model_is_used(model, is_used):
+    """Any other leaves the controller proposing."""
+    plan = HeatPlan([0.0, 60.0], [0.0, 1.0], [0.0, 0.1], model)
+    proposal = nmpc_loop.Loop().step(replace(nmpc_loop.TARGET, heat=plan))
+    assert proposal.healthy
+    assert (SHARE_NAME in proposal.diagnosis.disturbances) == is_used
 
 
 def test_a_gate_without_evidence_is_refused():

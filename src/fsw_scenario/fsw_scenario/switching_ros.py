@@ -46,7 +46,8 @@ class Switching:
 
     def ask(self, controller: str) -> None:
         """Request a controller; an earlier request is superseded."""
-        self._requested, self._asked_s, self._answer = controller, time.monotonic(), None
+        self._forget()
+        self._requested, self._asked_s = controller, time.monotonic()
         self.look()
 
     def look(self) -> None:
@@ -57,6 +58,9 @@ class Switching:
             self._answer.add_done_callback(self._on_answer)
             self._look_at_target()
         elif self._requested and not self.pending:
+            self._node.get_logger().error(
+                f"no supervisor has received the request for {self._requested}: it is dropped"
+            )
             self._received()
 
     def _on_state(self, message: SupervisorState) -> None:
@@ -73,10 +77,17 @@ class Switching:
 
     def _received(self) -> None:
         if self._requested:
-            self._requested = ""
+            self._forget()
             self._on_received()
 
+    def _forget(self) -> None:
+        """Expect nothing of the last request any more."""
+        if self._answer is not None:
+            self._client.remove_pending_request(self._answer)
+        self._requested, self._answer = "", None
+
     def destroy(self) -> None:
-        """Leave the graph."""
+        """Leave the graph; an answer that is on its way has no effect."""
+        self._forget()
         self._node.destroy_client(self._client)
         self._node.destroy_subscription(self._states)
