@@ -172,7 +172,8 @@ class AlarmRules:
         self._failed = "", ""
         self._nominal = ""  # who has commanded as selected, and does so without a break
         self._faults: dict[str, str] = {}  # by sensor, the state that it began with
-        self._before_stop = frozenset[str]()  # present when a stop began: it may be their effect
+        #: present when a stop or the end began: it may be their effect
+        self._before_stop = frozenset[str]()
 
     def present(self, now: Situation, now_s: float) -> dict[str, Alarm]:
         """The alarms that are present by name; ``now_s`` on a steady clock."""
@@ -193,11 +194,11 @@ class AlarmRules:
         """Alarms without those that the present state of the weld explains (ISA-18.2, suppressed by design)."""
         stopped = now.state is not None and now.state["actual_mode"] == "safe_stop"
         expected, earlier = frozenset[str](), self._before_stop
-        if now.programme == DONE:
-            expected, earlier = _TEXTS.expected["ended"], frozenset()
+        if now.programme == DONE and not self._measures(now):
+            expected = _TEXTS.expected["ended"]
         elif stopped:
             expected = _TEXTS.expected["stopped"]
-        else:
+        elif now.programme != DONE:
             self._before_stop = frozenset(found)
         return {
             name: one

@@ -194,6 +194,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self._keeper.forget()
             self._weld.forget()
             self._recording = Recording()
+            self._watch.progress = None  # of the weld before; a programme reports every second
         if self._watch.progress is not None:
             self._weld.on_progress(self._watch.progress)
         if self._watch.state is not None:

@@ -428,9 +428,23 @@ ENDED = {"tick_age_s": 60.0, "command_age_s": 60.0, "state_age_s": 60.0, "parts"
 
 
 def test_what_the_end_of_a_weld_explains_is_no_alarm(rules):
-    assert rules.present(situation(programme="running", **ENDED), 0.0)
     assert rules.present(situation(programme="done", **ENDED), 0.0) == {}
+    assert rules.present(situation(programme="running", **ENDED), 0.0)
     assert "machine" in rules.present(situation(programme="done", parts=gateway("error")), 0.0)
+
+
+def test_while_something_is_measured_the_end_of_a_programme_explains_nothing(rules):
+    silent = {"command_age_s": 60.0, "state_age_s": 60.0, "parts": SILENT}
+    jumped = {"sensor_states": {"depth": "jump"}}
+    for programme in ("running", "done"):
+        present = rules.present(situation(programme=programme, **silent, **jumped), 0.0)
+        assert {"supervisor", "sensor:depth"} <= present.keys()
+
+
+def test_alarm_before_the_end_stays_after_it(rules):
+    silent = {"command_age_s": 60.0, "state_age_s": 60.0, "parts": SILENT}
+    rules.present(situation(programme="running", **silent), 0.0)
+    assert "supervisor" in rules.present(situation(programme="done", **ENDED), 1.0)
 
 
 COLD = {"temperature_c": 700.0, "temperature_error_c": -150.0, "depth_mm": 2.0}
