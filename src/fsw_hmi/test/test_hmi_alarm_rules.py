@@ -480,6 +480,13 @@ def test_takeover_by_a_supervisor_that_stands_by_is_no_alarm_while_it_may_last(
     assert rules.present(silent, 0.0)["supervisor"].on_s == on_s
 
 
+def test_who_is_always_late_does_not_hide_that_nothing_comes():
+    awake = Awake()
+    for now_s in range(21):
+        awake.look(float(now_s))
+    assert awake.age_s(0.0, 20.0) >= 20.0 - 3 * 2.0
+
+
 def test_own_lateness_does_not_make_what_waits_in_the_queues_old():
     awake = Awake()
     for look in range(20):
