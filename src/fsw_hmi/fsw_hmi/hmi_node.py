@@ -331,9 +331,9 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         elif why := self._why_not(action):
             answer(why)
         else:
-            if isinstance(action, SafeStop) and not self._register.stopped:
+            if isinstance(action, SafeStop):
                 # Not only by the supervisor's service: the plant hears of it, too, if no
-                # supervisor lives.
+                # supervisor lives; and as a new stop, for this copy may be out of date.
                 self._register.stop(
                     StopCause.OPERATOR, order.who, self.get_clock().now().nanoseconds
                 )
