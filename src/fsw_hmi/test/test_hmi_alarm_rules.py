@@ -465,6 +465,18 @@ def test_what_a_stop_explains_is_no_alarm_but_what_led_to_it_is(rules):
     }
 
 
+def test_cold_weld_is_an_alarm_if_it_led_to_a_stop_that_the_page_did_not_see_begin(rules):
+    """The page's server was started again in the stop."""
+    cause = {"actual_mode": "safe_stop", "cause": Cause.INTERLOCK_TRIP}
+    assert "interlock:temperature_low" in rules.present(
+        situation(COLD, state=state(interlocks=LOW, **cause)), 0.0
+    )
+    two = [lock("depth_high", "trip"), *LOW]
+    assert "interlock:temperature_low" not in rules.present(
+        situation(COLD, state=state(interlocks=two, **cause)), 1.0
+    )
+
+
 def test_recorder_that_is_killed_is_an_alarm(rules):
     parts = {"fsw_recorder": {"recording": Part("stale", "recording")}}
     raised = rules.present(situation(parts=parts), 0.0)
