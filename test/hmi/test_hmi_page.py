@@ -169,6 +169,32 @@ def test_page_that_is_cut_off_keeps_form_and_control_and_sends_its_stop_first(fa
     expect(page.locator("dialog").get_by_label("Depth")).to_have_value("2.75")
 
 
+@pytest.mark.requirement("S19")
+def test_stop_that_is_lost_with_its_connection_is_sent_with_the_next(fake, open_page):
+    page = ready(open_page(fake.url))
+    in_control(page)
+    page.evaluate("() => { window.sends = WebSocket.prototype.send }")
+    page.evaluate("() => { WebSocket.prototype.send = () => {} }")  # its loss is not noticed yet
+    page.locator("#safe-stop").click()
+    fake.cut()
+    expect(page.locator("#safe-stop")).to_contain_text("waits for the connection")
+    page.evaluate("() => { WebSocket.prototype.send = window.sends }")
+    fake.silent = False
+    expect(page.locator("#who strong")).to_have_text("safe stop")
+
+
+@pytest.mark.requirement("S19")
+def test_stop_that_waits_too_long_for_the_connection_is_told(fake, open_page):
+    page = ready(open_page(fake.url))
+    in_control(page)
+    fake.cut()
+    expect(page.locator("body")).to_have_attribute("data-link", "lost")
+    page.locator("#safe-stop").click()
+    expect(page.locator("#safe-stop")).to_contain_text("waits for the connection")
+    expect(page.locator("#actions .answer")).to_have_attribute("data-outcome", "timed_out")
+    expect(page.locator("#safe-stop")).to_contain_text("not connected: stop at the machine")
+
+
 @pytest.mark.requirement("S16")
 @pytest.mark.full
 def test_silent_connection_is_told_and_comes_back(fake, open_page):

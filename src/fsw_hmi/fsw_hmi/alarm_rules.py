@@ -103,12 +103,23 @@ def _beyond(check: Check) -> str:
     return f"below {check.min:g}" if check.max is None else f"above {check.max:g}"
 
 
+def _trips(state: Mapping[str, Any]) -> list[str]:
+    """Names of the interlocks that have tripped; none if another cause stops the weld."""
+    if state["cause"] is not Cause.INTERLOCK_TRIP:
+        return []
+    tripped = Severity.TRIP.word
+    return [one["name"] for one in state["interlocks"] if one["level"] == tripped]
+
+
+def _only_trip(state: Mapping[str, Any]) -> frozenset[str]:
+    """Alarm of the one interlock that has tripped; empty if none has, or several have."""
+    names = _trips(state)
+    return frozenset(alarm_id("interlock", one) for one in names if len(names) == 1)
+
+
 def _tripped(state: Mapping[str, Any]) -> str:
     """What the interlock says by which the weld stops; empty if another cause does."""
-    if state["cause"] is not Cause.INTERLOCK_TRIP:
-        return ""
-    tripped = Severity.TRIP.word
-    names = [one["name"] for one in state["interlocks"] if one["level"] == tripped]
+    names = _trips(state)
     return ", ".join(_TEXTS.interlocks[name][0] for name in names if name in _TEXTS.interlocks)
 
 
@@ -172,7 +183,8 @@ class AlarmRules:
         self._failed = "", ""
         self._nominal = ""  # who has commanded as selected, and does so without a break
         self._faults: dict[str, str] = {}  # by sensor, the state that it began with
-        self._before_stop = frozenset[str]()  # present when a stop began: it may be their effect
+        #: present when a stop or the end began: it may be their effect
+        self._before_stop: frozenset[str] | None = None
 
     def present(self, now: Situation, now_s: float) -> dict[str, Alarm]:
         """The alarms that are present by name; ``now_s`` on a steady clock."""
@@ -191,13 +203,15 @@ class AlarmRules:
 
     def _unexpected(self, now: Situation, found: dict[str, Alarm]) -> dict[str, Alarm]:
         """Alarms without those that the present state of the weld explains (ISA-18.2, suppressed by design)."""
-        stopped = now.state is not None and now.state["actual_mode"] == "safe_stop"
-        expected, earlier = frozenset[str](), self._before_stop
-        if now.programme == DONE:
-            expected, earlier = _TEXTS.expected["ended"], frozenset()
-        elif stopped:
+        stopped = now.state if now.state and now.state["actual_mode"] == "safe_stop" else None
+        expected, earlier = frozenset[str](), self._before_stop or ()
+        if now.programme == DONE and not self._measures(now):
+            expected = _TEXTS.expected["ended"]
+        elif stopped is not None:
             expected = _TEXTS.expected["stopped"]
-        else:
+            if self._before_stop is None:  # nobody here saw it begin: the only trip is its cause
+                expected -= _only_trip(stopped)
+        elif now.programme != DONE:
             self._before_stop = frozenset(found)
         return {
             name: one

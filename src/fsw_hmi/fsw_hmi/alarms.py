@@ -82,6 +82,12 @@ class Entry:
     shelved: str = ""  #: by whom, until when and why
     first: str = ""  #: of a trip: what came first
     led_to: str = ""  #: the trip that this one came first of
+    news: int = 0  #: number of what is to be seen again, after it was raised
+
+    @property
+    def newest(self) -> int:
+        """Number of the last thing that a person should have seen of it."""
+        return max(self.number, self.news)
 
     @property
     def state(self) -> str:
@@ -91,6 +97,10 @@ class Entry:
         if not self.present:
             return "cleared"
         return "acknowledged" if self.acknowledged else "active"
+
+    def show_again(self, number: int) -> None:
+        """Who has seen the list before has not seen this; its place among the first stays."""
+        self.acknowledged, self.news = False, number
 
     def show_if_high(self) -> None:
         """Unshelve alarms that have become high."""
@@ -133,7 +143,7 @@ class AlarmList:
                 absent_s=now_s + _RESTART_S if one.present else (one.absent_s or 0.0) + shift_s,
                 shelved_until_s=None if until_s is None else until_s + shift_s,
             )
-            self._number = max(self._number, one.number)
+            self._number = max(self._number, one.newest)
 
     # ---------------------------------------------------------------- what is present
 
@@ -191,7 +201,8 @@ class AlarmList:
         before, entry.alarm = entry.alarm, alarm
         self._unshelve_if_other(name, entry, before)
         if RANK[alarm.priority] < RANK[before.priority]:  # it has become worse: to be seen again
-            entry.acknowledged = False
+            self._number += 1
+            entry.show_again(self._number)
             entry.show_if_high()
             self.events.append(Event(name, AlarmChange.WORSENED, alarm, entry.count))
         if alarm.trip and not before.trip:
@@ -283,7 +294,7 @@ class AlarmList:
         return [
             name
             for name, one in self.entries.items()
-            if one.number <= up_to and one.state in ("active", "cleared")
+            if one.newest <= up_to and one.state in ("active", "cleared")
         ]
 
     def shelve(self, name: str, minutes: float, who: str, reason: str, now_s: float) -> Answer:
@@ -307,7 +318,8 @@ class AlarmList:
         entry.shelved_until_s, entry.shelved = None, ""
         self.events.append(Event(name, AlarmChange.UNSHELVED, entry.alarm, entry.count, who))
         if entry.present:
-            entry.acknowledged = False
+            self._number += 1
+            entry.show_again(self._number)
         else:
             del self.entries[name]
         return Code.UNSHELVED.done()
@@ -340,8 +352,9 @@ class AlarmList:
                 },
                 **{
                     key: getattr(one, key)
-                    for key in ("state", "number", "count", "chatters", "first", "shelved")
+                    for key in ("state", "count", "chatters", "first", "shelved")
                 },
+                "number": one.newest,
                 "first_out": bool(one.led_to),
                 "first_s": round(wall_s + one.first_s - now_s, 3),
                 "raised_s": round(wall_s + one.raised_s - now_s, 3),

@@ -8,6 +8,9 @@ from collections import deque
 _PERIOD_S, _LATE_S = 0.05, 0.05
 #: delays that are remembered
 _MOST = 1000
+#: after delays of so much within so long no further one is excused: who is always late must not
+#: hide that nothing comes (chosen)
+_EXCUSED_S, _WITHIN_S = 2.0, 10.0
 
 
 class Awake:
@@ -24,7 +27,8 @@ class Awake:
         """Note a look."""
         if self._looked_s is not None:
             late_s = now_s - self._looked_s - _PERIOD_S
-            if late_s > _LATE_S:
+            spent_s = sum(one_s for end_s, one_s in self._delays if now_s - end_s < _WITHIN_S)
+            if late_s > _LATE_S and spent_s < _EXCUSED_S:
                 self._delays.append((now_s, late_s))
         self._looked_s = now_s
 

@@ -31,7 +31,8 @@ class Now:
 
 def headline(now: Now) -> dict[str, str]:
     """Level, text and detail."""
-    if now.programme == DONE:
+    silent = now.tick_age_s is None or now.tick_age_s > TICK_AGE_S
+    if now.programme == DONE and silent:
         return _urgent(now.alarms) or _end(now.account)
     if now.tick_age_s is None:
         return _line("attention", "No measurements yet")
@@ -45,7 +46,7 @@ def headline(now: Now) -> dict[str, str]:
         _urgent(now.alarms)
         or _of_flags(now.flags)
         or _of_state(now.state)
-        or _of_account(now.account)
+        or (_end(now.account) if now.programme == DONE else _of_account(now.account))
         or _of_alarms(now.alarms, "low")
         or _line("good", "Good", "every limit is kept so far")
     )

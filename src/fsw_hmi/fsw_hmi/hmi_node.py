@@ -194,6 +194,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self._keeper.forget()
             self._weld.forget()
             self._recording = Recording()
+            self._watch.progress = None  # of the weld before; a programme reports every second
         if self._watch.progress is not None:
             self._weld.on_progress(self._watch.progress)
         if self._watch.state is not None:
@@ -330,9 +331,9 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         elif why := self._why_not(action):
             answer(why)
         else:
-            if isinstance(action, SafeStop) and not self._register.stopped:
+            if isinstance(action, SafeStop):
                 # Not only by the supervisor's service: the plant hears of it, too, if no
-                # supervisor lives.
+                # supervisor lives; and as a new stop, for this copy may be out of date.
                 self._register.stop(
                     StopCause.OPERATOR, order.who, self.get_clock().now().nanoseconds
                 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from enum import StrEnum
 from math import isfinite, nan
 from pathlib import Path
@@ -50,8 +51,7 @@ class Recording:
         if level in _OF_LEVEL:
             self.state, self._values = _OF_LEVEL[level], values
         elif self.state is not RecordingState.NONE:
-            bag = self._values.get("bag", "")
-            closed = bool(bag) and (Path(bag) / METADATA_NAME).is_file()
+            closed = _is_complete(self._values.get("bag", ""))
             self.state = RecordingState.CLOSED if closed else RecordingState.SILENT
         missing = self._count("lost") + self._count("dropped")
         if was_silent:  # it lasts until the recorder, or another one, reports again
@@ -79,3 +79,10 @@ class Recording:
             "missing": self._missing,
             "gap": self.gaps[-1] if self.gaps else None,
         }
+
+
+def _is_complete(bag: str) -> bool:
+    """Whether a bag has its metadata; a path of others may be too long, odd or not ours to read."""
+    with suppress(OSError, ValueError):
+        return bool(bag) and (Path(bag) / METADATA_NAME).is_file()
+    return False

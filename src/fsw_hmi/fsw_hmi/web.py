@@ -20,7 +20,6 @@ from fsw_hmi.hub import History, Page
 from fsw_hmi.logins import BusyError, LoginChecks
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.requests import Action, SafeStop, Switch
-from fsw_hmi.security import client_of
 
 #: how much longer than the graph may take an answer is waited for, should the node itself be stuck
 _MARGIN_S = 2.0
@@ -152,7 +151,9 @@ class LivePage:
         pages with a login. The page in control is never closed.
         """
         pages = [
-            page for page in self._pages if page.session.client == client and not page.evicted
+            page
+            for page in self._pages
+            if page.session.client == client and not (page.evicted or page.superseded)
         ]
         if len(pages) < self._max_pages:
             return
@@ -165,14 +166,14 @@ class LivePage:
         first.given_up.set()
 
     async def _serve(self, socket: WebSocket, address: str) -> None:
-        self._make_room(client_of(address))
-        self._opened += 1
         session = self._room.join(address, socket.query_params.get("resume", ""))
-        page = Page(session, socket.client, self._opened)
         for before in self._pages:  # the end of its connection has not been noticed yet
             if before.session is session:
                 before.superseded = True
                 before.given_up.set()
+        self._make_room(session.client)
+        self._opened += 1
+        page = Page(session, socket.client, self._opened)
         self._pages.add(page)
         self._begin(page)
         jobs = [
@@ -182,14 +183,16 @@ class LivePage:
         try:
             await asyncio.wait(jobs, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            self._pages.discard(page)
             for job in jobs:
                 job.cancel()
             await asyncio.gather(*jobs, return_exceptions=True)
-            if self._closed or page.closed or page.evicted:
+            self._pages.discard(page)  # only now: until here its session may be resumed
+            if page.superseded:
+                pass  # the session is another page's now, whatever became of this one
+            elif self._closed or page.closed or page.evicted:
                 why = "the page's server ended" if self._closed else "the page was closed"
                 self._room.leave(page.session, why)
-            elif not page.superseded:
+            else:
                 self._room.lose(page.session, time.monotonic())
             self._show_control()
             if page.evicted:
@@ -298,6 +301,8 @@ class LivePage:
     def _show_control(self) -> None:
         """Send changes of control to the pages that they concern."""
         for page in self._pages:
+            if page.superseded:  # news are told once a session, and are the new page's
+                continue
             control = self._room.news(page.session, time.monotonic())
             if control is not None:
                 page.show("control", frame("control", control))

@@ -428,9 +428,23 @@ ENDED = {"tick_age_s": 60.0, "command_age_s": 60.0, "state_age_s": 60.0, "parts"
 
 
 def test_what_the_end_of_a_weld_explains_is_no_alarm(rules):
-    assert rules.present(situation(programme="running", **ENDED), 0.0)
     assert rules.present(situation(programme="done", **ENDED), 0.0) == {}
+    assert rules.present(situation(programme="running", **ENDED), 0.0)
     assert "machine" in rules.present(situation(programme="done", parts=gateway("error")), 0.0)
+
+
+def test_while_something_is_measured_the_end_of_a_programme_explains_nothing(rules):
+    silent = {"command_age_s": 60.0, "state_age_s": 60.0, "parts": SILENT}
+    jumped = {"sensor_states": {"depth": "jump"}}
+    for programme in ("running", "done"):
+        present = rules.present(situation(programme=programme, **silent, **jumped), 0.0)
+        assert {"supervisor", "sensor:depth"} <= present.keys()
+
+
+def test_alarm_before_the_end_stays_after_it(rules):
+    silent = {"command_age_s": 60.0, "state_age_s": 60.0, "parts": SILENT}
+    rules.present(situation(programme="running", **silent), 0.0)
+    assert "supervisor" in rules.present(situation(programme="done", **ENDED), 1.0)
 
 
 COLD = {"temperature_c": 700.0, "temperature_error_c": -150.0, "depth_mm": 2.0}
@@ -451,6 +465,18 @@ def test_what_a_stop_explains_is_no_alarm_but_what_led_to_it_is(rules):
     }
 
 
+def test_cold_weld_is_an_alarm_if_it_led_to_a_stop_that_the_page_did_not_see_begin(rules):
+    """The page's server was started again in the stop."""
+    cause = {"actual_mode": "safe_stop", "cause": Cause.INTERLOCK_TRIP}
+    assert "interlock:temperature_low" in rules.present(
+        situation(COLD, state=state(interlocks=LOW, **cause)), 0.0
+    )
+    two = [lock("depth_high", "trip"), *LOW]
+    assert "interlock:temperature_low" not in rules.present(
+        situation(COLD, state=state(interlocks=two, **cause)), 1.0
+    )
+
+
 def test_recorder_that_is_killed_is_an_alarm(rules):
     parts = {"fsw_recorder": {"recording": Part("stale", "recording")}}
     raised = rules.present(situation(parts=parts), 0.0)
@@ -464,6 +490,13 @@ def test_takeover_by_a_supervisor_that_stands_by_is_no_alarm_while_it_may_last(
     parts = {"fsw_supervisor_standby": {"standby": Part(standby, "standing by")}}
     silent = situation(command_age_s=0.3, parts=parts)
     assert rules.present(silent, 0.0)["supervisor"].on_s == on_s
+
+
+def test_who_is_always_late_does_not_hide_that_nothing_comes():
+    awake = Awake()
+    for now_s in range(21):
+        awake.look(float(now_s))
+    assert awake.age_s(0.0, 20.0) >= 20.0 - 3 * 2.0
 
 
 def test_own_lateness_does_not_make_what_waits_in_the_queues_old():

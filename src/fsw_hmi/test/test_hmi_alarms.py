@@ -266,6 +266,16 @@ def test_all_that_were_on_the_page_are_acknowledged_whatever_their_number(desk):
     assert [name for name, state in desk.states().items() if state == "active"] == ["late"]
 
 
+def test_what_has_become_worse_or_left_the_shelf_meanwhile_is_not_acknowledged(desk):
+    desk.update(0.0, a=LOW, b=LOW, c=MEDIUM)
+    desk.shelve("b")
+    newest = max(one["number"] for one in desk.rows())
+    desk.update(1.0, a=HIGH, b=LOW, c=MEDIUM)
+    desk.list.unshelve("b", "otto")
+    assert desk.list.waiting(newest) == ["c"]
+    assert desk.list.waiting(max(one["number"] for one in desk.rows())) == ["a", "b", "c"]
+
+
 def test_shelf_refuses_high_priority_and_what_is_not_there(desk):
     desk.update(0.0, a=HIGH, b=MEDIUM)
     assert desk.shelve("a").code == "high_priority"

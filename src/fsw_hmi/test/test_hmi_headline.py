@@ -47,6 +47,8 @@ def now(**changed: Any) -> Now:
         ({"tick_age_s": None}, "attention", "No measurements yet"),
         ({"tick_age_s": 60.0, "programme": "done"}, "good", "Weld done: Good"),
         ({"programme": "done", "alarms": [alarm("high")]}, "high", "high one"),
+        ({"programme": "done"}, "good", "Weld done: Good"),
+        ({"programme": "done", "state": AUTO | {"known": False}}, "medium", "No supervisor"),
         ({"tick_age_s": 0.6, "alarms": [alarm("high")]}, "high", "No measurements"),
         ({"alarms": [alarm("high", "acknowledged"), alarm("medium")]}, "medium", "medium one"),
         ({"alarms": [alarm("medium", "acknowledged")]}, "medium", "medium one"),

@@ -449,6 +449,16 @@ def test_safe_stop_is_asked_for_until_somebody_answers(graph, page):
     assert page.until("answer", lambda frame: frame["id"] == number)["message"] == "at last"
 
 
+@pytest.mark.requirement("S19")
+@pytest.mark.parametrize("graph", [0.5], indirect=True)
+def test_safe_stop_is_a_new_one_though_the_copy_of_the_register_is_stopped_already(graph, page):
+    page.ask("safe_stop")
+    before = graph.hmi._register.value
+    assert before.stopped
+    page.ask("safe_stop")
+    assert graph.hmi._register.value.epoch > before.epoch
+
+
 @pytest.mark.requirement("S20")
 @pytest.mark.parametrize("graph", [0.5], indirect=True)
 def test_request_without_an_answer_times_out(graph, page):

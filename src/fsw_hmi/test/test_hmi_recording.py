@@ -59,10 +59,28 @@ def test_bag_with_its_metadata_is_complete(values, tmp_path):
     assert (recording.state, recording.gaps) == (RecordingState.CLOSED, [])
 
 
-@pytest.mark.parametrize("odd", [{}, {"bag": "\0", "bytes": "many", "lost": "-1"}])
+@pytest.mark.parametrize(
+    "odd",
+    [
+        {},
+        {"bag": "\0", "bytes": "many", "lost": "-1"},
+        {"bag": "x" * 5000},
+    ],
+)
 def test_odd_reports_of_others_leave_the_page_alive(odd):
     recording = Recording()
     for level, weld_s in (("ok", 1.0), ("stale", 2.0)):
         recording.look(level, odd, weld_s)
     assert recording.frame()["bytes"] == 0
+    assert recording.state is RecordingState.SILENT
+
+
+def test_bag_that_may_not_be_read_is_not_known_to_be_complete(values, monkeypatch):
+    def refuse(*_, **__):
+        raise PermissionError
+
+    monkeypatch.setattr("pathlib.Path.is_file", refuse)  # the tests may run as root
+    recording = Recording()
+    for level, weld_s in (("ok", 1.0), ("stale", 2.0)):
+        recording.look(level, values, weld_s)
     assert recording.state is RecordingState.SILENT

@@ -441,3 +441,19 @@ def test_page_that_is_cut_off_resumes_where_it_was(server, noticed):
         again.send("mode", mode="hold")
         assert server.next_order().holder == f"anna ({hello['session']})"
     wait_until(lambda: server.room.holder is None, "the end of control")  # a page that is closed
+
+
+@pytest.mark.requirement("S18")
+def test_page_that_resumes_keeps_its_session_though_there_is_no_room(make_server):
+    server = make_server(max_pages=2)
+    with server.open() as operator, server.open() as before:
+        operator.command(TOKEN)
+        before.log_in(TOKEN, "bert")
+        resume, session = (before.frames["hello"][key] for key in ("resume", "session"))
+        with server.open(resume=resume) as again:  # the loss of the first has not been noticed
+            again.until("hello")
+            wait_until(lambda: len(server.page._pages) == 2, "the end of the first")
+            again.socket.close(4002)
+        with server.open(resume=resume) as last:
+            assert last.until("hello")["session"] == session
+        assert operator.ask("active")["outcome"] == "done"

@@ -25,6 +25,7 @@ export class Commands {
   #due = 0; // until when control that is asked for must be answered
   #touched = -Infinity;
   #stopsUntil = -Infinity; // until when a stop that was pressed without a connection is sent with the next one
+  #lapse = 0; // the timer of that
   #lost = ""; // how control has got lost without anybody's doing
   /** Why nothing can be commanded from here; empty where it can. */
   lack = "";
@@ -149,17 +150,19 @@ export class Commands {
 
   /** A connection begins: a stop that waits goes first. A new session knows nobody: log in again with what this page was told; control is lost with the old one. */
   async connected(isNew = true, hadControl = false) {
-    const stops = performance.now() < this.#stopsUntil;
-    this.#stopsUntil = -Infinity;
-    const refused = stops && (await this.ask("Safe stop", "safe_stop")).outcome === "refused";
+    const refused = performance.now() < this.#stopsUntil && (await this.#sendStop(this.#stopsUntil)).outcome === "refused";
+    if (refused && !(isNew && this.#credentials)) this.#keepStop(-Infinity); // nothing will change that
     if (!isNew) return;
     if (hadControl) this.#lost = "control was lost with the connection to the server";
     this.update();
     if (!this.#credentials) return;
     const answer = await this.ask("Log in again", "login", this.#credentials);
-    if (refused && answer.outcome === "done") this.ask("Safe stop", "safe_stop");
-    if (answer.outcome === "refused") this.#credentials = null; // one that is out of date is not tried for ever
-    else if (answer.outcome !== "done" && this.connection.live) setTimeout(() => this.page.control.authenticated || this.connected(), AGAIN_MS);
+    if (performance.now() < this.#stopsUntil && answer.outcome === "done") this.#sendStop(this.#stopsUntil);
+    if (answer.outcome === "refused") {
+      this.#credentials = null; // one that is out of date is not tried for ever
+      this.#keepStop(-Infinity);
+    }
+    if (answer.outcome === "timed_out" && this.connection.live) setTimeout(() => this.page.control.authenticated || this.connected(), AGAIN_MS);
   }
 
   /** @param {(() => Promise<Answer>)?} then what to do once logged in, and `purpose` its name */
@@ -183,13 +186,32 @@ export class Commands {
   }
 
   safeStop() {
-    if (!this.connection.live) {
-      this.#stopsUntil = performance.now() + STOPS_MS;
-      return this.update();
-    }
-    const send = () => this.ask("Safe stop", "safe_stop");
+    const until = performance.now() + STOPS_MS;
+    if (!this.connection.live) return this.#keepStop(until);
+    const send = () => this.#sendStop(until);
     if (this.page.control.may_stop) send();
     else this.logIn(send, "Safe stop");
+  }
+
+  /** Send a stop. One that is lost with its connection, or that a login must come before, waits until it lapses. @param {number} until */
+  async #sendStop(until) {
+    clearTimeout(this.#lapse);
+    const answer = await this.ask("Safe stop", "safe_stop");
+    const lost = answer.outcome === "timed_out" && !this.connection.live;
+    this.#keepStop(lost || (answer.outcome === "refused" && until === this.#stopsUntil) ? until : -Infinity);
+    return answer;
+  }
+
+  /** A stop waits until then; -Infinity: none does. */
+  #keepStop(/** @type {number} */ until) {
+    clearTimeout(this.#lapse);
+    this.#stopsUntil = until;
+    const lapse = () => {
+      this.actions.tell("Safe stop", "timed_out", "not sent");
+      this.#keepStop(-Infinity);
+    };
+    if (until > -Infinity) this.#lapse = setTimeout(lapse, until - performance.now());
+    this.update();
   }
 
   takeControl() {
