@@ -373,8 +373,8 @@ class AnyOrder(RuleBasedStateMachine):
         self.desk.list.restore(before.list.entries, 0.0, before.now_s)
         assert self.desk.states() == before.states()
         # what was grouped is in its flood, but by whom is known only after the next look
-        grouped = before.list.grouped
-        self.present = {name: one for name, one in self.present.items() if name not in grouped}
+        listed = before.states().keys() - before.list.grouped.keys()
+        self.present = {name: one for name, one in self.present.items() if name in listed}
         self.desk.list.events = before.list.events
 
     @invariant()
