@@ -11,6 +11,7 @@ from fsw_test_support.command_line import replaces_nothing, run
         ["tune", "--model", "/usr/bin/env", "--out", "/nowhere/at/all"],
         ["tune", "--model", "/dev/null", "--out", "/nowhere/at/all"],
         ["identify", "--design", "--model", "/usr/bin/env"],
+        ["model", "--events", "fig4", "--csv", "a.png", "--figure", "a.png"],
     ],
 )
 def test_bad_input_is_one_line_and_a_bad_exit_code(capsys, arguments):
@@ -41,6 +42,9 @@ def test_wrong_arguments_tell_the_usage(capsys, arguments):
 OVERWRITING = [
     ["campaign", "report", "{folder}", "--out", "{file}.md"],
     ["identify", "{bag}", "--out", "{file}"],
+    ["model", "--events", "fig4", "--csv", "{file}"],
+    ["model", "--events", "fig4", "--csv", "{new}.csv", "--figure", "{file}.png"],
+    ["bag", "shadow", "{bag}", "--controller", "decentral", "--json", "{file}"],
 ]
 
 

@@ -92,7 +92,6 @@ def test_nothing_is_overwritten(capsys, tmp_path):
         ["simulate", "quick", "--params-file", "/usr/bin/env"],
         ["simulate", "quick", "--parameter", ".tuning=tight"],
         ["simulate", "quick", "--parameter", "decentral=tight"],
-        ["model", "--events", "fig4", "--csv", "a.png", "--figure", "a.png"],
         ["bag", "kpi", "/nowhere/at/all"],
         ["reference"],
         ["disturb", "depth", "step", "5"],
@@ -232,13 +231,10 @@ def test_notes_on_a_damaged_bag_leave_the_output_to_the_result(capsys, tmp_path)
 
 
 OVERWRITING = [
-    ["model", "--events", "fig4", "--csv", "{file}"],
-    ["model", "--events", "fig4", "--csv", "{new}.csv", "--figure", "{file}.png"],
     ["bag", "export", "{bag}", "{file}.csv"],
     ["bag", "kpi", "{bag}", "--json", "{file}"],
     ["bag", "kpi", "{bag}", "{bag}", "--json", "{file}"],
     ["bag", "plot", "{bag}", "--out", "{folder}"],
-    ["bag", "shadow", "{bag}", "--controller", "decentral", "--json", "{file}"],
 ]
 
 
@@ -322,7 +318,7 @@ def test_an_advised_command_has_the_name_that_the_user_types(
 
 
 @pytest.mark.parametrize("name", ["fsw.py", "fsw"])
-@pytest.mark.parametrize("command", [("bag", "shadow"), ("simulate",)])
+@pytest.mark.parametrize("command", [("bag", "recover"), ("simulate",)])
 def test_help_names_commands_as_the_user_types_them(capsys, monkeypatch, name, command):
     monkeypatch.setattr(sys, "argv", [f"/somewhere/{name}"])
     _, printed, _ = run(capsys, *command, "--help")

@@ -2,18 +2,14 @@
 
 import json
 import re
-import sys
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 from fsw.main import main
-from fsw_control.contract import Command, Measurement, Proposal, Reference
 from fsw_control.weld import TICK_NS
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter
-from fsw_scenario.controllers import KNOWN
 from fsw_test_support.programme_bag import write_programme_weld
 from fsw_test_support.sample_weld import write_sample_weld
 
@@ -158,43 +154,3 @@ def test_file_that_is_no_bag(
     captured = capsys.readouterr()
     assert captured.out == "" and captured.err.count("\n") == 1
     assert "is empty" in captured.err if not data else ": not a" in captured.err
-
-
-class Holder:
-    """Proposes what was applied, as the made-up weld's controllers do not."""
-
-    name = "nmpc"
-    tolerated_sensors: tuple[str, ...] = ()
-
-    def reset(self, applied: Command) -> None:
-        """Nothing to forget."""
-
-    def step(
-        self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float
-    ) -> Proposal:
-        return Proposal(applied)
-
-
-def test_verify(
-    weld_bag: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    genuine: Path,
-) -> None:
-    module = ModuleType("own_controller")
-    module.Holder = Holder  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "own_controller", module)
-    monkeypatch.setitem(KNOWN, "nmpc", "own_controller:Holder")
-    assert run("verify", str(weld_bag), "--controller", "nmpc") == 1
-    captured = capsys.readouterr()
-    assert (
-        "at tick 1" in captured.out and "no parameters" in captured.err and "nmpc" in captured.err
-    )
-    assert run("verify", str(weld_bag), "--controller", "nobody") == 1
-    error = capsys.readouterr().err
-    assert "nobody is" in error and "available" in error
-    assert run("verify", str(weld_bag), "--controller", "own_controller:Nothing") == 1
-    error = capsys.readouterr().err
-    assert "own_controller:Nothing" in error and "not available" in error
-    assert run("verify", str(genuine / "mcap_default")) == 1
-    assert "no proposals" in capsys.readouterr().err
