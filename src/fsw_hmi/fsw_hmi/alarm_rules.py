@@ -111,12 +111,6 @@ def _trips(state: Mapping[str, Any]) -> list[str]:
     return [one["name"] for one in state["interlocks"] if one["level"] == tripped]
 
 
-def _only_trip(state: Mapping[str, Any]) -> frozenset[str]:
-    """Alarm of the one interlock that has tripped; empty if none has, or several have."""
-    names = _trips(state)
-    return frozenset(alarm_id("interlock", one) for one in names if len(names) == 1)
-
-
 def _tripped(state: Mapping[str, Any]) -> str:
     """What the interlock says by which the weld stops; empty if another cause does."""
     names = _trips(state)
@@ -208,9 +202,9 @@ class AlarmRules:
         if now.programme == DONE and not self._measures(now):
             expected = _TEXTS.expected["ended"]
         elif stopped is not None:
-            expected = _TEXTS.expected["stopped"]
-            if self._before_stop is None:  # nobody here saw it begin: the only trip is its cause
-                expected -= _only_trip(stopped)
+            # what led to the stop is no consequence of it
+            causes = {alarm_id("interlock", name) for name in stopped["tripped"]}
+            expected = _TEXTS.expected["stopped"] - causes
         elif now.programme != DONE:
             self._before_stop = frozenset(found)
         return {

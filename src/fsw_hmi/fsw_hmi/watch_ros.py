@@ -282,10 +282,11 @@ class Watch:
 
 def _state(message: SupervisorState) -> dict[str, Any]:
     """The supervisor's state; of more controllers or interlocks than can be, the first."""
-    cause = Cause(message.cause)
+    cause, reason = Cause(message.cause), Reason.of_messages(message.why)
     return {
         **{name: readable(getattr(message, name)) for name in _WORDS},
-        "reason": readable(Reason.of_messages(message.why).words),
+        "reason": readable(reason.words),
+        "tripped": [readable(name) for name in reason.interlocks],
         "controllers": [_controller(one) for one in message.controllers[:_MOST_CONTROLLERS]],
         "interlocks": [
             {"name": readable(one.name), "level": Severity(one.level).word}
