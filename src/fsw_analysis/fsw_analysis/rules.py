@@ -9,6 +9,7 @@ from typing import Annotated, Any
 from pydantic import Field, Strict
 
 from fsw_analysis.rule_book import SWAPS, Bounds
+from fsw_control.coded import Worded
 from fsw_control.schema.models import Many, Model
 
 
@@ -23,16 +24,8 @@ class Verdict(StrEnum):
 _ORDER = list(Verdict)
 
 
-class FactCode(StrEnum):
-    """What a rule found, with its text for people, which names the fields."""
-
-    words: str
-
-    def __new__(cls, value: str, words: str) -> FactCode:
-        """Create a code with its text."""
-        code = str.__new__(cls, value)
-        code._value_, code.words = value, words
-        return code
+class FactCode(Worded):
+    """What a rule found."""
 
     NOT_ON_RECORD = "not_on_record", "not on record"
     RULES = "rules", "{count} rules"

@@ -1,8 +1,8 @@
-"""Enums that travel in messages as numbers."""
+"""Enums that travel as numbers, and codes with a text for people."""
 
 from __future__ import annotations
 
-from enum import IntEnum
+from enum import IntEnum, StrEnum
 from typing import Self
 
 
@@ -17,3 +17,18 @@ class Coded(IntEnum):
     def word(self) -> str:
         """Its name in small letters."""
         return self.name.lower()
+
+
+class Worded(StrEnum):
+    """Base of codes with a text for people, which names the fields of the fact in braces.
+
+    Members are ``NAME = value, words``.
+    """
+
+    words: str
+
+    def __new__(cls, value: str, words: str) -> Self:
+        """Create a code with its text."""
+        code = str.__new__(cls, value)
+        code._value_, code.words = value, words
+        return code

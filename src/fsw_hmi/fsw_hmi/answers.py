@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from typing import NamedTuple
+
+from fsw_control.coded import Worded
 
 DONE, REFUSED, TIMED_OUT = "done", "refused", "timed_out"
 
@@ -16,16 +17,8 @@ class Answer(NamedTuple):
     message: str  #: the same in words
 
 
-class Code(StrEnum):
-    """Kind of an answer, with its text for people, which names the fields."""
-
-    words: str
-
-    def __new__(cls, value: str, words: str) -> Code:
-        """Create a code with its text."""
-        code = str.__new__(cls, value)
-        code._value_, code.words = value, words
-        return code
+class Code(Worded):
+    """Kind of an answer."""
 
     def done(self, **data: object) -> Answer:
         """Return the answer to a request that is carried out."""

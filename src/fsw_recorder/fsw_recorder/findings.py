@@ -3,27 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from enum import StrEnum
 from typing import Annotated, Any
 
 from pydantic import Field, Strict
 
+from fsw_control.coded import Worded
 from fsw_control.schema.models import InputError, Many, Model
 
 _MOST_FINDINGS = 5
 _BEFORE = "what happened to it before is not known"
 
 
-class Code(StrEnum):
-    """Result of a check; its text has the fields in braces."""
-
-    words: str
-
-    def __new__(cls, value: str, words: str) -> Code:
-        """Create a code with its text."""
-        code = str.__new__(cls, value)
-        code._value_, code.words = value, words
-        return code
+class Code(Worded):
+    """Result of a check."""
 
     # the files of a bag
     UNREADABLE = "unreadable", "{reason}"

@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from enum import StrEnum
 from typing import Any, NamedTuple
 
+from fsw_control.coded import Worded
 
-class Code(StrEnum):
-    """Kind of a fact, with its text for people, which names the fields."""
 
-    words: str
-
-    def __new__(cls, value: str, words: str) -> Code:
-        """Create a code with its text."""
-        code = str.__new__(cls, value)
-        code._value_, code.words = value, words
-        return code
+class Code(Worded):
+    """Kind of a fact."""
 
     # controllers
     JOINED = "joined", "controller {controller} has joined"
