@@ -1,33 +1,17 @@
 """A weld that is launched runs by a procedure that is signed as it has to be."""
 
-import runpy
 import shutil
-import sys
 from datetime import UTC, datetime
 from pathlib import Path
-from unittest.mock import MagicMock
 
 import pytest
 
 from fsw_recorder.signature import Purpose, load_private, make_key, sign, signature_path
 from fsw_scenario.procedure import path_of
+from fsw_test_support.launch_modules import fake_launch, run_launch_file
 
 pytest.importorskip(
     "securesystemslib", reason="not installed: pip install -r requirements/signing.lock"
-)
-LAUNCH_FILE = Path(__file__).resolve().parents[1] / "launch" / "weld.launch.py"
-#: what the launch file imports of ROS 2
-ROS = (
-    "ament_index_python",
-    "ament_index_python.packages",
-    "launch",
-    "launch.actions",
-    "launch.events",
-    "launch.events.process",
-    "launch.logging",
-    "launch.substitutions",
-    "launch_ros",
-    "launch_ros.actions",
 )
 NOW = datetime(2026, 11, 25, tzinfo=UTC)
 
@@ -35,9 +19,8 @@ NOW = datetime(2026, 11, 25, tzinfo=UTC)
 @pytest.fixture
 def by_procedure(monkeypatch):
     """What the launch file makes of a procedure, which needs nothing of the launch system."""
-    for name in ROS:
-        monkeypatch.setitem(sys.modules, name, MagicMock())
-    return runpy.run_path(str(LAUNCH_FILE))["_by_procedure"]
+    fake_launch(monkeypatch)
+    return run_launch_file()["_by_procedure"]
 
 
 @pytest.fixture

@@ -1,31 +1,16 @@
 """Nodes and parameters of the launch file: those of the graph that the launcher starts, too."""
 
-import runpy
-import sys
 from pathlib import Path
 from types import SimpleNamespace
-from unittest.mock import MagicMock
 
 import pytest
 import yaml
 
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.scenario_file import load
+from fsw_test_support.launch_modules import fake_launch, run_launch_file
 
 PACKAGE = Path(__file__).resolve().parents[1]
-#: what the launch file imports of ROS 2
-ROS = (
-    "ament_index_python",
-    "ament_index_python.packages",
-    "launch",
-    "launch.actions",
-    "launch.events",
-    "launch.events.process",
-    "launch.logging",
-    "launch.substitutions",
-    "launch_ros",
-    "launch_ros.actions",
-)
 SCENARIO, OPEN = "reference_tracking", "open_loop_force_steps"
 
 
@@ -36,7 +21,7 @@ class Node(SimpleNamespace):
 @pytest.fixture
 def launched(monkeypatch, tmp_path):
     """Run the launch file with arguments; returns its node actions and parameters by node."""
-    modules = {name: MagicMock() for name in ROS}
+    modules = fake_launch(monkeypatch)
     modules["launch_ros.actions"].Node = Node
     modules["launch.logging"].launch_config.log_dir = str(tmp_path)
     index, values = modules["ament_index_python.packages"], {}
@@ -44,11 +29,9 @@ def launched(monkeypatch, tmp_path):
     modules["launch.substitutions"].LaunchConfiguration = lambda name: SimpleNamespace(
         perform=lambda _: values[name]
     )
-    for name, module in modules.items():
-        monkeypatch.setitem(sys.modules, name, module)
 
     def launch(**arguments):
-        globals_ = runpy.run_path(str(PACKAGE / "launch" / "weld.launch.py"))
+        globals_ = run_launch_file()
         values.update({name: default for name, (default, _) in globals_["ARGUMENTS"].items()})
         values.update(arguments)
         nodes = [action for action in globals_["weld"](None) if isinstance(action, Node)]
