@@ -6,8 +6,8 @@ import argparse
 from collections.abc import Iterable
 
 from fsw.command import command, option
-from fsw_control.schema.extensions import extensions
 from fsw_control.schema.extras import Extra
+from fsw_scenario.controllers import KNOWN
 from fsw_scenario.scenario_file import shipped
 
 #: functions that complete one of some names, or a file
@@ -30,7 +30,7 @@ def completion(arguments: argparse.Namespace) -> int:
 
     from fsw.main import parser
 
-    values = {"scenario": shipped(), "controller": tuple(extensions("fsw.controllers"))}
+    values = {"scenario": shipped(), "controller": tuple(sorted(KNOWN))}
     function = _FUNCTIONS.get(arguments.shell, "")
     preamble = "".join(
         function.format(kind=kind, names=" ".join(names)) for kind, names in values.items()

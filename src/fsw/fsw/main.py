@@ -58,6 +58,8 @@ def _modules(word: str) -> Iterable[ModuleType]:
     A module of another distribution that cannot be imported is skipped with a note, unless it is
     the requested one.
     """
+    if word == "--version":  # it needs no command
+        return ()
     names = list(extensions(GROUP))
     wanted = [name for name in names if name.partition(".")[0] == word]
     found: dict[str, ModuleType] = {}
@@ -87,9 +89,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     def run() -> int:
         word = words[0] if words else ""
-        if word == "--version":  # without an import of all commands
-            print(f"fsw-control {__version__}")
-            return 0
         commands = {name.partition(".")[0] for name in extensions(GROUP)}
         if word and word[0] != "-" and word not in commands:
             short = argparse.ArgumentParser(prog=program(), usage="%(prog)s COMMAND ...")
