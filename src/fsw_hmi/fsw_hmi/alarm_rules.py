@@ -103,17 +103,12 @@ def _beyond(check: Check) -> str:
     return f"below {check.min:g}" if check.max is None else f"above {check.max:g}"
 
 
-def _trips(state: Mapping[str, Any]) -> list[str]:
-    """Names of the interlocks that have tripped; none if another cause stops the weld."""
-    if state["cause"] is not Cause.INTERLOCK_TRIP:
-        return []
-    tripped = Severity.TRIP.word
-    return [one["name"] for one in state["interlocks"] if one["level"] == tripped]
-
-
 def _tripped(state: Mapping[str, Any]) -> str:
     """What the interlock says by which the weld stops; empty if another cause does."""
-    names = _trips(state)
+    if state["cause"] is not Cause.INTERLOCK_TRIP:
+        return ""
+    tripped = Severity.TRIP.word
+    names = [lock["name"] for lock in state["interlocks"] if lock["level"] == tripped]
     return ", ".join(_TEXTS.interlocks[name][0] for name in names if name in _TEXTS.interlocks)
 
 
@@ -178,7 +173,7 @@ class AlarmRules:
         self._nominal = ""  # who has commanded as selected, and does so without a break
         self._faults: dict[str, str] = {}  # by sensor, the state that it began with
         #: present when a stop or the end began: it may be their effect
-        self._before_stop: frozenset[str] | None = None
+        self._before_stop: frozenset[str] = frozenset()
 
     def present(self, now: Situation, now_s: float) -> dict[str, Alarm]:
         """The alarms that are present by name; ``now_s`` on a steady clock."""
@@ -198,7 +193,7 @@ class AlarmRules:
     def _unexpected(self, now: Situation, found: dict[str, Alarm]) -> dict[str, Alarm]:
         """Alarms without those that the present state of the weld explains (ISA-18.2, suppressed by design)."""
         stopped = now.state if now.state and now.state["actual_mode"] == "safe_stop" else None
-        expected, earlier = frozenset[str](), self._before_stop or ()
+        expected, earlier = frozenset[str](), self._before_stop
         if now.programme == DONE and not self._measures(now):
             expected = _TEXTS.expected["ended"]
         elif stopped is not None:
