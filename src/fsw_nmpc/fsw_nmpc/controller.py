@@ -272,9 +272,10 @@ class NmpcController:
 
     def _is_of_model(self, heat: HeatPlan) -> bool:
         """Whether the heat was found with this controller's thermal model."""
-        own = self.settings.model.model_dump()
+        own = self.settings.model
         return bool(heat.model) and all(
-            name in own and abs(own[name] - value) <= _SAME_MODEL * abs(value)
+            name in type(own).model_fields
+            and abs(getattr(own, name) - value) <= _SAME_MODEL * abs(value)
             for name, value in heat.model.items()
         )
 
