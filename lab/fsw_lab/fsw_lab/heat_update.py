@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from enum import StrEnum
 from math import sqrt
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import numpy as np
 from fsw.bags import data_sha256
 from fsw_analysis.rules import Verdict
 from fsw_analysis.weld_signals import WeldSignals
+from fsw_control.coded import Worded
 from fsw_control.schema.models import InputError, json_content_of, read_text
 from fsw_model.heat_profile import HeatProfile
 from fsw_recorder.bag_reader import SUFFIXES
@@ -25,34 +25,23 @@ RECORD = Path("record") / "record.json"
 _STRANGE = 2.0
 
 
-class Refusal(StrEnum):
+class Refusal(Worded):
     """Why a weld is not added."""
 
-    KNOWN = "known"
-    NO_RECORD = "no record"
-    OTHER_RECORD = "other record"
-    NOT_ACCEPTED = "not accepted"
-    IDENTITY = "identity"
-    PATH = "path"
-    HEAT = "heat"
-
-
-_WORDS = {
-    Refusal.KNOWN: "is in the profile already",
-    Refusal.NO_RECORD: "has no record by which it is accepted: {detail}",
-    Refusal.OTHER_RECORD: "{detail} is the record of another weld",
-    Refusal.NOT_ACCEPTED: "its record does not accept it, but says {detail}",
-    Refusal.IDENTITY: "is not of this type: {detail}",
-    Refusal.PATH: "is not of this type: its programme has another path, or none",
-    Refusal.HEAT: "is not of this type: its heat lacks {detail}",
-}
+    KNOWN = "known", "is in the profile already"
+    NO_RECORD = "no record", "has no record by which it is accepted: {detail}"
+    OTHER_RECORD = "other record", "{detail} is the record of another weld"
+    NOT_ACCEPTED = "not accepted", "its record does not accept it, but says {detail}"
+    IDENTITY = "identity", "is not of this type: {detail}"
+    PATH = "path", "is not of this type: its programme has another path, or none"
+    HEAT = "heat", "is not of this type: its heat lacks {detail}"
 
 
 class RefusedWeldError(InputError):
     """A weld that is not added; ``refusal`` says why."""
 
     def __init__(self, weld: str, refusal: Refusal, detail: object = "") -> None:
-        super().__init__(f"{weld}: {_WORDS[refusal].format(detail=detail)}")
+        super().__init__(f"{weld}: {refusal.words.format(detail=detail)}")
         self.refusal = refusal
 
 
