@@ -14,7 +14,7 @@ from fsw_control.journal import AlarmChange
 from fsw_hmi.answers import Answer, Code
 
 Priority = Literal["high", "medium", "low"]
-RANK: dict[Priority, int] = {"high": 0, "medium": 1, "low": 2}
+RANK = {"high": 0, "medium": 1, "low": 2}
 #: chosen, after the usual definition of a chattering alarm: so many times in this time; it then
 #: stays until it has been gone for as long
 _CHATTERS, _CHATTER_S = 3, 60.0
@@ -185,9 +185,9 @@ class AlarmList:
             room -= entry is None
             listed[name] = alarm
         self.grouped = grouped
+        priorities = {group: present[name].priority for name, group in grouped.items()}
         for group, count in Counter(grouped.values()).items():
-            priority = next(one for one in RANK if group.startswith(one))
-            listed[f"{FLOOD_ID}{group}"] = self._flood(count, priority)
+            listed[f"{FLOOD_ID}{group}"] = self._flood(count, priorities[group])
         return listed
 
     def _take(self, name: str, alarm: Alarm, now_s: float) -> bool:
