@@ -67,12 +67,12 @@ class DepthChannel(Model):
     deflection_deviation_mm_per_kn: Annotated[float, Range(0.0, 0.2, "mm/kN")] = 0.0
     """Standard deviation of that."""
     growth_share: Annotated[float, Range(-2.0, 2.0, "")] = 0.0
-    """Share of the thermal growth that the channel shows as depth."""
+    """Share of the thermal growth that the channel shows as depth; negative, if it hides it."""
     bias_mm: Annotated[float, Range(-5.0, 5.0, "mm")] = 0.0
     """Bias, as known from touch-off and footprint."""
     bias_deviation_mm: Annotated[float, _LENGTH] = 0.02
     """Standard deviation of the bias after touch-off."""
-    wander_mm: Annotated[float, _LENGTH] = 0.01
+    wander_mm: Annotated[float, _LENGTH] = 0.005
     """Standard deviation of the change of the bias within ``wander_s``."""
     wander_s: Annotated[float, Range(1.0, 10_000.0, "s")] = 300.0
     """Time of that change."""
@@ -87,22 +87,49 @@ class DepthFusionSettings(Model):
     """Parameters of the depth estimator."""
 
     calibration_force_kn: Annotated[float, Range(0.0, 200.0, "kN")] = weld.FORCE_KN
-    """Force at which the channels agree with the depth: that of the touch-off."""
+    """Force at which the channels agree with the depth: that of their calibration."""
+    rate_mm_per_s: Annotated[float, Range(1e-4, 1.0, "mm/s")] = 0.02
+    """Standard deviation of the rate of the depth."""
+    rate_s: Annotated[float, Range(0.1, 60.0, "s")] = 1.0
+    """Time constant of that rate."""
+    growth_mm_per_kw: Annotated[float, Range(-0.1, 0.1, "mm/kW")] = 0.0
+    """Thermal growth since the calibration per power that has soaked in since then."""
+    growth_deviation_mm_per_kw: Annotated[float, Range(0.0, 0.1, "mm/kW")] = 0.005
+    """Standard deviation of that."""
+    growth_s: Annotated[float, Range(1.0, 10_000.0, "s")] = 900.0
+    """Time constant with which power soaks in."""
+    calibration_power_kw: Annotated[float, Range(0.0, 200.0, "kW")] = 0.0
+    """Power that had soaked in at the calibration."""
+    shared_deviation_mm: Annotated[float, _LENGTH] = 0.02
+    """Standard deviation of what all channels share: the zero of their touch-off. No channel shows
+    it; only a footprint does."""
+    shared_deflection_mm_per_kn: Annotated[float, Range(0.0, 0.2, "mm/kN")] = 0.002
+    """Standard deviation of the deflection that no channel shows: of tool and holder."""
+    witness_deviation_mm: Annotated[float, Range(0.001, 1.0, "mm")] = 0.05
+    """Standard deviation of changes of the depth as the torque shows them within seconds; the
+    copper's hardness is in it."""
+    hardness_s: Annotated[float, Range(1.0, 600.0, "s")] = 30.0
+    """Time over which the torque's level follows the copper's hardness."""
     hold_s: Annotated[float, Range(0.0, 60.0, "s")] = 0.3
     """Time for which the depth is held without a usable channel."""
     confirm_samples: Annotated[Whole, Range(1, 100, "")] = 5
     """Samples in a row that must disagree before a channel counts as slipped."""
+    stuck_samples: Annotated[Whole, Range(0, 1000, "")] = 10
+    """Minimum number of equal samples in a row before a channel counts as stuck; 0: never."""
+    readmit_s: Annotated[float, Range(0.0, 600.0, "s")] = 10.0
+    """Time for which a channel that slipped must be back before it is used again; one that drifts
+    stays out."""
 
 
 #: the four channels of Posiva SKB Report 08 (2018); their figures are chosen
 CHANNELS = {
-    "laser": DepthChannel(noise_mm=0.015, bias_deviation_mm=0.03, wander_mm=0.02),
-    "lvdt_lead": DepthChannel(noise_mm=0.005, wander_mm=0.02),
-    "lvdt_trail": DepthChannel(noise_mm=0.005, wander_mm=0.02),
+    "laser": DepthChannel(noise_mm=0.015, growth_share=-0.1, bias_deviation_mm=0.03),
+    "lvdt_lead": DepthChannel(noise_mm=0.005, growth_share=-0.1),
+    "lvdt_trail": DepthChannel(noise_mm=0.005, growth_share=-0.1),
     "axial": DepthChannel(
         noise_mm=0.004,
         deflection_mm_per_kn=0.03,
         deflection_deviation_mm_per_kn=0.01,
-        growth_share=1.0,
+        growth_share=-1.0,
     ),
 }

@@ -1,19 +1,24 @@
 """Depth of the shoulder from several channels: fused value, its deviation, health of each channel.
 
-What the channels are is in :mod:`fsw_control.depth_channels`. All channels share the zero of their
-touch-off, and the machine's deflection and growth as far as no channel is free of them: that part
-cannot be observed. It has only its prior, and stays in the deviation.
+What the channels are is in :mod:`fsw_control.depth_channels`, the filters in ``depth_bank``, the
+tests of the channels in ``depth_tests``. What all channels share, such as the zero of their
+touch-off, cannot be observed; it is in the deviation only.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
+from fsw_control.depth_bank import DEPTH, DepthBank
 from fsw_control.depth_channels import CHANNELS, ChannelHealth, DepthChannel, DepthFusionSettings
+from fsw_control.depth_tests import DISAGREE, ChannelTests
+
+#: torque of process and motor at a force [kN], a depth [mm] and a speed [rpm]
+TorqueModel = Callable[[float, float, float], float]
+#: step of the torque model's slope [mm]
+_SLOPE_MM = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,20 +39,29 @@ class DepthFusion:
     settings : DepthFusionSettings, optional
     channels : mapping, optional
         The channels that exist, by name; one is enough.
+    torque_model : callable, optional
+        Torque at a force, a depth and a speed. Its changes decide between channels that have no
+        majority; without it the one that jumped is wrong.
     """
 
     def __init__(
         self,
         settings: DepthFusionSettings | None = None,
         channels: Mapping[str, DepthChannel] = CHANNELS,
+        torque_model: TorqueModel | None = None,
     ) -> None:
         self.settings = settings or DepthFusionSettings()
         self.channels = dict(channels)
+        self._torque_model = torque_model
         self.reset()
 
     def reset(self) -> None:
         """Forget the past, as after a touch-off."""
-        self._depth_mm, self._variance, self._last_s = math.nan, math.nan, -math.inf
+        self._bank = DepthBank(self.settings, self.channels)
+        self._tests = ChannelTests(self.settings, self.channels)
+        self._time_s = self._used_s = -math.inf
+        self._hardness = math.nan
+        self._estimate: DepthEstimate | None = None
 
     def update(
         self,
@@ -58,7 +72,7 @@ class DepthFusion:
         power_kw: float = math.nan,
         speed_rpm: float = math.nan,
     ) -> DepthEstimate:
-        """Fuse the samples of a tick.
+        """Fuse the samples of a tick; a tick that is not later than the last changes nothing.
 
         Parameters
         ----------
@@ -68,21 +82,75 @@ class DepthFusion:
         force_kn, torque_nm, power_kw, speed_rpm : float
             As drives and torque sensor report them; NaN if unknown.
         """
-        values, weights, health = [], [], {}
-        for name, channel in self.channels.items():
-            value = channels_mm.get(name)
-            if value is None or not math.isfinite(value):
-                health[name] = ChannelHealth.MISSING
-            elif not channel.minimum_mm <= value <= channel.maximum_mm:
-                health[name] = ChannelHealth.OUT_OF_RANGE
-            else:
-                health[name] = ChannelHealth.GOOD
-                values.append(value - channel.shown(force_kn - self.settings.calibration_force_kn))
-                weights.append(1.0 / channel.noise_mm**2)
-        if values:
-            self._depth_mm = float(np.average(values, weights=weights))
-            self._variance, self._last_s = 1.0 / sum(weights), time_s
-        elif not time_s - self._last_s <= self.settings.hold_s:
-            self._depth_mm = self._variance = math.nan
-        used = tuple(name for name in self.channels if health[name] is ChannelHealth.GOOD)
-        return DepthEstimate(self._depth_mm, math.sqrt(self._variance), health, used)
+        if self._estimate is not None and time_s <= self._time_s:
+            return self._estimate
+        pushed = force_kn - self.settings.calibration_force_kn if force_kn == force_kn else 0.0
+        samples = [
+            _number(channels_mm.get(name)) - row.shown(pushed)
+            for name, row in self.channels.items()
+        ]
+        raw = [_number(channels_mm.get(name)) for name in self.channels]
+        values, health = self._tests.screen(raw)
+        values += [sample - plain for sample, plain in zip(samples, raw, strict=True)]
+        bank = self._bank
+        if math.isinf(self._used_s):
+            present = sorted(value for value in values if value == value)
+            if not present:
+                return self._result(time_s, (), health, math.nan)
+            bank.start(float(present[len(present) // 2]))
+        else:
+            bank.predict(time_s - self._time_s, power_kw)
+        bank.innovate(values, pushed)
+        witness = self._witness(force_kn, torque_nm, speed_rpm)
+        judgement = self._tests.judge(bank, health, witness)
+        for index in judgement.isolated:
+            self._tests.trust(index, bank)
+            bank.trust(index)
+            bank.innovate(values, pushed)
+        if judgement.common > DISAGREE:
+            bank.loosen(judgement.common_mm**2)
+        bank.correct(judgement.used)
+        if judgement.used.any():
+            self._used_s = time_s
+        names = tuple(
+            name for name, used in zip(self.channels, judgement.used, strict=True) if used
+        )
+        variance = float(bank.p[0, DEPTH, DEPTH]) + judgement.spread_mm**2
+        variance += self.settings.shared_deviation_mm**2
+        variance += (self.settings.shared_deflection_mm_per_kn * pushed) ** 2
+        return self._result(time_s, names, judgement.health, math.sqrt(max(variance, 0.0)))
+
+    def _result(
+        self, time_s: float, used: tuple[str, ...], health: list[ChannelHealth], deviation: float
+    ) -> DepthEstimate:
+        blind = not time_s - self._used_s <= self.settings.hold_s + 1e-9
+        self._time_s = time_s
+        self._estimate = DepthEstimate(
+            math.nan if blind else float(self._bank.x[0, DEPTH]),
+            math.nan if blind else deviation,
+            dict(zip(self.channels, health, strict=True)),
+            used,
+        )
+        return self._estimate
+
+    def _witness(self, force_kn: float, torque_nm: float, speed_rpm: float) -> tuple[float, float]:
+        """What depth has gained on its prediction according to the torque, and its variance.
+
+        Only changes within seconds count: the torque's level follows the copper's hardness.
+        """
+        variance = self.settings.witness_deviation_mm**2
+        if self._torque_model is None or not math.isfinite(force_kn + torque_nm + speed_rpm):
+            return 0.0, variance
+        depth = float(self._bank.x[0, DEPTH])
+        expected = self._torque_model(force_kn, depth, speed_rpm)
+        slope = (self._torque_model(force_kn, depth + _SLOPE_MM, speed_rpm) - expected) / _SLOPE_MM
+        ratio = torque_nm / expected
+        if math.isnan(self._hardness):
+            self._hardness = ratio
+        gained = (torque_nm - self._hardness * expected) / (self._hardness * slope)
+        self._hardness += (ratio - self._hardness) * min(1.0, 0.1 / self.settings.hardness_s)
+        return gained, variance
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None or not math.isfinite(value) else value
