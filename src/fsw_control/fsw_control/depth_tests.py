@@ -122,7 +122,7 @@ class ChannelTests:
         chi, common, weights = parity(np.stack((bank.z, self._mean[:filters])), inverses, taken)
         wrong, spread = self._wrong(chi[0], usable, bank, witness)
         if wrong is None:  # all that disagree stay in use; the deviation shows it
-            for i in np.flatnonzero(usable):
+            for i in _indices(usable):
                 health[i] = ChannelHealth.SUSPECT
             wrong = ()
         isolated = self._confirm(wrong, usable, bank.z[0], health)
@@ -158,7 +158,7 @@ class ChannelTests:
             np.isnan(rough), 0.0, (rough - self._roughness) * THREE_SECONDS
         )
         self._dusty = np.where(self._dusty, self._roughness > CLEAN, self._roughness > DUSTY)
-        for i in np.flatnonzero(self._dusty | (self._absent > INTERRUPTED)):
+        for i in _indices(self._dusty | (self._absent > INTERRUPTED)):
             if health[i] is ChannelHealth.GOOD:
                 health[i] = ChannelHealth.DUST
 
@@ -183,7 +183,7 @@ class ChannelTests:
             return None, _spread(z[usable])
         if count > 1 and far[usable].all():
             return None, _spread(z[usable])
-        return tuple(map(int, np.flatnonzero(far))), 0.0
+        return _indices(far), 0.0
 
     @staticmethod
     def _odd(chi: Array, usable: Mask) -> int | None:
@@ -198,7 +198,7 @@ class ChannelTests:
         self, wrong: tuple[int, ...], usable: Mask, z: Array, health: list[ChannelHealth]
     ) -> tuple[int, ...]:
         """Mark spikes; those that last and resemble each other are a slip."""
-        for i in np.flatnonzero(usable):
+        for i in _indices(usable):
             if i not in wrong:
                 self._spikes[i].clear()
         slipped = []
@@ -241,7 +241,7 @@ class ChannelTests:
         if chi[0] > DISAGREE:
             drifting = self._odd(chi, used) if count > 2 else None
             if drifting is None:
-                for i in np.flatnonzero(used):
+                for i in _indices(used):
                     health[i] = ChannelHealth.SUSPECT
                 return (), _spread(self._mean[0][used])
         elif count > 2:
@@ -271,3 +271,7 @@ class ChannelTests:
 
 def _spread(z: Array) -> float:
     return 0.5 * float(z.max() - z.min())
+
+
+def _indices(mask: Mask) -> tuple[int, ...]:
+    return tuple(np.flatnonzero(mask).tolist())
