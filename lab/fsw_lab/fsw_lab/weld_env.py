@@ -134,7 +134,7 @@ class _Welds:
 
 
 def _course(scenario: Scenario) -> tuple[Array, Array]:
-    """Set-points (2, n_ticks + 2) and disturbances (n_ticks + 2, 5) by tick."""
+    """Set-points (2, n_ticks + 2) and disturbances (n_ticks + 2, 6) by tick."""
     wanted = np.empty((2, scenario.n_ticks + 2))
     steps = references(scenario, start_reference(scenario.plant))
     for tick, reference in steps.items():

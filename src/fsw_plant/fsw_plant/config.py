@@ -12,6 +12,7 @@ from fsw_control.schema import models
 from fsw_control.schema.models import InputError, validate
 from fsw_model import STEP_S, ModelParameters
 from fsw_plant.canister import CanisterParameters
+from fsw_plant.machine import Machine
 from fsw_plant.parameters import PlantParameters
 
 
@@ -22,6 +23,7 @@ class PlantConfig:
     values: Mapping[str, Any]  #: all settings; ``parameters.py`` has units, ranges and meaning
     limits: Limits  #: of the drives
     model: ModelParameters  #: of the emulated process, mismatch included
+    machine: Machine
     canister: CanisterParameters | None = None  #: None for the paper's process
 
     def __getitem__(self, name: str) -> Any:
@@ -59,7 +61,12 @@ class PlantConfig:
                 force_step_kn=checked["limits.force_rate_kn_per_s"] * STEP_S,
                 speed_step_rpm=checked["limits.speed_rate_rpm_per_s"] * STEP_S,
             )
-            return cls(checked, limits, _model(checked), _canister(checked))
+            machine = validate(
+                Machine,
+                {name: checked[f"machine.{name}"] for name in Machine.model_fields},
+                "machine",
+            )
+            return cls(checked, limits, _model(checked), machine, _canister(checked))
         except ValueError as error:
             raise InputError(str(error)) from None
 

@@ -20,7 +20,7 @@ TIME_S = Range(0.0, DURATION_S.high, "s")
 #: limited, so that few samples are under way
 FAULT_DELAY_S = Range(0.0, 60.0, "s")
 
-Channel = Literal["depth", "temperature", "axial_force", "spindle_speed", "torque"]
+Channel = Literal["depth", "temperature", "axial_force", "spindle_speed", "torque", "friction"]
 Shape = Literal["step", "ramp", "sine", "pulse", "none"]
 Kind = Literal["freeze", "dropout", "nan", "spike", "bias", "drift", "delay", "duplicate", "none"]
 DISTURBANCE_SHAPES, FAULT_KINDS = get_args(Shape), get_args(Kind)
@@ -48,6 +48,8 @@ class DisturbanceEntry(Model):
     """of `spindle_speed`"""
     amplitude_nm: Annotated[float, Range(-200.0, 200.0, "N m")] | None = None
     """of `torque`"""
+    amplitude_share: Annotated[float, Range(-0.5, 0.5, "")] | None = None
+    """of `friction`: change of the tool's torque, as by argon or oxide on the copper"""
     duration_s: Annotated[float, DURATION_S] | None = None
     """rise time of a `ramp`, length of a `pulse` or `sine` (a sine without: until cleared)"""
     period_s: Annotated[float, DURATION_S] | None = None
@@ -108,6 +110,7 @@ _AMPLITUDES = {
     "axial_force": "amplitude_kn",
     "spindle_speed": "amplitude_rpm",
     "torque": "amplitude_nm",
+    "friction": "amplitude_share",
 }
 #: by channel, key and range of the amplitude
 DISTURBANCE_AMPLITUDE = {

@@ -145,7 +145,7 @@ class PlantNode(ManagedNode):
         )
         self._truths = display_publisher(self, PlantState, "fsw/plant/truth")
         self._drives = self.create_publisher(DriveFeedback, "fsw/drives", SENT)
-        self._sensors = sensor_publishers(self)
+        self._sensors = sensor_publishers(self, self.emulator.core.sensors)
         self._diagnostics = DiagnosticsPublisher(self, instance=instance)
 
     def _log_preparation(self, share: float, what: str) -> None:
@@ -217,7 +217,8 @@ class PlantNode(ManagedNode):
         )
         for name, publisher in self._sensors.items():
             for stamp_ns, value in reading.samples[name]:
-                publisher.publish(convert.sensor_message(name, value, stamp_ns))
+                fused = reading.fused if name == "depth" else None
+                publisher.publish(convert.sensor_message(name, value, stamp_ns, fused))
 
     def _on_command(self, message: WeldCommand) -> None:
         if not self._running:
