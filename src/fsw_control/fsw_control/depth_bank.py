@@ -68,6 +68,7 @@ class DepthBank:
         self._steps: dict[float, tuple[Array, Array]] = {}
         self._masks: dict[bytes, tuple[Array, Array, Array]] = {}
         self._weighed: bytes | None = None  #: channels for which ``_inverse`` is made
+        self._inverse: Array = np.empty(0)
 
     def start(self, depth_mm: float) -> None:
         """Begin at a depth, which the first samples correct."""
