@@ -132,7 +132,10 @@ class DepthBank:
             self._masks[key] = taken, taken[:, :, None] * taken[:, None, :], added
         taken, both, added = self._masks[key]
         if self._weighed != key:
-            self._weighed, self._inverse = key, np.linalg.inv(self.s * both + added)
+            self._weighed, self._inverse = (
+                key,
+                np.asarray(np.linalg.inv(self.s * both + added), np.float64),
+            )
         return self._inverse, taken
 
     def correct(self, used: NDArray[np.bool_]) -> None:

@@ -123,9 +123,9 @@ class DepthFusionSettings(Model):
 
 #: the four channels of Posiva SKB Report 08 (2018); their figures are chosen
 CHANNELS = {
-    "laser": DepthChannel(noise_mm=0.015, growth_share=-0.1, bias_deviation_mm=0.03),
-    "lvdt_lead": DepthChannel(noise_mm=0.005, growth_share=-0.1),
-    "lvdt_trail": DepthChannel(noise_mm=0.005, growth_share=-0.1),
+    "laser": DepthChannel(noise_mm=0.015, growth_share=-0.1, bias_deviation_mm=0.04),
+    "lvdt_lead": DepthChannel(noise_mm=0.008, growth_share=-0.1),
+    "lvdt_trail": DepthChannel(noise_mm=0.008, growth_share=-0.1),
     "axial": DepthChannel(
         noise_mm=0.004,
         deflection_mm_per_kn=0.03,

@@ -86,6 +86,7 @@ class ChannelTests:
         self._last = np.full(count, np.nan)
         self._dusty = np.zeros(count, bool)
         self._agreed = [0] * count  #: ticks for which an excluded channel has agreed again
+        self._unclear = 0  #: ticks for which channels have disagreed without a verdict
         self._quiet = 0  #: ticks until the slow tests are judged again
 
     def screen(self, samples_mm: list[float]) -> tuple[Array, list[ChannelHealth]]:
@@ -121,10 +122,7 @@ class ChannelTests:
         inverses, taken = bank.weigh(usable)
         chi, common, weights = parity(np.stack((bank.z, self._mean[:filters])), inverses, taken)
         wrong, spread = self._wrong(chi[0], usable, bank, witness)
-        if wrong is None:  # all that disagree stay in use; the deviation shows it
-            for i in _indices(usable):
-                health[i] = ChannelHealth.SUSPECT
-            wrong = ()
+        wrong = wrong or ()  # without a verdict all stay in use; the deviation shows it
         isolated = self._confirm(wrong, usable, bank.z[0], health)
         used = usable.copy()
         used[list(wrong)] = False
@@ -136,6 +134,7 @@ class ChannelTests:
             self._quiet -= 1
         elif not wrong and not spread:
             isolated, spread = self._slow(chi[1], used, bank, health)
+        self._suspect(spread, used, health)
         for i in isolated:
             used[i] = False
         self._readmit(health)
@@ -212,6 +211,13 @@ class ChannelTests:
         self._latch(tuple(slipped), ChannelHealth.SLIP, health)
         return tuple(slipped)
 
+    def _suspect(self, spread: float, used: Mask, health: list[ChannelHealth]) -> None:
+        """Mark channels that disagree for several samples, unknown which is wrong."""
+        self._unclear = self._unclear + 1 if spread else 0
+        if self._unclear >= self._settings.confirm_samples:
+            for i in _indices(used):
+                health[i] = ChannelHealth.SUSPECT
+
     def _latch(
         self, channels: tuple[int, ...], flaw: ChannelHealth, health: list[ChannelHealth]
     ) -> None:
@@ -241,8 +247,6 @@ class ChannelTests:
         if chi[0] > DISAGREE:
             drifting = self._odd(chi, used) if count > 2 else None
             if drifting is None:
-                for i in _indices(used):
-                    health[i] = ChannelHealth.SUSPECT
                 return (), _spread(self._mean[0][used])
         elif count > 2:
             variance = np.diagonal(np.diagonal(bank.s[1:], axis1=1, axis2=2))
