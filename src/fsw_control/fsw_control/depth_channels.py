@@ -105,6 +105,8 @@ class DepthFusionSettings(Model):
     it; only a footprint does."""
     shared_deflection_mm_per_kn: Annotated[float, Range(0.0, 0.2, "mm/kN")] = 0.002
     """Standard deviation of the deflection that no channel shows: of tool and holder."""
+    repeat_mm: Annotated[float, _LENGTH] = 0.01
+    """Standard deviation of the change of a bias from a weld to the next, for a footprint."""
     witness_deviation_mm: Annotated[float, Range(0.001, 1.0, "mm")] = 0.05
     """Standard deviation of changes of the depth as the torque shows them within seconds; the
     copper's hardness is in it."""
@@ -121,6 +123,8 @@ class DepthFusionSettings(Model):
     stays out."""
 
 
+#: begin of the name of a channel's row in the table of sensors
+SENSOR = "depth_"
 #: the four channels of Posiva SKB Report 08 (2018); their figures are chosen
 CHANNELS = {
     "laser": DepthChannel(noise_mm=0.015, growth_share=-0.1, bias_deviation_mm=0.04),

@@ -12,7 +12,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from fsw_control.depth_bank import DEPTH, DepthBank
-from fsw_control.depth_channels import CHANNELS, ChannelHealth, DepthChannel, DepthFusionSettings
+from fsw_control.depth_channels import (
+    CHANNELS,
+    SENSOR,
+    ChannelHealth,
+    DepthChannel,
+    DepthFusionSettings,
+)
+from fsw_control.depth_footprint import Footprint
 from fsw_control.depth_tests import DISAGREE, ChannelTests
 
 #: torque of process and motor at a force [kN], a depth [mm] and a speed [rpm]
@@ -42,6 +49,8 @@ class DepthFusion:
     torque_model : callable, optional
         Torque at a force, a depth and a speed. Its changes decide between channels that have no
         majority; without it the one that jumped is wrong.
+    footprint : Footprint, optional
+        Of an earlier weld: its biases are taken off, and the priors are those of its repetition.
     """
 
     def __init__(
@@ -49,9 +58,19 @@ class DepthFusion:
         settings: DepthFusionSettings | None = None,
         channels: Mapping[str, DepthChannel] = CHANNELS,
         torque_model: TorqueModel | None = None,
+        footprint: Footprint | None = None,
     ) -> None:
         self.settings = settings or DepthFusionSettings()
-        self.channels = dict(channels)
+        self.channels, self._footprint = dict(channels), footprint
+        if footprint is not None:
+            repeat_mm = self.settings.repeat_mm
+            self.settings = self.settings.changed(
+                shared_deviation_mm=math.hypot(footprint.deviation_mm, repeat_mm)
+            )
+            known = {bias.sensor for bias in footprint.sensors}
+            for name, row in channels.items():
+                if SENSOR + name in known:
+                    self.channels[name] = row.changed(bias_deviation_mm=repeat_mm)
         self._torque_model = torque_model
         self.reset()
 
@@ -71,6 +90,7 @@ class DepthFusion:
         torque_nm: float = math.nan,
         power_kw: float = math.nan,
         speed_rpm: float = math.nan,
+        angle_deg: float = math.nan,
     ) -> DepthEstimate:
         """Fuse the samples of a tick; a tick that is not later than the last changes nothing.
 
@@ -81,17 +101,17 @@ class DepthFusion:
             Sample by channel; a missing name, None and NaN are a missing sample.
         force_kn, torque_nm, power_kw, speed_rpm : float
             As drives and torque sensor report them; NaN if unknown.
+        angle_deg : float
+            Angle of the tool, for the footprint; NaN if unknown.
         """
         if self._estimate is not None and time_s <= self._time_s:
             return self._estimate
         pushed = force_kn - self.settings.calibration_force_kn if force_kn == force_kn else 0.0
-        samples = [
-            _number(channels_mm.get(name)) - row.shown(pushed)
-            for name, row in self.channels.items()
-        ]
         raw = [_number(channels_mm.get(name)) for name in self.channels]
         values, health = self._tests.screen(raw)
-        values += [sample - plain for sample, plain in zip(samples, raw, strict=True)]
+        values -= [row.shown(pushed) for row in self.channels.values()]
+        if self._footprint is not None:
+            values -= [self._footprint.bias_mm(SENSOR + name, angle_deg) for name in self.channels]
         bank = self._bank
         if math.isinf(self._used_s):
             present = sorted(value for value in values if value == value)
