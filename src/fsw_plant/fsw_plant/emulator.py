@@ -25,12 +25,12 @@ from typing import Any, NamedTuple
 from fsw_control import Command, Limits, weld
 from fsw_control.command_check import refusal
 from fsw_control.command_gate import CommandGate
-from fsw_control.depth_fusion import DepthEstimate, DepthFusion
+from fsw_control.depth_fusion import DepthEstimate
 from fsw_model import STEP_S, Equilibrium, OperatingPointError
 from fsw_plant.config import PlantConfig
 from fsw_plant.core import PlantCore
 from fsw_plant.events import OUTPUT_CHANNELS, Disturbance, Fault, PlantEvent, Sample
-from fsw_plant.fused_depth import fuse
+from fsw_plant.fused_depth import FusedDepth
 from fsw_plant.library import CHANNELS
 from fsw_plant.schedule import PlantSchedule
 from fsw_plant.tool_path import ToolTravel
@@ -159,7 +159,7 @@ class PlantEmulator:
         self.gate = CommandGate(limits, config["commands.max_age_s"], config["commands.sources"])
         self.watchdog = Watchdog(config)
         self._last: dict[str, float] = {}
-        self._fusion = DepthFusion() if config.machine.depth_channels else None
+        self._fusion = FusedDepth() if config.machine.depth_channels else None
 
     def take(self, schedule: PlantSchedule) -> None:
         """Use another schedule."""
@@ -198,7 +198,7 @@ class PlantEmulator:
         }
         self._reading = Reading(self.tick, stamp, samples, self._acting)
         if self._fusion is not None:
-            fused = fuse(self._fusion, stamp * 1e-9, self._reading.values, self._acting)
+            fused = self._fusion.update(stamp * 1e-9, self._reading.values, self._acting)
             samples["depth"] = self._sent("depth", fused.depth_mm, stamp)
             self._reading = self._reading._replace(fused=fused)
         return self._reading

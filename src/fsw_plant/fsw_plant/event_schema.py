@@ -22,10 +22,12 @@ FAULT_DELAY_S = Range(0.0, 60.0, "s")
 
 Channel = Literal["depth", "temperature", "axial_force", "spindle_speed", "torque", "friction"]
 Shape = Literal["step", "ramp", "sine", "pulse", "none"]
-Kind = Literal["freeze", "dropout", "nan", "spike", "bias", "drift", "delay", "duplicate", "none"]
+Kind = Literal[
+    "freeze", "dropout", "nan", "spike", "bias", "drift", "delay", "duplicate", "dust", "none"
+]
 DISTURBANCE_SHAPES, FAULT_KINDS = get_args(Shape), get_args(Kind)
 #: kinds of faults that have a magnitude
-WITH_MAGNITUDE = ("spike", "bias", "drift", "delay")
+WITH_MAGNITUDE = ("spike", "bias", "drift", "delay", "dust")
 #: times required by a shape
 _TIMES = {"ramp": {"duration_s"}, "pulse": {"duration_s"}, "sine": {"period_s"}}
 #: digits that survive the conversion to SI and back, so that limits stay valid
@@ -48,7 +50,7 @@ class DisturbanceEntry(Model):
     """of `spindle_speed`"""
     amplitude_nm: Annotated[float, Range(-200.0, 200.0, "N m")] | None = None
     """of `torque`"""
-    amplitude_share: Annotated[float, Range(-0.5, 0.5, "")] | None = None
+    amplitude_share: Annotated[float, Range(-0.5, 0.5, "share")] | None = None
     """of `friction`: change of the tool's torque, as by argon or oxide on the copper"""
     duration_s: Annotated[float, DURATION_S] | None = None
     """rise time of a `ramp`, length of a `pulse` or `sine` (a sine without: until cleared)"""
@@ -80,11 +82,11 @@ class FaultEntry(Model):
     kind: Kind
     """`none` ends the sensor's fault"""
     magnitude_mm: Annotated[float, DEPTH.fault] | None = None
-    """of a depth: `spike`, `bias`, `drift` (per s)"""
+    """of a depth: `spike`, `bias`, `drift` (per s), `dust`"""
     magnitude_nm: Annotated[float, TORQUE.fault] | None = None
-    """of a torque: `spike`, `bias`, `drift` (per s)"""
+    """of a torque: `spike`, `bias`, `drift` (per s), `dust`"""
     magnitude_c: Annotated[float, TEMPERATURE.fault] | None = None
-    """of a temperature: `spike`, `bias`, `drift` (per s)"""
+    """of a temperature: `spike`, `bias`, `drift` (per s), `dust`"""
     magnitude_s: Annotated[float, FAULT_DELAY_S] | None = None
     """of `delay`"""
     duration_s: Annotated[float, TIME_S] = 0.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 from math import nan, pi, sin
+from random import Random
 from typing import NamedTuple
 
 #: channels of disturbances added to outputs; the others act within the process step
@@ -76,12 +77,16 @@ class Fault(PlantEvent):
     sent; ``spike``: the magnitude is added to one sample, and with a duration to one sample per
     second; ``bias``: the magnitude is added; ``drift``: magnitude per second is added; ``delay``:
     samples arrive ``magnitude`` seconds late, with their original stamp (those under way at the
-    end of the fault are lost); ``duplicate``: each is sent twice.
+    end of the fault are lost); ``duplicate``: each is sent twice; ``dust``: noise with the
+    magnitude as standard deviation is added, and half of the samples, at random, are not sent.
     """
 
     _held: float | None = field(default=None, repr=False)
     _ticks: int = field(default=0, repr=False)
     _under_way: deque[tuple[float, Sample]] = field(default_factory=deque, repr=False)
+
+    def __post_init__(self) -> None:
+        self._random = Random(self.target)
 
     def over(self, time_s: float) -> bool:
         """Whether its duration is over; a spike without duration ends after one sample."""
@@ -111,6 +116,10 @@ class Fault(PlantEvent):
             value = self._held
         elif self.kind == "bias" or (self.kind == "spike" and tick % SPIKE_TICKS == 0):
             value += self.amount
+        elif self.kind == "dust":
+            if self._random.random() < 0.5:
+                return ()
+            value += self._random.gauss(0.0, abs(self.amount))
         elif self.kind == "drift":
             value += self.amount * (time_s - self.at_s)
         return (Sample(stamp_ns, value),)

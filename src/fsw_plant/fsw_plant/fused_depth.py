@@ -3,23 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import nan
 
 from fsw_control.contract import Command
 from fsw_control.depth_fusion import DepthEstimate, DepthFusion
 from fsw_control.sensors import DEPTH_CHANNELS
-from fsw_control.units import KW_PER_NM_RPM
+from fsw_model import nominal
+from fsw_model.equations import friction_torque_nm, power_kw, process_torque_nm
 
 
-def fuse(
-    fusion: DepthFusion, time_s: float, values: Mapping[str, float], drives: Command
-) -> DepthEstimate:
-    """Fuse the samples of a tick, by sensor, with force, torque and power that act."""
-    torque_nm = values.get("torque", float("nan"))
-    return fusion.update(
-        time_s,
-        {channel: values.get(name) for name, channel in DEPTH_CHANNELS.items()},
-        drives.force_kn,
-        torque_nm,
-        torque_nm * drives.speed_rpm * KW_PER_NM_RPM,
-        drives.speed_rpm,
-    )
+class FusedDepth:
+    """Fuses the samples of the depth's channels with force, torque and power that are measured."""
+
+    def __init__(self) -> None:
+        self._fusion = DepthFusion(torque_model=_torque_nm)
+
+    def update(self, time_s: float, values: Mapping[str, float], drives: Command) -> DepthEstimate:
+        """Fuse the samples of a tick, by sensor."""
+        torque_nm, speed_rpm = values.get("torque", nan), drives.speed_rpm
+        return self._fusion.update(
+            time_s,
+            {channel: values.get(name) for name, channel in DEPTH_CHANNELS.items()},
+            drives.force_kn,
+            torque_nm,
+            power_kw(torque_nm - _friction_nm(speed_rpm), speed_rpm),
+            speed_rpm,
+        )
+
+
+def _friction_nm(speed_rpm: float) -> float:
+    friction_nm: float = friction_torque_nm(nominal(), speed_rpm)  # type: ignore[arg-type, assignment]
+    return friction_nm
+
+
+def _torque_nm(force_kn: float, depth_mm: float, speed_rpm: float) -> float:
+    """Torque of process and motor by the nominal model, whatever the plant's is."""
+    process_nm: float = process_torque_nm(nominal(), force_kn, depth_mm)  # type: ignore[arg-type, assignment]
+    return process_nm + _friction_nm(speed_rpm)

@@ -54,7 +54,7 @@ def test_axial_position_shows_deflection_as_depth():
     shown, truth = welded(plant, 50, Command(84.4, 407.6))
     assert shown["depth_axial"][-1] - truth[-1] == pytest.approx(0.18, abs=1e-3)
     assert shown["depth_laser"] == pytest.approx(truth)
-    rigid, its_truth = welded(emulator(), 50, Command(84.4, 407.6))
+    _, its_truth = welded(emulator(), 50, Command(84.4, 407.6))
     assert truth == its_truth  # what is shown acts on nothing
 
 

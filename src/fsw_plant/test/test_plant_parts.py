@@ -248,6 +248,14 @@ def test_nan_fault():
     assert all(isnan(tick[0][1]) for tick in passed("nan")[3:])
 
 
+def test_dust_makes_noise_and_loses_half_of_the_samples():
+    sent = passed("dust", 2.0, ticks=2003)[3:]
+    noise = [tick[0][1] - 103.0 - k for k, tick in enumerate(sent) if tick]
+    assert len(noise) == pytest.approx(1000, abs=80)
+    assert np.std(noise) == pytest.approx(2.0, rel=0.1)
+    assert sent == passed("dust", 2.0, ticks=2003)[3:]  # repeatable
+
+
 def test_spikes_repeat_once_a_second():
     assert [
         tick[0][0] for tick in passed("spike", 50.0, 2.05, ticks=40) if tick[0][1] > 145.0

@@ -4,7 +4,7 @@ import { lasting, words } from "./format.js";
 
 const named = (/** @type {string[]} */ values) => values.map((value) => ({ value, text: words(value) }));
 const units = (/** @type {Record<string, Allowed>} */ of) => Object.entries(of).map(([value, { unit }]) => ({ value, text: `${words(value)} [${unit}]` }));
-const WITH_SIZE = ["bias", "drift", "spike", "delay"];
+const WITH_SIZE = ["bias", "drift", "spike", "delay", "dust"];
 
 export function disturb(/** @type {Hello} */ { disturbances }, /** @type {Ask} */ ask) {
   const { channels, shapes, duration_s: [shortest, longest] } = disturbances;
