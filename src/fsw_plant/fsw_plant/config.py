@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fsw_control import Limits, parameters
+from fsw_control.depth_footprint import Footprint
 from fsw_control.schema import models
 from fsw_control.schema.models import InputError, validate
 from fsw_model import STEP_S, ModelParameters
@@ -24,6 +25,7 @@ class PlantConfig:
     limits: Limits  #: of the drives
     model: ModelParameters  #: of the emulated process, mismatch included
     machine: Machine
+    footprint: Footprint | None  #: of an earlier weld on the machine
     canister: CanisterParameters | None = None  #: None for the paper's process
 
     def __getitem__(self, name: str) -> Any:
@@ -66,7 +68,9 @@ class PlantConfig:
                 {name: checked[f"machine.{name}"] for name in Machine.model_fields},
                 "machine",
             )
-            return cls(checked, limits, _model(checked), machine, _canister(checked))
+            file = machine.footprint_file
+            footprint = Footprint.from_file(file) if file else None
+            return cls(checked, limits, _model(checked), machine, footprint, _canister(checked))
         except ValueError as error:
             raise InputError(str(error)) from None
 

@@ -79,6 +79,12 @@ class PlantCore:
         """Outputs of the process, without disturbances and noise."""
         return Outputs(*KERNEL.ffi.unpack(self._outputs, len(Outputs._fields)))
 
+    @property
+    def angle_deg(self) -> float:
+        """Angle about the canister that the tool has travelled."""
+        machine = self.memory.machine
+        return float(360.0 * machine.travel_mm / machine.circumference_mm)
+
     def measure(self) -> list[float]:
         """Sensor readings, in the order of ``sensors``; call it once per tick."""
         place = self._n_drawn % BLOCK

@@ -159,7 +159,7 @@ class PlantEmulator:
         self.gate = CommandGate(limits, config["commands.max_age_s"], config["commands.sources"])
         self.watchdog = Watchdog(config)
         self._last: dict[str, float] = {}
-        self._fusion = FusedDepth() if config.machine.depth_channels else None
+        self._fusion = FusedDepth(config.footprint) if config.machine.depth_channels else None
 
     def take(self, schedule: PlantSchedule) -> None:
         """Use another schedule."""
@@ -192,13 +192,16 @@ class PlantEmulator:
                 name: fault for name, fault in self.faults.items() if not fault.over(self.time_s)
             }
         self._disturb()
-        samples = {
-            name: self._sent(name, value, stamp)
-            for name, value in zip(self.core.sensors, self.core.measure(), strict=True)
-        }
+        shown = dict(zip(self.core.sensors, self.core.measure(), strict=True))
+        angle_deg = self.core.angle_deg
+        if self._fusion is None and self.config.footprint is not None:
+            shown["depth"] -= self.config.footprint.bias_mm("depth", angle_deg)
+        samples = {name: self._sent(name, value, stamp) for name, value in shown.items()}
         self._reading = Reading(self.tick, stamp, samples, self._acting)
         if self._fusion is not None:
-            fused = self._fusion.update(stamp * 1e-9, self._reading.values, self._acting)
+            fused = self._fusion.update(
+                stamp * 1e-9, self._reading.values, self._acting, angle_deg
+            )
             samples["depth"] = self._sent("depth", fused.depth_mm, stamp)
             self._reading = self._reading._replace(fused=fused)
         return self._reading

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from math import nan
 
 from fsw_control.contract import Command
+from fsw_control.depth_footprint import Footprint
 from fsw_control.depth_fusion import DepthEstimate, DepthFusion
 from fsw_control.sensors import DEPTH_CHANNELS
 from fsw_model import nominal
@@ -15,10 +16,12 @@ from fsw_model.equations import friction_torque_nm, power_kw, process_torque_nm
 class FusedDepth:
     """Fuses the samples of the depth's channels with force, torque and power that are measured."""
 
-    def __init__(self) -> None:
-        self._fusion = DepthFusion(torque_model=_torque_nm)
+    def __init__(self, footprint: Footprint | None = None) -> None:
+        self._fusion = DepthFusion(torque_model=_torque_nm, footprint=footprint)
 
-    def update(self, time_s: float, values: Mapping[str, float], drives: Command) -> DepthEstimate:
+    def update(
+        self, time_s: float, values: Mapping[str, float], drives: Command, angle_deg: float = nan
+    ) -> DepthEstimate:
         """Fuse the samples of a tick, by sensor."""
         torque_nm, speed_rpm = values.get("torque", nan), drives.speed_rpm
         return self._fusion.update(
@@ -28,6 +31,7 @@ class FusedDepth:
             torque_nm,
             power_kw(torque_nm - _friction_nm(speed_rpm), speed_rpm),
             speed_rpm,
+            angle_deg,
         )
 
 
