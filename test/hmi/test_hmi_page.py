@@ -30,6 +30,7 @@ def test_live_values_and_progress_are_on_the_screen(fake, open_page):
     )
     expect(page.locator("#who strong")).to_have_text("nmpc · auto")
     expect(page.locator("#progress .detail")).to_contain_text("143°")
+    expect(page.locator(".trend.depth_mm .unit")).to_have_text("mm")  # no sensor that is not there
     shot(page, "good")
 
 

@@ -256,6 +256,8 @@ interface Chart {
   spec: Spec;
   plot: HTMLElement;
   reading: HTMLElement;
+  unit: HTMLElement;
+  named: Line[];
   keys: string[];
   extra: number[];
   uplot: Plot;

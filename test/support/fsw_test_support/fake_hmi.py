@@ -27,6 +27,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from fsw_analysis.rule_book import default
 from fsw_control.cause import Cause
+from fsw_control.sensors import OPTIONAL
 from fsw_hmi import history_report
 from fsw_hmi.answers import DONE, REFUSED, Answer
 from fsw_hmi.control import Session
@@ -53,6 +54,11 @@ _INTERLOCKS = {
 }
 SAFE = {"force_kn": 65.0, "rate_kn_per_s": 2.0}
 LIMITS = limits(_INTERLOCKS, default(), {"deviation_force_kn": 5.0, "deviation_speed_rpm": 20.0})
+
+
+def exact(value: float) -> float | None:
+    """A number for JSON; None for NaN."""
+    return None if math.isnan(value) else value
 
 
 def weld_row(time_s: float) -> list[float]:
@@ -84,6 +90,7 @@ def weld_row(time_s: float) -> list[float]:
         14.0 + math.sin(time_s),
         9.0 + 2.0 * math.sin(time_s / 3.0),
         143.0 * min(time_s / 600.0, 1.0),
+        *(math.nan for _ in OPTIONAL),
     ]
 
 
@@ -262,7 +269,7 @@ class FakeHmi:
                 tick = {
                     "t": "tick",
                     "server_s": self._last_tick_s,
-                    "row": row,
+                    "row": list(map(exact, row)),
                     "flags": self._flags,
                     "stop": stop,
                 }
@@ -317,7 +324,9 @@ class FakeHmi:
         for newest in range(0, 600, 60):
             times = [now_s - newest - (600 - i) * TICK_S for i in range(600)]
             rows = [
-                [round(value, 4) for value in weld_row(time_s)] for time_s in times if time_s > 0.0
+                [exact(round(value, 4)) for value in weld_row(time_s)]
+                for time_s in times
+                if time_s > 0.0
             ]
             await socket.send_text(json.dumps({"t": "history", "rows": rows}))
         await self._tell(socket, session)
@@ -502,7 +511,7 @@ def sample_bag(n: int, duration_s: float = 240.0, shift_mm: float = 0.0) -> dict
         row[1] += shift_mm
         rows.append(
             [
-                *(round(value, 4) for value in row),
+                *(exact(round(value, 4)) for value in row),
                 "auto",
                 "nmpc" if i * TICK_S > 60.0 else "decentral",
                 {},

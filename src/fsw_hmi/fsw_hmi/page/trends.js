@@ -63,6 +63,8 @@ export class Trends {
     this.#drawn = [columns, from, to, extra]; // for charts that are made later
     for (const one of this.charts) {
       one.extra = extra[one.key] ?? [];
+      const present = one.named.filter(({ key }) => Array.prototype.some.call(columns[key] ?? [], Number.isFinite)); // sensors that there are
+      one.unit.textContent = [one.spec.unit, ...present.map(({ name }) => name)].join(", ");
       one.uplot.setData(/** @type {import("uplot").AlignedData} */ ([columns.time_s, ...one.keys.map((key) => columns[key])]), false);
       one.uplot.setScale("x", { min: from, max: to });
     }
@@ -77,9 +79,10 @@ export class Trends {
     const spec = quantity(key);
     const lines = this.options.lines(key);
     const reading = el("span", { className: "reading" });
+    const unit = el("span", { className: "unit" }, spec.unit);
     const plot = el("div", { className: "plot", role: "img", "aria-label": `Trend of ${spec.name.toLowerCase()} in ${spec.unit}` });
-    root.append(el("section", { className: `panel trend ${key}` }, el("h2", {}, `${spec.name} `, el("span", { className: "unit" }, [spec.unit, ...lines.flatMap(({ name }) => name ?? [])].join(", "))), reading, plot));
-    const one = { key, spec, plot, reading, keys: lines.map((line) => line.key), extra: [] };
+    root.append(el("section", { className: `panel trend ${key}` }, el("h2", {}, `${spec.name} `, unit), reading, plot));
+    const one = { key, spec, plot, reading, unit, named: lines.filter(({ name }) => name), keys: lines.map((line) => line.key), extra: [] };
     return Object.assign(one, { uplot: new uPlot(this.#settings(one, lines), [[], ...lines.map(() => [])], plot) });
   }
 
