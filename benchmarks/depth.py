@@ -12,8 +12,9 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Iterable
+import time
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from itertools import product
 from math import pi
 from pathlib import Path
@@ -94,6 +95,7 @@ OPTIONS = (
     ("faulty", 3, "welds of each fault in each channel"),
     ("sound", 200, "welds without a fault"),
     ("seconds", 600.0, "length of a weld without a fault [s]"),
+    ("minutes", 1e6, "begin no weld later"),
 )
 
 
@@ -259,6 +261,8 @@ def by_fault(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     found = []
     for fault in FAULTS:
         own = [row for row in rows if row["fault"] == fault]
+        if not own:
+            continue
         delays = [row["delay_s"] for row in own if row["delay_s"] is not None]
         found.append(
             {
@@ -282,8 +286,10 @@ def run(chosen: Any, folder: str, pool: Any) -> dict[str, Any]:
     machines = {CONTROLLERS[0]: chosen.machines, CONTROLLERS[1]: chosen.nmpc_machines}
     tasks = [
         (folder, FIRST + machine, controller, source, chosen.seconds)
-        for controller, count in machines.items()
-        for machine, source in product(range(count), (ONE, FOUR))
+        for machine, (controller, count), source in product(
+            range(max(machines.values())), machines.items(), (ONE, FOUR)
+        )
+        if machine < count
     ]
     cases = [
         Case(FIRST + 100 + k, 1, FAULTY_S, fault=fault, channel=channel)
@@ -292,8 +298,10 @@ def run(chosen: Any, folder: str, pool: Any) -> dict[str, Any]:
         )
     ]
     good = [Case(FIRST + 1000 + k, 1, chosen.seconds) for k in range(chosen.sound)]
-    errors = [row for rows in _each(pool, accuracy, tasks) for row in rows]
-    faults, sound = list(_each(pool, faulty, cases)), list(_each(pool, faulty, good))
+    until_s = time.time() + 60.0 * chosen.minutes
+    faults = _each(pool, faulty, cases, until_s)
+    errors = [row for rows in _each(pool, accuracy, tasks, until_s) for row in rows]
+    sound = _each(pool, faulty, good, until_s)
     return {
         "accuracy": by_source(errors),
         "faults": by_fault(faults),
@@ -303,19 +311,24 @@ def run(chosen: Any, folder: str, pool: Any) -> dict[str, Any]:
             "seconds": chosen.seconds,
             "isolated": sum(row["others"] > 0 for row in sound),
             "suspect_s": sum(row["suspect_s"] for row in sound),
-            "inside": float(np.mean([row["inside"] for row in sound])),
+            "inside": float(np.mean([row["inside"] for row in sound] or [np.nan])),
         },
     }
 
 
-def _each(pool: Any, function: Any, tasks: Iterable[Any]) -> Any:
-    tasks = list(tasks)
-    for done, result in enumerate(pool.map(function, tasks), 1):
-        print(
-            f"\r{function.__name__}: {done} of {len(tasks)}", end="", file=sys.stderr, flush=True
-        )
-        yield result
+def _before(function: Any, until_s: float, task: Any) -> Any:
+    return function(task) if time.time() < until_s else None
+
+
+def _each(pool: Any, function: Any, tasks: list[Any], until_s: float) -> list[Any]:
+    """Results of those that could begin in time."""
+    found = []
+    for result in pool.map(partial(_before, function, until_s), tasks):
+        found += [result] if result is not None else []
+        text = f"\r{function.__name__}: {len(found)} of {len(tasks)}"
+        print(text, end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
+    return found
 
 
 def draw(rows: list[dict[str, Any]], file: Path) -> None:
