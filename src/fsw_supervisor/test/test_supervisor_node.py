@@ -81,7 +81,7 @@ class Peer(Node):
 
     def on_command(self, message):
         self.commands.append(message)
-        if self.fence.check(convert.signature(message), message.source) == ("", ""):
+        if self.fence.check(convert.signature(message), message.source) is None:
             self.fence.take(message.source, convert.stamp_ns(message.header.stamp))
         if convert.stamp_ns(message.header.stamp) == self.stamp_ns:
             self.tick()
