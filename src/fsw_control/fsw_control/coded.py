@@ -52,6 +52,19 @@ class Fact(NamedTuple):
         return self.code.words.format_map({key: _plain(item) for key, item in self.data.items()})
 
 
+class RefusedError(ValueError):
+    """An error that says by a fact why something is refused."""
+
+    def __init__(self, fact: Fact) -> None:
+        super().__init__(fact.words)
+        self.fact = fact
+
+    @classmethod
+    def of(cls, code: Worded, /, **data: Any) -> RefusedError:
+        """Return the error of this fact."""
+        return cls(Fact(code, data))
+
+
 class _Several(Worded):
     """A code for several facts."""
 
