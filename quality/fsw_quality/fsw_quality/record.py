@@ -208,15 +208,15 @@ def welded(time_s: float, procedure: str, revision: str, sha256: str) -> WeldEve
 
 def judged_with() -> dict[str, str]:
     """Versions of this product and of the packages that compute a record."""
+    names = ("fsw-control", "fsw-quality", "numpy", "scipy")
+    return {name: _version(name) for name in names} | {"python": python_version()}
+
+
+def _version(name: str) -> str:
     try:
-        own = version("fsw-control")
+        return version(name)
     except PackageNotFoundError:  # imported from the source tree
-        own = "source"
-    return (
-        {"fsw-control": own}
-        | {name: version(name) for name in ("numpy", "scipy")}
-        | {"python": python_version()}
-    )
+        return "source"
 
 
 def files_of(bag: Path) -> tuple[BagFile, ...]:

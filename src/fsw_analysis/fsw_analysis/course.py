@@ -59,18 +59,18 @@ class Course:
     def place(
         self, begin_s: float, lasts_s: float, of: FloatArray | None = None
     ) -> tuple[float, float] | None:
-        """Angle or another position before and after an interval; None if unknown."""
+        """Angle or another position before and after an interval; None if unknown.
+
+        At the begin and the end of the weld it is known on one side only, which stands for both.
+        """
         values = self.angle_deg if of is None else of
         known = np.isfinite(values)
         before, after = (
             known & (self.time_s < begin_s - 1e-6),
             known & (self.time_s > begin_s + lasts_s - 1e-6),
         )
-        return (
-            (float(values[before][-1]), float(values[after][0]))
-            if before.any() and after.any()
-            else None
-        )
+        ends = [*values[before][-1:].tolist(), *values[after][:1].tolist()]
+        return (ends[0], ends[-1]) if ends else None
 
     @property
     def controllers(self) -> tuple[str, ...]:

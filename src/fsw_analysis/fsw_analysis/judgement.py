@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from fsw_analysis.course import SENSOR_SIGNALS, Course, course_of, unusable_samples
-from fsw_analysis.exceedances import Exceedance, exceedances, holds, longest_s
+from fsw_analysis.exceedances import Exceedance, exceedances, holds, length_mm, longest_s
 from fsw_analysis.procedure import Procedure, Sensor, tuning, tuning_sha256
 from fsw_analysis.recorded_parameters import recorded_parameters
 from fsw_analysis.rule_book import RuleBook
@@ -182,11 +182,11 @@ def _limits(course: Course, book: RuleBook, found: Sequence[Exceedance]) -> Iter
         longest = longest_s(course, check)
         too_long = longest > tolerated.tolerated_s + 1e-6
         share = sum(one.samples for one in own) / max(1, int(np.sum(holds(course, check))))
-        length_mm = sum(
-            abs(one.travel_mm[1] - one.travel_mm[0]) for one in own if one.travel_mm is not None
-        )
-        too_much = share > tolerated.tolerated_share or length_mm > (
-            tolerated.tolerated_mm or np.inf
+        total_s, outside_mm = TICK * sum(one.samples for one in own), length_mm(course, check)
+        too_much = (
+            share > tolerated.tolerated_share
+            or _exceeds(total_s, tolerated.tolerated_total_s)
+            or _exceeds(outside_mm, tolerated.tolerated_mm)
         )
         verdict = Verdict.ACCEPT
         if check.kind == "essential" and own:
@@ -196,7 +196,7 @@ def _limits(course: Course, book: RuleBook, found: Sequence[Exceedance]) -> Iter
         ):
             verdict = Verdict.REVIEW
         name = check.kind.replace("_", "-")
-        facts = _extent(own, longest, share, length_mm)
+        facts = _extent(own, longest, share, outside_mm)
         yield Rule(
             name=name,
             subject=check.variable,
@@ -206,8 +206,12 @@ def _limits(course: Course, book: RuleBook, found: Sequence[Exceedance]) -> Iter
         )
 
 
+def _exceeds(value: float, most: float | None) -> bool:
+    return most is not None and value > most + 1e-6
+
+
 def _extent(
-    own: Sequence[Exceedance], longest: float, share: float, length_mm: float
+    own: Sequence[Exceedance], longest: float, share: float, outside_mm: float
 ) -> Iterator[Fact]:
     if not own:
         return
@@ -220,8 +224,8 @@ def _extent(
         share=share,
         longest_s=round(longest, 3),
     )
-    if length_mm:
-        yield Fact.of(FactCode.LENGTH, length_mm=length_mm)
+    if outside_mm:
+        yield Fact.of(FactCode.LENGTH, length_mm=round(outside_mm, 6))
     if furthest is not None:
         yield Fact.of(FactCode.BEYOND, beyond=furthest)
     if missing:

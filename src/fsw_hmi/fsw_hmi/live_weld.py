@@ -100,7 +100,7 @@ class LiveWeld:
         return judge(
             self._signals(),
             self.book,
-            running=True,
+            running=(self._progress or {}).get("state") not in OVER,
             recorded=False,
             unusable=self._unusable.counts,
         )
@@ -135,7 +135,10 @@ class LiveWeld:
 
         phases = [(name, time) for time, name in at(self._phases)]
         found = [WeldEvent(time, "phase", name) for name, time in phases]
-        found += [*of_programme_states(at(self._programme)), *of_states(at(self._states))]
+        programme, state = self._programme, (self._progress or {}).get("state", "")
+        if state in OVER and programme[-1][1] != state:  # no tick has come after the end
+            programme = [*programme, (self._stamps_ns[-1], state)]
+        found += [*of_programme_states(at(programme)), *of_states(at(self._states))]
         return WeldSignals(
             path=Path(),
             stamp_ns=stamp_ns,

@@ -385,7 +385,7 @@ def test_answers_of_services(graph, page):
         return response
 
     def on_acknowledge(_, response):
-        response.success, response.message = False, "still hot"
+        response.ok, response.code, response.message = False, "cause_present", "still hot"
         return response
 
     def on_disturb(request, response):
@@ -427,7 +427,7 @@ def test_answers_of_services(graph, page):
         "service",
         "service",
         "mode_next",
-        "service",
+        "cause_present",
     ]
     assert [(one.action, one.outcome) for one in graph.actions][-5:] == [
         ("mode manual 78 kN, 400 rpm", "refused"),
