@@ -181,6 +181,21 @@ def test_record_and_pages_say_the_same_of_a_weld(
     }.items() <= own.items()
 
 
+def test_the_page_judges_an_end_after_which_no_tick_comes() -> None:
+    weld = weld_of(lambda _: None)
+    weld.events[-1] = WeldEvent(1e3, "weld", "done")  # nothing ends within the ticks
+    page = live(weld, rule_book(weld.attachments))
+    account = page.account()
+    assert account is not None and account.course.end == ""
+    progress = {"state": "done", "phase": "joint_line", "angle_deg": 1.0, "length_mm": 10.0}
+    page.on_progress(progress)
+    account = page.account()
+    assert account is not None and account.course.end == "done"
+    page.on_progress(progress | {"state": "aborted"})
+    account = page.account()
+    assert account is not None and account.deciding.name == "complete"
+
+
 @pytest.mark.parametrize(
     ("spoil", "rule", "verdict"), [case for case in CASES if case[1] != "hold"]
 )
