@@ -58,7 +58,7 @@ _SWAP_S = 12.0
 #: within this time a supervisor that stands by takes over (0.3 s, measured) and is heard
 _TAKEOVER_S = 0.6
 _LONGEST_ID = 100
-_NO_REASON = "no reason is told"
+NO_REASON = "no reason is told"
 
 
 class _Texts(BaseModel):
@@ -308,7 +308,7 @@ class AlarmRules:
         """Who or what commands; returns the controller that another one stands in for: one alarm for one cause."""
         mode, target_mode = state["actual_mode"], state["target_mode"]
         actual, target = state["actual_controller"], state["target_controller"]
-        why = state["reason"] or _NO_REASON
+        why = state["reason"] or NO_REASON
         if mode == "safe_stop":
             asked = state["stop_cause"] == StopCause.OPERATOR
             found["safe_stop"] = replace(
@@ -319,7 +319,7 @@ class AlarmRules:
         elif mode == "auto" and actual and target and actual != target:
             lacks = (one["why"] for one in state["controllers"] if one["name"] == target)
             return self._failover(
-                actual, target, next(lacks, Readiness(Lack.UNKNOWN).why) or _NO_REASON, found
+                actual, target, next(lacks, Readiness(Lack.UNKNOWN).why) or NO_REASON, found
             )
         if mode != "hold":
             self._failed = "", ""
@@ -341,7 +341,7 @@ class AlarmRules:
         return target
 
     def _controller(self, one: Mapping[str, Any], found: dict[str, Alarm]) -> None:
-        name, why = one["name"], one["why"] or _NO_REASON
+        name, why = one["name"], one["why"] or NO_REASON
         if one["inhibited"]:
             found[alarm_id("controller", name)] = alarm(
                 "inhibited", one["lack"], name=name, why=why
