@@ -250,7 +250,7 @@ class PlantEmulator:
         -------
         str
             Empty if accepted, else the reason (one of ``command_gate.REASONS``); ``gate`` counts
-            it and keeps the text.
+            it and keeps its figures.
         """
         measured_ns = None if self._reading is None else self._reading.stamp_ns
         if stamp_ns is None:

@@ -14,8 +14,9 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Header
 
 from fsw_control import messages_ros as convert
+from fsw_control.command_gate import Rejection
 from fsw_control.command_writers_ros import CommandWriters
-from fsw_control.fence import Fence
+from fsw_control.fence import Barrier, Fence
 from fsw_control.managed_node_ros import ManagedNode
 from fsw_control.node_main_ros import main_of
 from fsw_control.parameters_ros import ParameterValues
@@ -224,23 +225,30 @@ class PlantNode(ManagedNode):
         if not self._running:
             return
         stamp_ns = convert.stamp_ns(message.header.stamp)
-        refusal, words = self._fence.check(convert.signature(message), message.source)
-        if refusal:
-            self.emulator.gate.refuse(refusal, words)
+        gate, barred = (
+            self.emulator.gate,
+            self._fence.check(convert.signature(message), message.source),
+        )
+        if barred:
+            refusal: str = barred.code
+            gate.refuse(barred)
         else:
             refusal = self.emulator.apply(
                 convert.command(message), stamp_ns, message.source, message.healthy
             )
         if not refusal:
             self._fence.take(message.source, stamp_ns)
-        else:
+        elif gate.last:
             self._writers.note_refused(message.leader)
             self.get_logger().warning(
-                f"command refused: {self.emulator.gate.last_refusal}", throttle_duration_sec=1.0
+                f"command refused: {gate.last.words}", throttle_duration_sec=1.0
             )
         # A command that is refused for its content is an answer too: the tick goes on with the
         # last valid one.
-        own = refusal not in ("source", "leader") and stamp_ns == self.emulator.measure().stamp_ns
+        own = (
+            refusal not in (Rejection.SOURCE, Barrier.LEADER)
+            and stamp_ns == self.emulator.measure().stamp_ns
+        )
         if self._lockstep and own and not self._pace.answered:
             self._pace.answered = True
             self._go_on()
@@ -330,7 +338,7 @@ class PlantNode(ManagedNode):
         self._report()
 
     def _log(self, line: Report) -> None:
-        log(self, line.level, f"{line.part}: {line.text}")
+        log(self, line.level, f"{line.part}: {line.words}")
 
     def _announce(self) -> None:
         self._publish_reports([Report("clock", OK, SEARCHING, STARTING)])
