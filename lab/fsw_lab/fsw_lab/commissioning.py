@@ -213,8 +213,8 @@ def check_rows(heard: Heard, needed: Sequence[str]) -> list[Row]:
     ]
     for name, (most, unit) in _NOISE.items():
         noise = _noise(getattr(heard, name))
-        what, wanted = f"noise, {name.split('_')[0]}", f"above 0, at most {most:g}"
-        rows.append(_row(what, f"{noise:.3g} {unit}", wanted, 0.0 < noise <= most))
+        what, limit = f"noise, {name.split('_')[0]}", f"above 0, at most {most:g}"
+        rows.append(_row(what, f"{noise:.3g} {unit}", limit, 0.0 < noise <= most))
     wanted = (weld.DEPTH_MM, weld.TEMPERATURE_C)
     there = "none" if heard.reference is None else "{:g} mm, {:g} degC".format(*heard.reference)
     at_rest = heard.reference is not None and np.allclose(heard.reference, wanted, atol=1e-6)

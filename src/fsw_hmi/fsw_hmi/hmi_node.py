@@ -135,7 +135,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self.get_logger().warning(
                 "the page can be reached from other computers, and nothing is encrypted"
             )
-        _announce(address(listening, encrypted is not None), key if told else "")
+        _announce(address(listening, encrypted is not None), str(key) if told else "")
 
     def _setting(self, name: str) -> float:
         value: float = self._settings[name]

@@ -23,7 +23,7 @@ from fsw_analysis.weld_signals import (
     WeldSignals,
     experiment_time_s,
 )
-from fsw_control.contract import Command, Controller, Limits, Proposal, Reference
+from fsw_control.contract import Command, Controller, Limits, Measurement, Proposal, Reference
 from fsw_control.host import answer
 from fsw_control.ramps import stair
 from fsw_control.reason import Reason
@@ -254,9 +254,11 @@ class ClosedLoop:
         )
 
 
-def _timed_answer(controller: Controller, *situation: Any) -> tuple[Proposal, float]:
+def _timed_answer(
+    controller: Controller, measurement: Measurement, reference: Reference, applied: Command
+) -> tuple[Proposal, float]:
     began = time.perf_counter()
-    proposal = answer(controller, *situation, STEP_S)
+    proposal = answer(controller, measurement, reference, applied, STEP_S)
     return proposal, time.perf_counter() - began
 
 
