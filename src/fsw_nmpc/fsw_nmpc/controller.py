@@ -195,20 +195,15 @@ class NmpcController:
         self._take()
         library, m = self.library, measurement
         inputs, outputs = library.input, library.output
-        inputs.depth_mm, inputs.torque_nm, inputs.temperature_c = (
-            m.depth_mm,
-            m.torque_nm,
-            m.temperature_c,
-        )
+        inputs.depth_mm, inputs.torque_nm = m.depth_mm, m.torque_nm
+        inputs.temperature_c = m.temperature_c
         inputs.depth_fresh = m.depth_valid and "depth" not in m.held
         inputs.torque_fresh = m.torque_valid and "torque" not in m.held
         inputs.temperature_fresh = m.temperature_valid and "thermocouple" not in m.held
         inputs.force_kn, inputs.speed_rpm = m.force_kn, m.speed_rpm
         inputs.applied_force_kn, inputs.applied_speed_rpm = applied.force_kn, applied.speed_rpm
-        inputs.reference_depth_mm, inputs.reference_temperature_c = (
-            reference.depth_mm,
-            reference.temperature_c,
-        )
+        inputs.reference_depth_mm = reference.depth_mm
+        inputs.reference_temperature_c = reference.temperature_c
         inputs.dt_s = dt_s
         coming = reference.coming if self.settings.preview else ()
         inputs.n_changes = min(len(coming), len(inputs.change))
