@@ -15,12 +15,13 @@ from std_msgs.msg import Header
 from fsw_control import units
 from fsw_control.coded import RefusedError
 from fsw_control.contract import Command, Plan, Proposal, Reference
+from fsw_control.depth_fusion import DepthEstimate
 from fsw_control.fence import ActuatorState, Signature
 from fsw_control.heat_plan import HeatPlan
 from fsw_control.ranges import Forbidden, set_point_problem
 from fsw_control.readiness import Lack, Readiness
 from fsw_control.reason import Reason
-from fsw_control.sensors import SENSORS
+from fsw_control.sensors import DEPTH, DEPTH_CHANNELS, SENSORS
 from fsw_control.stop import Stop, StopCause
 from fsw_control.units import NANOSECONDS
 from fsw_msgs.msg import ActuatorState as ActuatorStateMessage
@@ -88,10 +89,23 @@ def message_type(sensor: str) -> Any:
     return getattr(import_module(f"{package}.msg"), name)
 
 
-def sensor_message(sensor: str, value: float, time_ns: int) -> Any:
-    """Sample of a sensor, ``value`` in its unit (mm, N m, degC)."""
+def sensor_message(
+    sensor: str, value: float, time_ns: int, fused: DepthEstimate | None = None
+) -> Any:
+    """Sample of a sensor, ``value`` in its unit (mm, N m, degC); ``fused``: its base."""
     row = SENSORS[sensor]
-    return message_type(sensor)(header=header(time_ns), **{row.quantity.name: row.on_wire(value)})
+    message = message_type(sensor)(
+        header=header(time_ns), **{row.quantity.name: row.on_wire(value)}
+    )
+    if fused is not None:
+        message.standard_deviation = row.on_wire(fused.deviation_mm)
+        message.channel_health = [fused.health[name] for name in DEPTH_CHANNELS.values()]
+        message.channels_used = sum(
+            1 << k for k, name in enumerate(DEPTH_CHANNELS.values()) if name in fused.used
+        )
+    elif row.quantity is DEPTH:
+        message.standard_deviation = row.on_wire(row.noise)
+    return message
 
 
 def sensor_value(sensor: str, message: Any) -> float:

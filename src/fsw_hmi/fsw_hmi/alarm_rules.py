@@ -178,11 +178,11 @@ class AlarmRules:
     def present(self, now: Situation, now_s: float) -> dict[str, Alarm]:
         """The alarms that are present by name; ``now_s`` on a steady clock."""
         found: dict[str, Alarm] = {}
-        self._machine(now, found)
+        _machine(now, found)
         self._measurements(now, found)
         self._supervisor(now, now_s, found)
         self._programme(now, found)
-        self._watchdog(now, found)
+        _watchdog(now, found)
         self._values(now, found)
         self._reachable(now, found)
         self._parts(now, found)
@@ -221,27 +221,7 @@ class AlarmRules:
             "text": "Commands reach the machine" + (", it permits them" if gates else ""),
         }
 
-    # ---------------------------------------------------------------- the way of the commands
-
-    def _machine(self, now: Situation, found: dict[str, Alarm]) -> None:
-        """What a gateway reports of the machine behind it, and a plant of commands that do not come."""
-        for parts in now.parts.values():
-            gate = parts.get("machine")
-            if gate is None or gate.level == "stale":
-                continue
-            bad = (parts[one] for one in _GATEWAY if one in parts and parts[one].level == "error")
-            if (part := next(bad, None)) is not None:
-                found["machine"] = alarm("machine", part.code, why=part.text)
-            elif gate.permissive is False:
-                found["machine"] = alarm("machine", gate.code, why="it does not permit them")
-
-    def _watchdog(self, now: Situation, found: dict[str, Alarm]) -> None:
-        """Commands are sent, but those that arrive are none that the plant accepts."""
-        dogs = [parts.get("watchdog", _FINE) for parts in now.parts.values()]
-        bad = [part for part in dogs if part.level == "error"]
-        if bad and not {"supervisor", "measurements"} & found.keys():
-            one = alarm("machine", bad[0].code, why=bad[0].text)
-            found["machine"] = replace(one, on_s=_WATCHDOG_S)
+    # ---------------------------------------------------------------- measurements and commands
 
     def _measures(self, now: Situation) -> bool:
         return now.tick_age_s is not None and now.tick_age_s <= self._setting("silence_s")
@@ -302,7 +282,7 @@ class AlarmRules:
         replaced = self._mode(state, found)
         for one in state["controllers"]:
             if one["name"] != replaced:
-                self._controller(one, found)
+                _controller(one, found)
 
     def _mode(self, state: Mapping[str, Any], found: dict[str, Alarm]) -> str | None:
         """Who or what commands; returns the controller that another one stands in for: one alarm for one cause."""
@@ -339,19 +319,6 @@ class AlarmRules:
             self._failed = target, why
         found["failover"] = alarm("failover", actual=actual, target=target, why=self._failed[1])
         return target
-
-    def _controller(self, one: Mapping[str, Any], found: dict[str, Alarm]) -> None:
-        name, why = one["name"], one["why"] or NO_REASON
-        if one["inhibited"]:
-            found[alarm_id("controller", name)] = alarm(
-                "inhibited", one["lack"], name=name, why=why
-            )
-        elif not one["ready"]:
-            if any(f"sensor:{sensor}" in found for sensor in one["missing_sensors"]):
-                return  # that sensor is the cause
-            found[alarm_id("controller", name)] = alarm(
-                "not_ready", one["lack"], name=name, why=why
-            )
 
     # ---------------------------------------------------------------- the weld
 
@@ -452,7 +419,7 @@ class AlarmRules:
             if parts.get("standby", _FINE).level == "stale":  # it has died, or leads now
                 found["standby"] = alarm("standby")
             if node == MONITOR:
-                self._watch(parts, found)
+                _watch(parts, found)
             covered = (*_OTHER_RULES, *(_GATEWAY if "machine" in parts else ()))
             errors = [
                 (what, part)
@@ -471,11 +438,43 @@ class AlarmRules:
                 own = node.startswith("fsw_") or node in known
                 found[alarm_id("part", node)] = one if own else replace(one, priority="low")
 
-    @staticmethod
-    def _watch(parts: Mapping[str, Part], found: dict[str, Alarm]) -> None:
-        """What the monitor tells."""
-        for what, part in parts.items():
-            if part.level == "warn":
-                found[alarm_id("watch", what)] = alarm(
-                    "watch", cause=part.text, advice=part.advice or "See the trends"
-                )
+
+def _machine(now: Situation, found: dict[str, Alarm]) -> None:
+    """What a gateway reports of the machine behind it, and a plant of commands that do not come."""
+    for parts in now.parts.values():
+        gate = parts.get("machine")
+        if gate is None or gate.level == "stale":
+            continue
+        bad = (parts[one] for one in _GATEWAY if one in parts and parts[one].level == "error")
+        if (part := next(bad, None)) is not None:
+            found["machine"] = alarm("machine", part.code, why=part.text)
+        elif gate.permissive is False:
+            found["machine"] = alarm("machine", gate.code, why="it does not permit them")
+
+
+def _watchdog(now: Situation, found: dict[str, Alarm]) -> None:
+    """Commands are sent, but those that arrive are none that the plant accepts."""
+    dogs = [parts.get("watchdog", _FINE) for parts in now.parts.values()]
+    bad = [part for part in dogs if part.level == "error"]
+    if bad and not {"supervisor", "measurements"} & found.keys():
+        one = alarm("machine", bad[0].code, why=bad[0].text)
+        found["machine"] = replace(one, on_s=_WATCHDOG_S)
+
+
+def _controller(one: Mapping[str, Any], found: dict[str, Alarm]) -> None:
+    name, why = one["name"], one["why"] or NO_REASON
+    if one["inhibited"]:
+        found[alarm_id("controller", name)] = alarm("inhibited", one["lack"], name=name, why=why)
+    elif not one["ready"]:
+        if any(f"sensor:{sensor}" in found for sensor in one["missing_sensors"]):
+            return  # that sensor is the cause
+        found[alarm_id("controller", name)] = alarm("not_ready", one["lack"], name=name, why=why)
+
+
+def _watch(parts: Mapping[str, Part], found: dict[str, Alarm]) -> None:
+    """What the monitor tells."""
+    for what, part in parts.items():
+        if part.level == "warn":
+            found[alarm_id("watch", what)] = alarm(
+                "watch", cause=part.text, advice=part.advice or "See the trends"
+            )

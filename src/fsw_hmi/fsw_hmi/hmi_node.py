@@ -66,6 +66,8 @@ _ASK_AGAIN_S = 5.0
 _SIMULATED_SILENCE = 10.0
 #: actions that survive a restart
 _KEPT_ACTIONS = 50
+#: parameters of operators' control
+_CONTROL = ("local_stop", "idle_timeout_s", "handover_timeout_s")
 
 
 class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere
@@ -109,13 +111,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._register = StopRegister()
         self._stop = StopHolder(self, self._register, self._register.merge)
         self._wake = self.create_guard_condition(self._on_orders)
-        self._room = ControlRoom(
-            key,
-            **{
-                name: values[name]
-                for name in ("local_stop", "idle_timeout_s", "handover_timeout_s")
-            },
-        )
+        self._room = ControlRoom(key, **{name: values[name] for name in _CONTROL})
         self._page = LivePage(
             files,
             self._room,
@@ -140,12 +136,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self.get_logger().warning(
                 "the page can be reached from other computers, and nothing is encrypted"
             )
-        # The token must not get into the log, which is recorded.
-        url = address(listening, encrypted is not None)
-        print(f"operator's page: {url}", flush=True)
-        write_status(url=url)
-        if told:
-            print(f"token: {key}", flush=True)
+        _announce(address(listening, encrypted is not None), str(key) if told else "")
 
     def _setting(self, name: str) -> float:
         value: float = self._settings[name]
@@ -375,6 +366,14 @@ def book_of(file: str) -> RuleBook:
     if signature_path(Path(file)).exists():
         verify_file(Path(file), Purpose.PROCEDURE, None)
     return validate(Procedure, content_of(read_text(file, "procedure"), file), file)
+
+
+def _announce(url: str, token: str) -> None:
+    """Print address and token; the token must not get into the log, which is recorded."""
+    print(f"operator's page: {url}", flush=True)
+    write_status(url=url)
+    if token:
+        print(f"token: {token}", flush=True)
 
 
 def _key(

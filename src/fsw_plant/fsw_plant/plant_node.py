@@ -19,9 +19,9 @@ from fsw_control.command_writers_ros import CommandWriters
 from fsw_control.fence import Barrier, Fence
 from fsw_control.managed_node_ros import ManagedNode
 from fsw_control.node_main_ros import main_of
+from fsw_control.parameters import problem
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
-from fsw_control.schema.models import InputError
 from fsw_control.single_instance_ros import SEARCHING, STARTING, SingleInstanceGuard
 from fsw_control.stop import StopCause
 from fsw_control.stop_ros import StopHolder
@@ -78,10 +78,8 @@ class PlantNode(ManagedNode):
     def configure(self) -> None:
         """Create the emulator and announce its topics."""
         values = self._settings.values
-        config, schedule = (
-            PlantConfig.from_values(values),
-            PlantSchedule.from_text_or_file(values["scenario"]),
-        )
+        config = PlantConfig.from_values(values)
+        schedule = PlantSchedule.from_text_or_file(values["scenario"])
         prepare(config, self._log_preparation)
         self.emulator = PlantEmulator(config, schedule)
         self._speed = float(values["speed"])
@@ -100,15 +98,13 @@ class PlantNode(ManagedNode):
     def activate(self) -> None:
         """Ensure that the plant is alone, and start ticking once all peers are present."""
         self._pace = Lockstep()
-        self._arrived = (
-            True  #: whether all subscribers had what was sent when that was last looked at
-        )
+        #: whether all subscribers had what was sent when that was last looked at
+        self._arrived = True
         self._reported = (self.emulator.watchdog.state, self.emulator.stopped)
         self._stop = StopHolder(self, self._fence.register, self._fence.hear)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
-        if (
-            self._settings["process"] == "canister"
-        ):  # before the player's word that a tick is complete
+        # before the player's word that a tick is complete
+        if self._settings["process"] == "canister":
             self.create_subscription(WeldProgress, "fsw/weld_progress", self._on_progress, LATEST)
         if self._lockstep:
             self.create_subscription(Header, PLAYER_READY, self._on_player_ready, LATEST)
@@ -116,9 +112,7 @@ class PlantNode(ManagedNode):
             self, lambda: self.emulator.gate, lambda: self._settings["commands.sources"]
         )
         self._guard.check(self._settings["discovery_s"], self._announce)
-        self.emulator_services = PlantServices(
-            self, self.emulator, on_reset=self._writers.set_sources
-        )
+        self._requests = PlantServices(self, self.emulator, on_reset=self._writers.set_sources)
         self.create_timer(_REPORT_S, self._report, clock=self._steady)
         self.create_timer(_WATCH_S, self._watch, clock=self._steady)
         self._ready_timer = self.create_timer(
@@ -146,7 +140,7 @@ class PlantNode(ManagedNode):
         )
         self._truths = display_publisher(self, PlantState, "fsw/plant/truth")
         self._drives = self.create_publisher(DriveFeedback, "fsw/drives", SENT)
-        self._sensors = sensor_publishers(self)
+        self._sensors = sensor_publishers(self, self.emulator.core.sensors)
         self._diagnostics = DiagnosticsPublisher(self, instance=instance)
 
     def _log_preparation(self, share: float, what: str) -> None:
@@ -218,7 +212,8 @@ class PlantNode(ManagedNode):
         )
         for name, publisher in self._sensors.items():
             for stamp_ns, value in reading.samples[name]:
-                publisher.publish(convert.sensor_message(name, value, stamp_ns))
+                fused = reading.fused if name == "depth" else None
+                publisher.publish(convert.sensor_message(name, value, stamp_ns, fused))
 
     def _on_command(self, message: WeldCommand) -> None:
         if not self._running:
@@ -232,9 +227,8 @@ class PlantNode(ManagedNode):
             refusal: str = barred.code
             gate.refuse(barred)
         else:
-            refusal = self.emulator.apply(
-                convert.command(message), stamp_ns, message.source, message.healthy
-            )
+            command = convert.command(message)
+            refusal = self.emulator.apply(command, stamp_ns, message.source, message.healthy)
         if not refusal:
             self._fence.take(message.source, stamp_ns)
         elif gate.last:
@@ -343,7 +337,8 @@ class PlantNode(ManagedNode):
         self._publish_reports([Report("clock", OK, SEARCHING, STARTING)])
 
     def _report(self) -> None:
-        plant, mode = self.emulator, _mode(self._speed, self._simulated)
+        plant, writers = self.emulator, self._writers
+        mode = _mode(self._speed, self._simulated)
         refused = plant.gate.total()
         new, self._reported_refusals = max(0, refused - self._reported_refusals), refused
         self._publish_reports(
@@ -351,9 +346,7 @@ class PlantNode(ManagedNode):
                 reports.clock(mode, self._running, self._stamps.jumps, self._pace.resent),
                 reports.process(plant),
                 reports.watchdog(plant),
-                reports.commands(
-                    plant.gate, new, self._writers.names, self._writers.unauthorised()
-                ),
+                reports.commands(plant.gate, new, writers.names, writers.unauthorised()),
                 reports.sensors(plant),
             ]
         )
@@ -366,13 +359,10 @@ class PlantNode(ManagedNode):
 
     def _why_not(self, values: dict[str, Any]) -> str | None:
         """Why parameters contradict each other; None if they do not."""
-        try:
-            PlantConfig.from_values(values)
-            if not self.is_configured or values["scenario"] != self._scenario:
-                PlantSchedule.from_text_or_file(values["scenario"])
-        except InputError as error:
-            return str(error)
-        return None
+        why, scenario = problem(PlantConfig.from_values, values), values["scenario"]
+        if why or (self.is_configured and scenario == self._scenario):
+            return why
+        return problem(lambda given: PlantSchedule.from_text_or_file(given["scenario"]), values)
 
     def _on_parameters(self, values: dict[str, Any]) -> None:
         if not self.is_configured:

@@ -23,7 +23,7 @@ from fsw_analysis.weld_signals import (
     WeldSignals,
     experiment_time_s,
 )
-from fsw_control.contract import Command, Controller, Limits, Proposal, Reference
+from fsw_control.contract import Command, Controller, Limits, Measurement, Proposal, Reference
 from fsw_control.host import answer
 from fsw_control.ramps import stair
 from fsw_control.reason import Reason
@@ -185,11 +185,10 @@ class ClosedLoop:
             reading = plant.measure()
             stamp_ns, values, drives = reading.stamp_ns, reading.values, reading.drives
             measurement = guard.measure(stamp_ns * 1e-9, values, drives)
-            answers = {}
-            for name, controller in self._controllers.items():
-                began = time.perf_counter()
-                proposal = answer(controller, measurement, reference, applied, STEP_S)
-                answers[name] = proposal, time.perf_counter() - began
+            answers = {
+                name: _timed_answer(controller, measurement, reference, applied)
+                for name, controller in self._controllers.items()
+            }
             if supervisor is None:
                 proposal, _ = answers[first]
                 source = first if proposal.healthy else "hold"
@@ -202,21 +201,8 @@ class ClosedLoop:
             passed = programme.end(tick, plant, values.get("thermocouple", nan))
             while supervisor is not None and swaps and swaps[0][0] <= passed + 1:
                 supervisor.switch(swaps.popleft()[1])
-            truth = plant.truth()
-            row = _Tick(
-                stamp_ns,
-                values,
-                drives,
-                reference,
-                answers,
-                applied,
-                source,
-                reason,
-                active,
-                mode,
-                truth,
-            )
-            ticks.append(row)
+            decided = (reference, answers, applied, source, reason, active, mode)
+            ticks.append(_Tick(stamp_ns, values, drives, *decided, plant.truth()))
             plant.apply(applied, stamp_ns, source)
             plant.step()
             if progress is not None and tick % _PROGRESS_TICKS == 0:
@@ -249,7 +235,9 @@ class ClosedLoop:
             stamp_ns=stamps,
             time_s=experiment_time_s(stamps),
             **_sensors(ticks, REQUIRED),
-            optional=_sensors(ticks, OPTIONAL),
+            optional=_sensors(
+                ticks, [name for name in self.plant.core.sensors if name in OPTIONAL]
+            ),
             reference_depth_mm=_numbers(tick.reference.depth_mm for tick in ticks),
             reference_temperature_c=_numbers(tick.reference.temperature_c for tick in ticks),
             force_kn=_numbers(tick.applied.force_kn for tick in ticks),
@@ -266,6 +254,14 @@ class ClosedLoop:
             truth=_group(TruthSignals, [tick.truth for tick in ticks]),
             attachments={"scenario.yaml": self.scenario.text.encode()},
         )
+
+
+def _timed_answer(
+    controller: Controller, measurement: Measurement, reference: Reference, applied: Command
+) -> tuple[Proposal, float]:
+    began = time.perf_counter()
+    proposal = answer(controller, measurement, reference, applied, STEP_S)
+    return proposal, time.perf_counter() - began
 
 
 def unhealthy(signals: WeldSignals, name: str) -> str:

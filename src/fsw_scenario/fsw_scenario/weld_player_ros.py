@@ -83,13 +83,8 @@ class WeldPlayer:
         report: Callable[[WeldProgress], object],
         over: Callable[[Outcome], object],
     ) -> None:
-        self._node, self.scenario, self._options, self._tell, self._over = (
-            node,
-            scenario,
-            options,
-            report,
-            over,
-        )
+        self._node, self.scenario, self._options = node, scenario, options
+        self._tell, self._over = report, over
         self._simulated = bool(node.get_parameter("use_sim_time").value)
         self._synchronous = self._simulated and options.from_start
         self.kpi = RunningKpi()
@@ -278,10 +273,8 @@ class WeldPlayer:
                 self.set_points.announce()
                 self.set_points.announce_heat()
         self._last_sample_s = time.monotonic()
-        self.time.tick, self.time.stamp_ns = (
-            1 + round((stamp_ns - self.time.first_ns) / TICK_NS),
-            stamp_ns,
-        )
+        self.time.tick = 1 + round((stamp_ns - self.time.first_ns) / TICK_NS)
+        self.time.stamp_ns = stamp_ns
         if self._programme is not None:
             machine = self._programme.machine
             jumped = machine.follow(self.time.tick, _reading_c(self._shown, stamp_ns))
@@ -329,10 +322,8 @@ class WeldPlayer:
 
     def _judge(self, depth_mm: float) -> None:
         """Update the figures of merit and the controller in command."""
-        ticks, self._judged = (
-            self.time.tick + self.time.held - self._judged,
-            self.time.tick + self.time.held,
-        )
+        welded = self.time.tick + self.time.held
+        ticks, self._judged = welded - self._judged, welded
         self._deviations.count(self.controller, self.time.tick, ticks)
         planned = self._programme is None and self.set_points.course.followed
         wanted = self.set_points.planned() if planned else self.set_points.in_force()
