@@ -7,6 +7,7 @@ from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from platform import python_version
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +33,7 @@ from fsw_quality.record_content import (
     Record,
     Statistics,
     TimeOfControl,
+    Unusable,
 )
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
@@ -144,7 +146,15 @@ def assemble(
         exceedances=tuple(account.exceedances),
         missing=course.missing,
         unusable=evidence.unusable,
-        gaps=tuple(_gap(course, begin_s, duration_s) for begin_s, duration_s in course.gaps),
+        unusable_at=tuple(
+            Unusable(
+                sensor=one.sensor,
+                flaw=one.flaw,
+                **_placed(course, one.begin_s, one.end_s - one.begin_s + TICK_S),
+            )
+            for one in account.unusable
+        ),
+        gaps=tuple(Gap(**_placed(course, *gap)) for gap in course.gaps),
         held_s=TICK_S * float(np.sum((course.mode != "auto") & (course.mode != ""))),
         events=tuple(_events(signals, course)),
         phases=tuple(_phase(course, procedure, name, ticks) for name, ticks in phases),
@@ -152,13 +162,14 @@ def assemble(
     return record, course
 
 
-def _gap(course: Course, begin_s: float, lasts_s: float) -> Gap:
-    return Gap(
-        begin_s=begin_s,
-        duration_s=lasts_s,
-        angle_deg=course.place(begin_s, lasts_s),
-        travel_mm=course.place(begin_s, lasts_s, course.travel_mm),
-    )
+def _placed(course: Course, begin_s: float, lasts_s: float) -> dict[str, Any]:
+    """Fields of what lasts for some time: when and where."""
+    return {
+        "begin_s": begin_s,
+        "duration_s": lasts_s,
+        "angle_deg": course.place(begin_s, lasts_s),
+        "travel_mm": course.place(begin_s, lasts_s, course.travel_mm),
+    }
 
 
 def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:

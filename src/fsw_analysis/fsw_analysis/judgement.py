@@ -15,7 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from fsw_analysis.course import SENSOR_SIGNALS, Course, course_of, unusable_samples
+from fsw_analysis.course import (
+    SENSOR_SIGNALS,
+    Course,
+    UnusableRun,
+    UnusableSamples,
+    course_of,
+    unusable_samples,
+)
 from fsw_analysis.exceedances import Exceedance, exceedances, holds, length_mm, longest_s
 from fsw_analysis.procedure import Procedure, Sensor, tuning, tuning_sha256
 from fsw_analysis.recorded_parameters import recorded_parameters
@@ -70,6 +77,7 @@ class Account:
     evidence: Evidence
     exceedances: list[Exceedance]
     rules: list[Rule]
+    unusable: list[UnusableRun]  #: of the sensors that are judged, without missing samples
 
     @property
     def verdict(self) -> Verdict:
@@ -88,7 +96,7 @@ def judge(
     *,
     running: bool = False,
     recorded: bool = True,
-    unusable: Mapping[str, Mapping[str, int]] | None = None,
+    unusable: UnusableSamples | None = None,
 ) -> Account:
     """Judge a weld by a rule book.
 
@@ -103,13 +111,12 @@ def judge(
     recorded : bool
         It comes from a bag, which must show that nothing was lost; else it was simulated or
         watched in this process.
-    unusable : mapping, optional
-        Samples that are not used, by sensor and reason; by default they are counted here.
+    unusable : UnusableSamples, optional
+        Samples that are not used; by default they are found here.
     """
     course = course_of(signals)
-    evidence = _evidence(
-        signals, book, recorded, unusable_samples(course) if unusable is None else unusable
-    )
+    bad = unusable_samples(course) if unusable is None else unusable
+    evidence = _evidence(signals, book, recorded, bad.counts)
     found = exceedances(course, book)
     procedure = book if isinstance(book, Procedure) else None
     rules = [
@@ -125,7 +132,9 @@ def judge(
         _modes(course, evidence),
         _interlocks(signals.events, evidence),
     ]
-    return Account(course, evidence, found, rules)
+    required = {rule.subject for rule in rules if rule.name == "sensor"}
+    runs = [one for one in bad.runs if one.sensor in required and one.flaw != Flaw.MISSING]
+    return Account(course, evidence, found, rules, runs)
 
 
 def _evidence(
