@@ -219,13 +219,9 @@ class PlantNode(ManagedNode):
         if not self._running:
             return
         stamp_ns = convert.stamp_ns(message.header.stamp)
-        gate, barred = (
-            self.emulator.gate,
-            self._fence.check(convert.signature(message), message.source),
-        )
-        if barred:
-            refusal: str = barred.code
-            gate.refuse(barred)
+        gate = self.emulator.gate
+        if barred := self._fence.check(convert.signature(message), message.source):
+            refusal = gate.refuse(barred)
         else:
             command = convert.command(message)
             refusal = self.emulator.apply(command, stamp_ns, message.source, message.healthy)
@@ -233,15 +229,12 @@ class PlantNode(ManagedNode):
             self._fence.take(message.source, stamp_ns)
         elif gate.last:
             self._writers.note_refused(message.leader)
-            self.get_logger().warning(
-                f"command refused: {gate.last.words}", throttle_duration_sec=1.0
-            )
+            text = f"command refused: {gate.last.words}"
+            self.get_logger().warning(text, throttle_duration_sec=1.0)
         # A command that is refused for its content is an answer too: the tick goes on with the
         # last valid one.
-        own = (
-            refusal not in (Rejection.SOURCE, Barrier.LEADER)
-            and stamp_ns == self.emulator.measure().stamp_ns
-        )
+        foreign = refusal in (Rejection.SOURCE, Barrier.LEADER)
+        own = not foreign and stamp_ns == self.emulator.measure().stamp_ns
         if self._lockstep and own and not self._pace.answered:
             self._pace.answered = True
             self._go_on()
