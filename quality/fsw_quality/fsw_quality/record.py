@@ -18,7 +18,8 @@ from fsw_analysis.phase_kpi import ErrorStatistics
 from fsw_analysis.procedure import Procedure, attached
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_events import WeldEvent
-from fsw_analysis.weld_signals import FloatArray, WeldSignals
+from fsw_analysis.weld_signals import FloatArray, FusedSignals, WeldSignals
+from fsw_control.depth_channels import ChannelHealth
 from fsw_control.diagnostic_names import qualified
 from fsw_control.sensors import REQUIRED
 from fsw_control.units import NANOSECONDS
@@ -26,6 +27,8 @@ from fsw_control.weld import TICK_S
 from fsw_quality.attestation import IDENTITY, bag_name, software_versions, statement
 from fsw_quality.record_content import (
     BagFile,
+    ChannelRecord,
+    DepthBasis,
     Envelope,
     Event,
     Gap,
@@ -158,6 +161,7 @@ def assemble(
         held_s=TICK_S * float(np.sum((course.mode != "auto") & (course.mode != ""))),
         events=tuple(_events(signals, course)),
         phases=tuple(_phase(course, procedure, name, ticks) for name, ticks in phases),
+        depth=None if signals.fused is None else depth_basis(signals.fused),
     )
     return record, course
 
@@ -170,6 +174,25 @@ def _placed(course: Course, begin_s: float, lasts_s: float) -> dict[str, Any]:
         "angle_deg": course.place(begin_s, lasts_s),
         "travel_mm": course.place(begin_s, lasts_s, course.travel_mm),
     }
+
+
+def depth_basis(fused: FusedSignals) -> DepthBasis | None:
+    """What a fused depth rested on; None if no standard deviation is on record."""
+    deviation = _envelope(fused.deviation_mm)
+    if deviation is None:
+        return None
+    channels = []
+    for name, codes in fused.health.items():
+        known = codes[np.isfinite(codes)]
+        states = [(health.word, TICK_S * int(np.sum(known == health))) for health in ChannelHealth]
+        channels.append(
+            ChannelRecord(
+                sensor=name,
+                used_share=float(np.nan_to_num(fused.used[name]).mean()),
+                health_s={word: time_s for word, time_s in states if time_s},
+            )
+        )
+    return DepthBasis(deviation_mm=deviation, channels=tuple(channels))
 
 
 def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:

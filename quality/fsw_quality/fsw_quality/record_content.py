@@ -59,6 +59,24 @@ class PhaseRecord(Model):
     """work of the spindle, friction in the drive included, per travel"""
 
 
+class ChannelRecord(Model):
+    """A channel of a fused depth."""
+
+    sensor: str
+    used_share: Rounded
+    """share of the ticks whose depth rested on it"""
+    health_s: dict[str, Rounded]
+    """time in each state of health"""
+
+
+class DepthBasis(Model):
+    """What a depth fused from several channels rested on."""
+
+    deviation_mm: Envelope
+    """standard deviation of the depth"""
+    channels: Many[ChannelRecord]
+
+
 class TimeOfControl(Model):
     """Somebody had control on the operator's page."""
 
@@ -183,6 +201,8 @@ class Record(Model):
     events: Many[Event]
     phases: Many[PhaseRecord]
     """as they were, and the whole weld"""
+    depth: DepthBasis | None = None
+    """what the depth rested on; left out if it was that of one sensor"""
     comparison: Comparison | None = None
     """with the last accepted welds of the procedure, where their records were given"""
 

@@ -15,6 +15,7 @@ from fsw_analysis.rule_book import Check, RuleBook
 from fsw_control.attainable import out_of_reach, wants_heat
 from fsw_control.cause import Cause
 from fsw_control.contract import Reference
+from fsw_control.depth_channels import ChannelHealth
 from fsw_control.readiness import Lack, Readiness
 from fsw_control.schema.yaml_text import load_yaml
 from fsw_control.sensors import OPTIONAL, REQUIRED
@@ -140,6 +141,8 @@ class Situation:
     )  #: of the last finite one by sensor
     #: what the supervisor says of each sensor, ``good`` if nothing is wrong
     sensor_states: Mapping[str, str] = field(default_factory=dict)
+    #: health of each channel of a fused depth, by sensor
+    channels: Mapping[str, ChannelHealth] = field(default_factory=dict)
     #: of the newest row by column, and their distance from the programme's set-points; NaN where
     #: unknown
     values: Mapping[str, float] = field(default_factory=dict)
@@ -252,6 +255,11 @@ class AlarmRules:
             fault = self._faults[name]
             why = _TEXTS.sensors.get(fault, fault)
             found[f"sensor:{name}"] = alarm("sensor", fault, name=name, why=why)
+        for name, health in now.channels.items():
+            if health is not ChannelHealth.GOOD:
+                found[f"channel:{name}"] = alarm(
+                    "channel", health.word, name=name, why=health.words
+                )
 
     def _supervisor(self, now: Situation, now_s: float, found: dict[str, Alarm]) -> None:
         state, age_s = now.state, now.state_age_s

@@ -5,6 +5,7 @@ import pytest
 from fsw_analysis.rule_book import Limit, default
 from fsw_control.cause import Cause
 from fsw_control.contract import Reference
+from fsw_control.depth_channels import ChannelHealth
 from fsw_control.parameters import defaults
 from fsw_control.stop import StopCause
 from fsw_hmi.alarm_rules import _TEXTS, NO_REASON, AlarmRules, Part, Situation, alarm_id
@@ -144,6 +145,7 @@ def test_no_alarm_in_a_good_weld(rules):
         ({"state": state(controllers=[controller(ready=False)])}, "controller:nmpc", "low"),
         ({"sample_age_s": {"depth": 0.7}}, "sensor:depth", "medium"),
         ({"sensor_states": {"torque": "frozen"}}, "sensor:torque", "medium"),
+        ({"channels": {"depth_axial": ChannelHealth.SLIP}}, "channel:depth_axial", "medium"),
         (
             {
                 "sensor_states": {"torque": "frozen"},
