@@ -15,8 +15,7 @@ from typing import Annotated, Literal
 import yaml
 from pydantic import AfterValidator
 
-from fsw_control.private_file import read_private
-from fsw_control.schema.files import write_whole
+from fsw_control.schema.files import read_private, write_whole
 from fsw_control.schema.models import InputError, Model, content_of, validate
 
 #: each role includes those before it

@@ -13,8 +13,8 @@ from fsw_control.cause import Cause
 from fsw_control.parameters import defaults
 from fsw_control.schema.models import InputError
 from fsw_scenario import procedure, procedure_limits
+from fsw_scenario.procedure import ProcedureWatch
 from fsw_scenario.procedure_limits import graph_parameters, node_parameters
-from fsw_scenario.procedure_watch import ProcedureWatch
 from fsw_supervisor.parameters import SupervisorParameters
 from fsw_test_support.judged_weld import short_procedure
 
