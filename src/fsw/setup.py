@@ -33,6 +33,7 @@ setup(
             "demo = fsw.demo",
             "disturb = fsw.graph",
             "fault = fsw.graph",
+            "footprint = fsw.footprint_command",
             "hmi = fsw.hmi",
             "lifecycle = fsw.graph",
             "mode = fsw.graph",

@@ -14,7 +14,8 @@ setup(
     extras_require={"test": ["pytest"]},
     entry_points={
         "fsw.schemas": [
-            "parameters-controller = fsw_control.common_parameters:ControllerParameters"
+            "footprint = fsw_control.depth_footprint:Footprint",
+            "parameters-controller = fsw_control.common_parameters:ControllerParameters",
         ]
     },
 )

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw_control.schema.models import InputError
 from fsw_control.sensors import REQUIRED
 from fsw_model import Equilibrium
 from fsw_plant import library
@@ -33,11 +34,15 @@ class PlantBatch:
     config : PlantConfig
         With the paper's process.
     n : int
-    disturbances : (n_ticks + 1, 5) array
-        By tick, in the order of ``CHANNELS``, in mm, degC, N m, kN, rpm.
+    disturbances : (n_ticks + 1, 6) array
+        By tick, in the order of ``CHANNELS``, in mm, degC, N m, kN, rpm, share.
     """
 
     def __init__(self, config: PlantConfig, n: int, disturbances: Array) -> None:
+        if config.machine.depth_channels:
+            raise InputError(
+                "machine.depth_channels: a plant of a batch has one sensor of the depth"
+            )
         self.n, self._disturbances = n, disturbances
         self._model = library.model_of(config.model)
         self._start_at = config["start.depth_mm"], config["start.temperature_c"]
@@ -49,6 +54,7 @@ class PlantBatch:
         self._plants = KERNEL.ffi.new("fsw_plant[]", n)
         for plant in self._plants:
             library.configure(plant, config)
+        self._config = config
         memory = np.frombuffer(KERNEL.ffi.buffer(self._plants), np.uint8).reshape(n, -1)
 
         def field(name: str, size: int, kind: str = "f8") -> NDArray[Any]:
@@ -74,12 +80,13 @@ class PlantBatch:
         self.tick[which] = 1
         for k, seed in zip(which.tolist(), seeds.tolist(), strict=True):
             plant = KERNEL.ffi.addressof(self._plants, k)
+            library.configure_machine(plant, self._config, seed)
             KERNEL.lib.fsw_plant_start(plant, self._model, *self._start_at)
             self._draws[k] = Draws(seed)
             self._drawn[k] = self._draws[k].block()
 
     def _disturbed(self) -> Array:
-        """Disturbances of each plant at its tick, (n, 5)."""
+        """Disturbances of each plant at its tick, (n, 6)."""
         return np.take(self._disturbances, self.tick, axis=0, mode="clip")
 
     def truth(self) -> tuple[Array, Array]:

@@ -41,6 +41,8 @@ from fsw_recorder.manifest import mapped, sha256
 
 #: node that watches the procedure, and where it tells what it finds
 WATCH_NODE, _DIAGNOSTICS = "fsw_procedure", "/diagnostics"
+#: values of its entry that say which procedure it is
+_IDENTIFIES = ("procedure", "revision", "SHA-256")
 #: topics without which something cannot be said, and what
 _SAYS = {
     "/fsw/supervisor/state": "swaps, modes and interlocks",
@@ -164,7 +166,8 @@ def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
     if topic is None:
         return []
     definition = definition_of(topic)
-    definitions, found, before, welded_by = Definitions(), [], "", ""
+    definitions, found, welded_by = Definitions(), list[WeldEvent](), ""
+    before: tuple[object, ...] = ()
     # other welds of the domain have theirs
     name = f"{qualified(signals.namespace, WATCH_NODE)}: deviations"
     for record in reader.records([_DIAGNOSTICS]):
@@ -182,9 +185,10 @@ def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
                 welded(time_s, values.get("procedure", ""), values.get("revision", ""), now)
             )
             welded_by = now
-        if line.message != before and (before or line.level):
+        told = line.level, {key: text for key, text in values.items() if key not in _IDENTIFIES}
+        if told != before and (before or line.level):
             found.append(WeldEvent(time_s, "deviation", detail=line.message))
-        before = line.message
+        before = told
     return found
 
 

@@ -43,7 +43,7 @@ class Measurement(NamedTuple):
     #: acting inputs, as the drives report them; NaN if unknown
     force_kn: float = float("nan")
     speed_rpm: float = float("nan")
-    #: values of the optional sensors, by name; NaN if invalid
+    #: values of the optional sensors, by name; NaN if invalid or not there
     optional: Mapping[str, float] = MappingProxyType({})
 
     def invalid_sensors(self) -> tuple[str, ...]:

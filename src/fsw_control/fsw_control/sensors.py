@@ -92,6 +92,29 @@ class Sensor:
         return value * to_si(1.0, self.quantity.unit)
 
 
+#: the sensors of the depth on a machine that has several (Posiva SKB Report 08, 2018: a laser, two
+#: LVDTs, the axial position), each with its title and the standard deviation of its noise (chosen)
+_DEPTH_CHANNELS = (
+    ("laser", "depth laser", 0.015),
+    ("lvdt_lead", "leading LVDT", 0.005),
+    ("lvdt_trail", "trailing LVDT", 0.005),
+    ("axial", "axial position", 0.004),
+)
+
+
+def _depth_channel(channel: str, title: str, noise_mm: float) -> Sensor:
+    return Sensor(
+        *(f"depth_{channel}", title, DEPTH, f"fsw/depth/{channel}", "fsw_msgs/msg/ShoulderDepth"),
+        minimum=0.0,
+        maximum=6.0,
+        max_rate=10.0,
+        max_jump=None,
+        noise=noise_mm,
+        resolution=0.001,
+        required=False,
+    )
+
+
 _ROWS = (
     Sensor(
         *("depth", "depth sensor", DEPTH, "fsw/depth", "fsw_msgs/msg/ShoulderDepth"),
@@ -127,11 +150,14 @@ _ROWS = (
         resolution=0.01,
         key="temperature",
     ),
+    *(_depth_channel(*channel) for channel in _DEPTH_CHANNELS),
 )
 #: by name; the required ones come first, in the order of ``Measurement``
 SENSORS = {row.name: row for row in _ROWS}
 REQUIRED = tuple(row.name for row in _ROWS if row.required)
 OPTIONAL = tuple(row.name for row in _ROWS if not row.required)
+#: by sensor, the channels that a depth may be fused from
+DEPTH_CHANNELS = {f"depth_{channel}": channel for channel, *_ in _DEPTH_CHANNELS}
 if TYPE_CHECKING:
     SensorName = str
 else:  # so that models and schemas have the names

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from copy import copy
 from typing import Any
 
@@ -57,11 +57,12 @@ def display_publisher(node: Node, kind: Any, topic: str) -> Publisher:
     return node.create_publisher(kind, topic, copy(SENT), qos_overriding_options=DISPLAY)
 
 
-def sensor_publishers(node: Node) -> dict[str, Publisher]:
+def sensor_publishers(node: Node, present: Container[str] = SENSORS) -> dict[str, Publisher]:
     """Publishers of the sensors by name, in the order in which a tick's samples must be sent."""
     return {
         name: node.create_publisher(convert.message_type(name), SENSORS[name].topic, SENT)
         for name in _ORDER
+        if name in present
     }
 
 

@@ -273,6 +273,7 @@ class SensorGuard:
     def reset(self) -> None:
         """Forget the past, as at a start."""
         self._sensors = {name: SensorValidity(self._limits[name]) for name in SENSORS}
+        self._present = set(REQUIRED)  # and any other from its first sample on
 
     def forget_time(self) -> None:
         """Forget the past, as at a restart of time, but keep jumps."""
@@ -308,8 +309,11 @@ class SensorGuard:
         ``values`` has the samples by sensor (mm, N m, degC), ``drives`` the force and speed that
         the drives report.
         """
+        self._present.update(values)
         readings = {
-            name: one.update(time_s, values.get(name)) for name, one in self._sensors.items()
+            name: one.update(time_s, values.get(name))
+            for name, one in self._sensors.items()
+            if name in self._present
         }
         self.reasons.update((name, one.reason) for name, one in readings.items())
         self.held = tuple(name for name, one in readings.items() if one.held)
@@ -325,5 +329,7 @@ class SensorGuard:
             held=self.held,
             force_kn=math.nan if drives is None else drives.force_kn,
             speed_rpm=math.nan if drives is None else drives.speed_rpm,
-            optional={name: readings[name].value for name in OPTIONAL},
+            optional={
+                name: readings[name].value if name in readings else math.nan for name in OPTIONAL
+            },
         )

@@ -288,7 +288,8 @@ def test_guard_gives_a_measurement_and_the_reasons():
     for k in range(1, 6):
         measurement = guard.measure(k * 0.1, {"depth": 2.66, "torque": math.nan})
     assert measurement.invalid_sensors() == ("torque", "thermocouple")
-    assert guard.reasons == {"depth": "", "torque": "not finite", "thermocouple": "missing"}
+    flaws = {name: flaw for name, flaw in guard.reasons.items() if flaw}
+    assert flaws == {"torque": "not finite", "thermocouple": "missing"}
     guard.reset()
     assert guard.measure(0.0, good).invalid_sensors() == ()
 
@@ -297,7 +298,7 @@ def test_guard_takes_new_limits_without_forgetting():
     guard = SensorGuard()
     good = {"depth": 2.66, "torque": 1052.0, "thermocouple": 850.0}
     guard.measure(0.0, good)
-    guard.configure({name: SensorLimits(0.0, 1.0, 1.0, 0.2, 10, 3) for name in good})
+    guard.configure({name: SensorLimits(0.0, 1.0, 1.0, 0.2, 10, 3) for name in SENSORS})
     assert guard.measure(0.1, good).depth_mm == 2.66
     assert guard.reasons["depth"] == "out of range" and "depth" in guard.held
 

@@ -21,7 +21,6 @@ from fsw_control.sensors import OPTIONAL, REQUIRED
 from fsw_control.severity import Severity
 from fsw_control.stop import StopCause
 from fsw_hmi.alarms import Alarm, Priority
-from fsw_hmi.frames import readable
 from fsw_hmi.standing import holds
 
 #: time without reports of a node after which that is an alarm
@@ -120,6 +119,7 @@ class Part:
     text: str
     permissive: bool | None = None
     advice: str = ""  #: of the monitor, what to do
+    code: str = ""  #: of what it says
 
 
 _FINE = Part("ok", "")
@@ -376,11 +376,11 @@ class AlarmRules:
         """Set-points that the controller replaces by what the drives can hold."""
         asked = Reference(now.value("reference_depth_mm"), now.value("reference_temperature_c"))
         goal, share = now.attainable, _BACK_SHARE if self.replaced else 1.0
-        why = out_of_reach(asked, goal, share) if goal is not None and self._measures(now) else ""
+        why = out_of_reach(asked, goal, share) if goal and self._measures(now) else None
         self.replaced = goal if why else None
         if goal is not None and why:
             change = "Lower" if wants_heat(asked, goal) else "Raise"
-            found["out_of_reach"] = alarm("out_of_reach", why=readable(why), change=change)
+            found["out_of_reach"] = alarm("out_of_reach", why.code, why=why.words, change=change)
 
     def _lasting(self, one: Alarm, persistence: str) -> Alarm:
         persistence_s = self._setting(persistence)
@@ -445,25 +445,20 @@ def _machine(now: Situation, found: dict[str, Alarm]) -> None:
         gate = parts.get("machine")
         if gate is None or gate.level == "stale":
             continue
-        why = next(
-            (parts[one].text for one in _GATEWAY if one in parts and parts[one].level == "error"),
-            "",
-        )
-        if not why and gate.permissive is False:
-            why = "it does not permit them"
-        if why:
-            found["machine"] = alarm("machine", why=why)
+        bad = (parts[one] for one in _GATEWAY if one in parts and parts[one].level == "error")
+        if (part := next(bad, None)) is not None:
+            found["machine"] = alarm("machine", part.code, why=part.text)
+        elif gate.permissive is False:
+            found["machine"] = alarm("machine", gate.code, why="it does not permit them")
 
 
 def _watchdog(now: Situation, found: dict[str, Alarm]) -> None:
     """Commands are sent, but those that arrive are none that the plant accepts."""
-    why = [
-        parts["watchdog"].text
-        for parts in now.parts.values()
-        if parts.get("watchdog", _FINE).level == "error"
-    ]
-    if why and not {"supervisor", "measurements"} & found.keys():
-        found["machine"] = replace(alarm("machine", why=why[0]), on_s=_WATCHDOG_S)
+    dogs = [parts.get("watchdog", _FINE) for parts in now.parts.values()]
+    bad = [part for part in dogs if part.level == "error"]
+    if bad and not {"supervisor", "measurements"} & found.keys():
+        one = alarm("machine", bad[0].code, why=bad[0].text)
+        found["machine"] = replace(one, on_s=_WATCHDOG_S)
 
 
 def _controller(one: Mapping[str, Any], found: dict[str, Alarm]) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from fsw_control.coded import Worded
+from fsw_control.schema.errors import InputError
+from fsw_hmi.frames import readable
 
 DONE, REFUSED, TIMED_OUT = "done", "refused", "timed_out"
 
@@ -36,6 +38,10 @@ class Code(Worded):
     ACTIVE = "active", ""
     MALFORMED = "malformed", "the message is no request"
     NAMELESS = "nameless", "the message names no request"
+    NO_REQUEST = "no_request", "{reason}"
+    MISSING = "missing", "{reason}"
+    OUTSIDE = "outside", "{reason}"
+    CONTRADICTS = "value_error", "{reason}"
     INVALID = "invalid", "{reason}"
     TOO_MANY = "too_many", "too many requests in a second"
     NO_ANSWER = "no_answer", "no answer within {wait_s:g} s"
@@ -83,10 +89,8 @@ class Code(Worded):
     HANDED_OVER = "handed_over", "control handed over to {asker}"
     KEPT = "kept", "control not handed over to {asker}"
     RELEASED = "released", "control released"
-    LOST = "lost", "{why}"
     # requests that are not sent, and answers of the graph
     IN_FORCE = "in_force", "these set-points are in force already"
-    WOULD_TRIP = "would_trip", "{why}"
     COMMANDS_ALREADY = "commands_already", "{controller} commands already"
     AUTO_ALREADY = "auto_already", "the mode is auto already"
     NO_STOP = "no_stop", "there is no safe stop to acknowledge"
@@ -112,3 +116,18 @@ class Code(Worded):
     NOT_LISTED = "not_listed", "this alarm is no longer in the list"
     HIGH_PRIORITY = "high_priority", "an alarm of high priority cannot be shelved"
     NOT_SHELVED = "not_shelved", "this alarm is not shelved"
+
+
+#: by the kind of what is wrong with a value
+_INVALID = {
+    str(code): code for code in (Code.NO_REQUEST, Code.MISSING, Code.OUTSIDE, Code.CONTRADICTS)
+}
+
+
+def invalid(error: InputError) -> Answer:
+    """Return the answer to a request whose content is invalid, by its first problem.
+
+    Its words are the schema's, which name each key and its range.
+    """
+    kind = error.problems[0].kind if error.problems else ""
+    return _INVALID.get(kind, Code.INVALID).refused(reason=readable(str(error)))

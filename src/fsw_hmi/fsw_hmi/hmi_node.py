@@ -41,6 +41,7 @@ from fsw_hmi.headline import Now, headline
 from fsw_hmi.keeper import Keeper, Kept
 from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, limits, reference, safe_state
 from fsw_hmi.live_weld import LiveWeld
+from fsw_hmi.notes import Ended
 from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.parameters import HmiParameters
@@ -154,7 +155,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             )
             self._done.extend(kept.actions)
             self._page.restore(rows)
-            self._room.ended = kept.ended
+            self._room.ended = Ended.of(kept.ended)
             if kept.holder:
                 self._room.restart(kept.holder)
         if rows:
@@ -165,7 +166,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
     def _keep(self) -> None:
         holder, ended = self._room.holder, self._room.ended
         state = Kept(time.monotonic(), time.time(), self._desk.list.entries, list(self._done))
-        state.holder, state.ended = (holder.who, "") if holder else ("", ended)
+        state.holder = holder.who if holder else ""
+        state.ended = ended.fields if ended and not holder else {}
         self._keeper.keep(state)
 
     def destroy_node(self) -> None:

@@ -179,10 +179,7 @@ def test_control_is_handed_over_and_a_role_is_refused_on_real_pages(make_server,
         asked = otto.seen("control", lambda frame: frame["request"])["request"]
         assert asked["name"] == "olga"
         assert otto.ask("hand_over_control", to=asked["session"])["outcome"] == "done"
-        assert (
-            olga.seen("control", lambda frame: frame["you"])["note"]
-            == "otto has handed control over to you"
-        )
+        assert olga.seen("control", lambda frame: frame["you"])["note_code"] == "received"
         recorded = [server.next_order() for _ in range(2)]
         assert [(one.who.split()[0], one.asked) for one in recorded] == [
             ("olga", "ask for control"),

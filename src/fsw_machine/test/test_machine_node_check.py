@@ -47,7 +47,7 @@ def check(shipped_text, changes, **kinds):
         assert before in text
         text = text.replace(before, after)
     machine = MachineFile.parse(text)
-    nodes = {name: node_id(spec, 2) for name, spec in machine.nodes}
+    nodes = {name: node_id(spec, 2) for name, spec in machine.nodes.given.items()}
     with pytest.raises(
         StopIteration
     ):  # it waits for nothing; another test's event loop may be running here

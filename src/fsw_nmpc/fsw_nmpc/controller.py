@@ -15,7 +15,7 @@ from fsw_control.parameters import defaults, problem
 from fsw_control.reason import Reason, ReasonCode
 from fsw_nmpc.deviation import output_deviations
 from fsw_nmpc.horizon import horizon_of
-from fsw_nmpc.library import KERNEL, Doubt, Library, Missing, SolveStatus, State, tuning_of
+from fsw_nmpc.library import KERNEL, Doubt, Library, Missing, SolveStatus, tuning_of
 from fsw_nmpc.library import Reason as Fault
 from fsw_nmpc.parameters import NmpcParameters
 from fsw_nmpc.rejoining import Rejoining
@@ -185,8 +185,7 @@ class NmpcController:
     def rejoin(self) -> None:
         """The next step is in mid-weld: nothing is proposed until the heat is known."""
         at_rest = self.settings.tuning.estimator.start_deviation
-        heat_kw, copper_c = at_rest[State.HEAT], at_rest[State.COPPER]
-        self._rejoining = Rejoining(self.settings.model.dead_time_s, heat_kw, copper_c)
+        self._rejoining = Rejoining(self.settings.model.dead_time_s, at_rest)
 
     def step(
         self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float

@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from fsw_control import Limits, parameters
+from fsw_control.depth_footprint import Footprint
 from fsw_control.schema import models
 from fsw_control.schema.models import InputError, validate
 from fsw_model import STEP_S, ModelParameters
 from fsw_plant.canister import CanisterParameters
+from fsw_plant.machine import Machine
 from fsw_plant.parameters import PlantParameters
 
 
@@ -22,6 +24,8 @@ class PlantConfig:
     values: Mapping[str, Any]  #: all settings; ``parameters.py`` has units, ranges and meaning
     limits: Limits  #: of the drives
     model: ModelParameters  #: of the emulated process, mismatch included
+    machine: Machine
+    footprint: Footprint | None  #: of an earlier weld on the machine
     canister: CanisterParameters | None = None  #: None for the paper's process
 
     def __getitem__(self, name: str) -> Any:
@@ -59,7 +63,14 @@ class PlantConfig:
                 force_step_kn=checked["limits.force_rate_kn_per_s"] * STEP_S,
                 speed_step_rpm=checked["limits.speed_rate_rpm_per_s"] * STEP_S,
             )
-            return cls(checked, limits, _model(checked), _canister(checked))
+            machine = validate(
+                Machine,
+                {name: checked[f"machine.{name}"] for name in Machine.model_fields},
+                "machine",
+            )
+            file = machine.footprint_file
+            footprint = Footprint.from_file(file) if file else None
+            return cls(checked, limits, _model(checked), machine, footprint, _canister(checked))
         except ValueError as error:
             raise InputError(str(error)) from None
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from fsw_control import Command
-from fsw_control.sensors import REQUIRED
 from fsw_model import Equilibrium, OperatingPointError, Outputs, OutsideModelError, ProcessState
 from fsw_plant.canister_process import CanisterProcessState
 from fsw_plant.config import PlantConfig
-from fsw_plant.library import KERNEL, configure, model_of
+from fsw_plant.library import KERNEL, configure, configure_machine, model_of
 from fsw_plant.process import canister_process, process_model
-from fsw_plant.sensors import BLOCK, Draws
+from fsw_plant.sensors import BLOCK, Draws, sensors_of
 from fsw_plant.tool_path import Motion
 
 
@@ -31,7 +30,9 @@ class PlantCore:
         self.added = KERNEL.new("fsw_plant_disturbance")  #: disturbances in the present tick
         self.model, self._canister = model_of(config.model), canister_process(config)
         self._outputs = ffi.cast("double *", ffi.addressof(self.memory, "outputs"))
-        self._shown, self._command = ffi.new("double[3]"), ffi.new("double[2]")
+        self.sensors = sensors_of(config)  #: their names
+        self._shown = ffi.new("double[]", len(self.sensors))
+        self._command = ffi.new("double[2]")
         self._inputs = KERNEL.new("fsw_plant_inputs")
 
     def equilibrium(
@@ -47,13 +48,14 @@ class PlantCore:
     ) -> None:
         """Restart from ``start``, without disturbances."""
         configure(self.memory, config)
+        configure_machine(self.memory, config, config["seed"])
         lib, self.added[0] = KERNEL.lib, KERNEL.new("fsw_plant_disturbance")[0]
         if self._canister is None:
             lib.fsw_plant_start(self.memory, self.model, depth_mm, temperature_c)
         else:
             lib.fsw_plant_begin(self.memory, self.model, start.state.x, config["start.power_kw"])
         self.state = start.state.copy()
-        self._draws, self._n_drawn = Draws(config["seed"]), 0
+        self._draws, self._n_drawn = Draws(config["seed"], len(self.sensors)), 0
         self._drawn: Any = None  # the present block of numbers
 
     def reconfigure(self, config: PlantConfig, other_model: bool) -> None:
@@ -77,20 +79,27 @@ class PlantCore:
         """Outputs of the process, without disturbances and noise."""
         return Outputs(*KERNEL.ffi.unpack(self._outputs, len(Outputs._fields)))
 
+    @property
+    def angle_deg(self) -> float:
+        """Angle about the canister that the tool has travelled."""
+        machine = self.memory.machine
+        return float(360.0 * machine.travel_mm / machine.circumference_mm)
+
     def measure(self) -> list[float]:
-        """Sensor readings, in the order of ``REQUIRED``; call it once per tick."""
+        """Sensor readings, in the order of ``sensors``; call it once per tick."""
         place = self._n_drawn % BLOCK
         if place == 0:
             self._drawn = KERNEL.ffi.from_buffer("double[]", self._draws.block())
         self._n_drawn += 1
-        normals = self._drawn + len(REQUIRED) * place
+        normals = self._drawn + len(self.sensors) * place
         KERNEL.lib.fsw_plant_measure(self.memory, self.added, normals, self._shown)
-        return KERNEL.ffi.unpack(self._shown, len(REQUIRED))  # type: ignore[no-any-return]
+        return KERNEL.ffi.unpack(self._shown, len(self.sensors))  # type: ignore[no-any-return]
 
     def advance(self, command: Command, motion: Motion, stopped: bool) -> str:
         """Advance by a tick; returns why the process stands still, empty while it runs."""
         lib, memory, inputs, target = KERNEL.lib, self.memory, self._inputs, self._command
         target[0], target[1] = command
+        memory.machine.traverse_mm_per_s = motion.traverse_mm_per_s
         if self._canister is None:
             if lib.fsw_plant_step(memory, self.model, target, self.added):
                 return str(OutsideModelError(*memory.left))
@@ -99,10 +108,9 @@ class PlantCore:
         lib.fsw_plant_move(memory, target, self.added, inputs)
         if not stopped:
             assert isinstance(self.state, CanisterProcessState)
-            force_kn, speed_rpm = inputs.mean
             try:
                 self._canister.advance(
-                    self.state, force_kn, speed_rpm, motion, self.added.torque_nm
+                    self.state, inputs.copper_kn, inputs.mean[1], motion, inputs.added_nm
                 )
                 memory.x = self.state.x
                 lib.fsw_plant_settle(memory, self.model, inputs)

@@ -25,11 +25,12 @@ from typing import Any, NamedTuple
 from fsw_control import Command, Limits, weld
 from fsw_control.command_check import refusal
 from fsw_control.command_gate import CommandGate
-from fsw_control.sensors import REQUIRED
+from fsw_control.depth_fusion import DepthEstimate
 from fsw_model import STEP_S, Equilibrium, OperatingPointError
 from fsw_plant.config import PlantConfig
 from fsw_plant.core import PlantCore
 from fsw_plant.events import OUTPUT_CHANNELS, Disturbance, Fault, PlantEvent, Sample
+from fsw_plant.fused_depth import FusedDepth
 from fsw_plant.library import CHANNELS
 from fsw_plant.schedule import PlantSchedule
 from fsw_plant.tool_path import ToolTravel
@@ -62,6 +63,7 @@ class Reading(NamedTuple):
     #: acting inputs as the drives report them: including input disturbances, as a load cell sees
     #: them
     drives: Command
+    fused: DepthEstimate | None = None  #: what the depth rests on, if it is fused
 
     @property
     def values(self) -> dict[str, float]:
@@ -152,11 +154,12 @@ class PlantEmulator:
         #: empty while the process runs. If the tool leaves the model's range of validity, the
         #: reason; the process then stands still and is measured as it is, until :meth:`reset`
         self.stopped = ""
-        self.disturbances: dict[str, Disturbance] = {}  #: active ones, by channel
+        self.disturbances: dict[str, Disturbance] = {}  #: active ones, by slot
         self.faults: dict[str, Fault] = {}  #: active ones, by sensor
         self.gate = CommandGate(limits, config["commands.max_age_s"], config["commands.sources"])
         self.watchdog = Watchdog(config)
         self._last: dict[str, float] = {}
+        self._fusion = FusedDepth(config.footprint) if config.machine.depth_channels else None
 
     def take(self, schedule: PlantSchedule) -> None:
         """Use another schedule."""
@@ -189,11 +192,18 @@ class PlantEmulator:
                 name: fault for name, fault in self.faults.items() if not fault.over(self.time_s)
             }
         self._disturb()
-        samples = {
-            name: self._sent(name, value, stamp)
-            for name, value in zip(REQUIRED, self.core.measure(), strict=True)
-        }
+        shown = dict(zip(self.core.sensors, self.core.measure(), strict=True))
+        angle_deg = self.core.angle_deg
+        if self._fusion is None and self.config.footprint is not None:
+            shown["depth"] -= self.config.footprint.bias_mm("depth", angle_deg)
+        samples = {name: self._sent(name, value, stamp) for name, value in shown.items()}
         self._reading = Reading(self.tick, stamp, samples, self._acting)
+        if self._fusion is not None:
+            fused = self._fusion.update(
+                stamp * 1e-9, self._reading.values, self._acting, angle_deg
+            )
+            samples["depth"] = self._sent("depth", fused.depth_mm, stamp)
+            self._reading = self._reading._replace(fused=fused)
         return self._reading
 
     def _sent(self, name: str, value: float, stamp_ns: int) -> tuple[Sample, ...]:
@@ -204,22 +214,25 @@ class PlantEmulator:
 
     def _disturb(self) -> None:
         """Set all disturbances to their values at the present tick."""
-        for channel, disturbance in self.disturbances.items():
-            setattr(self.core.added, CHANNELS[channel], disturbance.value(self.time_s))
+        for channel in {active.target for active in self.disturbances.values()}:
+            setattr(self.core.added, CHANNELS[channel], self._disturbance(channel))
 
     def _disturbance(self, channel: str) -> float:
-        """Value of a channel's disturbance at the present tick."""
-        disturbance = self.disturbances.get(channel)
-        return 0.0 if disturbance is None else disturbance.value(self.time_s)
+        """Value of a channel's disturbances at the present tick."""
+        active = (self.disturbances.get(slot) for slot in (channel, f"{channel} random"))
+        return sum((event.value(self.time_s) for event in active if event), 0.0)
 
     def _begin(self, event: PlantEvent) -> None:
         active: dict[str, Any] = self.faults if isinstance(event, Fault) else self.disturbances
         if event.kind == "none":
-            active.pop(event.target, None)
+            for slot in [slot for slot, one in active.items() if one.target == event.target]:
+                del active[slot]
             if active is self.disturbances:
                 setattr(self.core.added, CHANNELS[event.target], 0.0)
         else:
-            active[event.target] = event
+            if isinstance(event, Disturbance):
+                event.begin((self.config["seed"], list(CHANNELS).index(event.target)))
+            active[event.slot] = event
 
     def apply(
         self, command: Command, stamp_ns: int | None = None, source: str = "", healthy: bool = True
@@ -240,7 +253,7 @@ class PlantEmulator:
         -------
         str
             Empty if accepted, else the reason (one of ``command_gate.REASONS``); ``gate`` counts
-            it and keeps the text.
+            it and keeps its figures.
         """
         measured_ns = None if self._reading is None else self._reading.stamp_ns
         if stamp_ns is None:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from math import pi
 from pathlib import Path
 from typing import Any
 
 from fsw_control import weld
 from fsw_control.c_library import CLibrary
-from fsw_control.sensors import REQUIRED
+from fsw_control.sensors import DEPTH, DEPTH_CHANNELS, SENSORS, TEMPERATURE, TORQUE
 from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_model import ModelParameters
 from fsw_model.equations import delay_steps, numbers_of
 from fsw_plant.config import PlantConfig
 from fsw_plant.lag import lag_risen
-from fsw_plant.sensors import noise_of
+from fsw_plant.machine import MOUNTS, hardness_waves
+from fsw_plant.sensors import noise_of, sensors_of
 
 KERNEL = CLibrary("fsw_plant", Path(__file__).parent / "kernel")
 #: channels of disturbances, in the order of ``fsw_plant_disturbance``, with its fields
@@ -24,7 +26,10 @@ CHANNELS = {
     "torque": "torque_nm",
     "axial_force": "force_kn",
     "spindle_speed": "speed_rpm",
+    "friction": "friction",
 }
+#: in the order of ``fsw_plant_show``
+_QUANTITIES = (DEPTH, TORQUE, TEMPERATURE)
 
 
 @lru_cache(maxsize=16)
@@ -54,8 +59,32 @@ def configure(plant: Any, config: PlantConfig) -> None:
     for drive, largest_step in zip(plant.drive, steps, strict=True):
         lib.fsw_plant_drive_configure(part(drive), largest_step, *config.drives)
     lib.fsw_plant_probe_configure(part(plant.probe), config["sensors.temperature_lag_s"])
-    noises = noise_of(config)
-    for sensor, name in zip(plant.sensor, REQUIRED, strict=True):
+    noises, names = noise_of(config), sensors_of(config)
+    plant.sensors = len(names)
+    for sensor, name in zip(plant.sensor, names, strict=False):
         lib.fsw_plant_sensor_configure(part(sensor), *noises[name])
+        sensor.quantity = _QUANTITIES.index(SENSORS[name].quantity)
+        mount = name if name in DEPTH_CHANNELS else config.machine.depth_sensor
+        sensor.mount = MOUNTS[mount]._asdict()
     plant.torque_drop_nm_per_rpm = config["sensors.torque_drop_nm_per_rpm"]
     plant.nominal_rpm = weld.SPEED_RPM
+
+
+def configure_machine(plant: Any, config: PlantConfig, seed: int) -> None:
+    """Set the machine of a ``fsw_plant *`` and its copper, ahead of a start."""
+    machine, own = config.machine, plant.machine
+    for name in (
+        *("compliance_mm_per_kn", "touch_off_kn", "runout_mm", "edge_mm", "edge_at_mm"),
+        *("swelling_mm_per_mm", "swelling_from_mm"),
+    ):
+        setattr(own, name, getattr(machine, name))
+    own.tool_mm_per_kw = machine.tool_growth_mm_per_kw
+    own.canister_mm_per_kw = machine.canister_growth_mm_per_kw
+    KERNEL.lib.fsw_plant_machine_configure(
+        KERNEL.ffi.addressof(own), machine.tool_growth_s, machine.canister_growth_s
+    )
+    own.traverse_mm_per_s = config["tool.traverse_mm_per_min"] / 60.0
+    own.circumference_mm = 2.0 * pi * config["canister.outer_radius_mm"]
+    own.harder = machine.hardness - 1.0
+    if machine.hardness_variation:
+        own.wave, own.phase = hardness_waves(machine, seed, own.circumference_mm, len(own.wave))

@@ -14,6 +14,7 @@ from fsw_control.schema.ranges import Range
 from fsw_control.sensors import SENSORS, Sensor
 from fsw_model import ModelParameters
 from fsw_plant.canister import CanisterParameters
+from fsw_plant.machine import Machine
 
 
 class Start(Model):
@@ -32,8 +33,8 @@ class Tool(Model):
     """Parameters ``tool.*``."""
 
     traverse_mm_per_min: Annotated[float, Range(0.0, 300.0, "mm/min")] = 86.0
-    """With process canister, where the scenario has no phases and no path: traverse speed of the
-    tool, paper section II."""
+    """Where the scenario has no phases and no path: traverse speed of the tool, paper section
+    II."""
     axial_mm: Annotated[float, Range(-200.0, 500.0, "mm")] = 0.0
     """With process canister, where the scenario has no phases and no path: height of the tool
     above the joint line, towards the lid."""
@@ -169,4 +170,5 @@ class PlantParameters(NodeParameters):
     discovery_s: Annotated[float, Range(0.0, 10.0, "s"), AT_START] = 0.5
     """Time for which the plant looks for another plant in the same domain before it starts."""
     model: type(MODEL_FACTORS) = MODEL_FACTORS  # type: ignore[valid-type]
+    machine: Annotated[Machine, AT_START] = Machine()
     canister: Annotated[CanisterParameters, AT_START] = CanisterParameters()

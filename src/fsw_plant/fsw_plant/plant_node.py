@@ -14,8 +14,9 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Header
 
 from fsw_control import messages_ros as convert
+from fsw_control.command_gate import Rejection
 from fsw_control.command_writers_ros import CommandWriters
-from fsw_control.fence import Fence
+from fsw_control.fence import Barrier, Fence
 from fsw_control.managed_node_ros import ManagedNode
 from fsw_control.node_main_ros import main_of
 from fsw_control.parameters import problem
@@ -139,7 +140,7 @@ class PlantNode(ManagedNode):
         )
         self._truths = display_publisher(self, PlantState, "fsw/plant/truth")
         self._drives = self.create_publisher(DriveFeedback, "fsw/drives", SENT)
-        self._sensors = sensor_publishers(self)
+        self._sensors = sensor_publishers(self, self.emulator.core.sensors)
         self._diagnostics = DiagnosticsPublisher(self, instance=instance)
 
     def _log_preparation(self, share: float, what: str) -> None:
@@ -211,28 +212,32 @@ class PlantNode(ManagedNode):
         )
         for name, publisher in self._sensors.items():
             for stamp_ns, value in reading.samples[name]:
-                publisher.publish(convert.sensor_message(name, value, stamp_ns))
+                fused = reading.fused if name == "depth" else None
+                publisher.publish(convert.sensor_message(name, value, stamp_ns, fused))
 
     def _on_command(self, message: WeldCommand) -> None:
         if not self._running:
             return
         stamp_ns = convert.stamp_ns(message.header.stamp)
-        refusal, words = self._fence.check(convert.signature(message), message.source)
-        if refusal:
-            self.emulator.gate.refuse(refusal, words)
+        gate, signature = self.emulator.gate, convert.signature(message)
+        barred = self._fence.check(signature, message.source)
+        if barred:
+            refusal: str = barred.code
+            gate.refuse(barred)
         else:
             command = convert.command(message)
             refusal = self.emulator.apply(command, stamp_ns, message.source, message.healthy)
         if not refusal:
             self._fence.take(message.source, stamp_ns)
-        else:
+        elif gate.last:
             self._writers.note_refused(message.leader)
             self.get_logger().warning(
-                f"command refused: {self.emulator.gate.last_refusal}", throttle_duration_sec=1.0
+                f"command refused: {gate.last.words}", throttle_duration_sec=1.0
             )
         # A command that is refused for its content is an answer too: the tick goes on with the
         # last valid one.
-        own = refusal not in ("source", "leader") and stamp_ns == self.emulator.measure().stamp_ns
+        foreign = refusal in (Rejection.SOURCE, Barrier.LEADER)
+        own = not foreign and stamp_ns == self.emulator.measure().stamp_ns
         if self._lockstep and own and not self._pace.answered:
             self._pace.answered = True
             self._go_on()
@@ -315,32 +320,20 @@ class PlantNode(ManagedNode):
         """Log and report changes of watchdog and process."""
         plant = self.emulator
         (state, stopped), self._reported = self._reported, (plant.watchdog.state, plant.stopped)
-        if plant.watchdog.state != state:
-            self._log(reports.watchdog(plant))
-        if plant.stopped and not stopped:
-            self._log(reports.process(plant))
+        changed = [reports.watchdog(plant)] if plant.watchdog.state != state else []
+        changed += [reports.process(plant)] if plant.stopped and not stopped else []
+        for line in changed:
+            log(self, line.level, f"{line.part}: {line.words}")
         self._report()
-
-    def _log(self, line: Report) -> None:
-        log(self, line.level, f"{line.part}: {line.text}")
 
     def _announce(self) -> None:
         self._publish_reports([Report("clock", OK, SEARCHING, STARTING)])
 
     def _report(self) -> None:
-        plant, writers = self.emulator, self._writers
-        mode = _mode(self._speed, self._simulated)
-        refused = plant.gate.total()
+        mode, refused = _mode(self._speed, self._simulated), self.emulator.gate.total()
         new, self._reported_refusals = max(0, refused - self._reported_refusals), refused
-        self._publish_reports(
-            [
-                reports.clock(mode, self._running, self._stamps.jumps, self._pace.resent),
-                reports.process(plant),
-                reports.watchdog(plant),
-                reports.commands(plant.gate, new, writers.names, writers.unauthorised()),
-                reports.sensors(plant),
-            ]
-        )
+        clock = reports.clock(mode, self._running, self._stamps.jumps, self._pace.resent)
+        self._publish_reports([clock, *reports.parts(self.emulator, self._writers, new)])
 
     def _publish_reports(self, lines: list[Report]) -> None:
         time_ns = self.emulator.measure().stamp_ns if self._simulated and self._running else None

@@ -1,4 +1,4 @@
-"""Sensors: noise settings, and the random numbers of their noise."""
+"""Sensors: which there are, noise settings, and the random numbers of their noise."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw_control.sensors import REQUIRED, SENSORS
+from fsw_control.sensors import DEPTH_CHANNELS, REQUIRED, SENSORS
 from fsw_plant.config import PlantConfig
 
 #: number of random values drawn at once: numpy is too slow for single ones
@@ -31,15 +31,24 @@ class Draws:
     alone.
     """
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, sensors: int = len(REQUIRED)) -> None:
         self._generators = [
-            np.random.Generator(np.random.PCG64([seed, i])) for i in range(len(REQUIRED))
+            np.random.Generator(np.random.PCG64([seed, i])) for i in range(sensors)
         ]
 
     def block(self) -> NDArray[np.float64]:
         """The next ``BLOCK`` numbers of each sensor, (BLOCK, sensors)."""
         drawn = [generator.standard_normal(BLOCK) for generator in self._generators]
         return np.ascontiguousarray(np.transpose(drawn))
+
+
+def sensors_of(config: PlantConfig) -> tuple[str, ...]:
+    """Names of the plant's sensors, in the order of the table."""
+    return tuple(
+        name
+        for name, row in SENSORS.items()
+        if row.required or (name in DEPTH_CHANNELS and config.machine.depth_channels)
+    )
 
 
 def noise_of(config: PlantConfig) -> dict[str, Noise]:

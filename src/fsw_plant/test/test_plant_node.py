@@ -17,6 +17,7 @@ from std_msgs.msg import Header
 
 from fsw_control import Command
 from fsw_control import messages_ros as convert
+from fsw_control.sensors import DEPTH_CHANNELS, SENSORS
 from fsw_control.single_instance_ros import AnotherPlantError
 from fsw_control.stop import Stop as Register
 from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM
@@ -25,6 +26,7 @@ from fsw_msgs.msg import (
     ControllerHealth,
     DriveFeedback,
     PlantState,
+    ShoulderDepth,
     Stop,
     SupervisorState,
     WeldCommand,
@@ -87,6 +89,31 @@ def test_lockstep_gives_the_trajectory_of_the_emulator(graph):
         assert peer.stamps(topic) == [(k + 1) * TICK_NS for k in range(len(moves) + 1)], topic
     clock = peer.stamps("clock")
     assert clock and set(clock) <= set(peer.stamps("depth")) and clock == sorted(clock)
+
+
+def test_depth_is_fused_from_the_channels_that_are_published(graph):
+    events = "[{at_s: 1, fault: {sensor: depth_axial, kind: nan}}]"
+    settings = {"seed": 5, "machine.depth_channels": True}
+    peer = graph.start(
+        speed=0.0,
+        seed=5,
+        machine__depth_channels=True,
+        scenario=f'"{events}"',
+        answer=lambda _, stamp: graph.peer.command(stamp),
+    )
+    graph.until(lambda: len(peer.got["depth"]) > 40)
+    offline = PlantEmulator(PlantConfig.from_values(settings), PlantSchedule.from_yaml(events))
+    topics = {name for name, _ in peer.node.get_topic_names_and_types()}
+    assert topics >= {f"/{SENSORS[name].topic}" for name in DEPTH_CHANNELS}
+    for message in peer.got["depth"][:40]:
+        fused = offline.measure().fused
+        assert mm_from_m(message.depth) == pytest.approx(fused.depth_mm, rel=1e-9)
+        assert mm_from_m(message.standard_deviation) == pytest.approx(fused.deviation_mm)
+        assert list(message.channel_health) == list(fused.health.values())
+        assert offline.apply(Command(78.4, 407.576)) == ""
+        offline.step()
+    assert message.channels_used == 0b0111
+    assert message.channel_health[3] == ShoulderDepth.MISSING
 
 
 def test_on_a_canister_the_tool_goes_where_the_programme_says(graph, block):

@@ -292,7 +292,9 @@ class ClosedLoop:
             stamp_ns=stamps,
             time_s=experiment_time_s(stamps),
             **_sensors(ticks, REQUIRED),
-            optional=_sensors(ticks, OPTIONAL),
+            optional=_sensors(
+                ticks, [name for name in self.plant.core.sensors if name in OPTIONAL]
+            ),
             reference_depth_mm=_numbers(tick.reference.depth_mm for tick in ticks),
             reference_temperature_c=_numbers(tick.reference.temperature_c for tick in ticks),
             force_kn=_numbers(tick.applied.force_kn for tick in ticks),

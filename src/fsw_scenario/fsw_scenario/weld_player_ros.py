@@ -16,6 +16,7 @@ from std_msgs.msg import Header
 
 from fsw_control import messages_ros as convert
 from fsw_control import units
+from fsw_control.coded import Answer, Fact
 from fsw_control.contract import Reference
 from fsw_control.message_synchronizer import StampFilter
 from fsw_control.status_file import write_status
@@ -30,7 +31,7 @@ from fsw_scenario.scenario import Scenario
 from fsw_scenario.set_points_ros import ScenarioTime, SetPoints
 from fsw_scenario.switching_ros import Switching
 from fsw_scenario.timeline import switches
-from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine, State
+from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine, ProgrammeCode, State
 from fsw_scenario.weld_programme_ros import (
     TICKS_PER_REPORT,
     NoProgramme,
@@ -136,19 +137,16 @@ class WeldPlayer:
             if part is not None:
                 part.destroy()
 
-    def abort(self) -> tuple[bool, str]:
-        """Abort the weld and request the safe stop; returns success and the answer's text."""
+    def abort(self) -> Answer:
+        """Abort the weld and request the safe stop."""
         if self._programme is not None:
-            ok, answer = self._programme.abort()
+            answer = self._programme.abort()
         else:
-            ok, answer = (
-                not (self.finished or self._aborted),
-                f"aborted at {self.time.tick * TICK_S:.1f} s",
-            )
-            if ok and self._begun:
+            answer = Answer(not (self.finished or self._aborted), self._at(State.ABORTED))
+            if answer.ok and self._begun:
                 self.set_points.leave()
-        self._aborted = self._aborted or ok
-        return ok, answer
+        self._aborted = self._aborted or answer.ok
+        return answer
 
     @property
     def controller(self) -> str:
@@ -158,9 +156,11 @@ class WeldPlayer:
     def describe(self) -> str:
         """State of the weld as a text."""
         if self._programme is not None:
-            return self._programme.machine.describe()
-        state = State.ABORTED if self._aborted else State.RUNNING
-        return f"{state} at {self.time.tick * TICK_S:.1f} s"
+            return self._programme.machine.describe().words
+        return self._at(State.ABORTED if self._aborted else State.RUNNING).words
+
+    def _at(self, state: State) -> Fact:
+        return Fact.of(ProgrammeCode.AT_TIME, state=state, time_s=self.time.tick * TICK_S)
 
     def _on_watch(self) -> None:
         if self.finished:
@@ -280,7 +280,7 @@ class WeldPlayer:
             self.time.tick, self.time.held = machine.tick, machine.held
             if jumped and self.set_points.course.followed:
                 self.set_points.resume(self.set_points.in_force())
-                self._node.get_logger().info(f"temperature reached: {machine.describe()}")
+                self._node.get_logger().info(f"temperature reached: {machine.describe().words}")
         self._yield_to_hand()
         if self._programme is not None:
             self._programme.on_tick(stamp_ns)

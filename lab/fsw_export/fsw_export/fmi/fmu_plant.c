@@ -20,14 +20,14 @@ static void configure(fsw_plant *p, const fmu_reals *v) {
 
 static fsw_plant_disturbance disturbance(const fmu_reals *v) {
   const fsw_plant_disturbance d = {v->depth_disturbance_mm, v->temperature_disturbance_k, 0.0,
-                                   v->axial_force_disturbance_kn, v->spindle_speed_disturbance_rpm};
+                                   v->axial_force_disturbance_kn, v->spindle_speed_disturbance_rpm, 0.0};
   return d;
 }
 
 /* What the instance shows at the end of a step */
 static void show(fsw_plant *p, fmu_reals *v) {
   const fsw_plant_disturbance added = disturbance(v);
-  double shown[3];
+  double shown[FSW_PLANT_QUANTITIES];
   fsw_plant_show(p, &added, shown);
   v->depth_mm = shown[0];
   v->torque_nm = shown[1];

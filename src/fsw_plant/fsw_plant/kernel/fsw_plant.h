@@ -14,6 +14,9 @@ extern "C" {
 #define FSW_PLANT_NUMBERS 75    /* numbers_of() there */
 #define FSW_PLANT_DELAY 101     /* most steps of the process's dead time */
 #define FSW_PLANT_DEAD_TICKS 10 /* most ticks of the drives' dead time */
+#define FSW_PLANT_SENSORS 16    /* most sensors: rows of SENSORS in fsw_control/sensors.py */
+#define FSW_PLANT_QUANTITIES 3  /* that sensors show: depth, torque, temperature */
+#define FSW_PLANT_WAVES 12      /* harmonics of the copper's hardness around the canister */
 
 /* A process: what its equations take of the parameters. */
 typedef struct {
@@ -42,8 +45,34 @@ typedef struct {
   int is_slow;
 } fsw_plant_probe;
 
+/* What a sensor of the depth shows of the machine, in shares of fsw_plant_machine's lengths: 0 of an
+ * ideal one. A sensor that rides on the copper is lead_mm ahead of the tool along its path. */
+typedef struct {
+  double deflection, tool, canister, swelling, runout;
+  double edge_here, edge_ahead, lead_mm;       /* the surface at the tool, and below the sensor */
+} fsw_plant_mount;
+
+/* The machine and the copper in it; all 0: rigid, cold, even and nominal. */
+typedef struct {
+  double compliance_mm_per_kn, touch_off_kn;   /* deflection, none at the touch-off's force */
+  double tool_mm_per_kw, tool_left;            /* growth in steady state, and what a tick leaves of the rest */
+  double canister_mm_per_kw, canister_left;
+  double runout_mm;                            /* of the spindle */
+  double swelling_mm_per_mm, swelling_from_mm; /* of the copper beside the shoulder, by its depth */
+  double edge_mm, edge_at_mm;                  /* the surface rises there, along the path */
+  double traverse_mm_per_s, circumference_mm;
+  double harder;                               /* of the canister, as a share of the nominal hardness */
+  double wave[FSW_PLANT_WAVES], phase[FSW_PLANT_WAVES]; /* of the hardness along the path, by harmonic */
+  /* state: */
+  double travel_mm, turns, tool_mm, canister_mm;
+  double harder_here, torque_more;             /* shares, during the present tick */
+  double nominal_nm;                           /* torque of the tool in nominal copper */
+} fsw_plant_machine;
+
 /* Noise of a sensor, a first-order Gauss-Markov process, and its quantisation. */
 typedef struct {
+  int quantity;                                /* that it shows, by its index */
+  fsw_plant_mount mount;
   double deviation, resolution;                /* 0: none */
   double kept;                                 /* share of the noise that is left after a tick */
   double noise;                                /* in standard deviations */
@@ -57,13 +86,15 @@ typedef struct {
 
 /* What is added to the plant during a tick. */
 typedef struct {
-  double depth_mm, temperature_c, torque_nm, force_kn, speed_rpm;
+  double depth_mm, temperature_c, torque_nm, force_kn, speed_rpm, friction; /* share of the torque */
 } fsw_plant_disturbance;
 
 typedef struct {
   fsw_plant_drive drive[2];
   fsw_plant_probe probe;
-  fsw_plant_sensor sensor[3];                  /* depth, torque, thermocouple */
+  fsw_plant_machine machine;
+  fsw_plant_sensor sensor[FSW_PLANT_SENSORS];
+  int sensors;                                 /* that there are */
   double torque_drop_nm_per_rpm, nominal_rpm;  /* of the torque's measurement */
   double x[FSW_PLANT_STATES];
   double power[FSW_PLANT_DELAY][FSW_PLANT_POWER]; /* on its way through the dead time, a ring */
@@ -75,9 +106,11 @@ typedef struct {
   int stopped;                                 /* that happened: the process stands still */
 } fsw_plant;
 
-/* During a tick: mean of force and speed, and their values at its end; disturbances included. */
+/* During a tick: mean of force and speed, and their values at its end; disturbances included. In
+ * nominal copper the mean force would be copper_kn, and added_nm less torque. */
 typedef struct {
   double mean[2], end[2];
+  double copper_kn, added_nm;
 } fsw_plant_inputs;
 
 /* One tick of a drive; returns its mean position. */
@@ -88,6 +121,7 @@ double fsw_plant_drive_advance(fsw_plant_drive *drive, double target);
 void fsw_plant_drive_configure(fsw_plant_drive *drive, double largest_step, double lag_s,
                                int dead_ticks);
 void fsw_plant_probe_configure(fsw_plant_probe *probe, double lag_s);
+void fsw_plant_machine_configure(fsw_plant_machine *machine, double tool_s, double canister_s);
 void fsw_plant_sensor_configure(fsw_plant_sensor *sensor, double deviation, double resolution,
                                 double correlation_s);
 
@@ -109,10 +143,10 @@ void fsw_plant_begin(fsw_plant *plant, const fsw_plant_model *model, const doubl
 /* Another process of another dead time: the newest history is kept, the oldest of it repeated. */
 void fsw_plant_refit(fsw_plant *plant, int delay_before, int delay_steps);
 
-/* What the sensors are about to measure at a tick: depth, torque, temperature, in ``shown``. */
+/* The quantities at a tick, as ideal sensors show them: depth, torque, temperature. */
 void fsw_plant_show(fsw_plant *plant, const fsw_plant_disturbance *disturbance, double *shown);
 
-/* What they measure, with three standard normal numbers; once a tick. */
+/* What the sensors measure, with a standard normal number for each; once a tick. */
 void fsw_plant_measure(fsw_plant *plant, const fsw_plant_disturbance *disturbance,
                        const double *normal, double *shown);
 
@@ -130,7 +164,7 @@ void fsw_plant_heat(fsw_plant *plant);
 void fsw_plant_outputs_of(const fsw_plant_model *model, const double *x, double force_kn,
                           double speed_rpm, fsw_plant_outputs *outputs);
 
-/* Many plants of one process, each with its disturbance, numbers and command. */
+/* Many plants of one process and as many sensors, each with its disturbance, numbers and command. */
 void fsw_plant_measure_all(fsw_plant *plants, int n, const fsw_plant_disturbance *disturbances,
                            const double *normals, double *shown);
 void fsw_plant_step_all(fsw_plant *plants, int n, const fsw_plant_model *model,

@@ -10,6 +10,7 @@
 #define KW_PER_NM_RPM (PI / 30000.0)
 
 enum { FORCE, SPEED };
+enum { DEPTH, TORQUE, TEMPERATURE };
 enum { MOTOR = 5 };
 
 #ifndef FSW_PLANT_ID
@@ -35,6 +36,10 @@ void fsw_plant_drive_configure(fsw_plant_drive *d, double largest_step, double l
 void fsw_plant_probe_configure(fsw_plant_probe *p, double lag_s) {
   p->left = lag_left(lag_s), p->mean = lag_mean(lag_s);
   p->is_slow = lag_s > 0.0;
+}
+
+void fsw_plant_machine_configure(fsw_plant_machine *g, double tool_s, double canister_s) {
+  g->tool_left = lag_left(tool_s), g->canister_left = lag_left(canister_s);
 }
 
 void fsw_plant_sensor_configure(fsw_plant_sensor *s, double deviation, double resolution,
@@ -84,25 +89,68 @@ void fsw_plant_outputs_of(const fsw_plant_model *m, const double *x, double forc
   process_outputs(arg, res);
 }
 
+/* Copper h times as hard under a force F is nominal copper under F / h with all stresses times h:
+ * shear yield and contact pressure scale alike in (19)-(22). Friction beyond that scales the torque. */
+static void outputs_in_copper(fsw_plant *p, const fsw_plant_model *m, double force_kn, double speed_rpm) {
+  fsw_plant_machine *g = &p->machine;
+  fsw_plant_outputs_of(m, p->x, force_kn / (1.0 + g->harder_here), speed_rpm, &p->outputs);
+  g->nominal_nm = p->outputs.process_torque_nm;
+  p->outputs.process_torque_nm *= 1.0 + g->torque_more;
+}
+
+/* Hardness where the tool is: harmonics of the circumference, so that the overlap meets the same copper. */
+static void meet_copper(fsw_plant_machine *g, double friction) {
+  double wave = 0.0;
+  for (int k = 0; k < FSW_PLANT_WAVES; k++)
+    if (g->wave[k] != 0.0)
+      wave += g->wave[k] * sin(2.0 * PI * (k + 1) * g->travel_mm / g->circumference_mm + g->phase[k]);
+  g->harder_here = (1.0 + g->harder) * (1.0 + wave) - 1.0;
+  g->torque_more = (1.0 + g->harder_here) * (1.0 + friction) - 1.0;
+}
+
+/* Growth follows the heat through a lag; spindle and tool move on. */
+static void machine_advance(fsw_plant_machine *g, double power_kw, double speed_rpm) {
+  const double tool_mm = g->tool_mm_per_kw * power_kw, canister_mm = g->canister_mm_per_kw * power_kw;
+  g->tool_mm = tool_mm + g->tool_left * (g->tool_mm - tool_mm);
+  g->canister_mm = canister_mm + g->canister_left * (g->canister_mm - canister_mm);
+  g->turns += speed_rpm / 60.0 * STEP_S;
+  g->turns -= floor(g->turns);
+  g->travel_mm += g->traverse_mm_per_s * STEP_S;
+}
+
+/* What a sensor shows beside the depth. */
+static double shown_beside(const fsw_plant *p, const fsw_plant_mount *s, double depth_mm) {
+  const fsw_plant_machine *g = &p->machine;
+  const double swollen_mm = g->swelling_mm_per_mm * fmax(depth_mm - g->swelling_from_mm, 0.0);
+  const double edge = s->edge_here * (g->travel_mm >= g->edge_at_mm) +
+                      s->edge_ahead * (g->travel_mm + s->lead_mm >= g->edge_at_mm);
+  return s->deflection * g->compliance_mm_per_kn * (p->acting[FORCE] - g->touch_off_kn) +
+         s->tool * g->tool_mm + s->canister * g->canister_mm + s->swelling * swollen_mm + edge * g->edge_mm +
+         s->runout * g->runout_mm * sin(2.0 * PI * g->turns);
+}
+
 void fsw_plant_begin(fsw_plant *p, const fsw_plant_model *m, const double *x, double power_kw) {
+  fsw_plant_machine *g = &p->machine;
   fsw_plant_outputs *y = &p->outputs;
-  double inputs[2] = {m->force_kn, 0.0};
   memcpy(p->x, x, sizeof p->x);
   memset(p->power, 0, sizeof p->power);
   for (int k = 0; k < m->delay_steps; k++) p->power[k][0] = power_kw - m->power_kw;
   p->oldest = p->stopped = 0;
   p->inertia_nm = 0.0;
-  fsw_plant_outputs_of(m, p->x, inputs[FORCE], inputs[SPEED], y);
+  g->travel_mm = g->turns = g->tool_mm = g->canister_mm = 0.0;
+  meet_copper(g, 0.0);
+  double inputs[2] = {m->force_kn * (1.0 + g->harder_here), 0.0};
+  outputs_in_copper(p, m, inputs[FORCE], inputs[SPEED]);
   inputs[SPEED] = power_kw * 30000.0 / (PI * y->process_torque_nm);
-  fsw_plant_outputs_of(m, p->x, inputs[FORCE], inputs[SPEED], y);
+  outputs_in_copper(p, m, inputs[FORCE], inputs[SPEED]);
   p->x[MOTOR] = y->process_torque_nm + y->friction_torque_nm;
-  fsw_plant_outputs_of(m, p->x, inputs[FORCE], inputs[SPEED], y);
+  outputs_in_copper(p, m, inputs[FORCE], inputs[SPEED]);
   for (int i = 0; i < 2; i++) {
     fsw_plant_drive *d = &p->drive[i];
     p->acting[i] = d->position = d->setpoint = inputs[i];
     for (int k = 0; k < FSW_PLANT_DEAD_TICKS; k++) d->on_the_way[k] = inputs[i];
   }
-  for (int i = 0; i < 3; i++) p->sensor[i].has_noise = 0;
+  for (int i = 0; i < FSW_PLANT_SENSORS; i++) p->sensor[i].has_noise = 0;
   p->probe.value_c = p->probe.process_c = p->probe.around_c = y->temperature_c;
 }
 
@@ -128,32 +176,41 @@ void fsw_plant_refit(fsw_plant *p, int before, int after) {
 
 void fsw_plant_show(fsw_plant *p, const fsw_plant_disturbance *d, double *shown) {
   p->probe.around_c = p->outputs.temperature_c + d->temperature_c;
-  shown[0] = p->outputs.depth_mm + d->depth_mm;
-  shown[1] = p->outputs.motor_torque_nm + p->inertia_nm -
-             p->torque_drop_nm_per_rpm * (p->acting[SPEED] - p->nominal_rpm);
-  shown[2] = p->probe.is_slow ? p->probe.value_c : p->probe.around_c;
+  shown[DEPTH] = p->outputs.depth_mm + d->depth_mm;
+  shown[TORQUE] = p->outputs.motor_torque_nm + p->inertia_nm -
+                  p->torque_drop_nm_per_rpm * (p->acting[SPEED] - p->nominal_rpm);
+  shown[TEMPERATURE] = p->probe.is_slow ? p->probe.value_c : p->probe.around_c;
 }
 
 void fsw_plant_measure(fsw_plant *p, const fsw_plant_disturbance *d, const double *normal,
                        double *shown) {
-  fsw_plant_show(p, d, shown);
-  for (int i = 0; i < 3; i++) shown[i] = fsw_plant_sensor_read(&p->sensor[i], normal[i], shown[i]);
+  double ideal[FSW_PLANT_QUANTITIES];
+  fsw_plant_show(p, d, ideal);
+  for (int i = 0; i < p->sensors; i++) {
+    fsw_plant_sensor *s = &p->sensor[i];
+    const double beside = s->quantity == DEPTH ? shown_beside(p, &s->mount, ideal[DEPTH]) : 0.0;
+    shown[i] = fsw_plant_sensor_read(s, normal[i], ideal[s->quantity] + beside);
+  }
 }
 
 void fsw_plant_move(fsw_plant *p, const double *command, const fsw_plant_disturbance *d,
                     fsw_plant_inputs *u) {
   const double added[2] = {d->force_kn, d->speed_rpm};
+  fsw_plant_machine *g = &p->machine;
   for (int i = 0; i < 2; i++) {
     u->mean[i] = fsw_plant_drive_advance(&p->drive[i], command[i]) + added[i];
     u->end[i] = p->drive[i].position + added[i];
   }
+  meet_copper(g, d->friction);
+  u->copper_kn = u->mean[FORCE] / (1.0 + g->harder_here);
+  u->added_nm = d->torque_nm + g->torque_more * g->nominal_nm; /* held during the tick */
 }
 
 /* One step of the paper's process with an added torque; 1 if it leaves the model: nothing is changed then. */
-static int advance(fsw_plant *p, const fsw_plant_model *m, const fsw_plant_inputs *u, double added_nm) {
+static int advance(fsw_plant *p, const fsw_plant_model *m, const fsw_plant_inputs *u) {
   double x[FSW_PLANT_STATES], power[FSW_PLANT_POWER], depth_mm;
   const int newer = (p->oldest + 1) % m->delay_steps;
-  const double *arg[] = {p->x,        p->power[p->oldest], p->power[newer], &u->mean[FORCE],
+  const double *arg[] = {p->x,        p->power[p->oldest], p->power[newer], &u->copper_kn,
                          &u->mean[SPEED], m->numbers};
   double *res[] = {x, power, &depth_mm};
   process_step(arg, res);
@@ -163,8 +220,8 @@ static int advance(fsw_plant *p, const fsw_plant_model *m, const fsw_plant_input
     return 1;
   }
   /* what is added rises within the step as 1 - exp(-s / lag), the first and the last function */
-  const double more_kw = added_nm * u->mean[SPEED] * KW_PER_NM_RPM;
-  x[MOTOR] += m->motor_risen * added_nm;
+  const double more_kw = u->added_nm * u->mean[SPEED] * KW_PER_NM_RPM;
+  x[MOTOR] += m->motor_risen * u->added_nm;
   power[0] += more_kw;
   power[FSW_PLANT_POWER - 1] -= more_kw;
   memcpy(p->x, x, sizeof x);
@@ -174,7 +231,8 @@ static int advance(fsw_plant *p, const fsw_plant_model *m, const fsw_plant_input
 }
 
 void fsw_plant_settle(fsw_plant *p, const fsw_plant_model *m, const fsw_plant_inputs *u) {
-  fsw_plant_outputs_of(m, p->x, u->end[FORCE], u->end[SPEED], &p->outputs);
+  outputs_in_copper(p, m, u->end[FORCE], u->end[SPEED]);
+  machine_advance(&p->machine, p->outputs.power_kw, u->mean[SPEED]);
   p->inertia_nm = m->inertia_nm_s_per_rpm * ((u->end[SPEED] - p->acting[SPEED]) / STEP_S);
   memcpy(p->acting, u->end, sizeof p->acting);
 }
@@ -185,7 +243,7 @@ int fsw_plant_step(fsw_plant *p, const fsw_plant_model *m, const double *command
                    const fsw_plant_disturbance *d) {
   fsw_plant_inputs inputs;
   fsw_plant_move(p, command, d, &inputs);
-  if (!p->stopped) p->stopped = advance(p, m, &inputs, d->torque_nm);
+  if (!p->stopped) p->stopped = advance(p, m, &inputs);
   if (!p->stopped) fsw_plant_settle(p, m, &inputs);
   fsw_plant_heat(p);
   return p->stopped;
@@ -193,7 +251,8 @@ int fsw_plant_step(fsw_plant *p, const fsw_plant_model *m, const double *command
 
 void fsw_plant_measure_all(fsw_plant *plants, int n, const fsw_plant_disturbance *d,
                            const double *normals, double *shown) {
-  for (int i = 0; i < n; i++) fsw_plant_measure(&plants[i], &d[i], normals + 3 * i, shown + 3 * i);
+  for (int i = 0; i < n; i++)
+    fsw_plant_measure(&plants[i], &d[i], normals + plants->sensors * i, shown + plants->sensors * i);
 }
 
 void fsw_plant_step_all(fsw_plant *plants, int n, const fsw_plant_model *m, const double *commands,

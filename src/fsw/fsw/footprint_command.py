@@ -1,0 +1,102 @@
+"""``fsw.py footprint``: what the depth sensors of a weld showed too much, by its footprint."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from fsw.bags import data_sha256, read_weld
+from fsw.command import FORCE, command, file, number, option, repeated
+from fsw.console import print_table
+from fsw.errors import CommandError
+from fsw.outputs import check_new, write_json
+from fsw_analysis.weld_signals import FloatArray, WeldSignals
+from fsw_control.depth_channels import CHANNELS, SENSOR, DepthFusionSettings
+from fsw_control.depth_footprint import Footprint, SensorBias, biases, measured_depths
+from fsw_control.schema.ranges import Range
+from fsw_control.sensors import DEPTH, SENSORS
+
+
+@command(
+    "footprint",
+    "bias of each depth sensor by angle, from the depths measured in the footprint of a weld",
+    option("bag", type=Path, help="bag of the weld"),
+    file("measured", "measured depths (CSV with the columns angle_deg and depth_mm)"),
+    file("--out", "footprint (JSON; default NAME.footprint.json)"),
+    number("--deviation", "MM", Range(0.0, 1.0, "mm"), "deviation of the measured depths", 0.01),
+    repeated("--without", "SENSOR", "leave out a sensor, e.g. one that failed in the weld"),
+    FORCE,
+    description="Compare the depth sensors of a weld with its footprint, and write their biases. "
+    "The plant takes the file as prior of the next weld: parameter machine.footprint_file.",
+)
+def compare_footprint(arguments: argparse.Namespace) -> int:
+    bag: Path = arguments.bag
+    out = arguments.out or Path(f"{bag.name}.footprint.json")
+    check_new([out], arguments.force)
+    footprint = footprint_of(
+        read_weld(bag),
+        *measured_depths(arguments.measured),
+        (bag.name, data_sha256(bag)),
+        arguments.deviation,
+        tuple(arguments.without),
+    )
+    rows = [
+        (one.sensor, f"{np.mean(one.bias_mm):.3f}", f"{np.ptp(one.bias_mm):.3f}")
+        for one in footprint.sensors
+    ]
+    print_table(rows, ("sensor", "mean bias [mm]", "range [mm]"), words=1)
+    write_json(out, footprint.model_dump())
+    print(f"written: {out}")
+    return 0
+
+
+def footprint_of(
+    signals: WeldSignals,
+    at_deg: FloatArray,
+    depth_mm: FloatArray,
+    source: tuple[str, str],
+    deviation_mm: float,
+    without: tuple[str, ...] = (),
+) -> Footprint:
+    """Footprint of a weld; ``source`` is the name and SHA-256 of its bag.
+
+    Raises
+    ------
+    CommandError
+        If no depth was recorded at a measured angle.
+    """
+    found = biases(signals.angle_deg, _samples(signals), at_deg, depth_mm)
+    known = np.isfinite(found["depth"])
+    if not known.any():
+        raise CommandError("footprint: the weld has no depth at any of the measured angles")
+    at_deg, depth_mm = at_deg[known], depth_mm[known]
+    sensors = []
+    for name, bias in found.items():
+        own = bias[known]
+        ok = np.isfinite(own)
+        if ok.any() and name not in without:
+            filled = np.interp(at_deg, at_deg[ok], own[ok])
+            sensors.append(SensorBias(sensor=name, bias_mm=tuple(filled.round(5).tolist())))
+    return Footprint(
+        weld=source[0],
+        sha256=source[1],
+        angle_deg=tuple(at_deg.tolist()),
+        depth_mm=tuple(depth_mm.tolist()),
+        deviation_mm=deviation_mm,
+        sensors=tuple(sensors),
+    )
+
+
+def _samples(signals: WeldSignals) -> dict[str, FloatArray]:
+    """Samples of all depth sensors, without the deflection that the estimator takes off itself."""
+    force_kn = signals.force_kn if signals.drives is None else signals.drives.force_kn
+    pushed = np.nan_to_num(force_kn - DepthFusionSettings().calibration_force_kn)
+    found = {"depth": signals.depth_mm}
+    for name, row in SENSORS.items():
+        channel = CHANNELS.get(name.removeprefix(SENSOR))
+        if row.quantity is DEPTH and row.signal in signals.optional and channel is not None:
+            shown = channel.deflection_mm_per_kn * pushed
+            found[name] = signals.optional[row.signal] - shown
+    return found

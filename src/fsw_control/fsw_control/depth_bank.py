@@ -1,0 +1,167 @@
+"""A bank of Kalman filters for the depth: one that uses every channel, and one without each.
+
+The states are depth, its rate, thermal growth per power that has soaked in, and of each channel
+the error of its deflection and its bias. If a channel turns out to be wrong, the filter that
+never used it replaces all others, so that nothing of the fault stays in the estimates. (Multiple
+models: Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navigation",
+2001, 11.6.)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw_control.depth_channels import DepthChannel, DepthFusionSettings
+from fsw_control.weld import TICK_S
+
+Array = NDArray[np.float64]
+DEPTH, RATE, GROWTH, FIRST = range(4)
+#: weights of a tick in means over 1 s and 3 s
+SECOND, THREE_SECONDS = TICK_S / 1.0, TICK_S / 3.0
+#: lengths of ticks for which the steps are kept
+_MOST_STEPS = 100
+#: variance of the depth before the first sample [mm2]
+_START_MM2 = 1.0
+
+
+def averaged(weight: float) -> float:
+    """Variance of an exponential mean of white noise, in that of a sample."""
+    return weight / (2.0 - weight)
+
+
+class DepthBank:
+    """Filters by index: 0 uses all channels, i + 1 all but channel i; of a single channel only 0.
+
+    ``x`` and ``p`` are their states and covariances.
+    """
+
+    def __init__(
+        self, settings: DepthFusionSettings, channels: Mapping[str, DepthChannel]
+    ) -> None:
+        rows = tuple(channels.values())
+        self.settings, self.count = settings, len(rows)
+        self.noise = np.array([row.noise_mm**2 for row in rows])
+        self.prior = np.array([row.bias_deviation_mm**2 for row in rows])
+        self._wander = np.array([2.0 * row.wander_mm**2 / row.wander_s for row in rows])
+        size, filters = FIRST + 2 * self.count, self.count + 1 if self.count > 1 else 1
+        deflection = np.array([row.deflection_deviation_mm_per_kn**2 for row in rows])
+        self._deflections = np.arange(FIRST, FIRST + self.count)
+        self._biases = self._deflections + self.count
+        growth = settings.growth_deviation_mm_per_kw**2
+        start = [_START_MM2, settings.rate_mm_per_s**2, growth, *deflection, *self.prior]
+        self.x = np.zeros((filters, size))
+        self.x[:, GROWTH] = settings.growth_mm_per_kw
+        self.p = np.repeat(np.diag(start)[None], filters, axis=0)
+        self._h = np.zeros((self.count, size))
+        self._h[:, DEPTH] = 1.0
+        self._shares = np.array([row.growth_share for row in rows])
+        self._soaked_kw = 0.0  #: power, through the lag of the growth
+        self._diagonal = np.arange(self.count)
+        self._h[self._diagonal, self._biases] = 1.0
+        #: by filter and channel, 1 where the filter uses it
+        self.takes = np.ones((filters, self.count))
+        self.takes[1:] -= np.eye(self.count)[: filters - 1]
+        self._steps: dict[float, tuple[Array, Array]] = {}
+        self._masks: dict[bytes, tuple[Array, Array, Array]] = {}
+        self._weighed: bytes | None = None  #: channels for which ``_inverse`` is made
+        self._inverse: Array = np.empty(0)
+
+    def start(self, depth_mm: float) -> None:
+        """Begin at a depth, which the first samples correct."""
+        self.x[:, DEPTH] = depth_mm
+
+    def predict(self, elapsed_s: float, power_kw: float) -> None:
+        """Advance all filters; the power soaks in, if it is known."""
+        settings, key = self.settings, round(elapsed_s, 3)
+        step = self._steps.get(key)
+        if step is None:
+            if len(self._steps) > _MOST_STEPS:
+                self._steps.clear()
+            step = self._steps[key] = self._step(key)
+        f, q = step
+        self.x = self.x @ f.T
+        self.p = f @ self.p @ f.T
+        self.p += q
+        if power_kw == power_kw:
+            beyond = power_kw - settings.calibration_power_kw - self._soaked_kw
+            self._soaked_kw += beyond * (1.0 - math.exp(-elapsed_s / settings.growth_s))
+
+    def _step(self, elapsed_s: float) -> tuple[Array, Array]:
+        settings, size = self.settings, self.x.shape[1]
+        kept = math.exp(-elapsed_s / settings.rate_s)
+        f = np.eye(size)
+        f[DEPTH, RATE], f[RATE, RATE] = settings.rate_s * (1.0 - kept), kept
+        q = np.zeros(size)
+        q[RATE] = settings.rate_mm_per_s**2 * (1.0 - kept**2)
+        q[self._biases] = self._wander * elapsed_s
+        return f, np.diag(q)
+
+    def innovate(self, values_mm: Array, pushed_kn: float) -> None:
+        """Compare with the samples; NaN is a missing one, its innovation is 0.
+
+        Sets ``z`` (filters, channels), the innovations, and ``s``, their covariances without
+        noise.
+        """
+        self._h[self._diagonal, self._deflections] = pushed_kn
+        self._h[:, GROWTH] = self._shares * self._soaked_kw
+        self._weighed = None
+        self._ph = self.p @ self._h.T
+        self.s = self._h @ self._ph
+        self.z = values_mm - self.x @ self._h.T
+        self.z[np.isnan(self.z)] = 0.0
+
+    def weigh(self, used: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Inverse covariances of the innovations, of samples and of means over a second.
+
+        Returns
+        -------
+        inverses : (2, filters, channels, channels) array
+            1 and 0 in rows and columns of channels that a filter does not use.
+        taken : (filters, channels) array
+            1 where a filter uses a channel, else 0.
+        """
+        key = used.tobytes()
+        if key not in self._masks:
+            taken = self.takes * used
+            noise = np.stack((self.noise, self.noise * averaged(SECOND)))[:, None]
+            added = (taken * noise + (1.0 - taken))[..., None] * np.eye(self.count)
+            self._masks[key] = taken, taken[:, :, None] * taken[:, None, :], added
+        taken, both, added = self._masks[key]
+        if self._weighed != key:
+            self._weighed, self._inverse = (
+                key,
+                np.asarray(np.linalg.inv(self.s * both + added), np.float64),
+            )
+        return self._inverse, taken
+
+    def correct(self, used: NDArray[np.bool_]) -> None:
+        """Correct all filters by the channels in use, each without the one it leaves out."""
+        inverses, taken = self.weigh(used)
+        ph = self._ph * taken[:, None, :]
+        gain = ph @ inverses[0]
+        self.x += (gain @ self.z[:, :, None])[:, :, 0]
+        self.p -= gain @ ph.transpose(0, 2, 1)
+        self.p += self.p.transpose(0, 2, 1)  # rounding must not make it asymmetric
+        self.p *= 0.5
+
+    def loosen(self, variance_mm2: float) -> None:
+        """Let the depth move by more than its rate explains, where all channels say so."""
+        self.p[:, DEPTH, DEPTH] += variance_mm2
+        self._ph[:, DEPTH] += variance_mm2
+        self._weighed = None
+        self.s += variance_mm2
+
+    def trust(self, left_out: int) -> None:
+        """Continue with the filter that leaves out a channel, in place of all others.
+
+        A filter knows the channel that it leaves out by its prior only.
+        """
+        if len(self.x) == 1:
+            return
+        self.x[:], self.p[:] = self.x[left_out + 1], self.p[left_out + 1]
+        own = np.arange(1, len(self.x))
+        self.p[own, self._biases, self._biases] += self.prior

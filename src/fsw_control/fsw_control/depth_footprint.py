@@ -1,0 +1,145 @@
+"""Footprint of a weld: what its depth sensors showed too much, by the depth measured after it.
+
+Only here is visible what all sensors share. The next weld on the machine takes it as its prior.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from io import StringIO
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, NonNegativeFloat, model_validator
+
+from fsw_control.schema.models import (
+    InputError,
+    Many,
+    Model,
+    json_content_of,
+    problem,
+    read_text,
+    validate,
+)
+
+Array = NDArray[np.float64]
+#: columns of the measured depths
+COLUMNS = ("angle_deg", "depth_mm")
+#: ticks around an angle without which it has no bias (chosen)
+_LEAST_TICKS = 5
+#: extent of a place where only one angle is measured [deg]
+_LONE_DEG = 2.0
+
+
+class SensorBias(Model):
+    """What a depth sensor showed too much."""
+
+    sensor: str
+    """name in the table of sensors; `depth`: the value that control used"""
+    bias_mm: Many[float]
+    """at each angle, beyond the deflection that the estimator expects of it"""
+
+
+class Footprint(Model):
+    """Biases of the depth sensors along a weld."""
+
+    weld: str
+    """name of the bag"""
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    """of the bag's data"""
+    angle_deg: Annotated[Many[float], Field(min_length=1)]
+    """measured places, in order"""
+    depth_mm: Many[float]
+    """measured depths"""
+    deviation_mm: NonNegativeFloat
+    """standard deviation of the measurement"""
+    sensors: Annotated[Many[SensorBias], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _check_lengths(self) -> Footprint:
+        if not all(before < after for before, after in pairwise(self.angle_deg)):
+            raise problem("must rise", "angle_deg")
+        for name, values in (
+            ("depth_mm", self.depth_mm),
+            *((f"sensors.{one.sensor}", one.bias_mm) for one in self.sensors),
+        ):
+            if len(values) != len(self.angle_deg):
+                raise problem("needs a value for each angle", name)
+        return self
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> Footprint:
+        """Read a JSON file; InputError if that is not possible."""
+        text = read_text(path, "footprint")
+        return validate(cls, json_content_of(text, str(path)), str(path))
+
+    def bias_mm(self, sensor: str, angle_deg: float) -> float:
+        """Bias of a sensor at an angle, NaN: its mean; 0 of a sensor that is not in it."""
+        for one in self.sensors:
+            if one.sensor == sensor:
+                if angle_deg != angle_deg:
+                    return float(np.mean(one.bias_mm))
+                return float(np.interp(angle_deg, self.angle_deg, one.bias_mm))
+        return 0.0
+
+
+def measured_depths(path: Path) -> tuple[Array, Array]:
+    """Angles and depths from a CSV file with the columns ``COLUMNS``, in order of the angle.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, lacks a column, or holds anything but finite numbers.
+    """
+    rows = csv.DictReader(StringIO(read_text(path, "footprint")))
+    if missing := [name for name in COLUMNS if name not in (rows.fieldnames or ())]:
+        raise InputError(f"{path}: lacks the column {', '.join(missing)}")
+    try:
+        values = np.array([[float(row[name]) for name in COLUMNS] for row in rows])
+    except (TypeError, ValueError):
+        raise InputError(f"{path}: a value is not a number") from None
+    if not values.size or not np.isfinite(values).all():
+        raise InputError(f"{path}: holds no depths, or one that is not finite")
+    values = values[np.argsort(values[:, 0])]
+    if (np.diff(values[:, 0]) <= 0.0).any():
+        raise InputError(f"{path}: an angle occurs twice")
+    return values[:, 0], values[:, 1]
+
+
+def biases(
+    angle_deg: Array, samples_mm: Mapping[str, Array], at_deg: Array, depth_mm: Array
+) -> dict[str, Array]:
+    """Bias of each sensor at measured angles: the mean over the ticks nearest to each.
+
+    Parameters
+    ----------
+    angle_deg, samples_mm : arrays
+        Angle of the tool, and samples of each sensor, at the weld's ticks.
+    at_deg, depth_mm : arrays
+        Measured angles, in order, and depths.
+
+    Returns
+    -------
+    dict
+        By sensor; NaN where it has too few samples.
+    """
+    middle = 0.5 * (at_deg[1:] + at_deg[:-1])
+    first, last = (
+        (2.0 * at_deg[end] - middle[end] if middle.size else at_deg[end] + side * _LONE_DEG)
+        for end, side in ((0, -1.0), (-1, 1.0))
+    )
+    place = np.digitize(angle_deg, np.array([first, *middle, last])) - 1
+    result = {}
+    for name, samples in samples_mm.items():
+        known = np.isfinite(samples) & np.isfinite(angle_deg)
+        known &= (place >= 0) & (place < at_deg.size)
+        count = np.bincount(place[known], minlength=at_deg.size)
+        total = np.bincount(place[known], samples[known], minlength=at_deg.size)
+        mean = np.full(at_deg.size, np.nan)
+        np.divide(total, count, out=mean, where=count >= _LEAST_TICKS)
+        result[name] = mean - depth_mm
+    return result

@@ -1,0 +1,176 @@
+"""Depth of the shoulder from several channels: fused value, its deviation, health of each channel.
+
+What the channels are is in :mod:`fsw_control.depth_channels`, the filters in ``depth_bank``, the
+tests of the channels in ``depth_tests``. What all channels share, such as the zero of their
+touch-off, cannot be observed; it is in the deviation only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from fsw_control.depth_bank import DEPTH, DepthBank
+from fsw_control.depth_channels import (
+    CHANNELS,
+    SENSOR,
+    ChannelHealth,
+    DepthChannel,
+    DepthFusionSettings,
+)
+from fsw_control.depth_footprint import Footprint
+from fsw_control.depth_tests import DISAGREE, ChannelTests
+
+#: torque of process and motor at a force [kN], a depth [mm] and a speed [rpm]
+TorqueModel = Callable[[float, float, float], float]
+#: step of the torque model's slope [mm]
+_SLOPE_MM = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class DepthEstimate:
+    """The depth at a tick, and what it rests on."""
+
+    depth_mm: float  #: NaN if no channel has been usable for ``hold_s``
+    deviation_mm: float  #: standard deviation, with what all channels share; NaN as the depth
+    health: Mapping[str, ChannelHealth]  #: by channel
+    used: tuple[str, ...]  #: channels that the depth of this tick rests on
+
+
+class DepthFusion:
+    """Fuses the depth channels of a weld, tick by tick.
+
+    Parameters
+    ----------
+    settings : DepthFusionSettings, optional
+    channels : mapping, optional
+        The channels that exist, by name; one is enough.
+    torque_model : callable, optional
+        Torque at a force, a depth and a speed. Its changes decide between channels that have no
+        majority; without it the one that jumped is wrong.
+    footprint : Footprint, optional
+        Of an earlier weld: its biases are taken off, and the priors are those of its repetition.
+    """
+
+    def __init__(
+        self,
+        settings: DepthFusionSettings | None = None,
+        channels: Mapping[str, DepthChannel] = CHANNELS,
+        torque_model: TorqueModel | None = None,
+        footprint: Footprint | None = None,
+    ) -> None:
+        self.settings = settings or DepthFusionSettings()
+        self.channels, self._footprint = dict(channels), footprint
+        if footprint is not None:
+            repeat_mm = self.settings.repeat_mm
+            self.settings = self.settings.changed(
+                shared_deviation_mm=math.hypot(footprint.deviation_mm, repeat_mm)
+            )
+            known = {bias.sensor for bias in footprint.sensors}
+            for name, row in channels.items():
+                if SENSOR + name in known:
+                    self.channels[name] = row.changed(bias_deviation_mm=repeat_mm)
+        self._torque_model = torque_model
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past, as after a touch-off."""
+        self._bank = DepthBank(self.settings, self.channels)
+        self._tests = ChannelTests(self.settings, self.channels)
+        self._time_s = self._used_s = -math.inf
+        self._hardness = math.nan
+        self._estimate: DepthEstimate | None = None
+
+    def update(
+        self,
+        time_s: float,
+        channels_mm: Mapping[str, float | None],
+        force_kn: float = math.nan,
+        torque_nm: float = math.nan,
+        power_kw: float = math.nan,
+        speed_rpm: float = math.nan,
+        angle_deg: float = math.nan,
+    ) -> DepthEstimate:
+        """Fuse the samples of a tick; a tick that is not later than the last changes nothing.
+
+        Parameters
+        ----------
+        time_s : float
+        channels_mm : mapping
+            Sample by channel; a missing name, None and NaN are a missing sample.
+        force_kn, torque_nm, power_kw, speed_rpm : float
+            As drives and torque sensor report them; NaN if unknown.
+        angle_deg : float
+            Angle of the tool, for the footprint; NaN if unknown.
+        """
+        if self._estimate is not None and time_s <= self._time_s:
+            return self._estimate
+        pushed = force_kn - self.settings.calibration_force_kn if force_kn == force_kn else 0.0
+        raw = [_number(channels_mm.get(name)) for name in self.channels]
+        values, health = self._tests.screen(raw)
+        values -= [row.shown(pushed) for row in self.channels.values()]
+        if self._footprint is not None:
+            values -= [self._footprint.bias_mm(SENSOR + name, angle_deg) for name in self.channels]
+        bank = self._bank
+        if math.isinf(self._used_s):
+            present = sorted(value for value in values if value == value)
+            if not present:
+                return self._result(time_s, (), health, math.nan)
+            bank.start(float(present[len(present) // 2]))
+        else:
+            bank.predict(time_s - self._time_s, power_kw)
+        bank.innovate(values, pushed)
+        witness = self._witness(force_kn, torque_nm, speed_rpm)
+        judgement = self._tests.judge(bank, health, witness)
+        for index in judgement.isolated:
+            self._tests.trust(index, bank)
+            bank.trust(index)
+            bank.innovate(values, pushed)
+        if judgement.common > DISAGREE:
+            bank.loosen(judgement.common_mm**2)
+        bank.correct(judgement.used)
+        if judgement.used.any():
+            self._used_s = time_s
+        names = tuple(
+            name for name, used in zip(self.channels, judgement.used, strict=True) if used
+        )
+        variance = float(bank.p[0, DEPTH, DEPTH]) + judgement.spread_mm**2
+        variance += self.settings.shared_deviation_mm**2
+        variance += (self.settings.shared_deflection_mm_per_kn * pushed) ** 2
+        return self._result(time_s, names, judgement.health, math.sqrt(max(variance, 0.0)))
+
+    def _result(
+        self, time_s: float, used: tuple[str, ...], health: list[ChannelHealth], deviation: float
+    ) -> DepthEstimate:
+        blind = not time_s - self._used_s <= self.settings.hold_s + 1e-9
+        self._time_s = time_s
+        self._estimate = DepthEstimate(
+            math.nan if blind else float(self._bank.x[0, DEPTH]),
+            math.nan if blind else deviation,
+            dict(zip(self.channels, health, strict=True)),
+            used,
+        )
+        return self._estimate
+
+    def _witness(self, force_kn: float, torque_nm: float, speed_rpm: float) -> tuple[float, float]:
+        """What depth has gained on its prediction according to the torque, and its variance.
+
+        Only changes within seconds count: the torque's level follows the copper's hardness.
+        """
+        variance = self.settings.witness_deviation_mm**2
+        if self._torque_model is None or not math.isfinite(force_kn + torque_nm + speed_rpm):
+            return 0.0, variance
+        depth = float(self._bank.x[0, DEPTH])
+        expected = self._torque_model(force_kn, depth, speed_rpm)
+        slope = (self._torque_model(force_kn, depth + _SLOPE_MM, speed_rpm) - expected) / _SLOPE_MM
+        ratio = torque_nm / expected
+        if math.isnan(self._hardness):
+            self._hardness = ratio
+        gained = (torque_nm - self._hardness * expected) / (self._hardness * slope)
+        self._hardness += (ratio - self._hardness) * min(1.0, 0.1 / self.settings.hardness_s)
+        return gained, variance
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None or not math.isfinite(value) else value

@@ -1,0 +1,281 @@
+"""Which depth channels agree: tests of each channel against the others, and of its noise.
+
+Depth is common to all channels, so their innovations must agree apart from noise. What is left of
+them without the common part has a chi-square distribution. If that is too large for all channels,
+but small without one of them, that one is wrong (Chow and Willsky, "Analytical redundancy and the
+design of robust failure detection systems", IEEE TAC 29:7, 1984). Single samples are tested so
+(spike, slip), and means over a second (small slips, drift). Drift that is too slow for both is
+compared with what the channel's own prior permits.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw_control.depth_bank import SECOND, THREE_SECONDS, Array, DepthBank, averaged
+from fsw_control.depth_channels import ChannelHealth, DepthChannel, DepthFusionSettings
+from fsw_control.validity import Frozen
+from fsw_control.weld import TICK_S
+
+Mask = NDArray[np.bool_]
+#: parity chi-square of channels that disagree; by chance once in 1e7 samples of four channels
+DISAGREE = 35.0
+#: and of those that agree once the wrong one is left out; next best at least so much larger
+AGREE, MARGIN = 16.0, 15.0
+#: squared distances from the witness, in variances, that speak for and against a channel
+NEAR, FAR = 9.0, 25.0
+#: squared distance of a channel from its prior, in variances, from which it counts as drifting
+OFF_PRIOR = 16.0
+#: distance of a slipped channel from where it was below which it is back [mm]
+BACK_MM = 0.02
+#: range of spikes in a row, in their mean, below which they are a slip
+ALIKE = 0.5
+#: a rival for that must be below this share of it
+RIVAL = 0.5
+#: squared noise in that of the settings from which a channel counts as dusty, until it is back
+DUSTY, CLEAN = 6.0, 2.5
+#: largest squared noise that counts, so that single spikes are not dust
+CLIPPED = 16.0
+#: share of missing samples from which a channel counts as interrupted
+INTERRUPTED = 0.3
+#: weight of no channel, so that nothing is divided by 0 [1/mm2]
+_TINY = 1e-12
+
+
+class Judgement(NamedTuple):
+    """The channels at a tick."""
+
+    used: Mask
+    health: list[ChannelHealth]
+    isolated: tuple[int, ...]  #: that have just been found wrong for good
+    spread_mm: float = 0.0  #: half the distance of channels of which one is wrong, unknown which
+    common: float = 0.0  #: squared innovation of all, in its variances
+    common_mm: float = 0.0  #: and itself
+
+
+def parity(z: Array, inverse: Array, taken: Array) -> tuple[Array, Array, Array]:
+    """Chi-square of innovations without their common part, that part, and its weight."""
+    weighted = (inverse @ (z * taken)[..., None])[..., 0]
+    weights = ((inverse @ taken[..., None])[..., 0] * taken).sum(-1) + _TINY
+    common = (weighted * taken).sum(-1) / weights
+    return (z * taken * weighted).sum(-1) - common**2 * weights, common, weights
+
+
+class ChannelTests:
+    """Tests of all channels of a weld, tick by tick."""
+
+    def __init__(
+        self, settings: DepthFusionSettings, channels: Mapping[str, DepthChannel]
+    ) -> None:
+        self._settings, self._rows = settings, tuple(channels.values())
+        count = len(self._rows)
+        self._noise = np.array([row.noise_mm**2 for row in self._rows])
+        self.latched = [ChannelHealth.GOOD] * count  #: why a channel is out for good
+        self._frozen = [Frozen() for _ in self._rows]
+        #: spikes in a row
+        self._spikes = [deque[float](maxlen=settings.confirm_samples) for _ in self._rows]
+        self._mean = np.zeros((count + 1, count))  #: over a second, by filter, without common part
+        self._off = np.zeros(count)  #: from the prior, over three seconds
+        self._before = np.zeros(count)  #: the same, ahead of a slip
+        self._roughness, self._absent = np.ones(count), np.zeros(count)
+        self._last = np.full(count, np.nan)
+        self._dusty = np.zeros(count, bool)
+        self._agreed = [0] * count  #: ticks for which an excluded channel has agreed again
+        self._unclear = 0  #: ticks for which channels have disagreed without a verdict
+        self._quiet = 0  #: ticks until the slow tests are judged again
+
+    def screen(self, samples_mm: list[float]) -> tuple[Array, list[ChannelHealth]]:
+        """Samples (NaN: not usable) and health of each channel by itself."""
+        values, health = np.array(samples_mm), list(self.latched)
+        for i, (value, row) in enumerate(zip(samples_mm, self._rows, strict=True)):
+            absent = value != value
+            self._absent[i] += (absent - self._absent[i]) * THREE_SECONDS
+            if absent:
+                flaw = ChannelHealth.MISSING
+            elif self._frozen[i].update(value, self._settings.stuck_samples, row.noise_mm):
+                flaw = ChannelHealth.STUCK
+            elif not row.minimum_mm <= value <= row.maximum_mm:
+                flaw = ChannelHealth.OUT_OF_RANGE
+            else:
+                continue
+            values[i] = np.nan
+            health[i] = health[i] or flaw
+        return values, health
+
+    def judge(
+        self, bank: DepthBank, health: list[ChannelHealth], witness: tuple[float, float]
+    ) -> Judgement:
+        """Decide which channels the bank may use; its innovations are those of this tick.
+
+        ``witness`` is what depth has gained on its prediction according to the torque, and the
+        variance of that.
+        """
+        present = np.array([not flaw for flaw in health])
+        self._listen(bank.z[0], present, health)
+        usable = np.array([not flaw for flaw in health])
+        filters = len(bank.z)
+        inverses, taken = bank.weigh(usable)
+        chi, common, weights = parity(np.stack((bank.z, self._mean[:filters])), inverses, taken)
+        wrong, spread = self._wrong(chi[0], usable, bank, witness)
+        wrong = wrong or ()  # without a verdict all stay in use; the deviation shows it
+        isolated = self._confirm(wrong, usable, bank.z[0], health)
+        used = usable.copy()
+        used[list(wrong)] = False
+        if not wrong:  # else the common part is wrong, too
+            apart = bank.z - common[0][:, None]
+            self._mean[:filters] += np.where(used, (apart - self._mean[:filters]) * SECOND, 0.0)
+        self._follow_priors(bank, used)
+        if self._quiet:
+            self._quiet -= 1
+        elif not wrong and not spread:
+            isolated, spread = self._slow(chi[1], used, bank, health)
+        self._suspect(spread, used, health)
+        for i in isolated:
+            used[i] = False
+        self._readmit(health)
+        squared = 0.0 if wrong or isolated else float(common[0, 0] ** 2 * weights[0, 0])
+        return Judgement(used, health, isolated, spread, squared, float(common[0, 0]))
+
+    def trust(self, left_out: int, bank: DepthBank) -> None:
+        """Compare with the filter that left out a channel, from now on."""
+        if len(bank.z) > 1:
+            self._mean[:] = 0.0
+            self._off = bank.z[left_out + 1].copy()
+        self._quiet = round(1.0 / SECOND)
+
+    def _listen(self, z: Array, present: Mask, health: list[ChannelHealth]) -> None:
+        """Noise of each channel by its changes from tick to tick, and its interruptions."""
+        change = np.where(present, z - self._last, np.nan)
+        self._last = np.where(present, z, np.nan)
+        rough = np.minimum(change**2 / (2.0 * self._noise), CLIPPED)
+        self._roughness += np.where(
+            np.isnan(rough), 0.0, (rough - self._roughness) * THREE_SECONDS
+        )
+        self._dusty = np.where(self._dusty, self._roughness > CLEAN, self._roughness > DUSTY)
+        for i in _indices(self._dusty | (self._absent > INTERRUPTED)):
+            if health[i] is ChannelHealth.GOOD:
+                health[i] = ChannelHealth.DUST
+
+    def _wrong(
+        self, chi: Array, usable: Mask, bank: DepthBank, witness: tuple[float, float]
+    ) -> tuple[tuple[int, ...] | None, float]:
+        """Channels that contradict the others; None: some do, unknown which."""
+        count = np.count_nonzero(usable)
+        if count == 0 or (chi[0] <= DISAGREE and count > 1):
+            return (), 0.0
+        if count > 2:
+            wrong = self._odd(chi, usable)
+            if wrong is not None:
+                return (wrong,), 0.0
+        # too few channels for a majority: the torque, or that depth does not jump
+        z, shift = bank.z[0], witness[0]
+        distance = (z - shift) ** 2 / (np.diagonal(bank.s[0]) + self._noise + witness[1])
+        far = usable & (distance > FAR)
+        if not far.any():
+            return ((), 0.0) if count == 1 else (None, _spread(z[usable]))
+        if count > 1 and not (far | (distance < NEAR))[usable].all():
+            return None, _spread(z[usable])
+        if count > 1 and far[usable].all():
+            return None, _spread(z[usable])
+        return _indices(far), 0.0
+
+    @staticmethod
+    def _odd(chi: Array, usable: Mask) -> int | None:
+        """The only channel without which the others agree."""
+        without = np.where(usable, chi[1:], np.inf)
+        best, second = np.partition(without, 1)[:2]
+        if best <= AGREE and second - best > MARGIN:
+            return int(np.argmin(without))
+        return None
+
+    def _confirm(
+        self, wrong: tuple[int, ...], usable: Mask, z: Array, health: list[ChannelHealth]
+    ) -> tuple[int, ...]:
+        """Mark spikes; those that last and resemble each other are a slip."""
+        for i in _indices(usable):
+            if i not in wrong:
+                self._spikes[i].clear()
+        slipped = []
+        for i in wrong:
+            health[i] = ChannelHealth.SPIKE
+            spikes = self._spikes[i]
+            spikes.append(float(z[i]))
+            alike = max(spikes) - min(spikes) < ALIKE * abs(sum(spikes)) / len(spikes)
+            if len(spikes) == self._settings.confirm_samples and alike:
+                slipped.append(i)
+        self._latch(tuple(slipped), ChannelHealth.SLIP, health)
+        return tuple(slipped)
+
+    def _suspect(self, spread: float, used: Mask, health: list[ChannelHealth]) -> None:
+        """Mark channels that disagree for several samples, unknown which is wrong."""
+        self._unclear = self._unclear + 1 if spread else 0
+        if self._unclear >= self._settings.confirm_samples:
+            for i in _indices(used):
+                health[i] = ChannelHealth.SUSPECT
+
+    def _latch(
+        self, channels: tuple[int, ...], flaw: ChannelHealth, health: list[ChannelHealth]
+    ) -> None:
+        for i in channels:
+            health[i] = self.latched[i] = flaw
+            self._agreed[i] = 0
+            self._spikes[i].clear()
+            self._before[i] = self._off[i]
+
+    def _follow_priors(self, bank: DepthBank, used: Mask) -> None:
+        """Distance of each channel from what its prior and the others say."""
+        own = np.diagonal(bank.z[1:]) if len(bank.z) > 1 else bank.z[0]
+        own = np.where([bool(flaw) for flaw in self.latched], bank.z[0], own)
+        self._off += np.where(used | self._latched_mask(), (own - self._off) * THREE_SECONDS, 0.0)
+
+    def _latched_mask(self) -> Mask:
+        return np.array([bool(flaw) for flaw in self.latched])
+
+    def _slow(
+        self, chi: Array, used: Mask, bank: DepthBank, health: list[ChannelHealth]
+    ) -> tuple[tuple[int, ...], float]:
+        """Channels that have just been found to drift."""
+        count = np.count_nonzero(used)
+        if count < 2:
+            return (), 0.0
+        drifting: int | None = None
+        if chi[0] > DISAGREE:
+            drifting = self._odd(chi, used) if count > 2 else None
+            if drifting is None:
+                return (), _spread(self._mean[0][used])
+        elif count > 2:
+            variance = np.diagonal(np.diagonal(bank.s[1:], axis1=1, axis2=2))
+            squared = np.where(
+                used, self._off**2 / (variance + self._noise * averaged(THREE_SECONDS)), 0.0
+            )
+            second, best = np.partition(squared, -2)[-2:]
+            if best > OFF_PRIOR and second < RIVAL * best:
+                drifting = int(np.argmax(squared))
+        if drifting is None:
+            return (), 0.0
+        self._latch((drifting,), ChannelHealth.DRIFT, health)
+        return (drifting,), 0.0
+
+    def _readmit(self, health: list[ChannelHealth]) -> None:
+        """Use a slipped channel again that has been back where it was for long enough."""
+        ticks = round(self._settings.readmit_s / TICK_S)
+        for i, flaw in enumerate(self.latched):
+            if flaw is ChannelHealth.SLIP:
+                moved_mm = abs(self._off[i] - self._before[i])
+                is_back = moved_mm < BACK_MM and health[i] is flaw
+                self._agreed[i] = self._agreed[i] + 1 if is_back else 0
+                if self._agreed[i] > ticks:
+                    self.latched[i] = ChannelHealth.GOOD
+
+
+def _spread(z: Array) -> float:
+    return 0.5 * float(z.max() - z.min())
+
+
+def _indices(mask: Mask) -> tuple[int, ...]:
+    return tuple(np.flatnonzero(mask).tolist())

@@ -1,0 +1,212 @@
+"""Fusion of the depth channels: faults are named and do no harm, and what it cannot know it says."""
+
+import math
+from itertools import product
+
+import numpy as np
+import pytest
+
+from fsw_control import weld
+from fsw_control.depth_channels import CHANNELS, ChannelHealth, DepthChannel
+from fsw_control.depth_fusion import DepthFusion
+
+GOOD, MISSING, OUT_OF_RANGE, SPIKE, STUCK, SLIP, DRIFT, DUST, SUSPECT, _ = ChannelHealth
+AT_S = 60.0  #: of a fault
+ALL = tuple(CHANNELS)
+#: by name, what a fault makes of a sample after a time, and what it may be called
+FAULTS = {
+    "slip": (lambda y, since_s, r: y + 0.3, {SPIKE, SLIP}),
+    "small slip": (lambda y, since_s, r: y - 0.06, {SPIKE, SLIP, DRIFT}),
+    "drift": (lambda y, since_s, r: y + 0.03 * since_s, {SPIKE, SLIP, DRIFT}),
+    "spike": (lambda y, since_s, r: y + (round(10 * since_s) % 10 == 0), {SPIKE}),
+    "stuck": (lambda y, since_s, r: 2.6543, {SPIKE, SLIP, STUCK, DRIFT}),
+    "dust": (
+        lambda y, since_s, r: y + 0.1 * r.normal() if r.random() < 0.8 else math.nan,
+        {SPIKE, DUST, MISSING},
+    ),
+    "out of range": (lambda y, since_s, r: 9.0, {OUT_OF_RANGE, STUCK}),
+    "nan": (lambda y, since_s, r: math.nan, {MISSING}),
+    "dropout": (lambda y, since_s, r: None, {MISSING}),
+}
+
+
+def torque_nm(force_kn, depth_mm, speed_rpm):
+    """Torque about the operating point, by the slopes of the paper's (19)-(23)."""
+    return 1053.0 + 12.84 * (force_kn - weld.FORCE_KN) + 120.8 * (depth_mm - weld.DEPTH_MM)
+
+
+class Weld:
+    """A weld with channels as the estimator expects them."""
+
+    def __init__(self, seed=0, names=ALL, fault=None, torque=None, shared_mm=0.0):
+        self.random = np.random.default_rng(seed)
+        self.rows = {name: CHANNELS[name] for name in names}
+        self.fusion = DepthFusion(channels=self.rows, torque_model=torque)
+        draw = self.random.normal
+        self.bias = {name: draw(0.0, row.bias_deviation_mm) for name, row in self.rows.items()}
+        self.deflection = {
+            name: row.deflection_mm_per_kn + draw(0.0, row.deflection_deviation_mm_per_kn)
+            for name, row in self.rows.items()
+        }
+        self.growth_mm = self.random.uniform(0.0, 0.3)
+        self.fault, self.shared_mm, self.hardness = fault or {}, shared_mm, 1.0
+        self.time_s, self.force_kn, self.depth_mm = 0.0, weld.FORCE_KN, weld.DEPTH_MM
+        self.estimates, self.errors_mm = [], []
+
+    def run(self, seconds):
+        """Let time pass."""
+        draw = self.random.normal
+        for _ in range(round(10 * seconds)):
+            self.time_s += weld.TICK_S
+            self.force_kn += 0.3 * draw() - 0.02 * (self.force_kn - weld.FORCE_KN)
+            self.depth_mm += 2e-4 * draw() - 0.01 * (self.depth_mm - weld.DEPTH_MM)
+            estimate = self.fusion.update(
+                self.time_s,
+                self.samples(),
+                self.force_kn,
+                self.hardness * torque_nm(self.force_kn, self.depth_mm, 0.0) + 2.0 * draw(),
+                43.6,
+                weld.SPEED_RPM,
+            )
+            self.estimates.append(estimate)
+            self.errors_mm.append(estimate.depth_mm - self.depth_mm)
+        return self
+
+    def samples(self):
+        """What the channels show."""
+        grown, since_s = 1.0 - math.exp(-self.time_s / 900.0), self.time_s - AT_S
+        found = {}
+        for name, row in self.rows.items():
+            shown = self.depth_mm + self.bias[name] + row.growth_share * self.growth_mm * grown
+            shown += self.deflection[name] * (self.force_kn - weld.FORCE_KN) + self.shared_mm
+            shown = round(shown + row.noise_mm * self.random.normal(), 4)
+            is_wrong = name in self.fault and since_s >= 0.0
+            found[name] = self.fault[name](shown, since_s, self.random) if is_wrong else shown
+        return found
+
+    def seen(self, name):
+        """Health of a channel that was reported."""
+        return {estimate.health[name] for estimate in self.estimates}
+
+
+@pytest.mark.parametrize(("fault", "channel"), list(product(FAULTS, ALL)))
+def test_a_wrong_channel_is_named_and_does_no_harm(fault, channel):
+    """Within three seconds, and without blaming another one."""
+    change, names = FAULTS[fault]
+    weld_ = Weld(3, fault={channel: change}).run(AT_S - 0.1)
+    before = np.mean(weld_.errors_mm[-100:])
+    assert weld_.seen(channel) == {GOOD}
+    weld_.estimates.clear()
+    weld_.run(3.0)
+    assert weld_.seen(channel) & names
+    weld_.run(17.0)
+    assert weld_.seen(channel) <= names | {GOOD, SUSPECT}
+    for other in set(ALL) - {channel}:
+        assert weld_.seen(other) <= {GOOD, SUSPECT}
+    assert np.abs(np.array(weld_.errors_mm[-200:]) - before).max() < 0.03
+
+
+def test_good_channels_are_never_blamed():
+    """And the error is what the deviation says."""
+    welds = [Weld(seed).run(100.0) for seed in range(4)]
+    assert {health for w in welds for name in ALL for health in w.seen(name)} == {GOOD}
+    assert all(w.estimates[-1].used == ALL for w in welds)
+    errors = [w.errors_mm[-1] / w.estimates[-1].deviation_mm for w in welds]
+    assert 0.1 < np.sqrt(np.mean(np.square(errors))) < 2.0
+
+
+def test_what_all_channels_share_is_not_seen_but_said():
+    """The zero of all channels shifts the depth; the deviation covers it."""
+    shifted, right = (Weld(1, shared_mm=offset).run(20.0) for offset in (0.04, 0.0))
+    assert shifted.errors_mm[-1] - right.errors_mm[-1] == pytest.approx(0.04, abs=1e-3)
+    assert {health for name in ALL for health in shifted.seen(name)} == {GOOD}
+    assert shifted.estimates[-1].deviation_mm > 0.02
+
+
+def test_single_channel_with_deflection_says_how_wrong_it_may_be():
+    """Nothing contradicts it: its error grows with the force, and so does the deviation."""
+    stiff = {"axial": CHANNELS["axial"].changed(deflection_mm_per_kn=0.0)}
+    fusion = DepthFusion(channels=stiff)
+    for tick in range(1, 200):
+        force_kn = weld.FORCE_KN + min(10.0, 0.1 * tick)
+        shown = weld.DEPTH_MM + 0.03 * (force_kn - weld.FORCE_KN)
+        estimate = fusion.update(tick * weld.TICK_S, {"axial": shown}, force_kn)
+        if tick == 1:
+            first = estimate
+    assert estimate.depth_mm - weld.DEPTH_MM > 0.1
+    assert estimate.deviation_mm > 2.0 * first.deviation_mm
+
+
+def test_harder_copper_is_not_taken_for_depth():
+    """The torque is a witness only."""
+    hard, soft = Weld(1, torque=torque_nm), Weld(1, torque=torque_nm)
+    for w in (hard, soft):
+        w.run(20.0)
+    hard.hardness = 1.1
+    for w in (hard, soft):
+        w.run(5.0)
+    assert [e.depth_mm for e in hard.estimates] == [e.depth_mm for e in soft.estimates]
+
+
+@pytest.mark.parametrize("names", [("laser", "lvdt_lead"), ("axial",)])
+def test_a_jump_without_a_jump_of_the_torque_is_a_slip(names):
+    """Also where no majority of channels decides."""
+    w = Weld(2, names, {names[0]: FAULTS["slip"][0]}, torque_nm).run(AT_S + 3.0)
+    assert w.estimates[-1].health[names[0]] is SLIP
+    assert w.estimates[-1].used == names[1:]
+    if names[1:]:
+        assert abs(w.errors_mm[-1] - w.errors_mm[round(10 * AT_S) - 20]) < 0.03
+    else:
+        assert math.isnan(w.estimates[-1].depth_mm)
+
+
+def test_two_channels_that_drift_apart_are_both_suspect():
+    """Which is wrong cannot be known; the deviation grows."""
+    w = Weld(2, ("laser", "lvdt_lead"), {"laser": FAULTS["drift"][0]}, torque_nm).run(AT_S)
+    before = w.estimates[-1].deviation_mm
+    w.run(4.0)
+    assert w.seen("laser") >= {GOOD, SUSPECT}
+    assert SUSPECT in w.seen("lvdt_lead")
+    assert max(estimate.deviation_mm for estimate in w.estimates) > before + 0.01
+
+
+def test_a_jump_of_all_channels_is_followed():
+    """The depth itself has changed."""
+    w = Weld(4).run(20.0)
+    before = w.errors_mm[-1]
+    w.depth_mm += 0.3
+    w.run(1.0)
+    assert w.errors_mm[-1] == pytest.approx(before, abs=0.02)
+    assert {health for name in ALL for health in w.seen(name)} == {GOOD}
+
+
+def test_a_slip_that_is_over_is_forgotten():
+    """The channel is used again once it has been back for a while."""
+    fault = {"laser": lambda y, since_s, r: y + 0.3 * (since_s < 5.0)}
+    w = Weld(5, fault=fault).run(AT_S + 3.0)
+    assert w.estimates[-1].health["laser"] is SLIP
+    w.run(30.0)
+    assert w.estimates[-1].used == ALL
+
+
+def test_missing_samples_and_repeated_ticks():
+    """The depth is held for a short time, then it is not a number; a tick counts once."""
+    w = Weld(6).run(5.0)
+    last = w.estimates[-1]
+    assert w.fusion.update(w.time_s, dict.fromkeys(ALL, 9.0), 78.4) is last
+    held = w.fusion.update(w.time_s + 0.1, {})
+    assert held.depth_mm == pytest.approx(last.depth_mm, abs=0.01)
+    assert held.used == ()
+    gone = w.fusion.update(w.time_s + 0.5, {})
+    assert math.isnan(gone.depth_mm)
+    assert set(gone.health.values()) == {MISSING}
+    back = w.fusion.update(w.time_s + 0.6, w.samples(), w.force_kn)
+    assert back.depth_mm == pytest.approx(last.depth_mm, abs=0.03)
+    assert math.isnan(DepthFusion().update(0.1, {}).depth_mm)
+
+
+def test_biases_from_a_footprint_are_taken_off():
+    """Also where one channel has a great one."""
+    rows = {"a": DepthChannel(bias_mm=0.5), "b": DepthChannel()}
+    estimate = DepthFusion(channels=rows).update(0.1, {"a": 3.0, "b": 2.5}, 78.4)
+    assert estimate.depth_mm == pytest.approx(2.5, abs=1e-6)

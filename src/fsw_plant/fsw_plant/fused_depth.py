@@ -1,0 +1,46 @@
+"""The depth of a plant with several sensors of it, as all nodes take it from fsw/depth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import nan
+
+from fsw_control.contract import Command
+from fsw_control.depth_footprint import Footprint
+from fsw_control.depth_fusion import DepthEstimate, DepthFusion
+from fsw_control.sensors import DEPTH_CHANNELS
+from fsw_model import nominal
+from fsw_model.equations import friction_torque_nm, power_kw, process_torque_nm
+
+
+class FusedDepth:
+    """Fuses the samples of the depth's channels with force, torque and power that are measured."""
+
+    def __init__(self, footprint: Footprint | None = None) -> None:
+        self._fusion = DepthFusion(torque_model=_torque_nm, footprint=footprint)
+
+    def update(
+        self, time_s: float, values: Mapping[str, float], drives: Command, angle_deg: float = nan
+    ) -> DepthEstimate:
+        """Fuse the samples of a tick, by sensor."""
+        torque_nm, speed_rpm = values.get("torque", nan), drives.speed_rpm
+        return self._fusion.update(
+            time_s,
+            {channel: values.get(name) for name, channel in DEPTH_CHANNELS.items()},
+            drives.force_kn,
+            torque_nm,
+            power_kw(torque_nm - _friction_nm(speed_rpm), speed_rpm),
+            speed_rpm,
+            angle_deg,
+        )
+
+
+def _friction_nm(speed_rpm: float) -> float:
+    friction_nm: float = friction_torque_nm(nominal(), speed_rpm)  # type: ignore[arg-type, assignment]
+    return friction_nm
+
+
+def _torque_nm(force_kn: float, depth_mm: float, speed_rpm: float) -> float:
+    """Torque of process and motor by the nominal model, whatever the plant's is."""
+    process_nm: float = process_torque_nm(nominal(), force_kn, depth_mm)  # type: ignore[arg-type, assignment]
+    return process_nm + _friction_nm(speed_rpm)
