@@ -38,8 +38,12 @@ BUDGETS = {
 #: most code lines of a unit of Python, and the least of a module that has no reason to be short
 LIMITS = {"function": 60, "class": 250, "file": 400}
 SHORT = 60
-#: short for a reason: what tools demand by name, thin nodes beside pure cores, entry points
-_MAY_BE_SHORT = re.compile(r"(^|/)(__init__|setup)\.py$|_(ros|node)\.py$|^(scripts|examples)/")
+#: short for a reason: what tools demand by name, thin nodes beside pure cores, a node's parameters,
+#: scripts; and modules that are entry points, so that a command loads only what it needs
+_MAY_BE_SHORT = re.compile(
+    r"(^|/)(__init__|setup|parameters|conftest)\.py$|_(ros|node)\.py$|^(scripts|examples)/"
+)
+_ENTRY_POINT = re.compile(r'^\S+ = "([\w.]+)(?::\S+)?"$', re.MULTILINE)
 #: mode of a symbolic link in a tree of git
 _LINK = "120000"
 _NO_CODE = {
@@ -96,10 +100,19 @@ def excesses(name: str, text: str) -> Iterator[tuple[int, str]]:
 
 def short_modules() -> list[str]:
     """Modules of fewer than ``SHORT`` lines for which no rule gives a reason."""
+    projects = [*WORKSPACE.glob("pyproject.toml"), *WORKSPACE.glob("*/pyproject.toml")]
+    entries = {
+        name.replace(".", "/")
+        for path in projects
+        for name in _ENTRY_POINT.findall(path.read_text("utf-8"))
+    }
     return [
         name
         for name, text in sources("")
-        if name.endswith(".py") and not _MAY_BE_SHORT.search(name) and code_lines(text) < SHORT
+        if name.endswith(".py")
+        and not _MAY_BE_SHORT.search(name)
+        and "/".join(Path(name).with_suffix("").parts[2:]) not in entries
+        and code_lines(text) < SHORT
     ]
 
 

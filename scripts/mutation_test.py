@@ -41,7 +41,7 @@ ensure(dev=True, extras=["fmu", "machine", "campaign", "hmi", "canister", "mutat
 
 import yaml  # noqa: E402
 
-from fsw_analysis.markdown import table  # noqa: E402
+from fsw_analysis.report import table  # noqa: E402
 from fsw_control.c_library import compiler  # noqa: E402
 
 MUTANTS = WORKSPACE / "test" / "mutants.yaml"

@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from fsw.outputs import write_text
-from fsw_analysis.markdown import table
+from fsw_analysis.report import table
 from fsw_control import weld
 from fsw_control.contract import Limits
 from fsw_control.parameters import describe

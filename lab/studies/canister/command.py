@@ -11,7 +11,7 @@ from typing import Any
 from canister import report, verdict
 from canister.properties import properties
 from canister.validation import validation
-from fsw.progress import ProgressBar
+from fsw.console import ProgressBar
 from fsw_control.schema.models import InputError
 
 #: of the whole weld

@@ -40,9 +40,8 @@ from fsw_quality.record_content import (
 )
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
-from fsw_recorder.definitions import Definitions
+from fsw_recorder.definitions import Definitions, definition_of
 from fsw_recorder.errors import BagError
-from fsw_recorder.interface_text import definition_of
 from fsw_recorder.manifest import mapped, sha256
 
 #: node that watches the procedure, and where it tells what it finds

@@ -16,8 +16,7 @@ import yaml
 from pydantic import AfterValidator
 
 from fsw_control.coded import RefusedError, Worded
-from fsw_control.private_file import read_private
-from fsw_control.schema.files import write_whole
+from fsw_control.schema.files import read_private, write_whole
 from fsw_control.schema.models import InputError, Model, content_of, validate
 
 #: each role includes those before it

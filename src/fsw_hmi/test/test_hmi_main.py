@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from fsw_control.schema.extras import Extra
+from fsw_control.schema.extensions import Extra
 from fsw_hmi import hmi_node, main, users
 from fsw_hmi.page_files import PageFiles
 from fsw_test_support.page_client import PATIENCE_S, Page

@@ -317,32 +317,20 @@ class PlantNode(ManagedNode):
         """Log and report changes of watchdog and process."""
         plant = self.emulator
         (state, stopped), self._reported = self._reported, (plant.watchdog.state, plant.stopped)
-        if plant.watchdog.state != state:
-            self._log(reports.watchdog(plant))
-        if plant.stopped and not stopped:
-            self._log(reports.process(plant))
+        changed = [reports.watchdog(plant)] if plant.watchdog.state != state else []
+        changed += [reports.process(plant)] if plant.stopped and not stopped else []
+        for line in changed:
+            log(self, line.level, f"{line.part}: {line.words}")
         self._report()
-
-    def _log(self, line: Report) -> None:
-        log(self, line.level, f"{line.part}: {line.words}")
 
     def _announce(self) -> None:
         self._publish_reports([Report("clock", OK, SEARCHING, STARTING)])
 
     def _report(self) -> None:
-        plant, writers = self.emulator, self._writers
-        mode = _mode(self._speed, self._simulated)
-        refused = plant.gate.total()
+        mode, refused = _mode(self._speed, self._simulated), self.emulator.gate.total()
         new, self._reported_refusals = max(0, refused - self._reported_refusals), refused
-        self._publish_reports(
-            [
-                reports.clock(mode, self._running, self._stamps.jumps, self._pace.resent),
-                reports.process(plant),
-                reports.watchdog(plant),
-                reports.commands(plant.gate, new, writers.names, writers.unauthorised()),
-                reports.sensors(plant),
-            ]
-        )
+        clock = reports.clock(mode, self._running, self._stamps.jumps, self._pace.resent)
+        self._publish_reports([clock, *reports.parts(self.emulator, self._writers, new)])
 
     def _publish_reports(self, lines: list[Report]) -> None:
         time_ns = self.emulator.measure().stamp_ns if self._simulated and self._running else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fsw_control.coded import Fact, Worded
+from fsw_control.command_writers_ros import CommandWriters
 from fsw_control.reports_ros import ERROR, OK, WARN, Report, commands
 from fsw_plant.emulator import PlantEmulator
 from fsw_plant.watchdog import WatchdogState
@@ -27,7 +28,14 @@ class Note(Worded):
     UNDISTURBED = "undisturbed", "no faults, no disturbances"
 
 
-__all__ = ["clock", "commands", "process", "sensors", "watchdog"]
+def parts(plant: PlantEmulator, writers: CommandWriters, refused: int) -> list[Report]:
+    """All parts but the clock; ``refused`` commands are new."""
+    return [
+        process(plant),
+        watchdog(plant),
+        commands(plant.gate, refused, writers.names, writers.unauthorised()),
+        sensors(plant),
+    ]
 
 
 def clock(mode: str, running: bool, jumps: int, resent: int) -> Report:

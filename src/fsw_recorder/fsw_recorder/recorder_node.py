@@ -27,8 +27,8 @@ from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Repor
 from fsw_recorder import after_recording
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_writer import BagWriter, WriterOptions, taken
+from fsw_recorder.definitions import interface_definition, interface_hash, message_class
 from fsw_recorder.errors import BagError
-from fsw_recorder.interface_text import interface_definition, interface_hash, message_class
 from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
 from fsw_recorder.parameters import RecorderParameters
 from fsw_recorder.qos import is_latched, is_reliable

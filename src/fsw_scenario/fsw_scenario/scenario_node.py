@@ -34,10 +34,9 @@ from fsw_msgs.msg import WeldKpi, WeldProgress
 from fsw_plant import PlantSchedule
 from fsw_scenario.emulator_events_ros import emulator_listens
 from fsw_scenario.heat_ahead import HeatAhead
-from fsw_scenario.held_for import HeldFor
 from fsw_scenario.launcher import ABORTED
 from fsw_scenario.parameters import PlayerParameters
-from fsw_scenario.running_kpi import RunningKpi
+from fsw_scenario.running_kpi import HeldFor, RunningKpi
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse
 from fsw_scenario.weld_player_ros import FAILED, REFUSED, Outcome, PlayerOptions, WeldPlayer

@@ -24,10 +24,9 @@ from fsw_control.topics_ros import PLAYER_READY, REPLACED, subscribe_sensors
 from fsw_control.weld import TICK_NS, TICK_S
 from fsw_msgs.msg import WeldProgress
 from fsw_scenario.audience_ros import Audience
-from fsw_scenario.deviations import Deviations
 from fsw_scenario.emulator_events_ros import EmulatorEvents
 from fsw_scenario.heat_ahead import HeatAhead
-from fsw_scenario.running_kpi import RunningKpi
+from fsw_scenario.running_kpi import Deviations, RunningKpi
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.set_points_ros import ScenarioTime, SetPoints
 from fsw_scenario.switching_ros import Switching

@@ -23,8 +23,8 @@ from fsw_msgs.action import RunWeld
 from fsw_msgs.msg import HeatPlan, SupervisorState
 from fsw_msgs.srv import SetMode, SwitchController
 from fsw_scenario.audience_ros import Audience
-from fsw_scenario.held_for import HeldFor
 from fsw_scenario.launcher import ABORTED
+from fsw_scenario.running_kpi import HeldFor
 from fsw_scenario.scenario_node import ALONE_S, ScenarioNode
 from fsw_scenario.set_points_ros import SetPoints
 from fsw_scenario.weld_player_ros import Outcome
