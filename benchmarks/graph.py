@@ -32,7 +32,7 @@ from fsw_analysis.messages import SENSOR_TOPICS
 from fsw_control.fast_dds import stay_on_this_machine
 from fsw_control.free_domain import free_domain
 from fsw_recorder.bag_reader import BagReader
-from fsw_recorder.stamps import stamp_ns
+from fsw_recorder.weld_clock import stamp_ns
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
 from fsw_scenario.graph import WeldGraph

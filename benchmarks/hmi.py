@@ -27,7 +27,6 @@ if __name__ == "__main__":
 import re
 from urllib.request import urlopen
 
-from hmi_page import WATCH
 from processes import processor_s
 from report import Figures, parser, save, show
 from websockets.asyncio.client import connect
@@ -39,6 +38,26 @@ from fsw_hmi.keeper import Keeper, Kept
 from fsw_scenario.launcher import Launcher
 from fsw_test_support.browser import CHROMIUM, chromium
 from fsw_test_support.waiting import wait_for_text
+
+#: run in the page before its scripts: note each tick's age when it is drawn, and what
+#: handling it costs
+WATCH = """
+window.ages = []; window.busy = [];
+const native = WebSocket;
+window.WebSocket = class extends native {
+  set onmessage(handle) {
+    super.onmessage = (event) => {
+      const begin = performance.now();
+      handle(event);
+      const spent = performance.now() - begin;
+      const frame = JSON.parse(event.data);
+      if (frame.t !== 'tick') return;
+      window.busy.push(spent);
+      requestAnimationFrame(() => setTimeout(() => window.ages.push(Date.now() - 1000 * frame.server_s)));
+    };
+  }
+};
+"""
 
 NODES = {
     "supervisor": "fsw_supervisor.supervisor_node",

@@ -38,7 +38,7 @@ if __name__ == "__main__":
 import numpy as np
 from report import Figures, parser, save, show
 
-from fsw.progress import ProgressBar
+from fsw.console import ProgressBar
 from fsw_analysis.signals import load_weld
 from fsw_control.contract import SAFE_STOP
 from fsw_recorder.bag_reader import BagReader

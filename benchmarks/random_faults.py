@@ -36,9 +36,9 @@ if __name__ == "__main__":
 from random_faults_graph import EMULATOR, MACHINE, FaultyGraph
 from report import Figures, parser, save, show
 
-from fsw.progress import ProgressBar
-from fsw_analysis.markdown import table
+from fsw.console import ProgressBar
 from fsw_analysis.report import numbers as in_lines
+from fsw_analysis.report import table
 from fsw_control.free_domain import free_domain
 from fsw_test_support.results_page import publish
 

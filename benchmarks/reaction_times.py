@@ -39,8 +39,8 @@ from fsw_model import STEP_S
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule, Truth
 from fsw_plant.event_schema import disturbance, fault
 from fsw_plant.watchdog import WatchdogState
+from fsw_scenario.closed_loop import OfflineSupervisor
 from fsw_scenario.controllers import make
-from fsw_scenario.offline_supervisor import OfflineSupervisor
 from fsw_scenario.scenario import start_reference
 from fsw_supervisor.parameters import SupervisorParameters
 

@@ -23,7 +23,7 @@ import numpy as np
 from processes import memory_mib
 from report import Figures, parser, save, show
 
-from fsw.progress import ProgressBar
+from fsw.console import ProgressBar
 from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
 from fsw_control.weld import TICK_S

@@ -210,14 +210,14 @@ def start(program, extras=()):
     """Continue in the project's environment and exit with the result of a node or a module's ``main``.
 
     What commands and nodes need of extras is installed when they ask for it
-    (``fsw_control.schema.extras``).
+    (``fsw_control.schema.extensions``).
     """
     try:
         ensure(extras=extras)
         _on_interrupt(_end)
         with contextlib.suppress(ImportError):
-            importlib.import_module("fsw_control.schema.extras").install = lambda extra: ensure(
-                extras=(extra,)
+            importlib.import_module("fsw_control.schema.extensions").install = lambda extra: (
+                ensure(extras=(extra,))
             )
         path = f"{program}.main"
         if "." not in program:

@@ -3,7 +3,8 @@
 
 usage: count_lines.py [REVISION]
 
-Tests are not counted. With a revision: also what they were there, and the difference.
+Tests are not counted. With a revision: also what they were there, and the difference. At the end the
+functions, classes and files that are longer than they should be.
 """
 
 import ast
@@ -34,6 +35,15 @@ BUDGETS = {
     ("core", "C"): 3_000,
     ("core", "JavaScript"): 2_000,
 }
+#: most code lines of a unit of Python, and the least of a module that has no reason to be short
+LIMITS = {"function": 60, "class": 250, "file": 400}
+SHORT = 60
+#: short for a reason: what tools demand by name, thin nodes beside pure cores, a node's parameters,
+#: scripts; and modules that are entry points, so that a command loads only what it needs
+_MAY_BE_SHORT = re.compile(
+    r"(^|/)(__init__|setup|parameters|conftest)\.py$|_(ros|node)\.py$|^(scripts|examples)/"
+)
+_ENTRY_POINT = re.compile(r'^\S+ = "([\w.]+)(?::\S+)?"$', re.MULTILINE)
 #: mode of a symbolic link in a tree of git
 _LINK = "120000"
 _NO_CODE = {
@@ -58,6 +68,11 @@ def code_lines(text: str, language: str = "Python") -> int:
             pattern, lambda match: match[1] or "\n" * match[0].count("\n"), text, flags=re.DOTALL
         )
         return sum(bool(line.strip()) for line in rest.splitlines())
+    return len(_python_lines(text))
+
+
+def _python_lines(text: str) -> set[int]:
+    """Numbers of the lines with code."""
     lines: set[int] = set()
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type not in _NO_CODE:
@@ -67,7 +82,44 @@ def code_lines(text: str, language: str = "Python") -> int:
             node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
         ) and ast.get_docstring(node, clean=False):
             lines.difference_update(range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1))
-    return len(lines)
+    return lines
+
+
+def excesses(name: str, text: str) -> Iterator[tuple[int, str]]:
+    """Units of a Python source that are over their limit: code lines, and what it is."""
+    lines = _python_lines(text)
+    if len(lines) > LIMITS["file"]:
+        yield len(lines), f"file {name}"
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            unit = "class" if isinstance(node, ast.ClassDef) else "function"
+            size = sum(line in lines for line in range(node.lineno, (node.end_lineno or 0) + 1))
+            if size > LIMITS[unit]:
+                yield size, f"{unit} {node.name} in {name}"
+
+
+def short_modules() -> list[str]:
+    """Modules of fewer than ``SHORT`` lines for which no rule gives a reason."""
+    projects = [*WORKSPACE.glob("pyproject.toml"), *WORKSPACE.glob("*/pyproject.toml")]
+    entries = {
+        name.replace(".", "/")
+        for path in projects
+        for name in _ENTRY_POINT.findall(path.read_text("utf-8"))
+    }
+    return [
+        name
+        for name, text in sources("")
+        if name.endswith(".py")
+        and not _MAY_BE_SHORT.search(name)
+        and "/".join(Path(name).with_suffix("").parts[2:]) not in entries
+        and code_lines(text) < SHORT
+    ]
+
+
+def too_long() -> list[tuple[int, str]]:
+    """All units of the working tree that are over their limit, the longest first."""
+    every = (excesses(*source) for source in sources("") if source[0].endswith(".py"))
+    return sorted((excess for some in every for excess in some), reverse=True)
 
 
 def _git(*words: str, **options: bytes) -> bytes:
@@ -153,6 +205,9 @@ def main() -> int:
         + ", budget"
     )
     _print(totals(now), None if before is None else totals(before), "budget")
+    print(f"\nmodules under {SHORT} lines: {len(short_modules())}; over their limits:")
+    for size, unit in too_long():
+        print(f"{size:>6} {unit}")
     return 0
 
 

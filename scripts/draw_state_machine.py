@@ -12,7 +12,7 @@ if __name__ == "__main__":
 
     ensure()
 
-from fsw_analysis.markdown import table
+from fsw_analysis.report import table
 from fsw_supervisor.state_machine import TRANSITIONS, Mode
 
 DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "concepts" / "arbiter.md"

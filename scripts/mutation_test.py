@@ -30,6 +30,7 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
+from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
@@ -40,7 +41,7 @@ ensure(dev=True, extras=["fmu", "machine", "campaign", "hmi", "canister", "mutat
 
 import yaml  # noqa: E402
 
-from fsw_analysis.markdown import table  # noqa: E402
+from fsw_analysis.report import table  # noqa: E402
 from fsw_control.c_library import compiler  # noqa: E402
 
 MUTANTS = WORKSPACE / "test" / "mutants.yaml"
@@ -208,32 +209,7 @@ def c_mutants(only: str) -> list[Mutant]:
             if key in killed:
                 result.append(_c_mutant(entry, "killed"))
                 continue
-            command = [
-                sys.executable,
-                "-m",
-                "pytest",
-                "-q",
-                "-x",
-                "-p",
-                "no:cacheprovider",
-                "-p",
-                "no_shrinking",
-            ]
-            (folder / "no_shrinking.py").write_text(_CONFTEST, encoding="utf-8")
-            environment = {
-                **os.environ,
-                "PYTHONPATH": str(folder),
-                "XDG_CACHE_HOME": str(folder / "cache"),
-                "CC": shlex.join(["sh", str(_quick_compiler(folder))]),
-            }
-            run = subprocess.run(
-                [*command, *entry["tests"]],
-                cwd=WORKSPACE,
-                env=environment,
-                capture_output=True,
-                text=True,
-                check=False,
-            )
+            run = _run_tests(folder, entry["tests"])
             if (
                 run.returncode > 1 or "did not compile" in run.stdout
             ):  # a mutant that cannot be run shows nothing
@@ -247,6 +223,26 @@ def c_mutants(only: str) -> list[Mutant]:
                 CACHE.mkdir(parents=True, exist_ok=True)
                 kept.write_text(json.dumps(sorted(killed)), encoding="utf-8")
     return result
+
+
+def _run_tests(folder: Path, tests: Sequence[str]) -> subprocess.CompletedProcess[str]:
+    """Run tests with the changed package in ``folder``."""
+    (folder / "no_shrinking.py").write_text(_CONFTEST, encoding="utf-8")
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(folder),
+        "XDG_CACHE_HOME": str(folder / "cache"),
+        "CC": shlex.join(["sh", str(_quick_compiler(folder))]),
+    }
+    command = [sys.executable, *shlex.split("-m pytest -q -x -p no:cacheprovider -p no_shrinking")]
+    return subprocess.run(
+        [*command, *tests],
+        cwd=WORKSPACE,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
 
 
 def _quick_compiler(folder: Path) -> Path:

@@ -29,8 +29,8 @@ from fsw_control.sensors import SENSORS
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import WriterOptions
 from fsw_recorder.recover import recover
-from fsw_recorder.stamps import is_ticking, stamp_ns
 from fsw_recorder.topic import TopicSelection
+from fsw_recorder.weld_clock import is_ticking, stamp_ns
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario_file import load

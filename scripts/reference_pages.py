@@ -13,7 +13,7 @@ from typing import Any
 from fsw.demo import parser as demo_parser
 from fsw.main import parser as operator_parser
 from fsw.schema_command import GROUP, kinds, schema_text
-from fsw_analysis import markdown
+from fsw_analysis import report
 from fsw_analysis.procedure import Procedure
 from fsw_control.parameters import NodeParameters, ParameterSpec, describe
 from fsw_control.schema.extensions import loaded
@@ -56,7 +56,7 @@ def parameter_table(specs: dict[str, ParameterSpec]) -> list[str]:
 
 def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
     """Lines of a table of words."""
-    return markdown.table([header, *rows], words=None).splitlines()
+    return report.table([header, *rows], words=None).splitlines()
 
 
 def page(title: str, *lines: str) -> str:

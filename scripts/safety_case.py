@@ -28,7 +28,7 @@ if __name__ == "__main__":
 
     ensure(dev=True, extras=(*TEST_EXTRAS, *NEWER_TEST_EXTRAS))
 
-from fsw_analysis import markdown
+from fsw_analysis import report
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 PAGE = WORKSPACE / "docs" / "concepts" / "safety.md"
@@ -126,7 +126,7 @@ def table(
             f"{name}: {', '.join(sorted(set(names)))}" for name, names in files.items()
         )
         rows.append((one, " ".join(text.split()), shown, outcome(results, one)))
-    return "\n".join([HEAD, *_last_run(results), "", markdown.table(rows, words=None), ""])
+    return "\n".join([HEAD, *_last_run(results), "", report.table(rows, words=None), ""])
 
 
 def outcome(results: Mapping[str, Any], requirement: str) -> str:
@@ -206,7 +206,7 @@ def reaction_table(reactions: Mapping[str, Any]) -> str:
             _peak(row[f"worst_{key}_reaction"], row["unit"]) for key in ("with", "without")
         )
         cells.append((row["hazard"], row["fault"], limit[1], by, *times, peaks))
-    return "\n".join([markdown.table(cells, words=4), "", _coverage(reactions["rows"])])
+    return "\n".join([report.table(cells, words=4), "", _coverage(reactions["rows"])])
 
 
 def _coverage(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -62,7 +62,7 @@ def test_help_lists_the_parameters_and_wrong_names_are_refused(script, tmp_path)
 def test_lines_are_counted_now_and_at_another_revision():
     ran = run("count_lines", "HEAD")
     assert ran.returncode == 0 and ran.stderr == ""
-    packages, sums = ran.stdout.split("\n\n")
+    packages, sums, _ = ran.stdout.split("\n\n")
     rows = {
         tuple(words[:2]): list(map(int, words[2:5]))
         for words in map(str.split, packages.splitlines())

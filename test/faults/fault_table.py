@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fsw_analysis.markdown import table
+from fsw_analysis.report import table
 
 TABLE_MARKS = ("<!-- measured by test/faults: begin -->", "<!-- measured: end -->")
 

@@ -30,7 +30,7 @@ if __name__ == "__main__":
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
-from fsw_analysis.markdown import table
+from fsw_analysis.report import table
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_NS
 from fsw_supervisor.state_machine import Mode

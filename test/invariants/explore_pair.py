@@ -28,7 +28,7 @@ if __name__ == "__main__":
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
-from fsw_analysis.markdown import table
+from fsw_analysis.report import table
 from fsw_test_support import pair_rules, results_page
 from fsw_test_support.pair_ends import ENDS, PLC_LINKS
 from fsw_test_support.pair_rules import HEAL_S, BrokenInvariantError

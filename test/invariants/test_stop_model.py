@@ -9,8 +9,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from stop_model import SHORT, Bounds, search
 
+from fsw_control.coded import Fact
 from fsw_control.contract import SAFE_STOP
-from fsw_control.fence import Fence
+from fsw_control.fence import Barrier, Fence
 from fsw_control.stop import Stop, StopRegister
 from fsw_supervisor.confirmation import Confirmations
 from fsw_supervisor.failover import Failover
@@ -48,13 +49,13 @@ def check_with(same_term=False, any_term=False, during_stop=False, unknowing=Fal
         self.hear(signature.stop)
         same = signature.term == self._term and (same_term or signature.leader == self._leader)
         if not same and signature.term <= self._term and not any_term:
-            return "leader", ""
+            return Fact.of(Barrier.LEADER)
         self._term, self._leader, self._answered = signature.term, signature.leader, True
         if source != SAFE_STOP and self.register.stopped and not during_stop:
-            return "stopped", ""
+            return Fact.of(Barrier.STOPPED)
         if source != SAFE_STOP and signature.stop < self.register.value and not unknowing:
-            return "stopped", ""
-        return "", ""
+            return Fact.of(Barrier.STOPPED)
+        return None
 
     return check
 

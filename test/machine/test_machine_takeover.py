@@ -144,9 +144,7 @@ def test_after_a_plcs_own_ramp_control_comes_back_in_bounded_time(late_ticks, pu
     assert loop.arbiter.machine.mode is Mode.SAFE_STOP
     assert loop.in_force.force_kn <= before_kn, "no control after a safe reaction"
     loop.resume()
-    assert all(loop.run(40)[20:]), (
-        f"{loop.gateway.gate.last_refusal}; {loop.arbiter.machine.reason.words}"
-    )
+    assert all(loop.run(40)[20:]), f"{loop.gateway.gate.last}; {loop.arbiter.machine.reason.words}"
     assert loop.arbiter.machine.mode is Mode.AUTO
     assert loop.arbiter.machine.active == "decentral"
 

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from fsw_control.c_library import PORTABLE, needed_compiler, run_compiler
-from fsw_control.schema.extras import Extra
+from fsw_control.schema.extensions import Extra
 from fsw_control.schema.files import replacing
 from fsw_control.schema.models import InputError
 from fsw_export.choice import Choice

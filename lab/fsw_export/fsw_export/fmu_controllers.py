@@ -56,6 +56,9 @@ _KNOWN = Signal(
     "whether the next set-point is known: the change_... signals",
     "n_changes",
 )
+_DRIVES_VALID = "Whether acting_force_kn and acting_speed_rpm are connected and valid"
+_APPLIED = "{} set-point in force until now, if it is not that of this FMU"
+_APPLIED_VALID = "Whether these are connected; otherwise this FMU's own output counts as applied"
 
 
 def nmpc(choice: Choice) -> Content:
@@ -112,47 +115,26 @@ def _content(
         "speed_rpm": start.speed_rpm,
     }
     own = {variable.name: variable for variable in parameters}
+    is_nmpc = library.name == "nmpc"
     inputs = [signal for signal in library.inputs if signal.name not in _OWN]
-    if library.name == "nmpc":
-        inputs.append(_KNOWN)
-    variables = [_input(signal, at) for signal in inputs]
-    if library.name == "nmpc":
-        variables += [
-            boolean(
-                "drives_valid",
-                "Whether acting_force_kn and acting_speed_rpm are connected and valid",
-                False,
-            )
-        ]
-    force, speed = at["force_kn"], at["speed_rpm"]
-    variables += [
-        real(
-            "applied_force_kn",
-            "Force set-point in force until now, if it is not that of this FMU",
-            "kN",
-            force,
-        ),
-        real("applied_speed_rpm", "Speed set-point in force until now, likewise", "rpm", speed),
-        boolean(
-            "applied_valid",
-            "Whether these are connected; otherwise this FMU's own output counts as applied",
-            False,
-        ),
+    inputs += [_KNOWN] if is_nmpc else []
+    variables = [
+        *(_input(signal, at) for signal in inputs),
+        *((boolean("drives_valid", _DRIVES_VALID, False),) if is_nmpc else ()),
+        real("applied_force_kn", _APPLIED.format("Force"), "kN", at["force_kn"]),
+        real("applied_speed_rpm", _APPLIED.format("Speed"), "rpm", at["speed_rpm"]),
+        boolean("applied_valid", _APPLIED_VALID, False),
         *(output(one.name, _text(one), _unit(one), _TYPE[one.kind]) for one in library.outputs),
         *parameters,
-        replace(
-            own["force_max"],
-            name="start_force_kn",
-            description="Force at the start",
-            start=force,
-            fixed=True,
-        ),
-        replace(
-            own["speed_max"],
-            name="start_speed_rpm",
-            description="Spindle speed at the start",
-            start=speed,
-            fixed=True,
+        *(
+            replace(
+                own[f"{name}_max"],
+                name=f"start_{name}_{unit}",
+                description=f"{name.capitalize()} at the start",
+                start=at[f"{name}_{unit}"],
+                fixed=True,
+            )
+            for name, unit in (("force", "kn"), ("speed", "rpm"))
         ),
     ]
     code = library.files() | {

@@ -34,6 +34,24 @@ _MOTION = {
         "Height of the tool above the joint line, towards the lid, at the end of a step",
     ),
 }
+#: name, meaning and unit
+_DISTURBANCES = (
+    ("axial_force_disturbance_kn", "Added to the drive's force during a step", "kN"),
+    ("spindle_speed_disturbance_rpm", "Added to the drive's speed during a step", "rpm"),
+    ("depth_disturbance_mm", "Added to the measured depth at the end of a step", "mm"),
+    ("temperature_disturbance_k", "Added to the measured temperature at the end of a step", "K"),
+)
+_OUTPUTS = (
+    ("depth_mm", "Measured shoulder depth", "mm"),
+    ("torque_nm", "Measured motor torque, with the peak while the spindle accelerates", "N m"),
+    ("temperature_c", "Temperature of the stir zone, measured by the thermocouple", "degC"),
+    ("acting_force_kn", "Actual axial force, as reported by the drive", "kN"),
+    ("acting_speed_rpm", "Actual spindle speed, as reported by the drive", "rpm"),
+    ("process_torque_nm", "Torque of the tool on the copper", "N m"),
+    ("friction_torque_nm", "Friction of motor and transmission", "N m"),
+    ("power_kw", "Power of the process", "kW"),
+    ("copper_temperature_c", "Temperature of the copper about the stir zone", "degC"),
+)
 _CANISTER = ("fmu_canister.c", "fmu_canister.h")
 _TUNABLE = (
     "limits.force_min_kn",
@@ -75,44 +93,8 @@ def plant(choice: Choice) -> Content:
     variables: list[Variable] = [
         real("force_kn", "Commanded axial force, held during a step", "kN", start.force_kn),
         real("speed_rpm", "Commanded spindle speed, held during a step", "rpm", start.speed_rpm),
-        real(
-            "axial_force_disturbance_kn",
-            "Disturbance force, added to the drive's force during a step",
-            "kN",
-            0.0,
-        ),
-        real(
-            "spindle_speed_disturbance_rpm",
-            "Disturbance of the speed, added to the drive's speed during a step",
-            "rpm",
-            0.0,
-        ),
-        real(
-            "depth_disturbance_mm", "Added to the measured depth at the end of a step", "mm", 0.0
-        ),
-        real(
-            "temperature_disturbance_k",
-            "Added to the measured temperature at the end of a step",
-            "K",
-            0.0,
-        ),
-        output("depth_mm", "Measured shoulder depth", "mm"),
-        output(
-            "torque_nm",
-            "Measured motor torque, including the peak while the spindle accelerates",
-            "N m",
-        ),
-        output(
-            "temperature_c",
-            "Temperature of the stir zone, as measured by the thermocouple",
-            "degC",
-        ),
-        output("acting_force_kn", "Actual axial force, as reported by the drive", "kN"),
-        output("acting_speed_rpm", "Actual spindle speed, as reported by the drive", "rpm"),
-        output("process_torque_nm", "Torque of the tool on the copper", "N m"),
-        output("friction_torque_nm", "Friction of motor and transmission", "N m"),
-        output("power_kw", "Power of the process", "kW"),
-        output("copper_temperature_c", "Temperature of the copper about the stir zone", "degC"),
+        *(real(name, text, unit, 0.0) for name, text, unit in _DISTURBANCES),
+        *(output(*signal) for signal in _OUTPUTS),
         *(parameter(specs[name], chosen[name], fixed=True) for name in fixed),
         *(parameter(specs[name], chosen[name]) for name in _TUNABLE),
     ]

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fsw_control.schema.extras import Extra
+from fsw_control.schema.extensions import Extra
 from fsw_control.schema.models import InputError
 from fsw_plant.canister.copper import Array
 from fsw_plant.canister.parameters import CanisterParameters

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from fsw.bags import bag_argument, print_notes
 from fsw.command import FORCE, assignment, command, file, number, option, repeated
+from fsw.console import ProgressBar
 from fsw.errors import CommandError
 from fsw.outputs import check_new, write_json
-from fsw.progress import ProgressBar
 from fsw_analysis.messages import WeldMessages
 from fsw_control.schema.models import InputError
 from fsw_control.schema.ranges import Range

@@ -7,12 +7,11 @@ import sys
 from pathlib import Path
 
 from fsw.command import FORCE, command, file, option, switch
-from fsw.console import program
+from fsw.console import ProgressBar, program
 from fsw.errors import CommandError
 from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED, trusted_keys
 from fsw.outputs import check_new, default_folder
-from fsw.progress import ProgressBar
-from fsw_control.schema.extras import Extra
+from fsw_control.schema.extensions import Extra
 
 _REPORT = "report"
 #: arguments of only one of both forms

@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fsw.command import FORCE, command, file, number, option, repeated
-from fsw.console import print_table
+from fsw.console import ProgressBar, print_table
 from fsw.errors import CommandError
 from fsw.outputs import check_new, default_folder, new_folder, write_whole
-from fsw.progress import ProgressBar
 from fsw_analysis.export import write_table
 from fsw_control.schema.models import InputError
 from fsw_control.schema.ranges import Range

@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from fsw.outputs import write_text
-from fsw_analysis.markdown import table
+from fsw_analysis.report import table
 from fsw_control import weld
 from fsw_control.contract import Limits
 from fsw_control.parameters import describe
@@ -196,24 +196,16 @@ def check_rows(heard: Heard, needed: Sequence[str]) -> list[Row]:
     period_s = float(np.median(gaps)) if gaps.size else np.nan
     lost = max(0.0, 1.0 - weld.TICK_S / float(gaps.mean())) if gaps.size else 1.0
     missing = [name for name in needed if name not in heard.ready]
-    trouble = (
-        ", ".join(f"{name} {level.word}" for name, level in heard.interlocks.items()) or "none"
+    trouble = ", ".join(f"{name} {level.word}" for name, level in heard.interlocks.items())
+    ready, good_tick = (
+        f"ready: {', '.join(needed)}",
+        abs(period_s - weld.TICK_S) < 0.05 * weld.TICK_S,
     )
     rows = [
         _row("mode", f"{heard.mode}, {heard.controller}", "auto", heard.mode == "auto"),
-        _row(
-            "controllers",
-            ", ".join(heard.ready) or "none",
-            f"ready: {', '.join(needed)}",
-            not missing,
-        ),
-        _row("interlocks", trouble, "none", not heard.interlocks),
-        _row(
-            "tick",
-            f"{period_s:.3f} s",
-            f"{weld.TICK_S:g} s",
-            abs(period_s - weld.TICK_S) < 0.05 * weld.TICK_S,
-        ),
+        _row("controllers", ", ".join(heard.ready) or "none", ready, not missing),
+        _row("interlocks", trouble or "none", "none", not heard.interlocks),
+        _row("tick", f"{period_s:.3f} s", f"{weld.TICK_S:g} s", good_tick),
         _row(
             "samples lost", f"{100.0 * lost:.1f} %", f"at most {100.0 * _LOST:g} %", lost <= _LOST
         ),
@@ -221,15 +213,8 @@ def check_rows(heard: Heard, needed: Sequence[str]) -> list[Row]:
     ]
     for name, (most, unit) in _NOISE.items():
         noise = _noise(getattr(heard, name))
-        good = 0.0 < noise <= most
-        rows.append(
-            _row(
-                f"noise, {name.split('_')[0]}",
-                f"{noise:.3g} {unit}",
-                f"above 0, at most {most:g}",
-                good,
-            )
-        )
+        what, limit = f"noise, {name.split('_')[0]}", f"above 0, at most {most:g}"
+        rows.append(_row(what, f"{noise:.3g} {unit}", limit, 0.0 < noise <= most))
     wanted = (weld.DEPTH_MM, weld.TEMPERATURE_C)
     there = "none" if heard.reference is None else "{:g} mm, {:g} degC".format(*heard.reference)
     at_rest = heard.reference is not None and np.allclose(heard.reference, wanted, atol=1e-6)
@@ -247,14 +232,8 @@ def check_rows(heard: Heard, needed: Sequence[str]) -> list[Row]:
         ("speed", limits.speed_step_rpm, "rpm"),
     ):
         off = _mean(getattr(heard, f"{name}_{unit.lower()}"))
-        rows.append(
-            _row(
-                f"{name}, off its command",
-                f"{off:+.3g} {unit}",
-                f"at most {most:g}",
-                abs(off) <= most,
-            )
-        )
+        what = f"{name}, off its command"
+        rows.append(_row(what, f"{off:+.3g} {unit}", f"at most {most:g}", abs(off) <= most))
     return rows
 
 

@@ -7,9 +7,8 @@ from typing import Any
 
 import fsw
 from fsw.command import Option, assignment, command, file, group, option, repeated, switch
-from fsw.console import print_table
+from fsw.console import ProgressBar, print_table
 from fsw.errors import CommandError
-from fsw.progress import ProgressBar
 
 EXPORT = group(
     "export",

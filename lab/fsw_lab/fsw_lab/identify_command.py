@@ -8,10 +8,9 @@ from pathlib import Path
 import fsw
 from fsw.bags import read_weld
 from fsw.command import FORCE, command, file, number, option, switch
-from fsw.console import print_table
+from fsw.console import ProgressBar, print_table
 from fsw.errors import CommandError
 from fsw.outputs import check_new, new_folder, write_text
-from fsw.progress import ProgressBar
 from fsw.welds import Weld
 from fsw_analysis.changes import cut_to_scenario
 from fsw_control.schema.models import range_of

@@ -18,9 +18,9 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from fsw_analysis.messages import SENSOR_TOPICS, Kind, Table, WeldMessages
-from fsw_analysis.reasons import FIELDS, reasons
 from fsw_analysis.recorded_parameters import recorded_parameters
 from fsw_analysis.set_points import HELD, SENT, read_plans, read_set_points, timeline
+from fsw_analysis.signals import FIELDS, reasons
 from fsw_analysis.weld_signals import SIMULATED_NS, experiment_time_s
 from fsw_control.common_parameters import hosted
 from fsw_control.contract import Command, Controller, Proposal, Reference

@@ -16,8 +16,7 @@ from fsw_control.units import NANOSECONDS, n_from_kn, rad_s_from_rpm
 from fsw_lab.replay import Replay
 from fsw_recorder.bag_reader import FOREVER_NS, BagReader, BagRecord
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic
-from fsw_recorder.definitions import Definitions
-from fsw_recorder.interface_text import interface_definition, interface_hash
+from fsw_recorder.definitions import Definitions, interface_definition, interface_hash
 from fsw_recorder.recover import copy
 
 _TYPE = "fsw_msgs/msg/WeldCommand"

@@ -12,9 +12,8 @@ import yaml
 
 import fsw
 from fsw.command import command, file, number, switch
-from fsw.console import print_table
+from fsw.console import ProgressBar, print_table
 from fsw.outputs import new_folder
-from fsw.progress import ProgressBar
 from fsw_control.schema.ranges import Range
 from fsw_model import ModelParameters
 from fsw_tuning import margins

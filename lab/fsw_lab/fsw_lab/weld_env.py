@@ -142,8 +142,8 @@ def _course(scenario: Scenario) -> tuple[Array, Array]:
     disturbances, plant = np.zeros((scenario.n_ticks + 2, len(CHANNELS))), plant_of(scenario)
     for tick in range(1, scenario.n_ticks + 2):
         plant.measure()
-        for name, one in plant.disturbances.items():
-            disturbances[tick, CHANNELS.index(name)] = one.value(plant.time_s)
+        for one in plant.disturbances.values():
+            disturbances[tick, CHANNELS.index(one.target)] += one.value(plant.time_s)
         plant.apply(plant.applied)
         plant.step()
     return wanted, disturbances

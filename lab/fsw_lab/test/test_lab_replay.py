@@ -20,7 +20,7 @@ from fsw_lab.shadow import write_shadow
 from fsw_recorder import BagError
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic
-from fsw_recorder.interface_text import interface_definition, interface_hash
+from fsw_recorder.definitions import interface_definition, interface_hash
 from fsw_test_support.sample_weld import SampleTypes
 
 TICK_NS = 100_000_000

@@ -9,7 +9,7 @@ from typing import Any
 
 from adaptive_nmpc.study import ADAPTIVE, FIXED, controllers, errors
 from controller_comparison.processes import CORRELATIONS
-from fsw.progress import ProgressBar
+from fsw.console import ProgressBar
 from fsw_model import nominal as nominal_parameters
 from fsw_tuning.standard_cases import CASES
 from fsw_tuning.standard_runs import Job, on_all_cores, weld

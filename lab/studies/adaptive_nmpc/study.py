@@ -15,7 +15,7 @@ import numpy as np
 import fsw
 from controller_comparison.processes import REST, random_factors
 from controller_comparison.study import KPIS, VARIATIONS, margins
-from fsw.progress import ProgressBar
+from fsw.console import ProgressBar
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_campaign import definition
 from fsw_control.contract import Command

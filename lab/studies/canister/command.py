@@ -11,7 +11,7 @@ from typing import Any
 from canister import report, verdict
 from canister.properties import properties
 from canister.validation import validation
-from fsw.progress import ProgressBar
+from fsw.console import ProgressBar
 from fsw_control.schema.models import InputError
 
 #: of the whole weld
@@ -58,7 +58,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     coarse = "validate: elements of 12 mm and 64 modes for the comparison with all finite elements"
     parser.add_argument("--coarse", action="store_true", help=coarse)
     parser.add_argument("--publish", action="store_true", help="write the page into docs/results")
-    parsed = parser.parse_args(arguments)
+    _run(parser.parse_args(arguments))
+    return 0
+
+
+def _run(parsed: argparse.Namespace) -> None:
     parsed.out.mkdir(parents=True, exist_ok=True)
     numbers, copper = parsed.out / "validation.json", parsed.out / "properties.json"
     if parsed.part == "weld":
@@ -85,7 +89,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         for path in report.write(data, _RESULTS if parsed.publish else parsed.out):
             print(path)
-    return 0
 
 
 def _made(file: Path) -> Any:

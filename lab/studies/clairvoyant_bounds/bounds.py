@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from clairvoyant_bounds.optimum import Clairvoyant
-from fsw.progress import ProgressBar
+from fsw.console import ProgressBar
 from fsw_control import Reference
 from fsw_tuning.standard_cases import DISTURBANCES, EVENTS, REST, SET_POINTS, set_points
 

@@ -49,6 +49,18 @@ class Optimum:
         )
 
 
+_OPTIONS: dict[str, Any] = {
+    "print_time": False,
+    "ipopt": {
+        "print_level": 0,
+        "sb": "yes",
+        "max_iter": 500,
+        "tol": 1e-7,
+        "mu_strategy": "adaptive",
+    },
+}
+
+
 class Clairvoyant:
     """Computes optima of events from rest, on the paper's process; what comes after ``window_s`` does not count."""
 
@@ -145,16 +157,6 @@ class Clairvoyant:
         low_x[:, :2] = lim.force_min_kn, lim.speed_min_rpm
         high_x[:, :2] = lim.force_max_kn, lim.speed_max_rpm
         low_x[:, -4:] = 0.0
-        options: dict[str, Any] = {
-            "print_time": False,
-            "ipopt": {
-                "print_level": 0,
-                "sb": "yes",
-                "max_iter": 500,
-                "tol": 1e-7,
-                "mu_strategy": "adaptive",
-            },
-        }
         program = {"x": ca.vec(v), "p": given, "f": cost, "g": ca.vec(rows)}
         bounds = {
             "lbx": low_x.ravel(),
@@ -162,4 +164,4 @@ class Clairvoyant:
             "lbg": -high.ravel(),
             "ubg": high.ravel(),
         }
-        return ca.nlpsol("clairvoyant", "ipopt", program, options), bounds
+        return ca.nlpsol("clairvoyant", "ipopt", program, _OPTIONS), bounds

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from controller_comparison.processes import DEAD_TIME_S, random_factors
-from fsw.progress import ProgressBar
+from fsw.console import ProgressBar
 from fsw_model import nominal
 from fsw_tuning.standard_cases import CASES, DEFAULT
 from fsw_tuning.standard_runs import Job, figures, judged, on_all_cores

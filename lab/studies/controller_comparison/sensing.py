@@ -9,7 +9,7 @@ import numpy as np
 
 from controller_comparison.processes import RANDOM_SENSING, REST, SENSING
 from controller_comparison.study import CONTROLLERS, LATENCY, VARIATIONS, entrants, random_plants
-from fsw.progress import ProgressBar
+from fsw.console import ProgressBar
 from fsw_tuning.margins import Loops
 from fsw_tuning.standard_cases import CASES
 from fsw_tuning.standard_runs import JUDGED, Figures, Job, on_all_cores, run_all

@@ -21,7 +21,7 @@ from controller_comparison.processes import (
     VALIDATION_CASES,
     random_factors,
 )
-from fsw.progress import ProgressBar
+from fsw.console import ProgressBar
 from fsw_analysis.kpi_table import ROWS
 from fsw_tuning import standard_runs
 from fsw_tuning.margins import Loops, slower_for

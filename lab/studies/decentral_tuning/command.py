@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import fsw_decentral
-from fsw.console import print_table
+from fsw.console import ProgressBar, print_table
 from fsw.outputs import write_text
-from fsw.progress import ProgressBar
 from fsw_decentral import Gains, tunings
 from fsw_model import ModelParameters, OperatingPointError, nominal
 from fsw_tuning.decentral_loop import errors, simulated_sensitivity

@@ -23,8 +23,7 @@ from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_control.units import NANOSECONDS, RAD_PER_S_PER_RPM, m_from_mm, n_from_kn
 from fsw_control.weld import TICK_NS
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
-from fsw_recorder.definitions import Definitions
-from fsw_recorder.interface_text import interface_definition, interface_hash
+from fsw_recorder.definitions import Definitions, interface_definition, interface_hash
 from fsw_recorder.recording import versions_text
 from fsw_scenario.scenario import Scenario
 

@@ -17,17 +17,16 @@ from typing import Annotated, Literal
 
 from pydantic import AwareDatetime, Strict
 
-from fsw_control.schema.extras import MissingExtraError
+from fsw_control.schema.extensions import MissingExtraError
 from fsw_control.schema.files import read_regular
 from fsw_control.schema.models import InputError, Many, Model, json_content_of, validate
 from fsw_recorder.bag_metadata import ATTESTATION_NAME as ATTESTATION_NAME
 from fsw_recorder.bag_metadata import IDENTITY as IDENTITY
 from fsw_recorder.bag_metadata import METADATA_NAME, read_metadata
 from fsw_recorder.bag_reader import BagReader
-from fsw_recorder.clock_source import UNKNOWN
 from fsw_recorder.errors import BagError
 from fsw_recorder.findings import Code, EvidenceError, Finding, finding, summary
-from fsw_recorder.manifest import MANIFEST_NAME, Manifest, mapped, read_manifest, sha256
+from fsw_recorder.manifest import MANIFEST_NAME, UNKNOWN, Manifest, mapped, read_manifest, sha256
 from fsw_recorder.manifest_check import check_files, complete
 from fsw_recorder.signature import Purpose, Signer, TrustedKey, signature_path, verify_file
 from fsw_scenario.procedure import Identity

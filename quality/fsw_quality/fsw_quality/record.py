@@ -7,6 +7,7 @@ from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from platform import python_version
+from typing import Any
 
 import numpy as np
 
@@ -35,16 +36,18 @@ from fsw_quality.record_content import (
     Record,
     Statistics,
     TimeOfControl,
+    Unusable,
 )
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
-from fsw_recorder.definitions import Definitions
+from fsw_recorder.definitions import Definitions, definition_of
 from fsw_recorder.errors import BagError
-from fsw_recorder.interface_text import definition_of
 from fsw_recorder.manifest import mapped, sha256
 
 #: node that watches the procedure, and where it tells what it finds
 WATCH_NODE, _DIAGNOSTICS = "fsw_procedure", "/diagnostics"
+#: values of its entry that say which procedure it is
+_IDENTIFIES = ("procedure", "revision", "SHA-256")
 #: topics without which something cannot be said, and what
 _SAYS = {
     "/fsw/supervisor/state": "swaps, modes and interlocks",
@@ -145,13 +148,31 @@ def assemble(
         exceedances=tuple(account.exceedances),
         missing=course.missing,
         unusable=evidence.unusable,
-        gaps=tuple(_gap(course, begin_s, duration_s) for begin_s, duration_s in course.gaps),
+        unusable_at=tuple(
+            Unusable(
+                sensor=one.sensor,
+                flaw=one.flaw,
+                **_placed(course, one.begin_s, one.end_s - one.begin_s + TICK_S),
+            )
+            for one in account.unusable
+        ),
+        gaps=tuple(Gap(**_placed(course, *gap)) for gap in course.gaps),
         held_s=TICK_S * float(np.sum((course.mode != "auto") & (course.mode != ""))),
         events=tuple(_events(signals, course)),
         phases=tuple(_phase(course, procedure, name, ticks) for name, ticks in phases),
         depth=None if signals.fused is None else depth_basis(signals.fused),
     )
     return record, course
+
+
+def _placed(course: Course, begin_s: float, lasts_s: float) -> dict[str, Any]:
+    """Fields of what lasts for some time: when and where."""
+    return {
+        "begin_s": begin_s,
+        "duration_s": lasts_s,
+        "angle_deg": course.place(begin_s, lasts_s),
+        "travel_mm": course.place(begin_s, lasts_s, course.travel_mm),
+    }
 
 
 def depth_basis(fused: FusedSignals) -> DepthBasis | None:
@@ -173,22 +194,14 @@ def depth_basis(fused: FusedSignals) -> DepthBasis | None:
     return DepthBasis(deviation_mm=deviation, channels=tuple(channels))
 
 
-def _gap(course: Course, begin_s: float, lasts_s: float) -> Gap:
-    return Gap(
-        begin_s=begin_s,
-        duration_s=lasts_s,
-        angle_deg=course.place(begin_s, lasts_s),
-        travel_mm=course.place(begin_s, lasts_s, course.travel_mm),
-    )
-
-
 def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
     """What the node that watches the procedure told while the weld ran, each change once: procedure, deviations."""
     topic = reader.topics().get(_DIAGNOSTICS)
     if topic is None:
         return []
     definition = definition_of(topic)
-    definitions, found, before, welded_by = Definitions(), [], "", ""
+    definitions, found, welded_by = Definitions(), list[WeldEvent](), ""
+    before: tuple[object, ...] = ()
     # other welds of the domain have theirs
     name = f"{qualified(signals.namespace, WATCH_NODE)}: deviations"
     for record in reader.records([_DIAGNOSTICS]):
@@ -206,9 +219,10 @@ def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
                 welded(time_s, values.get("procedure", ""), values.get("revision", ""), now)
             )
             welded_by = now
-        if line.message != before and (before or line.level):
+        told = line.level, {key: text for key, text in values.items() if key not in _IDENTIFIES}
+        if told != before and (before or line.level):
             found.append(WeldEvent(time_s, "deviation", detail=line.message))
-        before = line.message
+        before = told
     return found
 
 
@@ -227,15 +241,15 @@ def welded(time_s: float, procedure: str, revision: str, sha256: str) -> WeldEve
 
 def judged_with() -> dict[str, str]:
     """Versions of this product and of the packages that compute a record."""
+    names = ("fsw-control", "fsw-quality", "numpy", "scipy")
+    return {name: _version(name) for name in names} | {"python": python_version()}
+
+
+def _version(name: str) -> str:
     try:
-        own = version("fsw-control")
+        return version(name)
     except PackageNotFoundError:  # imported from the source tree
-        own = "source"
-    return (
-        {"fsw-control": own}
-        | {name: version(name) for name in ("numpy", "scipy")}
-        | {"python": python_version()}
-    )
+        return "source"
 
 
 def files_of(bag: Path) -> tuple[BagFile, ...]:

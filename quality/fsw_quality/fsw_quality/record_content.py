@@ -110,6 +110,13 @@ class Gap(Model):
     travel_mm: Pair | None = None
 
 
+class Unusable(Gap):
+    """Samples of a sensor that are not used, and where."""
+
+    sensor: str
+    flaw: str
+
+
 def data_files(files: Sequence[BagFile]) -> tuple[str, ...]:
     """Hashes of the files with the messages."""
     return tuple(sorted(one.sha256 for one in files if one.name != METADATA_NAME))
@@ -186,6 +193,8 @@ class Record(Model):
     """samples that are not on record, by variable"""
     unusable: dict[str, dict[str, int]]
     """samples that controllers and interlocks do not use, by sensor and reason, those that are missing included"""
+    unusable_at: Many[Unusable] = ()
+    """the same in place, without those that are missing"""
     gaps: Many[Gap]
     held_s: Rounded
     """time without automatic control: hold, manual or safe stop"""

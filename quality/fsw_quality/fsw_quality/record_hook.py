@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from fsw_control.schema.extras import Extra
+from fsw_control.schema.extensions import Extra
 
 #: what writes and reads the PDF
 PDF = Extra("fsw-quality", "pdf", ("fpdf", "pypdf"))

@@ -14,7 +14,7 @@ from fsw_quality.record import assemble, times_of_control, told_by_watch
 from fsw_quality.record_content import BagFile, Record
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic
-from fsw_recorder.interface_text import interface_definition, interface_hash
+from fsw_recorder.definitions import interface_definition, interface_hash
 from fsw_scenario.procedure import Procedure
 from fsw_test_support.judged_weld import good_weld, short_procedure
 from fsw_test_support.sample_weld import SampleTypes

@@ -369,7 +369,9 @@ def test_a_swap_on_request_is_as_the_procedure_says() -> None:
     [
         ({}, Verdict.REVIEW),
         ({"tolerated_share": 1.0}, Verdict.ACCEPT),
-        ({"tolerated_share": 1.0, "tolerated_mm": 1.0}, Verdict.REVIEW),
+        ({"tolerated_share": 1.0, "tolerated_mm": 7.0}, Verdict.REVIEW),
+        ({"tolerated_share": 1.0, "tolerated_mm": 9.0}, Verdict.ACCEPT),
+        ({"tolerated_share": 1.0, "tolerated_total_s": 3.0}, Verdict.REVIEW),
     ],
 )
 def test_short_exceedances_of_quality_add_up(changes: dict[str, float], verdict: Verdict) -> None:

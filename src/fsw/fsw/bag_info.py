@@ -9,8 +9,7 @@ from typing import Any
 
 from fsw.bags import DAMAGED_TOO, bag_argument
 from fsw.command import command, switch
-from fsw.console import print_table
-from fsw.progress import ProgressBar
+from fsw.console import ProgressBar, print_table
 from fsw_analysis.tick_gaps import TickCounter
 from fsw_control.units import NANOSECONDS
 from fsw_recorder.bag_reader import BagInfo, BagReader

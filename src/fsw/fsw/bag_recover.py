@@ -7,8 +7,8 @@ from pathlib import Path
 
 from fsw.bags import DAMAGED_TOO, bag_argument, print_notes
 from fsw.command import command, option, switch
+from fsw.console import ProgressBar
 from fsw.errors import CommandError
-from fsw.progress import ProgressBar
 from fsw_recorder import recover as recovering
 from fsw_recorder.bag_metadata import ATTESTATION_NAME
 from fsw_recorder.bag_writer import WriterOptions

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from fsw.command import Option, group, option
-from fsw.progress import ProgressBar
+from fsw.console import ProgressBar
 from fsw_analysis.bag_labels import labels
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.signals import load_weld

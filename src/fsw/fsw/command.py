@@ -12,7 +12,7 @@ import yaml
 
 from fsw.console import program
 from fsw.errors import CommandError
-from fsw_control.schema.extras import Extra
+from fsw_control.schema.extensions import Extra
 from fsw_control.schema.ranges import Range
 from fsw_control.schema.yaml_text import load_yaml
 

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterable
 
 from fsw.command import command, option
-from fsw_control.schema.extras import Extra
+from fsw_control.schema.extensions import Extra
 from fsw_scenario.controllers import KNOWN
 from fsw_scenario.scenario_file import shipped
 

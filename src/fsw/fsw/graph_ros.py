@@ -7,7 +7,6 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from std_srvs.srv import Trigger
 
 from fsw.console import print_table, program
 from fsw.errors import CommandError
@@ -23,7 +22,13 @@ from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_control.severity import Severity
 from fsw_control.topics_ros import LATEST
 from fsw_msgs.msg import SupervisorState, WeldCommand, WeldReference
-from fsw_msgs.srv import ListControllers, SetMode, SetReference, SwitchController
+from fsw_msgs.srv import (
+    ListControllers,
+    OperatorRequest,
+    SetMode,
+    SetReference,
+    SwitchController,
+)
 from fsw_plant.event_schema import DISTURBANCE_AMPLITUDE, WITH_MAGNITUDE, DisturbanceEntry
 from fsw_plant.event_schema import fault as checked_fault
 from fsw_plant.requests_ros import SERVICES, event_request
@@ -93,7 +98,7 @@ def mode(arguments: argparse.Namespace) -> int:
 
 def acknowledge(arguments: argparse.Namespace) -> int:
     """Acknowledge a safe stop whose causes are gone."""
-    return ask(arguments, Trigger, "fsw/acknowledge")
+    return ask(arguments, OperatorRequest, "fsw/acknowledge")
 
 
 def controllers(arguments: argparse.Namespace) -> int:

@@ -16,7 +16,6 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from std_srvs.srv import Trigger
 
 from fsw.errors import CommandError
 from fsw_control import messages_ros as convert
@@ -185,7 +184,7 @@ def ask(
     """Call a service whose response is success and a message."""
     with operator(arguments) as node:
         response = node.call(service, name, request or service.Request(), extra_s)
-    if not (response.success if service is Trigger else response.ok):
+    if not response.ok:
         raise CommandError(response.message)
     print(response.message)
     return 0

@@ -9,12 +9,11 @@ from typing import Any
 
 from fsw.bags import print_notes
 from fsw.command import assignment, command, file, option, repeated, switch
-from fsw.console import print_table
+from fsw.console import ProgressBar, print_table
 from fsw.errors import CommandError
 from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED
 from fsw.middleware import HOW, middleware_is_here
 from fsw.outputs import new_folder
-from fsw.progress import ProgressBar
 from fsw.simulation import closed_loop
 from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_analysis.export import export_weld

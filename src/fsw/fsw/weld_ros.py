@@ -11,12 +11,12 @@ from typing import Any
 
 from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
-from std_srvs.srv import Trigger
 
 from fsw.errors import CommandError
 from fsw.operator_node import Operator, ask, domain_text, operator
 from fsw_control import units
 from fsw_msgs.action import RunWeld
+from fsw_msgs.srv import OperatorRequest
 from fsw_scenario.scenario_file import load
 from fsw_scenario.weld_player_ros import REFUSED
 from fsw_scenario.weld_programme import State
@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def hold_or_resume(arguments: argparse.Namespace) -> int:
     """Stop the travel of the programme, or resume it."""
-    return ask(arguments, Trigger, f"fsw/weld/{arguments.verb}")
+    return ask(arguments, OperatorRequest, f"fsw/weld/{arguments.verb}")
 
 
 def abort_weld(arguments: argparse.Namespace) -> int:

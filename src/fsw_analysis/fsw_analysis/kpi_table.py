@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fsw_analysis.markdown import table
+from fsw_analysis.report import table
 from fsw_control.schema.files import write_whole
 
 #: Rows of the table: meaning, unit, factor to that unit, by key.

@@ -18,10 +18,9 @@ from fsw_analysis.weld_signals import IntArray
 from fsw_control.sensors import SENSORS
 from fsw_control.units import NANOSECONDS
 from fsw_recorder.bag_reader import UNKNOWN_NS, BagReader
-from fsw_recorder.definitions import Definitions
+from fsw_recorder.definitions import Definitions, definition_of
 from fsw_recorder.errors import BagError
-from fsw_recorder.interface_text import definition_of
-from fsw_recorder.stamps import stamp_ns
+from fsw_recorder.weld_clock import stamp_ns
 
 Kind = Literal["number", "text", "numbers", "texts"]
 #: per kind float64 (n,), and object (n,) of str, of float64 arrays and of lists of str

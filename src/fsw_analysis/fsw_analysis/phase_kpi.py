@@ -11,7 +11,7 @@ import numpy as np
 
 from fsw_analysis.kpi import true_or_measured
 from fsw_analysis.kpi_table import write_both
-from fsw_analysis.markdown import table
+from fsw_analysis.report import table
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 
 #: name, begin and end [s] of a phase

@@ -11,7 +11,6 @@ import numpy as np
 
 from fsw_analysis import events
 from fsw_analysis.messages import SENSOR_TOPICS, Column, Kind, Table, WeldMessages
-from fsw_analysis.reasons import FIELDS, reasons
 from fsw_analysis.set_points import HELD, SENT, read_set_points, timeline
 from fsw_analysis.weld_signals import (
     MM,
@@ -25,11 +24,44 @@ from fsw_analysis.weld_signals import (
     WeldSignals,
     experiment_time_s,
 )
+from fsw_control.host import NO_SET_POINT
+from fsw_control.reason import Reason, ReasonCode
 from fsw_control.references import OTHER_CLOCK_NS
 from fsw_control.sensors import DEPTH_CHANNELS, REQUIRED, SENSORS
 from fsw_recorder.errors import BagError
 
 Group = TypeVar("Group", ProposalSignals, StatusSignals, DriveSignals, TruthSignals)
+
+#: fields of a message that has a reason; those of bags before it was an enum have ``reason``, in
+#: words
+FIELDS: dict[str, Kind] = {
+    "why.code": "number",
+    "why.sensors": "texts",
+    "why.limit": "number",
+    "why.detail": "text",
+    "why.subject": "text",
+    "why.interlocks": "texts",
+    "reason": "text",
+}
+
+
+def reasons(table: Table) -> list[Reason]:
+    """The reason of each message; of older bags its words, as those of a controller of its own."""
+    columns = (table.column(path).tolist() for path in FIELDS)
+    return [
+        _old(words)
+        if code != code
+        else Reason(
+            ReasonCode(int(code)), tuple(sensors), limit_s, detail, subject, tuple(interlocks)
+        )
+        for code, sensors, limit_s, detail, subject, interlocks, words in zip(
+            *columns, strict=True
+        )
+    ]
+
+
+def _old(words: str) -> Reason:
+    return NO_SET_POINT if words == NO_SET_POINT.words else Reason.of(words)
 
 
 class _Ticks:

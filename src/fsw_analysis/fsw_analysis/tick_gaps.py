@@ -13,7 +13,7 @@ import numpy as np
 from fsw_analysis.weld_signals import IntArray
 from fsw_control.units import NANOSECONDS
 from fsw_recorder.bag_reader import BagRecord
-from fsw_recorder.stamps import is_ticking, stamp_ns
+from fsw_recorder.weld_clock import is_ticking, stamp_ns
 
 #: shortest plausible period; with the next two it bounds the memory that a damaged bag can require
 _SHORTEST_PERIOD_NS = 10_000_000

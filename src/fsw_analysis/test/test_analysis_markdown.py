@@ -1,6 +1,6 @@
 """Tables in Markdown."""
 
-from fsw_analysis.markdown import table
+from fsw_analysis.report import table
 
 ROWS = [("", "a long header"), ("x|y", 1)]
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fsw_analysis.messages import Table
-from fsw_analysis.reasons import FIELDS, reasons
+from fsw_analysis.signals import FIELDS, reasons
 from fsw_control.reason import Reason, ReasonCode
 
 NEW = Reason(ReasonCode.BLIND, ("depth",), 3.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from fsw_control.coded import Fact, Worded
 from fsw_control.contract import Reference
 
 #: differences below these values are within the noise of the estimates (chosen)
@@ -16,8 +17,17 @@ def attainable_of(quantities: Mapping[str, float]) -> Reference | None:
     return None if found[0] is None or found[1] is None else Reference(found[0], found[1])
 
 
-def out_of_reach(asked: Reference, attainable: Reference, share: float = 1.0) -> str:
-    """Describe how attainable set-points differ from the requested ones; empty if they do not.
+class OutOfReach(Worded):
+    """What is out of reach, and the bound by which it is."""
+
+    TEMPERATURE = "temperature", "{asked_c:.0f} °C asked, {attainable_c:.0f} °C attainable"
+    DEPTH = "depth", "{asked_mm:.2f} mm asked, {attainable_mm:.2f} mm attainable"
+    UPPER = "upper_bound", "{parts}: speed at its upper bound"
+    LOWER = "lower_bound", "{parts}: speed at its lower bound"
+
+
+def out_of_reach(asked: Reference, attainable: Reference, share: float = 1.0) -> Fact | None:
+    """How attainable set-points differ from the requested ones; None if they do not.
 
     Parameters
     ----------
@@ -30,17 +40,17 @@ def out_of_reach(asked: Reference, attainable: Reference, share: float = 1.0) ->
         attainable.depth_mm - asked.depth_mm,
         attainable.temperature_c - asked.temperature_c,
     )
-    texts = []
+    parts = []
     if abs(temperature_c) > share * _NEAR_C:
-        texts.append(
-            f"{asked.temperature_c:.0f} degC asked, {attainable.temperature_c:.0f} degC attainable"
-        )
+        pair = {"asked_c": asked.temperature_c, "attainable_c": attainable.temperature_c}
+        parts.append(Fact(OutOfReach.TEMPERATURE, pair))
     if abs(depth_mm) > share * _NEAR_MM:
-        texts.append(f"{asked.depth_mm:.2f} mm asked, {attainable.depth_mm:.2f} mm attainable")
-    if not texts:
-        return ""
-    bound = "upper" if wants_heat(asked, attainable) else "lower"
-    return f"{'; '.join(texts)}: speed at its {bound} bound"
+        pair = {"asked_mm": asked.depth_mm, "attainable_mm": attainable.depth_mm}
+        parts.append(Fact(OutOfReach.DEPTH, pair))
+    if not parts:
+        return None
+    bound = OutOfReach.UPPER if wants_heat(asked, attainable) else OutOfReach.LOWER
+    return Fact.of(bound, parts=tuple(parts))
 
 
 def wants_heat(asked: Reference, attainable: Reference) -> bool:

@@ -26,7 +26,6 @@ from pathlib import Path
 from typing import Any
 
 from fsw_control.schema.files import replacing, user_cache
-from fsw_control.schema.processes import tool_environment
 
 # no contraction of multiply-add: identical results on all machines, whatever their vector width
 PORTABLE = ("-std=c99", "-O3", "-ffp-contract=off")
@@ -34,6 +33,29 @@ FLAGS = (*PORTABLE, "-fPIC", "-shared", "-Wall", "-Wextra", "-Wno-unused-paramet
 #: for a library that stays on this machine; left out where the compiler does not support it
 NATIVE = "-march=native"
 _LONGEST_BUILD_S = 600.0
+
+#: set by the ROS 2 wheels when they restart the interpreter with their libraries in
+#: LD_LIBRARY_PATH
+_WHEELS_READY = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
+_PATH = "LD_LIBRARY_PATH"
+
+
+def tool_environment() -> dict[str, str]:
+    """Return this process's environment without the library path that the ROS 2 wheels added.
+
+    A sourced ROS 2 keeps its own.
+    """
+    environment = dict(os.environ)
+    if environment.pop(_WHEELS_READY, None) is None:
+        return environment
+    own = os.path.join(sys.prefix, "lib")
+    kept = [
+        path
+        for path in environment.get(_PATH, "").split(os.pathsep)
+        if path and not path.startswith(own)
+    ]
+    environment.pop(_PATH, None)
+    return environment | ({_PATH: os.pathsep.join(kept)} if kept else {})
 
 
 def compiler() -> list[str] | None:

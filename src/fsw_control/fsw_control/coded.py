@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from enum import IntEnum, StrEnum
-from typing import Self
+from typing import Any, NamedTuple, Self
 
 
 class Coded(IntEnum):
@@ -32,3 +33,71 @@ class Worded(StrEnum):
         code = str.__new__(cls, value)
         code._value_, code.words = value, words
         return code
+
+
+class Fact(NamedTuple):
+    """A code with its fields: names, figures, reasons or other facts."""
+
+    code: Worded
+    data: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, code: Worded, /, **data: Any) -> Fact:
+        """Return the fact with these fields."""
+        return cls(code, data)
+
+    @property
+    def words(self) -> str:
+        """The fact in words."""
+        return self.code.words.format_map({key: _plain(item) for key, item in self.data.items()})
+
+
+class RefusedError(ValueError):
+    """An error that says by a fact why something is refused."""
+
+    def __init__(self, fact: Fact) -> None:
+        super().__init__(fact.words)
+        self.fact = fact
+
+    @classmethod
+    def of(cls, code: Worded, /, **data: Any) -> RefusedError:
+        """Return the error of this fact."""
+        return cls(Fact(code, data))
+
+
+class _Several(Worded):
+    """A code for several facts."""
+
+    SEVERAL = "several", "{facts}"
+
+
+def several(facts: Sequence[Fact]) -> Fact | None:
+    """One fact for all of them; None if there is none."""
+    if len(facts) < 2:
+        return facts[0] if facts else None
+    return Fact.of(_Several.SEVERAL, facts=tuple(facts))
+
+
+def _plain(item: Any) -> Any:
+    if type(item) is not tuple:
+        return item
+    if item and isinstance(item[0], Fact):
+        return "; ".join(fact.words for fact in item)
+    return ", ".join(map(str, item)) or "none"
+
+
+class Answer(NamedTuple):
+    """Answer to an operator's request."""
+
+    ok: bool
+    fact: Fact
+
+    @classmethod
+    def done(cls, code: Worded, /, **data: Any) -> Answer:
+        """Return the answer to a request that is served."""
+        return cls(True, Fact(code, data))
+
+    @classmethod
+    def refused(cls, code: Worded, /, **data: Any) -> Answer:
+        """Return the answer to a request that is refused."""
+        return cls(False, Fact(code, data))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from math import inf, isfinite
 from typing import NamedTuple
 
+from fsw_control.coded import Fact, Worded
 from fsw_control.contract import Command, Limits
 from fsw_control.reason import Reason, ReasonCode
 
@@ -13,20 +13,21 @@ from fsw_control.reason import Reason, ReasonCode
 ROUNDING = 1e-6
 
 
-class Flaw(StrEnum):
+class Flaw(Worded):
     """Reasons for rejecting a command."""
 
-    NOT_FINITE = "not_finite"
-    OUT_OF_RANGE = "out_of_range"
-    JUMP = "jump"
+    NOT_FINITE = "not_finite", "not finite: {quantity} {value} {unit}"
+    OUT_OF_RANGE = (
+        "out_of_range",
+        "{quantity} {value:.3f} {unit} is outside {low:g} to {high:g} {unit}",
+    )
+    JUMP = (
+        "jump",
+        "{quantity} would jump by {value:.3f} {unit}, more than {high:g} {unit} per tick",
+    )
 
 
 _UNITS = {"force": "kN", "speed": "rpm"}
-_WORDS = {
-    Flaw.NOT_FINITE: "not finite: {quantity} {value} {unit}",
-    Flaw.OUT_OF_RANGE: "{quantity} {value:.3f} {unit} is outside {low:g} to {high:g} {unit}",
-    Flaw.JUMP: "{quantity} would jump by {value:.3f} {unit}, more than {high:g} {unit} per tick",
-}
 
 
 class Refusal(NamedTuple):
@@ -39,9 +40,15 @@ class Refusal(NamedTuple):
     high: float = inf  #: the range of the value
 
     @property
+    def fact(self) -> Fact:
+        """The refusal as a fact."""
+        data = self._asdict() | {"unit": _UNITS[self.quantity]}
+        return Fact(data.pop("flaw"), data)
+
+    @property
     def words(self) -> str:
         """The refusal in words."""
-        return _WORDS[self.flaw].format_map(self._asdict() | {"unit": _UNITS[self.quantity]})
+        return self.fact.words
 
     @property
     def reason(self) -> Reason:

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from fsw_control.coded import Fact, Worded
 from fsw_control.command_check import Flaw, refusal
 from fsw_control.contract import Command, Limits
+from fsw_control.fence import Barrier
 from fsw_control.units import NANOSECONDS
 
-#: Reasons for a rejection; ``leader`` and ``stopped`` come from the fence.
-REASONS = (
-    "not_finite",
-    "out_of_range",
-    "unhealthy",
-    "source",
-    "repeated",
-    "too_old",
-    "future",
-    "leader",
-    "stopped",
-)
+
+class Rejection(Worded):
+    """Reasons for a rejection beside a flaw of the command itself."""
+
+    SOURCE = "source", "source {source!r} is not one of {sources}"
+    UNHEALTHY = "unhealthy", "{source!r} marked it as not to be applied"
+    FUTURE = "future", "it answers {stamp_s:.1f} s, which has not been measured yet"
+    REPEATED = "repeated", "{stamp_s:.1f} s or a later measurement has been answered already"
+    TOO_OLD = "too_old", "it answers a measurement {age_s:.1f} s old"
+
+
+#: codes of all rejections, the fence's too
+REASONS: tuple[Worded, ...] = (Flaw.NOT_FINITE, Flaw.OUT_OF_RANGE, *Rejection, *Barrier)
 
 
 class CommandGate:
@@ -35,13 +38,12 @@ class CommandGate:
         limits: Limits,
         max_age_s: float,
         sources: Sequence[str] = (),
-        more_reasons: Sequence[str] = (),
+        more_reasons: Sequence[Worded] = (),
     ) -> None:
         self.configure(limits, max_age_s, sources)
         #: rejected commands for each of ``REASONS`` and of the node's own ``more_reasons``
-        self.refused = dict.fromkeys((*REASONS, *more_reasons), 0)
-        self.last_reason = ""  #: of the last rejection
-        self.last_refusal = ""  #: in words
+        self.refused: dict[str, int] = dict.fromkeys(map(str, (*REASONS, *more_reasons)), 0)
+        self.last: Fact | None = None  #: the last rejection
         self.last_stamp_ns: int | None = None  #: of the last measurement that was answered
 
     def configure(self, limits: Limits, max_age_s: float, sources: Sequence[str] = ()) -> None:
@@ -58,42 +60,38 @@ class CommandGate:
         last measurement (None before the first one); ``healthy`` is whether its sender marked it
         as applicable.
         """
-        reason, words = self._refusal(command, stamp_ns, source, healthy, measured_ns)
-        if reason:
-            self.refuse(reason, words)
-        else:
+        why = self._refusal(command, stamp_ns, source, healthy, measured_ns)
+        if why is None:
             self.last_stamp_ns = stamp_ns
-        return reason
+            return ""
+        return self.refuse(why)
 
-    def refuse(self, reason: str, words: str) -> None:
-        """Count a rejected command."""
-        self.refused[reason] += 1
-        self.last_reason, self.last_refusal = reason, f"{reason}: {words}"
+    def refuse(self, why: Fact) -> str:
+        """Count a rejected command; returns the code of its reason."""
+        self.refused[why.code] += 1
+        self.last = why
+        return why.code
 
     def _refusal(
         self, command: Command, stamp_ns: int, source: str, healthy: bool, measured_ns: int | None
-    ) -> tuple[str, str]:
+    ) -> Fact | None:
         if self.sources and source not in self.sources:
-            return "source", f"source {source!r} is not one of {', '.join(sorted(self.sources))}"
+            allowed = tuple(sorted(self.sources))
+            return Fact.of(Rejection.SOURCE, source=source, sources=allowed)
         wrong = refusal(command, self.limits)
         if not healthy and (wrong is None or wrong.flaw is not Flaw.NOT_FINITE):
-            return "unhealthy", f"{source!r} marked it as not to be applied"
+            return Fact.of(Rejection.UNHEALTHY, source=source)
         if wrong is not None:
-            return wrong.flaw, wrong.words
+            return wrong.fact
+        stamp_s = stamp_ns / NANOSECONDS
         if measured_ns is None or stamp_ns > measured_ns:
-            return "future", f"it answers {stamp_ns * 1e-9:.1f} s, which has not been measured yet"
+            return Fact.of(Rejection.FUTURE, stamp_s=stamp_s)
         # A last answer newer than the last measurement dates from before the clock was set back.
         if self.last_stamp_ns is not None and stamp_ns <= self.last_stamp_ns <= measured_ns:
-            return (
-                "repeated",
-                f"{stamp_ns * 1e-9:.1f} s or a later measurement has been answered already",
-            )
+            return Fact.of(Rejection.REPEATED, stamp_s=stamp_s)
         if measured_ns - stamp_ns > round(self.max_age_s * NANOSECONDS):
-            return (
-                "too_old",
-                f"it answers a measurement {(measured_ns - stamp_ns) * 1e-9:.1f} s old",
-            )
-        return "", ""
+            return Fact.of(Rejection.TOO_OLD, age_s=(measured_ns - stamp_ns) / NANOSECONDS)
+        return None
 
     def total(self) -> int:
         """Number of rejected commands, all reasons together."""

@@ -14,6 +14,7 @@ from rclpy.node import Node
 from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.attainable import attainable_of, out_of_reach
+from fsw_control.coded import Fact, RefusedError, Worded, several
 from fsw_control.common_parameters import ControllerParameters, hosted
 from fsw_control.contract import Command, Controller, Proposal, Reference
 from fsw_control.deadline_timer_ros import DeadlineTimer
@@ -25,10 +26,10 @@ from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import ParameterModel
 from fsw_control.parameters_ros import ParameterValues, state_contents
-from fsw_control.reason import Reason, ReasonCode
+from fsw_control.reason import Reason
 from fsw_control.references import ReferencePlan
 from fsw_control.references_ros import StatedReference, reference_queue, subscribe_references
-from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Report
+from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Report, told
 from fsw_control.topics_ros import (
     LATEST,
     SENT,
@@ -53,6 +54,17 @@ Make = Callable[[dict[str, Any]], Controller]
 
 #: share of the lockstep patience that remains for samples already missing at the previous tick
 _KNOWN_LOST_SHARE = 0.2
+
+
+class Note(Worded):
+    """What the node says of its controller."""
+
+    PROPOSING = "proposing", "proposing"
+    REASON = "reason", "{reason.words}"
+    NO_MEASUREMENT = "no_measurement", "no measurement received yet"
+    STOPPED = "stopped", "measurements have stopped"
+    SENSOR = "sensor", "{sensor}: {flaw}"
+    OUT_OF_REACH = "out_of_reach", "set-point out of reach: {reach.words}"
 
 
 class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere
@@ -104,7 +116,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._steps = 0
         self._unhealthy_steps = 0
         self.refused_references = 0
-        self._last_refused_reference = ""
+        self._last_refused_reference: Fact | None = None
         self._step_time_s = 0.0
         self._longest_step_s = 0.0
         self._stream_of_ticks = False
@@ -146,16 +158,16 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self.create_subscription(DriveFeedback, "fsw/drives", self._on_drives, STREAM)
         subscribe_sensors(self, self._ticks.on_sample)
 
-    def _on_bad_reference(self, what: str) -> None:
+    def _on_bad_reference(self, what: Fact) -> None:
         self.refused_references += 1
         self._last_refused_reference = what
-        self.get_logger().error(what, throttle_duration_sec=1.0)
+        self.get_logger().error(what.words, throttle_duration_sec=1.0)
 
     def _on_plan(self, message: WeldReferencePlan) -> None:
         try:
             self._plan = ReferencePlan(convert.reference_plan(message))
-        except ValueError as error:
-            self._on_bad_reference(str(error))
+        except RefusedError as error:
+            self._on_bad_reference(error.fact)
 
     def _on_drives(self, message: DriveFeedback) -> None:
         is_first = self._commands_act is None
@@ -290,16 +302,19 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._stream_of_ticks = False
 
     def _publish_diagnostics(self) -> None:
-        healthy, why = self._health or (
-            False,
-            Reason(ReasonCode.OTHER, detail="no measurement received yet"),
-        )
-        reason = why.words
+        healthy, why = self._health or (False, Reason())
+        facts = [Fact.of(Note.REASON, reason=why)] if why else []
+        if self._health is None:
+            facts = [Fact.of(Note.NO_MEASUREMENT)]
         if self._steps and not self._stream_of_ticks and not self._lockstep:
-            healthy, reason = False, "measurements have stopped"
-        faults = [f"{sensor}: {why}" for sensor, why in self._guard.reasons.items() if why]
+            healthy, facts = False, [Fact.of(Note.STOPPED)]
+        faults = [
+            Fact.of(Note.SENSOR, sensor=sensor, flaw=flaw)
+            for sensor, flaw in self._guard.reasons.items()
+            if flaw
+        ]
         asked, attainable = self._replaced
-        out = out_of_reach(asked, attainable) if asked and attainable else ""
+        out = out_of_reach(asked, attainable) if asked and attainable else None
         level = OK if healthy and not faults and not out else WARN
         if not healthy and self._steps:
             level = ERROR
@@ -311,7 +326,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
             "applied from": self.applied.latest.source,
             "commands ignored": self.applied.ignored,
             "set-points refused": self.refused_references,
-            "last refused set-points": self._last_refused_reference,
+            **told("last refused set-points", self._last_refused_reference),
             "jumps of time": self._synchronizer.stamps.jumps,
             "heat plan": self._heat_state,
             "share of known heat in use": f"{self._heat_share:.2f}",
@@ -319,13 +334,10 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         for sensor, counts in self._synchronizer.counts.items():
             values |= {f"{sensor} {what}": count for what, count in counts.items()}
             values[f"{sensor} state"] = self._guard.reasons[sensor] or "good"
-        text = (
-            reason
-            or ", ".join(faults)
-            or (f"set-point out of reach: {out}" if out else "proposing")
-        )
+        facts = facts or faults or [Fact.of(Note.OUT_OF_REACH, reach=out)] * bool(out)
+        what = several(facts) or Fact.of(Note.PROPOSING)
         self._diagnostics.publish(
-            [Report(f"controller {self._controller_name}", level, text, values)]
+            [Report(f"controller {self._controller_name}", level, what, values)]
         )
 
 

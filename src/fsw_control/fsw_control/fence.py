@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from fsw_control.coded import Fact, Worded
 from fsw_control.contract import SAFE_STOP
 from fsw_control.stop import Stop, StopCause, StopRegister
 
@@ -17,6 +18,14 @@ _PATIENCE = 3
 #: after this many lost commands in a row, control restarts from the drives' feedback; fewer are
 #: made up for by the next command
 LOST_COMMANDS = 3
+
+
+class Barrier(Worded):
+    """Reasons for which a command must not pass."""
+
+    LEADER = "leader", "supervisor {leader} no longer leads: term {term}"
+    STOPPED = "stopped", "a safe stop is in force, and {source!r} is not part of it"
+    UNAWARE = "unaware", "{source!r} does not know the last acknowledgement yet"
 
 
 class Signature(NamedTuple):
@@ -88,25 +97,22 @@ class Fence:
             latest = self.register.value
             self.register.stop(latest.cause, latest.who, latest.since_ns)
 
-    def check(self, signature: Signature, source: str) -> tuple[str, str]:
-        """Return why a command must not pass, as a reason (``command_gate.REASONS``) and a text.
+    def check(self, signature: Signature, source: str) -> Fact | None:
+        """Return why a command must not pass, None if it may.
 
-        Both are empty if it may. Its copy of the stop register is merged in any case.
+        Its copy of the stop register is merged in any case.
         """
         self.hear(signature.stop)
         same = signature.term == self._term and signature.leader == self._leader
         if not same and signature.term <= self._term:
-            return (
-                "leader",
-                f"supervisor {signature.leader or 'unknown'} no longer leads: "
-                f"term {signature.term}",
-            )
+            leader = signature.leader or "unknown"
+            return Fact.of(Barrier.LEADER, leader=leader, term=signature.term)
         self._term, self._leader, self._answered = signature.term, signature.leader, True
         if source != SAFE_STOP and self.register.stopped:
-            return "stopped", f"a safe stop is in force, and {source!r} is not part of it"
+            return Fact.of(Barrier.STOPPED, source=source)
         if source != SAFE_STOP and signature.stop < self.register.value:
-            return "stopped", f"{source!r} does not know the last acknowledgement yet"
-        return "", ""
+            return Fact.of(Barrier.UNAWARE, source=source)
+        return None
 
     def take(self, source: str, stamp_ns: int) -> None:
         """Note that ``source``'s command that answers the measurement of ``stamp_ns`` now acts."""

@@ -13,11 +13,12 @@ from builtin_interfaces.msg import Duration, Time
 from std_msgs.msg import Header
 
 from fsw_control import units
+from fsw_control.coded import RefusedError
 from fsw_control.contract import Command, Plan, Proposal, Reference
 from fsw_control.depth_fusion import DepthEstimate
 from fsw_control.fence import ActuatorState, Signature
 from fsw_control.heat_plan import HeatPlan
-from fsw_control.ranges import set_point_problem
+from fsw_control.ranges import Forbidden, set_point_problem
 from fsw_control.readiness import Lack, Readiness
 from fsw_control.reason import Reason
 from fsw_control.sensors import DEPTH, DEPTH_CHANNELS, SENSORS
@@ -175,7 +176,7 @@ def reference(message: WeldReference) -> Reference:
     """Set-points of a reference message; ValueError if a value is not finite or out of range."""
     value = Reference(units.mm_from_m(message.depth), float(message.temperature))
     if problem := set_point_problem(value.depth_mm, value.temperature_c):
-        raise ValueError(f"reference refused: {problem}; the message is in m and degC")
+        raise RefusedError(problem)
     return value
 
 
@@ -187,7 +188,7 @@ def reference_plan(message: WeldReferencePlan) -> list[tuple[int, Reference]]:
     planned = [(stamp_ns(one.header.stamp), reference(one)) for one in message.references]
     for (before_ns, _), (after_ns, _) in pairwise(planned):
         if not before_ns < after_ns:
-            raise ValueError("plan of set-points refused: their stamps do not rise")
+            raise RefusedError.of(Forbidden.FALLING)
     return planned
 
 

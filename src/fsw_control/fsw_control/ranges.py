@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 from fsw_control import weld
+from fsw_control.coded import Fact, Worded, several
 from fsw_control.schema.ranges import Range
 
 #: set-points, chosen about the paper's operating point
@@ -23,22 +25,38 @@ COMMAND_FORCE_KN = Range(weld.FORCE_MIN_KN, weld.FORCE_MAX_KN, "kN")
 COMMAND_SPEED_RPM = Range(weld.SPEED_MIN_RPM, weld.SPEED_MAX_RPM, "rpm")
 
 
-def set_point_problem(depth_mm: float, temperature_c: float) -> str:
-    """Why set-points are not permitted; empty if they are."""
+class Forbidden(Worded):
+    """Why set-points are not permitted."""
+
+    OUT_OF_RANGE = "out_of_range", "{quantity}: {value:g} is outside {low:g} to {high:g} {unit}"
+    FALLING = "falling", "plan of set-points refused: their stamps do not rise"
+    WOULD_TRIP = (
+        "would_trip",
+        "{quantity} {value:g} {unit} would trip the interlock: "
+        "not {side} {trip:g} {unit}, nor at it",
+    )
+
+
+def set_point_problem(depth_mm: float, temperature_c: float) -> Fact | None:
+    """Why set-points are not permitted; None if they are."""
     named = (
         ("depth", depth_mm, REFERENCE_DEPTH_MM),
         ("temperature", temperature_c, REFERENCE_TEMPERATURE_C),
     )
     # rounded as in the conversion to SI
-    return "; ".join(
-        f"{name}: {words}"
-        for name, one, allowed in named
-        if (words := allowed.complaint(round(one, 9)))
+    return several(
+        [
+            Fact(Forbidden.OUT_OF_RANGE, {"quantity": name, "value": one, **asdict(allowed)})
+            for name, one, allowed in named
+            if not allowed.low <= round(one, 9) <= allowed.high
+        ]
     )
 
 
-def beyond_trip(depth_mm: float, temperature_c: float, parameters: Mapping[str, Any]) -> str:
-    """Why set-points would trip an interlock; empty if not, or if the trips are unknown.
+def beyond_trip(
+    depth_mm: float, temperature_c: float, parameters: Mapping[str, Any]
+) -> Fact | None:
+    """Why set-points would trip an interlock; None if not, or if the trips are unknown.
 
     Parameters
     ----------
@@ -55,8 +73,6 @@ def beyond_trip(depth_mm: float, temperature_c: float, parameters: Mapping[str, 
         for interlock, sign, side in zip(interlocks, (-1.0, 1.0), ("below", "above"), strict=True):
             trip = parameters.get(f"interlocks.{interlock}.trip")
             if trip is not None and sign * (value - trip) >= 0.0:
-                return (
-                    f"{what} {value:g} {unit} would trip the interlock: "
-                    f"not {side} {trip:g} {unit}, nor at it"
-                )
-    return ""
+                data = {"quantity": what, "value": value, "unit": unit, "side": side, "trip": trip}
+                return Fact(Forbidden.WOULD_TRIP, data)
+    return None

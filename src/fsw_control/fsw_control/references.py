@@ -6,6 +6,7 @@ from bisect import bisect_right, insort
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+from fsw_control.coded import Fact, Worded
 from fsw_control.contract import Coming, Reference
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_NS
@@ -20,6 +21,39 @@ OWN_CLOCK_NS = 5 * NANOSECONDS
 MOST_COMING = 8
 #: longest step of a staircase by which a ramp or sine is announced
 STAIR_S = 1.05
+
+
+_REFUSED = "set-points {depth_mm:.4g} mm, {temperature_c:.5g} degC refused: "
+
+
+class Refused(Worded):
+    """Why set-points are refused, and what to do."""
+
+    AHEAD = (
+        "ahead",
+        _REFUSED + "they were published {ahead_s:.0f} s ahead of this computer's clock; "
+        "set the sender's clock, or call fsw/set_reference",
+    )
+    OLD = (
+        "old",
+        _REFUSED + "they were published {age_s:.0f} s ago by this computer's clock, "
+        "and others are newer; "
+        "send them again, set the sender's clock, or call fsw/set_reference",
+    )
+    TOO_FAR = (
+        "too_far",
+        _REFUSED + "their stamp is {ahead_s:.0f} s ahead of the measurements, "
+        "more than {limit_s:.0f} s: the time of another clock; "
+        "send them with stamp 0 to apply them at once",
+    )
+    INVALID = (
+        "invalid",
+        "set-points refused: {why.words}; the message is in m and degC; those in force stay",
+    )
+    BAD_ISSUE = (
+        "bad_issue",
+        "set-points on {topic} refused: the time of issue {issued_ns} ns is out of range",
+    )
 
 
 class _Issued(NamedTuple):
@@ -64,11 +98,11 @@ class ReferenceQueue:
     horizon_ns : int
         ``AHEAD_REAL_NS`` in real time; in simulated time a whole scenario may be sent ahead.
     refuse : callable, optional
-        Gets a text: what is rejected, why, and what to do.
+        Gets a fact with a code of :class:`Refused`: what is rejected, and why.
     """
 
     def __init__(
-        self, horizon_ns: int = OTHER_CLOCK_NS, refuse: Callable[[str], object] = lambda _: None
+        self, horizon_ns: int = OTHER_CLOCK_NS, refuse: Callable[[Fact], object] = lambda _: None
     ) -> None:
         #: place in the order of the reference in force: its publication time, or later if its
         #: predecessor's place requires it; 0 before the first one
@@ -118,12 +152,9 @@ class ReferenceQueue:
             self._joined_ns = now_ns if self._joined_ns is None else now_ns - OWN_CLOCK_NS - 1
         joined_ns, ahead_ns = self._joined_ns, published_ns - now_ns
         if ahead_ns > OWN_CLOCK_NS:
-            why = f"it was published {ahead_ns / NANOSECONDS:.0f} s ahead of this computer's clock"
-            return self._reject(
-                reference, f"{why}; set the sender's clock, or call fsw/set_reference"
-            )
+            return self._reject(Refused.AHEAD, reference, ahead_s=ahead_ns / NANOSECONDS)
         if self._tick_ns is not None and stamp_ns > self._tick_ns + self._horizon_ns:
-            return self._reject(reference, self._too_far(stamp_ns, self._tick_ns))
+            return self._reject_too_far(reference, stamp_ns, self._tick_ns)
         if self.decides and published_ns >= joined_ns + OWN_CLOCK_NS and ahead_ns >= -OWN_CLOCK_NS:
             self.add(stamp_ns, reference, max(published_ns, self._newest_ns + 1), mark)
             return True
@@ -133,14 +164,7 @@ class ReferenceQueue:
         # A repetition to a newly started receiver is normal, but otherwise it may come from a
         # clock that is slow.
         if self.decides and (ahead_ns >= -OWN_CLOCK_NS or now_ns > joined_ns + OWN_CLOCK_NS):
-            why = (
-                f"it was published {-ahead_ns / NANOSECONDS:.0f} s ago by this computer's clock, "
-                "and others are newer"
-            )
-            self._reject(
-                reference,
-                f"{why}; send it again, set the sender's clock, or call fsw/set_reference",
-            )
+            self._reject(Refused.OLD, reference, age_s=-ahead_ns / NANOSECONDS)
         return False
 
     def add(
@@ -167,7 +191,7 @@ class ReferenceQueue:
         self._tick_ns = tick_ns
         for one in [one for one in self._waiting if one.stamp_ns > tick_ns + self._horizon_ns]:
             self._waiting.remove(one)
-            self._reject(one.reference, self._too_far(one.stamp_ns, tick_ns))
+            self._reject_too_far(one.reference, one.stamp_ns, tick_ns)
         for index in range(len(self._waiting) - 1, -1, -1):
             one = self._waiting[index]
             if one.stamp_ns <= tick_ns:
@@ -186,22 +210,19 @@ class ReferenceQueue:
             for one in self._waiting
         )
 
-    def _too_far(self, stamp_ns: int, tick_ns: int) -> str:
-        ahead_s = (stamp_ns - tick_ns) / NANOSECONDS
-        allowed_s = self._horizon_ns / NANOSECONDS
-        return (
-            f"its stamp is {ahead_s:.0f} s ahead of the measurements, "
-            f"more than {allowed_s:.0f} s: the time of another clock; "
-            "send it with stamp 0 to apply it at once"
-        )
+    def _reject_too_far(self, reference: Reference, stamp_ns: int, tick_ns: int) -> bool:
+        ahead_s, limit_s = (stamp_ns - tick_ns) / NANOSECONDS, self._horizon_ns / NANOSECONDS
+        return self._reject(Refused.TOO_FAR, reference, ahead_s=ahead_s, limit_s=limit_s)
 
-    def _reject(self, reference: Reference, why: str) -> bool:
+    def _reject(self, code: Refused, reference: Reference, **data: float) -> bool:
         """Report a refusal; returns False."""
-        self.refuse(
-            f"set-points {reference.depth_mm:.4g} mm, {reference.temperature_c:.5g} degC "
-            f"refused: {why}"
-        )
+        self.refuse(Fact(code, {**values(reference), **data}))
         return False
+
+
+def values(reference: Reference) -> dict[str, float]:
+    """Set-points as fields of a fact."""
+    return {"depth_mm": reference.depth_mm, "temperature_c": reference.temperature_c}
 
 
 class ReferencePlan:

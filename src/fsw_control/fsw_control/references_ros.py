@@ -7,7 +7,7 @@ import time
 import uuid
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from math import isnan
+from math import isnan, nan
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -19,11 +19,12 @@ from rclpy.task import Future
 
 from fsw_control import messages_ros as convert
 from fsw_control import units
+from fsw_control.coded import Answer, Fact, RefusedError, Worded
 from fsw_control.contract import Reference
 from fsw_control.ramps import duration_s, ramp, ramp_plan
 from fsw_control.ranges import set_point_problem
-from fsw_control.references import AHEAD_REAL_NS, OTHER_CLOCK_NS, ReferenceQueue
-from fsw_control.reports_ros import OK, WARN, Report
+from fsw_control.references import AHEAD_REAL_NS, OTHER_CLOCK_NS, ReferenceQueue, Refused, values
+from fsw_control.reports_ros import OK, WARN, Report, Taken, told
 from fsw_control.topics_ros import LATCHED, LATEST
 from fsw_control.units import NANOSECONDS
 from fsw_msgs.msg import WeldProgress, WeldReference, WeldReferencePlan
@@ -35,14 +36,48 @@ _ANSWER_S = 2.0
 _PROGRAMME_SILENT_S = 5.0
 #: a ramp begins this long after the last tick, so that none of its steps is late
 _LEAD_NS = 500_000_000
-#: answer of a standby supervisor
-ON_STANDBY = False, "this supervisor is on standby now; send the request again"
 #: later issue times would exceed the range of a message's stamp
 _LAST_NS = (2**31 - 1) * NANOSECONDS
 
 
+class SetPoints(Worded):
+    """Answers to a request for set-points, beside that they are not permitted."""
+
+    STEP = "step", "set-points {depth_mm:.4g} mm, {temperature_c:.5g} degC"
+    RAMP = (
+        "ramp",
+        "set-points {depth_mm:.4g} mm, {temperature_c:.5g} degC by a ramp over {duration_s:.1f} s",
+    )
+    NEXT = (
+        "next",
+        "{sent.words}; there are no measurements, they will be in force from the next one on",
+    )
+    ON_STANDBY = "on_standby", "this supervisor is on standby now; send the request again"
+    INCOMPLETE = "incomplete", "no set-points are in force yet; give both depth and temperature"
+    NO_START = (
+        "no_start",
+        "no set-points are in force from which a ramp could start; send them without a ramp",
+    )
+    PROGRAMME_RUNS = (
+        "programme_runs",
+        "the programme of the weld runs and would override it: hold the programme first",
+    )
+    NO_LISTENER = "no_listener", "no controller listens to set-points; start one"
+    OVERTAKEN = (
+        "overtaken",
+        "other set-points were received after them; check those in force and send them again",
+    )
+    UNCONFIRMED = (
+        "unconfirmed",
+        "not confirmed within {wait_s:g} s; check which set-points are in force",
+    )
+
+
+_ON_STANDBY = Answer.refused(SetPoints.ON_STANDBY)
+
+
 def reference_queue(
-    node: Node, refuse: Callable[[str], object] = lambda _: None
+    node: Node, refuse: Callable[[Fact], object] = lambda _: None
 ) -> ReferenceQueue:
     """Return a node's set-point queue, for :func:`subscribe_references`."""
     simulated = bool(node.get_parameter("use_sim_time").value)
@@ -53,8 +88,8 @@ def _converted(queue: ReferenceQueue, message: WeldReference) -> Reference | Non
     """Content of a message; None, after a report by ``queue``, if it is invalid."""
     try:
         return convert.reference(message)
-    except ValueError as error:
-        queue.refuse(f"{error}; those in force stay")
+    except RefusedError as error:
+        queue.refuse(Fact.of(Refused.INVALID, why=error.fact))
         return None
 
 
@@ -89,9 +124,7 @@ def _subscribe_stated(node: Node, queue: ReferenceQueue, topic: str) -> None:
         if reference is None:
             return
         if issued_ns >= _LAST_NS:
-            queue.refuse(
-                f"set-points on {topic} refused: the time of issue {issued_ns} ns is out of range"
-            )
+            queue.refuse(Fact.of(Refused.BAD_ISSUE, topic=topic, issued_ns=issued_ns))
             return
         queue.add(convert.stamp_ns(message.header.stamp), reference, issued_ns)
 
@@ -127,9 +160,9 @@ class _Asked:
     """A request in progress; ``received_ns`` is the tick at which its set-points arrived."""
 
     mark: str
-    response: SetReference.Response
-    answered: Future
+    answered: Future  #: has the answer
     due_s: float
+    sent: Fact | None = None
     received_ns: int | None = None
 
 
@@ -153,14 +186,14 @@ class KeptReference:
         supervisor leads.
     problem : callable
         Why requested set-points, depth [mm] and temperature [degC], are rejected although they
-        are in range; empty to accept them.
+        are in range; None to accept them.
     """
 
     def __init__(
         self,
         node: Node,
         leads: Callable[[], Awaitable[bool]],
-        problem: Callable[[float, float], str] = lambda depth_mm, temperature_c: "",
+        problem: Callable[[float, float], Fact | None] = lambda depth_mm, temperature_c: None,
     ) -> None:
         self._node = node
         self._leads = leads
@@ -180,7 +213,7 @@ class KeptReference:
         )
         self._tick_ns = -1
         self._refused = self._reported = 0
-        self._last_refusal = ""
+        self._last_refusal: Fact | None = None
         self._programme_runs_s: float | None = (
             None  #: when the programme of the weld last said that it runs
         )
@@ -230,31 +263,24 @@ class KeptReference:
             overtaken = one.received_ns not in (None, self._tick_ns) and not in_force
             if not in_force and not overtaken and now_s < one.due_s:
                 continue
-            response = one.response
+            if one.sent is None:
+                continue
             if overtaken:
-                response.ok = False
-                response.message = (
-                    "other set-points were received after them; "
-                    "check those in force and send them again"
-                )
+                answer = Answer.refused(SetPoints.OVERTAKEN)
             elif one.received_ns is None:
-                response.ok = False
-                response.message = (
-                    f"not confirmed within {_ANSWER_S:g} s; check which set-points are in force"
-                )
+                answer = Answer.refused(SetPoints.UNCONFIRMED, wait_s=_ANSWER_S)
             elif not in_force:
-                response.message += (
-                    "; there are no measurements, they will be in force from the next one on"
-                )
+                answer = Answer.done(SetPoints.NEXT, sent=one.sent)
+            else:
+                answer = Answer(True, one.sent)
             self._asked.remove(one)
-            one.answered.set_result(True)
+            one.answered.set_result(answer)
 
     def drop(self) -> None:
         """Reject the pending requests: this supervisor no longer leads."""
         asked, self._asked = self._asked, []
         for one in asked:
-            one.response.ok, one.response.message = ON_STANDBY
-            one.answered.set_result(True)
+            one.answered.set_result(_ON_STANDBY)
 
     def _on_received(self, mark: str) -> None:
         for one in self._asked:
@@ -264,43 +290,41 @@ class KeptReference:
     def report(self) -> Report:
         """Entry of the diagnostics: set-points refused since the last report."""
         new, self._reported = self._refused - self._reported, self._refused
-        text = f"{new} refused; last: {self._last_refusal}" if new else "accepted"
-        values = {"refused": self._refused, "last refusal": self._last_refusal}
-        return Report("set-points", WARN if new else OK, text, values)
+        last = self._last_refusal
+        counts = {"refused": self._refused, **told("last refusal", last)}
+        if not new or last is None:
+            return Report("set-points", OK, Fact.of(Taken.ACCEPTED), counts)
+        return Report("set-points", WARN, Fact.of(Taken.REFUSED, count=new, last=last), counts)
 
-    def _on_refused(self, what: str) -> None:
+    def _on_refused(self, what: Fact) -> None:
         self._refused += 1
         self._last_refusal = what
-        self._node.get_logger().warning(what, throttle_duration_sec=1.0)
+        self._node.get_logger().warning(what.words, throttle_duration_sec=1.0)
 
     async def _on_request(
         self, request: SetReference.Request, response: SetReference.Response
     ) -> SetReference.Response:
+        return _respond(response, await self._answer(request))
+
+    async def _answer(self, request: SetReference.Request) -> Answer:
         if not await self._leads():
-            response.ok, response.message = ON_STANDBY
-            return response
+            return _ON_STANDBY
         due_s = time.monotonic() + _ANSWER_S
-        asked = _Asked(next(self._marks), response, Future(executor=self._node.executor), due_s)
+        asked = _Asked(next(self._marks), Future(executor=self._node.executor), due_s)
         self._asked.append(asked)
         try:
             present = self.queue.at(self._tick_ns) if self._tick_ns >= 0 else None
             goal = _goal(request, present)
             if problem := self._problem(goal.depth_mm, goal.temperature_c):
-                raise ValueError(problem)
+                raise RefusedError(problem)
             self._check_programme()
             self._check_listeners()
-            response.ok, response.message = (
-                True,
-                self._send(goal, present if request.ramp else goal, asked.mark),
-            )
-        except ValueError as error:
+            asked.sent = self._send(goal, present if request.ramp else goal, asked.mark)
+        except RefusedError as error:
             self._asked.remove(asked)
-            response.ok, response.message = False, f"{error}"
-            return response
-        await asked.answered
-        if response.ok and not await self._leads():
-            response.ok, response.message = ON_STANDBY
-        return response
+            return Answer(False, error.fact)
+        answer: Answer = await asked.answered
+        return _ON_STANDBY if answer.ok and not await self._leads() else answer
 
     def _on_programme(self, message: WeldProgress) -> None:
         runs = message.state == "running" and not message.left
@@ -309,24 +333,19 @@ class KeptReference:
     def _check_programme(self) -> None:
         heard_s = self._programme_runs_s
         if heard_s is not None and time.monotonic() - heard_s <= _PROGRAMME_SILENT_S:
-            raise ValueError(
-                "the programme of the weld runs and would override it: hold the programme first"
-            )
+            raise RefusedError.of(SetPoints.PROGRAMME_RUNS)
 
     def _check_listeners(self) -> None:
         topics = (
             self._node.resolve_topic_name(f"fsw/{name}/reference") for name in self._controllers
         )
         if not any(self._node.count_publishers(topic) for topic in topics):
-            raise ValueError("no controller listens to set-points; start one")
+            raise RefusedError.of(SetPoints.NO_LISTENER)
 
-    def _send(self, goal: Reference, start: Reference | None, mark: str) -> str:
+    def _send(self, goal: Reference, start: Reference | None, mark: str) -> Fact:
         """Send set-points, effective at once and voiding those sent ahead; return the answer."""
         if start is None:
-            raise ValueError(
-                "no set-points are in force from which a ramp could start; "
-                "send them without a ramp"
-            )
+            raise RefusedError.of(SetPoints.NO_START)
         if self._publishers is None:
             create = self._node.create_publisher
             plans = create(WeldReferencePlan, "fsw/reference_plan", LATEST)
@@ -340,20 +359,30 @@ class KeptReference:
         plans.publish(convert.reference_plan_message(plan, max(self._tick_ns, 0)))
         for stamp_ns, one in points:
             sent.publish(convert.reference_message(one, stamp_ns, mark=mark))
-        words = f"set-points {goal.depth_mm:.4g} mm, {goal.temperature_c:.5g} degC"
-        return (
-            words if start == goal else f"{words} by a ramp over {duration_s(start, goal):.1f} s"
-        )
+        if start == goal:
+            return Fact(SetPoints.STEP, values(goal))
+        lasts_s = duration_s(start, goal)
+        return Fact(SetPoints.RAMP, {**values(goal), "duration_s": lasts_s})
+
+
+def _respond(response: SetReference.Response, answer: Answer) -> SetReference.Response:
+    fact = answer.fact
+    response.ok, response.code, response.message = answer.ok, str(fact.code), fact.words
+    sent = fact.data.get("sent", fact).data if answer.ok else {}
+    response.depth = units.m_from_mm(sent.get("depth_mm", nan))
+    response.temperature = sent.get("temperature_c", nan)
+    response.duration = sent.get("duration_s", 0.0)
+    return response
 
 
 def _goal(request: SetReference.Request, present: Reference | None) -> Reference:
-    """Requested set-points; ValueError if a value is out of range or cannot be kept."""
+    """Requested set-points; RefusedError if a value is out of range or cannot be kept."""
     depth_mm, temperature_c = units.mm_from_m(request.depth), float(request.temperature)
     if present is None and (isnan(depth_mm) or isnan(temperature_c)):
-        raise ValueError("no set-points are in force yet; give both depth and temperature")
+        raise RefusedError.of(SetPoints.INCOMPLETE)
     if present is not None:
         depth_mm = present.depth_mm if isnan(depth_mm) else depth_mm
         temperature_c = present.temperature_c if isnan(temperature_c) else temperature_c
     if problem := set_point_problem(depth_mm, temperature_c):
-        raise ValueError(problem)
+        raise RefusedError(problem)
     return Reference(depth_mm, temperature_c)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from fsw_control.coded import Fact, Worded, several
 from fsw_control.command_gate import CommandGate
 from fsw_control.diagnostic_names import HARDWARE, qualified
 from fsw_control.messages_ros import header
@@ -19,13 +20,32 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 INSTANCE = "instance"
 
 
+#: key of the value that has the code of an entry
+CODE = "code"
+
+
 class Report(NamedTuple):
     """One entry of the diagnostics; ``level`` is a constant of ``DiagnosticStatus``."""
 
     part: str
     level: bytes
-    text: str
+    what: Fact | str  #: a text is what other software says
     values: Mapping[str, object]
+
+    @property
+    def code(self) -> str:
+        """What it says, as a code; empty without one."""
+        return self.what.code if isinstance(self.what, Fact) else ""
+
+    @property
+    def words(self) -> str:
+        """What it says, in words."""
+        return self.what.words if isinstance(self.what, Fact) else self.what
+
+    @property
+    def all_values(self) -> dict[str, object]:
+        """Its values, and code and fields of what it says."""
+        return {**self.values} | (told(CODE, self.what) if isinstance(self.what, Fact) else {})
 
 
 class DiagnosticsPublisher:
@@ -47,11 +67,11 @@ class DiagnosticsPublisher:
             DiagnosticStatus(
                 level=line.level,
                 name=f"{self._name}: {line.part}",
-                message=line.text,
+                message=line.words,
                 hardware_id=self._hardware_id,
                 values=[
                     KeyValue(key=key, value=str(value))
-                    for key, value in ({**line.values} | self._values).items()
+                    for key, value in (line.all_values | self._values).items()
                 ],
             )
             for line in lines
@@ -72,6 +92,30 @@ def log(node: Node, level: bytes, text: str) -> None:
         logger.info(text)
 
 
+def told(key: str, fact: Fact | None) -> dict[str, object]:
+    """Values of a fact: its code at ``key``, and its fields behind that; facts in it likewise."""
+    if fact is None:
+        return {key: ""}
+    values: dict[str, object] = {key: str(fact.code)}
+    for name, item in fact.data.items():
+        if isinstance(item, Fact):
+            values |= told(f"{key}: {name}", item)
+        elif isinstance(item, str | int | float):
+            values[f"{key}: {name}"] = item
+        elif type(item) is tuple:
+            inside = [one.code if isinstance(one, Fact) else one for one in item]
+            values[f"{key}: {name}"] = ", ".join(map(str, inside))
+    return values
+
+
+class Taken(Worded):
+    """What became of commands or set-points since the last report."""
+
+    ACCEPTED = "accepted", "accepted"
+    REFUSED = "refused", "{count} refused; last: {last.words}"
+    PUBLISHERS = "publishers", "{count} publishers: {names}"
+
+
 def commands(
     gate: CommandGate, new_refusals: int, publishers: Sequence[str], unauthorised: int
 ) -> Report:
@@ -81,14 +125,14 @@ def commands(
     also rejected as ``unauthorised``, i.e. not signed by a supervisor.
     """
     names = ", ".join(publishers)
-    values: dict[str, object] = {"refused": gate.total(), "last refusal": gate.last_refusal}
+    values: dict[str, object] = {"refused": gate.total(), **told("last refusal", gate.last)}
     values |= {f"refused: {reason}": count for reason, count in gate.refused.items()}
     values["publishers"] = names
-    level, texts = OK, []
+    level, facts = OK, list[Fact]()
     if len(publishers) > 1:
         level = ERROR if unauthorised else WARN
-        texts.append(f"{len(publishers)} publishers: {names}")
-    if new_refusals:
+        facts.append(Fact.of(Taken.PUBLISHERS, count=len(publishers), names=tuple(publishers)))
+    if new_refusals and gate.last:
         level = max(level, WARN)
-        texts.append(f"{new_refusals} refused; last: {gate.last_refusal}")
-    return Report("commands", level, "; ".join(texts) or "accepted", values)
+        facts.append(Fact.of(Taken.REFUSED, count=new_refusals, last=gate.last))
+    return Report("commands", level, several(facts) or Fact.of(Taken.ACCEPTED), values)

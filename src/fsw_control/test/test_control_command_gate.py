@@ -4,15 +4,21 @@ import math
 
 import pytest
 
+from fsw_control.coded import Fact, Worded
 from fsw_control.command_gate import REASONS, CommandGate
 from fsw_control.contract import Command, Limits
+
+
+class Own(Worded):
+    HELD = "held", "words"
+
 
 GOOD, S = Command(78.4, 407.5), 1_000_000_000
 NOW = 100 * S
 
 
 def gate(sources=()):
-    return CommandGate(Limits(), 0.5, sources, more_reasons=("held",))
+    return CommandGate(Limits(), 0.5, sources, more_reasons=tuple(Own))
 
 
 @pytest.mark.parametrize(
@@ -50,18 +56,16 @@ def test_each_measurement_is_answered_once_and_in_order():
 def test_the_worst_is_told(command, healthy, source, reason):
     tried = gate(sources=("nmpc",))
     assert tried.check(command, NOW, source, healthy, NOW) == reason
-    assert (
-        tried.last_refusal.startswith(f"{reason}: ") and len(tried.last_refusal) > len(reason) + 10
-    )
+    assert tried.last.code == reason and len(tried.last.words) > 10
     assert tried.last_stamp_ns is None
 
 
 def test_refusals_are_counted_by_reason():
     tried = gate()
-    assert (tried.total(), tried.last_refusal, set(tried.refused)) == (0, "", {*REASONS, "held"})
+    assert (tried.total(), tried.last, set(tried.refused)) == (0, None, {*REASONS, "held"})
     for _ in range(3):
         tried.check(GOOD, NOW, "nmpc", False, NOW)
-    tried.refuse("held", "words")
+    tried.refuse(Fact.of(Own.HELD))
     assert (tried.refused["unhealthy"], tried.refused["held"], tried.total()) == (3, 1, 4)
 
 

@@ -4,13 +4,15 @@ from types import SimpleNamespace
 
 import pytest
 
-from fsw_control.command_gate import CommandGate
+from fsw_control.coded import Fact
+from fsw_control.command_gate import CommandGate, Rejection
 from fsw_control.command_writers_ros import CommandWriters
 from fsw_control.contract import Limits
 from fsw_control.reports_ros import ERROR, OK, WARN, commands
 from fsw_msgs.msg import SupervisorState
 
 GATE = CommandGate(Limits(), 1.0)
+GATE.refuse(Fact.of(Rejection.FUTURE, stamp_s=1.0))
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from fsw_control import Command, Diagnosis, Plan, Proposal, Reference
 from fsw_control import messages_ros as convert
+from fsw_control.coded import RefusedError
 from fsw_control.heat_plan import HeatPlan, HeatPlanProblem
 from fsw_control.reason import Reason
 from fsw_msgs.msg import WeldReference
@@ -199,5 +200,6 @@ def test_a_bad_plan_is_refused(wrong):
         message.references.reverse()
     else:
         message.references[1].depth = math.nan
-    with pytest.raises(ValueError, match="refused"):
+    with pytest.raises(RefusedError) as refused:
         convert.reference_plan(message)
+    assert refused.value.fact.code == ("falling" if wrong == "falling" else "out_of_range")

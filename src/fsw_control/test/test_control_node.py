@@ -234,14 +234,18 @@ def test_diagnostics_say_that_a_set_point_is_out_of_reach(start):
     peer.refer()
     peer.controller.attainable = {"attainable_depth_mm": 2.66, "attainable_temperature_c": 835.0}
     peer.tick(0)
-    told = "set-point out of reach: 850 degC asked, 835 degC attainable: speed at its upper bound"
-    peer.until(lambda: any(a.status[0].message == told for a in peer.got["diagnostics"]))
+
+    def codes(since=0):
+        reports = (array.status[0] for array in peer.got["diagnostics"][since:])
+        return [{pair.key: pair.value for pair in one.values} for one in reports]
+
+    peer.until(lambda: any(one["code"] == "out_of_reach" for one in codes()))
+    told = next(one for one in codes() if one["code"] == "out_of_reach")
+    assert (told["code: reach"], told["code: reach: parts"]) == ("upper_bound", "temperature")
     peer.controller.attainable = {"attainable_depth_mm": 2.66, "attainable_temperature_c": 850.0}
     peer.tick(1)
     before = len(peer.got["diagnostics"])
-    peer.until(
-        lambda: any(a.status[0].message == "proposing" for a in peer.got["diagnostics"][before:])
-    )
+    peer.until(lambda: any(one["code"] == "proposing" for one in codes(before)))
 
 
 def test_follows_the_applied_command_of_the_tick_before(start):

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fsw_control.coded import Fact
 from fsw_control.contract import Coming, Reference
 from fsw_control.references import (
     AHEAD_REAL_NS,
@@ -29,13 +30,13 @@ def test_reference_begins_at_its_stamp():
 
 
 def test_past_stamps_begin_at_once_and_those_of_another_clock_are_refused():
-    told: list[str] = []
+    told: list[Fact] = []
     queue = ReferenceQueue(refuse=told.append)
     queue.add(SECOND, REFERENCE)
     queue.add(1_700_000_000 * SECOND, OTHER)
     assert queue.at(5 * SECOND) == REFERENCE
     assert [queue.at(k * SECOND) for k in (6, 7)] == [REFERENCE] * 2
-    assert len(told) == 1 and "2.86 mm" in told[0] and "another clock" in told[0]
+    assert [(one.code, one.data["depth_mm"]) for one in told] == [("too_far", 2.86)]
 
 
 def test_in_real_time_nothing_is_sent_an_hour_ahead():
@@ -44,7 +45,8 @@ def test_in_real_time_nothing_is_sent_an_hour_ahead():
     assert listener.hear(0.0, REFERENCE, stamp_s=0.0)
     assert not listener.hear(20.0, OTHER, stamp_s=3620.0)
     assert (listener.holds(21.0), len(listener.told)) == (REFERENCE, 1)
-    assert "3620 s ahead" in listener.told[0] and "600 s" in listener.told[0]
+    data = listener.told[0].data
+    assert (round(data["ahead_s"]), data["limit_s"]) == (3620, 600.0)
 
 
 class Listener:
@@ -73,7 +75,7 @@ WALL = 1_700_000_000 * SECOND
 def test_a_sender_whose_clock_is_ahead_is_told_and_overrides_nobody():
     listener = Listener()
     assert not listener.hear(1.0, OTHER, clock_s=3600.0)
-    assert "published 3600 s ahead" in listener.told[0]
+    assert (listener.told[0].code, round(listener.told[0].data["ahead_s"])) == ("ahead", 3600)
     for k in range(60):
         assert listener.hear(2.0 + k, Reference(2.0 + 0.01 * k, 816.4))
         assert listener.holds(2.5 + k) == Reference(2.0 + 0.01 * k, 816.4)
@@ -134,7 +136,7 @@ def test_a_sender_whose_clock_is_behind_the_listeners_start_is_told():
     assert listener.hear(60.0, REFERENCE)
     assert listener.holds(60.1) == REFERENCE
     assert not listener.hear(62.0, OTHER, clock_s=-100.0)
-    assert "published 100 s ago" in listener.told[0]
+    assert (listener.told[0].code, round(listener.told[0].data["age_s"])) == ("old", 100)
 
 
 def test_where_the_clocks_go_back_to_before_the_listeners_start_set_points_are_taken():
@@ -158,7 +160,7 @@ def test_who_has_just_begun_to_listen_tells_a_sender_whose_clock_is_slow_what_is
     listener = Listener(began_s=0.0)
     assert listener.hear(1.0, REFERENCE)
     assert not listener.hear(2.0, OTHER, clock_s=-3.0)
-    assert "published 3 s ago" in listener.told[0]
+    assert (listener.told[0].code, round(listener.told[0].data["age_s"])) == ("old", 3)
     assert listener.holds(2.1) == REFERENCE
 
 
@@ -344,7 +346,7 @@ def test_whether_any_is_known():
 
 @pytest.mark.parametrize(("ahead_ns", "accepted"), [(0, True), (1, False)])
 def test_the_widest_clocks_and_stamps_that_are_believed(ahead_ns, accepted):
-    told: list[str] = []
+    told: list[Fact] = []
     queue = ReferenceQueue(AHEAD_REAL_NS, told.append)
     queue.join(WALL - 100 * SECOND)
     queue.at(WALL)
@@ -372,7 +374,7 @@ def test_shortly_after_the_start_the_order_is_that_of_publication(after_ns, hold
 
 
 def test_the_first_one_begins_it_all_and_what_is_older_is_dropped_in_silence():
-    told: list[str] = []
+    told: list[Fact] = []
     queue = ReferenceQueue(refuse=told.append)
     assert queue.receive(0, REFERENCE, WALL, WALL) and queue.at(WALL) == REFERENCE
     assert not queue.receive(0, OTHER, WALL - 1, WALL + OWN_CLOCK_NS)

@@ -1,6 +1,6 @@
 """The service for new set-points: checked, in force when it says so, and refusals told."""
 
-from math import nan
+from math import isnan, nan
 
 import pytest
 import rclpy
@@ -8,6 +8,7 @@ import rclpy
 from fsw_control import messages_ros as convert
 from fsw_control import references_ros
 from fsw_control.contract import Reference
+from fsw_control.ranges import beyond_trip
 from fsw_control.references_ros import (
     KeptReference,
     StatedReference,
@@ -23,6 +24,7 @@ from fsw_test_support.waiting import PATIENCE_S
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
 STEP_NS = 100_000_000
+TRIPS = {"interlocks.depth_high.trip": 3.0}
 
 
 class Graph(Spinner):
@@ -34,7 +36,9 @@ class Graph(Spinner):
         supervisor, self.controller, operator = self.nodes
         self.leads = True
         self.kept = KeptReference(
-            supervisor, self.certain, lambda depth_mm, _: "too deep" * (depth_mm > 3.0)
+            supervisor,
+            self.certain,
+            lambda depth_mm, temperature_c: beyond_trip(depth_mm, temperature_c, TRIPS),
         )
         self.kept.listen_to("echo")
         self.kept.open()
@@ -109,20 +113,23 @@ def test_a_place_in_the_order_after_which_no_message_has_one_is_refused(graph):
     graph.until(lambda: other.get_subscription_count() == 2)
     other.publish(stated)
     graph.until(lambda: refused)
-    assert "out of range" in refused[0]
+    assert refused[0].code == "bad_issue"
     assert graph.ask(2.8).ok
     assert graph.follows.at(graph.ticks * STEP_NS) == Reference(2.8, 820.0)
 
 
 @pytest.mark.requirement("S28")
 def test_what_is_accepted_is_in_force_and_what_is_not_says_why(graph):
-    assert "no controller" in graph.ask(2.7, 820.0).message
+    assert graph.ask(2.7, 820.0).code == "no_listener"
     graph.start_controller()
-    assert "no set-points" in graph.ask(2.7).message
-    assert "1.5 to 4 mm" in graph.ask(9.0, 820.0).message
-    assert graph.ask(3.1, 820.0).message == "too deep"
+    assert graph.ask(2.7).code == "incomplete"
+    outside = graph.ask(9.0, 820.0)
+    assert (outside.code, isnan(outside.depth)) == ("out_of_range", True)
+    assert "9" in outside.message
+    assert graph.ask(3.1, 820.0).code == "would_trip"
     accepted = graph.ask(2.7, 820.0)
     assert accepted.ok, accepted.message
+    assert (accepted.code, accepted.depth) == ("step", pytest.approx(2.7e-3))
     in_force = graph.kept.queue.at(graph.ticks * STEP_NS)
     assert (in_force.depth_mm, in_force.temperature_c) == (pytest.approx(2.7), 820.0)
     graph.until(lambda: graph.tick() or graph.follows.at(graph.ticks * STEP_NS) == in_force)
@@ -139,14 +146,14 @@ def test_a_supervisor_that_does_not_lead_accepts_nothing(graph, monkeypatch):
     assert graph.ask(2.7, 820.0).ok
     graph.leads = False
     refused = graph.ask(2.8, 830.0)
-    assert not refused.ok and "on standby" in refused.message
+    assert not refused.ok and refused.code == "on_standby"
     graph.leads = True
     send = graph.kept._send
     monkeypatch.setattr(
         graph.kept, "_send", lambda *sent: setattr(graph, "leads", False) or send(*sent)
     )
     replaced = graph.ask(2.9, 820.0)
-    assert not replaced.ok and "on standby" in replaced.message, (
+    assert not replaced.ok and replaced.code == "on_standby", (
         "replaced between its sending and its answer"
     )
     assert graph.follows.at(graph.ticks * STEP_NS).depth_mm != pytest.approx(2.8)
@@ -157,7 +164,7 @@ def test_a_supervisor_that_steps_down_refuses_what_it_has_not_answered(graph, mo
     graph.start_controller()
     monkeypatch.setattr(graph.kept, "look", lambda _now_s: graph.kept._asked and graph.kept.drop())
     refused = graph.ask(2.7, 820.0)
-    assert not refused.ok and "on standby" in refused.message
+    assert not refused.ok and refused.code == "on_standby"
 
 
 @pytest.mark.requirement("S28")
@@ -191,7 +198,7 @@ def test_set_points_are_refused_while_a_programme_runs(graph, monkeypatch):
 
     report(state="running")
     refused = graph.ask(2.7, 820.0)
-    assert not refused.ok and "the programme" in refused.message
+    assert not refused.ok and refused.code == "programme_runs"
     for fields in ({"state": "held"}, {"state": "running", "left": True}, {"state": "aborted"}):
         report(**fields)
         assert graph.ask(2.7, 820.0).ok, fields
@@ -203,11 +210,11 @@ def test_set_points_are_refused_while_a_programme_runs(graph, monkeypatch):
 def test_a_ramp_begins_at_what_is_in_force_and_is_voided_by_the_next_request(graph):
     graph.start_controller()
     refused = graph.ask(2.7, 820.0, ramp=True)
-    assert not refused.ok and "without a ramp" in refused.message
+    assert not refused.ok and refused.code == "no_start"
     assert graph.ask(2.7, 820.0).ok
     graph.until(lambda: graph.tick() or graph.follows.mark)
     ramped = graph.ask(2.7, 830.0, ramp=True)
-    assert ramped.ok and "ramp over 10.0 s" in ramped.message
+    assert (ramped.code, ramped.duration) == ("ramp", pytest.approx(10.0))
     graph.until(
         lambda: graph.tick() or graph.follows.at(graph.ticks * STEP_NS).temperature_c > 822.0
     )
@@ -223,7 +230,7 @@ def test_a_ramp_begins_at_what_is_in_force_and_is_voided_by_the_next_request(gra
 def test_set_points_before_the_first_measurement_are_for_the_first_one(graph):
     graph.start_controller()
     accepted = graph.ask(2.7, 820.0, ticking=False)
-    assert accepted.ok and "next one" in accepted.message
+    assert accepted.ok and accepted.code == "next"
     graph.until(lambda: graph.tick() or graph.follows.at(graph.ticks * STEP_NS) is not None)
 
 
@@ -233,7 +240,8 @@ def test_a_refused_set_point_of_a_plain_publisher_is_in_the_diagnostics(graph):
     graph.sender.publish(convert.reference_message(Reference(2.7, 820.0), 7200 * 10**9))
     reports = []
     graph.until(lambda: reports.append(graph.kept.report()) or reports[-1].level == WARN)
-    assert "2.7 mm" in reports[-1].text and "another clock" in reports[-1].text
+    last = reports[-1].what.data["last"]
+    assert (last.code, last.data["depth_mm"]) == ("too_far", 2.7)
     assert reports[-1].values["refused"] == 1
     assert graph.kept.report().level == OK
     assert graph.kept.queue.at(graph.ticks * STEP_NS) is None

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from fsw_control.schema import extras
-from fsw_control.schema.extensions import all_loaded, extensions, loaded
-from fsw_control.schema.extras import Extra, MissingExtraError
+from fsw_control.schema import extensions as extras
+from fsw_control.schema.extensions import Extra, MissingExtraError, all_loaded, extensions, loaded
 from fsw_control.schema.models import InputError
 
 GROUP = "fsw.group_of_a_test"

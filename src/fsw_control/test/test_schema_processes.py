@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from fsw_control.schema.processes import tool_environment
+from fsw_control.c_library import tool_environment
 
 
 def test_wheels_are_left_out_and_the_users_path_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:

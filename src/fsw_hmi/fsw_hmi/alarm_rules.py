@@ -22,7 +22,6 @@ from fsw_control.sensors import OPTIONAL, REQUIRED
 from fsw_control.severity import Severity
 from fsw_control.stop import StopCause
 from fsw_hmi.alarms import Alarm, Priority
-from fsw_hmi.frames import readable
 from fsw_hmi.standing import holds
 
 #: time without reports of a node after which that is an alarm
@@ -60,7 +59,7 @@ _SWAP_S = 12.0
 #: within this time a supervisor that stands by takes over (0.3 s, measured) and is heard
 _TAKEOVER_S = 0.6
 _LONGEST_ID = 100
-_NO_REASON = "no reason is told"
+NO_REASON = "no reason is told"
 
 
 class _Texts(BaseModel):
@@ -121,6 +120,7 @@ class Part:
     text: str
     permissive: bool | None = None
     advice: str = ""  #: of the monitor, what to do
+    code: str = ""  #: of what it says
 
 
 _FINE = Part("ok", "")
@@ -181,11 +181,11 @@ class AlarmRules:
     def present(self, now: Situation, now_s: float) -> dict[str, Alarm]:
         """The alarms that are present by name; ``now_s`` on a steady clock."""
         found: dict[str, Alarm] = {}
-        self._machine(now, found)
+        _machine(now, found)
         self._measurements(now, found)
         self._supervisor(now, now_s, found)
         self._programme(now, found)
-        self._watchdog(now, found)
+        _watchdog(now, found)
         self._values(now, found)
         self._reachable(now, found)
         self._parts(now, found)
@@ -224,36 +224,7 @@ class AlarmRules:
             "text": "Commands reach the machine" + (", it permits them" if gates else ""),
         }
 
-    # ---------------------------------------------------------------- the way of the commands
-
-    def _machine(self, now: Situation, found: dict[str, Alarm]) -> None:
-        """What a gateway reports of the machine behind it, and a plant of commands that do not come."""
-        for parts in now.parts.values():
-            gate = parts.get("machine")
-            if gate is None or gate.level == "stale":
-                continue
-            why = next(
-                (
-                    parts[one].text
-                    for one in _GATEWAY
-                    if one in parts and parts[one].level == "error"
-                ),
-                "",
-            )
-            if not why and gate.permissive is False:
-                why = "it does not permit them"
-            if why:
-                found["machine"] = alarm("machine", why=why)
-
-    def _watchdog(self, now: Situation, found: dict[str, Alarm]) -> None:
-        """Commands are sent, but those that arrive are none that the plant accepts."""
-        why = [
-            parts["watchdog"].text
-            for parts in now.parts.values()
-            if parts.get("watchdog", _FINE).level == "error"
-        ]
-        if why and not {"supervisor", "measurements"} & found.keys():
-            found["machine"] = replace(alarm("machine", why=why[0]), on_s=_WATCHDOG_S)
+    # ---------------------------------------------------------------- measurements and commands
 
     def _measures(self, now: Situation) -> bool:
         return now.tick_age_s is not None and now.tick_age_s <= self._setting("silence_s")
@@ -319,13 +290,13 @@ class AlarmRules:
         replaced = self._mode(state, found)
         for one in state["controllers"]:
             if one["name"] != replaced:
-                self._controller(one, found)
+                _controller(one, found)
 
     def _mode(self, state: Mapping[str, Any], found: dict[str, Alarm]) -> str | None:
         """Who or what commands; returns the controller that another one stands in for: one alarm for one cause."""
         mode, target_mode = state["actual_mode"], state["target_mode"]
         actual, target = state["actual_controller"], state["target_controller"]
-        why = state["reason"] or _NO_REASON
+        why = state["reason"] or NO_REASON
         if mode == "safe_stop":
             asked = state["stop_cause"] == StopCause.OPERATOR
             found["safe_stop"] = replace(
@@ -336,7 +307,7 @@ class AlarmRules:
         elif mode == "auto" and actual and target and actual != target:
             lacks = (one["why"] for one in state["controllers"] if one["name"] == target)
             return self._failover(
-                actual, target, next(lacks, Readiness(Lack.UNKNOWN).why) or _NO_REASON, found
+                actual, target, next(lacks, Readiness(Lack.UNKNOWN).why) or NO_REASON, found
             )
         if mode != "hold":
             self._failed = "", ""
@@ -356,19 +327,6 @@ class AlarmRules:
             self._failed = target, why
         found["failover"] = alarm("failover", actual=actual, target=target, why=self._failed[1])
         return target
-
-    def _controller(self, one: Mapping[str, Any], found: dict[str, Alarm]) -> None:
-        name, why = one["name"], one["why"] or _NO_REASON
-        if one["inhibited"]:
-            found[alarm_id("controller", name)] = alarm(
-                "inhibited", one["lack"], name=name, why=why
-            )
-        elif not one["ready"]:
-            if any(f"sensor:{sensor}" in found for sensor in one["missing_sensors"]):
-                return  # that sensor is the cause
-            found[alarm_id("controller", name)] = alarm(
-                "not_ready", one["lack"], name=name, why=why
-            )
 
     # ---------------------------------------------------------------- the weld
 
@@ -426,11 +384,11 @@ class AlarmRules:
         """Set-points that the controller replaces by what the drives can hold."""
         asked = Reference(now.value("reference_depth_mm"), now.value("reference_temperature_c"))
         goal, share = now.attainable, _BACK_SHARE if self.replaced else 1.0
-        why = out_of_reach(asked, goal, share) if goal is not None and self._measures(now) else ""
+        why = out_of_reach(asked, goal, share) if goal and self._measures(now) else None
         self.replaced = goal if why else None
         if goal is not None and why:
             change = "Lower" if wants_heat(asked, goal) else "Raise"
-            found["out_of_reach"] = alarm("out_of_reach", why=readable(why), change=change)
+            found["out_of_reach"] = alarm("out_of_reach", why.code, why=why.words, change=change)
 
     def _lasting(self, one: Alarm, persistence: str) -> Alarm:
         persistence_s = self._setting(persistence)
@@ -469,7 +427,7 @@ class AlarmRules:
             if parts.get("standby", _FINE).level == "stale":  # it has died, or leads now
                 found["standby"] = alarm("standby")
             if node == MONITOR:
-                self._watch(parts, found)
+                _watch(parts, found)
             covered = (*_OTHER_RULES, *(_GATEWAY if "machine" in parts else ()))
             errors = [
                 (what, part)
@@ -488,11 +446,43 @@ class AlarmRules:
                 own = node.startswith("fsw_") or node in known
                 found[alarm_id("part", node)] = one if own else replace(one, priority="low")
 
-    @staticmethod
-    def _watch(parts: Mapping[str, Part], found: dict[str, Alarm]) -> None:
-        """What the monitor tells."""
-        for what, part in parts.items():
-            if part.level == "warn":
-                found[alarm_id("watch", what)] = alarm(
-                    "watch", cause=part.text, advice=part.advice or "See the trends"
-                )
+
+def _machine(now: Situation, found: dict[str, Alarm]) -> None:
+    """What a gateway reports of the machine behind it, and a plant of commands that do not come."""
+    for parts in now.parts.values():
+        gate = parts.get("machine")
+        if gate is None or gate.level == "stale":
+            continue
+        bad = (parts[one] for one in _GATEWAY if one in parts and parts[one].level == "error")
+        if (part := next(bad, None)) is not None:
+            found["machine"] = alarm("machine", part.code, why=part.text)
+        elif gate.permissive is False:
+            found["machine"] = alarm("machine", gate.code, why="it does not permit them")
+
+
+def _watchdog(now: Situation, found: dict[str, Alarm]) -> None:
+    """Commands are sent, but those that arrive are none that the plant accepts."""
+    dogs = [parts.get("watchdog", _FINE) for parts in now.parts.values()]
+    bad = [part for part in dogs if part.level == "error"]
+    if bad and not {"supervisor", "measurements"} & found.keys():
+        one = alarm("machine", bad[0].code, why=bad[0].text)
+        found["machine"] = replace(one, on_s=_WATCHDOG_S)
+
+
+def _controller(one: Mapping[str, Any], found: dict[str, Alarm]) -> None:
+    name, why = one["name"], one["why"] or NO_REASON
+    if one["inhibited"]:
+        found[alarm_id("controller", name)] = alarm("inhibited", one["lack"], name=name, why=why)
+    elif not one["ready"]:
+        if any(f"sensor:{sensor}" in found for sensor in one["missing_sensors"]):
+            return  # that sensor is the cause
+        found[alarm_id("controller", name)] = alarm("not_ready", one["lack"], name=name, why=why)
+
+
+def _watch(parts: Mapping[str, Part], found: dict[str, Alarm]) -> None:
+    """What the monitor tells."""
+    for what, part in parts.items():
+        if part.level == "warn":
+            found[alarm_id("watch", what)] = alarm(
+                "watch", cause=part.text, advice=part.advice or "See the trends"
+            )

@@ -1,10 +1,13 @@
-"""Answers to requests of the page: a code for records and tests, and the one table of their words."""
+"""Answers to requests of the page, and notes about control: codes, and the one table of their words."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
-from fsw_control.coded import Worded
+from fsw_control.coded import Fact, Worded
+from fsw_control.schema.errors import InputError
+from fsw_hmi.frames import readable
 
 DONE, REFUSED, TIMED_OUT = "done", "refused", "timed_out"
 
@@ -36,6 +39,10 @@ class Code(Worded):
     ACTIVE = "active", ""
     MALFORMED = "malformed", "the message is no request"
     NAMELESS = "nameless", "the message names no request"
+    NO_REQUEST = "no_request", "{reason}"
+    MISSING = "missing", "{reason}"
+    OUTSIDE = "outside", "{reason}"
+    CONTRADICTS = "value_error", "{reason}"
     INVALID = "invalid", "{reason}"
     TOO_MANY = "too_many", "too many requests in a second"
     NO_ANSWER = "no_answer", "no answer within {wait_s:g} s"
@@ -83,10 +90,8 @@ class Code(Worded):
     HANDED_OVER = "handed_over", "control handed over to {asker}"
     KEPT = "kept", "control not handed over to {asker}"
     RELEASED = "released", "control released"
-    LOST = "lost", "{why}"
     # requests that are not sent, and answers of the graph
     IN_FORCE = "in_force", "these set-points are in force already"
-    WOULD_TRIP = "would_trip", "{why}"
     COMMANDS_ALREADY = "commands_already", "{controller} commands already"
     AUTO_ALREADY = "auto_already", "the mode is auto already"
     NO_STOP = "no_stop", "there is no safe stop to acknowledge"
@@ -112,3 +117,69 @@ class Code(Worded):
     NOT_LISTED = "not_listed", "this alarm is no longer in the list"
     HIGH_PRIORITY = "high_priority", "an alarm of high priority cannot be shelved"
     NOT_SHELVED = "not_shelved", "this alarm is not shelved"
+
+
+#: by the kind of what is wrong with a value
+_INVALID = {
+    str(code): code for code in (Code.NO_REQUEST, Code.MISSING, Code.OUTSIDE, Code.CONTRADICTS)
+}
+
+
+def invalid(error: InputError) -> Answer:
+    """Return the answer to a request whose content is invalid, by its first problem.
+
+    Its words are the schema's, which name each key and its range.
+    """
+    kind = error.problems[0].kind if error.problems else ""
+    return _INVALID.get(kind, Code.INVALID).refused(reason=readable(str(error)))
+
+
+class Loss(Worded):
+    """Why control ended without being released."""
+
+    PAGE_CLOSED = "page_closed", "the page was closed"
+    SERVER_ENDED = "server_ended", "the page's server ended"
+    SERVER_RESTARTED = "server_restarted", "the page's server was started again"
+    NOT_CONNECTED = "not_connected", "its page was not connected for {limit_s:g} s"
+    UNTOUCHED = "untouched", "nobody has touched the page for {limit_min:g} min"
+    USER_CHANGED = "user_changed", "the user {user} has been changed or removed"
+    OTHER_LOGIN = "other_login", "{user} has logged in there"
+
+
+class Note(Worded):
+    """What happened to the control of a page, or of all."""
+
+    LOST = "lost", "{name} has lost control: {why.words}"
+    SHUT = "shut", "{why.words}: log in again to command"
+    TAKEN_BY_OWN = "taken_by_own", "you have taken control on another page ({session})"
+    TAKEN = "taken", "{name} has taken control: nobody answered for {wait_s:g} s"
+    HANDED_OVER = "handed_over", "you have handed control over to {name}"
+    RECEIVED = "received", "{name} has handed control over to you"
+    KEPT = "kept", "{name} keeps control"
+    FREE = "free", "control is free"
+    OTHER = "other", "{name} has control now"
+
+
+class Ended(NamedTuple):
+    """Who lost control, and why."""
+
+    name: str
+    why: Fact
+
+    @property
+    def note(self) -> Fact:
+        """The same as a note of all pages."""
+        return Fact.of(Note.LOST, name=self.name, why=self.why)
+
+    @property
+    def fields(self) -> dict[str, str | float]:
+        """The same as plain fields, which survive a restart of the server."""
+        return {"name": self.name, "code": str(self.why.code), **self.why.data}
+
+    @classmethod
+    def of(cls, fields: Mapping[str, str | float]) -> Ended | None:
+        """Return what these fields say; None if they are empty, or of another version."""
+        data = dict(fields)
+        name, code = data.pop("name", ""), data.pop("code", "")
+        why = next((Fact(one, data) for one in Loss if one == code), None)
+        return cls(str(name), why) if why else None

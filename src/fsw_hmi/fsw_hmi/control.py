@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from fsw_hmi.answers import Answer, Code
+from fsw_control.coded import Fact
+from fsw_hmi.answers import Answer, Code, Note
 
 #: how long control may be taken that was asked for in vain; then it has to be asked for again
 #: (chosen)
@@ -46,7 +47,7 @@ class Session:
     checking: bool = False  #: its password is being checked
     active_s: float = 0.0  #: when somebody who has logged in has last asked for something
     touched_s: float | None = None  #: when anybody has; None: never
-    note: str = ""  #: what happened to its control, for its page
+    note: Fact | None = None  #: what happened to its control, for its page
     known: dict[str, Any] = field(default_factory=dict)  #: what its page has been told of control
     offences: int = 0
     requests: Bucket = field(default_factory=lambda: Bucket(_RATE_PER_S))
@@ -116,15 +117,14 @@ class Control:
             self._give(session)
             return Code.TAKEN.done()
         if same_person:
-            self._give(session, f"you have taken control on another page ({session.id})")
+            self._give(session, Fact.of(Note.TAKEN_BY_OWN, session=session.id))
             return Code.TAKEN_FROM_OWN.done(holder=holder.who)
         if self.asker is not session:
             return Code.ASK_FIRST.refused(holder=holder.who)
         if self.left_s(now_s) > 0.0:
             return Code.TIME_LEFT.refused(holder=holder.who, left_s=self.left_s(now_s))
-        self._give(
-            session, f"{session.name} has taken control: nobody answered for {self._answer_s:g} s"
-        )
+        note = Fact.of(Note.TAKEN, name=session.name, wait_s=self._answer_s)
+        self._give(session, note)
         return Code.TAKEN_FROM_SILENT.done(holder=holder.who, limit_s=self._answer_s)
 
     def request(self, session: Session, now_s: float) -> Answer:
@@ -135,7 +135,7 @@ class Control:
             return Code.OTHER_ASKER.refused(asker=self.asker.who)
         if self.asker is None:
             self.asker, self._asked_s = session, now_s
-        session.note = ""
+        session.note = None
         return Code.ASKED.done(holder=self.holder.who)
 
     def withdraw(self, session: Session) -> Answer:
@@ -155,11 +155,11 @@ class Control:
                 return Code.NOBODY_ASKS.refused()
             return Code.ANOTHER_ASKS.refused(asker=asker.who)
         if grant:
-            self._give(asker, f"you have handed control over to {asker.name}")
-            asker.note = f"{session.name} has handed control over to you"
+            self._give(asker, Fact.of(Note.HANDED_OVER, name=asker.name))
+            asker.note = Fact.of(Note.RECEIVED, name=session.name)
             return Code.HANDED_OVER.done(asker=asker.who)
         self.asker = None
-        asker.note = f"{session.name} keeps control"
+        asker.note = Fact.of(Note.KEPT, name=session.name)
         return Code.KEPT.done(asker=asker.who)
 
     def give_back(self, session: Session) -> Answer:
@@ -175,7 +175,7 @@ class Control:
             self.asker = None
         if self.holder is session:
             if self.asker is not None:
-                self.asker.note = "control is free"
+                self.asker.note = Fact.of(Note.FREE)
             self.holder = self.asker = None
 
     def lapse(self, now_s: float) -> None:
@@ -183,9 +183,9 @@ class Control:
         if now_s - self._asked_s > self._answer_s + _LAPSE_S:
             self.asker = None
 
-    def _give(self, session: Session, note: str = "") -> None:
+    def _give(self, session: Session, note: Fact | None = None) -> None:
         if self.holder is not None:
             self.holder.note = note
         if self.asker is not None and self.asker is not session:
-            self.asker.note = f"{session.name} has control now"
-        self.holder, self.asker, session.note = session, None, ""
+            self.asker.note = Fact.of(Note.OTHER, name=session.name)
+        self.holder, self.asker, session.note = session, None, None

@@ -9,12 +9,12 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from fsw_control.coded import Fact, RefusedError
 from fsw_control.journal import RequestKind
 from fsw_control.schema.models import InputError, json_content_of
 from fsw_hmi import security
-from fsw_hmi.answers import DONE, Answer, Code
+from fsw_hmi.answers import DONE, REFUSED, Answer, Code, Ended, Loss, Note, invalid
 from fsw_hmi.control import Control, Session
-from fsw_hmi.frames import readable
 from fsw_hmi.logins import WrongLogins
 from fsw_hmi.requests import ACTIONS, Action, SafeStop, read
 from fsw_hmi.users import LONGEST, ROLES, User, Users, checked_name
@@ -28,6 +28,7 @@ UNDECIDED = Answer("", "", "")
 _RESUME_S = 10.0
 #: for the record: an operator lost control without releasing it
 LOST = "lose control"
+_PAGE_CLOSED = Fact.of(Loss.PAGE_CLOSED)
 _CONTROL = {
     "take_control": "take control",
     "release_control": "release control",
@@ -98,7 +99,8 @@ class ControlRoom:
         self._control = Control(handover_timeout_s)
         self._wrong = WrongLogins()
         self._records: list[Order] = []
-        self.ended = ""  #: why nobody has control any longer, until somebody takes it
+        #: why nobody has control any longer, until somebody takes it
+        self.ended: Ended | None = None
 
     @property
     def login(self) -> str:
@@ -130,7 +132,7 @@ class ControlRoom:
         else:
             self.leave(session)
 
-    def leave(self, session: Session, why: str = "the page was closed") -> None:
+    def leave(self, session: Session, why: Fact = _PAGE_CLOSED) -> None:
         """A page was closed."""
         self._sessions.pop(session.id, None)
         self._free(session, why)
@@ -140,7 +142,7 @@ class ControlRoom:
         self._look_at_users()
         for session in [*self._sessions.values()]:
             if session.lost_s is not None and now_s - session.lost_s > _RESUME_S:
-                self.leave(session, f"its page was not connected for {_RESUME_S:g} s")
+                self.leave(session, Fact.of(Loss.NOT_CONNECTED, limit_s=_RESUME_S))
         limit_s = self._idle_timeout_s
         for session in self._sessions.values():
             if (
@@ -149,38 +151,36 @@ class ControlRoom:
                 and not session.checking
                 and now_s - session.active_s > limit_s
             ):
-                self._shut(session, f"nobody has touched the page for {limit_s / 60.0:g} min")
+                self._shut(session, Fact.of(Loss.UNTOUCHED, limit_min=limit_s / 60.0))
         self._control.lapse(now_s)
         records, self._records = self._records, []
         return records
 
     def restart(self, holder: str) -> None:
         """Report and record that the server was killed while an operator had control."""
-        why = "the page's server was started again"
-        self.ended = f"{holder} has lost control: {why}"
-        self._records.append(
-            Order(holder, RequestKind.LOSE_CONTROL, LOST, Code.LOST.done(why=why))
-        )
+        self._note_loss(holder, holder, Fact.of(Loss.SERVER_RESTARTED))
+
+    def _note_loss(self, who: str, name: str, why: Fact) -> None:
+        self.ended = Ended(name, why)
+        answer = Answer(DONE, why.code, why.words)
+        self._records.append(Order(who, RequestKind.LOSE_CONTROL, LOST, answer))
 
     def _look_at_users(self) -> None:
         """Require a new login, except for a safe stop, from users whose entry has changed."""
         changed = self._users.look() if self._users else ()
         for session in self._sessions.values():
             if session.authenticated and session.name.casefold() in changed:
-                self._shut(session, f"the user {session.name} has been changed or removed")
+                self._shut(session, Fact.of(Loss.USER_CHANGED, user=session.name))
 
-    def _shut(self, session: Session, why: str) -> None:
+    def _shut(self, session: Session, why: Fact) -> None:
         """Accept only a safe stop until the next login."""
-        session.idle, session.note = True, f"{why}: log in again to command"
+        session.idle, session.note = True, Fact.of(Note.SHUT, why=why)
         self._free(session, why)
 
-    def _free(self, session: Session, why: str) -> None:
+    def _free(self, session: Session, why: Fact) -> None:
         """Remove a session's control, or its request for control."""
         if self.holder is session:
-            self.ended = f"{session.name} has lost control: {why}"
-            self._records.append(
-                Order(session.who, RequestKind.LOSE_CONTROL, LOST, Code.LOST.done(why=why))
-            )
+            self._note_loss(session.who, session.name, why)
         self._control.release(session)
 
     @property
@@ -190,12 +190,14 @@ class ControlRoom:
 
     def control(self, session: Session, now_s: float) -> dict[str, Any]:
         """Content of the frame ``control`` for a session."""
+        note = session.note or (self.ended.note if self.ended and not self.holder else None)
         return self._control.shown(session, now_s) | {
             "name": session.name,
             "authenticated": session.authenticated,
             "role": session.role,
             "may_stop": session.may_stop,
-            "note": session.note or ("" if self.holder else self.ended),
+            "note": note.words if note else "",
+            "note_code": str(note.code) if note else "",
         }
 
     def news(self, session: Session, now_s: float) -> dict[str, Any] | None:
@@ -251,8 +253,8 @@ class ControlRoom:
         self._look_at_users()
         try:
             name = checked_name(name.strip() if isinstance(name, str) else "")
-        except ValueError as error:
-            return Verdict(number, Code.INVALID.refused(reason=error))
+        except RefusedError as error:
+            return Verdict(number, Answer(REFUSED, error.fact.code, error.fact.words))
         given = given if isinstance(given, str) else ""
         if self._users is None:
             if not hmac.compare_digest(_bytes(given), self._token):
@@ -319,10 +321,9 @@ class ControlRoom:
         self, session: Session, number: int, name: str, role: str, now_s: float
     ) -> Verdict:
         if (session.name, session.role) != (name, role):
-            self._free(
-                session, f"{name} has logged in there"
-            )  # what one person has, another does not get by a login
-        session.name, session.role, session.idle, session.note = name, role, False, ""
+            # what one person has, another does not get by a login
+            self._free(session, Fact.of(Loss.OTHER_LOGIN, user=name))
+        session.name, session.role, session.idle, session.note = name, role, False, None
         session.active_s = session.touched_s = now_s
         answer = Code.LOGGED_IN.done(name=name, role=role)
         return Verdict(number, answer, kind=RequestKind.LOGIN, asked="log in")
@@ -339,7 +340,7 @@ class ControlRoom:
             return Verdict(number, Code.HAVE_CONTROL.done())
         answer = self._ask_control(session, do, message, now_s)
         if answer.outcome == DONE:
-            self.ended = ""
+            self.ended = None
         return Verdict(number, answer, kind=kind, asked=asked)
 
     def _ask_control(
@@ -365,7 +366,7 @@ class ControlRoom:
             action = read(do, message)
         except InputError as error:
             asked = do if known else "unknown request"
-            answer = Code.INVALID.refused(reason=readable(str(error)))
+            answer = invalid(error)
             return Verdict(number, answer, kind=kind, asked=asked)
         if self.holder is not session:
             answer = Code.TAKE_FIRST.refused()

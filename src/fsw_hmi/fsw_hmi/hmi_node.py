@@ -34,7 +34,7 @@ from fsw_control.units import NANOSECONDS
 from fsw_hmi import history_report, tls, users
 from fsw_hmi.alarm_desk_ros import AlarmDesk
 from fsw_hmi.alarm_rules import NO_PROGRAMME_S, NO_REPORT_S, UNDER_WAY
-from fsw_hmi.answers import Answer
+from fsw_hmi.answers import Answer, Ended
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import frame, readable, row
 from fsw_hmi.headline import Now, headline
@@ -65,6 +65,8 @@ _ASK_AGAIN_S = 5.0
 _SIMULATED_SILENCE = 10.0
 #: actions that survive a restart
 _KEPT_ACTIONS = 50
+#: parameters of operators' control
+_CONTROL = ("local_stop", "idle_timeout_s", "handover_timeout_s")
 
 
 class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere
@@ -108,13 +110,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._register = StopRegister()
         self._stop = StopHolder(self, self._register, self._register.merge)
         self._wake = self.create_guard_condition(self._on_orders)
-        self._room = ControlRoom(
-            key,
-            **{
-                name: values[name]
-                for name in ("local_stop", "idle_timeout_s", "handover_timeout_s")
-            },
-        )
+        self._room = ControlRoom(key, **{name: values[name] for name in _CONTROL})
         self._page = LivePage(
             files,
             self._room,
@@ -139,12 +135,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self.get_logger().warning(
                 "the page can be reached from other computers, and nothing is encrypted"
             )
-        # The token must not get into the log, which is recorded.
-        url = address(listening, encrypted is not None)
-        print(f"operator's page: {url}", flush=True)
-        write_status(url=url)
-        if told:
-            print(f"token: {key}", flush=True)
+        _announce(address(listening, encrypted is not None), str(key) if told else "")
 
     def _setting(self, name: str) -> float:
         value: float = self._settings[name]
@@ -163,7 +154,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             )
             self._done.extend(kept.actions)
             self._page.restore(rows)
-            self._room.ended = kept.ended
+            self._room.ended = Ended.of(kept.ended)
             if kept.holder:
                 self._room.restart(kept.holder)
         if rows:
@@ -174,7 +165,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
     def _keep(self) -> None:
         holder, ended = self._room.holder, self._room.ended
         state = Kept(time.monotonic(), time.time(), self._desk.list.entries, list(self._done))
-        state.holder, state.ended = (holder.who, "") if holder else ("", ended)
+        state.holder = holder.who if holder else ""
+        state.ended = ended.fields if ended and not holder else {}
         self._keeper.keep(state)
 
     def destroy_node(self) -> None:
@@ -373,6 +365,14 @@ def book_of(file: str) -> RuleBook:
     if signature_path(Path(file)).exists():
         verify_file(Path(file), Purpose.PROCEDURE, None)
     return validate(Procedure, content_of(read_text(file, "procedure"), file), file)
+
+
+def _announce(url: str, token: str) -> None:
+    """Print address and token; the token must not get into the log, which is recorded."""
+    print(f"operator's page: {url}", flush=True)
+    write_status(url=url)
+    if token:
+        print(f"token: {token}", flush=True)
 
 
 def _key(

@@ -22,7 +22,7 @@ _OLD_S = 600.0
 class Kept:
     """State of the page; ``now_s`` and ``wall_s``: steady and wall clock when it was saved.
 
-    ``holder`` had control then; ``ended`` is the reason for the last loss of control.
+    ``holder`` had control then; ``ended`` are the fields of the last loss of control.
     """
 
     now_s: float
@@ -30,7 +30,7 @@ class Kept:
     alarms: dict[str, Entry] = field(default_factory=dict)
     actions: list[dict[str, str | float]] = field(default_factory=list)
     holder: str = ""
-    ended: str = ""
+    ended: dict[str, str | float] = field(default_factory=dict)
 
 
 _KEPT: TypeAdapter[Kept] = TypeAdapter(Kept)

@@ -12,7 +12,7 @@ from typing import Any
 from fsw_control.node_arguments import NodeArguments, asks_for_help, parameter_help
 from fsw_control.parameters import describe
 from fsw_control.schema.entry import quiet_start
-from fsw_control.schema.extras import Extra
+from fsw_control.schema.extensions import Extra
 from fsw_hmi.parameters import HmiParameters
 
 #: what serves the page; ROS 2 does not bring it

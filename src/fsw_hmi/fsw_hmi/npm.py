@@ -10,8 +10,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from fsw_control.c_library import tool_environment
 from fsw_control.schema.files import locked
-from fsw_control.schema.processes import tool_environment
 
 #: ``package.json`` and its lock
 OWN = Path(__file__).parent

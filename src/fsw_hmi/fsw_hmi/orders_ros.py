@@ -11,7 +11,6 @@ from action_msgs.srv import CancelGoal
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.task import Future
-from std_srvs.srv import Trigger
 
 from fsw_control import messages_ros as convert
 from fsw_control.contract import SAFE_STOP
@@ -58,9 +57,10 @@ class Orders:
         self._set_reference = node.create_client(srv.SetReference, "fsw/set_reference")
         self._switch = node.create_client(srv.SwitchController, "fsw/switch_controller")
         self._set_mode = node.create_client(srv.SetMode, "fsw/set_mode")
-        self._acknowledge = node.create_client(Trigger, "fsw/acknowledge")
+        self._acknowledge = node.create_client(srv.OperatorRequest, "fsw/acknowledge")
         self._weld = {
-            verb: node.create_client(Trigger, f"fsw/weld/{verb}") for verb in ("hold", "resume")
+            verb: node.create_client(srv.OperatorRequest, f"fsw/weld/{verb}")
+            for verb in ("hold", "resume")
         }
         # by this service of every action, because the goal is another node's
         self._cancel = node.create_client(CancelGoal, "fsw/run_weld/_action/cancel_goal")
@@ -98,7 +98,7 @@ class Orders:
                 request = convert.mode_request(action.mode, action.force_kn, action.speed_rpm)
                 return self._set_mode, "supervisor", request
             case AcknowledgeStop():
-                return self._acknowledge, "supervisor", Trigger.Request()
+                return self._acknowledge, "supervisor", srv.OperatorRequest.Request()
             case Switch():
                 return (
                     self._switch,
@@ -113,7 +113,7 @@ class Orders:
             case Programme(action="abort"):
                 return self._cancel, "programme", CancelGoal.Request()  # whichever goal there is
             case Programme():
-                return self._weld[action.action], "programme", Trigger.Request()
+                return self._weld[action.action], "programme", srv.OperatorRequest.Request()
             case Disturb() | Fail():
                 client = self._disturb if isinstance(action, Disturb) else self._fail
                 return client, "emulated plant", event_request(action.event)
@@ -173,6 +173,5 @@ def _answer(response: Any) -> Answer:
     """Answer of a service."""
     if isinstance(response, CancelGoal.Response):
         return Code.ABORTED.done() if response.goals_canceling else Code.NO_WELD.refused()
-    ok = response.success if isinstance(response, Trigger.Response) else response.ok
-    code = getattr(response, "code", "") or Code.SERVICE
-    return Answer(DONE if ok else REFUSED, str(code), str(response.message))
+    outcome, code = DONE if response.ok else REFUSED, response.code or Code.SERVICE
+    return Answer(outcome, str(code), str(response.message))

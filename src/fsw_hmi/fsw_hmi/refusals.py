@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from fsw_control.ranges import beyond_trip
-from fsw_hmi.answers import Answer, Code
+from fsw_hmi.answers import REFUSED, Answer, Code
 from fsw_hmi.requests import AcknowledgeStop, Action, ChangeMode, SetReference, Switch
 
 _SAME = 1e-6
@@ -31,7 +31,7 @@ def why_not(
         ):
             return Code.IN_FORCE.refused()
         why = beyond_trip(action.depth_mm, action.temperature_c, interlocks)
-        return Code.WOULD_TRIP.refused(why=why) if why else None
+        return Answer(REFUSED, why.code, why.words) if why else None
     if state is None:
         return None
     mode, commanding = state["actual_mode"], state["actual_controller"]

@@ -14,7 +14,7 @@ from fsw_control.ranges import (
     REFERENCE_DEPTH_MM,
     REFERENCE_TEMPERATURE_C,
 )
-from fsw_control.schema.models import InputError, Many, Model, validate
+from fsw_control.schema.models import InputError, Many, Model, Problem, validate
 from fsw_control.schema.ranges import Range
 from fsw_hmi.users import Role
 from fsw_plant.event_schema import disturbance, fault
@@ -215,6 +215,6 @@ def read(do: str, message: Mapping[str, Any]) -> Action:
         When there is none of this name, or a value is missing, of the wrong type or out of range.
     """
     if do not in ACTIONS:
-        raise InputError("there is no such request")
+        raise InputError("there is no such request", problems=(Problem("", "no_request"),))
     model = ACTIONS[do]
     return validate(model, {key: message[key] for key in model.model_fields if key in message}, do)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import ssl
 from pathlib import Path
 
-from fsw_control.private_file import read_private
-from fsw_control.schema.files import open_regular
+from fsw_control.schema.files import open_regular, read_private
 
 
 def context(certificate: str, key: str) -> ssl.SSLContext | None:

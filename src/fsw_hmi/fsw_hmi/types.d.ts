@@ -117,6 +117,7 @@ interface Control {
   role: string;
   may_stop: boolean;
   note: string;
+  note_code: string;
 }
 type Priority = "low" | "medium" | "high";
 interface Alarm {

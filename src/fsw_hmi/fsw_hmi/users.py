@@ -15,8 +15,8 @@ from typing import Annotated, Literal
 import yaml
 from pydantic import AfterValidator
 
-from fsw_control.private_file import read_private
-from fsw_control.schema.files import write_whole
+from fsw_control.coded import RefusedError, Worded
+from fsw_control.schema.files import read_private, write_whole
 from fsw_control.schema.models import InputError, Model, content_of, validate
 
 #: each role includes those before it
@@ -37,10 +37,16 @@ _HASH = re.compile(
 )
 
 
+class NameFlaw(Worded):
+    """Why a text is no name of a user."""
+
+    NOT_A_NAME = "not_a_name", "{name!r} is not a user's name ({rule})"
+
+
 def checked_name(name: str) -> str:
-    """Return the name if it is unambiguous; else raises ValueError."""
+    """Return the name if it is unambiguous; else raises RefusedError."""
     if not _NAME.fullmatch(name):
-        raise ValueError(f"{name[:40]!r} is not a user's name ({NAME_RULE})")
+        raise RefusedError.of(NameFlaw.NOT_A_NAME, name=name[:40], rule=NAME_RULE)
     return name
 
 

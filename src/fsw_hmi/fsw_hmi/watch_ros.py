@@ -23,10 +23,11 @@ from fsw_control.diagnostic_names import local_name
 from fsw_control.heat_plan import SHARE_NAME
 from fsw_control.reason import Reason
 from fsw_control.references_ros import reference_queue, subscribe_references
+from fsw_control.reports_ros import CODE
 from fsw_control.sensors import DEPTH_CHANNELS, REQUIRED, SENSORS
 from fsw_control.severity import Severity
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
-from fsw_hmi.alarm_rules import MONITOR, NO_REPORT_S, RECORDING, UNDER_WAY, Part
+from fsw_hmi.alarm_rules import NO_REPORT_S, RECORDING, UNDER_WAY, Part
 from fsw_hmi.frames import COLUMNS, readable, short
 from fsw_hmi.heat_band import heat_band
 from fsw_hmi.weld_view import Row, WeldView
@@ -225,14 +226,11 @@ class Watch:
                 continue
             self._parts[node] = parts
             level = _LEVELS[min(int.from_bytes(status.level, "little"), 3)]
-            values = (
-                {pair.key: pair.value for pair in status.values}
-                if what in ("machine", "process", RECORDING) or node == MONITOR
-                else {}
-            )
+            values = {pair.key: pair.value for pair in status.values}
             permissive = None if "permissive" not in values else values["permissive"] == "True"
             advice = readable(values.get("advice", ""))
-            parts[what] = Part(level, readable(status.message), permissive, advice), now_s
+            text, code = readable(status.message), readable(values.get(CODE, ""), 100)
+            parts[what] = Part(level, text, permissive, advice, code), now_s
             if what == RECORDING:
                 self.recording = values
             if name == "fsw_supervisor: process":

@@ -13,7 +13,8 @@ from typing import Any
 from starlette.routing import BaseRoute, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from fsw_hmi.answers import Answer, Code
+from fsw_control.coded import Fact
+from fsw_hmi.answers import Answer, Code, Loss
 from fsw_hmi.control_room import ControlRoom, Order, Verdict
 from fsw_hmi.frames import COLUMNS, frame
 from fsw_hmi.hub import History, Page
@@ -190,8 +191,8 @@ class LivePage:
             if page.superseded:
                 pass  # the session is another page's now, whatever became of this one
             elif self._closed or page.closed or page.evicted:
-                why = "the page's server ended" if self._closed else "the page was closed"
-                self._room.leave(page.session, why)
+                code = Loss.SERVER_ENDED if self._closed else Loss.PAGE_CLOSED
+                self._room.leave(page.session, Fact.of(code))
             else:
                 self._room.lose(page.session, time.monotonic())
             self._show_control()

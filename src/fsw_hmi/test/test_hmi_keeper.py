@@ -5,13 +5,16 @@ import math
 
 import pytest
 
+from fsw_control.coded import Fact
 from fsw_hmi.alarms import Alarm, AlarmList
+from fsw_hmi.answers import Ended, Loss
 from fsw_hmi.frames import COLUMNS, row
 from fsw_hmi.keeper import Keeper, Kept
 
 ROWS = [
     row(stamp_ns, [1.5] * (len(COLUMNS) - 2) + [math.nan]) for stamp_ns in (10**18, 10**18 + 10**8)
 ]
+ENDED = Ended("anna", Fact.of(Loss.NOT_CONNECTED, limit_s=10.0))
 ACTION = {"server_s": 1.0, "who": "anna", "action": "mode hold", "outcome": "done", "message": ""}
 
 
@@ -20,7 +23,7 @@ def kept(wall_s=1000.0):
     alarms.update({name: Alarm(name, "", "", "medium") for name in "abc"}, 5.0)
     alarms.acknowledge(["a"], "anna")
     alarms.shelve("b", 10.0, "anna", "known", 5.0)
-    return Kept(5.0, wall_s, alarms.entries, [ACTION], "anna (3f2a)", "she has gone")
+    return Kept(5.0, wall_s, alarms.entries, [ACTION], "anna (3f2a)", ENDED.fields)
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from fsw_control.schema.extras import Extra
+from fsw_control.schema.extensions import Extra
 from fsw_hmi import hmi_node, main, users
 from fsw_hmi.page_files import PageFiles
 from fsw_test_support.page_client import PATIENCE_S, Page
@@ -69,7 +69,7 @@ def test_named_user_commands_and_no_token_is_printed(domain_id, file, capsys, fo
     try:
         assert "token" not in said
         with Page(said.split()[-1]) as page:
-            assert page.log_in("token", "otto")["message"] == "wrong name or password"
+            assert page.log_in("token", "otto")["code"] == "wrong_password"
             page.command(PASSWORD, "OTTO")
             assert page.seen("control", lambda frame: frame["you"])["holder"]["name"] == "otto"
             assert page.ask("fault", sensor="depth", kind="none")["outcome"] == "refused"

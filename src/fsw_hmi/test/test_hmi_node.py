@@ -17,7 +17,6 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
-from std_srvs.srv import Trigger
 
 from fsw_analysis.rule_book import default
 from fsw_control import messages_ros as convert
@@ -44,7 +43,13 @@ from fsw_msgs.msg import (
     WeldProgress,
     WeldReference,
 )
-from fsw_msgs.srv import SetDisturbance, SetMode, SetReference, SwitchController
+from fsw_msgs.srv import (
+    OperatorRequest,
+    SetDisturbance,
+    SetMode,
+    SetReference,
+    SwitchController,
+)
 from fsw_recorder.findings import Code, EvidenceError
 from fsw_recorder.signature import Purpose, load_private, make_key, sign, signature_path
 from fsw_test_support.judged_weld import short_procedure
@@ -165,7 +170,8 @@ def test_trends_actions_and_alarms_survive_a_restart_of_the_page(graph, page):
         done = [one["action"] for one in again.seen("actions")["actions"]]
         assert done[-2:] == ["acknowledge measurements", "lose control"]
         assert states(again.seen("alarms")) == [("measurements", "acknowledged")]
-        assert again.seen("control")["note"] == "anna has lost control: the page's server ended"
+        control = again.seen("control")
+        assert (control["note_code"], "anna" in control["note"]) == ("lost", True)
 
 
 def test_control_that_was_somebodys_when_the_server_was_killed_is_told_and_recorded(graph, page):
@@ -184,12 +190,12 @@ def test_control_that_was_somebodys_when_the_server_was_killed_is_told_and_recor
         graph.start_page()
 
     wait_until(graph.executor.create_task(start_after_a_kill).done, "the page's server")
-    why = "the page's server was started again"
     with Page(graph.url) as again:
         control = again.seen("control")
-        assert control["holder"] is None and control["note"].endswith(f") has lost control: {why}")
-    wait_until(lambda: any(one.message == why for one in graph.actions), "the record")
-    lost = next(one for one in graph.actions if one.message == why)
+        assert control["holder"] is None and control["note_code"] == "lost"
+    why = "server_restarted"
+    wait_until(lambda: any(one.code == why for one in graph.actions), "the record")
+    lost = next(one for one in graph.actions if one.code == why)
     assert (lost.action, lost.who.startswith("anna (")) == ("lose control", True)
 
 
@@ -357,9 +363,7 @@ def test_set_points_out_of_reach_are_told_beside_what_is_attainable_until_they_a
 
     graph.tick_until(lambda: journal() == told, "the journal")
     text = next(one.text for one in events if one.id == "out_of_reach")
-    assert (
-        text == "Set-point out of reach: 830 °C asked, 815 °C attainable: speed at its upper bound"
-    )
+    assert "830 °C" in text and "815 °C" in text
 
 
 def test_answers_of_services(graph, page):
@@ -379,7 +383,7 @@ def test_answers_of_services(graph, page):
         return response
 
     def on_acknowledge(_, response):
-        response.success, response.message = False, "still hot"
+        response.ok, response.code, response.message = False, "cause_present", "still hot"
         return response
 
     def on_disturb(request, response):
@@ -411,7 +415,7 @@ def test_answers_of_services(graph, page):
         == "depth 0.0001"
     )
     assert page.ask("safe_stop")["message"] == "safe_stop nan"
-    graph.serve(Trigger, "fsw/acknowledge", on_acknowledge)
+    graph.serve(OperatorRequest, "fsw/acknowledge", on_acknowledge)
     wait_until(graph.hmi._orders._acknowledge.service_is_ready, "the service")
     assert page.ask("acknowledge_stop")["message"] == "still hot"
     wait_until(lambda: len(graph.actions) == 10, "the record of all actions")
@@ -421,7 +425,7 @@ def test_answers_of_services(graph, page):
         "service",
         "service",
         "mode_next",
-        "service",
+        "cause_present",
     ]
     assert [(one.action, one.outcome) for one in graph.actions][-5:] == [
         ("mode manual 78 kN, 400 rpm", "refused"),
@@ -488,21 +492,19 @@ def test_safe_stop_reaches_a_supervisor_that_comes_after_the_page_was_answered(g
 
 
 def test_set_points_are_asked_for_and_the_answer_is_the_supervisors(graph, page):
-    assert (
-        page.ask("set_reference", depth_mm=2.7, temperature_c=820)["message"]
-        == "there is no supervisor to ask"
-    )
+    alone = page.ask("set_reference", depth_mm=2.7, temperature_c=820)
+    assert alone["code"] == "no_service"
     asked = []
 
     def on_set_points(request, response):
         asked.append((round(request.depth * 1e3, 6), request.temperature, request.ramp))
-        response.ok, response.message = len(asked) > 1, "as a test"
+        response.ok, response.code, response.message = len(asked) > 1, "tested", "as a test"
         return response
 
     graph.serve(SetReference, "fsw/set_reference", on_set_points)
     wait_until(graph.hmi._orders._set_reference.service_is_ready, "the service")
     refused = page.ask("set_reference", depth_mm=2.7, temperature_c=820)
-    assert (refused["outcome"], refused["message"]) == ("refused", "as a test")
+    assert (refused["outcome"], refused["code"]) == ("refused", "tested")
     assert (
         page.ask("set_reference", depth_mm=2.66, temperature_c=826, ramp=True)["outcome"] == "done"
     )
@@ -538,7 +540,7 @@ def test_alarm_is_raised_shelved_cleared_raised_again_and_all_of_it_is_in_the_jo
     (alarm,) = of_recorder(page.seen("alarms", now("active")))
     assert alarm["text"] == "fsw_recorder: recording: disk full"
     shelve = {"alarm": alarm["id"], "minutes": 20, "reason": "disk is being changed"}
-    assert page.ask("shelve", **shelve | {"reason": " "})["message"] == "shelve: say why in words"
+    assert page.ask("shelve", **shelve | {"reason": " "})["code"] == "value_error"
     assert page.ask("shelve", **shelve | {"alarm": "other"})["outcome"] == "refused"
     assert page.ask("shelve", **shelve)["outcome"] == "done"
     page.seen("alarms", now("shelved"))

@@ -257,7 +257,7 @@ def test_user_who_is_changed_loses_control_and_may_still_stop(file, told):
     changed(file, user("anna", "view"), users.read(file)[1])
     room.tick(1.0)
     assert room.holder is None
-    assert "the user anna has been changed" in room.control(session, 1.0)["note"]
+    assert room.control(session, 1.0)["note_code"] == "shut"
     assert ask(session, "mode", mode="hold").answer.message == "log in again"
     assert ask(session, "safe_stop").action is not None
     assert ask(other, "take_control", **{"from": None}).answer.outcome == "done"

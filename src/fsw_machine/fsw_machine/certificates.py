@@ -8,8 +8,7 @@ from pathlib import Path
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 
-from fsw_control.private_file import read_private
-from fsw_control.schema.files import read_regular
+from fsw_control.schema.files import read_private, read_regular
 from fsw_machine.machine_file import Security
 
 

@@ -11,6 +11,7 @@ from math import inf, nan
 from typing import Any, NamedTuple
 
 from fsw_control import weld
+from fsw_control.coded import Fact, Worded
 from fsw_control.command_check import refusal
 from fsw_control.command_gate import CommandGate
 from fsw_control.contract import Command, Limits
@@ -23,16 +24,6 @@ from fsw_machine.machine_file import MachineFile
 from fsw_machine.samples import CycleRead, Sample, bit, sample
 from fsw_machine.stamps import Stamps
 
-#: reasons for a rejection in addition to the gate's
-REASONS = (
-    "disconnected",
-    "not_permissive",
-    "stale_read",
-    "unanswered",
-    "paused",
-    "jump",
-    "unknown_stamp",
-)
 #: pause after which supervisor and controllers restart from the drives' feedback: 20 % above their
 #: limit
 PAUSE_S = 1.2 * JUMP_NS / NANOSECONDS
@@ -53,6 +44,30 @@ _SETTLED_CYCLES = 3
 _KEPT = 32
 #: nodes without a number
 _NO_NUMBERS = ("cycle", "permissive")
+
+
+class Rejection(Worded):
+    """Reasons for a rejection in addition to the gate's."""
+
+    DISCONNECTED = "disconnected", "there is no connection to the machine"
+    NOT_PERMISSIVE = "not_permissive", "the machine does not permit it: {fault}"
+    STALE_READ = "stale_read", "the machine was last read {age_s:.2f} s ago"
+    PAUSED = (
+        "paused",
+        "control starts anew from the drives' values, after a pause in the measurements",
+    )
+    UNKNOWN_STAMP = (
+        "unknown_stamp",
+        "it answers {stamp_s:.3f} s, at which nothing was measured",
+    )
+    UNANSWERED = "unanswered", "the server has not answered the write of {since_s:.3f} s ago"
+    JUMP = "jump", "{jump.words} from the set-points in force at the machine"
+    OUTSIDE = (
+        "outside",
+        "{jump.words} from the set-points in force at the machine, which is outside the limits: "
+        "the machine has to bring it back",
+    )
+    NOT_KNOWN = "not_known", "the set-points in force are not known: {fault}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +128,7 @@ class Gateway:
             Limits.from_parameters(values),
             values["commands.max_age_s"],
             values["commands.sources"],
-            REASONS,
+            tuple(Rejection),
         )
         self.fence = Fence()  #: the leader, and any safe stop in force
         self.stamps = Stamps(
@@ -169,7 +184,7 @@ class Gateway:
     def _part(self) -> None:
         """Note that commands no longer reach the machine."""
         if self._waiting is not None:
-            self.gate.refuse("unanswered", "the server has not answered the previous write")
+            self.gate.refuse(self._unanswered(self.read.read_s if self.read else 0.0))
         self.joined = False
         self._lost = 0
         self._under_way = self._waiting = None
@@ -246,18 +261,14 @@ class Gateway:
         signature: Signature = UNSIGNED,
     ) -> Order | None:
         """Process a command; returns the values to write, None if rejected (see ``gate``)."""
-        reason, words = self._refused(signature, source, now_s)
-        if reason:
-            self.gate.refuse(reason, words)
+        if why := self._refused(signature, source, now_s):
+            self.gate.refuse(why)
             return None
         if self.gate.check(command, stamp_ns, source, healthy, self._stamp_ns):
             return None
         counter = self._counters.get(stamp_ns)
         if counter is None:
-            self.gate.refuse(
-                "unknown_stamp",
-                f"it answers {stamp_ns * 1e-9:.3f} s, at which nothing was measured",
-            )
+            self.gate.refuse(Fact.of(Rejection.UNKNOWN_STAMP, stamp_s=stamp_ns / NANOSECONDS))
             return None
         if self._under_way is not None:
             overtaken, self._waiting = (
@@ -265,10 +276,7 @@ class Gateway:
                 (command, stamp_ns, counter, source, signature),
             )
             if overtaken is not None:
-                since_s = now_s - self._under_way.accepted_s
-                self.gate.refuse(
-                    "unanswered", f"the server has not answered the write of {since_s:.3f} s ago"
-                )
+                self.gate.refuse(self._unanswered(now_s))
                 self._lose()
             return None
         return self._order(command, stamp_ns, counter, source, now_s)
@@ -283,9 +291,9 @@ class Gateway:
             for one in has:
                 command = self.gate.limits.clip(command, one)
             jump = self._jump(command, has)
-            self.cut += not jump
+            self.cut += jump is None
         if jump:
-            self.gate.refuse("jump", jump)
+            self.gate.refuse(jump)
             self._lose()
             return None
         nodes = self._machine.nodes
@@ -296,30 +304,25 @@ class Gateway:
         self._sent_cycle = self._cycle
         return self._under_way
 
-    def _refused(self, signature: Signature, source: str, now_s: float) -> tuple[str, str]:
-        """Why no command of this kind may be written: reason and text, both empty if it may."""
-        reason, words = self.fence.check(signature, source)
-        return (reason, words) if reason else self._closed(now_s)
+    def _unanswered(self, now_s: float) -> Fact:
+        began_s = self._under_way.accepted_s if self._under_way else now_s
+        return Fact.of(Rejection.UNANSWERED, since_s=max(0.0, now_s - began_s))
 
-    def _closed(self, now_s: float) -> tuple[str, str]:
+    def _refused(self, signature: Signature, source: str, now_s: float) -> Fact | None:
+        """Why no command of this kind may be written; None if it may."""
+        return self.fence.check(signature, source) or self._closed(now_s)
+
+    def _closed(self, now_s: float) -> Fact | None:
         """Why nothing may be written at present."""
         if not self.connected or self.read is None or not self.samples:
-            return "disconnected", "there is no connection to the machine"
+            return Fact.of(Rejection.DISCONNECTED)
         if not self.permissive:
-            return (
-                "not_permissive",
-                "the machine does not permit it: "
-                f"{self.samples['permissive'].fault or 'bit is 0'}",
-            )
+            fault = self.samples["permissive"].fault or "bit is 0"
+            return Fact.of(Rejection.NOT_PERMISSIVE, fault=fault)
         age_s = now_s - self.read.read_s
         if age_s > FRESH_CYCLES * weld.TICK_S:
-            return "stale_read", f"the machine was last read {age_s:.2f} s ago"
-        if not self.joined:
-            return (
-                "paused",
-                "control starts anew from the drives' values, after a pause in the measurements",
-            )
-        return "", ""
+            return Fact.of(Rejection.STALE_READ, age_s=age_s)
+        return None if self.joined else Fact.of(Rejection.PAUSED)
 
     def _may_have(self) -> list[Command]:
         """All set-points that the machine may have now, the likeliest first; empty if unknown.
@@ -360,19 +363,17 @@ class Gateway:
         moves = replace(limits, force_step_kn=force_kn, speed_step_rpm=speed_rpm)
         return all(refusal(command, moves, one) is None for one in has)
 
-    def _jump(self, command: Command, has: list[Command]) -> str:
-        """Why a command is too far from the machine's set-points; empty if it is not."""
+    def _jump(self, command: Command, has: list[Command]) -> Fact | None:
+        """Why a command is too far from the machine's set-points; None if it is not."""
         if not has:
             fault = self.samples["force_in_force"].fault or self.samples["speed_in_force"].fault
-            return f"the set-points in force are not known: {fault}"
+            return Fact.of(Rejection.NOT_KNOWN, fault=fault)
         limits = self.gate.limits
         jump = next(filter(None, (refusal(command, limits, one) for one in has)), None)
         if jump is None:
-            return ""
-        words = f"{jump.words} from the set-points in force at the machine"
-        if refusal(limits.clip(has[0], None), limits, has[0]) is None:
-            return words
-        return f"{words}, which is outside the limits: the machine has to bring it back"
+            return None
+        inside = refusal(limits.clip(has[0], None), limits, has[0]) is None
+        return Fact.of(Rejection.JUMP if inside else Rejection.OUTSIDE, jump=jump.fact)
 
     def _lose(self) -> None:
         self._lost += 1
@@ -403,10 +404,8 @@ class Gateway:
         if waiting is None:
             return None
         command, stamp_ns, counter, source, signature = waiting
-        reason, words = self._refused(
-            signature, source, now_s
-        )  # a safe stop may have begun meanwhile
-        if reason:
-            self.gate.refuse(reason, words)
+        # a safe stop may have begun meanwhile
+        if why := self._refused(signature, source, now_s):
+            self.gate.refuse(why)
             return None
         return self._order(command, stamp_ns, counter, source, now_s)

@@ -5,9 +5,42 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from fsw_control.coded import Fact, Worded
 from fsw_control.reports_ros import ERROR, OK, WARN, Report
 from fsw_control.units import NANOSECONDS
 from fsw_machine.gateway import Gateway
+
+
+class Note(Worded):
+    """What the gateway says of its parts."""
+
+    CONNECTED = "connected", "connected"
+    CONNECTING = "connecting", "connecting"
+    LOST = "lost", "{error}"
+    NOT_CONNECTED = "not_connected", "not connected"
+    STALLED = "stalled", "the cycle counter has not changed for {time_s:.1f} s"
+    NOT_READ = "not_read", "not read yet"
+    INVALID = "invalid", "invalid: {faults}"
+    FAULT = "fault", "{name}: {fault}"
+    NOT_PERMISSIVE = (
+        "not_permissive",
+        "permits no commands: nothing is written, drives are not reported",
+    )
+    PAUSED = (
+        "paused",
+        "measurements are paused, so that control starts anew from the drives' values",
+    )
+    OBEYS = "obeys", "runs and obeys"
+    CLOCK_UNKNOWN = "clock_unknown", "not known yet"
+    CLOCK = "clock", "server's clock is {skew_s:+.3f} s against the local one"
+    CLOCK_SET = (
+        "clock_set",
+        "server's clock is {skew_s:+.3f} s against the local one; "
+        "it was set {steps} times, stamps continue without the step",
+    )
+    NOT_TAKEN = "not_taken", "{count} not taken; last: {last}"
+    TAKEN = "taken", "taken"
+    NOTHING_WRITTEN = "nothing_written", "nothing written yet"
 
 
 def connection(
@@ -20,14 +53,19 @@ def connection(
         "failed attempts since the last loss": attempts,
     }
     if connected:
-        return Report("connection", OK, "connected", values)
+        return Report("connection", OK, Fact.of(Note.CONNECTED), values)
     values["next attempt in [s]"] = f"{retry_s:.1f}"
-    return Report("connection", ERROR, lost or "connecting", values)
+    why = Fact.of(Note.LOST, error=lost) if lost else Fact.of(Note.CONNECTING)
+    return Report("connection", ERROR, why, values)
 
 
 def machine(gateway: Gateway, stalled_s: float, skipped: int, restarts: int) -> Report:
     """Whether the machine runs and permits commands, and its invalid values."""
-    faults = [f"{name}: {one.fault}" for name, one in gateway.samples.items() if one.fault]
+    faults = [
+        Fact.of(Note.FAULT, name=name, fault=one.fault)
+        for name, one in gateway.samples.items()
+        if one.fault
+    ]
     values: dict[str, object] = {
         "cycle counter": "" if gateway.read is None else gateway.read.counter,
         "cycles skipped": skipped,
@@ -43,30 +81,18 @@ def machine(gateway: Gateway, stalled_s: float, skipped: int, restarts: int) -> 
             name: one.fault or f"{one.value:.6g}" for name, one in gateway.samples.items()
         } | values
     if not gateway.connected:
-        return Report("machine", ERROR, "not connected", values)
+        return Report("machine", ERROR, Fact.of(Note.NOT_CONNECTED), values)
     if stalled_s:
-        return Report(
-            "machine", ERROR, f"the cycle counter has not changed for {stalled_s:.1f} s", values
-        )
+        return Report("machine", ERROR, Fact.of(Note.STALLED, time_s=stalled_s), values)
     if not gateway.samples:
-        return Report("machine", WARN, "not read yet", values)
+        return Report("machine", WARN, Fact.of(Note.NOT_READ), values)
     if faults:
-        return Report("machine", WARN, f"invalid: {', '.join(faults)}", values)
+        return Report("machine", WARN, Fact.of(Note.INVALID, faults=tuple(faults)), values)
     if not gateway.permissive:
-        return Report(
-            "machine",
-            WARN,
-            "permits no commands: nothing is written, drives are not reported",
-            values,
-        )
+        return Report("machine", WARN, Fact.of(Note.NOT_PERMISSIVE), values)
     if not gateway.joined:
-        return Report(
-            "machine",
-            WARN,
-            "measurements are paused, so that control starts anew from the drives' values",
-            values,
-        )
-    return Report("machine", OK, "runs and obeys", values)
+        return Report("machine", WARN, Fact.of(Note.PAUSED), values)
+    return Report("machine", OK, Fact.of(Note.OBEYS), values)
 
 
 def clock(gateway: Gateway, parameters: Mapping[str, Any]) -> Report:
@@ -78,22 +104,18 @@ def clock(gateway: Gateway, parameters: Mapping[str, Any]) -> Report:
         "stamp less source timestamp [s]": f"{stamps.shift_ns / NANOSECONDS:.6f}",
     }
     if gateway.read is None:
-        return Report("clock", OK, "not known yet", values)
+        return Report("clock", OK, Fact.of(Note.CLOCK_UNKNOWN), values)
     skew_s = (gateway.read.source_ns - gateway.read.read_ns) / NANOSECONDS
     values["server's clock less local one [s]"] = f"{skew_s:.6f}"
-    side = "ahead of" if skew_s > 0.0 else "behind"
-    text = f"server's clock is {abs(skew_s):.3f} s {side} the local one"
-    level = OK
+    what, level = Fact.of(Note.CLOCK, skew_s=skew_s), OK
     if abs(skew_s) > parameters["clock.error_s"] and kind == "source":
         level = ERROR
     elif abs(skew_s) > parameters["clock.warn_s"]:
         level = WARN
     if stamps.steps:
-        level, text = (
-            max(level, WARN),
-            f"{text}; it was set {stamps.steps} times, stamps continue without the step",
-        )
-    return Report("clock", level, text, values)
+        what = Fact.of(Note.CLOCK_SET, skew_s=skew_s, steps=stamps.steps)
+        level = max(level, WARN)
+    return Report("clock", level, what, values)
 
 
 def writes(gateway: Gateway, new_failures: int, longest_s: float) -> Report:
@@ -106,7 +128,7 @@ def writes(gateway: Gateway, new_failures: int, longest_s: float) -> Report:
         "longest round trip [ms]": f"{1e3 * longest_s:.1f}",
     }
     if new_failures:
-        return Report(
-            "writes", ERROR, f"{new_failures} not taken; last: {gateway.last_failure}", values
-        )
-    return Report("writes", OK, "taken" if gateway.written else "nothing written yet", values)
+        lost = Fact.of(Note.NOT_TAKEN, count=new_failures, last=gateway.last_failure)
+        return Report("writes", ERROR, lost, values)
+    code = Note.TAKEN if gateway.written else Note.NOTHING_WRITTEN
+    return Report("writes", OK, Fact.of(code), values)

@@ -20,7 +20,7 @@ from fsw_control.node_main_ros import main_of
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.reports_ros import commands as commands_report
-from fsw_control.schema.extras import Extra
+from fsw_control.schema.extensions import Extra
 from fsw_control.single_instance_ros import SEARCHING, STARTING, SingleInstanceGuard
 from fsw_control.stop_ros import StopHolder
 from fsw_control.topics_ros import SENT, STREAM, sensor_publishers
@@ -201,12 +201,12 @@ class MachineNode(ManagedNode):
         if order is not None and self._link is not None:
             self._refused = ""
             self._link.write(order)
-        elif gateway.gate.total() > refused:
+        elif gateway.gate.last and gateway.gate.total() > refused:
             self._writers.note_refused(message.leader)
-            reason = gateway.gate.last_reason
-            if reason != self._refused:
-                self.get_logger().warning(f"command refused: {gateway.gate.last_refusal}")
-            self._refused = reason
+            why = gateway.gate.last
+            if why.code != self._refused:
+                self.get_logger().warning(f"command refused: {why.words}")
+            self._refused = why.code
 
     # ---------------------------------------------------------------- reports
 
@@ -258,15 +258,10 @@ class MachineNode(ManagedNode):
         for line in lines:
             if line.part in ("connection", "machine") and self._logged.get(line.part) != (
                 line.level,
-                _kind(line.text),
+                line.code,
             ):
-                self._logged[line.part] = (line.level, _kind(line.text))
-                log(self, line.level, f"{line.part}: {line.text}")
-
-
-def _kind(text: str) -> str:
-    """A text without its figures, so that the same event is logged once."""
-    return "".join(character for character in text if not character.isdigit())
+                self._logged[line.part] = (line.level, line.code)
+                log(self, line.level, f"{line.part}: {line.words}")
 
 
 def _link_settings(values: dict[str, Any]) -> LinkSettings:

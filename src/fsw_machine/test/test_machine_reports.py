@@ -29,7 +29,7 @@ def test_the_difference_of_the_clocks(gateway, parameters, read_of, skew_s, stam
     gateway.on_read(read)
     report = reports.clock(gateway, parameters | {"clock.stamps": stamps})
     assert report.level == level
-    assert f"{abs(skew_s):.3f} s {'ahead of' if skew_s > 0 else 'behind'}" in report.text
+    assert report.what.data["skew_s"] == pytest.approx(skew_s)
 
 
 def test_a_step_of_the_clock_is_told(gateway, parameters, read_of):
@@ -47,10 +47,12 @@ def test_the_machine(gateway, read_of):
     assert (
         reports.machine(gateway, 0.0, 0, 0).values["permissive"] is True
     )  # as the operator's page reads it
-    assert "cycle counter" in (stands := reports.machine(gateway, 0.7, 0, 0).text)
-    assert stands.endswith("0.7 s")
+    stands = reports.machine(gateway, 0.7, 0, 0)
+    assert (stands.code, stands.what.data["time_s"]) == ("stalled", 0.7)
     gateway.on_read(read_of(2, depth=None))
-    assert "depth: empty" in reports.machine(gateway, 0.0, 0, 0).text
+    invalid = reports.machine(gateway, 0.0, 0, 0)
+    assert invalid.code == "invalid"
+    assert [one.data["name"] for one in invalid.what.data["faults"]] == ["depth"]
     gateway.on_read(read_of(3, permissive=False))
     assert reports.machine(gateway, 0.0, 0, 0).level == WARN
     assert reports.machine(gateway, 0.0, 0, 0).values["permissive"] is False
@@ -62,4 +64,4 @@ def test_writes(gateway):
     assert reports.writes(gateway, 0, 0.0).level == OK
     gateway.last_failure = "refused"
     assert reports.writes(gateway, 2, 0.1).level == ERROR
-    assert reports.connection("opc.tcp://plc:4840", False, "why", 1, 2, 4.0).text == "why"
+    assert reports.connection("opc.tcp://plc:4840", False, "why", 1, 2, 4.0).words == "why"

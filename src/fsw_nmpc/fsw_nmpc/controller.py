@@ -15,7 +15,7 @@ from fsw_control.parameters import defaults, problem
 from fsw_control.reason import Reason, ReasonCode
 from fsw_nmpc.deviation import output_deviations
 from fsw_nmpc.horizon import horizon_of
-from fsw_nmpc.library import KERNEL, Doubt, Library, Missing, SolveStatus, State, tuning_of
+from fsw_nmpc.library import KERNEL, Doubt, Library, Missing, SolveStatus, tuning_of
 from fsw_nmpc.library import Reason as Fault
 from fsw_nmpc.parameters import NmpcParameters
 from fsw_nmpc.rejoining import Rejoining
@@ -185,8 +185,7 @@ class NmpcController:
     def rejoin(self) -> None:
         """The next step is in mid-weld: nothing is proposed until the heat is known."""
         at_rest = self.settings.tuning.estimator.start_deviation
-        heat_kw, copper_c = at_rest[State.HEAT], at_rest[State.COPPER]
-        self._rejoining = Rejoining(self.settings.model.dead_time_s, heat_kw, copper_c)
+        self._rejoining = Rejoining(self.settings.model.dead_time_s, at_rest)
 
     def step(
         self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float
@@ -196,20 +195,15 @@ class NmpcController:
         self._take()
         library, m = self.library, measurement
         inputs, outputs = library.input, library.output
-        inputs.depth_mm, inputs.torque_nm, inputs.temperature_c = (
-            m.depth_mm,
-            m.torque_nm,
-            m.temperature_c,
-        )
+        inputs.depth_mm, inputs.torque_nm = m.depth_mm, m.torque_nm
+        inputs.temperature_c = m.temperature_c
         inputs.depth_fresh = m.depth_valid and "depth" not in m.held
         inputs.torque_fresh = m.torque_valid and "torque" not in m.held
         inputs.temperature_fresh = m.temperature_valid and "thermocouple" not in m.held
         inputs.force_kn, inputs.speed_rpm = m.force_kn, m.speed_rpm
         inputs.applied_force_kn, inputs.applied_speed_rpm = applied.force_kn, applied.speed_rpm
-        inputs.reference_depth_mm, inputs.reference_temperature_c = (
-            reference.depth_mm,
-            reference.temperature_c,
-        )
+        inputs.reference_depth_mm = reference.depth_mm
+        inputs.reference_temperature_c = reference.temperature_c
         inputs.dt_s = dt_s
         coming = reference.coming if self.settings.preview else ()
         inputs.n_changes = min(len(coming), len(inputs.change))

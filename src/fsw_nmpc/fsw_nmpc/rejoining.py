@@ -5,10 +5,14 @@ of the first sample, and the heat is what keeps the temperature. In mid-weld a p
 warm the copper would be booked as heat of the other sign for half a minute. So heat and copper
 are left open, again once the power of a whole dead time has been seen, as before that the heat
 has to explain what this power does; and nothing is proposed until the heat is nearly as well known
-as at rest.
+as at rest. Until then gain and delay of the power stay those of the model, since a power that
+nobody has seen fits any response.
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 from fsw_nmpc.library import Library, State
 
@@ -27,12 +31,14 @@ class Rejoining:
     ----------
     dead_time_s : float
         Of the power.
-    heat_kw, copper_c : float
-        Standard deviations of heat and copper with which the estimator starts at rest.
+    at_rest : sequence of float
+        Standard deviations, by state, with which the estimator starts at rest.
     """
 
-    def __init__(self, dead_time_s: float, heat_kw: float, copper_c: float) -> None:
-        self._dead_time_s, self._heat_kw, self._copper_c = dead_time_s, heat_kw, copper_c
+    def __init__(self, dead_time_s: float, at_rest: Any) -> None:
+        self._dead_time_s = dead_time_s
+        self._at_rest = {state: at_rest[int(state)] for state in State}
+        self._estimated: tuple[Any, ...] = ()
         self._seen_s: float | None = None
 
     def follow(self, library: Library, dt_s: float) -> bool:
@@ -42,23 +48,36 @@ class Rejoining:
             self._seen_s = None
             return False
         if self._seen_s is None:
-            _open(estimator, _HEAT_KW, _COPPER_C)
+            self._estimated = tuple(k for k in State if estimator.p[int(k)][int(k)] > 0.0)
+            self._open(estimator, {State.HEAT: _HEAT_KW, State.COPPER: _COPPER_C})
+            self._keep_response(library)
             self._seen_s = 0.0
             return False
         before_s, self._seen_s = self._seen_s, self._seen_s + dt_s
         if before_s < self._dead_time_s <= self._seen_s:
-            _open(estimator, _HEAT_KW, self._copper_c)
-        if self._seen_s < self._dead_time_s:
-            return False
-        is_known = estimator.p[int(State.HEAT)][int(State.HEAT)] <= (_NEARLY * self._heat_kw) ** 2
-        return is_known or self._seen_s > self._dead_time_s + _LONGEST_S
+            copper_c = self._at_rest[State.COPPER]
+            self._open(estimator, {State.HEAT: _HEAT_KW, State.COPPER: copper_c})
+        is_known = self._seen_s >= self._dead_time_s and (
+            estimator.p[int(State.HEAT)][int(State.HEAT)]
+            <= (_NEARLY * self._at_rest[State.HEAT]) ** 2
+            or self._seen_s > self._dead_time_s + _LONGEST_S
+        )
+        if not is_known:
+            self._keep_response(library)
+        else:
+            response = (State.THERMAL_GAIN, State.DELAY)
+            self._open(estimator, {state: self._at_rest[state] for state in response})
+        return is_known
 
+    def _keep_response(self, library: Library) -> None:
+        """Gain and delay of the power as in the model, and certain."""
+        library.state.estimator.heated_ticks = 0
+        self._open(library.state.estimator, {State.THERMAL_GAIN: 0.0, State.DELAY: 0.0})
 
-def _open(estimator: object, heat_kw: float, copper_c: float) -> None:
-    """Give heat and copper new variances without covariances, where they are estimated."""
-    p = estimator.p  # type: ignore[attr-defined]  # a struct of the library
-    for state, deviation in ((int(State.HEAT), heat_kw), (int(State.COPPER), copper_c)):
-        if p[state][state] > 0.0:
-            for other in range(len(p)):
-                p[state][other] = p[other][state] = 0.0
-            p[state][state] = deviation**2
+    def _open(self, estimator: Any, deviations: Mapping[Any, float]) -> None:
+        """Give states new variances without covariances, where they are estimated."""
+        for state, deviation in deviations.items():
+            if state in self._estimated:
+                for other in range(len(State)):
+                    estimator.p[int(state)][other] = estimator.p[other][int(state)] = 0.0
+                estimator.p[int(state)][int(state)] = deviation**2

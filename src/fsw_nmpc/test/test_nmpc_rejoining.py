@@ -2,7 +2,7 @@
 
 import pytest
 
-from fsw_control import Reference
+from fsw_control import Command, Reference
 from fsw_control.reason import ReasonCode
 from fsw_nmpc import NmpcController
 from fsw_test_support.nmpc_loop import TARGET, Loop
@@ -27,26 +27,48 @@ def restarted(rejoins, values=None):
     return loop
 
 
-def step_until_healthy(loop, reference=WARMER):
-    """Hold the command until a proposal is healthy; returns the proposals."""
+def step_until_healthy(loop, reference=WARMER, slower_ticks=0):
+    """Another controller's command until a proposal is healthy; returns the proposals.
+
+    For some ticks it lowers the speed, then it holds.
+    """
     proposals = []
     while len(proposals) < LONGEST:
-        proposals.append(loop.step(reference, follow=loop.applied))
+        slower_rpm = 3.0 if len(proposals) < slower_ticks else 0.0
+        command = Command(loop.applied.force_kn, loop.applied.speed_rpm - slower_rpm)
+        proposals.append(loop.step(reference, follow=command))
         if proposals[-1].healthy:
             break
     return proposals
 
 
 @pytest.mark.slow
-def test_the_power_on_its_way_is_not_taken_for_heat():
+@pytest.mark.parametrize("slower_ticks", [0, 15])
+@pytest.mark.parametrize("preset", ["default", "adaptive"])
+def test_the_power_on_its_way_is_taken_for_neither_heat_nor_gain_nor_delay(preset, slower_ticks):
     """The process has none of it: what a first healthy proposal is based on is its error."""
-    errors = {}
+    heat_kw = {}
     for rejoins in (False, True):
-        proposals = step_until_healthy(restarted(rejoins))
+        loop = restarted(rejoins, {"preset": preset})
+        proposals = step_until_healthy(loop, slower_ticks=slower_ticks)
         assert proposals[-1].healthy
-        errors[rejoins] = abs(proposals[-1].diagnosis.disturbances["power_kw"])
-    assert errors[False] > 3.0
-    assert errors[True] < 0.3
+        estimates = proposals[-1].diagnosis.disturbances
+        heat_kw[rejoins] = abs(estimates["power_kw"])
+    assert heat_kw[False] > 3.0
+    assert heat_kw[True] < 0.3
+    assert estimates["thermal_gain"] == 1.0
+    assert estimates["delay_s"] == 0.0
+
+
+@pytest.mark.slow
+def test_gain_and_delay_are_estimated_again_afterwards():
+    loop = restarted(True, {"preset": "adaptive"})
+    step_until_healthy(loop)
+    proposal = loop.step(TARGET)
+    for _ in range(60):
+        proposal = loop.step(TARGET)
+    assert proposal.diagnosis.disturbances["thermal_gain"] != 1.0
+    assert proposal.diagnosis.disturbances["delay_deviation_s"] > 0.0
 
 
 @pytest.mark.slow

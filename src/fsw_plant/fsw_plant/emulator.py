@@ -154,7 +154,7 @@ class PlantEmulator:
         #: empty while the process runs. If the tool leaves the model's range of validity, the
         #: reason; the process then stands still and is measured as it is, until :meth:`reset`
         self.stopped = ""
-        self.disturbances: dict[str, Disturbance] = {}  #: active ones, by channel
+        self.disturbances: dict[str, Disturbance] = {}  #: active ones, by slot
         self.faults: dict[str, Fault] = {}  #: active ones, by sensor
         self.gate = CommandGate(limits, config["commands.max_age_s"], config["commands.sources"])
         self.watchdog = Watchdog(config)
@@ -214,22 +214,25 @@ class PlantEmulator:
 
     def _disturb(self) -> None:
         """Set all disturbances to their values at the present tick."""
-        for channel, disturbance in self.disturbances.items():
-            setattr(self.core.added, CHANNELS[channel], disturbance.value(self.time_s))
+        for channel in {active.target for active in self.disturbances.values()}:
+            setattr(self.core.added, CHANNELS[channel], self._disturbance(channel))
 
     def _disturbance(self, channel: str) -> float:
-        """Value of a channel's disturbance at the present tick."""
-        disturbance = self.disturbances.get(channel)
-        return 0.0 if disturbance is None else disturbance.value(self.time_s)
+        """Value of a channel's disturbances at the present tick."""
+        active = (self.disturbances.get(slot) for slot in (channel, f"{channel} random"))
+        return sum((event.value(self.time_s) for event in active if event), 0.0)
 
     def _begin(self, event: PlantEvent) -> None:
         active: dict[str, Any] = self.faults if isinstance(event, Fault) else self.disturbances
         if event.kind == "none":
-            active.pop(event.target, None)
+            for slot in [slot for slot, one in active.items() if one.target == event.target]:
+                del active[slot]
             if active is self.disturbances:
                 setattr(self.core.added, CHANNELS[event.target], 0.0)
         else:
-            active[event.target] = event
+            if isinstance(event, Disturbance):
+                event.begin((self.config["seed"], list(CHANNELS).index(event.target)))
+            active[event.slot] = event
 
     def apply(
         self, command: Command, stamp_ns: int | None = None, source: str = "", healthy: bool = True
@@ -250,7 +253,7 @@ class PlantEmulator:
         -------
         str
             Empty if accepted, else the reason (one of ``command_gate.REASONS``); ``gate`` counts
-            it and keeps the text.
+            it and keeps its figures.
         """
         measured_ns = None if self._reading is None else self._reading.stamp_ns
         if stamp_ns is None:

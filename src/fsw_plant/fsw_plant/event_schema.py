@@ -21,7 +21,7 @@ TIME_S = Range(0.0, DURATION_S.high, "s")
 FAULT_DELAY_S = Range(0.0, 60.0, "s")
 
 Channel = Literal["depth", "temperature", "axial_force", "spindle_speed", "torque", "friction"]
-Shape = Literal["step", "ramp", "sine", "pulse", "none"]
+Shape = Literal["step", "ramp", "sine", "pulse", "random", "none"]
 Kind = Literal[
     "freeze", "dropout", "nan", "spike", "bias", "drift", "delay", "duplicate", "dust", "none"
 ]
@@ -29,7 +29,14 @@ DISTURBANCE_SHAPES, FAULT_KINDS = get_args(Shape), get_args(Kind)
 #: kinds of faults that have a magnitude
 WITH_MAGNITUDE = ("spike", "bias", "drift", "delay", "dust")
 #: times required by a shape
-_TIMES = {"ramp": {"duration_s"}, "pulse": {"duration_s"}, "sine": {"period_s"}}
+_TIMES = {
+    "ramp": {"duration_s"},
+    "pulse": {"duration_s"},
+    "sine": {"period_s"},
+    "random": {"period_s"},
+}
+#: shapes that a duration ends, if it is given
+_ENDED = ("sine", "random")
 #: digits that survive the conversion to SI and back, so that limits stay valid
 _WIRE_DIGITS = 9
 
@@ -42,7 +49,7 @@ class DisturbanceEntry(Model):
     """`none` ends the channel's disturbance"""
     amplitude_mm: Annotated[float, Range(-1.0, 1.0, "mm")] | None = None
     """of `depth`"""
-    amplitude_c: Annotated[float, Range(-100.0, 100.0, "degC")] | None = None
+    amplitude_c: Annotated[float, Range(-200.0, 200.0, "degC")] | None = None
     """of `temperature`"""
     amplitude_kn: Annotated[float, Range(-20.0, 20.0, "kN")] | None = None
     """of `axial_force`"""
@@ -53,15 +60,17 @@ class DisturbanceEntry(Model):
     amplitude_share: Annotated[float, Range(-0.5, 0.5, "share")] | None = None
     """of `friction`: change of the tool's torque, as by argon or oxide on the copper"""
     duration_s: Annotated[float, DURATION_S] | None = None
-    """rise time of a `ramp`, length of a `pulse` or `sine` (a sine without: until cleared)"""
+    """rise time of a `ramp`, length of a `pulse`, `sine` or `random` (without, these two act until
+    cleared)"""
     period_s: Annotated[float, DURATION_S] | None = None
-    """of a `sine`"""
+    """of a `sine`; mean time between changes of `random`"""
 
     @model_validator(mode="after")
     def _check_keys(self) -> DisturbanceEntry:
         amplitude = {DISTURBANCE_AMPLITUDE[self.channel][0]}
         needed = amplitude | _TIMES.get(self.shape, set()) if self.shape != "none" else set()
-        optional = {"sine": {"duration_s"}, "none": amplitude}.get(self.shape, set())
+        optional = amplitude if self.shape == "none" else set()
+        optional |= {"duration_s"} if self.shape in _ENDED else set()
         _check_keys(
             self, f"{self.channel} {self.shape}", {"channel", "shape"} | needed | optional, needed
         )
@@ -142,7 +151,7 @@ def disturbance(
             amplitude, _WIRE_DIGITS
         )
     times = {"duration_s": duration_s, "period_s": period_s}
-    used = _TIMES.get(shape, set()) | ({"duration_s"} if shape == "sine" and duration_s else set())
+    used = _TIMES.get(shape, set()) | ({"duration_s"} if shape in _ENDED and duration_s else set())
     entry |= {key: times[key] for key in sorted(used)}
     return validate(DisturbanceEntry, entry, "disturbance").event(0.0)
 

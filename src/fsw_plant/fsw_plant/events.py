@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import nan, pi, sin
 from random import Random
 from typing import NamedTuple
+
+from fsw_plant.random_levels import RandomLevels
 
 #: channels of disturbances added to outputs; the others act within the process step
 OUTPUT_CHANNELS = ("depth", "temperature")
@@ -20,7 +23,7 @@ EPSILON_S = 1e-9
 class PlantEvent:
     """A disturbance of a channel or a fault of a sensor."""
 
-    target: str  #: channel or sensor; each has at most one event at a time
+    target: str  #: channel or sensor; each slot has at most one event at a time
     #: shape of a disturbance or kind of a fault; ``none`` ends the active one
     kind: str
     amount: float = 0.0  #: amplitude or magnitude, in the unit of the target
@@ -29,6 +32,11 @@ class PlantEvent:
 
     def __str__(self) -> str:
         return f"{self.target}:{self.kind}"
+
+    @property
+    def slot(self) -> str:
+        """Where it acts, as a key."""
+        return self.target
 
     def over(self, time_s: float) -> bool:
         """Whether its duration is over."""
@@ -40,11 +48,18 @@ class Disturbance(PlantEvent):
     """A shape over time, added to an output or an input.
 
     ``step``: the amplitude; ``ramp``: rises to the amplitude over ``duration_s`` and stays;
-    ``pulse``: the amplitude for ``duration_s``; ``sine``: with ``period_s``, for ``duration_s``
-    or, if that is 0, until cleared.
+    ``pulse``: the amplitude for ``duration_s``; ``sine``: with ``period_s``, and ``random``: with
+    the amplitude as standard deviation and ``period_s`` as mean time between changes, both for
+    ``duration_s`` or, if that is 0, until cleared. ``random`` acts beside the other shapes.
     """
 
     period_s: float = 0.0
+    _levels: RandomLevels | None = field(default=None, init=False, repr=False, compare=False)
+
+    def begin(self, seed: Sequence[int]) -> None:
+        """Seed ``random``, which is 0 until then."""
+        if self.kind == "random":
+            self._levels = RandomLevels(seed, self.period_s)
 
     def value(self, time_s: float) -> float:
         """Value at a time, in the channel's unit."""
@@ -55,11 +70,18 @@ class Disturbance(PlantEvent):
             return self.amount * min(since / self.duration_s, 1.0)
         if self.kind == "sine":
             return self.amount * sin(2.0 * pi * since / self.period_s)
+        if self.kind == "random":
+            return self.amount * self._levels.at(since) if self._levels else 0.0
         return self.amount
+
+    @property
+    def slot(self) -> str:
+        """Where it acts: a channel has one disturbance, and one more that is random."""
+        return f"{self.target} random" if self.kind == "random" else self.target
 
     def over(self, time_s: float) -> bool:
         """Whether its duration is over; a step or ramp stays."""
-        return self.kind in ("pulse", "sine") and super().over(time_s)
+        return self.kind in ("pulse", "sine", "random") and super().over(time_s)
 
 
 class Sample(NamedTuple):

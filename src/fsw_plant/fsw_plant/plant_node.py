@@ -14,13 +14,14 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Header
 
 from fsw_control import messages_ros as convert
+from fsw_control.command_gate import Rejection
 from fsw_control.command_writers_ros import CommandWriters
-from fsw_control.fence import Fence
+from fsw_control.fence import Barrier, Fence
 from fsw_control.managed_node_ros import ManagedNode
 from fsw_control.node_main_ros import main_of
+from fsw_control.parameters import problem
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
-from fsw_control.schema.models import InputError
 from fsw_control.single_instance_ros import SEARCHING, STARTING, SingleInstanceGuard
 from fsw_control.stop import StopCause
 from fsw_control.stop_ros import StopHolder
@@ -77,10 +78,8 @@ class PlantNode(ManagedNode):
     def configure(self) -> None:
         """Create the emulator and announce its topics."""
         values = self._settings.values
-        config, schedule = (
-            PlantConfig.from_values(values),
-            PlantSchedule.from_text_or_file(values["scenario"]),
-        )
+        config = PlantConfig.from_values(values)
+        schedule = PlantSchedule.from_text_or_file(values["scenario"])
         prepare(config, self._log_preparation)
         self.emulator = PlantEmulator(config, schedule)
         self._speed = float(values["speed"])
@@ -99,15 +98,13 @@ class PlantNode(ManagedNode):
     def activate(self) -> None:
         """Ensure that the plant is alone, and start ticking once all peers are present."""
         self._pace = Lockstep()
-        self._arrived = (
-            True  #: whether all subscribers had what was sent when that was last looked at
-        )
+        #: whether all subscribers had what was sent when that was last looked at
+        self._arrived = True
         self._reported = (self.emulator.watchdog.state, self.emulator.stopped)
         self._stop = StopHolder(self, self._fence.register, self._fence.hear)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
-        if (
-            self._settings["process"] == "canister"
-        ):  # before the player's word that a tick is complete
+        # before the player's word that a tick is complete
+        if self._settings["process"] == "canister":
             self.create_subscription(WeldProgress, "fsw/weld_progress", self._on_progress, LATEST)
         if self._lockstep:
             self.create_subscription(Header, PLAYER_READY, self._on_player_ready, LATEST)
@@ -115,9 +112,7 @@ class PlantNode(ManagedNode):
             self, lambda: self.emulator.gate, lambda: self._settings["commands.sources"]
         )
         self._guard.check(self._settings["discovery_s"], self._announce)
-        self.emulator_services = PlantServices(
-            self, self.emulator, on_reset=self._writers.set_sources
-        )
+        self._requests = PlantServices(self, self.emulator, on_reset=self._writers.set_sources)
         self.create_timer(_REPORT_S, self._report, clock=self._steady)
         self.create_timer(_WATCH_S, self._watch, clock=self._steady)
         self._ready_timer = self.create_timer(
@@ -224,23 +219,22 @@ class PlantNode(ManagedNode):
         if not self._running:
             return
         stamp_ns = convert.stamp_ns(message.header.stamp)
-        refusal, words = self._fence.check(convert.signature(message), message.source)
-        if refusal:
-            self.emulator.gate.refuse(refusal, words)
+        gate = self.emulator.gate
+        if barred := self._fence.check(convert.signature(message), message.source):
+            refusal = gate.refuse(barred)
         else:
-            refusal = self.emulator.apply(
-                convert.command(message), stamp_ns, message.source, message.healthy
-            )
+            command = convert.command(message)
+            refusal = self.emulator.apply(command, stamp_ns, message.source, message.healthy)
         if not refusal:
             self._fence.take(message.source, stamp_ns)
-        else:
+        elif gate.last:
             self._writers.note_refused(message.leader)
-            self.get_logger().warning(
-                f"command refused: {self.emulator.gate.last_refusal}", throttle_duration_sec=1.0
-            )
+            text = f"command refused: {gate.last.words}"
+            self.get_logger().warning(text, throttle_duration_sec=1.0)
         # A command that is refused for its content is an answer too: the tick goes on with the
         # last valid one.
-        own = refusal not in ("source", "leader") and stamp_ns == self.emulator.measure().stamp_ns
+        foreign = refusal in (Rejection.SOURCE, Barrier.LEADER)
+        own = not foreign and stamp_ns == self.emulator.measure().stamp_ns
         if self._lockstep and own and not self._pace.answered:
             self._pace.answered = True
             self._go_on()
@@ -323,33 +317,20 @@ class PlantNode(ManagedNode):
         """Log and report changes of watchdog and process."""
         plant = self.emulator
         (state, stopped), self._reported = self._reported, (plant.watchdog.state, plant.stopped)
-        if plant.watchdog.state != state:
-            self._log(reports.watchdog(plant))
-        if plant.stopped and not stopped:
-            self._log(reports.process(plant))
+        changed = [reports.watchdog(plant)] if plant.watchdog.state != state else []
+        changed += [reports.process(plant)] if plant.stopped and not stopped else []
+        for line in changed:
+            log(self, line.level, f"{line.part}: {line.words}")
         self._report()
-
-    def _log(self, line: Report) -> None:
-        log(self, line.level, f"{line.part}: {line.text}")
 
     def _announce(self) -> None:
         self._publish_reports([Report("clock", OK, SEARCHING, STARTING)])
 
     def _report(self) -> None:
-        plant, mode = self.emulator, _mode(self._speed, self._simulated)
-        refused = plant.gate.total()
+        mode, refused = _mode(self._speed, self._simulated), self.emulator.gate.total()
         new, self._reported_refusals = max(0, refused - self._reported_refusals), refused
-        self._publish_reports(
-            [
-                reports.clock(mode, self._running, self._stamps.jumps, self._pace.resent),
-                reports.process(plant),
-                reports.watchdog(plant),
-                reports.commands(
-                    plant.gate, new, self._writers.names, self._writers.unauthorised()
-                ),
-                reports.sensors(plant),
-            ]
-        )
+        clock = reports.clock(mode, self._running, self._stamps.jumps, self._pace.resent)
+        self._publish_reports([clock, *reports.parts(self.emulator, self._writers, new)])
 
     def _publish_reports(self, lines: list[Report]) -> None:
         time_ns = self.emulator.measure().stamp_ns if self._simulated and self._running else None
@@ -359,13 +340,10 @@ class PlantNode(ManagedNode):
 
     def _why_not(self, values: dict[str, Any]) -> str | None:
         """Why parameters contradict each other; None if they do not."""
-        try:
-            PlantConfig.from_values(values)
-            if not self.is_configured or values["scenario"] != self._scenario:
-                PlantSchedule.from_text_or_file(values["scenario"])
-        except InputError as error:
-            return str(error)
-        return None
+        why, scenario = problem(PlantConfig.from_values, values), values["scenario"]
+        if why or (self.is_configured and scenario == self._scenario):
+            return why
+        return problem(lambda given: PlantSchedule.from_text_or_file(given["scenario"]), values)
 
     def _on_parameters(self, values: dict[str, Any]) -> None:
         if not self.is_configured:

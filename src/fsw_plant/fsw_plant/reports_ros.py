@@ -2,21 +2,50 @@
 
 from __future__ import annotations
 
+from fsw_control.coded import Fact, Worded
+from fsw_control.command_writers_ros import CommandWriters
 from fsw_control.reports_ros import ERROR, OK, WARN, Report, commands
 from fsw_plant.emulator import PlantEmulator
 from fsw_plant.watchdog import WatchdogState
 
-__all__ = ["clock", "commands", "process", "sensors", "watchdog"]
+
+class Note(Worded):
+    """What the plant says of its parts."""
+
+    NO_SUBSCRIBERS = "no_subscribers", "first tick waits for subscribers"
+    UNANSWERED = "unanswered", "no command answers the last tick"
+    TICKING = "ticking", "{mode}"
+    STOPPED = "stopped", "{why}; call fsw/plant/reset"
+    WELDING = "welding", "welding"
+    COMMANDED = "commanded", "commands come"
+    HELD = "held", "no valid command for {age_s:.1f} s: last command held"
+    SAFE = (
+        "safe",
+        "no valid command for {age_s:.1f} s: force goes to {force_kn:g} kN, spindle keeps turning",
+    )
+    NO_COMMAND_YET = "no_command_yet", "no command yet: start held"
+    EMULATED = "emulated", "emulated: {events}"
+    UNDISTURBED = "undisturbed", "no faults, no disturbances"
+
+
+def parts(plant: PlantEmulator, writers: CommandWriters, refused: int) -> list[Report]:
+    """All parts but the clock; ``refused`` commands are new."""
+    return [
+        process(plant),
+        watchdog(plant),
+        commands(plant.gate, refused, writers.names, writers.unauthorised()),
+        sensors(plant),
+    ]
 
 
 def clock(mode: str, running: bool, jumps: int, resent: int) -> Report:
     """Timing: jumps of the stamps in real time, resent ticks in lockstep."""
     values = {"mode": mode, "jumps of the stamps": jumps, "tick repeated": resent}
     if not running:
-        return Report("clock", WARN, "first tick waits for subscribers", values)
+        return Report("clock", WARN, Fact.of(Note.NO_SUBSCRIBERS), values)
     if resent:
-        return Report("clock", ERROR, "no command answers the last tick", values)
-    return Report("clock", OK, mode, values)
+        return Report("clock", ERROR, Fact.of(Note.UNANSWERED), values)
+    return Report("clock", OK, Fact.of(Note.TICKING, mode=mode), values)
 
 
 def process(plant: PlantEmulator) -> Report:
@@ -30,8 +59,8 @@ def process(plant: PlantEmulator) -> Report:
         "spindle speed [rpm]": f"{truth.speed_rpm:.2f}",
     }
     if plant.stopped:
-        return Report("process", ERROR, f"{plant.stopped}; call fsw/plant/reset", values)
-    return Report("process", OK, "welding", values)
+        return Report("process", ERROR, Fact.of(Note.STOPPED, why=plant.stopped), values)
+    return Report("process", OK, Fact.of(Note.WELDING), values)
 
 
 def watchdog(plant: PlantEmulator) -> Report:
@@ -39,13 +68,13 @@ def watchdog(plant: PlantEmulator) -> Report:
     dog = plant.watchdog
     values = {"state": dog.state.name, "age of the last valid command [s]": f"{dog.age_s:.1f}"}
     if dog.state is WatchdogState.OK:
-        return Report("watchdog", OK, "commands come", values)
-    missing = f"no valid command for {dog.age_s:.1f} s"
+        return Report("watchdog", OK, Fact.of(Note.COMMANDED), values)
     if dog.state is WatchdogState.SAFE:
-        safe = f"force goes to {dog.config['watchdog.safe_force_kn']:g} kN, spindle keeps turning"
-        return Report("watchdog", ERROR, f"{missing}: {safe}", values)
-    text = f"{missing}: last command held" if dog.armed else "no command yet: start held"
-    return Report("watchdog", WARN, text, values)
+        force_kn = dog.config["watchdog.safe_force_kn"]
+        safe = Fact.of(Note.SAFE, age_s=dog.age_s, force_kn=force_kn)
+        return Report("watchdog", ERROR, safe, values)
+    held = Fact.of(Note.HELD, age_s=dog.age_s) if dog.armed else Fact.of(Note.NO_COMMAND_YET)
+    return Report("watchdog", WARN, held, values)
 
 
 def sensors(plant: PlantEmulator) -> Report:
@@ -56,5 +85,6 @@ def sensors(plant: PlantEmulator) -> Report:
     ]
     values = {"faults": ", ".join(faults), "disturbances": ", ".join(disturbances)}
     if faults or disturbances:
-        return Report("sensors", WARN, f"emulated: {', '.join(faults + disturbances)}", values)
-    return Report("sensors", OK, "no faults, no disturbances", values)
+        events = Fact.of(Note.EMULATED, events=(*faults, *disturbances))
+        return Report("sensors", WARN, events, values)
+    return Report("sensors", OK, Fact.of(Note.UNDISTURBED), values)

@@ -8,11 +8,21 @@ from typing import Any
 from rclpy.node import Node
 
 from fsw_control import units
+from fsw_control.coded import Fact, Worded
 from fsw_control.schema.models import InputError
 from fsw_model import OperatingPointError
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant.emulator import PlantEmulator
 from fsw_plant.event_schema import amplitude_unit, disturbance, fault, magnitude_unit
+
+
+class Done(Worded):
+    """Answers of the plant's services."""
+
+    BEGINS = "begins", "{target}: {kind} from the next tick on"
+    RESET = "reset", "at equilibrium: {depth_mm:.3f} mm, {temperature_c:.1f} degC"
+    INVALID = "invalid", "{error}"
+    NO_EQUILIBRIUM = "no_equilibrium", "{error}"
 
 
 class PlantServices:
@@ -24,24 +34,27 @@ class PlantServices:
         node.create_service(SetFault, "fsw/plant/set_fault", self._on_set_fault)
         node.create_service(ResetPlant, "fsw/plant/reset", self._on_reset)
 
-    def _answer(self, response: Any, what: str, act: Callable[[], str]) -> None:
-        """Fill in a response: ``act`` returns a description, or raises the reason of a failure."""
+    def _answer(self, response: Any, what: str, act: Callable[[], Fact]) -> None:
+        """Fill in a response: ``act`` returns what is done, or raises the reason of a failure."""
         try:
-            response.message, response.ok = act(), True
-            self._logger.info(f"{what}: {response.message}")
-        except (InputError, OperatingPointError) as error:
-            response.message, response.ok = f"{error}", False
+            fact, response.ok = act(), True
+            self._logger.info(f"{what}: {fact.words}")
+        except InputError as error:
+            fact, response.ok = Fact.of(Done.INVALID, error=error), False
+        except OperatingPointError as error:
+            fact, response.ok = Fact.of(Done.NO_EQUILIBRIUM, error=error), False
+        response.code, response.message = str(fact.code), fact.words
 
     def _on_set_disturbance(
         self, request: SetDisturbance.Request, response: SetDisturbance.Response
     ) -> SetDisturbance.Response:
-        def act() -> str:
+        def act() -> Fact:
             amplitude = units.from_si(request.amplitude, amplitude_unit(request.channel))
             wanted = disturbance(
                 request.channel, request.shape, amplitude, request.duration, request.period
             )
             self._plant.begin(wanted)
-            return f"{request.channel}: {request.shape} from the next tick on"
+            return Fact.of(Done.BEGINS, target=request.channel, kind=request.shape)
 
         self._answer(response, f"disturbance, amplitude {request.amplitude:g}", act)
         return response
@@ -49,12 +62,12 @@ class PlantServices:
     def _on_set_fault(
         self, request: SetFault.Request, response: SetFault.Response
     ) -> SetFault.Response:
-        def act() -> str:
+        def act() -> Fact:
             magnitude = units.from_si(
                 request.magnitude, magnitude_unit(request.sensor, request.kind)
             )
             self._plant.begin(fault(request.sensor, request.kind, magnitude, request.duration))
-            return f"{request.sensor}: {request.kind} from the next tick on"
+            return Fact.of(Done.BEGINS, target=request.sensor, kind=request.kind)
 
         self._answer(response, f"fault, magnitude {request.magnitude:g}", act)
         return response
@@ -62,7 +75,7 @@ class PlantServices:
     def _on_reset(
         self, request: ResetPlant.Request, response: ResetPlant.Response
     ) -> ResetPlant.Response:
-        def act() -> str:
+        def act() -> Fact:
             self._plant.reset(
                 seed=None if request.seed < 0 else request.seed,
                 depth_mm=units.mm_from_m(request.depth) if request.depth != 0.0 else None,
@@ -70,7 +83,8 @@ class PlantServices:
             )
             self._after_reset()
             truth = self._plant.truth()
-            return f"at equilibrium: {truth.depth_mm:.3f} mm, {truth.temperature_c:.1f} degC"
+            depth_mm, temperature_c = truth.depth_mm, truth.temperature_c
+            return Fact.of(Done.RESET, depth_mm=depth_mm, temperature_c=temperature_c)
 
         self._answer(response, "reset", act)
         return response

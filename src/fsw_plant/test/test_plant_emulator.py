@@ -4,6 +4,7 @@ import random
 from itertools import pairwise
 from math import exp, isfinite, nan, pi
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import given, settings
@@ -229,6 +230,26 @@ def test_output_disturbance_is_seen_but_not_felt():
     truth = disturbed.truth()
     assert truth.depth_mm == pytest.approx(plain.truth().depth_mm + 0.1)
     assert (truth.depth_disturbance_mm, truth.temperature_disturbance_c) == (0.1, -5.0)
+
+
+def test_random_disturbance_acts_beside_another_one_and_follows_the_seed():
+    def added(seed, *shapes):
+        plant = plant_of(noise=False, seed=seed)
+        for shape, period_s in shapes:
+            plant.begin(disturbance("temperature", shape, 5.0, period_s=period_s))
+        values = []
+        for _ in range(100):
+            plant.measure()
+            values.append(plant.truth().temperature_disturbance_c)
+            plant.step()
+        plant.begin(disturbance("temperature", "none", 0.0))
+        assert not plant.disturbances
+        return np.array(values)
+
+    background, step = ("random", 2.0), ("step", 0.0)
+    alone = added(1, background)
+    assert np.ptp(alone) > 1.0 and (alone != added(2, background)).any()
+    assert added(1, background, step) == pytest.approx(alone + 5.0)
 
 
 def test_a_channel_and_a_sensor_carry_one_event_at_a_time():

@@ -15,9 +15,15 @@ from pathlib import Path
 
 from fsw_recorder.bag_file import CHUNK_BYTES, BagFile
 from fsw_recorder.bag_metadata import METADATA_NAME, FileSummary, metadata_text
-from fsw_recorder.clock_source import clock_state
 from fsw_recorder.errors import BagError
-from fsw_recorder.manifest import MANIFEST_NAME, FileManifest, Manifest, hashed, sha256
+from fsw_recorder.manifest import (
+    MANIFEST_NAME,
+    FileManifest,
+    Manifest,
+    clock_state,
+    hashed,
+    sha256,
+)
 from fsw_recorder.signature import Purpose, load_private, sign, signature_path
 from fsw_recorder.topic import RecordedTopic
 

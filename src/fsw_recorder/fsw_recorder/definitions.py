@@ -1,14 +1,122 @@
-"""Decodes and encodes messages by their ``ros2msg`` definition, without ROS or message classes."""
+"""Decodes and encodes messages by their ``ros2msg`` definition, without ROS or message classes.
+
+Also definition, hash and class of an installed interface.
+"""
 
 from __future__ import annotations
 
+import os
+import re
+import sys
 from collections.abc import Mapping
+from functools import cache
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from fsw_recorder.errors import BagError
+from fsw_recorder.topic import RecordedTopic
+
+_SEPARATOR = "=" * 80
+_FIELD = re.compile(r"^\s*([A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+\w+", re.MULTILINE)
+_PRIMITIVES = frozenset(
+    ["bool", "byte", "char", "float32", "float64", "string", "wstring"]
+    + [f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)]
+)
+
+
+@cache
+def interface_definition(type_name: str) -> str:
+    """``ros2msg`` text of a message type with all nested types, as rosbag2's; empty if unknown."""
+    return _definition(type_name) or ""
+
+
+@cache
+def interface_hash(type_name: str) -> str:
+    """``RIHS01_...`` hash of an interface; empty if unknown."""
+    definition = _definition(type_name)
+    try:
+        return (
+            ""
+            if definition is None
+            else str(Definitions().typestore(type_name, definition).hash_rihs01(type_name))
+        )
+    except Exception:  # a kind that rosbags cannot describe
+        return ""
+
+
+def definition_of(topic: RecordedTopic) -> str:
+    """``ros2msg`` text of a topic's type: from the bag, or the installed one if that is unusable.
+
+    Bags of Foxy and Humble in sqlite3 have none, and others may have an empty schema or IDL.
+
+    Raises
+    ------
+    BagError
+        If neither exists, or the installed one is another version by its hash.
+    """
+    if topic.encoding != "cdr":
+        raise BagError(f"its encoding {topic.encoding!r} is not CDR")
+    if topic.definition and topic.definition_encoding == "ros2msg":
+        return topic.definition
+    installed = interface_definition(topic.type_name)
+    if not installed:
+        name = topic.type_name or "its type"
+        raise BagError(
+            f"the bag holds no definition of {name} that can be read, and none is installed"
+        )
+    if topic.type_hash and topic.type_hash != interface_hash(topic.type_name):
+        raise BagError(
+            f"the bag holds no definition of {topic.type_name}, "
+            "and the installed one is another version"
+        )
+    return installed
+
+
+def message_class(type_name: str) -> Any:
+    """Message class of a type; a `BagError` if it is not installed."""
+    try:
+        package, kind, name = type_name.split("/")
+        return getattr(import_module(f"{package}.{kind}"), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise BagError(f"its type {type_name} is not installed here: {error}") from None
+
+
+def _definition(type_name: str) -> str | None:
+    try:
+        return _installed_definition(type_name)
+    except (OSError, ValueError):  # messages of an unknown type are recorded without a definition
+        return None
+
+
+def _share(package: str) -> Path:
+    """Folder of a package's definitions: in a sourced ROS 2, or in this environment's wheels."""
+    prefixes = [
+        *filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)),
+        sys.prefix,
+    ]
+    folders = [Path(prefix) / "share" / package for prefix in prefixes]
+    return next((folder for folder in folders if folder.is_dir()), folders[-1])
+
+
+def _installed_definition(type_name: str) -> str:
+    package, *_, message = type_name.split("/")
+    seen = {f"{package}/{message}"}
+
+    def text_of(short_name: str) -> str:
+        package, name = short_name.split("/")
+        text = (_share(package) / "msg" / f"{name}.msg").read_text(encoding="utf-8")
+        for match in _FIELD.finditer(re.sub(r"#.*", "", text)):
+            nested = match[1] if "/" in match[1] else f"{package}/{match[1]}"
+            if match[1] not in _PRIMITIVES and nested not in seen:
+                seen.add(nested)
+                text += f"\n{_SEPARATOR}\nMSG: {nested}\n{text_of(nested)}"
+        return text
+
+    return text_of(f"{package}/{message}")
 
 
 class Definitions:

@@ -18,6 +18,7 @@ from rclpy.task import Future
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume, SplitBagfile
 from rosbags.interfaces import Qos
 
+from fsw_control.coded import Fact, Worded
 from fsw_control.managed_node_ros import ManagedNode
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
@@ -26,8 +27,8 @@ from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Repor
 from fsw_recorder import after_recording
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_writer import BagWriter, WriterOptions, taken
+from fsw_recorder.definitions import interface_definition, interface_hash, message_class
 from fsw_recorder.errors import BagError
-from fsw_recorder.interface_text import interface_definition, interface_hash, message_class
 from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
 from fsw_recorder.parameters import RecorderParameters
 from fsw_recorder.qos import is_latched, is_reliable
@@ -48,6 +49,16 @@ from fsw_recorder.topic_subscription_ros import TopicSubscription
 _REPORT_PERIOD_S = 1.0
 #: polling period [s]; the queues hold far more than arrives meanwhile
 _POLL_PERIOD_S = 0.01
+
+
+class Note(Worded):
+    """What the recorder says of itself."""
+
+    RECORDING = "recording", "recording"
+    PAUSED = "paused", "paused"
+    INCOMPLETE = "incomplete", "recording, but not everything is in the bag"
+    AWAITED = "awaited", "recording nothing until these topics are there: {topics}"
+    FAILED = "failed", "{error}"
 
 
 class _Bag(NamedTuple):
@@ -273,16 +284,13 @@ class RecorderNode(ManagedNode):
         if self._snapshots is not None and error is None:
             self._snapshots.look_for_nodes()
         counters, lost = self.writer.statistics(), self._lost()
-        level, text = OK, "paused" if self.writer.is_paused else "recording"
+        level, what = OK, Fact.of(Note.PAUSED if self.writer.is_paused else Note.RECORDING)
         if lost or counters["dropped"] or self._left_out:
-            level, text = WARN, "recording, but not everything is in the bag"
+            level, what = WARN, Fact.of(Note.INCOMPLETE)
         if self._awaited:
-            level, text = (
-                WARN,
-                f"recording nothing until these topics are there: {', '.join(self._awaited)}",
-            )
+            level, what = WARN, Fact.of(Note.AWAITED, topics=tuple(self._awaited))
         if error is not None:
-            level, text = ERROR, str(error)
+            level, what = ERROR, Fact.of(Note.FAILED, error=str(error))
         values = {
             "bag": self.writer.folder,
             "topics": len(self.subscriptions_by_topic),
@@ -291,7 +299,7 @@ class RecorderNode(ManagedNode):
             **{f"lost {topic}": count for topic, count in lost.items()},
             **{f"left out {topic}": reason for topic, reason in self._left_out.items()},
         }
-        self._diagnostics.publish([Report("recording", level, text, values)])
+        self._diagnostics.publish([Report("recording", level, what, values)])
 
     def _lost(self) -> dict[str, int]:
         """Messages that are missing by their numbers, by topic."""

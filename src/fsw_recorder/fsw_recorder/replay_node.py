@@ -34,8 +34,8 @@ from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters_ros import ParameterValues
 from fsw_recorder.bag_reader import BagReader, BagRecord
+from fsw_recorder.definitions import interface_hash, message_class
 from fsw_recorder.errors import BagError
-from fsw_recorder.interface_text import interface_hash, message_class
 from fsw_recorder.parameters import ReplayParameters
 from fsw_recorder.player import Player
 from fsw_recorder.qos import replayed_qos

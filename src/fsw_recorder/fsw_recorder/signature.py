@@ -20,9 +20,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AwareDatetime, Field, Strict
 
-from fsw_control.private_file import read_private
-from fsw_control.schema.extras import Extra, MissingExtraError
-from fsw_control.schema.files import read_regular, write_whole
+from fsw_control.schema.extensions import Extra, MissingExtraError
+from fsw_control.schema.files import read_private, read_regular, write_whole
 from fsw_control.schema.models import (
     InputError,
     Many,

@@ -2,20 +2,22 @@
 
 A weld in simulated time runs as fast as the machine allows, so its receive times mean nothing for
 the weld. Here every message gets the simulated time of its receipt, so that a replay at rate 1
-takes as long as the weld did.
+takes as long as the weld did. Stamps are read without decoding the messages.
 """
 
 from __future__ import annotations
 
 import heapq
+import re
+import struct
 from collections.abc import Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 from fsw_control.references import OTHER_CLOCK_NS
 from fsw_control.sensors import REQUIRED, SENSORS
+from fsw_control.units import NANOSECONDS
 from fsw_recorder.bag_reader import FOREVER_NS, BagInfo, BagReader, BagRecord
-from fsw_recorder.stamps import is_ticking, stamp_ns
 
 #: suffixes of the topics with the weld's time, best first
 _CLOCKS = (*(f"/{SENSORS[name].topic}" for name in REQUIRED), "/clock")
@@ -24,6 +26,30 @@ _CLOCKS = (*(f"/{SENSORS[name].topic}" for name in REQUIRED), "/clock")
 _DISORDER_NS = 500_000_000
 #: delay with which answers to a measurement, and messages without stamp, are played
 _ANSWER_NS = 10_000_000
+
+_SENSORS = "|".join(row.topic for row in SENSORS.values())
+_TICKING = re.compile(
+    rf"(/.*)?/({_SENSORS}|fsw/(drives|command|plant/truth|[^/]+/(proposal|status|prediction)))"
+)
+#: end of a stamp in the message's bytes, including the encapsulation header
+_STAMP_END = 12
+
+
+def is_ticking(topic: str) -> bool:
+    """Whether the topic has a message per tick of the weld, in any namespace."""
+    return _TICKING.fullmatch(topic) is not None
+
+
+def stamp_ns(data: bytes) -> int | None:
+    """Stamp of a serialized message that begins with a header or a time; None if it has none.
+
+    The stamp is the first field: ``int32`` seconds and ``uint32`` nanoseconds after the four
+    bytes of the encapsulation header.
+    """
+    if len(data) < _STAMP_END or not data[1] & 1:  # big-endian is not decoded
+        return None
+    seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
+    return int(seconds) * NANOSECONDS + int(nanoseconds)
 
 
 class WeldClockReader:

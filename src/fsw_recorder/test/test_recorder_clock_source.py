@@ -6,8 +6,8 @@ import struct
 
 import pytest
 
-from fsw_recorder import clock_source
-from fsw_recorder.clock_source import UNKNOWN, clock_state
+from fsw_recorder import manifest
+from fsw_recorder.manifest import UNKNOWN, clock_state
 
 
 def timex(offset: int, status: int) -> bytes:
@@ -25,7 +25,7 @@ def timex(offset: int, status: int) -> bytes:
 def test_kernel(
     kernel: bytes, expected: tuple[bool, float | None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(clock_source, "_adjtimex", lambda: kernel)
+    monkeypatch.setattr(manifest, "_adjtimex", lambda: kernel)
     state = clock_state()
     assert state.source == "kernel" and (state.synchronized, state.offset_s) == (
         expected[0],
@@ -34,7 +34,7 @@ def test_kernel(
 
 
 def test_a_kernel_that_does_not_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(clock_source, "_adjtimex", lambda: None)
+    monkeypatch.setattr(manifest, "_adjtimex", lambda: None)
     assert clock_state() == UNKNOWN
 
 

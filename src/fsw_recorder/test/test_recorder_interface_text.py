@@ -9,9 +9,13 @@ from pathlib import Path
 import pytest
 
 from fsw_recorder.bag_reader import BagReader
-from fsw_recorder.definitions import Definitions
+from fsw_recorder.definitions import (
+    Definitions,
+    definition_of,
+    interface_definition,
+    interface_hash,
+)
 from fsw_recorder.errors import BagError
-from fsw_recorder.interface_text import definition_of, interface_definition, interface_hash
 from fsw_recorder.topic import RecordedTopic
 
 

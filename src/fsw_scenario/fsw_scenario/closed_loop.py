@@ -23,28 +23,85 @@ from fsw_analysis.weld_signals import (
     WeldSignals,
     experiment_time_s,
 )
-from fsw_control.contract import Command, Controller, Limits, Proposal, Reference
+from fsw_control.contract import Command, Controller, Limits, Measurement, Proposal, Reference
 from fsw_control.host import answer
+from fsw_control.parameters import defaults
 from fsw_control.ramps import stair
 from fsw_control.reason import Reason
 from fsw_control.references import ReferencePlan
 from fsw_control.schema.models import InputError
 from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
 from fsw_control.validity import SensorGuard
-from fsw_control.weld import TICK_NS
+from fsw_control.weld import TICK_NS, TICK_S
 from fsw_model import STEP_S
 from fsw_model.heat_profile import HeatProfile
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule, Truth
 from fsw_scenario.heat_ahead import HeatAhead
-from fsw_scenario.offline_supervisor import OfflineSupervisor
-from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.scenario import Scenario, start_reference
-from fsw_scenario.timeline import references, switches
+from fsw_scenario.timeline import SWITCH_TIMEOUT_S, OpenLoopController, references, switches
 from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine
 from fsw_scenario.weld_programme_course import Course
+from fsw_supervisor import Arbiter, ArbiterSettings, Decision, ProposalInput
+from fsw_supervisor.parameters import SupervisorParameters
 
 #: ticks between progress reports
 _PROGRESS_TICKS = 100
+
+
+class OfflineSupervisor:
+    """Decides every tick like the supervisor of a lockstep graph, with default parameters.
+
+    It starts with the controller ``selected``. Controllers that are not in its parameter
+    ``fallbacks`` follow after those that are.
+    """
+
+    def __init__(self, controllers: Mapping[str, Controller], selected: str) -> None:
+        values = defaults(SupervisorParameters)
+        fallbacks = dict.fromkeys([*values["fallbacks"], *controllers])
+        settings = ArbiterSettings.from_values(
+            values | {"controller": selected, "fallbacks": list(fallbacks)}
+        )
+        self._arbiter = Arbiter(settings, lockstep=True)
+        self._unheard = {
+            name: controller.tolerated_sensors for name, controller in controllers.items()
+        }
+        self._now_s = 0.0
+
+    @property
+    def state(self) -> tuple[str, str]:
+        """Active controller and mode."""
+        return self._arbiter.machine.active, str(self._arbiter.machine.mode)
+
+    def switch(self, name: str) -> None:
+        """Request a controller for the next tick on."""
+        self._arbiter.operator.ask_switch(name, False, SWITCH_TIMEOUT_S, "scenario", self._now_s)
+
+    def decide(
+        self,
+        stamp_ns: int,
+        values: Mapping[str, float],
+        drives: Command,
+        proposals: Mapping[str, Proposal],
+    ) -> Decision:
+        """Command that answers a tick, given the samples by sensor (mm, N m, degC)."""
+        arbiter = self._arbiter
+        self._now_s += TICK_S
+        decisions = arbiter.on_drives(stamp_ns, drives, self._now_s)
+        assert arbiter.ticks.present is not None
+        arbiter.ticks.present.samples.update(
+            values
+        )  # all at once: half the time of on_sample for each
+        for name, proposal in proposals.items():
+            offer = ProposalInput(
+                stamp_ns, name, proposal.command, proposal.healthy, Reason.of(proposal.reason)
+            )
+            decisions += arbiter.on_proposal(name, offer, self._now_s)
+            if name in self._unheard:
+                decisions += arbiter.on_status(name, self._unheard.pop(name), False, self._now_s)
+        while not decisions and (wakeup_s := arbiter.wakeup_s) is not None:
+            self._now_s = wakeup_s
+            decisions = arbiter.on_time(wakeup_s)
+        return decisions[-1]
 
 
 def plant_of(scenario: Scenario) -> PlantEmulator:
@@ -185,11 +242,10 @@ class ClosedLoop:
             reading = plant.measure()
             stamp_ns, values, drives = reading.stamp_ns, reading.values, reading.drives
             measurement = guard.measure(stamp_ns * 1e-9, values, drives)
-            answers = {}
-            for name, controller in self._controllers.items():
-                began = time.perf_counter()
-                proposal = answer(controller, measurement, reference, applied, STEP_S)
-                answers[name] = proposal, time.perf_counter() - began
+            answers = {
+                name: _timed_answer(controller, measurement, reference, applied)
+                for name, controller in self._controllers.items()
+            }
             if supervisor is None:
                 proposal, _ = answers[first]
                 source = first if proposal.healthy else "hold"
@@ -202,21 +258,8 @@ class ClosedLoop:
             passed = programme.end(tick, plant, values.get("thermocouple", nan))
             while supervisor is not None and swaps and swaps[0][0] <= passed + 1:
                 supervisor.switch(swaps.popleft()[1])
-            truth = plant.truth()
-            row = _Tick(
-                stamp_ns,
-                values,
-                drives,
-                reference,
-                answers,
-                applied,
-                source,
-                reason,
-                active,
-                mode,
-                truth,
-            )
-            ticks.append(row)
+            decided = (reference, answers, applied, source, reason, active, mode)
+            ticks.append(_Tick(stamp_ns, values, drives, *decided, plant.truth()))
             plant.apply(applied, stamp_ns, source)
             plant.step()
             if progress is not None and tick % _PROGRESS_TICKS == 0:
@@ -268,6 +311,14 @@ class ClosedLoop:
             truth=_group(TruthSignals, [tick.truth for tick in ticks]),
             attachments={"scenario.yaml": self.scenario.text.encode()},
         )
+
+
+def _timed_answer(
+    controller: Controller, measurement: Measurement, reference: Reference, applied: Command
+) -> tuple[Proposal, float]:
+    began = time.perf_counter()
+    proposal = answer(controller, measurement, reference, applied, STEP_S)
+    return proposal, time.perf_counter() - began
 
 
 def unhealthy(signals: WeldSignals, name: str) -> str:

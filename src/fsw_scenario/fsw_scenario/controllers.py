@@ -14,8 +14,8 @@ from typing import Any
 from fsw_control.contract import Controller
 from fsw_control.parameters import NodeParameters, ParameterModel, validate
 from fsw_control.schema.models import InputError
-from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.scenario import Scenario
+from fsw_scenario.timeline import OpenLoopController
 
 #: location of our classes, by name. They are entry points, too; other packages cannot replace
 #: them.

@@ -18,8 +18,8 @@ from fsw_plant.parameters import PlantParameters
 from fsw_scenario.closed_loop import plant_of
 from fsw_scenario.controllers import program
 from fsw_scenario.launcher import Child, Launcher, LaunchError
-from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.scenario import Scenario
+from fsw_scenario.timeline import OpenLoopController
 
 #: node name of the standby supervisor
 STANDBY = "fsw_supervisor_standby"

@@ -8,9 +8,9 @@ from typing import Any
 
 from fsw_control import run_controller
 from fsw_scenario.closed_loop import plant_of
-from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.parameters import OpenLoopParameters
 from fsw_scenario.scenario_file import load
+from fsw_scenario.timeline import OpenLoopController
 
 
 def _make(values: Mapping[str, Any]) -> OpenLoopController:

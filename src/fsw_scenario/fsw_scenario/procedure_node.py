@@ -13,17 +13,18 @@ from rclpy.parameter import parameter_value_to_python
 
 from fsw_control import messages_ros as convert
 from fsw_control.cause import Cause
+from fsw_control.coded import Fact
 from fsw_control.light_node_ros import LightNode
 from fsw_control.node_main_ros import main_of
 from fsw_control.parameters_ros import ParameterValues
-from fsw_control.reports_ros import ERROR, OK, DiagnosticsPublisher, Report, log
+from fsw_control.reports_ros import ERROR, OK, DiagnosticsPublisher, Report, log, told
 from fsw_control.schema.yaml_text import load_yaml
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import SupervisorState, WeldReference
 from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
 from fsw_scenario.parameters import ProcedureParameters
 from fsw_scenario.procedure import load
-from fsw_scenario.procedure_watch import ProcedureWatch
+from fsw_scenario.procedure_watch import Deviation, ProcedureWatch
 
 _REPORT_S = 1.0
 #: prefix of the names of controllers' nodes
@@ -44,7 +45,7 @@ class ProcedureNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no type
         settings = ParameterValues(self, ProcedureParameters)
         self._procedure = load(settings["procedure"])
         self._watch = ProcedureWatch(self._procedure)
-        self._told: dict[str, str] = {}
+        self._told: dict[str, Fact] = {}
         self._tunings: dict[str, dict[str, Any]] = {}
         self._diagnostics = DiagnosticsPublisher(self)
         self._snapshots = ParameterSnapshots(self, self._on_parameters, self.is_of_this_weld)
@@ -93,11 +94,11 @@ class ProcedureNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no type
     def _tell(self) -> None:
         """Log and publish changes."""
         now, before = self._watch.deviations, self._told
-        for name, text in now.items():
-            if before.get(name) != text:
-                log(self, ERROR, f"the weld leaves its procedure: {text}")
+        for name, fact in now.items():
+            if before.get(name) != fact:
+                log(self, ERROR, f"the weld leaves its procedure: {fact.words}")
         for name in before.keys() - now.keys():
-            log(self, OK, f"the weld keeps its procedure again; over: {before[name]}")
+            log(self, OK, f"the weld keeps its procedure again; over: {before[name].words}")
         if now != before:
             self._told = now
             self._publish()
@@ -113,11 +114,13 @@ class ProcedureNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no type
             "revision": identity.revision,
             "SHA-256": identity.sha256,
         }
+        for name, fact in self._told.items():
+            values |= told(name, fact)
+        level, what = OK, Fact.of(Deviation.KEEPS)
         if self._told:
-            level, text = ERROR, "the weld leaves its procedure: " + "; ".join(self._told.values())
-        else:
-            level, text = OK, "no deviation"
-        self._diagnostics.publish([Report("deviations", level, text, values | dict(self._told))])
+            deviations = tuple(self._told.values())
+            level, what = ERROR, Fact.of(Deviation.LEAVES, deviations=deviations)
+        self._diagnostics.publish([Report("deviations", level, what, values)])
 
 
 main = main_of(ProcedureNode, "fsw_procedure", __doc__, ProcedureParameters)

@@ -20,6 +20,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from fsw_control import units
+from fsw_control.coded import Answer
 from fsw_control.diagnostic_names import qualified
 from fsw_control.light_node_ros import LightNode
 from fsw_control.node_arguments import NodeArguments
@@ -33,14 +34,13 @@ from fsw_msgs.msg import WeldKpi, WeldProgress
 from fsw_plant import PlantSchedule
 from fsw_scenario.emulator_events_ros import emulator_listens
 from fsw_scenario.heat_ahead import HeatAhead
-from fsw_scenario.held_for import HeldFor
 from fsw_scenario.launcher import ABORTED
 from fsw_scenario.parameters import PlayerParameters
-from fsw_scenario.running_kpi import RunningKpi
+from fsw_scenario.running_kpi import HeldFor, RunningKpi
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse
 from fsw_scenario.weld_player_ros import FAILED, REFUSED, Outcome, PlayerOptions, WeldPlayer
-from fsw_scenario.weld_programme import State
+from fsw_scenario.weld_programme import ProgrammeCode, State
 
 ACTION = "fsw/run_weld"
 #: time limit for this node's answer to its own goal, on a stalled machine (chosen)
@@ -217,11 +217,11 @@ class ScenarioNode(LightNode, Node):
         handle.execute()
 
     def _on_cancel(self, _: Any) -> CancelResponse:
-        ok, answer = (False, "no weld is under way") if self.weld is None else self.weld.abort()
-        if not ok:
-            self.get_logger().warning(f"cancel: {answer}")
+        answer = self.weld.abort() if self.weld else Answer.refused(ProgrammeCode.NO_WELD)
+        if not answer.ok:
+            self.get_logger().warning(f"cancel: {answer.fact.words}")
             return CancelResponse.REJECT
-        self.get_logger().info(f"cancel: {answer}")
+        self.get_logger().info(f"cancel: {answer.fact.words}")
         return CancelResponse.ACCEPT
 
     def _on_progress(self, progress: WeldProgress) -> None:

@@ -16,6 +16,7 @@ from std_msgs.msg import Header
 
 from fsw_control import messages_ros as convert
 from fsw_control import units
+from fsw_control.coded import Answer, Fact
 from fsw_control.contract import Reference
 from fsw_control.message_synchronizer import StampFilter
 from fsw_control.status_file import write_status
@@ -23,15 +24,14 @@ from fsw_control.topics_ros import PLAYER_READY, REPLACED, subscribe_sensors
 from fsw_control.weld import TICK_NS, TICK_S
 from fsw_msgs.msg import WeldProgress
 from fsw_scenario.audience_ros import Audience
-from fsw_scenario.deviations import Deviations
 from fsw_scenario.emulator_events_ros import EmulatorEvents
 from fsw_scenario.heat_ahead import HeatAhead
-from fsw_scenario.running_kpi import RunningKpi
+from fsw_scenario.running_kpi import Deviations, RunningKpi
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.set_points_ros import ScenarioTime, SetPoints
 from fsw_scenario.switching_ros import Switching
 from fsw_scenario.timeline import switches
-from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine, State
+from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine, ProgrammeCode, State
 from fsw_scenario.weld_programme_ros import (
     TICKS_PER_REPORT,
     NoProgramme,
@@ -82,13 +82,8 @@ class WeldPlayer:
         report: Callable[[WeldProgress], object],
         over: Callable[[Outcome], object],
     ) -> None:
-        self._node, self.scenario, self._options, self._tell, self._over = (
-            node,
-            scenario,
-            options,
-            report,
-            over,
-        )
+        self._node, self.scenario, self._options = node, scenario, options
+        self._tell, self._over = report, over
         self._simulated = bool(node.get_parameter("use_sim_time").value)
         self._synchronous = self._simulated and options.from_start
         self.kpi = RunningKpi()
@@ -142,19 +137,16 @@ class WeldPlayer:
             if part is not None:
                 part.destroy()
 
-    def abort(self) -> tuple[bool, str]:
-        """Abort the weld and request the safe stop; returns success and the answer's text."""
+    def abort(self) -> Answer:
+        """Abort the weld and request the safe stop."""
         if self._programme is not None:
-            ok, answer = self._programme.abort()
+            answer = self._programme.abort()
         else:
-            ok, answer = (
-                not (self.finished or self._aborted),
-                f"aborted at {self.time.tick * TICK_S:.1f} s",
-            )
-            if ok and self._begun:
+            answer = Answer(not (self.finished or self._aborted), self._at(State.ABORTED))
+            if answer.ok and self._begun:
                 self.set_points.leave()
-        self._aborted = self._aborted or ok
-        return ok, answer
+        self._aborted = self._aborted or answer.ok
+        return answer
 
     @property
     def controller(self) -> str:
@@ -164,9 +156,11 @@ class WeldPlayer:
     def describe(self) -> str:
         """State of the weld as a text."""
         if self._programme is not None:
-            return self._programme.machine.describe()
-        state = State.ABORTED if self._aborted else State.RUNNING
-        return f"{state} at {self.time.tick * TICK_S:.1f} s"
+            return self._programme.machine.describe().words
+        return self._at(State.ABORTED if self._aborted else State.RUNNING).words
+
+    def _at(self, state: State) -> Fact:
+        return Fact.of(ProgrammeCode.AT_TIME, state=state, time_s=self.time.tick * TICK_S)
 
     def _on_watch(self) -> None:
         if self.finished:
@@ -278,17 +272,15 @@ class WeldPlayer:
                 self.set_points.announce()
                 self.set_points.announce_heat()
         self._last_sample_s = time.monotonic()
-        self.time.tick, self.time.stamp_ns = (
-            1 + round((stamp_ns - self.time.first_ns) / TICK_NS),
-            stamp_ns,
-        )
+        self.time.tick = 1 + round((stamp_ns - self.time.first_ns) / TICK_NS)
+        self.time.stamp_ns = stamp_ns
         if self._programme is not None:
             machine = self._programme.machine
             jumped = machine.follow(self.time.tick, _reading_c(self._shown, stamp_ns))
             self.time.tick, self.time.held = machine.tick, machine.held
             if jumped and self.set_points.course.followed:
                 self.set_points.resume(self.set_points.in_force())
-                self._node.get_logger().info(f"temperature reached: {machine.describe()}")
+                self._node.get_logger().info(f"temperature reached: {machine.describe().words}")
         self._yield_to_hand()
         if self._programme is not None:
             self._programme.on_tick(stamp_ns)
@@ -329,10 +321,8 @@ class WeldPlayer:
 
     def _judge(self, depth_mm: float) -> None:
         """Update the figures of merit and the controller in command."""
-        ticks, self._judged = (
-            self.time.tick + self.time.held - self._judged,
-            self.time.tick + self.time.held,
-        )
+        welded = self.time.tick + self.time.held
+        ticks, self._judged = welded - self._judged, welded
         self._deviations.count(self.controller, self.time.tick, ticks)
         planned = self._programme is None and self.set_points.course.followed
         wanted = self.set_points.planned() if planned else self.set_points.in_force()

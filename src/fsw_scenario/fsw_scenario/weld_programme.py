@@ -11,6 +11,7 @@ from typing import Annotated, Literal, Self, get_args
 
 from pydantic import Field, model_validator
 
+from fsw_control.coded import Answer, Fact, Worded
 from fsw_control.ranges import REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C
 from fsw_control.schema.models import Many, Model, needs_one, without_default
 from fsw_control.schema.ranges import Range
@@ -104,6 +105,26 @@ class State(StrEnum):
     DONE = "done"
 
 
+class ProgrammeCode(Worded):
+    """State of a programme, and answers to requests for another one."""
+
+    AT = "at", "{state} in phase {phase} at {angle_deg:.1f} deg"
+    AT_TIME = "at_time", "{state} at {time_s:.1f} s"
+    NOT_POSSIBLE = "not_possible", "the weld is {state}; it must be {allowed}"
+    FOLLOWED = "followed", "the programme's set-points are in force"
+    WAY_BACK = (
+        "way_back",
+        "set-points from {start_mm:.4g} mm, {start_c:.5g} degC back to the programme's "
+        "{goal_mm:.4g} mm, {goal_c:.5g} degC by a ramp over {duration_s:.1f} s",
+    )
+    RESUMED = "resumed", "{at.words}; {way.words}"
+    NO_PHASES = (
+        "no_phases",
+        "{scenario} has no phases, so it cannot be held; to end it, abort it",
+    )
+    NO_WELD = "no_weld", "no weld is under way"
+
+
 @dataclass(frozen=True, slots=True)
 class Progress:
     """Progress of a programme; ``time_left_s`` is without holds."""
@@ -192,28 +213,29 @@ class PhaseMachine:
         parts = [(phase, *span[1:]) for phase, span in zip(self._phases, self._spans, strict=True)]
         return next((part for part in parts if self.tick * TICK_S < part[2]), parts[-1])
 
-    def hold(self) -> tuple[bool, str]:
-        """Stop the travel; returns success and the answer's text."""
+    def hold(self) -> Answer:
+        """Stop the travel."""
         return self._go(State.HELD, (State.RUNNING,))
 
-    def resume(self) -> tuple[bool, str]:
+    def resume(self) -> Answer:
         """Continue after a hold."""
         return self._go(State.RUNNING, (State.HELD,))
 
-    def abort(self) -> tuple[bool, str]:
+    def abort(self) -> Answer:
         """Abort the weld."""
         return self._go(State.ABORTED, (State.RUNNING, State.HELD))
 
-    def _go(self, state: State, allowed: Sequence[State]) -> tuple[bool, str]:
+    def _go(self, state: State, allowed: Sequence[State]) -> Answer:
         if self.state not in allowed:
-            return False, f"the weld is {self.state}; it must be {' or '.join(allowed)}"
+            must = " or ".join(allowed)
+            return Answer.refused(ProgrammeCode.NOT_POSSIBLE, state=self.state, allowed=must)
         self.state = state
-        return True, self.describe()
+        return Answer(True, self.describe())
 
-    def describe(self) -> str:
-        """State, phase and angle as a text."""
+    def describe(self) -> Fact:
+        """State, phase and angle."""
         at = self.progress()
-        return f"{at.state} in phase {at.phase} at {at.angle_deg:.1f} deg"
+        return Fact.of(ProgrammeCode.AT, state=at.state, phase=at.phase, angle_deg=at.angle_deg)
 
     def progress(self) -> Progress:
         """Present progress."""

@@ -7,9 +7,11 @@ from collections import deque
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from fsw_control.coded import Fact
 from fsw_control.contract import Reference
 from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S
 from fsw_control.weld import TICK_S
+from fsw_scenario.weld_programme import ProgrammeCode
 
 #: a return ramp begins this many ticks later, so that none of its steps is late
 _LEAD_TICKS = 5
@@ -24,16 +26,18 @@ class WayBack(NamedTuple):
     duration_s: float
     changes: dict[int, Reference]  #: by tick of the programme
 
-    def __str__(self) -> str:
+    @property
+    def fact(self) -> Fact:
+        """What it is, for the answer to a request."""
         if self.start == self.goal and not self.changes:
-            return "the programme's set-points are in force"
-        start, goal = (
-            f"{one.depth_mm:.4g} mm, {one.temperature_c:.5g} degC"
-            for one in (self.start, self.goal)
-        )
-        return (
-            f"set-points from {start} back to the programme's {goal} "
-            f"by a ramp over {self.duration_s:.1f} s"
+            return Fact.of(ProgrammeCode.FOLLOWED)
+        return Fact.of(
+            ProgrammeCode.WAY_BACK,
+            start_mm=self.start.depth_mm,
+            start_c=self.start.temperature_c,
+            goal_mm=self.goal.depth_mm,
+            goal_c=self.goal.temperature_c,
+            duration_s=self.duration_s,
         )
 
 

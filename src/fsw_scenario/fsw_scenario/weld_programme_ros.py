@@ -10,16 +10,17 @@ from rclpy.node import Node
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.task import Future
-from std_srvs.srv import Trigger
 
 from fsw_control import messages_ros as convert
 from fsw_control import units
+from fsw_control.coded import Answer
 from fsw_control.contract import Reference
 from fsw_control.reason import Reason
+from fsw_control.reports_ros import OK, WARN, log
 from fsw_control.topics_ros import LATEST, REPLACED
 from fsw_msgs.msg import SupervisorState, WeldProgress
-from fsw_msgs.srv import SetMode
-from fsw_scenario.weld_programme import PhaseMachine, State
+from fsw_msgs.srv import OperatorRequest, SetMode
+from fsw_scenario.weld_programme import PhaseMachine, ProgrammeCode, State
 from fsw_scenario.weld_programme_course import Course
 from fsw_supervisor.state_machine import Mode
 
@@ -40,12 +41,12 @@ class SafeStop:
         self._set_mode = node.create_client(SetMode, "fsw/set_mode")
         self._states: Subscription | None = None
 
-    def watch(self, abort: Callable[[], tuple[bool, str]]) -> None:
-        """Call ``abort`` on a safe stop from elsewhere; it returns whether a weld was aborted."""
+    def watch(self, abort: Callable[[], Answer]) -> None:
+        """Call ``abort`` on a safe stop from elsewhere; it answers whether a weld was aborted."""
 
         def on_state(message: SupervisorState) -> None:
             self.controller = message.actual_controller
-            if message.actual_mode == Mode.SAFE_STOP and abort()[0]:
+            if message.actual_mode == Mode.SAFE_STOP and abort().ok:
                 self.answer = (
                     f"safe stop by the supervisor: {Reason.of_messages(message.why).words}"
                 )
@@ -79,18 +80,19 @@ class SafeStop:
             self._node.destroy_subscription(self._states)
 
 
-def _serve(node: Node, name: str, ask: Callable[[], tuple[bool, str]]) -> Service:
-    """Create the service of that name; ``ask`` returns success and the answer's text."""
+def _serve(node: Node, name: str, ask: Callable[[], Answer]) -> Service:
+    """Create the service of that name."""
 
-    def on_request(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = ask()
-        if response.success:
-            node.get_logger().info(f"{name}: {response.message}")
-        else:
-            node.get_logger().warning(f"{name}: {response.message}")
+    def on_request(
+        _: OperatorRequest.Request, response: OperatorRequest.Response
+    ) -> OperatorRequest.Response:
+        answer = ask()
+        response.ok, response.code = answer.ok, str(answer.fact.code)
+        response.message = answer.fact.words
+        log(node, OK if answer.ok else WARN, f"{name}: {response.message}")
         return response
 
-    return node.create_service(Trigger, f"fsw/weld/{name}", on_request)
+    return node.create_service(OperatorRequest, f"fsw/weld/{name}", on_request)
 
 
 class NoProgramme:
@@ -98,7 +100,7 @@ class NoProgramme:
 
     def __init__(self, node: Node, scenario: str) -> None:
         self._node = node
-        answer = (False, f"{scenario} has no phases, so it cannot be held; to end it, abort it")
+        answer = Answer.refused(ProgrammeCode.NO_PHASES, scenario=scenario)
         self._services = [_serve(node, name, lambda: answer) for name in ("hold", "resume")]
 
     def destroy(self) -> None:
@@ -141,33 +143,33 @@ class ProgrammeServer:
         for service in self._services:
             self._node.destroy_service(service)
 
-    def _hold(self) -> tuple[bool, str]:
-        return self._keep(*self.machine.hold())
+    def _hold(self) -> Answer:
+        return self._keep(self.machine.hold())
 
-    def abort(self) -> tuple[bool, str]:
-        """Abort the weld; returns success and text. The caller requests the safe stop."""
-        return self._keep(*self.machine.abort())
+    def abort(self) -> Answer:
+        """Abort the weld. The caller requests the safe stop."""
+        return self._keep(self.machine.abort())
 
-    def _keep(self, ok: bool, answer: str) -> tuple[bool, str]:
+    def _keep(self, answer: Answer) -> Answer:
         """Keep the set-points in force; sending them voids those sent ahead."""
-        if ok:
+        if answer.ok:
             present = self._in_force()
             self._course.leave()
             self._restart(present)
             self.publish(self._stamp_ns)
-        return ok, answer
+        return answer
 
-    def _resume(self) -> tuple[bool, str]:
+    def _resume(self) -> Answer:
         """Return to the programme from a hold or from manual set-points."""
         by_hand = self.machine.state is State.RUNNING and not self._course.followed
-        ok, answer = (True, self.machine.describe()) if by_hand else self.machine.resume()
-        if not ok:
-            return ok, answer
+        answer = Answer(True, self.machine.describe()) if by_hand else self.machine.resume()
+        if not answer.ok:
+            return answer
         present = self._in_force()
         way = self._course.resume(present, self.machine.tick)
         self._restart(present)
         self.publish(self._stamp_ns)
-        return ok, f"{answer}; {way}"
+        return Answer.done(ProgrammeCode.RESUMED, at=answer.fact, way=way.fact)
 
     def on_tick(self, stamp_ns: int) -> None:
         """Report the progress when due."""

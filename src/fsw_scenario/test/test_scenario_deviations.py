@@ -2,7 +2,7 @@
 
 import pytest
 
-from fsw_scenario.deviations import Deviations
+from fsw_scenario.running_kpi import Deviations
 
 
 def test_nothing_is_told_of_a_weld_as_it_was_planned():

@@ -23,8 +23,8 @@ from fsw_msgs.action import RunWeld
 from fsw_msgs.msg import HeatPlan, SupervisorState
 from fsw_msgs.srv import SetMode, SwitchController
 from fsw_scenario.audience_ros import Audience
-from fsw_scenario.held_for import HeldFor
 from fsw_scenario.launcher import ABORTED
+from fsw_scenario.running_kpi import HeldFor
 from fsw_scenario.scenario_node import ALONE_S, ScenarioNode
 from fsw_scenario.set_points_ros import SetPoints
 from fsw_scenario.weld_player_ros import Outcome
@@ -111,8 +111,8 @@ def test_held_programme_stands_still_until_it_is_resumed(graph):
         before = graph.tick()
     graph.until(lambda: graph.follows.n_waiting == 20, "the ramp that is sent ahead")
     refused = graph.ask("resume")
-    assert not refused.success and "is running" in refused.message
-    assert graph.ask("hold").success
+    assert refused.code == "not_possible" and not refused.ok
+    assert graph.ask("hold").ok
     graph.until(lambda: graph.progress[-1].state == "held", "the hold")
     held = graph.progress[-1]
     graph.until(
@@ -122,7 +122,7 @@ def test_held_programme_stands_still_until_it_is_resumed(graph):
     for _ in range(60):
         assert graph.tick() == before, "the set-points that were sent ahead are void"
     refused = graph.ask("hold")
-    assert not refused.success and "is held" in refused.message
+    assert refused.code == "not_possible" and not refused.ok
     graph.until(
         lambda: (
             graph.tick()
@@ -137,7 +137,7 @@ def test_held_programme_stands_still_until_it_is_resumed(graph):
         held.length,
         held.time_left,
     )
-    assert graph.ask("resume").success
+    assert graph.ask("resume").ok
     graph.until(lambda: graph.tick().temperature_c == 818.4, "the set-point that was put off")
     assert graph.progress[-1].state == "running"
 
@@ -151,7 +151,7 @@ def test_a_scenario_without_phases_refuses_to_be_held(verb):
         refused = graph.ask(verb)
     finally:
         graph.end()
-    assert not refused.success and "no phases" in refused.message
+    assert refused.code == "no_phases" and not refused.ok
 
 
 def test_a_weld_of_longer_than_a_minute_ends_as_it_did_however_late_its_result_arrives(
@@ -173,7 +173,7 @@ def test_a_weld_of_longer_than_a_minute_ends_as_it_did_however_late_its_result_a
 def test_aborted_programme_asks_for_the_safe_stop_until_it_has_one(graph, first, capsys):
     graph.tick()
     if first:
-        assert graph.ask(first).success
+        assert graph.ask(first).ok
     assert len(graph.ask("abort").goals_canceling) == 1
     graph.until(lambda: graph.progress[-1].state == "aborted", "the report")
     asked = []
@@ -197,7 +197,7 @@ def test_resume_goes_back_to_the_programme_and_the_next_hold_steps_nothing(graph
         graph.tick()
     programme = Reference(2.66, 818.4)
     graph.until(lambda: graph.in_force == programme)
-    assert graph.ask("hold").success
+    assert graph.ask("hold").ok
     graph.by_hand.publish(convert.reference_message(Reference(2.65, 815.0), 0))
     graph.until(
         lambda: (
@@ -208,7 +208,7 @@ def test_resume_goes_back_to_the_programme_and_the_next_hold_steps_nothing(graph
     graph.until(lambda: graph.tick().temperature_c == 815.0 and graph.progress[-1].way_back > 3.0)
     assert graph.progress[-1].left and graph.progress[-1].temperature == 818.4
     answer = graph.ask("resume")
-    assert answer.success
+    assert answer.ok
     assert re.search(r"\b815 degC .* 2\.66 mm, 818\.4 degC", answer.message)
     before = graph.in_force
     for _ in range(60):
@@ -226,21 +226,21 @@ def test_resume_goes_back_to_the_programme_and_the_next_hold_steps_nothing(graph
         )
     )
     before = graph.in_force
-    assert graph.ask("hold").success
+    assert graph.ask("hold").ok
     assert graph.tick() == graph.in_force == before
 
 
 def test_set_points_by_hand_in_the_running_programme_stay_until_a_resume(graph):
     for _ in range(10):
         graph.tick()
-    assert not graph.ask("resume").success
+    assert not graph.ask("resume").ok
     graph.by_hand.publish(convert.reference_message(Reference(2.65, 815.0), 0))
     graph.until(lambda: graph.in_force.temperature_c == 815.0)
     graph.until(lambda: graph.tick() and graph.progress[-1].left)
     for _ in range(30):
         assert graph.tick().temperature_c == 815.0
     assert graph.progress[-1].state == "running"
-    assert graph.ask("resume").success
+    assert graph.ask("resume").ok
     graph.until(lambda: graph.tick().temperature_c == 818.4)
 
 

@@ -41,7 +41,7 @@ class Cell(Spinner):
         self.references = self.controller.create_publisher(
             WeldReference, "fsw/supervisor/reference", LATCHED
         )
-        self.text = ""
+        self.values: dict[str, str] = {}
         self.controller.create_subscription(
             DiagnosticArray, "/diagnostics", self._on_diagnostics, STREAM
         )
@@ -49,17 +49,17 @@ class Cell(Spinner):
             self.executor.add_node(one)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        self.text = next(
-            one.message for one in message.status if one.name == "fsw_procedure: deviations"
-        )
+        line = next(one for one in message.status if one.name == "fsw_procedure: deviations")
+        self.values = {pair.key: pair.value for pair in line.values}
 
     def close(self) -> None:
         for one in (self.node, self.controller):
             one.destroy_node()
         rclpy.shutdown(context=self.context)
 
-    def told(self, part: str) -> None:
-        self.until(lambda: part in self.text, part)
+    def told(self, **values: str) -> None:
+        """Wait for these values of the entry."""
+        self.until(lambda: values.items() <= self.values.items(), str(values))
 
 
 def test_deviations_are_told(domain_id: int, tmp_path: Path) -> None:
@@ -69,11 +69,11 @@ def test_deviations_are_told(domain_id: int, tmp_path: Path) -> None:
     file.write_text(yaml.safe_dump(values), encoding="utf-8")
     cell = Cell(domain_id, file)
     try:
-        cell.told("decentral has parameters")  # the tuning is not the one that is permitted
+        cell.told(tuning_decentral="tuning")  # the tuning is not the one that is permitted
         cell.references.publish(WeldReference(depth=0.0035, temperature=816.4))
-        cell.told("depth_mm 3.5")
+        cell.told(set_point_depth_mm="set_point", **{"set_point_depth_mm: value": "3.5"})
         cell.references.publish(WeldReference(depth=0.0026, temperature=816.4))
-        cell.until(lambda: "set-point" not in cell.text, "the set-point to be back")
+        cell.until(lambda: "set_point_depth_mm" not in cell.values, "the set-point to be back")
         cell.states.publish(
             SupervisorState(actual_controller="decentral", actual_mode="auto", cause=Cause.READY)
         )
@@ -82,14 +82,11 @@ def test_deviations_are_told(domain_id: int, tmp_path: Path) -> None:
                 actual_controller="mine", actual_mode="manual", cause=Cause.OPERATOR_MANUAL
             )
         )
-        cell.told("mine is")
-        cell.told("mode manual (operator)")
-        before = cell.text
+        cell.told(**{"controller: controller": "mine", "mode: mode": "manual"})
+        sha256 = "tuning_decentral: sha256"
+        before = cell.values[sha256]
         cell.controller.set_parameters([Parameter("gain", value=3.0)])
-        cell.until(
-            lambda: cell.text != before and "decentral has parameters" in cell.text,
-            "the changed tuning",
-        )
+        cell.until(lambda: cell.values.get(sha256, before) != before, "the changed tuning")
         nodes = ("/fsw_decentral", "/cell2/fsw_decentral", "/fsw/decentral", "/decentral")
         assert [node for node in nodes if cell.node.is_of_this_weld(node)] == ["/fsw_decentral"]
     finally:

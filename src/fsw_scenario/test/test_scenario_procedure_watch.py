@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 from typing import Any
 
@@ -10,6 +9,7 @@ import pytest
 
 from fsw_analysis.procedure import Procedure, tuning_sha256
 from fsw_control.cause import Cause
+from fsw_control.coded import Fact
 from fsw_control.parameters import defaults
 from fsw_control.schema.models import InputError
 from fsw_scenario import procedure, procedure_limits
@@ -103,9 +103,9 @@ def test_a_limit_of_some_phases_is_none_for_all() -> None:
     assert node_parameters(asked)["fsw_supervisor"] == {}
 
 
-def figures(text: str) -> list[float]:
-    """The numbers in a text."""
-    return [float(word) for word in re.findall(r"(?<!\w)\d[\d.]*", text)]
+def figures(fact: Fact) -> list[float]:
+    """Value and limits of a set-point."""
+    return [fact.data[key] for key in ("value", "low", "high")]
 
 
 @pytest.fixture
@@ -130,11 +130,11 @@ def test_set_points_outside_are_told_until_they_are_back(watch: ProcedureWatch) 
 def test_a_foreign_controller_and_another_mode_are_told(watch: ProcedureWatch) -> None:
     watch.state("mine", "auto", Cause.SWAP_REQUESTED)
     assert list(watch.deviations) == ["controller"]
-    assert watch.deviations["controller"].startswith("mine ")
-    assert watch.deviations["controller"].endswith(": decentral, nmpc")
+    foreign = {"controller": "mine", "permitted": ("decentral", "nmpc")}
+    assert watch.deviations["controller"].data == foreign
     watch.state("decentral", "hold", Cause.INTERLOCK_TRIP)
     assert list(watch.deviations) == ["mode"]
-    assert "mode hold (interlock)" in watch.deviations["mode"]
+    assert watch.deviations["mode"].data == {"mode": "hold", "cause": Cause.INTERLOCK_TRIP}
     watch.state("decentral", "auto", Cause.SWAP_REQUESTED)
     assert watch.deviations == {}
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
-
+from fsw_control.coded import Answer as Answer
+from fsw_control.coded import Fact as Fact
 from fsw_control.coded import Worded
 
 
@@ -120,45 +119,3 @@ class Code(Worded):
         "unconfirmed",
         "requested, but not confirmed by the machine within {wait_s:g} s ({answer.words})",
     )
-
-
-class Fact(NamedTuple):
-    """A code with its fields: names, figures, reasons or other facts."""
-
-    code: Code
-    data: Mapping[str, Any]
-
-    @classmethod
-    def of(cls, code: Code, /, **data: Any) -> Fact:
-        """Return the fact with these fields."""
-        return cls(code, data)
-
-    @property
-    def words(self) -> str:
-        """The fact in words."""
-        return self.code.words.format_map({key: _plain(item) for key, item in self.data.items()})
-
-
-def _plain(item: Any) -> Any:
-    if type(item) is not tuple:
-        return item
-    if item and isinstance(item[0], Fact):
-        return "; ".join(fact.words for fact in item)
-    return ", ".join(item) or "none"
-
-
-class Answer(NamedTuple):
-    """Answer to an operator's request."""
-
-    ok: bool
-    fact: Fact
-
-    @classmethod
-    def done(cls, code: Code, /, **data: Any) -> Answer:
-        """Return the answer to a request that is served."""
-        return cls(True, Fact(code, data))
-
-    @classmethod
-    def refused(cls, code: Code, /, **data: Any) -> Answer:
-        """Return the answer to a request that is refused."""
-        return cls(False, Fact(code, data))

@@ -9,6 +9,7 @@ from statistics import fmean
 from builtin_interfaces.msg import Time
 
 from fsw_control import messages_ros as convert
+from fsw_control.coded import Fact, Worded, several
 from fsw_control.fence import Signature
 from fsw_control.reports_ros import ERROR, OK, WARN, Report
 from fsw_msgs.msg import ControllerHealth, Interlock, SupervisorState, WeldCommand
@@ -23,6 +24,28 @@ from fsw_supervisor.tick import Decision
 LEVELS = {Level.INFO: OK, Level.WARN: WARN, Level.ERROR: ERROR}
 #: default fallbacks, which need not all run
 _SHIPPED = frozenset(ArbiterSettings.from_values({}).fallbacks)
+
+
+class Note(Worded):
+    """What the supervisor says of its parts in the diagnostics."""
+
+    FOLLOWS = "follows", "{role}: follows the leading supervisor"
+    STANDS = "stands", "{mode}: {controller}"
+    ABSENT = "absent", "fallbacks that are not in the graph: {controllers}"
+    INSTEAD = "instead", "instead of {mode} with {controller}"
+    REASON = "reason", "{reason.words}"
+    ONLY_WRITER = "only_writer", "only writer of the command topic"
+    WRITERS = "writers", "{count} publishers on the command topic"
+    FOREIGN = "foreign", "a foreign writer sends commands"
+    NOT_MEASURING = "not_measuring", "no measurements"
+    CLOCK_STANDS = "clock_stands", "stamps do not advance"
+    INVALID = "invalid", "invalid sensors: {sensors}"
+    INTERLOCK = "interlock", "{interlock} {level.word}"
+    WITHIN = "within", "sensors valid, all values within limits"
+    ACTIVE = "active", "active"
+    READY = "ready", "ready"
+    SLOW = "slow", "slow: 99 % within {p99_ms:.1f} ms"
+    NAMESAKES = "namesakes", "{count} publishers of its proposals"
 
 
 def command(decision: Decision, signature: Signature) -> WeldCommand:
@@ -87,7 +110,7 @@ def state(arbiter: Arbiter, now: Time, signature: Signature) -> SupervisorState:
 def standby(role: str, unanswered: int, node: str) -> Report:
     """Diagnostics of a ``node`` on standby that has seen ``unanswered`` ticks in a row."""
     level, values = WARN if unanswered else OK, {"unanswered ticks": unanswered, "node": node}
-    return Report(role, level, f"{role}: follows the leading supervisor", values)
+    return Report(role, level, Fact.of(Note.FOLLOWS, role=role), values)
 
 
 def diagnostics(
@@ -113,14 +136,18 @@ def diagnostics(
 
 def _arbiter_status(arbiter: Arbiter) -> Report:
     machine = arbiter.machine
-    level, text = OK, f"{machine.mode}: {machine.active}" if machine.active else str(machine.mode)
+    level = OK
+    standing = Fact.of(Note.STANDS, mode=machine.mode, controller=machine.active or "none")
+    facts = [standing]
     absent = [name for name in arbiter.settings.fallbacks if arbiter.registry.get(name) is None]
     if machine.mode is not Mode.START and not _SHIPPED.issuperset(absent):
-        level, text = WARN, f"{text}; fallbacks that are not in the graph: {', '.join(absent)}"
+        level = WARN
+        facts.append(Fact.of(Note.ABSENT, controllers=tuple(absent)))
     if machine.mode is not machine.target_mode or (
         machine.active and machine.active != machine.target
     ):
-        level, text = WARN, f"{text} instead of {machine.target_mode} with {machine.target}"
+        level, target = WARN, machine.target
+        facts.append(Fact.of(Note.INSTEAD, mode=machine.target_mode, controller=target))
     if machine.mode is Mode.SAFE_STOP:
         level = ERROR
     latency_ms = arbiter.ticks.last.latency_s * 1e3 if arbiter.ticks.last is not None else 0.0
@@ -133,43 +160,42 @@ def _arbiter_status(arbiter: Arbiter) -> Report:
         "fallbacks not in the graph": ", ".join(absent),
         "last latency [ms]": f"{latency_ms:.3f}",
     }
-    return Report("arbiter", level, f"{text}: {machine.reason.words}", values)
+    if machine.reason:
+        facts.append(Fact.of(Note.REASON, reason=machine.reason))
+    return Report("arbiter", level, several(facts) or standing, values)
 
 
 def _writer_status(arbiter: Arbiter, writers: int) -> Report:
-    level, text = OK, "only writer of the command topic"
+    level, what = OK, Fact.of(Note.ONLY_WRITER)
     if writers > 1:
-        level, text = WARN, f"{writers} publishers on the command topic"
+        level, what = WARN, Fact.of(Note.WRITERS, count=writers)
     if arbiter.watch.seen_lately(arbiter.ticks.now_s):
-        level, text = ERROR, "a foreign writer sends commands"
+        level, what = ERROR, Fact.of(Note.FOREIGN)
     foreign = arbiter.watch.foreign_commands
     return Report(
-        "command topic", level, text, {"publishers": writers, "foreign commands": foreign}
+        "command topic", level, what, {"publishers": writers, "foreign commands": foreign}
     )
 
 
 def _process_status(arbiter: Arbiter) -> Report:
-    safety, level, parts = arbiter.safety, OK, list[str]()
+    safety, level, facts = arbiter.safety, OK, list[Fact]()
     if not arbiter.ticks.measuring:
-        level = WARN
-        parts.append(
-            "stamps do not advance"
-            if arbiter.ticks.silence is Code.CLOCK_STANDS
-            else "no measurements"
-        )
+        level, stands = WARN, arbiter.ticks.silence is Code.CLOCK_STANDS
+        facts.append(Fact.of(Note.CLOCK_STANDS if stands else Note.NOT_MEASURING))
     if safety.invalid_sensors:
         level = WARN
-        parts.append(f"invalid sensors: {', '.join(safety.invalid_sensors)}")
+        facts.append(Fact.of(Note.INVALID, sensors=tuple(safety.invalid_sensors)))
     if safety.active:
         level = ERROR if safety.tripped else WARN
-        parts += [f"{name} {level.word}" for name, level in safety.active.items()]
+        facts += [
+            Fact.of(Note.INTERLOCK, interlock=name, level=severity)
+            for name, severity in safety.active.items()
+        ]
     reasons: dict[str, object] = {
         f"{name} state": why or "good" for name, why in safety.sensor_flaws.items()
     }
     reasons["held"] = ", ".join(safety.held_sensors) or "none"
-    return Report(
-        "process", level, "; ".join(parts) or "sensors valid, all values within limits", reasons
-    )
+    return Report("process", level, several(facts) or Fact.of(Note.WITHIN), reasons)
 
 
 def _controller_status(
@@ -178,20 +204,22 @@ def _controller_status(
     known = health(arbiter, record)
     latencies_s = sorted(record.latencies_s) or [0.0]
     p99_s = latencies_s[ceil(0.99 * len(latencies_s)) - 1]
-    lacks = arbiter.registry.readiness(record.name).words(record.name)
-    level = WARN if lacks else OK
-    text = lacks or ("active" if record.name == arbiter.machine.active else "ready")
+    readiness, is_active = (
+        arbiter.registry.readiness(record.name),
+        record.name == arbiter.machine.active,
+    )
+    level = WARN if readiness.lack else OK
+    facts = [Fact.of(Note.ACTIVE if is_active else Note.READY)]
+    if readiness.lack:
+        facts = [Fact.of(Code.NOT_READY, controller=record.name, readiness=readiness)]
     if not arbiter.lockstep and p99_s >= limits[0]:
         level = ERROR if p99_s >= limits[1] else WARN
-        text = f"{text}; slow: 99 % within {p99_s * 1e3:.1f} ms"
+        facts.append(Fact.of(Note.SLOW, p99_ms=p99_s * 1e3))
     if record.doubled:
-        level, text = (
-            ERROR,
-            f"proposes more than once per tick: two controllers called {record.name}?",
-        )
+        level, facts = ERROR, [Fact.of(Code.DOUBLED, controller=record.name)]
     elif publishers > 1:
         level = max(level, WARN)
-        text = f"{text}; {publishers} publishers of its proposals"
+        facts.append(Fact.of(Note.NAMESAKES, count=publishers))
     if record.inhibited:
         level = ERROR
     values = {
@@ -205,4 +233,4 @@ def _controller_status(
         "latency max [ms]": f"{known.latency_max * 1e3:.3f}",
         "jitter [ms]": f"{known.jitter * 1e3:.3f}",
     }
-    return Report(f"controller {record.name}", level, text, values)
+    return Report(f"controller {record.name}", level, several(facts) or facts[0], values)

@@ -29,7 +29,6 @@ from fsw_control.validity import Flaw, SensorGuard, sensor_limits
 from fsw_supervisor.consistency import Consistency
 from fsw_supervisor.facts import Code, Fact
 from fsw_supervisor.parameters import QUANTITIES, SupervisorParameters
-from fsw_supervisor.persistence import Persistence
 from fsw_supervisor.state_machine import Level, Machine, Mode
 from fsw_supervisor.tick import GAP_S, Tick
 
@@ -45,6 +44,34 @@ _AUTOMATIC = (Mode.START, Mode.AUTO, Mode.HOLD)
 _FORGIVEN_SHARE = 0.1
 #: longest time between two ticks that counts as blindness [s]; a longer gap has rules of its own
 _LONGEST_TICK_S = 1.0
+
+#: a single value may be a spike, however long ago the previous one was
+_FEWEST_VALUES = 2
+#: longer than any time to compare with [s]
+_LONGEST_S = 1000.0
+
+
+@dataclass(slots=True)
+class Persistence:
+    """Counts values in a row that meet a condition, and the time that they cover.
+
+    Each covers the time since the previous value, the first one a tick period.
+    """
+
+    values: int = 0
+    age_s: float = 0.0
+
+    def note(self, shown: bool, elapsed_s: float, period_s: float) -> None:
+        """Take a value that arrived ``elapsed_s`` after the previous one."""
+        if not shown:
+            self.values, self.age_s = 0, 0.0
+            return
+        self.age_s = min(self.age_s + (elapsed_s if self.values else period_s), _LONGEST_S)
+        self.values = min(self.values + 1, _FEWEST_VALUES)
+
+    def reaches(self, limit_s: float, period_s: float) -> bool:
+        """Whether it has lasted ``limit_s``, to the nearest tick, in at least two values."""
+        return self.values >= _FEWEST_VALUES and self.age_s >= limit_s - period_s / 2.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,11 +11,10 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.service import Service
 from rclpy.task import Future
-from std_srvs.srv import Trigger
 
 from fsw_control import units
 from fsw_control.contract import Command
-from fsw_msgs.srv import ListControllers, SetMode, SwitchController
+from fsw_msgs.srv import ListControllers, OperatorRequest, SetMode, SwitchController
 from fsw_supervisor import reports_ros as reports
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.confirmation import Confirmation, Confirmations
@@ -23,7 +22,9 @@ from fsw_supervisor.facts import Answer, Code
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import Decision
 
-_Response = TypeVar("_Response", SetMode.Response, SwitchController.Response)
+_Response = TypeVar(
+    "_Response", SetMode.Response, SwitchController.Response, OperatorRequest.Response
+)
 _ON_STANDBY = Answer.refused(Code.ON_STANDBY)
 
 
@@ -58,7 +59,7 @@ class OperatorServices:
                 create(SwitchController, "fsw/switch_controller", self._on_switch),
                 create(ListControllers, "fsw/list_controllers", self._on_list),
                 create(SetMode, "fsw/set_mode", self._on_set_mode),
-                create(Trigger, "fsw/acknowledge", self._on_acknowledge),
+                create(OperatorRequest, "fsw/acknowledge", self._on_acknowledge),
             ]
 
     def close(self) -> None:
@@ -123,12 +124,10 @@ class OperatorServices:
         return _respond(response, answer)
 
     async def _on_acknowledge(
-        self, request: Trigger.Request, response: Trigger.Response
-    ) -> Trigger.Response:
+        self, request: OperatorRequest.Request, response: OperatorRequest.Response
+    ) -> OperatorRequest.Response:
         ask = partial(self._arbiter.operator.acknowledge, "operator")
-        answer = await self._ask(ask, self._confirmations.of_acknowledgement)
-        response.success, response.message = answer.ok, answer.fact.words
-        return response
+        return _respond(response, await self._ask(ask, self._confirmations.of_acknowledgement))
 
     async def _ask(
         self, ask: Callable[[], Answer], confirmation: Callable[[float], Confirmation]

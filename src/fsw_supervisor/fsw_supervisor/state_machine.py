@@ -12,6 +12,7 @@ from enum import StrEnum
 from typing import Any, NamedTuple
 
 from fsw_control.cause import Cause
+from fsw_control.coded import Worded
 from fsw_control.contract import BUILT_IN_SOURCES, OPERATOR_MODES
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.stop import Stop, StopCause, StopRegister
@@ -339,7 +340,7 @@ class Machine:
             self.reason = reason
             self.revision += 1
 
-    def log(self, level: Level, who: str, code: Code, /, **data: Any) -> None:
+    def log(self, level: Level, who: str, code: Worded, /, **data: Any) -> None:
         """Record an event."""
         self.revision += 1
         self.events.append(Event(level, who, Fact(code, data)))

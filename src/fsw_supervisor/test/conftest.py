@@ -185,9 +185,10 @@ class Leader:
         """Send what the failover lets pass."""
         for decision in self.failover.pass_on(decisions, self.now_s):
             self.sent.append(decision)
-            if self.fence is not None and self.fence.check(
-                self.failover.signature, decision.source
-            ) == ("", ""):
+            if (
+                self.fence is not None
+                and self.fence.check(self.failover.signature, decision.source) is None
+            ):
                 self.fence.take(decision.source, decision.stamp_ns)
 
     def run(self, seconds: float) -> Leader:

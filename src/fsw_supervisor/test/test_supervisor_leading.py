@@ -15,7 +15,7 @@ HELD = Command(80.0, 410.0)
 
 def answer(standby, source="nmpc", command=HELD, signature=OTHER):
     """Let another leader answer the present tick, heard by the actuator end and by the standby."""
-    if standby.fence.check(signature, source) == ("", ""):
+    if standby.fence.check(signature, source) is None:
         standby.fence.take(source, standby.stamp_ns)
     standby.failover.on_command(signature, standby.stamp_ns, source, command)
 
@@ -56,7 +56,7 @@ def test_a_fresh_supervisor_takes_a_term_above_the_one_that_is_reported(make_lea
         leader.fence.measure()
     leader.run(2 * LISTEN_S).tick(5)
     assert leader.failover.signature[:2] == (term + 1, "m")
-    assert leader.fence.check(old, "nmpc")[0] == "leader"
+    assert leader.fence.check(old, "nmpc").code == "leader"
 
 
 @pytest.mark.requirement("S25")
@@ -432,7 +432,7 @@ def test_a_fresh_actuator_end_whose_drives_have_moved_begins_a_safe_stop(leader,
 def test_a_standby_that_has_sent_nothing_yet_gives_way_to_a_leader_that_answers_again(leader):
     leader.failover.term = 0
     answers = Fence()
-    assert answers.check(OTHER, "nmpc") == ("", "")
+    assert answers.check(OTHER, "nmpc") is None
     answers.measure()
     leader.failover.on_actuator(answers.state, leader.now_s)
     assert leader.failover.role is Role.STANDBY

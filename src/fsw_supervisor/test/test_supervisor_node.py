@@ -10,7 +10,6 @@ from builtin_interfaces.msg import Duration  # noqa: E402
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from sensor_msgs.msg import Temperature  # noqa: E402
-from std_srvs.srv import Trigger  # noqa: E402
 
 from fsw_control import messages_ros as convert  # noqa: E402
 from fsw_control.cause import Cause  # noqa: E402
@@ -28,7 +27,12 @@ from fsw_msgs.msg import (  # noqa: E402
     WeldCommand,
     WeldReference,
 )
-from fsw_msgs.srv import ListControllers, SetMode, SwitchController  # noqa: E402
+from fsw_msgs.srv import (  # noqa: E402
+    ListControllers,
+    OperatorRequest,
+    SetMode,
+    SwitchController,
+)
 from fsw_supervisor import failover  # noqa: E402
 from fsw_supervisor.facts import Code, Fact  # noqa: E402
 from fsw_supervisor.failover import Role  # noqa: E402
@@ -81,7 +85,7 @@ class Peer(Node):
 
     def on_command(self, message):
         self.commands.append(message)
-        if self.fence.check(convert.signature(message), message.source) == ("", ""):
+        if self.fence.check(convert.signature(message), message.source) is None:
             self.fence.take(message.source, convert.stamp_ns(message.header.stamp))
         if convert.stamp_ns(message.header.stamp) == self.stamp_ns:
             self.tick()
@@ -304,16 +308,20 @@ def test_a_third_controller_appears_by_itself_and_leaves(bench):
     bench.until(lambda: not bench.supervisor._arbiter.registry.get("third").present)
 
 
+def code_of(status):
+    return next(pair.value for pair in status.values if pair.key == "code")
+
+
 @pytest.mark.requirement("S11")
 def test_a_foreign_writer_is_an_error_in_diagnostics(bench):
     bench.until(lambda: bench.peer.report("command topic") is not None)
-    assert bench.peer.report("command topic").message == "only writer of the command topic"
+    assert code_of(bench.peer.report("command topic")) == "only_writer"
     foreign = bench.peer.create_publisher(WeldCommand, "fsw/command", 10)
     bench.until(lambda: foreign.get_subscription_count() == 2)
     foreign.publish(convert.command_message(Command(60.0, 300.0), 1, "decentral"))
     bench.until(lambda: bench.supervisor._arbiter.watch.foreign_commands == 1)
     bench.until(lambda: bench.peer.report("command topic").level == DiagnosticStatus.ERROR)
-    assert bench.peer.report("command topic").message == "a foreign writer sends commands"
+    assert code_of(bench.peer.report("command topic")) == "foreign"
     assert bench.peer.commands[-1].source == "decentral"
 
 
@@ -373,12 +381,13 @@ def test_an_interlock_trips_on_what_the_load_cell_sees(bench):
     bench.until(lambda: bench.peer.commands[-1].source == "safe_stop")
     bench.until(lambda: bench.peer.states[-1].actual_mode == "safe_stop")
     assert bench.peer.states[-1].why[0].interlocks == ["force_high"]
-    acknowledge = bench.peer.create_client(Trigger, "fsw/acknowledge")
-    refused = bench.call(acknowledge, Trigger.Request())
-    assert not refused.success and "force_high" in refused.message
+    acknowledge = bench.peer.create_client(OperatorRequest, "fsw/acknowledge")
+    refused = bench.call(acknowledge, OperatorRequest.Request())
+    assert (refused.ok, refused.code) == (False, "cause_present")
+    assert "force_high" in refused.message
     bench.peer.pushed_kn = 0.0
     bench.until(lambda: not bench.peer.states[-1].interlocks)
-    assert bench.call(acknowledge, Trigger.Request()).success
+    assert bench.call(acknowledge, OperatorRequest.Request()).ok
     bench.until(lambda: not bench.peer.states[-1].stop.stopped)
     mode = bench.peer.create_client(SetMode, "fsw/set_mode")
     assert bench.call(mode, SetMode.Request(mode="auto")).ok

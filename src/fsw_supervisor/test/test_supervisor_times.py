@@ -7,7 +7,7 @@ import pytest
 from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_control.reason import Reason
-from fsw_supervisor.persistence import Persistence
+from fsw_supervisor.safety_monitor import Persistence
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Machine, Mode
 

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 
 from fsw_recorder.bag_reader import BagReader, BagRecord
-from fsw_recorder.definitions import Definitions
-from fsw_recorder.interface_text import definition_of
+from fsw_recorder.definitions import Definitions, definition_of
 from fsw_test_support.sample_weld import write_sample_weld
 
 #: bags of genuine ``ros2 bag record``

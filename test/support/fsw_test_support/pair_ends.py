@@ -116,7 +116,8 @@ class PlantEnd(ActuatorEnd):
     ) -> None:
         """Take or refuse a command."""
         rules = self.world.rules
-        refused, _ = self.fence.check(signature, source)
+        barred = self.fence.check(signature, source)
+        refused: str = barred.code if barred else ""
         if not refused:
             refused = self.gate.check(command, stamp_ns, source, True, self._stamp_ns)
         if not refused:

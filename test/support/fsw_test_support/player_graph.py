@@ -6,12 +6,12 @@ from typing import Any
 
 import rclpy
 from action_msgs.srv import CancelGoal
-from std_srvs.srv import Trigger
 
 from fsw_control import messages_ros as convert
 from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.topics_ros import LATCHED, LATEST, sensor_publishers
 from fsw_msgs.msg import WeldProgress, WeldReference
+from fsw_msgs.srv import OperatorRequest
 from fsw_scenario.scenario_node import ScenarioNode
 from fsw_test_support.ros_graph import Spinner
 
@@ -91,8 +91,8 @@ class PlayerGraph(Spinner):
         """The answer of a service of the weld; ``abort`` cancels all goals."""
         if verb == "abort":
             return self.call(self.cancel, CancelGoal.Request())
-        client = self.peer.create_client(Trigger, f"fsw/weld/{verb}")
-        return self.call(client, Trigger.Request())
+        client = self.peer.create_client(OperatorRequest, f"fsw/weld/{verb}")
+        return self.call(client, OperatorRequest.Request())
 
     def end(self) -> None:
         """Destroy the nodes."""

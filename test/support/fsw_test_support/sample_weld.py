@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic
-from fsw_recorder.definitions import Definitions
-from fsw_recorder.interface_text import interface_definition, interface_hash
+from fsw_recorder.definitions import Definitions, interface_definition, interface_hash
 from fsw_recorder.qos import profile
 
 TICK_NS = 100_000_000

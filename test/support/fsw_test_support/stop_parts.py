@@ -101,9 +101,9 @@ def report(end: End) -> ActuatorState:
 def receive(end: End, message: Message) -> tuple[End, End | None]:
     """Check a command: the actuator end if its gate refuses the command, and if it acts, None if the fence refuses."""
     fence = _fence(end)
-    reason, _ = fence.check(message.signature, message.source)
+    barred = fence.check(message.signature, message.source)
     refused = _end(fence)
-    if reason:
+    if barred:
         return refused, None
     fence.take(message.source, 0)
     return refused, _end(fence)

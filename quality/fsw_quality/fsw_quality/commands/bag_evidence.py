@@ -8,10 +8,10 @@ from pathlib import Path
 
 from fsw.bags import bag_argument, print_notes
 from fsw.command import FORCE, command, file, option, repeated, switch
+from fsw.console import ProgressBar
 from fsw.errors import CommandError
 from fsw.keys import PRIVATE_KEY, REQUIRE_SIGNED, TRUSTED, private_key, trusted_keys
 from fsw.outputs import check_new, write_json
-from fsw.progress import ProgressBar
 from fsw_quality.attestation import Chain, identity_words, read_chain
 from fsw_quality.evidence import Policy, Subject, Verification, attest, verify_bag
 from fsw_recorder import after_recording

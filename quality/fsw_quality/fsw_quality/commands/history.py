@@ -9,13 +9,12 @@ from pathlib import Path
 
 from fsw.bags import DAMAGED_TOO, read_weld
 from fsw.command import FORCE, command, file, group, option
-from fsw.console import print_table
+from fsw.console import ProgressBar, print_table
 from fsw.errors import CommandError
 from fsw.outputs import check_new
-from fsw.progress import ProgressBar
 from fsw_analysis.bag_labels import labels
 from fsw_analysis.procedure import Identity
-from fsw_control.schema.extras import Extra
+from fsw_control.schema.extensions import Extra
 from fsw_control.schema.models import json_content_of, read_text, validate
 from fsw_quality.monitor import Monitor
 from fsw_quality.monitor_run import process_of, watch

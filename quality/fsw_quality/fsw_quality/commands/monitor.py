@@ -8,9 +8,8 @@ from pathlib import Path
 
 from fsw.bags import DAMAGED_TOO, read_weld
 from fsw.command import FORCE, command, file, option
-from fsw.console import print_table
+from fsw.console import ProgressBar, print_table
 from fsw.outputs import check_new, write_json
-from fsw.progress import ProgressBar
 from fsw_model import ModelParameters
 from fsw_quality.likelihood import covariance_from
 from fsw_quality.monitor import PROCESSES, Monitor

@@ -8,10 +8,10 @@ from pathlib import Path
 import fsw
 from fsw.bags import DAMAGED_TOO, print_notes
 from fsw.command import FORCE, command, file, option
+from fsw.console import ProgressBar
 from fsw.errors import CommandError
 from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED
 from fsw.outputs import check_new
-from fsw.progress import ProgressBar
 from fsw_analysis.bag_labels import labels
 from fsw_quality import report
 from fsw_quality.record_content import Record

@@ -21,9 +21,9 @@ export function disturb(/** @type {Hello} */ { disturbances }, /** @type {Ask} *
       amplitude.use(shape.value !== "none", min, max, unit);
       amplitude.refuseZero();
       duration.use(shape.value === "ramp" || shape.value === "pulse");
-      period.use(shape.value === "sine");
+      period.use(shape.value === "sine" || shape.value === "random");
       const size = `${amplitude.input.value || "–"} ${unit}`;
-      /** @type {Record<string, string>} */ const told = { none: "no disturbance any more", step: `at once by ${size}`, ramp: `by ${size} within ${lasting(duration.value)}`, pulse: `by ${size} for ${lasting(duration.value)}`, sine: `to and fro by ${size}, every ${lasting(period.value)}` };
+      /** @type {Record<string, string>} */ const told = { none: "no disturbance any more", step: `at once by ${size}`, ramp: `by ${size} within ${lasting(duration.value)}`, pulse: `by ${size} for ${lasting(duration.value)}`, sine: `to and fro by ${size}, every ${lasting(period.value)}`, random: `at random by ${size} (standard deviation), a new level every ${lasting(period.value)} on average` };
       return `${words(channel.value)}: ${told[shape.value] ?? size}`;
     },
     confirm: "Disturb",
