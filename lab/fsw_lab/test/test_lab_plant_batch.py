@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from fsw_control import Command, Limits
+from fsw_control.schema.models import InputError
 from fsw_control.sensors import REQUIRED
 from fsw_lab.plant_batch import CHANNELS, PlantBatch
 from fsw_plant import PlantConfig, PlantEmulator
@@ -15,6 +16,13 @@ COLOURED = {
     "sensors.torque_noise_correlation_s": 0.3,
     "sensors.temperature_noise_correlation_s": 1.0,
     "sensors.temperature_lag_s": 3.0,
+}
+
+REAL = {
+    "machine.depth_sensor": "depth_axial",
+    "machine.compliance_mm_per_kn": 0.03,
+    "machine.tool_growth_mm_per_kw": 0.005,
+    "machine.hardness_variation": 0.03,
 }
 
 
@@ -30,8 +38,13 @@ def commands(k):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
-    [{}, {"noise": False, "model.dead_time_s": 0.73, "actuators.dead_time_ticks": 2}, COLOURED],
-    ids=["default", "dead times", "coloured noise and a slow probe"],
+    [
+        {},
+        {"noise": False, "model.dead_time_s": 0.73, "actuators.dead_time_ticks": 2},
+        COLOURED,
+        REAL,
+    ],
+    ids=["default", "dead times", "coloured noise and a slow probe", "a real machine"],
 )
 def test_each_is_a_single_plant(settings):
     disturbances = np.zeros((N_TICKS + 2, len(CHANNELS)))
@@ -74,3 +87,8 @@ def test_one_that_leaves_the_copper_stands_still_and_can_begin_again():
     batch.reset(np.array([0]), np.array([1]))
     assert not batch.stopped[0] and batch.tick.tolist() == [1, 1001]
     assert batch.truth()[0][0] == pytest.approx(1.0)
+
+
+def test_fused_depth_is_refused():
+    with pytest.raises(InputError, match=r"machine\.depth_channels"):
+        PlantBatch(PlantConfig.from_values({"machine.depth_channels": True}), 1, np.zeros((1, 6)))
