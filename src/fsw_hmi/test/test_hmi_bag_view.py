@@ -12,9 +12,8 @@ from fsw_hmi.bag_view import load, view
 from fsw_hmi.frames import COLUMNS
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_writer import BagWriter
-from fsw_recorder.clock_source import UNKNOWN
 from fsw_recorder.errors import BagError
-from fsw_recorder.manifest import MANIFEST_NAME, Manifest
+from fsw_recorder.manifest import MANIFEST_NAME, UNKNOWN, Manifest
 from fsw_recorder.manifest_check import complete
 from fsw_test_support.programme_bag import write_programme_weld
 from fsw_test_support.sample_weld import TOPICS, SampleTypes, sample_topics, write_sample_weld
