@@ -88,6 +88,7 @@ FAULTS: dict[str, dict[str, Any]] = {
 AT_S, FAULTY_S = 30.0, 75.0
 
 
+PARTS = ("faults", "sound", "accuracy")
 #: command line: name, default, meaning
 OPTIONS = (
     ("machines", 6, "machines welded on by the decentralized controller"),
@@ -282,38 +283,39 @@ def by_fault(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def run(chosen: Any, folder: str, pool: Any) -> dict[str, Any]:
-    """Make all welds."""
-    machines = {CONTROLLERS[0]: chosen.machines, CONTROLLERS[1]: chosen.nmpc_machines}
-    tasks = [
-        (folder, FIRST + machine, controller, source, chosen.seconds)
-        for machine, (controller, count), source in product(
-            range(max(machines.values())), machines.items(), (ONE, FOUR)
-        )
-        if machine < count
-    ]
-    cases = [
-        Case(FIRST + 100 + k, 1, FAULTY_S, fault=fault, channel=channel)
-        for k, (_, fault, channel) in enumerate(
-            product(range(chosen.faulty), FAULTS, DEPTH_CHANNELS)
-        )
-    ]
-    good = [Case(FIRST + 1000 + k, 1, chosen.seconds) for k in range(chosen.sound)]
+    """Make the welds of the chosen parts; returns the tables."""
     until_s = time.time() + 60.0 * chosen.minutes
-    faults = _each(pool, faulty, cases, until_s)
-    errors = [row for rows in _each(pool, accuracy, tasks, until_s) for row in rows]
-    sound = _each(pool, faulty, good, until_s)
-    return {
-        "accuracy": by_source(errors),
-        "faults": by_fault(faults),
-        "by_channel": faults,
-        "sound": {
+    found: dict[str, Any] = {}
+    if "faults" in chosen.part:
+        kinds = product(range(chosen.faulty), FAULTS, DEPTH_CHANNELS)
+        cases = [
+            Case(FIRST + 100 + k, 1, FAULTY_S, fault=fault, channel=channel)
+            for k, (_, fault, channel) in enumerate(kinds)
+        ]
+        found["by_channel"] = _each(pool, faulty, cases, until_s)
+        found["faults"] = by_fault(found["by_channel"])
+    if "sound" in chosen.part:
+        good = [Case(FIRST + 1000 + k, 1, chosen.seconds) for k in range(chosen.sound)]
+        sound = _each(pool, faulty, good, until_s)
+        found["sound"] = {
             "welds": len(sound),
             "seconds": chosen.seconds,
             "isolated": sum(row["others"] > 0 for row in sound),
             "suspect_s": sum(row["suspect_s"] for row in sound),
-            "inside": float(np.mean([row["inside"] for row in sound] or [np.nan])),
-        },
-    }
+            "inside": float(np.mean([row["inside"] for row in sound])) if sound else None,
+        }
+    if "accuracy" in chosen.part:
+        counts = {CONTROLLERS[0]: chosen.machines, CONTROLLERS[1]: chosen.nmpc_machines}
+        tasks = [
+            (folder, FIRST + machine, controller, source, chosen.seconds)
+            for machine, (controller, count), source in product(
+                range(max(counts.values())), counts.items(), (ONE, FOUR)
+            )
+            if machine < count
+        ]
+        errors = [row for rows in _each(pool, accuracy, tasks, until_s) for row in rows]
+        found["accuracy"] = by_source(errors)
+    return found
 
 
 def _before(function: Any, until_s: float, task: Any) -> Any:
@@ -352,12 +354,21 @@ def draw(rows: list[dict[str, Any]], file: Path) -> None:
     figure.savefig(file, dpi=100)
 
 
-def _options(chosen: Any) -> str:
-    """Options that are not the default ones, as they were given."""
-    return "".join(
-        f" --{name} {value:g}"
-        for name, default, _ in OPTIONS
-        if (value := getattr(chosen, name.replace("-", "_"))) != default
+def figures_of(tables: dict[str, Any]) -> dict[str, Any]:
+    """Flat figures of the tables that there are."""
+    return (
+        {
+            f"{row['controller']}: {row['source']}"
+            f"{' with footprint' if row['footprint'] else ''}: {key}": row[key]
+            for row in tables.get("accuracy", ())
+            for key in ("error_99_mm", "worst_mm", "inside")
+        }
+        | {
+            f"{row['fault']}: {key}": row[key]
+            for row in tables.get("faults", ())
+            for key in ("named", "median_s", "worst_s", "others", "inside")
+        }
+        | {f"sound: {key}": value for key, value in tables.get("sound", {}).items()}
     )
 
 
@@ -366,6 +377,13 @@ def main() -> None:
     arguments = parser(__doc__, "a few short welds, no page")
     for name, default, text in OPTIONS:
         arguments.add_argument(f"--{name}", type=type(default), default=default, help=text)
+    arguments.add_argument(
+        "--part",
+        choices=PARTS,
+        nargs="*",
+        default=PARTS,
+        help="measure these only; none: write the page from the tables beside it",
+    )
     arguments.add_argument("--page", type=Path, default=PAGE, help="page of the results")
     chosen = arguments.parse_args()
     if chosen.quick:
@@ -374,33 +392,18 @@ def main() -> None:
     cores = min(2, len(os.sched_getaffinity(0)))
     with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(cores) as pool:
         found = run(chosen, folder, pool)
-    figures = {
-        f"{row['controller']}: {row['source']}{' with footprint' if row['footprint'] else ''}: {key}": row[
-            key
-        ]
-        for row in found["accuracy"]
-        for key in ("error_99_mm", "worst_mm", "inside")
-    }
-    figures |= {
-        f"{row['fault']}: {key}": row[key]
-        for row in found["faults"]
-        for key in ("named", "median_s", "worst_s", "others", "inside")
-    }
-    figures |= {f"sound: {key}": value for key, value in found["sound"].items()}
-    show(figures)
-    save(figures, chosen.json)
+    show(figures_of(found) or {"measured": 0})
+    save(figures_of(found), chosen.json)
     if not chosen.quick:
         page: Path = chosen.page
+        file = page.with_name("depth_tables.json")
+        tables = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+        tables |= found
+        file.write_text(json.dumps(tables, indent=1) + "\n", encoding="utf-8")
         template = templates(Path(__file__).parent).get_template("depth.md.j2")
-        page.write_text(
-            template.render(
-                **found, aim_mm=AIM_MM, named_s=NAMED_S, machine=MACHINE, options=_options(chosen)
-            ),
-            encoding="utf-8",
-        )
-        tables = page.with_name("depth_tables.json")
-        tables.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-        draw(found["accuracy"], page.with_name("depth.png"))
+        text = template.render(**tables, aim_mm=AIM_MM, named_s=NAMED_S, machine=MACHINE)
+        page.write_text(text, encoding="utf-8")
+        draw(tables.get("accuracy", []), page.with_name("depth.png"))
 
 
 if __name__ == "__main__":
