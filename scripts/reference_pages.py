@@ -363,7 +363,7 @@ def command_line() -> dict[str, str]:
         "weld",
     )
     running = (*running, "commission")
-    quality = ("procedure", "record", "monitor", "history")
+    quality = ("footprint", "procedure", "record", "monitor", "history")
     whole = ("demo", "node", "completion", "schema")
     studies = tuple(set(verbs) - {*running, *nodes, *quality, *whole, "bag"})
     groups = {

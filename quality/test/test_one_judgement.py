@@ -18,6 +18,7 @@ from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.cause import Cause
 from fsw_hmi import bag_view
+from fsw_hmi.frames import COLUMNS
 from fsw_hmi.live_weld import LiveWeld
 from fsw_hmi.weld_view import Row
 from fsw_quality.record import assemble
@@ -120,22 +121,20 @@ def live(weld: WeldSignals, book: RuleBook) -> LiveWeld:
             "interlocks": [],
         }
         page.on_state("a", supervisor | {"reason": "", "cause": Cause.STARTED, "by": ""})
-        values = (
-            weld.depth_mm[i],
-            weld.temperature_c[i],
-            weld.torque_nm[i],
-            weld.drives.force_kn[i],
-            weld.drives.speed_rpm[i],
-            nan,
-            weld.reference_depth_mm[i],
-            weld.reference_temperature_c[i],
-            weld.force_kn[i],
-            weld.speed_rpm[i],
-            nan,
-            nan,
-            weld.angle_deg[i],
-        )
-        page.add(Row(int(weld.stamp_ns[i]), values), str(weld.command_source[i]))
+        columns = {
+            "depth_mm": weld.depth_mm,
+            "temperature_c": weld.temperature_c,
+            "torque_nm": weld.torque_nm,
+            "force_kn": weld.drives.force_kn,
+            "speed_rpm": weld.drives.speed_rpm,
+            "reference_depth_mm": weld.reference_depth_mm,
+            "reference_temperature_c": weld.reference_temperature_c,
+            "command_force_kn": weld.force_kn,
+            "command_speed_rpm": weld.speed_rpm,
+            "angle_deg": weld.angle_deg,
+        }
+        values = [columns[name][i] if name in columns else nan for name in COLUMNS[1:]]
+        page.add(Row(int(weld.stamp_ns[i]), tuple(values)), str(weld.command_source[i]))
     return page
 
 
@@ -172,13 +171,28 @@ def test_record_and_pages_say_the_same_of_a_weld(
         (one.kind, one.variable, one.begin_s, one.samples, one.missing, one.beyond)
         for one in record.exceedances
     ]
-    assert outside(running) == of_record and len(recorded["marks"]) == len(frame["marks"]) == len(
-        of_record
-    )
+    assert outside(running) == of_record and recorded["marks"] == frame["marks"]
+    assert len(recorded["marks"]) == len(of_record) + len(record.unusable_at)
+    assert ("frozen" in {one.flaw for one in record.unusable_at}) == (spoil is frozen)
     own = {(one.name, one.subject, str(one.data)): one.verdict for one in record.rules}
     assert {
         (one.name, one.subject, str(one.data)): one.verdict for one in running.rules
     }.items() <= own.items()
+
+
+def test_the_page_judges_an_end_after_which_no_tick_comes() -> None:
+    weld = weld_of(lambda _: None)
+    weld.events[-1] = WeldEvent(1e3, "weld", "done")  # nothing ends within the ticks
+    page = live(weld, rule_book(weld.attachments))
+    account = page.account()
+    assert account is not None and account.course.end == ""
+    progress = {"state": "done", "phase": "joint_line", "angle_deg": 1.0, "length_mm": 10.0}
+    page.on_progress(progress)
+    account = page.account()
+    assert account is not None and account.course.end == "done"
+    page.on_progress(progress | {"state": "aborted"})
+    account = page.account()
+    assert account is not None and account.deciding.name == "complete"
 
 
 @pytest.mark.parametrize(

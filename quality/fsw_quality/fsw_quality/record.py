@@ -7,6 +7,7 @@ from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from platform import python_version
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,8 @@ from fsw_analysis.phase_kpi import ErrorStatistics
 from fsw_analysis.procedure import Procedure, attached
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_events import WeldEvent
-from fsw_analysis.weld_signals import FloatArray, WeldSignals
+from fsw_analysis.weld_signals import FloatArray, FusedSignals, WeldSignals
+from fsw_control.depth_channels import ChannelHealth
 from fsw_control.diagnostic_names import qualified
 from fsw_control.sensors import REQUIRED
 from fsw_control.units import NANOSECONDS
@@ -25,6 +27,8 @@ from fsw_control.weld import TICK_S
 from fsw_quality.attestation import IDENTITY, bag_name, software_versions, statement
 from fsw_quality.record_content import (
     BagFile,
+    ChannelRecord,
+    DepthBasis,
     Envelope,
     Event,
     Gap,
@@ -32,6 +36,7 @@ from fsw_quality.record_content import (
     Record,
     Statistics,
     TimeOfControl,
+    Unusable,
 )
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
@@ -143,21 +148,50 @@ def assemble(
         exceedances=tuple(account.exceedances),
         missing=course.missing,
         unusable=evidence.unusable,
-        gaps=tuple(_gap(course, begin_s, duration_s) for begin_s, duration_s in course.gaps),
+        unusable_at=tuple(
+            Unusable(
+                sensor=one.sensor,
+                flaw=one.flaw,
+                **_placed(course, one.begin_s, one.end_s - one.begin_s + TICK_S),
+            )
+            for one in account.unusable
+        ),
+        gaps=tuple(Gap(**_placed(course, *gap)) for gap in course.gaps),
         held_s=TICK_S * float(np.sum((course.mode != "auto") & (course.mode != ""))),
         events=tuple(_events(signals, course)),
         phases=tuple(_phase(course, procedure, name, ticks) for name, ticks in phases),
+        depth=None if signals.fused is None else depth_basis(signals.fused),
     )
     return record, course
 
 
-def _gap(course: Course, begin_s: float, lasts_s: float) -> Gap:
-    return Gap(
-        begin_s=begin_s,
-        duration_s=lasts_s,
-        angle_deg=course.place(begin_s, lasts_s),
-        travel_mm=course.place(begin_s, lasts_s, course.travel_mm),
-    )
+def _placed(course: Course, begin_s: float, lasts_s: float) -> dict[str, Any]:
+    """Fields of what lasts for some time: when and where."""
+    return {
+        "begin_s": begin_s,
+        "duration_s": lasts_s,
+        "angle_deg": course.place(begin_s, lasts_s),
+        "travel_mm": course.place(begin_s, lasts_s, course.travel_mm),
+    }
+
+
+def depth_basis(fused: FusedSignals) -> DepthBasis | None:
+    """What a fused depth rested on; None if no standard deviation is on record."""
+    deviation = _envelope(fused.deviation_mm)
+    if deviation is None:
+        return None
+    channels = []
+    for name, codes in fused.health.items():
+        known = codes[np.isfinite(codes)]
+        states = [(health.word, TICK_S * int(np.sum(known == health))) for health in ChannelHealth]
+        channels.append(
+            ChannelRecord(
+                sensor=name,
+                used_share=float(np.nan_to_num(fused.used[name]).mean()),
+                health_s={word: time_s for word, time_s in states if time_s},
+            )
+        )
+    return DepthBasis(deviation_mm=deviation, channels=tuple(channels))
 
 
 def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
@@ -207,15 +241,15 @@ def welded(time_s: float, procedure: str, revision: str, sha256: str) -> WeldEve
 
 def judged_with() -> dict[str, str]:
     """Versions of this product and of the packages that compute a record."""
+    names = ("fsw-control", "fsw-quality", "numpy", "scipy")
+    return {name: _version(name) for name in names} | {"python": python_version()}
+
+
+def _version(name: str) -> str:
     try:
-        own = version("fsw-control")
+        return version(name)
     except PackageNotFoundError:  # imported from the source tree
-        own = "source"
-    return (
-        {"fsw-control": own}
-        | {name: version(name) for name in ("numpy", "scipy")}
-        | {"python": python_version()}
-    )
+        return "source"
 
 
 def files_of(bag: Path) -> tuple[BagFile, ...]:

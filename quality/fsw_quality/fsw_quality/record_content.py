@@ -59,6 +59,24 @@ class PhaseRecord(Model):
     """work of the spindle, friction in the drive included, per travel"""
 
 
+class ChannelRecord(Model):
+    """A channel of a fused depth."""
+
+    sensor: str
+    used_share: Rounded
+    """share of the ticks whose depth rested on it"""
+    health_s: dict[str, Rounded]
+    """time in each state of health"""
+
+
+class DepthBasis(Model):
+    """What a depth fused from several channels rested on."""
+
+    deviation_mm: Envelope
+    """standard deviation of the depth"""
+    channels: Many[ChannelRecord]
+
+
 class TimeOfControl(Model):
     """Somebody had control on the operator's page."""
 
@@ -90,6 +108,13 @@ class Gap(Model):
     duration_s: Rounded
     angle_deg: Pair | None = None
     travel_mm: Pair | None = None
+
+
+class Unusable(Gap):
+    """Samples of a sensor that are not used, and where."""
+
+    sensor: str
+    flaw: str
 
 
 def data_files(files: Sequence[BagFile]) -> tuple[str, ...]:
@@ -168,12 +193,16 @@ class Record(Model):
     """samples that are not on record, by variable"""
     unusable: dict[str, dict[str, int]]
     """samples that controllers and interlocks do not use, by sensor and reason, those that are missing included"""
+    unusable_at: Many[Unusable] = ()
+    """the same in place, without those that are missing"""
     gaps: Many[Gap]
     held_s: Rounded
     """time without automatic control: hold, manual or safe stop"""
     events: Many[Event]
     phases: Many[PhaseRecord]
     """as they were, and the whole weld"""
+    depth: DepthBasis | None = None
+    """what the depth rested on; left out if it was that of one sensor"""
     comparison: Comparison | None = None
     """with the last accepted welds of the procedure, where their records were given"""
 

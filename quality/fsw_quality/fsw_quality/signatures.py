@@ -24,8 +24,8 @@ SIZES = {
     WatchCause.TORQUE_STEP: (15.0, 500.0),
     WatchCause.TOOL_WEAR: (1.0 / 60.0, 1.0),
     WatchCause.TORQUE_GAIN: (0.03, 0.6),
-    WatchCause.DEPTH_GAIN: (0.05, 0.6),
-    WatchCause.HEAT_GAIN: (0.05, 0.6),
+    WatchCause.DEPTH_GAIN: (0.03, 0.6),
+    WatchCause.HEAT_GAIN: (0.03, 0.6),
     WatchCause.DEAD_TIME: (0.4, 5.0),
 }
 #: every tool wears, so that it is shown as a trend from a smaller size on (chosen)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from fsw_analysis.course import course_of
 from fsw_analysis.rules import Fact, FactCode, Verdict
 from fsw_analysis.weld_events import WeldEvent
-from fsw_analysis.weld_signals import DriveSignals, WeldSignals
+from fsw_analysis.weld_signals import DriveSignals, FusedSignals, WeldSignals
 from fsw_control.cause import Cause
 from fsw_quality.record import assemble, attached_procedures, welded
 from fsw_quality.record_content import Record
@@ -369,7 +369,9 @@ def test_a_swap_on_request_is_as_the_procedure_says() -> None:
     [
         ({}, Verdict.REVIEW),
         ({"tolerated_share": 1.0}, Verdict.ACCEPT),
-        ({"tolerated_share": 1.0, "tolerated_mm": 1.0}, Verdict.REVIEW),
+        ({"tolerated_share": 1.0, "tolerated_mm": 7.0}, Verdict.REVIEW),
+        ({"tolerated_share": 1.0, "tolerated_mm": 9.0}, Verdict.ACCEPT),
+        ({"tolerated_share": 1.0, "tolerated_total_s": 3.0}, Verdict.REVIEW),
     ],
 )
 def test_short_exceedances_of_quality_add_up(changes: dict[str, float], verdict: Verdict) -> None:
@@ -533,3 +535,18 @@ def test_a_programme_that_is_held_for_long_is_for_review() -> None:
     assert rule.name == "hold"
     assert rule.facts == (Fact.of(FactCode.HELD, times=1, time_s=pytest.approx(2.0)),)
     assert judged(weld).verdict is Verdict.ACCEPT
+
+
+def test_record_says_what_a_fused_depth_rested_on() -> None:
+    """Time in each state of health, and how often it was used; of one sensor nothing."""
+    assert judged(good_weld()).depth is None
+    health = np.where(np.arange(TICKS) < 20, 0.0, 5.0)
+    fused = FusedSignals(
+        np.full(TICKS, 0.02), {"depth_laser": (health == 0.0) * 1.0}, {"depth_laser": health}
+    )
+    basis = judged(replace(good_weld(), fused=fused)).depth
+    assert basis is not None
+    assert basis.deviation_mm.max == 0.02
+    (channel,) = basis.channels
+    assert channel.health_s == {"good": 2.0, "slip": 4.0}
+    assert channel.used_share == pytest.approx(1.0 / 3.0, abs=1e-3)

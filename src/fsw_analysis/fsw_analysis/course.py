@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite, nan
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -59,18 +60,18 @@ class Course:
     def place(
         self, begin_s: float, lasts_s: float, of: FloatArray | None = None
     ) -> tuple[float, float] | None:
-        """Angle or another position before and after an interval; None if unknown."""
+        """Angle or another position before and after an interval; None if unknown.
+
+        At the begin and the end of the weld it is known on one side only, which stands for both.
+        """
         values = self.angle_deg if of is None else of
         known = np.isfinite(values)
         before, after = (
             known & (self.time_s < begin_s - 1e-6),
             known & (self.time_s > begin_s + lasts_s - 1e-6),
         )
-        return (
-            (float(values[before][-1]), float(values[after][0]))
-            if before.any() and after.any()
-            else None
-        )
+        ends = [*values[before][-1:].tolist(), *values[after][:1].tolist()]
+        return (ends[0], ends[-1]) if ends else None
 
     @property
     def controllers(self) -> tuple[str, ...]:
@@ -163,12 +164,23 @@ def _held(signals: WeldSignals, time_s: FloatArray) -> npt.NDArray[np.bool_]:
     return held if since_s is None else held | (time_s > since_s + 1e-6)
 
 
+class UnusableRun(NamedTuple):
+    """Consecutive samples of a sensor that are not used, for one reason."""
+
+    sensor: str
+    flaw: str
+    begin_s: float
+    end_s: float  #: of the last of them
+
+
 class UnusableSamples:
-    """Counts samples that the supervisor would hold or reject with its defaults."""
+    """Samples that the supervisor would hold or reject with its defaults."""
 
     def __init__(self) -> None:
         self._guard = SensorGuard()
         self.counts = {name: Counter[str]() for name in SENSORS}  #: by sensor and reason
+        self.runs: list[UnusableRun] = []
+        self._open: dict[str, int] = {}  # place of the last run of a sensor that is not over
 
     def add(self, time_s: float, values: Mapping[str, float]) -> None:
         """Take a tick: values by signal, NaN if missing."""
@@ -177,12 +189,19 @@ class UnusableSamples:
             time_s, {name: value for name, value in samples.items() if isfinite(value)}
         )
         for name, reason in self._guard.reasons.items():
-            if reason:
-                self.counts[name][reason] += 1
+            row = self._open.pop(name, None)
+            if not reason:
+                continue
+            self.counts[name][reason] += 1
+            if row is None or self.runs[row].flaw != reason:
+                row = len(self.runs)
+                self.runs.append(UnusableRun(name, str(reason), time_s, time_s))
+            self.runs[row] = self.runs[row]._replace(end_s=time_s)
+            self._open[name] = row
 
 
-def unusable_samples(course: Course) -> dict[str, Counter[str]]:
-    """Samples of a weld that would be held or rejected, by sensor and reason."""
+def unusable_samples(course: Course) -> UnusableSamples:
+    """Samples of a weld that would be held or rejected."""
     found = UnusableSamples()
     columns = {
         name: course.values[name].tolist()
@@ -191,7 +210,7 @@ def unusable_samples(course: Course) -> dict[str, Counter[str]]:
     }
     for time_s, *values in zip(course.time_s.tolist(), *columns.values(), strict=True):
         found.add(time_s, dict(zip(columns, values, strict=True)))
-    return found.counts
+    return found
 
 
 def _travel(signals: WeldSignals, end_s: float) -> tuple[FloatArray, FloatArray]:

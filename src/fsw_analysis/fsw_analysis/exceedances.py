@@ -90,6 +90,13 @@ def longest_s(course: Course, check: Check) -> float:
     return max(found, default=0.0)
 
 
+def length_mm(course: Course, check: Check) -> float:
+    """Length of the weld outside a limit, all places together: n samples are n ticks of travel."""
+    outside = ~(beyond(course.values[check.variable], check.min, check.max) == 0.0)
+    steps = np.diff(course.travel_mm, prepend=course.travel_mm[:1])
+    return float(np.nansum(np.abs(steps[outside & holds(course, check) & ~course.put_in])))
+
+
 def _duration_s(course: Course, run: slice) -> float:
     return float(course.time_s[run.stop - 1] - course.time_s[run.start] + TICK_S)
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
+from fsw_analysis.course import Course, UnusableRun
 from fsw_analysis.exceedances import Exceedance
 from fsw_analysis.judgement import Account
 from fsw_analysis.rules import FactCode, Rule, Verdict
 from fsw_control.sensors import SENSORS
+from fsw_control.weld import TICK_S
 
 Level = Literal["good", "medium", "high"]
 _LEVELS: dict[Verdict, Level] = {
@@ -75,13 +77,22 @@ def page_account(account: Account, offset_s: float = 0.0) -> dict[str, Any]:
         "rule": rule.name,
         "text": title(rule),
         "detail": "every limit is kept" if good else f"{rule.words}: {rule.figure}",
-        "marks": gaps + [_of_exceedance(one, offset_s) for one in account.exceedances],
+        "marks": gaps
+        + [_of_unusable(one, account.course, offset_s) for one in account.unusable]
+        + [_of_exceedance(one, offset_s) for one in account.exceedances],
     }
 
 
 def gap_mark(begin_s: float, lasts_s: float, place: tuple[float, float] | None) -> dict[str, Any]:
     """The mark of a time that is not on record, at a time of the page."""
     return _mark("high", "not on record", (begin_s, lasts_s), 0.0, place)
+
+
+def _of_unusable(run: UnusableRun, course: Course, offset_s: float) -> dict[str, Any]:
+    lasts_s = run.end_s - run.begin_s + TICK_S
+    place = course.place(run.begin_s, lasts_s)
+    text = f"sensor {run.sensor}: {run.flaw}"
+    return _mark("medium", text, (run.begin_s, lasts_s), offset_s, place)
 
 
 def _of_exceedance(one: Exceedance, offset_s: float) -> dict[str, Any]:

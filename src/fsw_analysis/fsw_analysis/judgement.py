@@ -15,8 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from fsw_analysis.course import SENSOR_SIGNALS, Course, course_of, unusable_samples
-from fsw_analysis.exceedances import Exceedance, exceedances, holds, longest_s
+from fsw_analysis.course import (
+    SENSOR_SIGNALS,
+    Course,
+    UnusableRun,
+    UnusableSamples,
+    course_of,
+    unusable_samples,
+)
+from fsw_analysis.exceedances import Exceedance, exceedances, holds, length_mm, longest_s
 from fsw_analysis.procedure import Procedure, Sensor, tuning, tuning_sha256
 from fsw_analysis.recorded_parameters import recorded_parameters
 from fsw_analysis.rule_book import RuleBook
@@ -69,6 +76,7 @@ class Account:
     evidence: Evidence
     exceedances: list[Exceedance]
     rules: list[Rule]
+    unusable: list[UnusableRun]  #: of the sensors that are judged, without missing samples
 
     @property
     def verdict(self) -> Verdict:
@@ -87,7 +95,7 @@ def judge(
     *,
     running: bool = False,
     recorded: bool = True,
-    unusable: Mapping[str, Mapping[str, int]] | None = None,
+    unusable: UnusableSamples | None = None,
 ) -> Account:
     """Judge a weld by a rule book.
 
@@ -102,13 +110,12 @@ def judge(
     recorded : bool
         It comes from a bag, which must show that nothing was lost; else it was simulated or
         watched in this process.
-    unusable : mapping, optional
-        Samples that are not used, by sensor and reason; by default they are counted here.
+    unusable : UnusableSamples, optional
+        Samples that are not used; by default they are found here.
     """
     course = course_of(signals)
-    evidence = _evidence(
-        signals, book, recorded, unusable_samples(course) if unusable is None else unusable
-    )
+    bad = unusable_samples(course) if unusable is None else unusable
+    evidence = _evidence(signals, book, recorded, bad.counts)
     found = exceedances(course, book)
     procedure = book if isinstance(book, Procedure) else None
     rules = [
@@ -124,7 +131,9 @@ def judge(
         _modes(course, evidence),
         _interlocks(signals.events, evidence),
     ]
-    return Account(course, evidence, found, rules)
+    required = {rule.subject for rule in rules if rule.name == "sensor"}
+    runs = [one for one in bad.runs if one.sensor in required and one.flaw != Flaw.MISSING]
+    return Account(course, evidence, found, rules, runs)
 
 
 def _evidence(
@@ -181,11 +190,11 @@ def _limits(course: Course, book: RuleBook, found: Sequence[Exceedance]) -> Iter
         longest = longest_s(course, check)
         too_long = longest > tolerated.tolerated_s + 1e-6
         share = sum(one.samples for one in own) / max(1, int(np.sum(holds(course, check))))
-        length_mm = sum(
-            abs(one.travel_mm[1] - one.travel_mm[0]) for one in own if one.travel_mm is not None
-        )
-        too_much = share > tolerated.tolerated_share or length_mm > (
-            tolerated.tolerated_mm or np.inf
+        total_s, outside_mm = TICK * sum(one.samples for one in own), length_mm(course, check)
+        too_much = (
+            share > tolerated.tolerated_share
+            or _exceeds(total_s, tolerated.tolerated_total_s)
+            or _exceeds(outside_mm, tolerated.tolerated_mm)
         )
         verdict = Verdict.ACCEPT
         if check.kind == "essential" and own:
@@ -195,7 +204,7 @@ def _limits(course: Course, book: RuleBook, found: Sequence[Exceedance]) -> Iter
         ):
             verdict = Verdict.REVIEW
         name = check.kind.replace("_", "-")
-        facts = _extent(own, longest, share, length_mm)
+        facts = _extent(own, longest, share, outside_mm)
         yield Rule(
             name=name,
             subject=check.variable,
@@ -205,8 +214,12 @@ def _limits(course: Course, book: RuleBook, found: Sequence[Exceedance]) -> Iter
         )
 
 
+def _exceeds(value: float, most: float | None) -> bool:
+    return most is not None and value > most + 1e-6
+
+
 def _extent(
-    own: Sequence[Exceedance], longest: float, share: float, length_mm: float
+    own: Sequence[Exceedance], longest: float, share: float, outside_mm: float
 ) -> Iterator[Fact]:
     if not own:
         return
@@ -219,8 +232,8 @@ def _extent(
         share=share,
         longest_s=round(longest, 3),
     )
-    if length_mm:
-        yield Fact.of(FactCode.LENGTH, length_mm=length_mm)
+    if outside_mm:
+        yield Fact.of(FactCode.LENGTH, length_mm=round(outside_mm, 6))
     if furthest is not None:
         yield Fact.of(FactCode.BEYOND, beyond=furthest)
     if missing:

@@ -33,6 +33,12 @@ _KINDS: dict[Kind, tuple[type, Any]] = {
     "numbers": (np.ndarray, np.empty(0)),
     "texts": (list, []),
 }
+#: fields of the depth that say what it is fused from
+_FUSED: dict[str, Kind] = {
+    "standard_deviation": "number",
+    "channel_health": "numbers",
+    "channels_used": "number",
+}
 #: by sensor
 SENSOR_TOPICS = {name: f"/{row.topic}" for name, row in SENSORS.items()}
 #: topics by which a weld is recognised, after its namespace
@@ -193,7 +199,9 @@ class WeldMessages:
         """Messages of each sensor, with its values in the unit inside."""
         fields = {name: row.quantity.name for name, row in SENSORS.items()}
         tables = {
-            name: self.table(SENSOR_TOPICS[name], {field: "number"})
+            name: self.table(
+                SENSOR_TOPICS[name], {field: "number"}, _FUSED if name == "depth" else None
+            )
             for name, field in fields.items()
         }
         return {

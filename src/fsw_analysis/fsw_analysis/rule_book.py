@@ -8,9 +8,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from fsw_control.cause import Cause
 from fsw_control.ranges import REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C
@@ -142,12 +148,22 @@ class Acceptance(Sourced):
     """outside an essential limit for longer: reject, for less: review; outside a quality limit for longer: review"""
     tolerated_share: Annotated[float, Range(0.0, 1.0, "")] = 0.01
     """outside a quality limit for a larger share of the time that it holds: review, however short each time (chosen)"""
+    tolerated_total_s: Annotated[float, Range(0.0, 3600.0, "s")] | None = None
+    """outside a quality limit for longer, all times together: review; left out: not judged"""
     tolerated_mm: Annotated[float, Range(0.0, 1e5, "mm")] | None = None
     """outside a quality limit over more of the weld, all places together: review; left out: not judged"""
     tolerated_hold_s: Annotated[float, Range(0.0, 3600.0, "s")] = 10.0
     """programme held for longer, all times together: review; the tool then heats one place (chosen)"""
     swaps_allowed: bool = False
     """whether a swap to another permitted controller on request leaves the weld acceptable"""
+
+    @model_serializer(mode="wrap")
+    def _without_later_keys(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out a later key without a value, so that the hash of older procedures stays."""
+        content: dict[str, Any] = handler(self)
+        if self.tolerated_total_s is None:
+            content.pop("tolerated_total_s", None)
+        return content
 
     def permits_swap(self, cause: Cause) -> bool:
         """Whether a swap leaves the weld acceptable, by what led to it."""

@@ -16,6 +16,7 @@ from fsw_analysis.weld_signals import (
     MM,
     DriveSignals,
     FloatArray,
+    FusedSignals,
     IntArray,
     ProposalSignals,
     StatusSignals,
@@ -26,7 +27,7 @@ from fsw_analysis.weld_signals import (
 from fsw_control.host import NO_SET_POINT
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.references import OTHER_CLOCK_NS
-from fsw_control.sensors import REQUIRED, SENSORS
+from fsw_control.sensors import DEPTH_CHANNELS, REQUIRED, SENSORS
 from fsw_recorder.errors import BagError
 
 Group = TypeVar("Group", ProposalSignals, StatusSignals, DriveSignals, TruthSignals)
@@ -181,6 +182,7 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
         actual_mode=ticks.held(state, "actual_mode"),
         proposals=_proposals(messages, ticks),
         statuses=_statuses(messages, ticks),
+        fused=_fused(ticks, sensors["depth"][0]),
         drives=ticks.group(DriveSignals, drives) if drives else None,
         truth=ticks.group(TruthSignals, truth) if truth else None,
         attachments=messages.attachments,
@@ -230,6 +232,26 @@ def _add_course(weld: WeldSignals, messages: WeldMessages, ticks: _Ticks) -> Non
     # where no programme is played, the set-points in force stand for its own
     weld.programme_depth_mm = np.where(depth > 0.0, depth * MM, weld.reference_depth_mm)
     weld.programme_temperature_c = np.where(depth > 0.0, temperature, weld.reference_temperature_c)
+
+
+def _fused(ticks: _Ticks, depth: Table) -> FusedSignals | None:
+    """What the depth rested on; None if it was of one sensor, or in bags of earlier versions."""
+    names = list(DEPTH_CHANNELS)
+    rows = depth.column("channel_health")
+    known = np.array([len(row) == len(names) for row in rows], bool)
+    if not known.any():
+        return None
+    health = np.full((len(depth), len(names)), np.nan)
+    health[known] = np.stack(list(rows[known]))
+    used = np.nan_to_num(depth.column("channels_used")).astype(np.int64)
+    return FusedSignals(
+        ticks.align(depth, depth.column("standard_deviation") * MM),
+        {
+            name: ticks.align(depth, (used >> k & 1).astype(np.float64))
+            for k, name in enumerate(names)
+        },
+        {name: ticks.align(depth, health[:, k]) for k, name in enumerate(names)},
+    )
 
 
 def _wanted(kind: type[Any]) -> dict[str, Kind]:

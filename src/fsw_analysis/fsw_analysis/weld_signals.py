@@ -85,6 +85,17 @@ class DriveSignals:
 
 
 @dataclass(slots=True)
+class FusedSignals:
+    """What a depth fused from several channels rested on; NaN if missing."""
+
+    deviation_mm: FloatArray  #: standard deviation of the depth
+    #: by sensor, 1 at ticks whose depth rests on it, else 0
+    used: dict[str, FloatArray]
+    #: by sensor, code of its health (``fsw_control.depth_channels``)
+    health: dict[str, FloatArray]
+
+
+@dataclass(slots=True)
 class TruthSignals:
     """Noise-free truth of the plant emulator; NaN or empty if missing.
 
@@ -147,6 +158,7 @@ class WeldSignals:
     #: by controller name (``nmpc``, ``decentral``, …)
     proposals: dict[str, ProposalSignals] = field(default_factory=dict)
     statuses: dict[str, StatusSignals] = field(default_factory=dict)
+    fused: FusedSignals | None = None  #: None where the depth is that of one sensor
     drives: DriveSignals | None = None  #: feedback of the drives; None when the bag has none
     truth: TruthSignals | None = (
         None  #: the plant emulator's truth; None when the bag has none (a real weld)

@@ -12,7 +12,13 @@ from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_recorder import BagError
 from fsw_recorder.bag_writer import BagWriter
-from fsw_test_support.sample_weld import START_NS, TICK_NS, sample_messages, sample_topics
+from fsw_test_support.sample_weld import (
+    START_NS,
+    TICK_NS,
+    SampleTypes,
+    sample_messages,
+    sample_topics,
+)
 
 
 @pytest.fixture(scope="module")
@@ -193,3 +199,28 @@ def test_weld_in_a_namespace_reads_as_without(tmp_path: Path) -> None:
 def test_several_welds_in_one_bag_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="several welds, in /cell1, /cell2"):
         load_weld(in_namespaces(tmp_path / "both", "/cell1", "/cell2"))
+
+
+def test_what_a_fused_depth_rested_on(tmp_path: Path, signals: WeldSignals) -> None:
+    """Of the ticks that say so; a depth of one sensor says nothing."""
+    assert signals.fused is None
+    types = SampleTypes()
+    with BagWriter(tmp_path / "bag") as writer:
+        for topic in sample_topics():
+            writer.add_topic(topic)
+        for name, time_ns, data in sample_messages(30):
+            if name == "/fsw/depth" and time_ns >= START_NS + 10 * TICK_NS:
+                stamp_ns = time_ns - 400_000
+                stamp = {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}
+                values = {"depth": 2.66e-3, "standard_deviation": 2e-5, "channels_used": 0b1101}
+                health = np.array([0, 5, 0, 0], np.uint8)
+                values |= {"header": {"stamp": stamp}, "channel_health": health}
+                data = types.serialize("fsw_msgs/msg/ShoulderDepth", values)
+            writer.write(name, data, time_ns, time_ns)
+    fused = load_weld(tmp_path / "bag").fused
+    assert fused is not None
+    assert fused.deviation_mm[10:] == pytest.approx(0.02)
+    assert np.isnan(fused.health["depth_laser"][:10]).all()
+    assert set(fused.health["depth_lvdt_lead"][10:]) == {5.0}
+    assert fused.used["depth_lvdt_lead"].sum() == 0.0
+    assert fused.used["depth_axial"].sum() == 20.0

@@ -64,13 +64,13 @@ class CommandGate:
         if why is None:
             self.last_stamp_ns = stamp_ns
             return ""
-        self.refuse(why)
-        return why.code
+        return self.refuse(why)
 
-    def refuse(self, why: Fact) -> None:
-        """Count a rejected command."""
+    def refuse(self, why: Fact) -> str:
+        """Count a rejected command; returns the code of its reason."""
         self.refused[why.code] += 1
         self.last = why
+        return why.code
 
     def _refusal(
         self, command: Command, stamp_ns: int, source: str, healthy: bool, measured_ns: int | None

@@ -89,6 +89,7 @@ class AlarmDesk:
                 name: self._awake.age_s(good_s, now_s) for name, good_s in view.good_s.items()
             },
             sensor_states=watch.sensor_states,
+            channels=watch.channels,
             values=variables(watch.values, programme),
             phase=programme["phase"] if programme else "",
             attainable=watch.attainable,

@@ -14,6 +14,7 @@ from pydantic import BaseModel
 from fsw_analysis.rule_book import Check, RuleBook
 from fsw_control.cause import Cause, Severity
 from fsw_control.contract import Reference
+from fsw_control.depth_channels import ChannelHealth
 from fsw_control.readiness import Lack, Readiness
 from fsw_control.references import out_of_reach, wants_heat
 from fsw_control.schema.yaml_text import load_yaml
@@ -57,7 +58,7 @@ _SWAP_S = 12.0
 #: within this time a supervisor that stands by takes over (0.3 s, measured) and is heard
 _TAKEOVER_S = 0.6
 _LONGEST_ID = 100
-_NO_REASON = "no reason is told"
+NO_REASON = "no reason is told"
 
 
 class _Texts(BaseModel):
@@ -139,6 +140,8 @@ class Situation:
     )  #: of the last finite one by sensor
     #: what the supervisor says of each sensor, ``good`` if nothing is wrong
     sensor_states: Mapping[str, str] = field(default_factory=dict)
+    #: health of each channel of a fused depth, by sensor
+    channels: Mapping[str, ChannelHealth] = field(default_factory=dict)
     #: of the newest row by column, and their distance from the programme's set-points; NaN where
     #: unknown
     values: Mapping[str, float] = field(default_factory=dict)
@@ -251,6 +254,11 @@ class AlarmRules:
             fault = self._faults[name]
             why = _TEXTS.sensors.get(fault, fault)
             found[f"sensor:{name}"] = alarm("sensor", fault, name=name, why=why)
+        for name, health in now.channels.items():
+            if health is not ChannelHealth.GOOD:
+                found[f"channel:{name}"] = alarm(
+                    "channel", health.word, name=name, why=health.words
+                )
 
     def _supervisor(self, now: Situation, now_s: float, found: dict[str, Alarm]) -> None:
         state, age_s = now.state, now.state_age_s
@@ -287,7 +295,7 @@ class AlarmRules:
         """Who or what commands; returns the controller that another one stands in for: one alarm for one cause."""
         mode, target_mode = state["actual_mode"], state["target_mode"]
         actual, target = state["actual_controller"], state["target_controller"]
-        why = state["reason"] or _NO_REASON
+        why = state["reason"] or NO_REASON
         if mode == "safe_stop":
             asked = state["stop_cause"] == StopCause.OPERATOR
             found["safe_stop"] = replace(
@@ -298,7 +306,7 @@ class AlarmRules:
         elif mode == "auto" and actual and target and actual != target:
             lacks = (one["why"] for one in state["controllers"] if one["name"] == target)
             return self._failover(
-                actual, target, next(lacks, Readiness(Lack.UNKNOWN).why) or _NO_REASON, found
+                actual, target, next(lacks, Readiness(Lack.UNKNOWN).why) or NO_REASON, found
             )
         if mode != "hold":
             self._failed = "", ""
@@ -461,7 +469,7 @@ def _watchdog(now: Situation, found: dict[str, Alarm]) -> None:
 
 
 def _controller(one: Mapping[str, Any], found: dict[str, Alarm]) -> None:
-    name, why = one["name"], one["why"] or _NO_REASON
+    name, why = one["name"], one["why"] or NO_REASON
     if one["inhibited"]:
         found[alarm_id("controller", name)] = alarm("inhibited", one["lack"], name=name, why=why)
     elif not one["ready"]:

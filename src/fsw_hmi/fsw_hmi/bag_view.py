@@ -25,6 +25,7 @@ from fsw_hmi.frames import COLUMNS, readable, short
 from fsw_hmi.limits import limits
 from fsw_hmi.standing import flags
 from fsw_recorder.errors import BagError
+from fsw_recorder.manifest_check import not_as_recorded
 
 #: more cannot be distinguished on one chart
 MOST_BAGS = 2
@@ -58,7 +59,10 @@ def load(
     views = []
     for path, name in zip(paths, labels(paths), strict=True):
         reading(path)
-        views.append(view(load_weld(path), name))
+        signals = load_weld(path)
+        if wrong := not_as_recorded(path):
+            signals.problems.append(wrong)
+        views.append(view(signals, name))
     return views
 
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from fsw_control.coded import Fact
-from fsw_hmi.answers import Answer, Code
-from fsw_hmi.notes import Note
+from fsw_hmi.answers import Answer, Code, Note
 
 #: how long control may be taken that was asked for in vain; then it has to be asked for again
 #: (chosen)

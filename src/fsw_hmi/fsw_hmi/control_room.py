@@ -13,10 +13,9 @@ from fsw_control.coded import Fact, RefusedError
 from fsw_control.journal import RequestKind
 from fsw_control.schema.models import InputError, json_content_of
 from fsw_hmi import security
-from fsw_hmi.answers import DONE, REFUSED, Answer, Code, invalid
+from fsw_hmi.answers import DONE, REFUSED, Answer, Code, Ended, Loss, Note, invalid
 from fsw_hmi.control import Control, Session
 from fsw_hmi.logins import WrongLogins
-from fsw_hmi.notes import Ended, Loss, Note
 from fsw_hmi.requests import ACTIONS, Action, SafeStop, read
 from fsw_hmi.users import LONGEST, ROLES, User, Users, checked_name
 

@@ -34,14 +34,13 @@ from fsw_control.units import NANOSECONDS
 from fsw_hmi import history_report, tls, users
 from fsw_hmi.alarm_desk_ros import AlarmDesk
 from fsw_hmi.alarm_rules import NO_PROGRAMME_S, NO_REPORT_S, UNDER_WAY
-from fsw_hmi.answers import Answer
+from fsw_hmi.answers import Answer, Ended
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import frame, readable, row
 from fsw_hmi.headline import Now, headline
 from fsw_hmi.keeper import Keeper, Kept
 from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, limits, reference, safe_state
 from fsw_hmi.live_weld import LiveWeld
-from fsw_hmi.notes import Ended
 from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.parameters import HmiParameters

@@ -88,7 +88,9 @@ class LiveWeld:
         phase = progress.get("phase", "")
         if phase and (not self._phases or self._phases[-1][1] != phase):
             self._phases.append((stamp_ns, phase))
-        self._unusable.add(stamp_ns / NANOSECONDS, values)
+        begin_ns = self._stamps_ns[0]
+        begin_s = float(experiment_time_s(np.array([begin_ns]))[0])
+        self._unusable.add(begin_s + (stamp_ns - begin_ns) / NANOSECONDS, values)
         if len(self._rows) > 2 * KEPT:  # a plant that runs for days without a programme
             for kept in (self._stamps_ns, self._rows, self._texts):
                 del kept[:KEPT]
@@ -100,9 +102,9 @@ class LiveWeld:
         return judge(
             self._signals(),
             self.book,
-            running=True,
+            running=(self._progress or {}).get("state") not in OVER,
             recorded=False,
-            unusable=self._unusable.counts,
+            unusable=self._unusable,
         )
 
     def frame(self, gaps: Sequence[tuple[float, float]] = ()) -> dict[str, Any] | None:
@@ -135,7 +137,10 @@ class LiveWeld:
 
         phases = [(name, time) for time, name in at(self._phases)]
         found = [WeldEvent(time, "phase", name) for name, time in phases]
-        found += [*of_programme_states(at(self._programme)), *of_states(at(self._states))]
+        programme, state = self._programme, (self._progress or {}).get("state", "")
+        if state in OVER and programme[-1][1] != state:  # no tick has come after the end
+            programme = [*programme, (self._stamps_ns[-1], state)]
+        found += [*of_programme_states(at(programme)), *of_states(at(self._states))]
         return WeldSignals(
             path=Path(),
             stamp_ns=stamp_ns,

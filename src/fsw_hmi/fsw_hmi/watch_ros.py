@@ -18,12 +18,13 @@ from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.cause import Cause, Severity
 from fsw_control.contract import SAFE_STOP, Command, Reference
+from fsw_control.depth_channels import ChannelHealth
 from fsw_control.diagnostic_names import local_name
 from fsw_control.heat_plan import SHARE_NAME
 from fsw_control.reason import Reason
 from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.reports_ros import CODE
-from fsw_control.sensors import REQUIRED, SENSORS
+from fsw_control.sensors import DEPTH_CHANNELS, REQUIRED, SENSORS
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
 from fsw_hmi.alarm_rules import NO_REPORT_S, RECORDING, UNDER_WAY, Part
 from fsw_hmi.frames import COLUMNS, heat_band, readable, short
@@ -33,6 +34,7 @@ from fsw_msgs.msg import (
     ControllerStatus,
     HeatPlan,
     Prediction,
+    ShoulderDepth,
     SupervisorState,
     WeldCommand,
     WeldProgress,
@@ -96,6 +98,7 @@ class Watch:
         self.state_s = self.progress_s = float("-inf")  #: when they came, on a steady clock
         self.leader = ""  #: identity of the leading supervisor
         self.sensor_states: dict[str, str] = {}  #: what the supervisor says of each sensor
+        self.channels: dict[str, ChannelHealth] = {}  #: of a fused depth, by sensor
         self.attainable: Reference | None = (
             None  #: set-points that the controller which commands goes for, if it tells
         )
@@ -134,10 +137,17 @@ class Watch:
         now_s = time.monotonic()
         if not self._sensors:
             self._sensors = subscribe_sensors(self._node, self._on_sample)
+            depth = SENSORS["depth"].topic
+            self._sensors.append(
+                self._node.create_subscription(ShoulderDepth, depth, self._on_depth, STREAM)
+            )
             self.view.good_s = dict.fromkeys(
                 REQUIRED, now_s + _SILENT_S
             )  # they have time to be found
         self._take(*self.view.on_drives(stamp_ns, acting, now_s))
+
+    def _on_depth(self, message: ShoulderDepth) -> None:
+        self.channels = channels_of(message)
 
     def _on_sample(self, sensor: str, stamp_ns: int, value: float) -> None:
         self._take(self.view.on_sample(sensor, stamp_ns, value, time.monotonic()))
@@ -342,3 +352,10 @@ def _prediction(controller: str, message: Prediction) -> dict[str, Any]:
         "depth_mm:deviation": [short(units.mm_from_m(one)) for one in message.depth_deviation],
         "temperature_c:deviation": [short(one) for one in message.temperature_deviation],
     }
+
+
+def channels_of(message: ShoulderDepth) -> dict[str, ChannelHealth]:
+    """Health of each channel of a fused depth, by sensor; empty for a depth of one sensor."""
+    codes = message.channel_health
+    names = DEPTH_CHANNELS if len(codes) == len(DEPTH_CHANNELS) else ()
+    return {name: ChannelHealth(code) for name, code in zip(names, codes, strict=False)}

@@ -14,12 +14,11 @@ from starlette.routing import BaseRoute, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from fsw_control.coded import Fact
-from fsw_hmi.answers import Answer, Code
+from fsw_hmi.answers import Answer, Code, Loss
 from fsw_hmi.control_room import ControlRoom, Order, Verdict
 from fsw_hmi.frames import COLUMNS, frame
 from fsw_hmi.hub import History, Page
 from fsw_hmi.logins import BusyError, LoginChecks
-from fsw_hmi.notes import Loss
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.requests import Action, SafeStop, Switch
 

@@ -10,8 +10,11 @@ import pytest
 from fsw_analysis.signals import load_weld
 from fsw_hmi.bag_view import load, view
 from fsw_hmi.frames import COLUMNS
+from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_writer import BagWriter
 from fsw_recorder.errors import BagError
+from fsw_recorder.manifest import MANIFEST_NAME, UNKNOWN, Manifest
+from fsw_recorder.manifest_check import complete
 from fsw_test_support.programme_bag import write_programme_weld
 from fsw_test_support.sample_weld import TOPICS, SampleTypes, sample_topics, write_sample_weld
 
@@ -123,6 +126,19 @@ def test_a_damaged_bag_is_shown_as_far_as_it_can_be_read(tmp_path: Path) -> None
     [shown] = load([tmp_path / "weld"])
     assert 10 < len(shown.rows) < 100
     assert any("not finished" in one for one in shown.summary["problems"])
+
+
+def test_a_bag_that_is_not_as_its_manifest_has_it_is_not_intact(tmp_path: Path) -> None:
+    folder = tmp_path / "weld"
+    write_sample_weld(folder, 100)
+    listed = Manifest(bag="weld", custom_data={}, attachments_sha256={}, clock=UNKNOWN, files=())
+    (folder / MANIFEST_NAME).write_text(complete(folder, listed).text(), encoding="utf-8")
+    [shown] = load([folder])
+    metadata = folder / METADATA_NAME
+    metadata.write_bytes(metadata.read_bytes() + b"\n# later\n")
+    [changed] = load([folder])
+    new = [one for one in changed.summary["problems"] if one not in shown.summary["problems"]]
+    assert len(new) == 1 and METADATA_NAME in new[0]
 
 
 def test_no_bag_and_no_weld_are_one_line(tmp_path: Path) -> None:

@@ -7,9 +7,9 @@ import pytest
 
 from fsw_control.coded import Fact
 from fsw_hmi.alarms import Alarm, AlarmList
+from fsw_hmi.answers import Ended, Loss
 from fsw_hmi.frames import COLUMNS, row
 from fsw_hmi.keeper import Keeper, Kept
-from fsw_hmi.notes import Ended, Loss
 
 ROWS = [
     row(stamp_ns, [1.5] * (len(COLUMNS) - 2) + [math.nan]) for stamp_ns in (10**18, 10**18 + 10**8)

@@ -69,7 +69,7 @@ def test_named_user_commands_and_no_token_is_printed(domain_id, file, capsys, fo
     try:
         assert "token" not in said
         with Page(said.split()[-1]) as page:
-            assert page.log_in("token", "otto")["message"] == "wrong name or password"
+            assert page.log_in("token", "otto")["code"] == "wrong_password"
             page.command(PASSWORD, "OTTO")
             assert page.seen("control", lambda frame: frame["you"])["holder"]["name"] == "otto"
             assert page.ask("fault", sensor="depth", kind="none")["outcome"] == "refused"

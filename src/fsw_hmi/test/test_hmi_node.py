@@ -363,9 +363,7 @@ def test_set_points_out_of_reach_are_told_beside_what_is_attainable_until_they_a
 
     graph.tick_until(lambda: journal() == told, "the journal")
     text = next(one.text for one in events if one.id == "out_of_reach")
-    assert (
-        text == "Set-point out of reach: 830 °C asked, 815 °C attainable: speed at its upper bound"
-    )
+    assert "830 °C" in text and "815 °C" in text
 
 
 def test_answers_of_services(graph, page):
@@ -385,7 +383,7 @@ def test_answers_of_services(graph, page):
         return response
 
     def on_acknowledge(_, response):
-        response.success, response.message = False, "still hot"
+        response.ok, response.code, response.message = False, "cause_present", "still hot"
         return response
 
     def on_disturb(request, response):
@@ -427,7 +425,7 @@ def test_answers_of_services(graph, page):
         "service",
         "service",
         "mode_next",
-        "service",
+        "cause_present",
     ]
     assert [(one.action, one.outcome) for one in graph.actions][-5:] == [
         ("mode manual 78 kN, 400 rpm", "refused"),
@@ -542,7 +540,7 @@ def test_alarm_is_raised_shelved_cleared_raised_again_and_all_of_it_is_in_the_jo
     (alarm,) = of_recorder(page.seen("alarms", now("active")))
     assert alarm["text"] == "fsw_recorder: recording: disk full"
     shelve = {"alarm": alarm["id"], "minutes": 20, "reason": "disk is being changed"}
-    assert page.ask("shelve", **shelve | {"reason": " "})["message"] == "shelve: say why in words"
+    assert page.ask("shelve", **shelve | {"reason": " "})["code"] == "value_error"
     assert page.ask("shelve", **shelve | {"alarm": "other"})["outcome"] == "refused"
     assert page.ask("shelve", **shelve)["outcome"] == "done"
     page.seen("alarms", now("shelved"))

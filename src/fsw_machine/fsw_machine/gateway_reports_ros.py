@@ -21,6 +21,7 @@ class Note(Worded):
     STALLED = "stalled", "the cycle counter has not changed for {time_s:.1f} s"
     NOT_READ = "not_read", "not read yet"
     INVALID = "invalid", "invalid: {faults}"
+    FAULT = "fault", "{name}: {fault}"
     NOT_PERMISSIVE = (
         "not_permissive",
         "permits no commands: nothing is written, drives are not reported",
@@ -60,7 +61,11 @@ def connection(
 
 def machine(gateway: Gateway, stalled_s: float, skipped: int, restarts: int) -> Report:
     """Whether the machine runs and permits commands, and its invalid values."""
-    faults = [f"{name}: {one.fault}" for name, one in gateway.samples.items() if one.fault]
+    faults = [
+        Fact.of(Note.FAULT, name=name, fault=one.fault)
+        for name, one in gateway.samples.items()
+        if one.fault
+    ]
     values: dict[str, object] = {
         "cycle counter": "" if gateway.read is None else gateway.read.counter,
         "cycles skipped": skipped,

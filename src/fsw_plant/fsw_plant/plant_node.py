@@ -219,11 +219,9 @@ class PlantNode(ManagedNode):
         if not self._running:
             return
         stamp_ns = convert.stamp_ns(message.header.stamp)
-        gate, signature = self.emulator.gate, convert.signature(message)
-        barred = self._fence.check(signature, message.source)
-        if barred:
-            refusal: str = barred.code
-            gate.refuse(barred)
+        gate = self.emulator.gate
+        if barred := self._fence.check(convert.signature(message), message.source):
+            refusal = gate.refuse(barred)
         else:
             command = convert.command(message)
             refusal = self.emulator.apply(command, stamp_ns, message.source, message.healthy)
@@ -231,9 +229,8 @@ class PlantNode(ManagedNode):
             self._fence.take(message.source, stamp_ns)
         elif gate.last:
             self._writers.note_refused(message.leader)
-            self.get_logger().warning(
-                f"command refused: {gate.last.words}", throttle_duration_sec=1.0
-            )
+            text = f"command refused: {gate.last.words}"
+            self.get_logger().warning(text, throttle_duration_sec=1.0)
         # A command that is refused for its content is an answer too: the tick goes on with the
         # last valid one.
         foreign = refusal in (Rejection.SOURCE, Barrier.LEADER)

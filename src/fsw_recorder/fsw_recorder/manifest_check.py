@@ -8,14 +8,17 @@ from pathlib import Path
 
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import SUFFIXES
-from fsw_recorder.findings import Code, Finding, Place, finding
+from fsw_recorder.errors import BagError
+from fsw_recorder.findings import Code, Finding, Place, finding, summary
 from fsw_recorder.manifest import (
+    MANIFEST_NAME,
     FileManifest,
     Manifest,
     Piece,
     file_pieces,
     hashed,
     mapped,
+    read_manifest,
     sha256,
 )
 from fsw_recorder.mcap_frames import Buffer
@@ -27,6 +30,16 @@ def check_files(folder: Path, manifest: Manifest) -> list[Finding]:
         entry for listed in manifest.files for entry in check_file(folder / listed.name, listed)
     ]
     return found + [finding(Code.UNLISTED, path.name) for path in unlisted(folder, manifest)]
+
+
+def not_as_recorded(bag: Path) -> str:
+    """How a bag differs from its manifest, in words; empty if it does not, or has none."""
+    try:
+        manifest = read_manifest(bag) if bag.is_dir() else None
+    except BagError as error:
+        return str(error)
+    found = check_files(bag, manifest) if manifest else []
+    return f"not as {MANIFEST_NAME} has it: {summary(found)}" if found else ""
 
 
 def unlisted(folder: Path, manifest: Manifest) -> list[Path]:

@@ -1,0 +1,407 @@
+#!/usr/bin/env python3
+"""Depth on a machine that deflects and grows: true errors, detection of faulty channels, false isolations.
+
+usage: depth.py [--quick] [--json FILE] [--page FILE]
+
+Machines, copper and noise are drawn by seeds that did not tune the estimator (from 1000 on).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+import time
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from itertools import product
+from math import pi
+from pathlib import Path
+from typing import Any, NamedTuple
+
+sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
+
+if __name__ == "__main__":
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    from _bootstrap import ensure
+
+    ensure()
+
+import numpy as np
+from report import parser, save, show
+
+from fsw.footprint_command import footprint_of
+from fsw_analysis.report import templates
+from fsw_analysis.weld_signals import WeldSignals
+from fsw_control.depth_channels import ChannelHealth
+from fsw_control.depth_fusion import DepthEstimate
+from fsw_control.sensors import DEPTH_CHANNELS
+from fsw_control.weld import TICK_S
+from fsw_plant.canister import CanisterParameters
+from fsw_plant.parameters import Tool
+from fsw_scenario import scenario_file
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.controllers import make_all
+
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "depth.md"
+#: first machine (a seed) that is measured
+FIRST = 1000
+#: largest error that the aim permits [mm]
+AIM_MM = 0.05
+#: seconds within which a faulty channel is to be named
+NAMED_S = 3.0
+CONTROLLERS = ("decentral:tight", "nmpc:default")
+#: what the depth comes from: the axial position alone, or all four channels
+ONE, FOUR = "axial", "four"
+#: ranges of the machine's parameters; chosen
+MACHINE = {
+    "compliance_mm_per_kn": (0.02, 0.04),
+    "tool_growth_mm_per_kw": (0.001, 0.005),
+    "tool_growth_s": (400.0, 900.0),
+    "canister_growth_mm_per_kw": (0.0005, 0.002),
+    "canister_growth_s": (1000.0, 2000.0),
+    "hardness": (0.95, 1.05),
+    "hardness_variation": (0.01, 0.03),
+    "runout_mm": (0.0, 0.01),
+    "swelling_mm_per_mm": (0.0, 0.2),
+}
+#: standard deviations of a sensor's bias on a machine, and of its change from weld to weld; chosen
+BIAS_MM, CHANGE_MM = 0.02, 0.005
+#: places of a footprint [deg], and standard deviation of its depths
+EVERY_DEG, MEASURED_MM = 2.0, 0.01
+#: by name, a fault as an entry of a scenario
+FAULTS: dict[str, dict[str, Any]] = {
+    "slip 2 mm": {"kind": "bias", "magnitude_mm": 2.0},
+    "slip 0.3 mm": {"kind": "bias", "magnitude_mm": 0.3},
+    "slip 0.1 mm": {"kind": "bias", "magnitude_mm": -0.1},
+    "drift 0.02 mm/s": {"kind": "drift", "magnitude_mm": 0.02},
+    "drift 0.002 mm/s": {"kind": "drift", "magnitude_mm": 0.002},
+    "spike 1 mm, every second": {"kind": "spike", "magnitude_mm": 1.0, "duration_s": 600.0},
+    "stuck": {"kind": "freeze"},
+    "dust 0.1 mm": {"kind": "dust", "magnitude_mm": 0.1},
+    "dropout": {"kind": "dropout"},
+    "not a number": {"kind": "nan"},
+    "out of range": {"kind": "bias", "magnitude_mm": 5.0},
+}
+#: time of a fault, and length of its weld [s]
+AT_S, FAULTY_S = 30.0, 75.0
+
+
+#: command line: name, default, meaning
+OPTIONS = (
+    ("machines", 6, "machines welded on by the decentralized controller"),
+    ("nmpc-machines", 6, "machines welded on by the NMPC"),
+    ("faulty", 3, "welds of each fault in each channel"),
+    ("sound", 200, "welds without a fault"),
+    ("seconds", 600.0, "length of a weld without a fault [s]"),
+    ("minutes", 1e6, "begin no weld later"),
+)
+
+
+class Case(NamedTuple):
+    """A weld to be made."""
+
+    machine: int
+    weld: int  #: of the machine: seed of noise and changes
+    seconds: float
+    controller: str = CONTROLLERS[0]
+    source: str = FOUR
+    fault: str = ""
+    channel: str = ""  #: row of the table of sensors that fails
+    footprint: str = ""  #: file
+
+
+def scenario_of(case: Case) -> Any:
+    """The weld as a scenario: constant set-points, the machine's biases as faults of its sensors."""
+    draws = np.random.default_rng(case.machine)
+    machine: dict[str, Any] = {name: float(draws.uniform(*ends)) for name, ends in MACHINE.items()}
+    biases = {name: draws.normal(0.0, BIAS_MM) for name in DEPTH_CHANNELS}
+    change = np.random.default_rng([case.machine, case.weld])
+    for name in biases:
+        biases[name] += change.normal(0.0, CHANGE_MM)
+    if case.source == ONE:
+        machine["depth_sensor"] = "depth_axial"
+        biases = {"depth": biases["depth_axial"]}
+    machine |= {"depth_channels": case.source == FOUR, "footprint_file": case.footprint}
+    events = [
+        {"at_s": TICK_S, "fault": {"sensor": name, "kind": "bias", "magnitude_mm": float(bias)}}
+        for name, bias in biases.items()
+        if name != case.channel
+    ]
+    if case.channel:
+        events.append({"at_s": AT_S, "fault": {"sensor": case.channel, **FAULTS[case.fault]}})
+    content = {
+        "name": "depth",
+        "description": "constant set-points on a machine that deflects and grows",
+        "duration_s": case.seconds,
+        "controller": case.controller.partition(":")[0],
+        "plant": {"seed": 10_000 * case.weld + case.machine, "machine": machine},
+        "events": events,
+    }
+    return scenario_file.read(content, "depth")
+
+
+def welded(case: Case) -> tuple[WeldSignals, list[DepthEstimate]]:
+    """Make the weld; returns its signals, and what the depth rested on at each tick."""
+    scenario = scenario_of(case)
+    loop = ClosedLoop(scenario, make_all(scenario, case.controller, {}))
+    estimates: dict[int, DepthEstimate] = {}
+    measure = loop.plant.measure
+
+    def noted(stamp_ns: int | None = None) -> Any:
+        reading = measure(stamp_ns)
+        if reading.fused is not None:
+            estimates[reading.tick] = reading.fused
+        return reading
+
+    loop.plant.measure = noted  # type: ignore[method-assign]
+    signals = loop.run()
+    circumference_mm = 2.0 * pi * CanisterParameters().outer_radius_mm
+    mm_per_s = Tool().traverse_mm_per_min / 60.0
+    signals.angle_deg = 360.0 * mm_per_s * signals.time_s / circumference_mm
+    return signals, list(estimates.values())
+
+
+def error_mm(signals: WeldSignals) -> np.ndarray:
+    """True depth less its set-point."""
+    assert signals.truth is not None
+    return signals.truth.depth_mm - signals.reference_depth_mm
+
+
+def accuracy(task: tuple[str, int, str, str, float]) -> list[dict[str, Any]]:
+    """Errors of a weld without and with the footprint of the weld before it."""
+    folder, machine, controller, source, seconds = task
+    before, _ = welded(Case(machine, 0, seconds, controller, source))
+    assert before.truth is not None
+    at_deg = np.arange(0.0, before.angle_deg[-1], EVERY_DEG)
+    noise = np.random.default_rng([machine, 99]).normal(0.0, MEASURED_MM, at_deg.size)
+    depths = np.interp(at_deg, before.angle_deg, before.truth.depth_mm) + noise
+    footprint = footprint_of(before, at_deg, depths, ("before", "0" * 64), MEASURED_MM)
+    file = Path(folder) / f"{machine}_{controller}_{source}.json"
+    file.write_text(json.dumps(footprint.model_dump()), encoding="utf-8")
+    rows = []
+    for path in ("", str(file)):
+        case = Case(machine, 1, seconds, controller, source, footprint=path)
+        signals, _ = welded(case)
+        error = error_mm(signals)
+        shown = signals.depth_mm - signals.reference_depth_mm
+        rows.append(
+            {
+                "controller": controller,
+                "source": source,
+                "footprint": bool(path),
+                "worst_mm": float(np.abs(error).max()),
+                "error_99_mm": float(np.quantile(np.abs(error), 0.99)),
+                "inside": float((np.abs(error) <= AIM_MM).mean()),
+                "shown_99_mm": float(np.nanquantile(np.abs(shown), 0.99)),
+            }
+        )
+    return rows
+
+
+#: what a channel is called that is not simply good
+_BLAMED = frozenset(ChannelHealth) - {ChannelHealth.GOOD, ChannelHealth.SUSPECT}
+_FOR_GOOD = frozenset({ChannelHealth.SLIP, ChannelHealth.DRIFT})
+
+
+def faulty(case: Case) -> dict[str, Any]:
+    """What became of a weld with a faulty channel, or with none."""
+    signals, estimates = welded(case)
+    channel, first = DEPTH_CHANNELS.get(case.channel), round(AT_S / TICK_S) - 1
+    named = [k for k, one in enumerate(estimates) if channel and one.health[channel] in _BLAMED]
+    others = {
+        name
+        for one in estimates
+        for name, health in one.health.items()
+        if name != channel and health in _FOR_GOOD
+    }
+    error = np.abs(error_mm(signals))[first if channel else 0 :]
+    return {
+        "fault": case.fault,
+        "channel": channel or "",
+        "delay_s": (named[0] - first) * TICK_S if named else None,
+        "others": len(others),
+        "inside": float((error <= AIM_MM).mean()),
+        "worst_mm": float(error.max()),
+        "suspect_s": TICK_S
+        * sum(ChannelHealth.SUSPECT in one.health.values() for one in estimates),
+    }
+
+
+def by_source(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Errors by controller, sensors and footprint: over all welds, the worst last."""
+    found = []
+    for controller, source, footprint in product(CONTROLLERS, (ONE, FOUR), (False, True)):
+        own = [
+            row
+            for row in rows
+            if (row["controller"], row["source"], row["footprint"])
+            == (controller, source, footprint)
+        ]
+        if own:
+            found.append(
+                {
+                    "controller": controller,
+                    "source": source,
+                    "footprint": footprint,
+                    "welds": len(own),
+                    "shown_99_mm": float(np.median([row["shown_99_mm"] for row in own])),
+                    "error_99_mm": float(np.median([row["error_99_mm"] for row in own])),
+                    "worst_mm": max(row["worst_mm"] for row in own),
+                    "inside": float(np.mean([row["inside"] for row in own])),
+                    "least_inside": min(row["inside"] for row in own),
+                }
+            )
+    return found
+
+
+def by_fault(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Delays and errors of each fault, over channels and machines."""
+    found = []
+    for fault in FAULTS:
+        own = [row for row in rows if row["fault"] == fault]
+        if not own:
+            continue
+        delays = [row["delay_s"] for row in own if row["delay_s"] is not None]
+        found.append(
+            {
+                "fault": fault,
+                "welds": len(own),
+                "named": len(delays),
+                "in_time": sum(delay <= NAMED_S for delay in delays),
+                "median_s": float(np.median(delays)) if delays else None,
+                "worst_s": max(delays, default=None),
+                "others": sum(row["others"] > 0 for row in own),
+                "inside": float(np.mean([row["inside"] for row in own])),
+                "least_inside": min(row["inside"] for row in own),
+                "worst_mm": max(row["worst_mm"] for row in own),
+            }
+        )
+    return found
+
+
+def run(chosen: Any, folder: str, pool: Any) -> dict[str, Any]:
+    """Make all welds."""
+    machines = {CONTROLLERS[0]: chosen.machines, CONTROLLERS[1]: chosen.nmpc_machines}
+    tasks = [
+        (folder, FIRST + machine, controller, source, chosen.seconds)
+        for machine, (controller, count), source in product(
+            range(max(machines.values())), machines.items(), (ONE, FOUR)
+        )
+        if machine < count
+    ]
+    cases = [
+        Case(FIRST + 100 + k, 1, FAULTY_S, fault=fault, channel=channel)
+        for k, (_, fault, channel) in enumerate(
+            product(range(chosen.faulty), FAULTS, DEPTH_CHANNELS)
+        )
+    ]
+    good = [Case(FIRST + 1000 + k, 1, chosen.seconds) for k in range(chosen.sound)]
+    until_s = time.time() + 60.0 * chosen.minutes
+    faults = _each(pool, faulty, cases, until_s)
+    errors = [row for rows in _each(pool, accuracy, tasks, until_s) for row in rows]
+    sound = _each(pool, faulty, good, until_s)
+    return {
+        "accuracy": by_source(errors),
+        "faults": by_fault(faults),
+        "by_channel": faults,
+        "sound": {
+            "welds": len(sound),
+            "seconds": chosen.seconds,
+            "isolated": sum(row["others"] > 0 for row in sound),
+            "suspect_s": sum(row["suspect_s"] for row in sound),
+            "inside": float(np.mean([row["inside"] for row in sound] or [np.nan])),
+        },
+    }
+
+
+def _before(function: Any, until_s: float, task: Any) -> Any:
+    return function(task) if time.time() < until_s else None
+
+
+def _each(pool: Any, function: Any, tasks: list[Any], until_s: float) -> list[Any]:
+    """Results of those that could begin in time."""
+    found = []
+    for result in pool.map(partial(_before, function, until_s), tasks):
+        found += [result] if result is not None else []
+        text = f"\r{function.__name__}: {len(found)} of {len(tasks)}"
+        print(text, end="", file=sys.stderr, flush=True)
+    print(file=sys.stderr)
+    return found
+
+
+def draw(rows: list[dict[str, Any]], file: Path) -> None:
+    """Shown and true error of each controller, by sensors and footprint."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 3.2), layout="constrained")
+    axes = figure.subplots()
+    labels = [
+        f"{row['controller']}, {row['source']}{', footprint' if row['footprint'] else ''}"
+        for row in rows
+    ]
+    place = np.arange(len(rows))
+    axes.barh(place - 0.2, [row["error_99_mm"] for row in rows], 0.4, label="true")
+    axes.barh(place + 0.2, [row["shown_99_mm"] for row in rows], 0.4, label="shown")
+    axes.axvline(AIM_MM, color="k", linestyle=":", label="aim")
+    axes.set_yticks(place, labels)
+    axes.invert_yaxis()
+    axes.set_xlabel("depth error, 99 % of the weld within [mm], median of the welds")
+    axes.legend()
+    figure.savefig(file, dpi=100)
+
+
+def _options(chosen: Any) -> str:
+    """Options that are not the default ones, as they were given."""
+    return "".join(
+        f" --{name} {value:g}"
+        for name, default, _ in OPTIONS
+        if (value := getattr(chosen, name.replace("-", "_"))) != default
+    )
+
+
+def main() -> None:
+    """Measure, print, write JSON, page, tables and figure."""
+    arguments = parser(__doc__, "a few short welds, no page")
+    for name, default, text in OPTIONS:
+        arguments.add_argument(f"--{name}", type=type(default), default=default, help=text)
+    arguments.add_argument("--page", type=Path, default=PAGE, help="page of the results")
+    chosen = arguments.parse_args()
+    if chosen.quick:
+        chosen.machines = chosen.nmpc_machines = chosen.faulty = 1
+        chosen.sound, chosen.seconds = 2, 60.0
+    cores = min(2, len(os.sched_getaffinity(0)))
+    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(cores) as pool:
+        found = run(chosen, folder, pool)
+    figures = {
+        f"{row['controller']}: {row['source']}{' with footprint' if row['footprint'] else ''}: {key}": row[
+            key
+        ]
+        for row in found["accuracy"]
+        for key in ("error_99_mm", "worst_mm", "inside")
+    }
+    figures |= {
+        f"{row['fault']}: {key}": row[key]
+        for row in found["faults"]
+        for key in ("named", "median_s", "worst_s", "others", "inside")
+    }
+    figures |= {f"sound: {key}": value for key, value in found["sound"].items()}
+    show(figures)
+    save(figures, chosen.json)
+    if not chosen.quick:
+        page: Path = chosen.page
+        template = templates(Path(__file__).parent).get_template("depth.md.j2")
+        page.write_text(
+            template.render(
+                **found, aim_mm=AIM_MM, named_s=NAMED_S, machine=MACHINE, options=_options(chosen)
+            ),
+            encoding="utf-8",
+        )
+        tables = page.with_name("depth_tables.json")
+        tables.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+        draw(found["accuracy"], page.with_name("depth.png"))
+
+
+if __name__ == "__main__":
+    main()
