@@ -9,7 +9,7 @@ import scipy
 import yaml
 
 from fsw_control.parameters import describe
-from fsw_identification.noise import autocorrelation_of
+from fsw_identification.statistics import autocorrelation_of
 from fsw_plant.parameters import PlantParameters
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make

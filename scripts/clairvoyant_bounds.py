@@ -4,4 +4,4 @@
 from _bootstrap import start
 
 if __name__ == "__main__":
-    start("clairvoyant_bounds.command")
+    start("clairvoyant_bounds.bounds")

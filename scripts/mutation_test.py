@@ -73,7 +73,7 @@ MODULES = {
         "message_synchronizer",
         "references",
     ),
-    "fsw_machine": ("gateway", "cycle", "samples", "stamps"),
+    "fsw_machine": ("gateway", "cycle", "samples"),
 }
 #: files with tests of these modules elsewhere than in the package's own test folder
 ELSEWHERE = {"fsw_control": ("src/fsw_plant/test/test_plant_parts.py",)}

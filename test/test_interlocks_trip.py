@@ -3,7 +3,7 @@
 import pytest
 
 from fsw_control import weld
-from fsw_control.severity import Severity
+from fsw_control.cause import Severity
 from fsw_plant import PlantConfig, PlantEmulator
 from fsw_plant.event_schema import disturbance, fault
 from fsw_supervisor import Arbiter, ArbiterSettings, ProposalInput

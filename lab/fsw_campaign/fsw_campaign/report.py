@@ -1,4 +1,4 @@
-"""The report on a campaign: one HTML file with all, or a short Markdown page with its tables beside it."""
+"""The report on a campaign: one HTML file with all, or a Markdown page; and its requirements."""
 
 from __future__ import annotations
 
@@ -6,26 +6,66 @@ import base64
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from markdown_it import MarkdownIt
 from numpy.typing import NDArray
+from pydantic import AfterValidator
 
 from fsw_analysis.kpi_table import ROWS
 from fsw_analysis.report import numbers, templates, wilson
-from fsw_campaign import figures, quality
+from fsw_campaign import figures
 from fsw_campaign.dataset import load
 from fsw_campaign.definition import Bounds, Limit
 from fsw_campaign.distributions import Distribution
-from fsw_campaign.quality import Requirement
 from fsw_campaign.statistics import MAIN, Results
 from fsw_campaign.welds import DIVERGED, ERROR, OK
-from fsw_control.schema.models import InputError
+from fsw_control.schema.models import InputError, Many, Model, content_of, read_text, validate
 
 _TEMPLATES = templates("fsw_campaign")
 _MOST_PERCENT = 50.0
 _INSIDE = ["", "finished", "diverged", "error", "inside", "share [%]", "95 % Wilson interval [%]"]
+
+_SHIPPED = Path(__file__).with_name("quality.yaml")
+
+
+class Requirement(Model):
+    """A requirement on welds, in words and as bounds of columns of the dataset."""
+
+    words: Annotated[str, AfterValidator(lambda text: " ".join(text.split()))]
+    limits: dict[str, Bounds]
+
+
+class _Requirements(Model):
+    limits: Many[Requirement]
+
+
+def requirements_of(file: Path | None, columns: Sequence[str]) -> list[Requirement]:
+    """Read a file of requirements, a list of ``words`` and ``limits``.
+
+    Parameters
+    ----------
+    file : Path or None
+        None: the shipped ones for which the campaign has the columns.
+    columns : sequence of str
+        Numeric columns of the campaign.
+
+    Raises
+    ------
+    fsw_control.schema.models.InputError
+        If it cannot be read or something in it is wrong.
+    """
+    path = file or _SHIPPED
+    found = validate(
+        _Requirements, {"limits": content_of(read_text(path, "limits"), str(path))}, str(path)
+    ).limits
+    unknown = [column for one in found for column in one.limits if column not in columns]
+    if unknown and file is not None:
+        raise InputError(
+            f"{file}: {unknown[0]} is not a figure of merit of this campaign; known: {', '.join(columns)}"
+        )
+    return [one for one in found if not set(unknown) & one.limits.keys()]
 
 
 def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
@@ -39,7 +79,7 @@ def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
         File to write; ends in ``.html`` (everything in one file) or ``.md`` (the answer, with all
         tables in ``<stem>_tables.json`` and the worst welds in ``<stem>_worst.md``).
     limits : Path, optional
-        File of further limits, see :mod:`fsw_campaign.quality`; the shipped ones by default.
+        File of further limits, see :func:`requirements_of`; the shipped ones by default.
 
     Raises
     ------
@@ -54,7 +94,7 @@ def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
         raise InputError(
             f"{folder} has no weld yet that all controllers have finished; continue with --resume"
         )
-    requirements = quality.read(limits, results.columns)
+    requirements = requirements_of(limits, results.columns)
     whole = target.suffix == ".html"
     drawn = {"ratios": figures.ratios(results)}
     if whole:

@@ -1,13 +1,18 @@
-"""A weld's heat over its time: what the tool did goes in, temperatures come out."""
+"""A weld's heat over its time: what the tool did goes in, temperatures and files of them come out."""
 
 from __future__ import annotations
 
+import json
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import pi
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from fsw_heat.elements import Elements, elements_of, extra
 from fsw_heat.reduced import ReducedCanister
 from fsw_plant.canister.copper import Array
 from fsw_plant.canister.stepped import CanisterState
@@ -15,6 +20,57 @@ from fsw_plant.canister.stepped import CanisterState
 #: states kept of a weld, one a second, for pictures and thermocouples
 KEEP_STEPS = 10
 _PROGRESS_STEPS = 100
+
+#: points around the circumference to the shortest wave of the model
+_POINTS_PER_WAVE = 3
+
+
+def write_vtk(history: HeatHistory, times_s: Sequence[float], folder: Path) -> list[Path]:
+    """Write a file for each moment into a folder that exists, and one that has them in order of time.
+
+    Returns their paths, ``canister.vtu.series`` first.
+    """
+    meshio = extra("meshio")
+    canister = history.canister
+    elements = elements_of(canister.parameters)
+    angles = np.linspace(
+        0.0, 2.0 * pi, _POINTS_PER_WAVE * canister.parameters.modes, endpoint=False
+    )
+    points, cells = _solid(elements, angles)
+    r, z = 1e3 * elements.mesh.p
+    files: list[tuple[Path, float]] = []
+    for time_s in times_s:
+        at_s, state = history.at(time_s)
+        field = canister.temperature_c(state, r, angles[:, None], z).ravel()
+        path = folder / f"canister_{at_s:06.0f}s.vtu"
+        meshio.Mesh(points, cells, point_data={"temperature_c": field.astype(np.float32)}).write(
+            path
+        )
+        files.append((path, at_s))
+    series = folder / "canister.vtu.series"
+    named = [{"name": path.name, "time": at_s} for path, at_s in files]
+    series.write_text(
+        json.dumps({"file-series-version": "1.0", "files": named}, indent=1) + "\n",
+        encoding="utf-8",
+    )
+    return [series, *(path for path, _ in files)]
+
+
+def _solid(elements: Elements, angles: Any) -> tuple[Any, list[tuple[str, Any]]]:
+    """Points [mm] and cells of the section, swept around the axis, or along a plate."""
+    section, (r, z) = elements.mesh.t, 1e3 * elements.mesh.p
+    around = elements.mesh.p.shape[1]
+    if elements.parameters.shape == "plate":
+        x, y = np.broadcast_arrays(elements.parameters.outer_radius_mm * angles[:, None], r)
+        here = np.arange(angles.size - 1)
+    else:
+        x, y = np.cos(angles)[:, None] * r, np.sin(angles)[:, None] * r
+        here = np.arange(angles.size)
+    points = np.stack([x, y, np.broadcast_to(z, x.shape)], axis=-1).reshape(-1, 3)
+    there = (here + 1) % angles.size
+    near, far = (section[None] + around * one[:, None, None] for one in (here, there))
+    hexahedra = np.concatenate([near, far], axis=1).transpose(0, 2, 1).reshape(-1, 8)
+    return points.astype(np.float32), [("hexahedron", hexahedra)]
 
 
 @dataclass(frozen=True, slots=True)

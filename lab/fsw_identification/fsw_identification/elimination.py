@@ -16,8 +16,8 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from fsw_analysis.weld_signals import FloatArray, IntArray
-from fsw_identification.noise import Whitening
 from fsw_identification.simulation import KNOT_TICKS, Walks
+from fsw_identification.statistics import Whitening
 
 #: knots eliminated together, their neighbours, and their rows
 Level = tuple[IntArray, IntArray, FloatArray]

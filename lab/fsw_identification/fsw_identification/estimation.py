@@ -23,7 +23,6 @@ from fsw_identification.disturbed import (
     leave_out,
 )
 from fsw_identification.evidence import evidence, likely_colour, likely_lag
-from fsw_identification.noise import WHITE_S, correlation_s
 from fsw_identification.problem import NOISE_FLOOR, WALK, Problem, Shift
 from fsw_identification.robust import long_run_covariance
 from fsw_identification.simulation import (
@@ -36,7 +35,7 @@ from fsw_identification.simulation import (
     as_shown,
 )
 from fsw_identification.solver import solve
-from fsw_identification.statistics import CORRELATED, long_run_factor
+from fsw_identification.statistics import CORRELATED, WHITE_S, correlation_s, long_run_factor
 from fsw_identification.weld_data import Segment
 from fsw_model import ModelParameters
 

@@ -13,9 +13,9 @@ import scipy
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.elimination import Eliminated
-from fsw_identification.noise import autocorrelation_of
 from fsw_identification.problem import STATE_PRIOR, WALK, WALKS_OF, Part, Problem
 from fsw_identification.simulation import OUTPUTS
+from fsw_identification.statistics import autocorrelation_of
 
 #: largest factor on the size of a walk per iteration
 _WALK_STEP = 4.0

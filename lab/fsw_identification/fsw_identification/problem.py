@@ -17,7 +17,6 @@ import scipy
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.elimination import Compressed, Eliminated, compress, eliminate
-from fsw_identification.noise import Whitening, whitening
 from fsw_identification.simulation import (
     DEPENDS,
     DEPTH,
@@ -36,6 +35,7 @@ from fsw_identification.simulation import (
     softened,
     walks,
 )
+from fsw_identification.statistics import Whitening, whitening
 from fsw_identification.weld_data import Segment
 from fsw_model import STEP_S, ModelParameters
 from fsw_model.equations import power_kw

@@ -10,8 +10,8 @@ from scipy.linalg import LinAlgError, cho_factor
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.elimination import Eliminated, compress, eliminate, knots
-from fsw_identification.noise import Whitening, whitening
 from fsw_identification.simulation import KNOT_TICKS, Response, Walks, walks
+from fsw_identification.statistics import Whitening, whitening
 
 NOISE = 0.3
 #: lags and gains of depth, temperature and torque

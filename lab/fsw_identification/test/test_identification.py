@@ -12,8 +12,6 @@ from fsw_control.schema.models import InputError
 from fsw_identification import (
     disturbed,
     estimation,
-    model_file,
-    noise,
     report,
     statistics,
     summary,
@@ -207,7 +205,7 @@ def test_estimate_with_its_deviations() -> None:
 @pytest.mark.slow
 @pytest.mark.full
 def test_coloured_noise_is_estimated_along() -> None:
-    signals, left = weld(seconds=200.0, noise=0.0), noise.autocorrelation_of(2.0)
+    signals, left = weld(seconds=200.0, noise=0.0), statistics.autocorrelation_of(2.0)
     fresh = np.random.default_rng(3).standard_normal((3, signals.n_ticks))
     for of, std, one in zip(
         (signals.depth_mm, signals.temperature_c, signals.torque_nm), NOISE, fresh, strict=True
@@ -222,7 +220,7 @@ def test_coloured_noise_is_estimated_along() -> None:
         sum("correlated over" in line for line in summary.remarks(summary.Summary("weld", fit)))
         == 3
     )
-    assert model_file.text(fit, "weld").count("correlated over") == 3
+    assert summary.model_text(fit, "weld").count("correlated over") == 3
     slow = replace(fit, correlation_s=np.array([0.0, 2.0, 20.0]))
     assert [
         "torque" in line for line in summary.disturbances(slow) if "counts as noise" in line
@@ -251,7 +249,7 @@ def test_the_depth_tells_the_lag_of_the_thermocouple() -> None:
     assert fit.known_lag_s == fit.lag_s[0]
     assert max(map(abs, scores(fit).values())) < 4.0
     assert any("lags" in line for line in summary.remarks(summary.Summary("weld", fit)))
-    text = model_file.text(fit, "weld")
+    text = summary.model_text(fit, "weld")
     assert "lags" in text and text.count("the thermocouple shows") == 2
     told = ModelParameters.from_yaml(text)
     assert told.dead_time_s > OTHER.dead_time_s + 0.3 and told.tool_lag_s > OTHER.tool_lag_s + 0.3
@@ -507,7 +505,7 @@ def test_validation_shows_a_wrong_model() -> None:
 def test_model_file_and_report(tmp_path: Path) -> None:
     segment = only(weld(seconds=80.0))
     fit = estimation.identify([segment])
-    text = model_file.text(fit, "weld")
+    text = summary.model_text(fit, "weld")
     read = ModelParameters.from_yaml(text)
     assert read.thermal_gain_c_per_kw == pytest.approx(
         fit.parameters.thermal_gain_c_per_kw, rel=1e-5

@@ -5,8 +5,8 @@ import pytest
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification import disturbed
-from fsw_identification.noise import autocorrelation_of, correlation_s, whitening
 from fsw_identification.simulation import KNOT_TICKS
+from fsw_identification.statistics import autocorrelation_of, correlation_s, whitening
 
 N = 200 * KNOT_TICKS
 

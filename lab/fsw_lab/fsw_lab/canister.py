@@ -20,8 +20,7 @@ from fsw_control.schema.models import InputError
 from fsw_control.schema.ranges import Range
 from fsw_heat import heat_figures, load_or_reduce
 from fsw_heat.elements import elements_of
-from fsw_heat.history import HeatHistory, heat_history
-from fsw_heat.vtk import write_vtk
+from fsw_heat.history import HeatHistory, heat_history, write_vtk
 from fsw_lab.canister_weld import CanisterWeld, programmed, recorded
 from fsw_model import STEP_S
 

@@ -18,9 +18,9 @@ from fsw.params_ros import client_of
 from fsw.weld_ros import abort, follow
 from fsw_control import messages_ros as convert
 from fsw_control import units
+from fsw_control.cause import Severity
 from fsw_control.contract import SAFE_STOP
 from fsw_control.sensors import REQUIRED, SENSORS
-from fsw_control.severity import Severity
 from fsw_control.topics_ros import LATEST, subscribe_sensors
 from fsw_control.weld import TICK_S
 from fsw_lab.commissioning import Guard, Heard

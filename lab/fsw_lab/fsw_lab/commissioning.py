@@ -12,10 +12,10 @@ import numpy as np
 from fsw.outputs import write_text
 from fsw_analysis.report import table
 from fsw_control import weld
+from fsw_control.cause import Severity
 from fsw_control.contract import Limits
 from fsw_control.parameters import describe
 from fsw_control.schema.models import InputError, Many, Model
-from fsw_control.severity import Severity
 from fsw_model import ModelParameters
 from fsw_plant.parameters import PlantParameters
 from fsw_scenario.scenario import Scenario

@@ -10,7 +10,7 @@ import numpy as np
 from fsw.arguments import validated
 from fsw.welds import Weld, read_bag
 from fsw_control.schema.models import InputError
-from fsw_identification import estimation, model_file, summary
+from fsw_identification import estimation, summary
 from fsw_identification.friction import from_air
 from fsw_identification.summary import Summary
 from fsw_identification.weld_data import prepare
@@ -34,7 +34,7 @@ class Identified(Summary):
     @property
     def text(self) -> str:
         """Model file (YAML), which :func:`model` reads."""
-        return model_file.text(self.fit, self.sources, self.air)
+        return summary.model_text(self.fit, self.sources, self.air)
 
     def __str__(self) -> str:
         tables = (summary.parameter_rows(self), summary.output_rows(self))

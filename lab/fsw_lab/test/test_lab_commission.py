@@ -11,8 +11,8 @@ import yaml
 
 from fsw.errors import CommandError
 from fsw.main import main
+from fsw_control.cause import Severity
 from fsw_control.schema.models import InputError
-from fsw_control.severity import Severity
 from fsw_lab import commission, commission_ros
 from fsw_lab.commissioning import (
     STEPS,

@@ -14,12 +14,12 @@ from fsw.graph import CLEAR
 from fsw.operator_node import ask, graph_text, operator
 from fsw_control import messages_ros as convert
 from fsw_control import units
+from fsw_control.cause import Severity
 from fsw_control.diagnostic_names import local_name
 from fsw_control.reason import Reason
 from fsw_control.reports_ros import OK
 from fsw_control.schema.models import validate
 from fsw_control.sensors import REQUIRED, SENSORS
-from fsw_control.severity import Severity
 from fsw_control.topics_ros import LATEST
 from fsw_msgs.msg import SupervisorState, WeldCommand, WeldReference
 from fsw_msgs.srv import (

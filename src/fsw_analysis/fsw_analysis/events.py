@@ -11,10 +11,9 @@ import numpy as np
 from fsw_analysis.messages import Kind, Table
 from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import FloatArray
-from fsw_control.cause import Cause
+from fsw_control.cause import Cause, Severity
 from fsw_control.journal import AlarmChange, RequestKind
 from fsw_control.reason import Reason
-from fsw_control.severity import Severity
 
 STATE: dict[str, Kind] = {
     "actual_controller": "text",

@@ -30,10 +30,9 @@ from fsw_analysis.rule_book import RuleBook
 from fsw_analysis.rules import Fact, FactCode, Rule, Verdict, decide
 from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import SIMULATED_NS, WeldSignals
-from fsw_control.cause import Cause
+from fsw_control.cause import Cause, Severity
 from fsw_control.schema.models import Model
 from fsw_control.sensors import REQUIRED
-from fsw_control.severity import Severity
 from fsw_control.units import NANOSECONDS
 from fsw_control.validity import Flaw
 from fsw_control.weld import TICK_S as TICK

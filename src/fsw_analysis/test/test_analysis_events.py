@@ -12,10 +12,9 @@ import pytest
 from fsw_analysis import events
 from fsw_analysis.messages import Table
 from fsw_analysis.weld_signals import FloatArray
-from fsw_control.cause import Cause
+from fsw_control.cause import Cause, Severity
 from fsw_control.journal import AlarmChange, RequestKind
 from fsw_control.reason import Reason, ReasonCode
-from fsw_control.severity import Severity
 
 ANNA = "anna (3f2a)"
 #: time and interlocks of bags before ``Interlock.msg``

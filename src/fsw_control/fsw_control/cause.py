@@ -1,8 +1,18 @@
-"""Why a weld is in its mode and under its controller, as reported by the supervisor."""
+"""Why a weld is in its mode and under its controller; levels of its interlocks."""
 
 from __future__ import annotations
 
 from fsw_control.coded import Coded
+
+
+class Severity(Coded):
+    """Level of an interlock; numbered as in ``Interlock.msg``."""
+
+    OK = 0
+    WARN = 1
+    TRIP = 2
+    #: none that this version knows
+    UNKNOWN = 255
 
 
 class Cause(Coded):

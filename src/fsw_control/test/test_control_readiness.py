@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from fsw_control.cause import Cause
+from fsw_control.cause import Cause, Severity
 from fsw_control.coded import Coded
 from fsw_control.readiness import Lack, Readiness
 from fsw_control.reason import Reason
-from fsw_control.severity import Severity
 
 MESSAGES = Path(__file__).resolve().parents[2] / "fsw_msgs" / "msg"
 

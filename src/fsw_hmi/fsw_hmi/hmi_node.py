@@ -25,8 +25,8 @@ from fsw_analysis.rule_book import RuleBook, default
 from fsw_control import messages_ros as convert
 from fsw_control.light_node_ros import LightNode
 from fsw_control.parameters_ros import ParameterValues
+from fsw_control.schema.files import write_status
 from fsw_control.schema.models import content_of, read_text, validate
-from fsw_control.status_file import write_status
 from fsw_control.stop import StopCause, StopRegister
 from fsw_control.stop_ros import StopHolder
 from fsw_control.topics_ros import LATCHED

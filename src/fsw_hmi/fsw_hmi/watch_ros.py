@@ -16,7 +16,7 @@ from rclpy.subscription import Subscription
 
 from fsw_control import messages_ros as convert
 from fsw_control import units
-from fsw_control.cause import Cause
+from fsw_control.cause import Cause, Severity
 from fsw_control.contract import SAFE_STOP, Command, Reference
 from fsw_control.depth_channels import ChannelHealth
 from fsw_control.diagnostic_names import local_name
@@ -25,11 +25,9 @@ from fsw_control.reason import Reason
 from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.reports_ros import CODE
 from fsw_control.sensors import DEPTH_CHANNELS, REQUIRED, SENSORS
-from fsw_control.severity import Severity
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
 from fsw_hmi.alarm_rules import NO_REPORT_S, RECORDING, UNDER_WAY, Part
-from fsw_hmi.frames import COLUMNS, readable, short
-from fsw_hmi.heat_band import heat_band
+from fsw_hmi.frames import COLUMNS, heat_band, readable, short
 from fsw_hmi.weld_view import Row, WeldView
 from fsw_msgs.msg import (
     ControllerHealth,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fsw_control.heat_plan import HeatPlan
-from fsw_hmi.heat_band import NO_HEAT, heat_band
+from fsw_hmi.frames import NO_HEAT, heat_band
 from fsw_model.heat_profile import CORRELATION_MM
 
 #: a dwell, then 920 mm and 100 deg with a deviation of 0.3 kW

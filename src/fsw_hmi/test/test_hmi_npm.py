@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from fsw_hmi import npm
-from fsw_hmi.trends_library import FILES, Uplot, folder
+from fsw_hmi.page_files import FILES, Uplot, folder
 
 _NPM = """#!/bin/sh
 PATH=/usr/bin:/bin

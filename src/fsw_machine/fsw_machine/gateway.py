@@ -21,8 +21,7 @@ from fsw_control.sensors import SENSORS
 from fsw_control.stop import StopCause
 from fsw_control.units import NANOSECONDS
 from fsw_machine.machine_file import MachineFile
-from fsw_machine.samples import CycleRead, Sample, bit, sample
-from fsw_machine.stamps import Stamps
+from fsw_machine.samples import CycleRead, Sample, Stamps, bit, sample
 
 #: pause after which supervisor and controllers restart from the drives' feedback: 20 % above their
 #: limit

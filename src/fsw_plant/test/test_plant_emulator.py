@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from fsw_control import Command
 from fsw_control.schema.models import InputError
+from fsw_control.sensors import REQUIRED
 from fsw_control.weld import TICK_NS
 from fsw_model import ProcessModel
 from fsw_plant import FIRST_TICK, BeyondDrivesError, PlantConfig, PlantEmulator, PlantSchedule
@@ -34,7 +35,7 @@ def run(plant, commands):
 
 
 def values_of(readings):
-    return [[s.value for samples in r.samples.values() for s in samples] for r in readings]
+    return [[s.value for name in REQUIRED for s in r.samples[name]] for r in readings]
 
 
 def test_first_tick_shows_the_equilibrium():

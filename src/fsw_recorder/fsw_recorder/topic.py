@@ -1,9 +1,9 @@
-"""Description of topics and messages in a bag, and selection of topics."""
+"""Topics and messages in a bag: description, selection, and what is missing by the numbers."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,6 +15,30 @@ from fsw_recorder.qos import profile
 #: pattern of the topics of a weld or its nodes, e.g. ``/cell1/fsw/depth`` and
 #: ``/cell1/fsw_plant/transition_event``
 _WELD = re.compile(r"((?:/\w+?)*?)/fsw(?:_\w+)?/")
+
+
+class Sequences:
+    """The mixed sequences of numbers of several publishers on one topic.
+
+    The middleware reports a message's number, but not its publisher. A number that continues no
+    sequence begins another one if there is a new publisher, or if all sequences are beyond it (a
+    restarted publisher); otherwise numbers are missing in the closest sequence before it.
+    """
+
+    def __init__(self) -> None:
+        self._ends: list[int] = []
+
+    def take(self, number: int, publishers: Callable[[], int]) -> int:
+        """Take a message's number; return how many are missing before it.
+
+        ``publishers`` returns their present number; it is only called if no sequence is continued.
+        """
+        before = max((end for end in self._ends if end < number), default=None)
+        if before is None or (before != number - 1 and len(self._ends) < publishers()):
+            self._ends.append(number)
+            return 0
+        self._ends[self._ends.index(before)] = number
+        return number - before - 1
 
 
 @dataclass(frozen=True, slots=True)

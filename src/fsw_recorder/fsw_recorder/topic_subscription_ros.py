@@ -14,7 +14,7 @@ from rosbags.interfaces import Qos
 
 from fsw_recorder.qos import missing_requests
 from fsw_recorder.qos_ros import profile_of
-from fsw_recorder.sequences import Sequences
+from fsw_recorder.topic import Sequences
 
 #: number of a topic's messages that are kept to detect duplicates
 _REMEMBERED = 4096

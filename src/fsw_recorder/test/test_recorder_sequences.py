@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw_recorder.sequences import Sequences
+from fsw_recorder.topic import Sequences
 
 
 @given(st.lists(st.integers(1, 50), min_size=1, unique=True))

@@ -14,7 +14,7 @@ from typing import Any
 
 from fsw_control.fast_dds import stay_on_this_machine
 from fsw_control.schema.extensions import program_path
-from fsw_control.status_file import VARIABLE, read_status
+from fsw_control.schema.files import VARIABLE, read_status
 
 _POLL_S = 0.02
 #: exit code of a node with invalid arguments or parameters
@@ -51,7 +51,7 @@ class Child:
         return self.log.read_bytes()[self.begin :].decode(errors="replace")
 
     def status(self) -> dict[str, Any]:
-        """Its last status, see ``fsw_control.status_file``."""
+        """Its last status, see ``fsw_control.schema.files``."""
         return read_status(self.log.with_suffix(".status"))
 
     def last_lines(self) -> str:

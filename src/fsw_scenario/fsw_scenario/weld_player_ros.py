@@ -19,7 +19,7 @@ from fsw_control import units
 from fsw_control.coded import Answer, Fact
 from fsw_control.contract import Reference
 from fsw_control.message_synchronizer import StampFilter
-from fsw_control.status_file import write_status
+from fsw_control.schema.files import write_status
 from fsw_control.topics_ros import PLAYER_READY, REPLACED, subscribe_sensors
 from fsw_control.weld import TICK_NS, TICK_S
 from fsw_msgs.msg import WeldProgress

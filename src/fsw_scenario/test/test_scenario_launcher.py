@@ -93,7 +93,7 @@ def test_what_a_process_tells_is_of_its_present_life(modules, tmp_path):
         "child_w",
         """
         import sys
-        from fsw_control.status_file import write_status
+        from fsw_control.schema.files import write_status
         def main():
             if len(sys.argv) > 1:
                 write_status(said=1)

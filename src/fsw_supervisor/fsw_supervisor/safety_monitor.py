@@ -17,12 +17,11 @@ from math import inf, isfinite, isnan, nan
 from typing import Any
 
 from fsw_control import weld
-from fsw_control.cause import Cause
+from fsw_control.cause import Cause, Severity
 from fsw_control.contract import Command
 from fsw_control.parameters import defaults
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.sensors import REQUIRED, SENSORS
-from fsw_control.severity import Severity
 from fsw_control.stop import StopCause
 from fsw_control.units import NANOSECONDS, kw_from_w, rad_s_from_rpm
 from fsw_control.validity import Flaw, SensorGuard, sensor_limits

@@ -2,12 +2,11 @@
 
 import pytest
 
-from fsw_control.cause import Cause
+from fsw_control.cause import Cause, Severity
 from fsw_control.contract import Command
 from fsw_control.parameters import defaults, validate
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.schema.errors import InputError
-from fsw_control.severity import Severity
 from fsw_supervisor.facts import Code, Fact
 from fsw_supervisor.in_force import CommandInForce
 from fsw_supervisor.parameters import SupervisorParameters

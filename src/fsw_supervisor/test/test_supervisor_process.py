@@ -5,9 +5,8 @@ import random
 
 import pytest
 
-from fsw_control.cause import Cause
+from fsw_control.cause import Cause, Severity
 from fsw_control.reason import Reason, ReasonCode
-from fsw_control.severity import Severity
 from fsw_supervisor.safety_monitor import Interlock, SafetyMonitor
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Machine, Mode

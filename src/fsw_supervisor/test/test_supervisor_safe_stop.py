@@ -4,11 +4,10 @@ import math
 
 import pytest
 
-from fsw_control.cause import Cause
+from fsw_control.cause import Cause, Severity
 from fsw_control.contract import Command
 from fsw_control.parameters import defaults
 from fsw_control.reason import Reason
-from fsw_control.severity import Severity
 from fsw_control.stop import StopCause
 from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.safety_monitor import SafetyMonitor

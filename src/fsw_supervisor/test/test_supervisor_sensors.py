@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fsw_control.cause import Severity
 from fsw_control.contract import Command
 from fsw_control.parameters import defaults
 from fsw_control.sensors import REQUIRED
-from fsw_control.severity import Severity
 from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.safety_monitor import Blindness, SafetyMonitor
 from fsw_supervisor.settings import ArbiterSettings

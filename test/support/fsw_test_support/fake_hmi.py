@@ -35,10 +35,10 @@ from fsw_hmi.control_room import ControlRoom, Verdict
 from fsw_hmi.frames import COLUMNS
 from fsw_hmi.headline import Now, headline
 from fsw_hmi.limits import EMULATOR, limits, reference
+from fsw_hmi.page_files import Uplot
 from fsw_hmi.security import Security
 from fsw_hmi.standing import flags_now
 from fsw_hmi.stop_progress import StopProgress
-from fsw_hmi.trends_library import Uplot
 from fsw_hmi.users import Users
 from fsw_test_support.machine import free_port
 from fsw_test_support.waiting import wait_until

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from fsw_hmi import npm, trends_library
+from fsw_hmi import npm, page_files
 
 
 @pytest.fixture(scope="session")
 def uplot() -> Path:
     """The folder of uPlot's files."""
     try:
-        return trends_library.install()
+        return page_files.install()
     except npm.NpmError as error:
         pytest.skip(f"uPlot: {error}")

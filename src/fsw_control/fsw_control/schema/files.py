@@ -1,9 +1,11 @@
-"""Bounded reading of users' files, the cache folder, atomic writing of new and private files."""
+"""Bounded reading of users' files, the cache folder, new, private and status files."""
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import fcntl
+import json
 import os
 import secrets
 import stat
@@ -11,7 +13,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 #: largest file that is read at once; as JSON that is at most some 400 MB in memory
 LONGEST_BYTES = 16 * 2**20
@@ -21,6 +23,27 @@ _KINDS = {
     stat.S_IFCHR: "a device",
     stat.S_IFBLK: "a device",
 }
+
+#: environment variable with the file's path, set by the parent
+VARIABLE = "FSW_STATUS_FILE"
+
+
+def write_status(**values: Any) -> None:
+    """Replace the status, if the parent process has named a file."""
+    path = os.environ.get(VARIABLE)
+    if path is None:
+        return
+    with contextlib.suppress(OSError):  # a full disk must not end the weld
+        write_whole(Path(path), json.dumps(values))
+
+
+def read_status(path: Path) -> dict[str, Any]:
+    """Return the last status; empty before the first one."""
+    try:
+        status: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    return status
 
 
 def read_private(name: str, path: Path, longest_bytes: int = -1) -> bytes:
