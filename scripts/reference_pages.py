@@ -25,7 +25,7 @@ from fsw_nmpc.tuning import AdaptationTuning, ApproachTuning, EstimatorTuning, T
 from fsw_quality.attestation import Attestation
 from fsw_recorder.findings import Code
 from fsw_recorder.manifest import Manifest
-from fsw_recorder.signature import KeyList, Statement
+from fsw_recorder.signature import PREDICATE_TYPE, KeyList, Purpose
 from fsw_scenario import scenario_file
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
@@ -325,13 +325,16 @@ def evidence() -> dict[str, str]:
         "## manifest.json",
         *model_tables(Manifest, "###"),
         "",
-        "## attestation.json",
+        "## Signatures",
+        "",
+        "`attestation.json` and each `FILE.sig` is a [DSSE envelope](https://github.com/secure-systems-lab/dsse) around an "
+        "[in-toto Statement](https://github.com/in-toto/attestation/blob/main/spec/v1/statement.md). Its subjects are the "
+        f"SHA-256 of the signed files; its predicate type is `{PREDICATE_TYPE}` and a purpose, "
+        f"{', '.join(f'`{purpose}`' for purpose in Purpose)}; its predicate has `signed_at`. The key id is the public key "
+        "as OpenSSH writes it.",
+        "",
+        "## attestation.json: predicate",
         *model_tables(Attestation, "###"),
-        "",
-        "## Signature",
-        "",
-        "The payload of the envelope in a file `.sig`.",
-        *model_tables(Statement, "###"),
         "",
         "## List of trusted keys",
         *model_tables(KeyList, "###"),

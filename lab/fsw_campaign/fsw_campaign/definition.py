@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 
-from fsw_analysis.procedure import Procedure, signer_of
+from fsw_analysis.procedure import Procedure
 from fsw_analysis.rule_book import RuleBook, default
 from fsw_analysis.weld_signals import TruthSignals
 from fsw_campaign.distributions import Distribution, Sampler, draw, values, weld_seed
@@ -34,7 +34,7 @@ from fsw_control.schema.models import (
 )
 from fsw_control.schema.ranges import Range
 from fsw_plant.event_schema import TIME_S
-from fsw_recorder.signature import TrustedKey
+from fsw_recorder.signature import Purpose, TrustedKey, signer_of
 from fsw_scenario import scenario_file
 from fsw_scenario.controllers import make_all, name_of, short, source_of
 from fsw_scenario.scenario import Scenario
@@ -231,7 +231,7 @@ def load(
             content["scenario"] = scenario_file.content_of(text, name)
         if isinstance(name := content.get("procedure"), str):
             path = Path(source).parent / name
-            signer_of(path, trusted, require_signed)
+            signer_of(path, Purpose.PROCEDURE, trusted, require_signed)
             content["procedure"] = content_of(read_text(path, "procedure"), name)
         elif require_signed:
             raise InputError(

@@ -17,9 +17,10 @@ from fsw_control.schema.models import InputError
 from fsw_plant import PlantConfig
 from fsw_plant.process import prepare
 from fsw_quality import attestation, history, history_report, report
-from fsw_quality.evidence import Subject, attest
+from fsw_quality.evidence import Policy, Subject, attest
 from fsw_quality.history_report import Kind, Remark
 from fsw_recorder import signature
+from fsw_recorder.bag_metadata import ATTESTATION_NAME
 from fsw_recorder.errors import BagError
 from fsw_scenario.scenario_file import parse
 from weld_series.series import (
@@ -81,9 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for one in history_report.tools(table):
         print(f"tool {one.tool}, {one.welds} welds: {one.words}")
     missed = _tell(said, table["weld"].to_pylist(), chosen.welds)
-    chain = attestation.read_chain(
-        folder / "chain", signature.load_trusted([signature.public_path(_key(folder))])
-    )
+    chain = attestation.read_chain(folder / "chain", _trusted(folder))
     for entry in chain.findings:
         print(f"chain: {entry.line}")
     print(f"chain: {len(chain.entries)} welds, {'damaged' if chain.findings else 'intact'}")
@@ -119,6 +118,10 @@ def _key(folder: Path) -> Path:
     return folder / "key" / "series"
 
 
+def _trusted(folder: Path) -> tuple[signature.TrustedKey, ...]:
+    return signature.load_trusted([signature.public_path(_key(folder))])
+
+
 def _weld(folder: Path, welds: int, workers: int, end_deg: float) -> list[history.Row]:
     """Weld what is missing; sign and add to the history each in its order, so that the chain is one over time."""
     if not _key(folder).exists():
@@ -151,15 +154,14 @@ def _sign(folder: Path, row: history.Row, key: Any, procedure: Any) -> None:
     """Attest a bag together with its record; one that is signed for already stays."""
     place = folder / "welds" / row["weld"]
     bag, record = place / "bag", place / "record"
-    if not (bag / (attestation.ATTESTATION_NAME + signature.SUFFIX)).exists():
+    if not (bag / ATTESTATION_NAME).exists():
         documents = [
             record / name
             for name in (report.JSON, report.PAGE, report.PDF)
             if (record / name).exists()
         ]
-        attest(
-            Subject(bag, procedure, documents=documents), folder / "chain", key, datetime.now(UTC)
-        )
+        subject = Subject(bag, procedure, documents=documents)
+        attest(subject, folder / "chain", key, datetime.now(UTC), Policy(_trusted(folder)))
 
 
 def _tell(said: Sequence[Remark], names: Sequence[str], welds: int) -> int:

@@ -20,9 +20,10 @@ from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_control.schema.files import locked, replacing
 from fsw_control.schema.models import InputError
 from fsw_model import nominal
-from fsw_quality.attestation import IDENTITY, software_versions
 from fsw_quality.monitor_run import Watched
 from fsw_quality.record import judged_with
+from fsw_quality.record_content import software_versions
+from fsw_recorder.bag_metadata import IDENTITY
 
 #: torque (19) at the operating point (15), to which the torque at equal conditions refers [N m]
 TORQUE_NM = 1021.5

@@ -21,10 +21,11 @@ from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import FloatArray, FusedSignals, WeldSignals
 from fsw_control.depth_channels import ChannelHealth
 from fsw_control.diagnostic_names import qualified
+from fsw_control.schema.extensions import MissingExtraError
+from fsw_control.schema.models import InputError
 from fsw_control.sensors import REQUIRED
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S
-from fsw_quality.attestation import IDENTITY, bag_name, software_versions, statement
 from fsw_quality.record_content import (
     BagFile,
     ChannelRecord,
@@ -37,12 +38,17 @@ from fsw_quality.record_content import (
     Statistics,
     TimeOfControl,
     Unusable,
+    bag_name,
+    software_versions,
 )
-from fsw_recorder.bag_metadata import METADATA_NAME
+from fsw_recorder.bag_metadata import IDENTITY, METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.definitions import Definitions, definition_of
 from fsw_recorder.errors import BagError
-from fsw_recorder.manifest import mapped, sha256
+from fsw_recorder.findings import EvidenceError
+from fsw_recorder.manifest import MANIFEST_NAME, mapped, read_manifest, sha256
+from fsw_recorder.manifest_check import check_files
+from fsw_recorder.signature import Purpose, signer_of
 
 #: node that watches the procedure, and where it tells what it finds
 WATCH_NODE, _DIAGNOSTICS = "fsw_procedure", "/diagnostics"
@@ -82,7 +88,7 @@ def read(
 ) -> tuple[WeldSignals, list[str]]:
     """What :func:`judged` needs of a bag: signals, and what proves it; errors as :func:`make`."""
     signals = load_weld(bag, progress)
-    proof, wrong = statement(bag)
+    proof, wrong = proof_of(bag)
     signals.problems.extend(wrong)
     with BagReader(bag) as reader:
         told = attached_procedures(signals)
@@ -95,6 +101,35 @@ def read(
             signals, events=sorted([*signals.events, *told], key=lambda one: one.time_s)
         )
     return signals, proof
+
+
+def proof_of(bag: Path) -> tuple[list[str], list[str]]:
+    """Whether a bag is what was recorded, and who signed for it, in words; and what of that is wrong.
+
+    Any key will do: whose it is, the reader of its fingerprint has to say.
+    """
+    lines: list[str] = []
+    try:
+        manifest = read_manifest(bag) if bag.is_dir() else None
+        if manifest is None:
+            return [
+                f"no {MANIFEST_NAME}: whether the files are what was recorded is not known"
+            ], []
+        if findings := check_files(bag, manifest):
+            raise EvidenceError(*findings)
+        is_late = any(entry.hashed == "afterwards" for entry in manifest.files)
+        late = ", hashed after the recording" if is_late else ""
+        lines.append(f"{len(manifest.files)} files as {MANIFEST_NAME} has them{late}")
+        signer = signer_of(bag / MANIFEST_NAME, Purpose.MANIFEST, None)
+    except MissingExtraError as error:
+        return [*lines, f"{MANIFEST_NAME}: its signature cannot be checked: {error}"], []
+    except (BagError, InputError) as error:
+        text = f"not as {MANIFEST_NAME} has it: {error}"
+        return [text], [text]
+    return [
+        *lines,
+        f"{MANIFEST_NAME} {f'signed by {signer.words}' if signer else 'is not signed'}",
+    ], []
 
 
 def judged(

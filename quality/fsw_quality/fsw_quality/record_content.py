@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, Strict
@@ -10,7 +11,7 @@ from pydantic import Field, Strict
 from fsw_analysis.exceedances import Exceedance, Pair, Rounded
 from fsw_analysis.procedure import Identity
 from fsw_analysis.rules import Rule, Verdict
-from fsw_control.schema.models import Many, Model
+from fsw_control.schema.models import Many, Model, json_content_of
 from fsw_recorder.bag_metadata import METADATA_NAME
 
 
@@ -122,6 +123,21 @@ def data_files(files: Sequence[BagFile]) -> tuple[str, ...]:
     return tuple(sorted(one.sha256 for one in files if one.name != METADATA_NAME))
 
 
+def bag_name(path: Path) -> str:
+    """Name of a bag; a folder ``bag`` says nothing, so with that of its parent."""
+    whole = path.resolve()
+    return f"{whole.parent.name}/{whole.name}" if whole.name == "bag" else whole.name
+
+
+def software_versions(attachments: Mapping[str, bytes]) -> dict[str, str]:
+    """What ``versions.json`` says; empty where there is none."""
+    try:
+        content = json_content_of(attachments["versions.json"].decode(), "versions.json")
+        return {str(key): str(value) for key, value in content.items() if value}
+    except (KeyError, ValueError, AttributeError):
+        return {}
+
+
 class Figure(Model):
     """A figure of a phase, and the same of the accepted welds."""
 
@@ -155,7 +171,7 @@ class Record(Model):
     """Content of record.json."""
 
     format: Literal["fsw_weld_record"] = "fsw_weld_record"
-    version: Literal[2] = 2
+    version: Literal[3] = 3
     verdict: Annotated[Verdict, Strict(False)]
     deciding: Rule
     """the first rule that led to the verdict; of an accepted weld, that all are kept"""

@@ -13,6 +13,7 @@ import pytest
 import yaml
 
 from fsw_analysis.rules import Verdict
+from fsw_control.schema.models import InputError
 from fsw_quality import evidence, record, report
 from fsw_quality.attestation import read_chain
 from fsw_quality.evidence import Policy, Subject, attest, verify_bag
@@ -75,10 +76,14 @@ def signed_for(shop: Path, number: int = 1, names: tuple[str, ...] = ALL, **more
     return Subject(bag, documents=[bag / "record" / name for name in names], **more)
 
 
+def own(shop: Path, **more: bool) -> Policy:
+    return Policy(load_trusted([shop / "key.pub"]), **more)
+
+
 def codes(shop: Path, subject: Subject, policy: Policy | None = None) -> list[Code]:
     """Of why something is not attested; empty: it is."""
     try:
-        attest(subject, shop / "chain", load_private(shop / "key"), NOW, policy or Policy())
+        attest(subject, shop / "chain", load_private(shop / "key"), NOW, policy or own(shop))
     except EvidenceError as error:
         assert not (shop / "chain").exists() and not (subject.bag / "attestation.json").exists()
         return [entry.code for entry in error.findings]
@@ -95,19 +100,16 @@ def test_what_fits_together_is_attested_and_verified(shop: Path, welded_by: Proc
     assert codes(shop, signed_for(shop)) == []
     trusted = load_trusted([shop / "key.pub"])
     result = verify_bag(shop / "weld_1", Policy(trusted), NOW, read_chain(shop / "chain", trusted))
-    assert result.findings == [] and result.attested is not None
-    assert (
-        result.attested.procedure == welded_by.identity
-        and len(result.attested.documents_sha256) == 3
-    )
+    assert result.findings == () and result.attested is not None
+    assert result.attested.procedure == welded_by.identity and len(result.attested.documents) == 3
     assert result.attested.identity == {"canister": "C-1"}
     assert Code.DOCUMENT_FOREIGN not in {entry.code for entry in result.not_checked}
     (shop / "weld_1" / "record" / "record.pdf").write_bytes(b"%PDF-1.4 other")
     changed = verify_bag(shop / "weld_1", Policy(trusted), NOW)
-    assert [entry.code for entry in changed.findings] == [Code.DOCUMENT_CHANGED]
+    assert [entry.code for entry in changed.findings] == [Code.CHANGED_SINCE]
 
 
-@pytest.mark.parametrize("steps", [4, 5])
+@pytest.mark.parametrize("steps", [1, 2])
 def test_a_crash_while_a_record_is_attested_is_mended_by_the_same_call(
     shop: Path, steps: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -126,17 +128,14 @@ def test_a_crash_while_a_record_is_attested_is_mended_by_the_same_call(
             codes(shop, signed_for(shop))
     assert codes(shop, signed_for(shop)) == []
     trusted = load_trusted([shop / "key.pub"])
-    assert verify_bag(shop / "weld_1", Policy(trusted), NOW).findings == []
+    assert verify_bag(shop / "weld_1", Policy(trusted), NOW).findings == ()
 
 
 def test_the_record_of_another_weld(shop: Path) -> None:
     shutil.copyfile(
         shop / "weld_2" / "record" / "record.json", shop / "weld_1" / "record" / "record.json"
     )
-    assert codes(shop, signed_for(shop, names=("record.json",))) == [
-        Code.RECORD_OTHER_WELD,
-        Code.RECORD_OTHER_IDENTITY,
-    ]
+    assert codes(shop, signed_for(shop, names=("record.json",))) == [Code.RECORD_OTHER_WELD]
 
 
 def accept(content: dict[str, Any]) -> None:
@@ -175,13 +174,21 @@ def test_an_edited_record(
     assert codes(shop, signed_for(shop, names=("record.json",))) == [code]
 
 
+def test_a_record_of_an_earlier_version_is_refused_in_one_line(shop: Path) -> None:
+    edit(shop / "weld_1" / "record" / "record.json", lambda content: content.update(version=2))
+    with pytest.raises(InputError) as caught:
+        codes(shop, signed_for(shop))
+    assert [problem.path for problem in caught.value.problems] == ["version"]
+    assert "\n" not in str(caught.value)
+
+
 def test_a_comparison_with_earlier_welds_is_noted_as_not_checked(shop: Path) -> None:
     edit(
         shop / "weld_1" / "record" / "record.json",
         lambda content: content.update(comparison=OTHERS),
     )
     subject = signed_for(shop, names=("record.json",))
-    made = attest(subject, shop / "chain", load_private(shop / "key"), NOW)
+    made = attest(subject, shop / "chain", load_private(shop / "key"), NOW, own(shop))
     assert Code.NOT_COMPARED in [note.code for note in made.notes]
 
 
@@ -250,25 +257,22 @@ def test_a_procedure_s_signature_can_be_demanded(shop: Path, welded_by: Procedur
         signer_of(path, None, required=True)
     assert caught.value.findings[0].code is Code.NOT_SIGNED
     weld_begins = datetime.fromtimestamp(1.7e9, UTC)
+    trusted = load_trusted([shop / "key.pub"])
     for signed_at, expected in (
+        (weld_begins + timedelta(days=1), [Code.TIME_ORDER]),  # after the weld
         (weld_begins - timedelta(days=1), []),
-        (weld_begins + timedelta(days=1), True),
     ):
         text = sign(path.read_bytes(), path.name, Purpose.PROCEDURE, key, signed_at)
         signature_path(path).write_text(text)
-        trusted = load_trusted([shop / "key.pub"])
         signer = signer_of(path, trusted, required=True)
         subject = signed_for(shop, names=(), procedure=load(path), procedure_signer=signer)
-        assert Code.PROCEDURE_UNSIGNED not in codes(
-            shop, subject, Policy(require_signed=True, trusted=trusted)
-        )
-        shutil.rmtree(shop / "chain", ignore_errors=True)
-        assert codes(shop, subject) == []
-        result = verify_bag(shop / "weld_1", Policy(trusted), NOW)
-        late = [entry.code for entry in result.findings] == [
-            Code.TIME_ORDER
-        ]  # signed after the weld
-        assert late is bool(expected) and Purpose.PROCEDURE in result.signers
-        for name in ("attestation.json", "attestation.json.sig"):
-            (shop / "weld_1" / name).unlink()
-        shutil.rmtree(shop / "chain")
+        assert codes(shop, subject, own(shop, require_signed=True)) == [
+            Code.MANIFEST_UNSIGNED,
+            *expected,
+        ]
+        assert codes(shop, subject) == expected
+    result = verify_bag(shop / "weld_1", Policy(trusted), NOW)
+    assert result.findings == () and result.signers[Purpose.PROCEDURE].signed_at == signed_at
+    machine = [entry.changed(purposes=(Purpose.ATTESTATION,)) for entry in trusted]
+    wrong = verify_bag(shop / "weld_1", Policy(machine), NOW).findings
+    assert [entry.code for entry in wrong] == [Code.KEY_PURPOSE]

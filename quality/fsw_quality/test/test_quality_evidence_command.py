@@ -53,9 +53,9 @@ def test_from_key_to_proof(
     assert (
         "intact, 2 welds" in out
         and "C-1: proven: weld 1" in out
-        and out.count("attestation signed by key") == 2
+        and out.count("attestation signed by evidence_key") == 2
     )
-    assert content["chain"] == [] and [one["proven"] for one in content["bags"]] == [True, True]
+    assert content["chain"] == [] and [one["findings"] for one in content["bags"]] == [[], []]
     assert {"manifest_unsigned", "procedure_unsigned", "all_keys"} <= {
         one["code"] for one in content["bags"][0]["not_checked"]
     }
@@ -82,6 +82,24 @@ def test_keys_expire(tmp_path: Path, config: Path, capsys: pytest.CaptureFixture
     [found] = json.loads((tmp_path / "found.json").read_text())["bags"][0]["findings"]
     assert found["code"] == "key_expired" and found["data"]["name"] == "quality"
     assert "signed by quality" in capsys.readouterr().out
+
+
+def test_evidence_of_an_earlier_version_is_refused_as_such(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, chain = weld(tmp_path / "C-1"), tmp_path / "chain"
+    old = json.dumps({"format": "fsw_weld_attestation", "version": 2})
+    chain.mkdir()
+    for path in (bag / "attestation.json", chain / "000001.json"):
+        path.write_text(old)
+    assert run("keygen") == 0
+    assert run("attest", bag, "--chain", chain) == 1
+    words = ("--chain", chain, "--json", tmp_path / "found.json")
+    assert run("verify-evidence", bag, *words) == 1
+    content = json.loads((tmp_path / "found.json").read_text())
+    codes = [entry["code"] for entry in (*content["chain"], *content["bags"][0]["findings"])]
+    assert codes == ["earlier_format", "earlier_format"]
+    assert "Traceback" not in capsys.readouterr().err
 
 
 def test_damage_is_located_and_what_is_proven_recovered(
@@ -142,7 +160,7 @@ def test_what_is_wrong_is_said_in_one_line(
             ("attest", bag, "--chain", chain, "--key", key, "--with", tmp_path / "none.json"),
             "No such file",
         ),
-        (("attest", bag, "--chain", chain, "--key", key, "--require-signed"), "manifest.json: "),
+        (("attest", bag, "--chain", chain, "--key", key, "--require-signed"), "manifest: "),
         (("verify-evidence",), "give bags, or --chain, or both"),
         (("verify-evidence", bag), "evidence_key.pub: No such file"),
         (

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from datetime import date
-from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, PositiveFloat, Strict, model_validator
@@ -17,8 +16,6 @@ from fsw_control.parameters import CONTENT_SHA256
 from fsw_control.schema.models import InputError, Many, Model, Name, content_of, problem, validate
 from fsw_control.schema.ranges import Range
 from fsw_control.sensors import SENSORS
-from fsw_recorder.findings import Code, EvidenceError, finding
-from fsw_recorder.signature import Purpose, Signer, TrustedKey, signature_path, verify_file
 
 #: parameters that say nothing of the control
 NOT_TUNING = ("use_sim_time", "start_type_description_service")
@@ -201,26 +198,6 @@ def attached(attachments: Mapping[str, bytes]) -> list[Procedure]:
                     validate(Procedure, content_of(data.decode("utf-8", "replace"), name), name)
                 )
     return found
-
-
-def signer_of(
-    path: Path, trusted: Sequence[TrustedKey] | None, required: bool = False
-) -> Signer | None:
-    """Who signed the file of a procedure; None where nobody did.
-
-    Without ``trusted`` keys any will do, and none where a signature is ``required``.
-
-    Raises
-    ------
-    EvidenceError
-        It was changed after it was signed, by a key that does not count, or it is not signed
-        although ``required``.
-    """
-    if signature_path(path).exists():
-        return verify_file(path, Purpose.PROCEDURE, (trusted or ()) if required else trusted)
-    if required:
-        raise EvidenceError(finding(Code.NOT_SIGNED, path))
-    return None
 
 
 def rule_book(attachments: Mapping[str, bytes]) -> RuleBook:

@@ -54,7 +54,7 @@ from fsw_hmi.web import LivePage
 from fsw_hmi.web_server import WebThread, address, application, is_local, listen
 from fsw_hmi.weld_view import Row
 from fsw_msgs.msg import OperatorAction
-from fsw_recorder.signature import Purpose, signature_path, verify_file
+from fsw_recorder.signature import Purpose, signer_of
 
 _LOOK_S, _REPORT_S = 0.05, 1.0
 #: shortest time between two ticks on the page, when time runs faster than the wall clock
@@ -362,8 +362,7 @@ def book_of(file: str) -> RuleBook:
     """By what the weld is judged; InputError if the procedure cannot be used, or was changed after it was signed."""
     if not file:
         return default()
-    if signature_path(Path(file)).exists():
-        verify_file(Path(file), Purpose.PROCEDURE, None)
+    signer_of(Path(file), Purpose.PROCEDURE, None)
     return validate(Procedure, content_of(read_text(file, "procedure"), file), file)
 
 

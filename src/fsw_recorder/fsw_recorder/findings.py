@@ -29,35 +29,51 @@ class Code(Worded):
         "the recorder did not write one: it was killed before, or had none to write",
     )
     HASHED_AFTERWARDS = "hashed_afterwards", f"hashed after the recording; {_BEFORE}"
-    RECOVERED = "recovered", "the bag is a copy that 'bag recover' made of {source}"
-    BAG_DAMAGED = "bag_damaged", "{problem}"
+    RECOVERED = (
+        "recovered",
+        "is of a copy that 'bag recover' made of {source}; what was lost is not known",
+    )
+    BAG_DAMAGED = "bag_damaged", "{problem}; what was lost is not known"
     # signatures and keys
     NOT_SIGNED = "not_signed", "has no signature"
     SIGNATURE_DAMAGED = "signature_damaged", "the signature is damaged, or not one of this kind"
+    EARLIER_FORMAT = (
+        "earlier_format",
+        "was signed by an earlier version of this software; verify it with that, or sign it again",
+    )
     CONTENT_CHANGED = (
         "content_changed",
         "the signature does not fit: the file was changed after it was signed",
     )
     OTHER_PURPOSE = "other_purpose", "was signed as {signed}, not as {needed}"
     KEY_UNKNOWN = "key_unknown", "signed by key {key}, which is not a trusted one ({trusted})"
-    KEY_PURPOSE = "key_purpose", "signed by {name}, whose key {key} is not for {needed}"
-    KEY_EARLY = "key_early", "signed by {name} at {at}, before the key {key} is valid ({limit})"
-    KEY_EXPIRED = "key_expired", "signed by {name} at {at}, after the key {key} expired ({limit})"
+    KEY_PURPOSE = "key_purpose", "signed by {name}, whose key {key} is not for {limit}"
+    KEY_EARLY = (
+        "key_early",
+        "signed by {name} at {signed_at}, before the key {key} is valid ({limit})",
+    )
+    KEY_EXPIRED = (
+        "key_expired",
+        "signed by {name} at {signed_at}, after the key {key} expired ({limit})",
+    )
     KEY_REVOKED = (
         "key_revoked",
-        "signed by {name} at {at}, but the key {key} is revoked since {limit}",
+        "signed by {name} at {signed_at}, but the key {key} is revoked since {limit}",
     )
     KEY_REVOKED_BEFORE_SHOWN = (
         "key_revoked_before_shown",
-        "signed by {name}, who states {at}, but the first signature of another "
+        "signed by {name}, who states {signed_at}, but the first signature of another "
         "key that covers it is of {shown_at}, and the key {key} is revoked since {limit}",
     )
     # what is signed together must be of one weld
-    RECORD_OTHER_WELD = "record_other_weld", "is the record of another weld: bag {bag}"
-    RECORD_OTHER_IDENTITY = "record_other_identity", "has {field} {stated}, the bag has {actual}"
+    RECORD_OTHER_WELD = "record_other_weld", "is the record of another weld: other {fields}"
     RECORD_OTHER_PROCEDURE = (
         "record_other_procedure",
-        "was judged by procedure {stated}, the weld's is {actual}",
+        "was judged by another procedure than that of the weld: other {fields}",
+    )
+    RECORD_OTHER_IDENTITY = (
+        "record_other_identity",
+        "names another canister, lid, tool or machine than the bag: other {fields}",
     )
     RECORD_EDITED = "record_edited", "is not the record that the bag gives: other {fields}"
     OTHER_RECORD = (
@@ -65,40 +81,29 @@ class Code(Worded):
         "was made of another record.json than the one that is attested with it",
     )
     DOCUMENT_DIFFERS = "document_differs", "does not say what its record.json says: {fields}"
-    OTHER_PROCEDURE = "other_procedure", "the weld ran by procedure {actual}, not by {stated}"
+    OTHER_PROCEDURE = "other_procedure", "the weld ran by another procedure than {id}"
     NO_PROCEDURE = (
         "no_procedure",
         "cannot be judged: give the procedure of the weld, which the bag does not have",
     )
-    DOUBLED_NAME = (
-        "doubled_name",
-        "two of the files to attest have this name, by which they are listed; rename one",
-    )
     # an attested bag
-    OTHER_WELD = (
-        "other_weld",
-        "belongs to another weld (bag {bag}{identity}): none of its files is here",
+    CHANGED_SINCE = "changed_since", "is not the file that was attested"
+    NOT_ATTESTED = (
+        "not_attested",
+        "is not a file that was attested: it was changed since, or belongs to another weld",
     )
-    OTHER_IDENTITY = "other_identity", "has {field} {stated}, metadata.yaml has {actual}"
-    OTHER_MANIFEST = (
-        "other_manifest",
-        "is not the manifest that was attested; so files are compared as a whole",
-    )
-    OTHER_SIGNER = (
-        "other_signer",
-        "is signed by key {key}, not by {stated}, which the attestation names",
-    )
-    DOCUMENT_CHANGED = "document_changed", "is not the file that was attested with weld {number}"
-    NOT_ATTESTED = "not_attested", "was not attested with weld {number}"
     TIME_ORDER = "time_order", "{later} ({later_at}) is before {earlier} ({earlier_at})"
     # the chain of welds
-    GAP = "gap", "numbers missing: {first} to {last}"
-    WRONG_NUMBER = "wrong_number", "is the attestation of weld {number}, not of weld {expected}"
-    BROKEN_LINK = "broken_link", "does not follow {before}, which was exchanged after it"
+    BROKEN_LINK = (
+        "broken_link",
+        "weld {number} does not follow the file before it: one was removed or exchanged",
+    )
+    NOT_IN_CHAIN = (
+        "not_in_chain",
+        "the attestation of this bag, weld {number}, is not in the chain",
+    )
     ATTESTED_TWICE = "attested_twice", "is a second attestation of weld {number} ({bag})"
     CANISTER_TWICE = "canister_twice", "{identity} was welded as weld {number}, too"
-    NOT_IN_CHAIN = "not_in_chain", "weld {number}, which this bag is, is not in the chain"
-    OTHER_IN_CHAIN = "other_in_chain", "is another weld than this bag ({bag})"
     EMPTY = "empty", "there is no attested weld in it"
     # limits of a verification
     NO_CHAIN = "no_chain", "no chain given: whether welds are missing was not checked"
@@ -108,21 +113,24 @@ class Code(Worded):
     )
     ALL_KEYS = (
         "all_keys",
-        "single keys given: no dates of validity and no revocations were checked",
+        "no trusted key has dates: neither validity nor revocations were checked",
     )
     REVOCATION_BY_OWN_CLOCK = (
         "revocation_by_own_clock",
-        "signed by {name} at {at} by the signer's own clock alone; the key {key} is revoked since "
-        "{limit}: whether it was signed before was not checked",
+        "signed by {name} at {signed_at} by the signer's own clock alone; the key {key} is "
+        "revoked since {limit}: whether it was signed before was not checked",
     )
     MANIFEST_UNSIGNED = (
         "manifest_unsigned",
         f"the recorder did not sign it: until it was attested, {_BEFORE}",
     )
-    PROCEDURE_UNSIGNED = "procedure_unsigned", "procedure {id} was attested without a signature"
+    PROCEDURE_UNSIGNED = (
+        "procedure_unsigned",
+        "the procedure of the weld was attested without a signature",
+    )
     PROCEDURE_NOT_RECORDED = (
         "procedure_not_recorded",
-        "whether the weld ran by it is not in the bag",
+        "whether the weld ran by procedure {id} is not in the bag",
     )
     DOCUMENT_ABSENT = (
         "document_absent",
@@ -188,10 +196,6 @@ class Finding(Model):
                 f"; the file has {self.data['bytes']} bytes instead of {self.data['listed_bytes']}"
             )
         return f"{self.file}: {text}"
-
-    def as_json(self) -> dict[str, Any]:
-        """Code, fields and text."""
-        return {**self.model_dump(mode="json", exclude_defaults=True), "words": self.line}
 
 
 def finding(code: Code, file: object, **data: Any) -> Finding:

@@ -16,7 +16,6 @@ from fsw_recorder.manifest import (
     Manifest,
     Piece,
     file_pieces,
-    hashed,
     mapped,
     read_manifest,
     sha256,
@@ -50,12 +49,6 @@ def unlisted(folder: Path, manifest: Manifest) -> list[Path]:
         for path in folder.iterdir()
         if (path.name.endswith(SUFFIXES) or path.name == METADATA_NAME) and path.name not in names
     )
-
-
-def complete(folder: Path, manifest: Manifest) -> Manifest:
-    """The manifest, completed by the missing files in their present state."""
-    more = [hashed(path.name, mapped(path), "afterwards") for path in unlisted(folder, manifest)]
-    return manifest.changed(files=(*manifest.files, *more))
 
 
 def check_file(path: Path, listed: FileManifest) -> list[Finding]:

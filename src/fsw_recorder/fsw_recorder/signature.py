@@ -1,8 +1,9 @@
-"""Ed25519 keys, lists of trusted keys, and signatures of files.
+"""Signed statements in a standard envelope, keys, and lists of trusted keys.
 
-The signature of ``FILE`` is ``FILE.sig``: a DSSE envelope
-(https://github.com/secure-systems-lab/dsse), created and verified by securesystemslib, around a
-:class:`Statement` of what was signed, its purpose and time. Keys have OpenSSH's format.
+A statement is an in-toto Statement (https://in-toto.io/Statement/v1) in a DSSE envelope
+(https://github.com/secure-systems-lab/dsse), created and verified by securesystemslib: hashes of
+files (``subject``), the :class:`Purpose`, and what is stated about them (``predicate``). The
+signature of ``FILE`` is a statement in ``FILE.sig``. Keys have OpenSSH's format.
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AwareDatetime, Field, Strict
+from pydantic import AfterValidator, AwareDatetime, Field, Strict
 
-from fsw_control.schema.extensions import Extra, MissingExtraError
+from fsw_control.schema.extensions import Extra
 from fsw_control.schema.files import read_private, read_regular, write_whole
 from fsw_control.schema.models import (
     InputError,
@@ -28,17 +29,22 @@ from fsw_control.schema.models import (
     Model,
     content_of,
     json_content_of,
+    read_text,
     validate,
 )
 from fsw_recorder.findings import Code, EvidenceError, Finding, finding
 
 if TYPE_CHECKING:  # from the extra signing
-    from securesystemslib.signer import CryptoSigner
+    from securesystemslib.signer import CryptoSigner, SSlibKey
 
 SUFFIX = ".sig"
+_Day = Annotated[date, Strict(False)]
 _EXTRA = Extra("fsw-control", "signing", ("cryptography", "securesystemslib"))
-#: payload type of the envelopes; a signature made for another purpose does not count
-PAYLOAD_TYPE = "application/vnd.fsw-control.statement.v1+json"
+PAYLOAD_TYPE = "application/vnd.in-toto+json"
+#: before the purpose: type of a statement's predicate, with its version
+PREDICATE_TYPE = "urn:fsw-control:v3:"
+#: parts of the signatures and attestations of earlier versions
+_EARLIER = (b"vnd.fsw-control.statement", b"fsw_weld_attestation", b"BEGIN SSH SIGNATURE")
 
 
 class Purpose(StrEnum):
@@ -49,34 +55,20 @@ class Purpose(StrEnum):
     PROCEDURE = "procedure"
 
 
-class Statement(Model):
-    """Payload of the envelope: what a signature states."""
-
-    purpose: Annotated[Purpose, Strict(False)]
-    name: str
-    """of the file"""
-    sha256: str
-    """of the file"""
-    signed_at: Annotated[AwareDatetime, Strict(False)]
-    """by the clock of the computer that signed"""
-    key: str
-    """public key of the signer, as OpenSSH writes it"""
-
-
 class TrustedKey(Model):
     """A key whose signatures count, with its purposes and validity."""
 
     name: str
     """of its owner, e.g. the machine"""
-    key: str
+    key: Annotated[str, AfterValidator(lambda line: _library_key(line) and line)]
     """a line ``ssh-ed25519 AAAA...``"""
     purposes: Many[Annotated[Purpose, Strict(False)]] = tuple(Purpose)
     """left out: all"""
-    valid_from: Annotated[date, Strict(False)] | None = None
+    valid_from: _Day | None = None
     """first day"""
-    valid_until: Annotated[date, Strict(False)] | None = None
+    valid_until: _Day | None = None
     """last day"""
-    revoked: Annotated[date, Strict(False)] | None = None
+    revoked: _Day | None = None
     """day from which its signatures do not count, because others may have had the key"""
 
 
@@ -105,21 +97,19 @@ class Signer(Model):
 
 
 @dataclass(frozen=True, slots=True)
-class SigningKey:
-    """A signing key and its public half."""
+class Statement:
+    """A verified statement: hashes of files by name, what is stated about them, and by whom."""
 
-    signer: CryptoSigner
-    public: str
+    sha256: dict[str, str]
+    predicate: dict[str, Any]
+    signer: Signer
 
 
 def default_key() -> Path:
     """Default path of the key, in the user's configuration, outside any repository."""
-    configured = os.environ.get("XDG_CONFIG_HOME", "")
-    return (
-        (Path(configured) if os.path.isabs(configured) else Path.home() / ".config")
-        / "fsw-control"
-        / "evidence_key"
-    )
+    configured = Path(os.environ.get("XDG_CONFIG_HOME", ""))
+    folder = configured if configured.is_absolute() else Path.home() / ".config"
+    return folder / "fsw-control" / "evidence_key"
 
 
 def public_path(path: Path) -> Path:
@@ -133,7 +123,7 @@ def signature_path(path: Path) -> Path:
 
 
 def make_key(path: Path, comment: str = "fsw-control") -> str:
-    """Create a key pair, ``path`` (readable by its owner only) and ``path.pub``.
+    """Create an Ed25519 key pair, ``path`` (readable by its owner only) and ``path.pub``.
 
     Returns the fingerprint.
 
@@ -148,52 +138,44 @@ def make_key(path: Path, comment: str = "fsw-control") -> str:
         if os.path.lexists(file):
             raise InputError(f"{file} exists; a key is never replaced, choose another name")
     _EXTRA.need("signatures")
+    from cryptography.hazmat.primitives import serialization as form
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-    from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 
     key = Ed25519PrivateKey.generate()
+    text = key.private_bytes(form.Encoding.PEM, form.PrivateFormat.OpenSSH, form.NoEncryption())
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    write_whole(
-        path, key.private_bytes(Encoding.PEM, PrivateFormat.OpenSSH, NoEncryption()), 0o600
-    )
+    write_whole(path, text, 0o600)
     line = _line(key.public_key())
     write_whole(public_path(path), f"{line} {comment}\n")
     return fingerprint(line)
 
 
-def load_private(path: Path) -> SigningKey:
-    """Load a signing key.
+def load_private(path: Path) -> CryptoSigner:
+    """Load a signing key; its key id is the public key as OpenSSH writes it.
 
     Raises
     ------
     InputError
-        If it is missing, readable by others, or not an unencrypted Ed25519 key of OpenSSH.
+        If it is missing, readable by others, or not an unencrypted key of OpenSSH.
     """
     _EXTRA.need("signatures")
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
     from cryptography.hazmat.primitives.serialization import load_ssh_private_key
     from securesystemslib.signer import CryptoSigner
 
     if not path.exists():
         raise InputError(f"key {path}: there is none; make one with 'fsw.py bag keygen'")
     try:
-        data = read_private("key", path)
-    except ValueError as error:
-        raise InputError(str(error)) from None
-    try:
-        key = load_ssh_private_key(data, password=None)
+        key = load_ssh_private_key(read_private("key", path), password=None)
+        return CryptoSigner(key, _library_key(_line(key.public_key())))
     except Exception as error:  # cryptography raises various kinds
-        raise InputError(
-            f"key {path}: cannot be used: {' '.join(str(error).split())[:150]}"
-        ) from None
-    if not isinstance(key, Ed25519PrivateKey):
-        raise InputError(f"key {path}: is no Ed25519 key; make one with 'fsw.py bag keygen'")
-    line = _line(key.public_key())
-    return SigningKey(CryptoSigner(key, _library_key(line)), line)
+        text = " ".join(str(error).split())[:150]
+        raise InputError(f"key {path}: cannot be used: {text}") from None
 
 
 def load_trusted(paths: Sequence[Path]) -> tuple[TrustedKey, ...]:
-    """Load trusted keys: public keys, valid for everything and for ever, and YAML lists of keys.
+    """Load trusted keys: public keys, and YAML lists of keys.
+
+    A public key is named by its file, and valid for everything and for ever.
 
     Raises
     ------
@@ -202,25 +184,11 @@ def load_trusted(paths: Sequence[Path]) -> tuple[TrustedKey, ...]:
     """
     keys: list[TrustedKey] = []
     for path in paths:
-        try:
-            text = read_regular(path).decode("utf-8", "replace")
-        except OSError as error:
-            raise InputError(
-                f"trusted key {path}: {error.strerror}; give that of the signer"
-            ) from None
+        text = read_text(path, "trusted key")
         if text.startswith("ssh-"):
-            keys.append(TrustedKey(name="", key=text))
+            keys.append(validate(TrustedKey, {"name": path.stem, "key": text}, str(path)))
         else:
             keys += validate(KeyList, content_of(text, str(path)), str(path)).keys
-        for entry in keys:
-            try:
-                _library_key(entry.key)
-            except MissingExtraError:
-                raise
-            except Exception:  # cryptography raises various kinds
-                raise InputError(
-                    f"trusted key {path}: {entry.name} is no line 'ssh-ed25519 AAAA...'"
-                ) from None
     return tuple(keys)
 
 
@@ -230,49 +198,98 @@ def fingerprint(line: str) -> str:
     return "SHA256:" + base64.b64encode(digest).decode().rstrip("=")
 
 
-def sign(data: bytes, name: str, purpose: Purpose, key: SigningKey, now: datetime) -> str:
-    """Sign the content of a file; returns the text of the signature file."""
+def envelope(sha256: dict[str, str], purpose: Purpose, predicate: Any, key: CryptoSigner) -> str:
+    """Sign a statement about files with these hashes; returns the text of the envelope.
+
+    The ``predicate`` is a mapping for JSON, with ``signed_at``.
+    """
     from securesystemslib.dsse import Envelope
 
-    digest = hashlib.sha256(data).hexdigest()
-    statement = Statement(
-        purpose=purpose, name=name, sha256=digest, signed_at=now.astimezone(UTC), key=key.public
-    )
-    envelope = Envelope(statement.model_dump_json().encode(), PAYLOAD_TYPE, {})
-    envelope.sign(key.signer)
-    return json.dumps(envelope.to_dict(), indent=1) + "\n"
+    statement = {
+        "_type": "https://in-toto.io/Statement/v1",
+        "subject": [{"name": name, "digest": {"sha256": sha256[name]}} for name in sha256],
+        "predicateType": PREDICATE_TYPE + purpose,
+        "predicate": predicate,
+    }
+    signed = Envelope(json.dumps(statement).encode(), PAYLOAD_TYPE, {})
+    signed.sign(key)
+    return json.dumps(signed.to_dict(), indent=1) + "\n"
 
 
-def verify(
-    data: bytes,
-    text: str,
-    purpose: Purpose,
-    trusted: Sequence[TrustedKey] | None,
-    name: object = "",
-) -> Signer:
-    """Verify a signature of the content of file ``name``; returns its signer.
+def open_envelope(
+    data: bytes, purpose: Purpose, trusted: Sequence[TrustedKey] | None, name: object
+) -> Statement:
+    """Verify the signed statement in file ``name``.
 
     Without ``trusted`` any key is accepted, e.g. to detect changes of a file.
 
     Raises
     ------
     EvidenceError
-        If it is not a signature, not of these bytes, made for another purpose, or by a key that
-        does not count for it.
+        If it is damaged, made for another purpose, or by a key that does not count for it.
     """
     _EXTRA.need("signatures")
+    from securesystemslib.dsse import Envelope
+
     try:
-        statement = _signed_statement(text)
+        signed = Envelope.from_dict(json_content_of(data.decode(), "signature"))
+        # The key id is the key itself, so the signature needs no other proof of whose it is:
+        # the envelope is verified with the key that it names, and only then that key is trusted.
+        (line,) = signed.signatures
+        signed.verify([_library_key(line)], 1)
+        content = json.loads(signed.payload)
+        sha256 = {entry["name"]: entry["digest"]["sha256"] for entry in content["subject"]}
+        signed_at = content["predicate"]["signed_at"]
+        signer = Signer.model_validate({"key": fingerprint(line), "signed_at": signed_at})
+        signed_for = (signed.payload_type, content["predicateType"])
     except Exception:  # of JSON, base64, pydantic, securesystemslib and cryptography
-        raise EvidenceError(finding(Code.SIGNATURE_DAMAGED, name)) from None
-    if statement.sha256 != hashlib.sha256(data).hexdigest():
-        raise EvidenceError(finding(Code.CONTENT_CHANGED, name))
-    if statement.purpose is not purpose:
-        raise EvidenceError(
-            finding(Code.OTHER_PURPOSE, name, signed=statement.purpose, needed=purpose)
-        )
-    signer = Signer(key=fingerprint(statement.key), signed_at=statement.signed_at)
-    return signer if trusted is None else check_trust(signer, purpose, trusted, name)
+        is_earlier = any(part in data for part in _EARLIER)
+        code = Code.EARLIER_FORMAT if is_earlier else Code.SIGNATURE_DAMAGED
+        raise EvidenceError(finding(code, name)) from None
+    if signed_for != (PAYLOAD_TYPE, PREDICATE_TYPE + purpose):
+        signed_as = " ".join(signed_for)
+        raise EvidenceError(finding(Code.OTHER_PURPOSE, name, signed=signed_as, needed=purpose))
+    signer = signer if trusted is None else check_trust(signer, purpose, trusted, name)
+    return Statement(sha256, content["predicate"], signer)
+
+
+def sign(data: bytes, name: str, purpose: Purpose, key: CryptoSigner, now: datetime) -> str:
+    """Sign the content of a file; returns the text of the signature file."""
+    predicate = {"signed_at": now.astimezone(UTC).isoformat()}
+    return envelope({name: hashlib.sha256(data).hexdigest()}, purpose, predicate, key)
+
+
+def signer_of(
+    path: Path, purpose: Purpose, trusted: Sequence[TrustedKey] | None, required: bool = False
+) -> Signer | None:
+    """Who signed a file, by the signature beside it; None if nobody did.
+
+    Without ``trusted`` keys any will do, and none where a signature is ``required``.
+
+    Raises
+    ------
+    EvidenceError
+        As :func:`open_envelope`; if the file was changed after it was signed, or is not signed
+        although ``required``.
+    """
+    if not signature_path(path).exists():
+        if required:
+            raise EvidenceError(finding(Code.NOT_SIGNED, path.name))
+        return None
+    keys = (trusted or ()) if required else trusted
+    statement = open_envelope(read_file(signature_path(path)), purpose, keys, path.name)
+    if hashlib.sha256(read_file(path)).hexdigest() not in statement.sha256.values():
+        raise EvidenceError(finding(Code.CONTENT_CHANGED, path.name))
+    return statement.signer
+
+
+def read_file(path: Path) -> bytes:
+    """Content of a file; EvidenceError if it cannot be read."""
+    try:
+        return read_regular(path)
+    except OSError as error:
+        code = Code.UNREADABLE if path.exists() else Code.MISSING
+        raise EvidenceError(finding(code, path.name, reason=error.strerror)) from None
 
 
 def check_trust(
@@ -280,40 +297,21 @@ def check_trust(
 ) -> Signer:
     """The signer with its owner's name; EvidenceError if the key is not valid for this use."""
     known = {fingerprint(entry.key): entry for entry in trusted}
-    entry = known.get(signer.key)
-    if entry is None:
-        raise EvidenceError(
-            finding(
-                Code.KEY_UNKNOWN,
-                name,
-                key=signer.key,
-                trusted=", ".join(sorted(known)) or "none is given",
-            )
-        )
-    owner, day = entry.name or "the owner", signer.signed_at.astimezone(UTC).date()
-    fields = {
-        "name": owner,
-        "key": signer.key,
-        "at": signer.signed_at.isoformat(timespec="seconds"),
-    }
-    if purpose not in entry.purposes:
-        raise EvidenceError(finding(Code.KEY_PURPOSE, name, **fields, needed=purpose))
+    if signer.key not in known:
+        listed = ", ".join(sorted(known)) or "none is given"
+        raise EvidenceError(finding(Code.KEY_UNKNOWN, name, key=signer.key, trusted=listed))
+    entry, day = known[signer.key], signer.signed_at.astimezone(UTC).date()
+    first, last, revoked = entry.valid_from, entry.valid_until, entry.revoked
+    signer = signer.changed(name=entry.name)
     for code, limit, broken in (
-        (
-            Code.KEY_EARLY,
-            entry.valid_from,
-            entry.valid_from is not None and day < entry.valid_from,
-        ),
-        (
-            Code.KEY_EXPIRED,
-            entry.valid_until,
-            entry.valid_until is not None and day > entry.valid_until,
-        ),
-        (Code.KEY_REVOKED, entry.revoked, entry.revoked is not None and day >= entry.revoked),
+        (Code.KEY_PURPOSE, purpose, purpose not in entry.purposes),
+        (Code.KEY_EARLY, first, first is not None and day < first),
+        (Code.KEY_EXPIRED, last, last is not None and day > last),
+        (Code.KEY_REVOKED, revoked, revoked is not None and day >= revoked),
     ):
         if broken:
-            raise EvidenceError(finding(code, name, **fields, limit=limit))
-    return signer.changed(name=entry.name)
+            raise EvidenceError(finding(code, name, **dict(signer), limit=limit))
+    return signer
 
 
 def check_revocation(
@@ -324,63 +322,28 @@ def check_revocation(
     Who stole the key can state any time. So the first of ``shown_at`` counts: when others signed
     for something that contains this signature. Without any, it cannot be decided.
     """
-    known = {fingerprint(entry.key): entry.revoked for entry in trusted}
-    limit = known.get(signer.key)
+    limit = {fingerprint(entry.key): entry.revoked for entry in trusted}.get(signer.key)
     if limit is None:
         return None
-    at = signer.signed_at.isoformat(timespec="seconds")
-    fields = {"name": signer.name or "the owner", "key": signer.key, "at": at, "limit": limit}
     if not shown_at:
-        return finding(Code.REVOCATION_BY_OWN_CLOCK, name, **fields)
+        return finding(Code.REVOCATION_BY_OWN_CLOCK, name, **dict(signer), limit=limit)
     first = min(shown_at).astimezone(UTC)
     if first.date() < limit:
         return None
-    shown = first.isoformat(timespec="seconds")
-    return finding(Code.KEY_REVOKED_BEFORE_SHOWN, name, **fields, shown_at=shown)
+    shown = {"limit": limit, "shown_at": first.isoformat(timespec="seconds")}
+    return finding(Code.KEY_REVOKED_BEFORE_SHOWN, name, **dict(signer), **shown)
 
 
-def verify_file(
-    path: Path, purpose: Purpose, trusted: Sequence[TrustedKey] | None, name: object = ""
-) -> Signer:
-    """Verify a file by the signature beside it, as :func:`verify`; EvidenceError without one."""
-    name = name or path
-    try:
-        data, text = (
-            read_regular(path),
-            read_regular(signature_path(path)).decode("utf-8", errors="replace"),
-        )
-    except FileNotFoundError:
-        raise EvidenceError(
-            finding(Code.NOT_SIGNED if path.exists() else Code.MISSING, name)
-        ) from None
-    except OSError as error:
-        raise EvidenceError(finding(Code.UNREADABLE, name, reason=error.strerror)) from None
-    return verify(data, text, purpose, trusted, name)
-
-
-def _signed_statement(text: str) -> Statement:
-    """Statement of an envelope, verified with the key that it names; raises any exception."""
-    from securesystemslib.dsse import Envelope
-
-    envelope = Envelope.from_dict(json_content_of(text, "signature"))
-    statement = Statement.model_validate_json(envelope.payload)
-    if envelope.payload_type != PAYLOAD_TYPE:
-        raise ValueError("made for something else")
-    envelope.verify([_library_key(statement.key)], 1)
-    return statement
-
-
-def _library_key(line: str) -> Any:
-    """Convert OpenSSH's public key for securesystemslib; invalid ones raise various exceptions."""
+def _library_key(line: str) -> SSlibKey:
+    """Convert OpenSSH's public key for securesystemslib; ValueError if it is none."""
     _EXTRA.need("signatures")
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
     from cryptography.hazmat.primitives.serialization import load_ssh_public_key
     from securesystemslib.signer import SSlibKey
 
-    key = load_ssh_public_key(line.encode())
-    if not isinstance(key, Ed25519PublicKey):
-        raise ValueError("is no Ed25519 key")
-    return SSlibKey.from_crypto(key, keyid=fingerprint(line))
+    try:
+        return SSlibKey.from_crypto(load_ssh_public_key(line.encode()), keyid=line)
+    except Exception:  # cryptography raises various kinds
+        raise ValueError(f"is {line[:20]!r}, not a line 'ssh-ed25519 AAAA...'") from None
 
 
 def _line(public: Any) -> str:

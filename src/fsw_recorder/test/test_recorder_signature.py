@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import json
 import os
 import shutil
 import stat
 import subprocess
+import tempfile
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -23,14 +25,14 @@ from fsw_recorder.signature import (
     Signer,
     TrustedKey,
     check_revocation,
+    envelope,
     fingerprint,
     load_private,
     load_trusted,
     make_key,
     sign,
     signature_path,
-    verify,
-    verify_file,
+    signer_of,
 )
 
 pytest.importorskip(
@@ -39,6 +41,8 @@ pytest.importorskip(
 pytest.importorskip(
     "securesystemslib", reason="not installed: pip install -r requirements/signing.lock"
 )
+
+from securesystemslib.dsse import Envelope
 
 MESSAGE = b'{"number": 1}\n'
 NOW = datetime(2026, 11, 25, 12, 0, tzinfo=UTC)
@@ -61,12 +65,20 @@ def public(key: Path) -> Path:
     return key.with_name(f"{key.name}.pub")
 
 
+def verify(data: bytes, text: str, purpose: Purpose, trusted: object) -> Signer | None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "message"
+        path.write_bytes(data)
+        signature_path(path).write_text(text, encoding="utf-8", errors="surrogatepass")
+        return signer_of(path, purpose, trusted)  # type: ignore[arg-type]
+
+
 def code_of(
     data: bytes, text: str, trusted: object = None, purpose: Purpose = Purpose.MANIFEST
 ) -> Code | None:
     """Of what is wrong; None: nothing."""
     try:
-        verify(data, text, purpose, trusted)  # type: ignore[arg-type]
+        verify(data, text, purpose, trusted)
     except EvidenceError as error:
         return error.findings[0].code
     return None
@@ -176,18 +188,49 @@ def test_a_key_that_others_may_read_is_refused(key: Path, tmp_path: Path, mode: 
 def test_files_with_their_signatures(key: Path, tmp_path: Path) -> None:
     path = tmp_path / "file"
 
-    def code() -> Code:
+    def code(required: bool = True) -> Code:
         with pytest.raises(EvidenceError) as caught:
-            verify_file(path, Purpose.MANIFEST, None)
+            signer_of(path, Purpose.MANIFEST, None, required)
         return caught.value.findings[0].code
 
-    assert code() is Code.MISSING
     path.write_bytes(MESSAGE)
-    assert code() is Code.NOT_SIGNED
+    assert signer_of(path, Purpose.MANIFEST, None) is None and code() is Code.NOT_SIGNED
     signature_path(path).write_text(
         sign(MESSAGE, path.name, Purpose.MANIFEST, load_private(key), NOW)
     )
-    assert isinstance(verify_file(path, Purpose.MANIFEST, None), Signer)
+    assert isinstance(signer_of(path, Purpose.MANIFEST, None), Signer)
+    assert code() is Code.KEY_UNKNOWN, "required, and no key is trusted"
+    path.unlink()
+    assert code(required=False) is Code.MISSING
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"payload": "e30=", "payloadType": "application/vnd.fsw-control.statement.v1+json"}',
+        '{"format": "fsw_weld_attestation", "version": 2}',
+        "-----BEGIN SSH SIGNATURE-----\nU1NI\n-----END SSH SIGNATURE-----\n",
+    ],
+)
+def test_signatures_of_earlier_versions_are_refused_as_such(text: str) -> None:
+    assert code_of(MESSAGE, text) is Code.EARLIER_FORMAT
+
+
+def test_another_statement_in_an_envelope_is_no_signature(key: Path) -> None:
+    """Of another type, or of another payload: a valid signature does not count for it."""
+    own, predicate = load_private(key), {"signed_at": NOW.isoformat()}
+    hashes = {"message": hashlib.sha256(MESSAGE).hexdigest()}
+    assert code_of(MESSAGE, envelope(hashes, Purpose.MANIFEST, predicate, own)) is None
+    naive = {"signed_at": "2026-11-25T12:00:00"}
+    assert code_of(MESSAGE, envelope(hashes, Purpose.MANIFEST, naive, own)) is (
+        Code.SIGNATURE_DAMAGED
+    ), "a time without a zone"
+    content = base64.b64decode(
+        json.loads(envelope(hashes, Purpose.MANIFEST, predicate, own))["payload"]
+    )
+    other = Envelope(content, "application/json", {})
+    other.sign(own)
+    assert code_of(MESSAGE, json.dumps(other.to_dict())) is Code.OTHER_PURPOSE
 
 
 @NEEDS_OPENSSH
@@ -224,7 +267,7 @@ def test_a_revoked_key_needs_a_signature_of_others_in_time(
 ) -> None:
     """The signer's own clock says 25 November, but a thief can set it."""
     own = datetime(2026, 11, 25, tzinfo=UTC)
-    public = load_private(key).public
+    public = load_private(key).public_key.keyid
     trusted = [TrustedKey.model_validate({"name": "machine", "key": public, "revoked": revoked})]
     signer = Signer(name="machine", key=fingerprint(public), signed_at=own)
     shown_at = [own + timedelta(days=days) for days in shown_days]

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from fsw_analysis import procedure
 from fsw_analysis.procedure import Identity, Procedure, digest
 from fsw_control.schema.models import content_of, read_text, shipped_names, validate
-from fsw_recorder.signature import Signer, TrustedKey, load_trusted
+from fsw_recorder import signature
+from fsw_recorder.signature import Purpose, Signer, TrustedKey, load_trusted
 
 __all__ = [
     "Identity",
@@ -57,8 +57,8 @@ def load(source: str | Path) -> Procedure:
 def signer_of(
     source: str | Path, trusted: Sequence[TrustedKey] | None, required: bool = False
 ) -> Signer | None:
-    """Signer of a procedure, see ``fsw_analysis.procedure.signer_of``."""
-    return procedure.signer_of(path_of(source), trusted, required)
+    """Signer of a procedure, see :func:`fsw_recorder.signature.signer_of`."""
+    return signature.signer_of(path_of(source), Purpose.PROCEDURE, trusted, required)
 
 
 def check_signed(source: str | Path, trusted: Sequence[Path], required: bool) -> None:
