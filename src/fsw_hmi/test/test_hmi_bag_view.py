@@ -13,8 +13,8 @@ from fsw_hmi.frames import COLUMNS
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_writer import BagWriter
 from fsw_recorder.errors import BagError
-from fsw_recorder.manifest import MANIFEST_NAME, UNKNOWN, Manifest
-from fsw_recorder.manifest_check import complete
+from fsw_recorder.manifest import MANIFEST_NAME, UNKNOWN, Manifest, hashed, mapped
+from fsw_recorder.manifest_check import unlisted
 from fsw_test_support.programme_bag import write_programme_weld
 from fsw_test_support.sample_weld import TOPICS, SampleTypes, sample_topics, write_sample_weld
 
@@ -132,7 +132,9 @@ def test_a_bag_that_is_not_as_its_manifest_has_it_is_not_intact(tmp_path: Path) 
     folder = tmp_path / "weld"
     write_sample_weld(folder, 100)
     listed = Manifest(bag="weld", custom_data={}, attachments_sha256={}, clock=UNKNOWN, files=())
-    (folder / MANIFEST_NAME).write_text(complete(folder, listed).text(), encoding="utf-8")
+    files = [hashed(path.name, mapped(path), "afterwards") for path in unlisted(folder, listed)]
+    listed = listed.changed(files=(*listed.files, *files))
+    (folder / MANIFEST_NAME).write_text(listed.text(), encoding="utf-8")
     [shown] = load([folder])
     metadata = folder / METADATA_NAME
     metadata.write_bytes(metadata.read_bytes() + b"\n# later\n")
