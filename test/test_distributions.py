@@ -171,6 +171,10 @@ def test_each_extra_is_declared_by_its_distribution_and_has_a_lock_for_clones() 
         for project in projects
         for extra in project["optional-dependencies"]
     }
+    for project in projects:
+        *extras_of_it, last = project["optional-dependencies"]
+        everything = project["optional-dependencies"][last]
+        assert last == "all" and everything == [f"{project['name']}[{','.join(extras_of_it)}]"]
     asked = extras()
     assert len(asked) >= 8
     assert asked.keys() - declared == set()

@@ -311,9 +311,10 @@ _GENERATED = {
     "solvers",
     "targets",
 }
-#: what scripts write into a page
+#: what scripts write into a page, and comments
 _WRITTEN_IN = re.compile(
-    r"<!-- [^>]*\bbegin -->.*?<!-- [^>]*\bend -->|<!-- rows of .*?<!-- rows: end -->", re.DOTALL
+    r"<!-- [^>]*\bbegin -->.*?<!-- [^>]*\bend -->|<!-- rows of .*?<!-- rows: end -->|<!--.*?-->",
+    re.DOTALL,
 )
 
 

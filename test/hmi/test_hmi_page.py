@@ -495,6 +495,42 @@ def test_weld_is_unrolled_and_its_exceedances_lead_to_their_moments(fake, open_p
     expect(back).to_be_hidden()
 
 
+def test_trends_are_zoomed_moved_by_keys_and_swapped_and_lead_back_to_now(fake, open_page, uplot):
+    page = ready(open_page(fake.url))
+    until(page, "document.querySelectorAll('.plot canvas').length === 4")
+    back = page.get_by_role("button", name="Back to now")
+    expect(back).to_be_hidden()
+    box = page.locator(".plot .u-over").first.bounding_box()
+    page.mouse.move(box["x"] + 50, box["y"] + 30)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 30)
+    page.mouse.up()
+    expect(back).to_be_visible()
+    plot = page.locator(".plot").first
+    zoomed = plot.screenshot()
+    plot.press("ArrowLeft")
+    plot.press("ArrowRight")
+    assert plot.screenshot() == zoomed  # it stands still, and comes back by the same way
+    page.get_by_role("button", name="Torque, Power").click()
+    expect(page.locator(".trend h2")).to_contain_text(["Depth", "Temperature", "Torque", "Power"])
+    expect(page.locator(".plot canvas")).to_have_count(4)
+    shot(page, "zoomed")
+    back.click()
+    expect(back).to_be_hidden()
+    page.get_by_role("button", name="Force, Speed").click()
+    expect(page.locator(".trend h2")).to_contain_text(["Depth", "Temperature", "Force", "Speed"])
+
+
+def test_bands_and_levels_keep_their_colours_where_the_reader_chose_others(fake, open_page):
+    page = ready(open_page(fake.url))
+    colours = "[...document.querySelectorAll('.band, .scale, .key')].map((one) => { const style = getComputedStyle(one); return [style.backgroundColor, style.backgroundImage, style.borderTopColor].join() })"
+    before = page.evaluate(colours)
+    page.emulate_media(forced_colors="active")
+    assert page.evaluate("matchMedia('(forced-colors: active)').matches")
+    assert page.evaluate(colours) == before
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") != "rgb(201, 205, 208)"
+
+
 def test_bag_is_scrubbed_played_zoomed_and_compared(bags, open_page, uplot):
     page = open_page(bags.url)
     expect(page.locator("#status")).to_contain_text("weld_0 and weld_1")

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from types import ModuleType
+from typing import Any
 
 from fsw import __version__
 from fsw.command import Command, as_typed
@@ -25,7 +26,7 @@ def parser(name: str = "fsw.py", word: str = "") -> argparse.ArgumentParser:
 
     ``name`` is the program as typed by the user, ``fsw`` if the package is installed.
     """
-    whole = argparse.ArgumentParser(
+    whole = _Parser(
         prog=name,
         description="Monitor and control friction stir welds, simulate welds, analyse their bags.",
         epilog="Units: mm, degC, kN, rpm, N m, kW, s. '%(prog)s COMMAND --help' lists the ranges.",
@@ -73,6 +74,15 @@ def _modules(word: str) -> Iterable[ModuleType]:
             continue
         found.setdefault(module.__name__, module)
     return found.values()
+
+
+class _Parser(argparse.ArgumentParser):
+    """Names the command that may have been meant, as argparse does from Python 3.14 on."""
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if isinstance(action, argparse._SubParsersAction) and value not in action.choices:
+            self.error(f"unknown command {value}{_nearest(value, action.choices)}")
+        super()._check_value(action, value)
 
 
 def _places(

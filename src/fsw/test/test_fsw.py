@@ -162,6 +162,8 @@ def test_wrong_arguments_tell_the_usage(capsys, arguments):
     ("arguments", "meant"),
     [
         (["simulat"], "simulate"),
+        (["bag", "inf"], "info"),
+        (["hmi", "user", "ad"], "add"),
         (["simulate", "quick", "--no-figure"], "--no-figures"),
         (["bag", "info", "--jsn", "bag"], "--json"),
     ],

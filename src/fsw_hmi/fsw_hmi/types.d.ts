@@ -263,14 +263,14 @@ interface Chart {
   extra: number[];
   uplot: Plot;
 }
-/** How trends are drawn; without `zoom` there is none. */
+/** How trends are drawn. */
 interface Drawing {
   lines(key: string): Line[];
   label(timeS: number): string;
   /** where the axis is labelled, or steps of which one is taken */
   splits?(min: number, max: number): number[];
   incrs?: number[];
-  zoom?(range: [number, number]): void;
+  zoom(range: [number, number]): void;
   overlay(uplot: Plot, key: string): void;
 }
 /** A place on the way around the canister, and what was there. */

@@ -102,7 +102,8 @@ class BagPage {
     const key = (/** @type {string} */ kind, /** @type {string} */ text) => el("li", {}, el("span", { className: `key ${kind}` }), text);
     const names = this.welds.map((weld, i) => key(i ? "second" : "measured", weld.name));
     const plots = el("div", { className: "plots" });
-    byId("trends").append(el("div", { className: "toolbar" }, this.whole, el("span", { className: "detail" }, "drag in a trend to zoom"), el("ul", { className: "legend" }, ...names)), plots);
+    const bar = el("div", { className: "toolbar" }, this.whole);
+    byId("trends").append(bar, plots);
     const second = (/** @type {string} */ name) => (this.welds.length > 1 ? [{ ...LINES.value(`${name}#1`), stroke: SECOND, dash: [7, 3] }] : []);
     this.trends = new Trends(plots, {
       lines: (name) => [...second(name), ...liveLines(name, this.limits)],
@@ -114,6 +115,7 @@ class BagPage {
         drawTime(u, this.timeS, "#000");
       },
     });
+    bar.append(this.trends.other, el("span", { className: "detail" }, "drag in a trend to zoom"), el("ul", { className: "legend" }, ...names));
   }
 
   #zoom(/** @type {[number, number]} */ [from, to]) {

@@ -22,8 +22,9 @@ export class LiveTrends {
   #window = WINDOWS[0];
   /** @type {Ahead?} */ prediction = null;
   /** @type {Ahead?} */ #preview = null; // what is about to be confirmed
-  /** @type {number?} */ #moment = null; // what is looked at, null: the present
-  /** @type {{now: number, moment: number?}} */ #drawn = { now: NaN, moment: null };
+  /** @type {[number, number]?} */ #range = null; // what is looked at, null: the present
+  /** @type {number?} */ #mark = null; // the moment that was asked for
+  #now = NaN; // of what is drawn
   toServerS = 0; // from the weld's clock to the server's
 
   /** `allWelds`: whether there is a report on the welds before. @param {HTMLElement} root @param {import("./store.js").Store} store @param {Limits} limits */
@@ -31,31 +32,44 @@ export class LiveTrends {
     this.store = store;
     this.limits = limits;
     this.buttons = WINDOWS.map((window) => el("button", { type: "button", onclick: () => this.#choose(window) }, window.name));
-    this.back = el("button", { type: "button", className: "primary back", onclick: () => this.look(null) }, "Back to now");
+    this.back = el("button", { type: "button", className: "primary back", onclick: () => this.#show(null) }, "Back to now");
     const legend = el("ul", { className: "legend" }, ...LEGEND.map(([kind, text, title = ""]) => el("li", { title }, el("span", { className: `key ${kind}` }), text)));
     const report = el("a", { href: "all_welds", target: "_blank", rel: "noopener", className: "button", hidden: !allWelds }, "All welds");
     const plots = el("div", { className: "plots" });
-    root.replaceChildren(el("div", { className: "toolbar", role: "group", "aria-label": "Length of the trends" }, ...this.buttons, report, this.back, legend), plots);
     this.trends = new Trends(plots, {
       lines: (key) => liveLines(key, limits),
       label: (time) => this.#label(time),
       splits: (min, max) => this.#splits(min, max),
       overlay: (u, key) => this.#overlay(u, key),
+      zoom: (range) => this.#show(range),
     });
+    root.replaceChildren(el("div", { className: "toolbar", role: "group", "aria-label": "Trends" }, ...this.buttons, this.trends.other, report, this.back, legend), plots);
     this.#choose(this.#window);
   }
 
   /** Show set-points that are about to be confirmed; null: there are none. @param {Ahead?} ahead */
   preview(ahead) {
     this.#preview = ahead;
-    if (ahead) this.#moment = null;
+    if (ahead) this.#range = null;
     this.#draw(true);
   }
 
-  /** Show a moment in the middle, null: the present. @param {number?} timeS */
+  /** Show a moment in the middle. @param {number} timeS */
   look(timeS) {
-    this.#moment = timeS;
+    this.#show(this.#about(timeS), timeS);
+  }
+
+  /** Show a range of time, null: the present. @param {[number, number]?} range @param {number?} mark */
+  #show(range, mark = this.#mark) {
+    this.#range = range;
+    this.#mark = range && mark;
     this.#draw(true);
+  }
+
+  /** The window with a time in its middle. @param {number} timeS @returns {[number, number]} */
+  #about(timeS) {
+    const half = this.#window.length_s / 2;
+    return [timeS - half, timeS + half];
   }
 
   /** A time of the weld as the server's. */
@@ -70,6 +84,7 @@ export class LiveTrends {
 
   #choose(/** @type {typeof WINDOWS[0]} */ window) {
     this.#window = window;
+    if (this.#range) this.#range = this.#about((this.#range[0] + this.#range[1]) / 2);
     this.buttons.forEach((button, i) => button.setAttribute("aria-pressed", String(WINDOWS[i] === window)));
     clearInterval(this.timer);
     this.timer = setInterval(() => this.#draw(), window.redraw_ms);
@@ -78,35 +93,35 @@ export class LiveTrends {
 
   #draw(always = false) {
     const now = this.store.newest;
-    this.back.classList.toggle("unused", this.#moment === null); // its room stays reserved
-    if (document.hidden || Number.isNaN(now) || (now === this.#drawn.now && !always)) return;
-    this.#drawn = { now, moment: this.#moment };
+    this.back.classList.toggle("unused", !this.#range); // its room stays reserved
+    if (document.hidden || Number.isNaN(now) || (now === this.#now && !always)) return;
+    this.#now = now;
     const { length_s: length, ahead_s: least } = this.#window;
     const ahead = Math.max(least, (this.#preview?.time_s.at(-1) ?? now) - now);
-    const [from, to] = this.#moment === null ? [now - length, now + ahead] : [this.#moment - length / 2, this.#moment + length / 2];
+    const [from, to] = this.#range ?? [now - length, now + ahead];
     const held = Object.fromEntries(TRENDS.map((key) => [key, [...(this.#ahead()?.[key] ?? []), ...(this.#preview?.[key] ?? [])]]));
     this.trends.draw(withNormal(this.store.since(from), this.limits), from, to, held);
   }
 
   /** Fixed places, so that the axis does not crawl: the curves move below it. @param {number} min @param {number} max */
   #splits(min, max) {
-    const [last, every] = this.#drawn.moment === null ? [this.#drawn.now, this.#window.every_s] : [max, this.#window.length_s / 3];
+    const [last, every] = this.#range ? [max, (max - min) / 3] : [this.#now, this.#window.every_s];
     const places = [];
     for (let at = last; at >= min - 0.01; at -= every) places.unshift(at);
     return places;
   }
 
   #label(/** @type {number} */ time) {
-    const back = this.#drawn.now - time;
+    const back = this.#now - time;
     const steps = back / this.#window.every_s;
-    if (this.#drawn.moment !== null || Math.abs(steps - Math.round(steps)) > 1e-6) return this.clock(time);
+    if (this.#range || Math.abs(steps - Math.round(steps)) > 1e-6) return this.clock(time);
     if (back < 0.5) return "now";
     return this.#window.length_s > 60 ? `−${Math.round(back / 60)} min` : `−${Math.round(back)} s`;
   }
 
   #overlay(/** @type {Plot} */ u, /** @type {string} */ key) {
-    drawTime(u, this.#drawn.now, "#5a6268");
-    if (this.#drawn.moment !== null) drawTime(u, this.#drawn.moment, "#000", [4, 3]);
+    drawTime(u, this.#now, "#5a6268");
+    if (this.#mark !== null) drawTime(u, this.#mark, "#000", [4, 3]);
     const expected = this.#ahead();
     if (expected) drawBand(u, expected, key, SIGMAS);
     for (const [ahead, stroke] of /** @type {const} */ ([[this.#preview, PREVIEW], [expected, undefined]])) {

@@ -10,7 +10,11 @@ export const QUANTITIES = [
   { key: "power_kw", name: "Power", unit: "kW", digits: 1, ...DRIVE },
 ];
 
-export const TRENDS = ["depth_mm", "temperature_c", "force_kn", "speed_rpm"];
+/** What trends show: always the first two, and one of the pairs. */
+const ALWAYS = ["depth_mm", "temperature_c"];
+export const PAIRS = [["force_kn", "speed_rpm"], ["torque_nm", "power_kw"]];
+export const TRENDS = [...ALWAYS, ...PAIRS.flat()];
+export const shown = (/** @type {string[]} */ pair) => [...ALWAYS, ...pair];
 
 /** @returns {Spec} */
 export const quantity = (/** @type {string} */ key) => /** @type {Spec} */ (QUANTITIES.find((one) => one.key === key));

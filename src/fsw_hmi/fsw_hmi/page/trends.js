@@ -1,7 +1,7 @@
 // Trends by uPlot, one below the other on one time axis.
 import { el } from "./dom.js";
 import { fixed } from "./format.js";
-import { normalRange, quantity, TRENDS } from "./quantities.js";
+import { normalRange, PAIRS, quantity, shown, TRENDS } from "./quantities.js";
 
 const INK = "#1c1f22";
 const GRID = { stroke: "#b3b8bc", width: 1 };
@@ -27,7 +27,7 @@ export const LINES = {
 export function withNormal(columns, limits) {
   const extended = { ...columns };
   for (const key of TRENDS.filter((one) => limits[one]?.kept)) {
-    const edges = Array.from(columns[quantity(key).aim], (aim) => normalRange(key, limits, aim));
+    const edges = Array.from(columns[quantity(key).aim] ?? columns[key], (aim) => normalRange(key, limits, aim));
     [extended[`${key}:low`], extended[`${key}:high`]] = [edges.map(([low]) => low), edges.map(([, high]) => high)];
   }
   return extended;
@@ -37,23 +37,30 @@ export function withNormal(columns, limits) {
 export function liveLines(key, limits) {
   const edges = limits[key]?.kept ? [LINES.edge(`${key}:low`), LINES.edge(`${key}:high`)] : [];
   const others = (limits[key]?.others ?? []).map(({ key: column, name }) => ({ ...LINES.other(column), name }));
-  return [...edges, LINES.aim(quantity(key).aim), ...others, LINES.value(key)];
+  const aims = quantity(key).aim ? [LINES.aim(quantity(key).aim)] : [];
+  return [...edges, ...aims, ...others, LINES.value(key)];
 }
 
 export class Trends {
   /** @type {Chart[]} */ charts = [];
   /** @type {[Columns, number, number, Record<string, number[]>]?} */ #drawn = null;
 
+  #pair = PAIRS[0];
+  other = el("button", { type: "button", onclick: () => this.#swap() }); // shows the other pair
+
   /** @param {HTMLElement} root @param {Drawing} options */
   constructor(root, options) {
+    this.root = root;
     this.options = options;
     this.resizer = new ResizeObserver(() => this.charts.forEach(fit));
-    uPlotReady.then(() => this.#begin(root), () => root.append(el("p", { className: "panel" }, "No trends: the server could not install uPlot, which draws them. What to do is in its log.")));
+    this.#named();
+    root.addEventListener("keydown", (event) => this.#pan(event));
+    uPlotReady.then(() => this.#begin(), () => root.append(el("p", { className: "panel" }, "No trends: the server could not install uPlot, which draws them. What to do is in its log.")));
   }
 
-  #begin(/** @type {HTMLElement} */ root) {
-    if (!root.isConnected) return; // another weld has begun meanwhile
-    this.charts = TRENDS.map((key) => this.#chart(root, key));
+  #begin() {
+    if (!this.root.isConnected) return; // another weld has begun meanwhile
+    this.charts = shown(this.#pair).map((key) => this.#chart(this.root, key));
     this.charts.forEach((one) => this.resizer.observe(one.plot));
     if (this.#drawn) this.draw(...this.#drawn);
   }
@@ -73,6 +80,30 @@ export class Trends {
   destroy() {
     this.resizer.disconnect();
     this.charts.forEach((one) => one.uplot.destroy());
+    this.charts = [];
+  }
+
+  /** Show the other pair in place of this one. */
+  #swap() {
+    this.destroy();
+    this.root.replaceChildren();
+    this.#pair = /** @type {string[]} */ (PAIRS.find((pair) => pair !== this.#pair));
+    this.#named();
+    if (globalThis.uPlot) this.#begin();
+  }
+
+  #named() {
+    const other = /** @type {string[]} */ (PAIRS.find((pair) => pair !== this.#pair));
+    this.other.textContent = other.map((key) => quantity(key).name).join(", ");
+  }
+
+  /** Arrows move the time axis by a quarter of its length. @param {KeyboardEvent} event */
+  #pan(event) {
+    const share = { ArrowLeft: -0.25, ArrowRight: 0.25 }[event.key];
+    if (share === undefined || !this.#drawn) return;
+    event.preventDefault();
+    const [, from, to] = this.#drawn;
+    this.options.zoom([from + share * (to - from), to + share * (to - from)]);
   }
 
   #chart(/** @type {HTMLElement} */ root, /** @type {string} */ key) {
@@ -80,7 +111,7 @@ export class Trends {
     const lines = this.options.lines(key);
     const reading = el("span", { className: "reading" });
     const unit = el("span", { className: "unit" }, spec.unit);
-    const plot = el("div", { className: "plot", role: "img", "aria-label": `Trend of ${spec.name.toLowerCase()} in ${spec.unit}` });
+    const plot = el("div", { className: "plot", role: "img", tabIndex: 0, "aria-label": `Trend of ${spec.name.toLowerCase()} in ${spec.unit}` });
     root.append(el("section", { className: `panel trend ${key}` }, el("h2", {}, `${spec.name} `, unit), reading, plot));
     const one = { key, spec, plot, reading, unit, named: lines.filter(({ name }) => name), keys: lines.map((line) => line.key), extra: [] };
     return Object.assign(one, { uplot: new uPlot(this.#settings(one, lines), [[], ...lines.map(() => [])], plot) });
@@ -90,13 +121,13 @@ export class Trends {
   #settings(one, lines) {
     const { label, splits, incrs, zoom, overlay } = this.options;
     const axis = { stroke: INK, grid: GRID, ticks: { ...GRID, size: 4 }, font: "13px system-ui, sans-serif" };
-    const isLast = one.key === TRENDS.at(-1);
+    const isLast = one.key === this.#pair.at(-1);
     return {
       width: 200,
       height: 100,
       padding: [9, 12, isLast ? 0 : 6, 0],
       legend: { show: false },
-      cursor: { sync: { key: "weld" }, drag: { x: Boolean(zoom), y: false, setScale: false }, points: { show: false } },
+      cursor: { sync: { key: "weld" }, drag: { x: true, y: false, setScale: false }, points: { show: false } },
       scales: { x: { time: false, auto: false }, y: { auto: true, range: (_, low, high) => verticalScale(one, low, high) } },
       axes: [
         { ...axis, size: isLast ? 26 : 0, values: (_, at) => at.map((time) => (isLast ? label(time) : "")), ...(splits ? { splits: (_u, _i, min, max) => splits(min, max) } : { incrs }) },
@@ -107,7 +138,7 @@ export class Trends {
       hooks: {
         draw: [(u) => overlay(u, one.key)],
         setCursor: [(u) => this.#read(one, u)],
-        setSelect: zoom ? [(u) => select(u, zoom)] : [],
+        setSelect: [(u) => select(u, zoom)],
       },
     };
   }

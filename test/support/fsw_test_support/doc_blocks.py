@@ -1,0 +1,127 @@
+"""The code blocks of the documentation, to run them as a reader would.
+
+Each page has a folder of its own in which its blocks run one after the other, as a reader would
+type them. A block of YAML with a title is that file. A comment before a block says why it does
+not run, that it takes minutes, or what the reader has done elsewhere::
+
+    <!-- not run: needs a sourced ROS 2 -->
+    <!-- takes minutes -->
+    <!-- before: scripts/fsw.py simulate quick --bag --out out/weld -->
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+WORKSPACE = Path(__file__).resolve().parents[3]
+#: what commands name by its path in the workspace; all else is written into the page's folder
+LINKED = ("scripts", "src", "lab", "quality", "test", "examples", "benchmarks", "requirements")
+_COMMAND = re.compile(r"(\S*/)?(python3?|fsw|pip) |\S*/\S+\.py |sed |echo |head ")
+_BLOCK = re.compile(
+    r"^(?:<!-- (?P<mark>not run: [^\n]*?|takes minutes) -->\n)?"
+    r"(?:<!-- before: (?P<before>[^\n]*?) -->\n)?"
+    r"```(?P<language>\w*)(?: title=\"(?P<file>\S+)\")?\n(?P<text>.*?)^```$",
+    re.MULTILINE | re.DOTALL,
+)
+_LONGEST_S = 900.0
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block that a reader can run."""
+
+    path: Path  #: of the page
+    line: int
+    language: str  #: ``python``, ``console`` or, of a file, its own
+    code: str  #: what to run; a shell's prompts and the output shown are left out
+    file: str  #: name of the file that the block is
+    shown_error: str  #: the error that the page shows as the output; empty: the command succeeds
+    mark: str  #: why it does not run, or ``takes minutes``
+
+    @property
+    def not_run(self) -> bool:
+        """Whether it cannot run here."""
+        return self.mark.startswith("not run")
+
+    def __str__(self) -> str:
+        return f"{self.path.relative_to(WORKSPACE)}:{self.line}"
+
+
+def _commands(text: str) -> str:
+    """The commands of a shell's block: lines after a prompt, or all that call a program of ours."""
+    lines = text.replace("\\\n", " ").splitlines()
+    prompted = [line[2:] for line in lines if line.startswith("$ ")]
+    return "\n".join(prompted or [line for line in lines if _COMMAND.match(line)])
+
+
+def blocks(path: Path) -> list[Block]:
+    """Those of a page, in its order."""
+    text = path.read_text("utf-8")
+    result = []
+    for match in _BLOCK.finditer(text):
+        language = match["language"] or "console"
+        code = _commands(match["text"]) if language == "console" else match["text"]
+        if code and (match["file"] or language in ("python", "console")):
+            error = re.search(r"^error: .*", match["text"], re.MULTILINE)
+            result.append(
+                Block(
+                    path=path,
+                    line=text.count("\n", 0, match.start("language")) + 1,
+                    language=language,
+                    code="\n".join(filter(None, (match["before"], code))),
+                    file=match["file"] or "",
+                    shown_error=error[0] if error and language == "console" else "",
+                    mark=match["mark"] or "",
+                )
+            )
+    return result
+
+
+def pages() -> list[Path]:
+    """Pages with blocks to run; the gallery's have a test of their own, results are generated."""
+    written = [WORKSPACE / "README.md", *sorted((WORKSPACE / "docs").rglob("*.md"))]
+    others = {"gallery", "results"}
+    return [path for path in written if not others & {*path.parts} and blocks(path)]
+
+
+class Page:
+    """A page and the folder in which its blocks run."""
+
+    def __init__(self, path: Path, root: Path):
+        self.blocks = blocks(path)
+        self.folder = root / path.stem
+        self.folder.mkdir()
+        for name in LINKED:
+            (self.folder / name).symlink_to(WORKSPACE / name)
+        (self.folder / ".venv").symlink_to(sys.prefix)
+        self._python = ""  #: of the blocks so far: the next ones use their names
+
+    def run(self, block: Block) -> str:
+        """Run a block; the end of its output where it does not end as the page shows, else nothing."""
+        if block.file:
+            (self.folder / block.file).write_text(block.code, encoding="utf-8")
+            return ""
+        binaries = Path(sys.executable).parent
+        search = f"{binaries}{os.pathsep}{os.environ['PATH']}"
+        environment = {**os.environ, "MPLBACKEND": "Agg", "PATH": search}
+        command = ["bash", "-euo", "pipefail", "-c", block.code]
+        if block.language == "python":
+            self._python += block.code
+            command = [sys.executable, "-c", self._python]
+        done = subprocess.run(
+            command,
+            cwd=self.folder,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=_LONGEST_S,
+            check=False,
+        )
+        as_shown = (done.returncode != 0) == bool(block.shown_error)
+        return "" if as_shown and block.shown_error in done.stdout else done.stdout[-2000:] or "?"
