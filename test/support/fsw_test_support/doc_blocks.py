@@ -108,7 +108,13 @@ class Page:
             return ""
         binaries = Path(sys.executable).parent
         search = f"{binaries}{os.pathsep}{os.environ['PATH']}"
-        environment = {**os.environ, "MPLBACKEND": "Agg", "PATH": search}
+        environment = {
+            **os.environ,
+            "HOME": str(self.folder),  # for keys and files that pages write there
+            "XDG_CACHE_HOME": os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache"),
+            "MPLBACKEND": "Agg",
+            "PATH": search,
+        }
         command = ["bash", "-euo", "pipefail", "-c", block.code]
         if block.language == "python":
             self._python += block.code
