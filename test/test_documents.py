@@ -307,6 +307,7 @@ _GENERATED = {
     "monitor",
     "other-models",
     "other-processes",
+    "realistic",
     "sensors",
     "solvers",
     "targets",

@@ -31,6 +31,7 @@ events:
   - {at_s: 5.0, disturbance: {channel: depth, shape: step, amplitude_mm: 0.05}}
   - {at_s: 6.0, disturbance: {channel: axial_force, shape: ramp, amplitude_kn: 0.5, duration_s: 1.5}}
   - {at_s: 7.0, disturbance: {channel: temperature, shape: sine, amplitude_c: 1.0, period_s: 5.0}}
+  - {at_s: 7.1, disturbance: {channel: temperature, shape: random, amplitude_c: 0.5, period_s: 2.0}}
   - {at_s: 7.2, switch: decentral}
   - {at_s: 7.5, reference: {sine: {depth_mm: 0.02, temperature_c: 1.0, period_s: 4.0}}}
   - {at_s: 9.0, switch: nmpc}

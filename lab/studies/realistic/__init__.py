@@ -1,0 +1,1 @@
+"""An emulated weld as hard as the published ones."""

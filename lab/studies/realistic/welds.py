@@ -1,0 +1,174 @@
+"""Welds of the campaign ``realistic``, and the statistics of groups of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw_campaign.definition import Campaign, Entrant, load
+from fsw_campaign.software import versions
+from fsw_control.schema.models import InputError
+from fsw_control.weld import TICK_S
+from fsw_plant import PlantConfig
+from fsw_plant.process import prepare
+from fsw_scenario import scenario_file
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.scenario import Scenario
+from fsw_scenario.weld_programme import spans
+
+Row = dict[str, Any]
+PHASE = "joint_line"
+#: parameters of the disturbances, by path in the scenario; fitted: see ``fit.py``
+FALL = "events[3].disturbance.amplitude_c"
+HEAT, HEAT_S = "events[0].disturbance.amplitude_c", "events[0].disturbance.period_s"
+TORQUE, TORQUE_S = "events[1].disturbance.amplitude_nm", "events[1].disturbance.period_s"
+FITTED = (FALL, HEAT, HEAT_S)
+#: chosen ones, and those that widen a distribution of the campaign
+SCATTER = ("plant.canister.tool_share", "plant.model.sliding_friction")
+CHOSEN = (TORQUE, TORQUE_S, *SCATTER)
+#: welds of a published group, groups drawn from the emulated welds with replacement
+GROUP, GROUPS = 8, 200
+
+
+class Task(NamedTuple):
+    """A weld to be made."""
+
+    controller: str
+    index: int  #: of the campaign
+    changes: tuple[tuple[str, float], ...] = ()  #: factor on a parameter, by its name
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """What tells the weld from others."""
+        return self.controller, self.index, self.changes
+
+
+@cache
+def campaign() -> Campaign:
+    """The shipped campaign."""
+    return load("realistic")
+
+
+def at(content: Any, path: str) -> Any:
+    """Value at a path of the scenario file."""
+    for step in path.replace("[", ".").replace("]", "").split("."):
+        content = content[int(step)] if isinstance(content, list) else content[step]
+    return content
+
+
+def scenario_of(task: Task) -> Scenario:
+    """The weld of a task, up to the end of the joint line."""
+    source, entrant = campaign(), Entrant(controller=task.controller)
+    drawn, factors = source.parameters(task.index), dict(task.changes)
+    for path in SCATTER:
+        factor, law = factors.pop(path, 1.0), source.distributions[path].normal
+        assert law is not None
+        drawn[path] = law.mean + factor * (drawn[path] - law.mean)
+    drawn |= {path: factor * at(source.scenario, path) for path, factor in factors.items()}
+    names = [phase["name"] for phase in source.scenario["phases"]]
+    short = {**source.scenario, "phases": source.scenario["phases"][: names.index(PHASE) + 1]}
+    return source.model_copy(update={"scenario": short}).weld(drawn, entrant)
+
+
+def weld(task: Task) -> Row:
+    """Statistics of the measured temperature on the joint line, and the other figures of a weld."""
+    scenario = scenario_of(task)
+    controllers = campaign().controllers(scenario, Entrant(controller=task.controller))
+    loop = ClosedLoop(scenario, controllers)
+    signals = loop.run()
+    truth = signals.truth
+    assert truth is not None
+    begin_s, end_s = next(
+        span[1:] for span in spans(scenario.phases, signals.n_ticks * TICK_S) if span[0] == PHASE
+    )
+    inside = (signals.time_s > begin_s) & (signals.time_s <= end_s)
+    error_c = (signals.temperature_c - signals.reference_temperature_c)[inside]
+    depth_mm = (truth.depth_mm - signals.reference_depth_mm)[inside]
+    power_kw = truth.process_power_kw[inside]
+    minute = round(60.0 / TICK_S)
+    return {
+        **task._asdict(),
+        "stopped": loop.plant.stopped,
+        "seconds": error_c.size * TICK_S,
+        "mean_c": float(error_c.mean()),
+        "square_c2": float(np.square(error_c).mean()),
+        "min_c": float(error_c.min()),
+        "max_c": float(error_c.max()),
+        "outside": float((np.abs(error_c) > 10.0).mean()),
+        "depth_um": 1e3 * float(np.sqrt(np.square(depth_mm).mean())),
+        "moved_rpm_per_min": float(np.abs(np.diff(signals.speed_rpm[inside])).sum())
+        / (error_c.size * TICK_S / 60.0),
+        "power_kw": [float(power_kw[:minute].mean()), float(power_kw[-minute:].mean())],
+    }
+
+
+def run(
+    tasks: Sequence[Task], file: Path, workers: int, progress: Callable[[float], None]
+) -> list[Row]:
+    """Make the welds that a file of rows lacks, and return the rows of all."""
+    rows = read(file) if file.exists() else []
+    there = {_key(row) for row in rows}
+    software = f"{versions()}, campaign {campaign().digest}"
+    missing = [task for task in tasks if task.key not in there]
+    prepare(PlantConfig.from_values(scenario_of(tasks[0]).plant))
+    with ProcessPoolExecutor(workers) as pool:
+        for i, row in enumerate(pool.map(weld, missing)):
+            rows.append(json.loads(json.dumps(row | {"software": software})))
+            with file.open("a", encoding="utf-8") as out:
+                out.write(json.dumps(rows[-1]) + "\n")
+            progress(i + 1)
+    keys = {task.key for task in tasks}
+    return [row for row in rows if _key(row) in keys]
+
+
+def _key(row: Row) -> tuple[Any, ...]:
+    return row["controller"], row["index"], tuple((path, value) for path, value in row["changes"])
+
+
+def read(file: Path) -> list[Row]:
+    """The rows of a file; InputError if they are of several versions of the software."""
+    rows = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+    if len({row["software"] for row in rows}) > 1:
+        raise InputError(f"{file}: rows of several versions of the software; give another --out")
+    return rows
+
+
+Figures = NDArray[np.float64]
+#: of a group, in this order
+STATISTICS = ("mean", "sigma", "min", "max")
+
+
+def pooled(figures: Figures) -> Figures:
+    """Statistics of groups from those of their welds, shape (..., welds, 4) of mean, square, min, max."""
+    mean = figures[..., 0].mean(-1)
+    sigma = np.sqrt(np.maximum(figures[..., 1].mean(-1) - mean**2, 0.0))
+    return np.stack([mean, sigma, figures[..., 2].min(-1), figures[..., 3].max(-1)], -1)
+
+
+def groups(rows: Sequence[Row], size: int, seed: int = 1) -> Figures:
+    """Statistics of :data:`GROUPS` groups that are drawn from the welds with replacement."""
+    names = ("mean_c", "square_c2", "min_c", "max_c")
+    figures = np.array([[row[name] for name in names] for row in rows])
+    drawn = np.random.default_rng(seed).integers(len(rows), size=(GROUPS, size))
+    return pooled(figures[drawn])
+
+
+def intervals(found: Figures) -> dict[str, list[float]]:
+    """2.5 %, 50 % and 97.5 % of each statistic."""
+    return {
+        name: [float(value) for value in np.percentile(found[:, i], (2.5, 50.0, 97.5))]
+        for i, name in enumerate(STATISTICS)
+    }
+
+
+def scenario_values() -> dict[str, float]:
+    """Fitted and chosen values as shipped."""
+    content = scenario_file.content_of(scenario_file.text_of("realistic"), "realistic")
+    return {path: float(at(content, path)) for path in (*FITTED, TORQUE, TORQUE_S)}
