@@ -39,9 +39,9 @@ BUDGETS = {
 LIMITS = {"function": 60, "class": 250, "file": 400}
 SHORT = 60
 #: short for a reason: what tools demand by name, thin nodes beside pure cores, a node's parameters,
-#: scripts; and modules that are entry points, so that a command loads only what it needs
+#: a study's command, scripts; and entry points, so that a command loads only what it needs
 _MAY_BE_SHORT = re.compile(
-    r"(^|/)(__init__|setup|parameters|conftest)\.py$|_(ros|node)\.py$|^(scripts|examples)/"
+    r"(^|/)(__init__|setup|parameters|conftest|command)\.py$|_(ros|node)\.py$|^(scripts|examples)/"
 )
 _ENTRY_POINT = re.compile(r'^\S+ = "([\w.]+)(?::\S+)?"$', re.MULTILINE)
 #: mode of a symbolic link in a tree of git

@@ -10,14 +10,15 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-import fsw
+from python_pages import python_api
+
 from fsw.demo import parser as demo_parser
 from fsw.main import parser as operator_parser
 from fsw.schema_command import GROUP, kinds, schema_text
 from fsw_analysis import report
 from fsw_analysis.procedure import Procedure
 from fsw_control.parameters import NodeParameters, ParameterSpec, describe
-from fsw_control.schema.extensions import extensions, loaded
+from fsw_control.schema.extensions import loaded
 from fsw_control.schema.models import Model, descriptions, json_schema
 from fsw_control.schema.ranges import Range
 from fsw_hmi.main import parser as hmi_parser
@@ -33,8 +34,6 @@ from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
 from fsw_scenario.weld_programme_file import LIMITS
 
 WORKSPACE = Path(__file__).resolve().parent.parent
-#: page of what is public in Python, by package
-API_PAGES = {"fsw": "fsw", "fsw_control": "contract", "fsw_lab": "more", "fsw_quality": "more"}
 LONGEST_PAGE = 1400  # words; also of the pages that are not made here
 
 
@@ -451,27 +450,10 @@ def argument(action: argparse.Action) -> str:
     return text if action.required else f"[{text}]"
 
 
-def python_api() -> dict[str, str]:
-    """Pages on `import fsw` whose text mkdocstrings makes from the docstrings, one per module."""
-    places = dict(fsw.MODULE_OF)
-    places |= {name: entry.module for name, entry in extensions("fsw.api").items()}
-    modules: dict[str, list[str]] = {}
-    for name, module in sorted(places.items()):
-        modules.setdefault(API_PAGES[module.partition(".")[0]], []).append(f"{module}.{name}")
-    return {
-        f"python-{key}": page(title, *(f"::: {name}\n" for name in modules[key]))
-        for key, title in (
-            ("fsw", "Python: weld, compare, model"),
-            ("contract", "Python: a controller's contract"),
-            ("more", "Python: identify, tune, export, record"),
-        )
-    }
-
-
 def reference() -> dict[str, str]:
     """All files, by name."""
     pages = {
-        **python_api(),
+        **python_api(page),
         **parameters(),
         **messages(),
         **scenarios(),

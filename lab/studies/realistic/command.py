@@ -7,7 +7,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from fsw.progress import ProgressBar
+from fsw.console import ProgressBar
 from fsw_control.schema.models import InputError
 from realistic import report, welds
 from realistic.fit import fit
