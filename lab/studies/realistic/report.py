@@ -29,10 +29,10 @@ FACTORS = (0.5, 1.5)
 _FEWEST = 1
 WORDS = {
     welds.FALL: "fall of the needed power",
-    welds.HEAT: "random heat, size",
-    welds.HEAT_S: "random heat, time",
-    welds.TORQUE: "random torque, size",
-    welds.TORQUE_S: "random torque, time",
+    welds.HEAT: "size of the random heat",
+    welds.HEAT_S: "time of the random heat",
+    welds.TORQUE: "size of the random torque",
+    welds.TORQUE_S: "time of the random torque",
     "plant.canister.tool_share": "needed power between welds",
     "plant.model.sliding_friction": "friction between welds",
 }
