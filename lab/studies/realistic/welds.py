@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +38,8 @@ CHOSEN = (TORQUE, TORQUE_S, *SCATTER)
 GROUP, GROUPS = 8, 200
 
 
-class Task(NamedTuple):
+@dataclass(frozen=True)
+class Task:
     """A weld to be made."""
 
     controller: str
@@ -94,7 +96,7 @@ def weld(task: Task) -> Row:
     power_kw = truth.process_power_kw[inside]
     minute = round(60.0 / TICK_S)
     return {
-        **task._asdict(),
+        **asdict(task),
         "stopped": loop.plant.stopped,
         "seconds": error_c.size * TICK_S,
         "mean_c": float(error_c.mean()),
