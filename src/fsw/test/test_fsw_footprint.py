@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fsw.errors import CommandError
-from fsw.footprint_command import footprint_of
+from fsw.footprint_command import footprint_of, smoothed
 from fsw_control.depth_channels import CHANNELS
 from fsw_control.depth_footprint import Footprint
 from fsw_test_support.command_line import run
@@ -66,3 +66,12 @@ def test_command_writes_a_file_that_the_plant_can_read(tmp_path, monkeypatch, ca
     assert Footprint.from_file(out).deviation_mm == 0.02
     assert json.loads(out.read_text())["weld"] == "bag"
     assert run(capsys, *words)[0] == 1
+
+
+def test_errors_of_the_measurement_are_smoothed():
+    at_deg = np.arange(0.0, 360.0, 2.0)
+    bias = 0.1 + 0.02 * np.sin(np.radians(at_deg))
+    measured = bias + np.random.default_rng(1).normal(0.0, 0.01, at_deg.size)
+    assert np.std(smoothed(at_deg, measured, at_deg) - bias) < 0.003
+    few = np.array([0.0, 1.0])
+    assert smoothed(few, few, np.array([-1.0, 0.5])) == pytest.approx([0.0, 0.5])
