@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Runs the code blocks of the documentation as a reader would, also those that take minutes.
 
-usage: run_docs.py [PAGE ...]
+usage: try_docs.py [PAGE ...]
 
 Each line says which block ran, for how long, and with what result; blocks that cannot run here
 (`not run` and why, in the page) are listed, too. The exit code is 1 when one failed.
