@@ -211,6 +211,7 @@ def faulty(case: Case) -> dict[str, Any]:
     signals, estimates = welded(case)
     channel, first = DEPTH_CHANNELS.get(case.channel), round(AT_S / TICK_S) - 1
     named = [k for k, one in enumerate(estimates) if channel and one.health[channel] in _BLAMED]
+    named = [k for k in named if k >= first]
     others = {
         name
         for one in estimates

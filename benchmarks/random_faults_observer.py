@@ -9,7 +9,6 @@ from typing import Any
 from random_faults_floods import SOURCE
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from std_srvs.srv import Trigger
 
 from fsw_control import messages_ros as convert
 from fsw_control import weld
@@ -17,7 +16,7 @@ from fsw_control.contract import Command
 from fsw_control.topics_ros import LATEST
 from fsw_control.units import NANOSECONDS
 from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SupervisorState, WeldCommand
-from fsw_msgs.srv import SetMode
+from fsw_msgs.srv import OperatorRequest, SetMode
 from fsw_test_support.machine_server import moves_between
 
 #: ticks in a row with a controller's command, after which the graph counts as healthy
@@ -52,7 +51,7 @@ class Observer:
         node.create_subscription(DriveFeedback, "fsw/drives", self._on_drives, _DEEP)
         node.create_subscription(WeldCommand, "fsw/command", self._on_command, _DEEP)
         node.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_state, LATEST)
-        self._acknowledge = node.create_client(Trigger, "fsw/acknowledge")
+        self._acknowledge = node.create_client(OperatorRequest, "fsw/acknowledge")
         self._set_mode = node.create_client(SetMode, "fsw/set_mode")
         self.begin_trial()
 
@@ -96,7 +95,7 @@ class Observer:
             return
         self._operator_s = now_s
         if self.state.actual_mode == "safe_stop" and self._acknowledge.service_is_ready():
-            self._pending.append(self._acknowledge.call_async(Trigger.Request()))
+            self._pending.append(self._acknowledge.call_async(OperatorRequest.Request()))
             self._score["operator_requests"] += 1
         if (
             self.state.actual_mode in ("safe_stop", "hold", "manual")

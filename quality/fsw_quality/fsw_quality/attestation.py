@@ -17,10 +17,10 @@ from typing import Annotated
 
 from pydantic import AwareDatetime, Strict
 
-from fsw_control.schema.models import Many, Model, validate
+from fsw_control.schema.models import InputError, Many, Model, validate
 from fsw_recorder.bag_metadata import IDENTITY
 from fsw_recorder.bag_reader import SUFFIXES
-from fsw_recorder.findings import Code, EvidenceError, Finding, finding
+from fsw_recorder.findings import Code, Finding, finding
 from fsw_recorder.manifest import Manifest, sha256
 from fsw_recorder.signature import Purpose, Signer, TrustedKey, open_envelope, read_file
 from fsw_scenario.procedure import Identity
@@ -42,8 +42,6 @@ class Attestation(Model):
     """name of the folder, of one called ``bag`` with that of its parent"""
     identity: dict[str, str]
     """canister, lid, tool and machine, as they were given to the recorder"""
-    recorder: Signer | None = None
-    """who signed the manifest when the bag was closed"""
     procedure: Identity | None = None
     procedure_signer: Signer | None = None
     documents: Many[str]
@@ -116,8 +114,10 @@ def read_chain(folder: Path, trusted: Sequence[TrustedKey]) -> Chain:
             data = read_file(path)
             place, before = before, sha256(data)
             entries.append(opened(path, data, trusted, place))
-        except EvidenceError as error:
-            findings += error.findings
+        except InputError as error:  # that of an EvidenceError has findings
+            findings += getattr(
+                error, "findings", [finding(Code.UNREADABLE, path.name, reason=error)]
+            )
     return Chain(folder, tuple(entries), (*findings, *chain_findings(entries)), before)
 
 

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -119,6 +120,8 @@ def attest(
             entries = [*chain.entries, entry]
             if wrong := chain.findings or tuple(attestation.chain_findings(entries)):
                 raise EvidenceError(*wrong)
+            if path.exists():  # renamed by someone: it is another one's
+                raise EvidenceError(finding(Code.BROKEN_LINK, path.name, number=number))
             write_whole(path, data, durable=True)
         write_whole(copy, entry.data, durable=True)
     return entry.content
@@ -132,7 +135,9 @@ def _draft(
     if not bag.is_dir():
         raise BagError(f"{bag}: is not the folder of a bag; only a folder can be attested")
     # named by their path from the bag, so that no two of them have one name
-    paths = {Path(os.path.relpath(path, bag)).as_posix(): path for path in subject.documents}
+    own_files = {path.resolve() for path in _files(bag)}
+    others = [path for path in subject.documents if path.resolve() not in own_files]
+    paths = {Path(os.path.relpath(path, bag)).as_posix(): path for path in others}
     documents = {name: bytes(mapped(path)) for name, path in paths.items()}
     manifest = read_manifest(bag)
     with BagReader(bag) as reader:
@@ -167,7 +172,11 @@ def _draft(
 def _files(bag: Path) -> list[Path]:
     """What of a folder is the bag: what a reader uses, the manifest and its signature."""
     names = (METADATA_NAME, MANIFEST_NAME, signature.signature_path(Path(MANIFEST_NAME)).name)
-    return [path for path in bag.iterdir() if path.name.endswith(SUFFIXES) or path.name in names]
+    return [
+        path
+        for path in bag.iterdir()
+        if path.name.removesuffix("-wal").endswith(SUFFIXES) or path.name in names
+    ]
 
 
 def _recorded(bag: Path, manifest: Manifest | None, reader: BagReader) -> Iterator[Finding]:
@@ -281,7 +290,9 @@ def _check_files(
         path = given.get(digest, bag / name)
         if not path.is_file():
             found.append(finding(Code.DOCUMENT_ABSENT if name in names else Code.MISSING, name))
-        elif sha256(data := mapped(path)) != digest:
+        elif (data := _tried(found, path, partial(mapped, path))) is None:
+            pass  # it cannot be read, which is a finding
+        elif sha256(data) != digest:
             # the manifest locates the change, if it is about the file that was attested
             is_listed = name in listed and listed[name].sha256 == digest
             changed = finding(Code.CHANGED_SINCE, name)
@@ -301,6 +312,6 @@ def _tried(found: list[Finding], bag: Path, check: Callable[[], T]) -> T | None:
     """Result of a check; None where it fails, which is among the findings then."""
     try:
         return check()
-    except (BagError, InputError) as error:
+    except (BagError, InputError, OSError) as error:
         found += getattr(error, "findings", [finding(Code.UNREADABLE, bag, reason=error)])
         return None

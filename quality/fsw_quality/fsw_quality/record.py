@@ -120,12 +120,15 @@ def proof_of(bag: Path) -> tuple[list[str], list[str]]:
         is_late = any(entry.hashed == "afterwards" for entry in manifest.files)
         late = ", hashed after the recording" if is_late else ""
         lines.append(f"{len(manifest.files)} files as {MANIFEST_NAME} has them{late}")
+    except (BagError, InputError) as error:
+        text = f"not as {MANIFEST_NAME} has it: {error}"
+        return [text], [text]
+    try:
         signer = signer_of(bag / MANIFEST_NAME, Purpose.MANIFEST, None)
     except MissingExtraError as error:
         return [*lines, f"{MANIFEST_NAME}: its signature cannot be checked: {error}"], []
     except (BagError, InputError) as error:
-        text = f"not as {MANIFEST_NAME} has it: {error}"
-        return [text], [text]
+        return [*lines, text := f"the signature of {MANIFEST_NAME} is not valid: {error}"], [text]
     return [
         *lines,
         f"{MANIFEST_NAME} {f'signed by {signer.words}' if signer else 'is not signed'}",

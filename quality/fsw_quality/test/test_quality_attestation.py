@@ -530,3 +530,35 @@ def test_the_manifest_says_what_the_schema_allows(shop: Shop) -> None:
         "kernel",
         "unknown",
     )
+
+
+def test_a_renamed_entry_is_not_overwritten(shop: Shop) -> None:
+    last = shop.chain_folder / f"{COUNT:06d}.json"
+    content = last.read_bytes()
+    renamed = last.rename(shop.chain_folder / f"{COUNT + 1:06d}.json")
+    shop.weld(9)
+    assert shop.refused(9) == [Code.BROKEN_LINK]
+    assert renamed.read_bytes() == content
+
+
+def test_files_of_the_bag_are_no_documents(shop: Shop) -> None:
+    bag = shop.weld(9)
+    [data] = bag.glob("*.mcap")
+    assert shop.attest(9, documents=[data]).documents == ()
+    data.unlink()
+    assert shop.codes(9) == [Code.MISSING]
+
+
+def test_a_log_of_an_sqlite_file_belongs_to_the_bag(shop: Shop) -> None:
+    bag = shop.weld(9)
+    shop.attest(9)
+    (bag / "weld_9_0.db3-wal").write_bytes(b"x")
+    assert shop.codes(9) == [Code.NOT_ATTESTED]
+
+
+def test_an_entry_of_another_form_is_a_finding(shop: Shop) -> None:
+    last = read_chain(shop.chain_folder, shop.trusted).entries[-1].content
+    stated = last.model_dump(mode="json", exclude_none=True) | {"another": 1}
+    data = envelope({"a": "0" * 64}, Purpose.ATTESTATION, stated, shop.key).encode()
+    (shop.chain_folder / "000099.json").write_bytes(data)
+    assert shop.chain_codes() == [Code.UNREADABLE]

@@ -86,7 +86,7 @@ class DepthBank:
         self.x = self.x @ f.T
         self.p = f @ self.p @ f.T
         self.p += q
-        if power_kw == power_kw:
+        if math.isfinite(power_kw):
             beyond = power_kw - settings.calibration_power_kw - self._soaked_kw
             self._soaked_kw += beyond * (1.0 - math.exp(-elapsed_s / settings.growth_s))
 

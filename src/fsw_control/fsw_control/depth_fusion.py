@@ -64,13 +64,13 @@ class DepthFusion:
         self.channels, self._footprint = dict(channels), footprint
         if footprint is not None:
             repeat_mm = self.settings.repeat_mm
-            self.settings = self.settings.changed(
-                shared_deviation_mm=math.hypot(footprint.deviation_mm, repeat_mm)
-            )
-            known = {bias.sensor for bias in footprint.sensors}
-            for name, row in channels.items():
-                if SENSOR + name in known:
-                    self.channels[name] = row.changed(bias_deviation_mm=repeat_mm)
+            listed = {bias.sensor for bias in footprint.sensors}
+            known = [name for name in channels if SENSOR + name in listed]
+            for name in known:
+                self.channels[name] = channels[name].changed(bias_deviation_mm=repeat_mm)
+            if known:
+                shared_mm = math.hypot(footprint.deviation_mm, repeat_mm)
+                self.settings = self.settings.changed(shared_deviation_mm=shared_mm)
         self._torque_model = torque_model
         self.reset()
 
@@ -106,7 +106,8 @@ class DepthFusion:
         """
         if self._estimate is not None and time_s <= self._time_s:
             return self._estimate
-        pushed = force_kn - self.settings.calibration_force_kn if force_kn == force_kn else 0.0
+        known = math.isfinite(force_kn)
+        pushed = force_kn - self.settings.calibration_force_kn if known else 0.0
         raw = [_number(channels_mm.get(name)) for name in self.channels]
         values, health = self._tests.screen(raw)
         values -= [row.shown(pushed) for row in self.channels.values()]
@@ -122,7 +123,7 @@ class DepthFusion:
             bank.predict(time_s - self._time_s, power_kw)
         bank.innovate(values, pushed)
         witness = self._witness(force_kn, torque_nm, speed_rpm)
-        judgement = self._tests.judge(bank, health, witness)
+        judgement = self._tests.judge(bank, values, health, witness)
         for index in judgement.isolated:
             self._tests.trust(index, bank)
             bank.trust(index)
@@ -165,6 +166,8 @@ class DepthFusion:
         expected = self._torque_model(force_kn, depth, speed_rpm)
         slope = (self._torque_model(force_kn, depth + _SLOPE_MM, speed_rpm) - expected) / _SLOPE_MM
         ratio = torque_nm / expected
+        if ratio <= 0.0:  # a dead sensor
+            return 0.0, variance
         if math.isnan(self._hardness):
             self._hardness = ratio
         gained = (torque_nm - self._hardness * expected) / (self._hardness * slope)

@@ -108,12 +108,16 @@ class ChannelTests:
         return values, health
 
     def judge(
-        self, bank: DepthBank, health: list[ChannelHealth], witness: tuple[float, float]
+        self,
+        bank: DepthBank,
+        values: Array,
+        health: list[ChannelHealth],
+        witness: tuple[float, float],
     ) -> Judgement:
         """Decide which channels the bank may use; its innovations are those of this tick.
 
-        ``witness`` is what depth has gained on its prediction according to the torque, and the
-        variance of that.
+        ``values`` are the samples after :meth:`screen`. ``witness`` is what depth has gained on
+        its prediction according to the torque, and the variance of that.
         """
         present = np.array([not flaw for flaw in health])
         self._listen(bank.z[0], present, health)
@@ -129,7 +133,7 @@ class ChannelTests:
         if not wrong:  # else the common part is wrong, too
             apart = bank.z - common[0][:, None]
             self._mean[:filters] += np.where(used, (apart - self._mean[:filters]) * SECOND, 0.0)
-        self._follow_priors(bank, used)
+        self._follow_priors(bank, used, ~np.isnan(values))
         if self._quiet:
             self._quiet -= 1
         elif not wrong and not spread:
@@ -137,7 +141,7 @@ class ChannelTests:
         self._suspect(spread, used, health)
         for i in isolated:
             used[i] = False
-        self._readmit(health)
+        self._readmit(~np.isnan(values))
         squared = 0.0 if wrong or isolated else float(common[0, 0] ** 2 * weights[0, 0])
         return Judgement(used, health, isolated, spread, squared, float(common[0, 0]))
 
@@ -227,11 +231,12 @@ class ChannelTests:
             self._spikes[i].clear()
             self._before[i] = self._off[i]
 
-    def _follow_priors(self, bank: DepthBank, used: Mask) -> None:
+    def _follow_priors(self, bank: DepthBank, used: Mask, sampled: Mask) -> None:
         """Distance of each channel from what its prior and the others say."""
         own = np.diagonal(bank.z[1:]) if len(bank.z) > 1 else bank.z[0]
         own = np.where([bool(flaw) for flaw in self.latched], bank.z[0], own)
-        self._off += np.where(used | self._latched_mask(), (own - self._off) * THREE_SECONDS, 0.0)
+        known = used | (self._latched_mask() & sampled)
+        self._off += np.where(known, (own - self._off) * THREE_SECONDS, 0.0)
 
     def _latched_mask(self) -> Mask:
         return np.array([bool(flaw) for flaw in self.latched])
@@ -261,13 +266,13 @@ class ChannelTests:
         self._latch((drifting,), ChannelHealth.DRIFT, health)
         return (drifting,), 0.0
 
-    def _readmit(self, health: list[ChannelHealth]) -> None:
+    def _readmit(self, sampled: Mask) -> None:
         """Use a slipped channel again that has been back where it was for long enough."""
         ticks = round(self._settings.readmit_s / TICK_S)
         for i, flaw in enumerate(self.latched):
             if flaw is ChannelHealth.SLIP:
                 moved_mm = abs(self._off[i] - self._before[i])
-                is_back = moved_mm < BACK_MM and health[i] is flaw
+                is_back = moved_mm < BACK_MM and sampled[i]
                 self._agreed[i] = self._agreed[i] + 1 if is_back else 0
                 if self._agreed[i] > ticks:
                     self.latched[i] = ChannelHealth.GOOD

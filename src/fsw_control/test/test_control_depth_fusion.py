@@ -8,6 +8,7 @@ import pytest
 
 from fsw_control import weld
 from fsw_control.depth_channels import CHANNELS, ChannelHealth, DepthChannel
+from fsw_control.depth_footprint import Footprint, SensorBias
 from fsw_control.depth_fusion import DepthFusion
 
 GOOD, MISSING, OUT_OF_RANGE, SPIKE, STUCK, SLIP, DRIFT, DUST, SUSPECT, _ = ChannelHealth
@@ -187,6 +188,31 @@ def test_a_slip_that_is_over_is_forgotten():
     assert w.estimates[-1].health["laser"] is SLIP
     w.run(30.0)
     assert w.estimates[-1].used == ALL
+
+
+def test_a_slip_is_not_forgotten_while_nothing_is_seen_of_the_channel():
+    fault = {"laser": lambda y, since_s, r: y + 2.0 if since_s < 5.0 else math.nan}
+    w = Weld(5, fault=fault).run(AT_S + 4.0)
+    assert w.estimates[-1].health["laser"] is SLIP
+    w.run(60.0)
+    assert w.estimates[-1].health["laser"] is SLIP
+
+
+def test_a_dead_torque_sensor_and_figures_without_bound_do_no_harm():
+    w = Weld(6, torque=torque_nm)
+    w.fusion.update(0.01, w.samples(), w.force_kn, 0.0, 43.6, weld.SPEED_RPM)
+    w.fusion.update(0.02, w.samples(), math.inf, math.inf, math.inf, math.inf)
+    assert abs(w.run(10.0).errors_mm[-1]) < 0.05
+    assert w.estimates[-1].used == ALL
+
+
+def test_a_footprint_of_no_channel_makes_the_depth_no_surer():
+    bias = {"sensor": "depth", "bias_mm": (0.1,)}
+    listed = {"weld": "w", "sha256": "0" * 64, "angle_deg": (0.0,), "depth_mm": (2.6,)}
+    footprint = Footprint(**listed, deviation_mm=0.01, sensors=(SensorBias(**bias),))
+    values = dict.fromkeys(ALL, 2.7)
+    estimates = [DepthFusion(footprint=one).update(0.1, values) for one in (None, footprint)]
+    assert estimates[0].deviation_mm == estimates[1].deviation_mm
 
 
 def test_missing_samples_and_repeated_ticks():

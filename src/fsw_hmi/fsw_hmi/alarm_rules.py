@@ -174,6 +174,7 @@ class AlarmRules:
         self._failed = "", ""
         self._nominal = ""  # who has commanded as selected, and does so without a break
         self._faults: dict[str, str] = {}  # by sensor, the state that it began with
+        self._flaws: dict[str, ChannelHealth] = {}  # the same of depth channels
         #: present when a stop or the end began: it may be their effect
         self._before_stop: frozenset[str] = frozenset()
 
@@ -235,7 +236,10 @@ class AlarmRules:
             if "machine" not in found:  # without it nothing is measured
                 found["measurements"] = alarm("measurements")
             return
-        there = (name for name in OPTIONAL if name in now.sample_age_s)
+        # the health of a depth channel says more than its samples do
+        there = (
+            name for name in OPTIONAL if name in now.sample_age_s and name not in now.channels
+        )
         for name in (*REQUIRED, *there):
             state = now.sensor_states.get(name, "good")
             if (
@@ -254,11 +258,12 @@ class AlarmRules:
             fault = self._faults[name]
             why = _TEXTS.sensors.get(fault, fault)
             found[f"sensor:{name}"] = alarm("sensor", fault, name=name, why=why)
-        for name, health in now.channels.items():
-            if health is not ChannelHealth.GOOD:
-                found[f"channel:{name}"] = alarm(
-                    "channel", health.word, name=name, why=health.words
-                )
+        self._flaws = {
+            name: self._flaws.get(name, health)  # the alarm says what it began with
+            for name, health in now.channels.items()
+            if health is not ChannelHealth.GOOD
+        }
+        _channels(now.channels, self._flaws, found)
 
     def _supervisor(self, now: Situation, now_s: float, found: dict[str, Alarm]) -> None:
         state, age_s = now.state, now.state_age_s
@@ -444,6 +449,24 @@ class AlarmRules:
                 )
                 own = node.startswith("fsw_") or node in known
                 found[alarm_id("part", node)] = one if own else replace(one, priority="low")
+
+
+def _channels(
+    channels: Mapping[str, ChannelHealth],
+    bad: Mapping[str, ChannelHealth],
+    found: dict[str, Alarm],
+) -> None:
+    """What is wrong with the bad channels of a fused depth, and whether it can be relied on."""
+    suspect = [name for name in bad if channels[name] is ChannelHealth.SUSPECT]
+    if suspect or (bad and len(bad) == len(channels)):
+        names = suspect or list(bad)
+        health = bad[names[0]]
+        found["depth_doubt"] = alarm(
+            "depth_doubt", health.word, name=", ".join(names), why=health.words
+        )
+        return
+    for name, health in bad.items():
+        found[f"channel:{name}"] = alarm("channel", health.word, name=name, why=health.words)
 
 
 def _machine(now: Situation, found: dict[str, Alarm]) -> None:

@@ -90,7 +90,8 @@ class LiveWeld:
             self._phases.append((stamp_ns, phase))
         begin_ns = self._stamps_ns[0]
         begin_s = float(experiment_time_s(np.array([begin_ns]))[0])
-        self._unusable.add(begin_s + (stamp_ns - begin_ns) / NANOSECONDS, values)
+        if progress.get("state") not in OVER:  # the record ends with the programme, too
+            self._unusable.add(begin_s + (stamp_ns - begin_ns) / NANOSECONDS, values)
         if len(self._rows) > 2 * KEPT:  # a plant that runs for days without a programme
             for kept in (self._stamps_ns, self._rows, self._texts):
                 del kept[:KEPT]

@@ -145,7 +145,17 @@ def test_no_alarm_in_a_good_weld(rules):
         ({"state": state(controllers=[controller(ready=False)])}, "controller:nmpc", "low"),
         ({"sample_age_s": {"depth": 0.7}}, "sensor:depth", "medium"),
         ({"sensor_states": {"torque": "frozen"}}, "sensor:torque", "medium"),
-        ({"channels": {"depth_axial": ChannelHealth.SLIP}}, "channel:depth_axial", "medium"),
+        (
+            {"channels": {"depth_axial": ChannelHealth.SLIP, "depth_laser": ChannelHealth.GOOD}},
+            "channel:depth_axial",
+            "medium",
+        ),
+        (
+            {"channels": dict.fromkeys(("depth_axial", "depth_laser"), ChannelHealth.SUSPECT)},
+            "depth_doubt",
+            "high",
+        ),
+        ({"channels": {"depth_axial": ChannelHealth.MISSING}}, "depth_doubt", "high"),
         (
             {
                 "sensor_states": {"torque": "frozen"},

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 from fsw_control import messages_ros as convert
+from fsw_control.coded import Fact
 from fsw_control.command_writers_ros import CommandWriters
 from fsw_control.contract import Limits
 from fsw_control.managed_node_ros import ManagedNode
@@ -84,7 +86,7 @@ class MachineNode(ManagedNode):
         self._lost, self._retry_s, self._losses, self._attempts = "", 0.0, 0, 0
         self._stalled_s = self._longest_write_s = 0.0
         self._reported = (0, 0)
-        self._logged: dict[str, tuple[bytes, str]] = {}
+        self._logged: dict[str, tuple[object, ...]] = {}
         self._refused = ""
         self._guard = SingleInstanceGuard(self)
         self._sensors = sensor_publishers(self)
@@ -256,12 +258,23 @@ class MachineNode(ManagedNode):
         ]
         self._diagnostics.publish(lines)
         for line in lines:
-            if line.part in ("connection", "machine") and self._logged.get(line.part) != (
-                line.level,
-                line.code,
-            ):
-                self._logged[line.part] = (line.level, line.code)
+            if line.part not in ("connection", "machine"):
+                continue
+            said = (line.level, line.code, _names(line.what))
+            if self._logged.get(line.part) != said:
+                self._logged[line.part] = said
                 log(self, line.level, f"{line.part}: {line.words}")
+
+
+def _names(what: Any) -> Any:
+    """A fact's fields without its figures, so that a count or a time alone is nothing new."""
+    if isinstance(what, Fact):
+        return what.code, tuple(_names(item) for item in what.data.values())
+    if isinstance(what, Mapping):
+        return tuple((key, _names(item)) for key, item in what.items())
+    if isinstance(what, list | tuple):
+        return tuple(map(_names, what))
+    return None if isinstance(what, int | float) else str(what)
 
 
 def _link_settings(values: dict[str, Any]) -> LinkSettings:

@@ -159,7 +159,9 @@ class PlantEmulator:
         self.gate = CommandGate(limits, config["commands.max_age_s"], config["commands.sources"])
         self.watchdog = Watchdog(config)
         self._last: dict[str, float] = {}
-        self._fusion = FusedDepth(config.footprint) if config.machine.depth_channels else None
+        self._fusion = None
+        if config.machine.depth_channels:
+            self._fusion = FusedDepth(config.footprint, config.machine.touch_off_kn)
 
     def take(self, schedule: PlantSchedule) -> None:
         """Use another schedule."""
@@ -196,14 +198,17 @@ class PlantEmulator:
         angle_deg = self.core.angle_deg
         if self._fusion is None and self.config.footprint is not None:
             shown["depth"] -= self.config.footprint.bias_mm("depth", angle_deg)
-        samples = {name: self._sent(name, value, stamp) for name, value in shown.items()}
-        self._reading = Reading(self.tick, stamp, samples, self._acting)
+        fused = None
+        samples = {
+            name: self._sent(name, value, stamp)
+            for name, value in shown.items()
+            if name != "depth" or self._fusion is None
+        }
         if self._fusion is not None:
-            fused = self._fusion.update(
-                stamp * 1e-9, self._reading.values, self._acting, angle_deg
-            )
-            samples["depth"] = self._sent("depth", fused.depth_mm, stamp)
-            self._reading = self._reading._replace(fused=fused)
+            values = Reading(self.tick, stamp, samples, self._acting).values
+            fused = self._fusion.update(stamp * 1e-9, values, self._acting, angle_deg)
+            samples = {"depth": self._sent("depth", fused.depth_mm, stamp), **samples}
+        self._reading = Reading(self.tick, stamp, samples, self._acting, fused)
         return self._reading
 
     def _sent(self, name: str, value: float, stamp_ns: int) -> tuple[Sample, ...]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from math import nan
 
 from fsw_control.contract import Command
+from fsw_control.depth_channels import DepthFusionSettings
 from fsw_control.depth_footprint import Footprint
 from fsw_control.depth_fusion import DepthEstimate, DepthFusion
 from fsw_control.sensors import DEPTH_CHANNELS
@@ -16,8 +17,9 @@ from fsw_model.equations import friction_torque_nm, power_kw, process_torque_nm
 class FusedDepth:
     """Fuses the samples of the depth's channels with force, torque and power that are measured."""
 
-    def __init__(self, footprint: Footprint | None = None) -> None:
-        self._fusion = DepthFusion(torque_model=_torque_nm, footprint=footprint)
+    def __init__(self, footprint: Footprint | None, touch_off_kn: float) -> None:
+        settings = DepthFusionSettings(calibration_force_kn=touch_off_kn)
+        self._fusion = DepthFusion(settings, torque_model=_torque_nm, footprint=footprint)
 
     def update(
         self, time_s: float, values: Mapping[str, float], drives: Command, angle_deg: float = nan

@@ -167,3 +167,30 @@ def test_biases_of_a_footprint_are_taken_off(tmp_path, channels, sensor):
     assert truth[-1] - shown["depth"][-1] == pytest.approx(taken_off, abs=1e-3)
     if channels:
         assert shown[sensor][-1] == pytest.approx(truth[-1])
+
+
+def test_faults_of_the_depth_act_on_the_fused_value_once():
+    plant = emulator()
+    plant.begin(fault("depth", "spike", 1.0))
+    shown = [plant.measure().values["depth"]]
+    plant.apply(plant.applied)
+    plant.step()
+    shown.append(plant.measure().values["depth"])
+    assert shown[0] - shown[1] == pytest.approx(1.0, abs=1e-3)
+    plant.begin(fault("depth", "delay", 0.3))
+    late = []
+    for _ in range(8):
+        plant.apply(plant.applied)
+        plant.step()
+        reading = plant.measure()
+        late += [reading.stamp_ns - sample.stamp_ns for sample in reading.samples["depth"]]
+    assert set(late[-4:]) == {300_000_000}
+
+
+def test_channels_agree_wherever_the_touch_off_was():
+    plant = emulator(compliance_mm_per_kn=0.03, touch_off_kn=40.0)
+    for _ in range(100):
+        plant.measure()
+        plant.apply(plant.applied)
+        plant.step()
+    assert {health.word for health in plant.measure().fused.health.values()} == {"good"}

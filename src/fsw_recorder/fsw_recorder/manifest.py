@@ -15,10 +15,11 @@ import struct
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC as MAGIC
+from pydantic import Field
 
 from fsw_control.schema.files import open_regular, read_regular
 from fsw_control.schema.models import Many, Model, json_content_of, validate
@@ -102,7 +103,8 @@ class Piece(Model):
 class FileManifest(Model):
     """A file of the bag."""
 
-    name: str
+    name: Annotated[str, Field(pattern=r"^[^/\\]*[^/\\.][^/\\]*$")]
+    """of a file in the bag's folder, without a path"""
     bytes: int
     sha256: str
     hashed: When

@@ -47,7 +47,8 @@ def unlisted(folder: Path, manifest: Manifest) -> list[Path]:
     return sorted(
         path
         for path in folder.iterdir()
-        if (path.name.endswith(SUFFIXES) or path.name == METADATA_NAME) and path.name not in names
+        if (path.name.removesuffix("-wal").endswith(SUFFIXES) or path.name == METADATA_NAME)
+        and path.name not in names
     )
 
 

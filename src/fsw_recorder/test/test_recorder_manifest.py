@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fsw_control.schema.models import InputError
+from fsw_control.schema.models import InputError, validate
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_recorder.errors import BagError
@@ -280,3 +280,10 @@ def test_a_failed_disk_leaves_a_manifest_of_what_was_written(
 def test_without_the_option_there_is_no_manifest(tmp_path: Path) -> None:
     write_weld(tmp_path / "weld", 3, options=WriterOptions())
     assert not (tmp_path / "weld" / MANIFEST_NAME).exists()
+
+
+@pytest.mark.parametrize("name", ["../other.mcap", "/data/other.mcap", "a/b.mcap", "..", ".", ""])
+def test_a_file_of_a_manifest_is_in_the_bag_s_folder(name):
+    content = {"name": name, "bytes": 1, "sha256": "", "hashed": "afterwards", "pieces": []}
+    with pytest.raises(InputError):
+        validate(FileManifest, content, "manifest.json")
