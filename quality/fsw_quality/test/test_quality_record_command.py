@@ -134,7 +134,7 @@ def test_record_of_a_recorded_weld(
     assert {one.name for one in found.rules if one.verdict != "accept"} == {"quality"}
     assert found.procedure.sha256 == procedure.load(asked).sha256
     assert found.identity == {"canister": "C-1", "tool": "T-4"}
-    assert len(found.proof) == 3 and found.proof[0] == "2 files as manifest.json has them"
+    assert len(found.proof) == 2 and found.proof[0] == "2 files as manifest.json has them"
     edge = next(one for one in found.exceedances if one.duration_s > 0.3)
     assert (
         6.0 <= edge.begin_s <= 6.3

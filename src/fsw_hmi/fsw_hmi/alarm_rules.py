@@ -258,11 +258,6 @@ class AlarmRules:
             fault = self._faults[name]
             why = _TEXTS.sensors.get(fault, fault)
             found[f"sensor:{name}"] = alarm("sensor", fault, name=name, why=why)
-        self._flaws = {
-            name: self._flaws.get(name, health)  # the alarm says what it began with
-            for name, health in now.channels.items()
-            if health is not ChannelHealth.GOOD
-        }
         _channels(now.channels, self._flaws, found)
 
     def _supervisor(self, now: Situation, now_s: float, found: dict[str, Alarm]) -> None:
@@ -453,10 +448,20 @@ class AlarmRules:
 
 def _channels(
     channels: Mapping[str, ChannelHealth],
-    bad: Mapping[str, ChannelHealth],
+    flaws: dict[str, ChannelHealth],
     found: dict[str, Alarm],
 ) -> None:
-    """What is wrong with the bad channels of a fused depth, and whether it can be relied on."""
+    """What is wrong with the channels of a fused depth, and whether it can be relied on.
+
+    An alarm says what it began with, which is kept in ``flaws``.
+    """
+    bad = {
+        name: flaws.setdefault(name, health)
+        for name, health in channels.items()
+        if health is not ChannelHealth.GOOD
+    }
+    for name in flaws.keys() - bad.keys():
+        del flaws[name]
     suspect = [name for name in bad if channels[name] is ChannelHealth.SUSPECT]
     if suspect or (bad and len(bad) == len(channels)):
         names = suspect or list(bad)

@@ -38,7 +38,7 @@ def test_each_page_shows_the_fault_of_its_own_weld_alone(domain_id):
             assert {node: [*parts] for node, parts in shown.items()} == {
                 "fsw_supervisor": ["process"]
             }
-            assert shown["fsw_supervisor"]["process"].text == WELDS[cell].text
+            assert shown["fsw_supervisor"]["process"].text == WELDS[cell].words
             assert watch.sensor_states["thermocouple"] == WELDS[cell].values["thermocouple state"]
     finally:
         for node in nodes:

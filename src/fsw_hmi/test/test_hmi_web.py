@@ -144,7 +144,7 @@ def test_page_is_told_what_is_known_and_the_past_from_the_newest_on(server):
         assert page.frames["state"]["known"]
         assert page.frames["control"] == {
             **{"t": "control", "holder": None, "you": False, "request": None, "name": ""},
-            **{"authenticated": False, "role": "", "may_stop": True, "note": ""},
+            **{"authenticated": False, "role": "", "may_stop": True, "note": "", "note_code": ""},
         }
         assert page.until("beat")["tick_age_s"] >= 0.0
 

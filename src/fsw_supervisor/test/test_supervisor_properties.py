@@ -15,6 +15,7 @@ from fsw_control.parameters import defaults
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.sensors import REQUIRED
 from fsw_supervisor.arbiter import Arbiter
+from fsw_supervisor.facts import Code
 from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
@@ -308,10 +309,15 @@ class ArbiterMachine(RuleBasedStateMachine):
 
     @invariant()
     def a_cause_means_a_safe_stop(self):
-        """While an interlock is tripped nothing else is commanded, and nothing is acknowledged."""
+        """While an interlock is tripped nothing else is commanded.
+
+        Nothing is acknowledged, either, unless what is tripped is the stop's own consequence.
+        """
         if hasattr(self, "arbiter") and self.arbiter.safety.tripped:
             assert self.arbiter.machine.mode is Mode.SAFE_STOP
-            assert not self.arbiter.machine.acknowledged
+            if self.arbiter.machine.acknowledged:
+                why = self.arbiter.safety.why_stop(acknowledged=True)
+                assert why is None or why.code is not Code.CAUSE_PRESENT
 
     @invariant()
     def the_state_is_consistent(self):

@@ -4,9 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from fsw_test_support.browser import CHROMIUM, chromium
-
-SHIM = Path(__file__).resolve().parents[1] / "docs" / "iframe-worker.js"
+SHIM = Path(__file__).resolve().parents[2] / "docs" / "iframe-worker.js"
 PAGE = """<body><script src="iframe-worker.js"></script><script>
 const worker = new Worker(new URL("echo.js", location.href).href)
 worker.addEventListener("message", event => document.title += event.data)
@@ -16,12 +14,10 @@ ECHO = "addEventListener('message', event => postMessage(`${event.data};`))"
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not CHROMIUM.exists(), reason=f"{CHROMIUM} is missing (apt install chromium)")
-def test_script_of_a_worker_answers_in_a_page_from_disk(tmp_path):
+def test_script_of_a_worker_answers_in_a_page_from_disk(tmp_path, browser):
     for name, text in (("page.html", PAGE), ("echo.js", ECHO), (SHIM.name, SHIM.read_text())):
         (tmp_path / name).write_text(text)
-    with chromium() as browser:
-        page = browser.new_page()
-        page.goto((tmp_path / "page.html").as_uri())
-        page.wait_for_function("document.title === 'a;b;'")
-        page.close()
+    page = browser.new_page()
+    page.goto((tmp_path / "page.html").as_uri())
+    page.wait_for_function("document.title === 'a;b;'")
+    page.close()
