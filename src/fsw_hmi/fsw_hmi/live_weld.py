@@ -80,6 +80,7 @@ class LiveWeld:
         self._rows.append((*row.values, *own))
         state = self._state or ("", "", "", (), "", -1, "")
         self._texts.append((source, state[0], state[1]))
+        was_over = bool(self._programme) and self._programme[-1][1] in OVER
         changes: tuple[tuple[list[tuple[int, Any]], Any], ...]
         changes = (self._states, state), (self._programme, progress.get("state", ""))
         for found, value in changes:
@@ -90,7 +91,8 @@ class LiveWeld:
             self._phases.append((stamp_ns, phase))
         begin_ns = self._stamps_ns[0]
         begin_s = float(experiment_time_s(np.array([begin_ns]))[0])
-        if progress.get("state") not in OVER:  # the record ends with the programme, too
+        # the record, too, ends with the tick in which the programme ends
+        if not (was_over and progress.get("state") in OVER):
             self._unusable.add(begin_s + (stamp_ns - begin_ns) / NANOSECONDS, values)
         if len(self._rows) > 2 * KEPT:  # a plant that runs for days without a programme
             for kept in (self._stamps_ns, self._rows, self._texts):
