@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
@@ -37,6 +39,30 @@ _SERVERS = {
 _CLOCKS_S = 0.5
 
 
+@contextlib.contextmanager
+def _interrupts_after() -> Iterator[None]:
+    """Raise KeyboardInterrupt for a Ctrl-C only when the middleware is left.
+
+    Raised within, its C++ code takes it for a message that cannot be converted.
+    """
+    own = signal.default_int_handler
+    if not _in_main_thread() or signal.getsignal(signal.SIGINT) is not own:
+        yield
+        return
+    came: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, own)
+    if came:
+        raise KeyboardInterrupt
+
+
+def _in_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()
+
+
 class Operator:
     """Calls services and watches topics, each with a time limit."""
 
@@ -53,7 +79,8 @@ class Operator:
                     return True
                 if time.monotonic() > end:
                     return False
-                rclpy.spin_once(self.node, timeout_sec=0.05)
+                with _interrupts_after():
+                    rclpy.spin_once(self.node, timeout_sec=0.05)
             except Exception as error:
                 if rclpy.ok() and not isinstance(error, ExternalShutdownException):
                     raise
