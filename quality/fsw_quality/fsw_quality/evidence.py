@@ -19,11 +19,11 @@ from fsw_quality.cross_check import check_links, check_records, records_of
 from fsw_quality.record_content import bag_name
 from fsw_recorder import signature
 from fsw_recorder.bag_metadata import ATTESTATION_NAME, IDENTITY, METADATA_NAME
-from fsw_recorder.bag_reader import SUFFIXES, BagReader
+from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.errors import BagError
 from fsw_recorder.findings import Code, EvidenceError, Finding, finding
 from fsw_recorder.manifest import MANIFEST_NAME, Manifest, mapped, read_manifest, sha256
-from fsw_recorder.manifest_check import check_file, check_files
+from fsw_recorder.manifest_check import check_file, check_files, is_read
 from fsw_recorder.signature import Purpose, Signer, TrustedKey
 
 if TYPE_CHECKING:  # from the extra signing
@@ -171,12 +171,8 @@ def _draft(
 
 def _files(bag: Path) -> list[Path]:
     """What of a folder is the bag: what a reader uses, the manifest and its signature."""
-    names = (METADATA_NAME, MANIFEST_NAME, signature.signature_path(Path(MANIFEST_NAME)).name)
-    return [
-        path
-        for path in bag.iterdir()
-        if path.name.removesuffix("-wal").endswith(SUFFIXES) or path.name in names
-    ]
+    names = (MANIFEST_NAME, signature.signature_path(Path(MANIFEST_NAME)).name)
+    return [path for path in bag.iterdir() if is_read(path.name) or path.name in names]
 
 
 def _recorded(bag: Path, manifest: Manifest | None, reader: BagReader) -> Iterator[Finding]:

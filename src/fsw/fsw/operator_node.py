@@ -46,7 +46,8 @@ def _interrupts_after() -> Iterator[None]:
     Raised within, its C++ code takes it for a message that cannot be converted.
     """
     own = signal.default_int_handler
-    if not _in_main_thread() or signal.getsignal(signal.SIGINT) is not own:
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    if not in_main_thread or signal.getsignal(signal.SIGINT) is not own:
         yield
         return
     came: list[int] = []
@@ -57,10 +58,6 @@ def _interrupts_after() -> Iterator[None]:
         signal.signal(signal.SIGINT, own)
     if came:
         raise KeyboardInterrupt
-
-
-def _in_main_thread() -> bool:
-    return threading.current_thread() is threading.main_thread()
 
 
 class Operator:

@@ -234,12 +234,10 @@ class ChannelTests:
     def _follow_priors(self, bank: DepthBank, used: Mask, sampled: Mask) -> None:
         """Distance of each channel from what its prior and the others say."""
         own = np.diagonal(bank.z[1:]) if len(bank.z) > 1 else bank.z[0]
-        own = np.where([bool(flaw) for flaw in self.latched], bank.z[0], own)
-        known = used | (self._latched_mask() & sampled)
+        latched = np.array([bool(flaw) for flaw in self.latched])
+        own = np.where(latched, bank.z[0], own)
+        known = used | (latched & sampled)
         self._off += np.where(known, (own - self._off) * THREE_SECONDS, 0.0)
-
-    def _latched_mask(self) -> Mask:
-        return np.array([bool(flaw) for flaw in self.latched])
 
     def _slow(
         self, chi: Array, used: Mask, bank: DepthBank, health: list[ChannelHealth]

@@ -41,14 +41,16 @@ def not_as_recorded(bag: Path) -> str:
     return f"not as {MANIFEST_NAME} has it: {summary(found)}" if found else ""
 
 
+def is_read(name: str) -> bool:
+    """Whether a reader uses this file of a bag: metadata, messages, the log of an sqlite file."""
+    return name == METADATA_NAME or name.removesuffix("-wal").endswith(SUFFIXES)
+
+
 def unlisted(folder: Path, manifest: Manifest) -> list[Path]:
     """Files that a reader would use but that are not in the manifest."""
     names = {listed.name for listed in manifest.files}
     return sorted(
-        path
-        for path in folder.iterdir()
-        if (path.name.removesuffix("-wal").endswith(SUFFIXES) or path.name == METADATA_NAME)
-        and path.name not in names
+        path for path in folder.iterdir() if is_read(path.name) and path.name not in names
     )
 
 
