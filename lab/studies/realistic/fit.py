@@ -9,21 +9,15 @@ suffice for the differences. Other welds, of the page, verify the result.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import astuple
 from typing import Any
 
 import numpy as np
 
+from fsw_analysis.phase_kpi import PUBLISHED
 from realistic import welds
 from realistic.welds import FITTED, GROUP, Figures, Task
 
-#: the cascade's row, and those of earlier control: welds, mean, sigma, minimum, maximum [degC];
-#: SKB, slides of a site visit, 2011
-PUBLISHED: dict[str, tuple[int, float, float, float, float]] = {
-    "manual axial force": (2, 9.0, 11.0, -25.0, 47.0),
-    "demonstration series": (20, 4.0, 6.0, -52.0, 49.0),
-    "first controller": (1, 3.0, 4.0, -23.0, 19.0),
-    "cascade": (8, 0.6, 1.0, -7.0, 8.0),
-}
 #: welds of the campaign that are used for the fit, and by nothing else; for the differences
 WELDS, DIFFERENCES = range(8), range(4)
 #: relative step of the differences, and the largest relative change
@@ -38,7 +32,7 @@ def _targets(statistics: Figures) -> Figures:
 def fit(run: Callable[[list[Task]], list[welds.Row]]) -> dict[str, Any]:
     """Fitted values, and what they follow from."""
     shipped = welds.scenario_values()
-    wanted = _targets(np.array(PUBLISHED["cascade"][1:]))
+    wanted = _targets(np.array(astuple(PUBLISHED["cascade"][1])))
     changes = [(), *(((path, 1.0 + _STEP),) for path in FITTED)]
     rows = run(
         [

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fsw_analysis.figure_style import colours_of, sheet
+from fsw_analysis.phase_kpi import PUBLISHED
 from fsw_analysis.report import numbers, templates
 from realistic import welds
-from realistic.fit import PUBLISHED
 from realistic.welds import CHOSEN, FITTED, GROUP, STATISTICS, Row, Task
 
 NMPC, CASCADE = ("nmpc:default", "nmpc:adaptive"), "decentral"
@@ -75,7 +76,8 @@ def content(rows: Sequence[Row], fitted: Mapping[str, Any]) -> dict[str, Any]:
         own = [row for row in plain if row["controller"] == label]
         if not own:
             continue
-        size, *published = PUBLISHED.get(name, PUBLISHED["cascade"])
+        size, statistics = PUBLISHED.get(name, PUBLISHED["cascade"])
+        published = list(astuple(statistics))
         found = welds.intervals(welds.groups(own, size))
         series[name] = {
             "welds": len(own),
