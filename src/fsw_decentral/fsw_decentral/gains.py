@@ -67,6 +67,6 @@ class Gains(Model):
 
 @cache
 def tunings() -> Mapping[str, Gains]:
-    """Return the documented sets of gains by name; ``scripts/tune_decentral.py`` computes them."""
+    """Return the documented sets of gains by name; ``fsw.tune`` computes them."""
     text = resources.files("fsw_decentral").joinpath("tunings.yaml").read_text(encoding="utf-8")
     return {name: Gains(**gains) for name, gains in yaml.safe_load(text).items()}

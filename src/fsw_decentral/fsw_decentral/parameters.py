@@ -25,7 +25,7 @@ class DecentralParameters(NodeParameters):
     """Parameters of the decentralized controller. A negative gain stands for that of the tuning."""
 
     tuning: Literal["conservative", "tight", "smith"] = "conservative"
-    """Named set of gains, computed by scripts/tune_decentral.py."""
+    """Named set of gains, computed by fsw.tune (lab)."""
     depth_gain: Annotated[float, Range(-1.0, 500.0, "kN/mm")] = -1.0
     """Proportional gain of the depth loop, axial force per depth error; negative: value of the
     tuning."""

@@ -1,1 +1,0 @@
-"""Search for the gains of the decentralized controller, and what they are worth."""
