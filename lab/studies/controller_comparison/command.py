@@ -12,8 +12,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from clairvoyant_bounds.bounds import bounds
 from controller_comparison import figures, other_models, report, sensing, study
+from controller_comparison.bounds import bounds
 from controller_comparison.processes import SWEEP
 from fsw_analysis.report import numbers as in_lines
 from fsw_tuning.standard_runs import draw_sweep

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clairvoyant_bounds.bounds import courses
-from clairvoyant_bounds.optimum import Clairvoyant
 from controller_comparison import figures as comparison_figures
 from controller_comparison import other_models, report, sensing, study
+from controller_comparison.bounds import courses
+from controller_comparison.optimum import Clairvoyant
 from controller_comparison.processes import INPUT_DISTURBANCES, SENSING, random_factors
 from controller_comparison.study import CONTROLLERS, DECENTRALIZED
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C

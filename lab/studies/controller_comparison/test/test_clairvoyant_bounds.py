@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from clairvoyant_bounds import bounds
-from clairvoyant_bounds.optimum import Clairvoyant
+from controller_comparison import bounds
+from controller_comparison.optimum import Clairvoyant
 from fsw_control import Reference
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
 from fsw_model import ProcessModel

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
-import json
-from collections.abc import Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from clairvoyant_bounds.optimum import Clairvoyant
-from fsw.console import ProgressBar, print_table
+from controller_comparison.optimum import Clairvoyant
+from fsw.console import ProgressBar
 from fsw_control import Reference
 from fsw_tuning.standard_cases import DISTURBANCES, EVENTS, REST, SET_POINTS, set_points
 
@@ -21,26 +17,6 @@ from fsw_tuning.standard_cases import DISTURBANCES, EVENTS, REST, SET_POINTS, se
 _FRONT, _JOINT = (1e4, 1e3, 300.0, 100.0, 30.0, 10.0, 1.0), 100.0
 #: further searches for the optimum of one output, from random inputs
 _STARTS = 8
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    parser = argparse.ArgumentParser(
-        description="Compute the smallest errors that a controller could have that knows all events."
-    )
-    parser.add_argument(
-        "--json", type=Path, metavar="FILE", help="also write them, with the fronts, as JSON"
-    )
-    parsed = parser.parse_args(arguments)
-    found = bounds()
-    rows = []
-    for name, bound in found.items():
-        figures = [f"{figure:.4g}" for figure in (bound["alone"], *bound["joint"])]
-        rows.append([name, EVENTS[name].size, *figures, "" if bound["solved"] else "not solved"])
-    print_table(rows, ("event", "size", "least IAE", "both: mm s", "degC s", ""), words=1)
-    if parsed.json is not None:
-        parsed.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    return 0
 
 
 def courses() -> dict[str, tuple[Reference, Reference]]:

@@ -1,1 +1,0 @@
-"""The least errors that any controller could reach in the standard events."""
