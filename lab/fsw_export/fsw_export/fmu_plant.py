@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any
 
 from fsw_control import weld
 from fsw_control.parameters import describe, require_known
-from fsw_control.weld import TICK_S
 from fsw_export.choice import Choice
 from fsw_export.fmu_description import Content, Variable, output, parameter, real, source
 from fsw_export.templates import render
-from fsw_model import ModelParameters, equations
-from fsw_model.c_code import c_text
+from fsw_model import ModelParameters
 from fsw_plant import PlantEmulator, config
-from fsw_plant.canister.stepped import LONGEST_HEATING_S
 from fsw_plant.library import KERNEL, model_of
 from fsw_plant.parameters import PlantParameters
 from fsw_plant.process import process_model, reduced
@@ -52,7 +48,6 @@ _OUTPUTS = (
     ("power_kw", "Power of the process", "kW"),
     ("copper_temperature_c", "Temperature of the copper about the stir zone", "degC"),
 )
-_CANISTER = ("fmu_canister.c", "fmu_canister.h")
 _TUNABLE = (
     "limits.force_min_kn",
     "limits.force_max_kn",
@@ -104,13 +99,12 @@ def plant(choice: Choice) -> Content:
             for own, (name, words) in _MOTION.items()
         ]
     code = canister_code(chosen) if on_canister else process_code(chosen.model)
-    files = ("fmu_plant.c", "fmu_plant.h", *(_CANISTER if on_canister else ()))
     return Content(
         "fsw_plant",
         "Friction stir welding process with its drives; no noise",
         tuple(variables),
         {
-            **{name: source(name) for name in files},
+            "fmu_plant.c": source("fmu_plant.c"),
             **{path.name: path.read_text("utf-8") for path in KERNEL.folder.glob("*.[ch]")},
             "fmu_unit.h": source("fmu_unit_plant.h"),
             **code,
@@ -119,54 +113,22 @@ def plant(choice: Choice) -> Content:
 
 
 def process_code(
-    parameters: ModelParameters,
-    functions: Sequence[Any] = (),
-    numbers: Mapping[str, float] = MappingProxyType({}),
+    parameters: ModelParameters, numbers: Mapping[str, float] = MappingProxyType({})
 ) -> dict[str, str]:
-    """``process.h`` with model and numbers, and ``process.c`` of CasADi functions, if any."""
+    """``process.h`` with model and numbers."""
     model = model_of(parameters)
     fields = {
         name: getattr(model, name) for name, _ in KERNEL.ffi.typeof("fsw_plant_model").fields
     }
-    sizes = {
-        f"{function.name().upper()}_{size.upper()}": getattr(function, f"sz_{size}")()
-        for function in functions
-        for size in ("arg", "res", "iw", "w")
-    }
-    header = render(
-        "process.h",
-        numbers={"NOMINAL_SPEED_RPM": weld.SPEED_RPM, **numbers, **sizes},
-        model=fields,
-        functions=[function.name() for function in functions],
-    )
-    code = {"process.c": c_text("process", *functions)} if functions else {}
-    return {"process.h": header, **code}
+    numbers = {"NOMINAL_SPEED_RPM": weld.SPEED_RPM, **numbers}
+    return {"process.h": render("process.h", numbers=numbers, model=fields)}
 
 
 def canister_code(chosen: config.PlantConfig) -> dict[str, str]:
-    """The same of the process on a canister, and ``canister.h`` with the compact canister's tables."""
+    """The same, and ``canister.h`` with the compact canister's tables."""
     assert chosen.canister is not None
-    p, canister = chosen.model, reduced(chosen.canister)
-    tables = canister.tables()
-    numbers = {
-        "PROCESS_STATES": equations.N_STATES,
-        "PROCESS_DELAY": equations.delay_steps(p),
-        "PROCESS_DEAD_STEPS": p.dead_time_s / TICK_S,
-        "PROCESS_FORCE_KN": p.operating_force_kn,
-        "PROCESS_DEPTH_MM": p.operating_depth_mm,
-        "PROCESS_TEMPERATURE_C": p.operating_temperature_c,
-        "PROCESS_SOFTENING_PER_C": p.softening_per_c,
-        "CANISTER_STATES": canister.states,
-        "CANISTER_EVEN": len(tables["transport"]),
-        "CANISTER_POSITIONS": len(tables["axial_mm"]),
-        "CANISTER_TEMPERATURES": len(tables["theta_k"]),
-        "CANISTER_RADIUS_MM": chosen.canister.outer_radius_mm,
-        "CANISTER_LOWEST_MM": chosen.canister.lowest_mm,
-        "CANISTER_HIGHEST_MM": chosen.canister.highest_mm,
-        "CANISTER_LONGEST_S": LONGEST_HEATING_S,
-    }
-    header = render(
-        "canister.h", tables={name: table.ravel().tolist() for name, table in tables.items()}
-    )
-    functions = [equations.driven_step_function(p)]
-    return {"canister.h": header, **process_code(p, functions, numbers)}
+    canister = reduced(chosen.canister)
+    sizes = {f"CANISTER_{name.upper()}": canister.sizes[name] for name in ("states", "even")}
+    tables = {name: table.ravel().tolist() for name, table in canister.tables.items()}
+    header = render("canister.h", tables=tables, sizes=canister.sizes)
+    return {"canister.h": header, **process_code(chosen.model, sizes)}

@@ -18,7 +18,7 @@ from matplotlib.patches import Ellipse, Rectangle
 from fsw_analysis.figure_style import COLOURS, colours_of, shade_phases, sheet
 from fsw_analysis.phase_kpi import Span
 from fsw_heat.history import HeatHistory
-from fsw_plant.canister import CanisterState
+from fsw_plant.compact_canister import CanisterState
 
 #: isotherms [degC], closer where most of the canister is
 LEVELS_C = (

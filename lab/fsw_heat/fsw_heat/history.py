@@ -15,7 +15,7 @@ import numpy as np
 from fsw_heat.elements import Elements, elements_of, extra
 from fsw_heat.reduced import ReducedCanister
 from fsw_plant.canister.copper import Array
-from fsw_plant.canister.stepped import CanisterState
+from fsw_plant.compact_canister import CanisterState
 
 #: states kept of a weld, one a second, for pictures and thermocouples
 KEEP_STEPS = 10

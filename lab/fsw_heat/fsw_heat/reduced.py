@@ -6,6 +6,7 @@ power, traverse speed and axial position held is one multiplication per state.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import isfinite, pi
 from pathlib import Path
 
@@ -18,7 +19,8 @@ from fsw_heat.elements import elements_of
 from fsw_heat.projection import Progress, Projection
 from fsw_plant.canister.copper import TYPICAL, Array
 from fsw_plant.canister.parameters import CanisterParameters
-from fsw_plant.canister.stepped import CanisterState, Complex, HeatModel
+from fsw_plant.compact_canister import CanisterState, Complex, HeatModel
+from fsw_plant.library import KERNEL
 
 
 def load_or_reduce(
@@ -56,9 +58,10 @@ class ReducedCanister(HeatModel):
         source = p.into_copper(q.turned(q.probe, turn), q.turned(q.shoulder, turn))
         rest = p.into_copper(*q.rest_k_per_w) * (TYPICAL["k"] / p.conductivity_w_per_m_k)
         source = source / (2.0 * pi * p.heat_capacity_j_per_m3_k)
-        super().__init__(
-            p, q.axial_mm, source, q.turned(q.rim, turn) * np.where(q.mode == 0, 1.0, 2.0), rest
-        )
+        super().__init__(p)
+        self._axial_mm, self._source, self._rest = q.axial_mm, source, rest
+        self._rim = q.turned(q.rim, turn) * np.where(q.mode == 0, 1.0, 2.0)
+        self._table = (float("nan"), (np.zeros(0), np.zeros(0), 0.0))
         self._vectors, self._ones = q.turned(q.vectors, turn), q.turned(q.ones, turn)
         self._loss = p.surface_w_per_m2_k * q.turned(q.surface_ones, turn)
         self._loss = self._loss + p.clamp_w_per_m2_k * q.turned(q.clamp_ones, turn)
@@ -80,7 +83,7 @@ class ReducedCanister(HeatModel):
             theta = float(self.copper.theta(temperature_c))
             volume = self._ones[: self._ends[1]]
             modes[: self._ends[1]] = theta * volume / (2.0 * pi)
-        return CanisterState(modes, angle_rad, self._checked(axial_mm))
+        return CanisterState(modes, angle_rad, self.checked(axial_mm))
 
     def step(
         self,
@@ -107,6 +110,29 @@ class ReducedCanister(HeatModel):
         if angle_rad != self._turned[0]:
             self._turned = (angle_rad, np.exp((1j * angle_rad) * self._modes)[self._mode])
         return self._turned[1]
+
+    def _at(self, axial_mm: float) -> tuple[Array, Array, float]:
+        """Source, rim and feedthrough at a position, by cubic interpolation of the tables."""
+        if axial_mm != self._table[0]:
+            grid = self._axial_mm
+            at = (axial_mm - grid[0]) / (grid[1] - grid[0])
+            first = min(max(int(at) - 1, 0), len(grid) - 4)
+            x = at - first
+            weights = np.array(
+                [
+                    (1 - x) * (x - 2) * (x - 3) / 6,
+                    x * (x - 2) * (x - 3) / 2,
+                    -x * (x - 1) * (x - 3) / 2,
+                    x * (x - 1) * (x - 2) / 6,
+                ]
+            )
+            near = slice(first, first + 4)
+            rest = float(weights @ self._rest[near])
+            self._table = (
+                axial_mm,
+                (weights @ self._source[near], weights @ self._rim[near], rest),
+            )
+        return self._table[1]
 
     def _over(self, traverse_mm_per_s: float, dt_s: float) -> tuple[Array, Complex]:
         """Decay over a step and response to a load that turns meanwhile."""
@@ -160,3 +186,30 @@ class ReducedCanister(HeatModel):
     def loss_w(self, state: CanisterState) -> float:
         """Heat that leaves at present to air and clamp."""
         return float(self._loss @ state.modes.real)
+
+
+def heated(
+    canister: HeatModel,
+    power_kw: float,
+    motion: tuple[float, float],
+    dt_s: float,
+    missing_c: Callable[[CanisterState], float],
+) -> CanisterState:
+    """Heat a canister from ambient by a constant power, in steps of ``dt_s``.
+
+    ``motion`` of the tool is traverse [mm/s] and position above the joint line [mm]. ``missing_c``
+    is called with each state, including the first: the remaining temperature rise; heating ends
+    at 0.
+
+    Raises
+    ------
+    fsw_control.schema.models.InputError
+        If that takes too long, or the tool is off the copper.
+    """
+    traverse, axial_mm = motion
+    state = canister.initial(axial_mm=axial_mm)
+    for _ in range(round(KERNEL.lib.FSW_PLANT_LONGEST_S / dt_s)):
+        if (rest_c := missing_c(state)) <= 0.0:
+            return state
+        state = canister.step(state, power_kw, traverse, axial_mm, dt_s)
+    raise InputError(f"{power_kw:g} kW leave {rest_c:.1f} degC missing of heating for too long")

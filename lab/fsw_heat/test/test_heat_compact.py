@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy
 
 pytest.importorskip(
     "skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock"
@@ -11,7 +12,8 @@ pytest.importorskip(
 
 from fsw_control.schema.models import InputError
 from fsw_heat import load_or_compact, load_or_reduce
-from fsw_plant.canister import CanisterParameters, CompactCanister
+from fsw_plant.canister import CanisterParameters
+from fsw_plant.compact_canister import CompactCanister
 
 pytestmark = pytest.mark.slow
 
@@ -58,6 +60,23 @@ def test_it_follows_the_reduced_canister(values: dict[str, float]) -> None:
         apart.append(compact.stir_zone_temperature_c(one) - reduced.stir_zone_temperature_c(other))
     assert reduced.stir_zone_temperature_c(other) > 600.0
     assert np.abs(apart).max() < 0.4
+
+
+@pytest.mark.parametrize("speed", [0.0, -SPEED, 20.0])
+@pytest.mark.parametrize("dt_s", [0.1, 30.0])
+def test_a_transition_is_the_exponential_of_the_equations(
+    canister: CompactCanister, speed: float, dt_s: float
+) -> None:
+    even, n = len(canister.tables["transport"]), canister.states
+    matrix = np.zeros((2 * n, 2 * n))
+    matrix[:n] = np.hstack([-canister.tables["decay"], np.eye(n)])
+    turning = speed / canister.parameters.outer_radius_mm * canister.tables["transport"]
+    matrix[:even, even:n] -= turning
+    matrix[even:n, :even] += turning.T
+    exact = scipy.linalg.expm(dt_s * matrix)[:n]
+    kept, response = canister.over(speed, dt_s)
+    np.testing.assert_allclose(kept.T, exact[:, :n], rtol=0.0, atol=1e-11)
+    np.testing.assert_allclose(response.T, exact[:, n : n + even], rtol=0.0, atol=1e-11 * dt_s)
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.3, -SPEED, 20.0, 500.0])

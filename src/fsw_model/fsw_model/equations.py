@@ -286,8 +286,8 @@ def numbers_of(p: ModelParameters) -> Matrix:
     return np.concatenate([flat, *(m.ravel() for m in thermal_numbers(p).values())])
 
 
-def general_functions() -> tuple[ca.Function, ca.Function]:
-    """Step and output function for all parameters; last argument: :func:`numbers_of`."""
+def general_functions() -> tuple[ca.Function, ...]:
+    """Step, step with another model's copper, and outputs; last argument: :func:`numbers_of`."""
     p = nominal()
     vector = ca.SX.sym("numbers", len(numbers_of(p)))
     given = iter(ca.vertsplit(vector))
@@ -300,11 +300,12 @@ def general_functions() -> tuple[ca.Function, ca.Function]:
         numbers[name] = ca.vertcat(
             *(ca.horzcat(*(next(given) for _ in range(columns))) for _ in range(rows))
         )
-    return _step(fields, numbers, vector), _outputs(fields, vector)
+    steps = (make(fields, numbers, vector) for make in (_step, _driven))
+    return (*steps, _outputs(fields, vector))
 
 
-def driven_step_function(p: ModelParameters) -> ca.Function:
-    """CasADi function of one step of a process whose copper is another model's.
+def _driven(p: ModelParameters, numbers: Mapping[str, Any], vector: ca.SX) -> ca.Function:
+    """One step of a process whose copper is another model's.
 
     (x, copper at start and end as the tool meets it, force, speed) -> (x next, mean power, depth).
     The copper's temperature replaces the first lag of (16): it includes the dead time and is
@@ -319,13 +320,12 @@ def driven_step_function(p: ModelParameters) -> ca.Function:
     def thermal(name: str) -> tuple[ca.SX, ca.SX]:
         span_s = _SPANS_S[name]
         behind = x[TOOL] - copper[0] + rate * lag
-        return x[COPPER], copper[0] + rate * (span_s - lag) + behind * exp(-span_s / lag)
+        return x[COPPER], copper[0] + rate * (span_s - lag) + behind * ca.exp(-span_s / lag)
 
-    x_next, power, depth = _stepped(p, mode_numbers(p), x, force, speed, thermal)
-    faded = p.motor_lag_s / STEP_S * (1.0 - exp(-STEP_S / p.motor_lag_s))
+    x_next, power, depth = _stepped(p, numbers, x, force, speed, thermal)
+    faded = p.motor_lag_s / STEP_S * (1.0 - numbers["motor_kept"])
     mean = p.operating_power_kw + power[0] + power[1] / 2.0 + power[2] / 3.0 + power[3] * faded
-    names = ["x", "copper_c", "force_kn", "speed_rpm"], ["x_next", "mean_kw", "depth_mm"]
-    return ca.Function("driven_step", [x, copper, force, speed], [x_next, mean, depth], *names)
+    return ca.Function("process_driven", [x, copper, force, speed, vector], [x_next, mean, depth])
 
 
 def _stepped(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite, pi
 from struct import Struct
@@ -131,11 +131,6 @@ class _Numeric:
             self._put(self._target, 0, *values)
             self._evaluate()
             return self._result.tolist()
-
-
-def driven_step(parameters: ModelParameters) -> Callable[..., list[float]]:
-    """:func:`fsw_model.equations.driven_step_function` as a function of floats."""
-    return _Numeric(equations.driven_step_function(parameters))
 
 
 class ProcessModel:

@@ -1,15 +1,17 @@
-"""One plant in C: drives, process and sensors; on a canister, its process is in Python."""
+"""One plant in C: drives, process and sensors."""
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any
 
 from fsw_control import Command
+from fsw_control.schema.models import InputError
 from fsw_model import Equilibrium, OperatingPointError, Outputs, OutsideModelError, ProcessState
-from fsw_plant.canister_process import CanisterProcessState
+from fsw_plant.compact_canister import CanisterField
 from fsw_plant.config import PlantConfig
 from fsw_plant.library import KERNEL, configure, configure_machine, model_of
-from fsw_plant.process import canister_process, process_model
+from fsw_plant.process import process_model, reduced
 from fsw_plant.sensors import BLOCK, Draws, sensors_of
 from fsw_plant.tool_path import Motion
 
@@ -17,31 +19,50 @@ from fsw_plant.tool_path import Motion
 class PlantCore:
     """Drives, process and sensors of a plant; disturbances are set by the caller in ``added``.
 
-    ``memory``, a ``fsw_plant *`` (``kernel/fsw_plant.h``), is the state of all but the process on
-    a canister: state ``x`` of the process, its power within the dead time, drives and sensors. It
-    may be read and changed between ticks, to test or to disturb the plant.
+    ``memory``, a ``fsw_plant *`` (``kernel/fsw_plant.h``), is the state: ``x`` of the process, its
+    power within the dead time, drives and sensors, and the heat in a canister. It may be read and
+    changed between ticks, to test or to disturb the plant.
     """
 
-    state: ProcessState  #: of the process on a canister; otherwise the state at the start
+    field: CanisterField | None = None  #: of the heat in the canister
+    _heated: CanisterField | None = None  #: the one that :meth:`equilibrium` heated, for a start
 
     def __init__(self, config: PlantConfig) -> None:
         ffi = KERNEL.ffi
         self.memory = KERNEL.new("fsw_plant")
         self.added = KERNEL.new("fsw_plant_disturbance")  #: disturbances in the present tick
-        self.model, self._canister = model_of(config.model), canister_process(config)
-        self._outputs = ffi.cast("double *", ffi.addressof(self.memory, "outputs"))
+        self.model = model_of(config.model)
         self.sensors = sensors_of(config)  #: their names
         self._shown = ffi.new("double[]", len(self.sensors))
         self._command = ffi.new("double[2]")
-        self._inputs = KERNEL.new("fsw_plant_inputs")
 
     def equilibrium(
         self, config: PlantConfig, depth_mm: float, temperature_c: float, motion: Motion
     ) -> Equilibrium:
         """Start of a weld; raises OperatingPointError if there is none."""
-        if self._canister is None:
+        if config.canister is None:
             return process_model(config.model).equilibrium(depth_mm, temperature_c)
-        return self._canister.start(depth_mm, temperature_c, config["start.power_kw"], motion)
+        lib, plant, power_kw = KERNEL.lib, KERNEL.new("fsw_plant"), config["start.power_kw"]
+        field = CanisterField(reduced(config.canister), motion.axial_mm)
+        plant.field, plant.machine.traverse_mm_per_s = field.memory, motion.traverse_mm_per_s
+        start = f"start at {temperature_c:g} degC"
+        why = lib.fsw_plant_heat_up(
+            plant, model_of(config.model), depth_mm, temperature_c, power_kw
+        )
+        if why == lib.FSW_PLANT_LEFT:
+            raise OperatingPointError(
+                f"no start at depth {depth_mm:.4g} mm, {temperature_c:.4g} degC (27)"
+            )
+        if why == lib.FSW_PLANT_COLD:
+            raise OperatingPointError(
+                f"{start}: {power_kw:g} kW leave {plant.left[0]:.1f} degC missing after "
+                f"{lib.FSW_PLANT_LONGEST_S} s of heating; raise start.power_kw"
+            )
+        if why:
+            raise OperatingPointError(f"{start}: {_off_copper(field)}")
+        self._heated, state = field, ProcessState(tuple(plant.x), deque())
+        force_kn, speed_rpm = plant.acting
+        return Equilibrium(force_kn, speed_rpm, _outputs_of(plant), state)
 
     def start(
         self, config: PlantConfig, depth_mm: float, temperature_c: float, start: Equilibrium
@@ -50,11 +71,11 @@ class PlantCore:
         configure(self.memory, config)
         configure_machine(self.memory, config, config["seed"])
         lib, self.added[0] = KERNEL.lib, KERNEL.new("fsw_plant_disturbance")[0]
-        if self._canister is None:
+        if self._heated is None:
             lib.fsw_plant_start(self.memory, self.model, depth_mm, temperature_c)
         else:
+            self.field, self.memory.field = self._heated, self._heated.memory
             lib.fsw_plant_begin(self.memory, self.model, start.state.x, config["start.power_kw"])
-        self.state = start.state.copy()
         self._draws, self._n_drawn = Draws(config["seed"], len(self.sensors)), 0
         self._drawn: Any = None  # the present block of numbers
 
@@ -63,10 +84,6 @@ class PlantCore:
         if other_model:
             before, self.model = self.model.delay_steps, model_of(config.model)
             KERNEL.lib.fsw_plant_refit(self.memory, before, self.model.delay_steps)
-            self._canister = canister_process(config)
-            if self._canister is not None:
-                assert isinstance(self.state, CanisterProcessState)
-                self._canister.refit(self.state)
         configure(self.memory, config)
 
     @property
@@ -77,7 +94,7 @@ class PlantCore:
     @property
     def outputs(self) -> Outputs:
         """Outputs of the process, without disturbances and noise."""
-        return Outputs(*KERNEL.ffi.unpack(self._outputs, len(Outputs._fields)))
+        return _outputs_of(self.memory)
 
     @property
     def angle_deg(self) -> float:
@@ -95,26 +112,31 @@ class PlantCore:
         KERNEL.lib.fsw_plant_measure(self.memory, self.added, normals, self._shown)
         return KERNEL.ffi.unpack(self._shown, len(self.sensors))  # type: ignore[no-any-return]
 
-    def advance(self, command: Command, motion: Motion, stopped: bool) -> str:
+    def advance(self, command: Command, motion: Motion) -> str:
         """Advance by a tick; returns why the process stands still, empty while it runs."""
-        lib, memory, inputs, target = KERNEL.lib, self.memory, self._inputs, self._command
+        memory, target = self.memory, self._command
         target[0], target[1] = command
         memory.machine.traverse_mm_per_s = motion.traverse_mm_per_s
-        if self._canister is None:
-            if lib.fsw_plant_step(memory, self.model, target, self.added):
-                return str(OutsideModelError(*memory.left))
+        if self.field is not None:
+            self.field.memory.axial_mm = motion.axial_mm
+        why = KERNEL.lib.fsw_plant_step(memory, self.model, target, self.added)
+        if not why:
             return ""
-        words = ""
-        lib.fsw_plant_move(memory, target, self.added, inputs)
-        if not stopped:
-            assert isinstance(self.state, CanisterProcessState)
-            try:
-                self._canister.advance(
-                    self.state, inputs.copper_kn, inputs.mean[1], motion, inputs.added_nm
-                )
-                memory.x = self.state.x
-                lib.fsw_plant_settle(memory, self.model, inputs)
-            except OperatingPointError as error:
-                words = str(error)
-        lib.fsw_plant_heat(memory)
-        return words
+        if self.field is not None and why == KERNEL.lib.FSW_PLANT_OFF_COPPER:
+            return _off_copper(self.field)
+        return str(OutsideModelError(*memory.left))
+
+
+def _outputs_of(plant: Any) -> Outputs:
+    """Outputs of the process of a ``fsw_plant *``."""
+    first = KERNEL.ffi.cast("double *", KERNEL.ffi.addressof(plant, "outputs"))
+    return Outputs(*KERNEL.ffi.unpack(first, len(Outputs._fields)))
+
+
+def _off_copper(field: CanisterField) -> str:
+    """That the tool is off the copper, and where that is."""
+    try:
+        field.canister.checked(field.memory.axial_mm)
+    except InputError as error:
+        return str(error)
+    return ""

@@ -279,7 +279,7 @@ class PlantEmulator:
             added = self.core.added
             self._input_disturbance = Command(added.force_kn, added.speed_rpm)
         motion = self.travel.motion(self.tick)
-        words = self.core.advance(self.applied, motion, bool(self.stopped))
+        words = self.core.advance(self.applied, motion)
         if words and not self.stopped:
             self.stopped = f"process stopped at {self.time_s:.1f} s: {words}"
         self._acting = self.core.acting

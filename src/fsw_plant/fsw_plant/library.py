@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from math import pi
+from math import expm1, pi
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,8 @@ from fsw_control.c_library import CLibrary
 from fsw_control.sensors import DEPTH, DEPTH_CHANNELS, SENSORS, TEMPERATURE, TORQUE
 from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_model import ModelParameters
-from fsw_model.equations import delay_steps, numbers_of
+from fsw_model.equations import STEP_S, delay_steps, numbers_of
 from fsw_plant.config import PlantConfig
-from fsw_plant.lag import lag_risen
 from fsw_plant.machine import MOUNTS, hardness_waves
 from fsw_plant.sensors import noise_of, sensors_of
 
@@ -36,6 +35,7 @@ _QUANTITIES = (DEPTH, TORQUE, TEMPERATURE)
 def model_of(parameters: ModelParameters) -> Any:
     """The process with these parameters, a ``fsw_plant_model *``; all plants share it."""
     p = parameters
+    risen = -expm1(-STEP_S / p.motor_lag_s)
     return KERNEL.new(
         "fsw_plant_model",
         numbers=numbers_of(p).tolist(),
@@ -46,7 +46,9 @@ def model_of(parameters: ModelParameters) -> Any:
         gain_c_per_kw=p.thermal_gain_c_per_kw,
         softening_per_c=p.softening_per_c,
         inertia_nm_s_per_rpm=p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM,
-        motor_risen=lag_risen(p.motor_lag_s),
+        motor_risen=risen,
+        motor_mean=1.0 - p.motor_lag_s / STEP_S * risen,
+        dead_steps=p.dead_time_s / STEP_S,
         delay_steps=delay_steps(p),
     )
 

@@ -1,4 +1,4 @@
-"""The process of a plant: the paper's, or with heat conduction in a canister."""
+"""What a plant's process needs: the paper's model, or a canister's heat instead of (16)."""
 
 from __future__ import annotations
 
@@ -8,21 +8,14 @@ from functools import lru_cache
 from fsw_control.schema.extensions import loaded
 from fsw_control.schema.models import InputError
 from fsw_model import ModelParameters, ProcessModel
-from fsw_plant.canister import CanisterParameters, CompactCanister
-from fsw_plant.canister_process import CanisterProcess
+from fsw_plant.canister.parameters import CanisterParameters
+from fsw_plant.compact_canister import CompactCanister
 from fsw_plant.config import PlantConfig
 
 #: gets the completed share, and the name of the task
 Progress = Callable[[float, str], None]
 
 _reduced: dict[CanisterParameters, CompactCanister] = {}
-
-
-def canister_process(config: PlantConfig) -> CanisterProcess | None:
-    """The process on a canister; None: the paper's process."""
-    if config.canister is None:
-        return None
-    return CanisterProcess(config.model, reduced(config.canister))
 
 
 def prepare(config: PlantConfig, progress: Progress | None = None) -> None:

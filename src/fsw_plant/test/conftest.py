@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from math import pi
 
+import numpy as np
 import pytest
 
 from fsw_control.fence import Signature
 from fsw_control.stop import Stop
+from fsw_plant.canister import CanisterParameters
+from fsw_plant.compact_canister import Compact, CompactCanister
+from fsw_plant.core import PlantCore
 from fsw_test_support.ros_graph import Spinner, domain_id
 from fsw_test_support.waiting import PATIENCE_S
 
 __all__ = ["domain_id"]
+C_PER_KJ = 0.1  #: by which a block is warmer
 
 
 class Graph(Spinner):
@@ -125,31 +130,49 @@ def graph(domain_id):
     graph.stop()
 
 
-@dataclass
-class Heat:
-    energy_kj: float
+class Block(CompactCanister):
+    """A canister that is a block without losses: one state, the heat in it [kJ]; notes how the tool moves."""
 
+    def __init__(self):
+        p, nothing = CanisterParameters(properties="constant"), np.zeros((1, 1))
+        axial_mm = np.linspace(p.lowest_mm, p.highest_mm, 4)
+        heated = (
+            2.0 * pi * p.heat_capacity_j_per_m3_k / p.into_copper(1.0, 1.0)
+        )  # so that 1 kW makes 1 kJ/s
+        source, rim = np.full((4, 1), heated), np.full((4, 1), C_PER_KJ)
+        super().__init__(
+            p,
+            Compact(
+                *(nothing, nothing, nothing, np.zeros((1, 0)), source, source, rim),
+                rest_k_per_w=np.zeros((2, 4)),
+                axial_mm=axial_mm,
+            ),
+        )
+        self.moved = []
 
-class Block:
-    """Stands for the canister: a block without losses, whose temperature is easily told; notes how it is moved."""
-
-    def __init__(self, c_per_kj=0.1):
-        self.c_per_kj, self.moved = c_per_kj, []
-
-    def initial(self, temperature_c=None, axial_mm=0.0):
-        return Heat(0.0)
-
-    def step(self, state, power_kw, traverse_mm_per_s, axial_mm, dt_s=0.1):
-        self.moved.append((round(traverse_mm_per_s, 9), round(axial_mm, 9)))
-        return Heat(state.energy_kj + power_kw * dt_s)
-
-    def stir_zone_temperature_c(self, state):
-        return 20.0 + self.c_per_kj * state.energy_kj
+    def note(self, field):
+        self.moved.append(
+            (round(field.memory.traverse_mm_per_s, 9), round(field.memory.axial_mm, 9))
+        )
 
 
 @pytest.fixture
 def block(monkeypatch):
     """A block in the place of the canister of all plants."""
-    canister = Block()
+    canister, heat_up, advance = Block(), PlantCore.equilibrium, PlantCore.advance
+
+    def noted_start(core, *arguments):
+        start = heat_up(core, *arguments)
+        canister.note(core._heated)
+        return start
+
+    def noted(core, *arguments):
+        words = advance(core, *arguments)
+        canister.note(core.field)
+        return words
+
+    monkeypatch.setattr(PlantCore, "equilibrium", noted_start)
+    monkeypatch.setattr(PlantCore, "advance", noted)
+    monkeypatch.setattr("fsw_plant.core.reduced", lambda parameters, progress=None: canister)
     monkeypatch.setattr("fsw_plant.process.reduced", lambda parameters, progress=None: canister)
     return canister

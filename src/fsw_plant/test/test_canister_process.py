@@ -1,5 +1,6 @@
 """The process on a canister: what takes the place of (16), the tool's path, the programme, the start."""
 
+from dataclasses import replace
 from math import exp
 
 import pytest
@@ -8,8 +9,8 @@ from fsw_control.schema.models import InputError
 from fsw_model import ModelParameters, OperatingPointError
 from fsw_plant import BeyondDrivesError, PlantConfig, PlantEmulator, PlantSchedule
 from fsw_plant.canister import CanisterParameters
-from fsw_plant.canister_process import CanisterProcess
 from fsw_plant.event_schema import disturbance
+from fsw_plant.library import KERNEL
 from fsw_plant.tool_path import Motion, ToolPath, Waypoint
 
 STILL = Motion(0.0, 0.0)
@@ -29,45 +30,60 @@ def advance(plant, ticks):
         plant.step()
 
 
+def energy_kj(plant):
+    return plant.core.field.memory.amplitude[0]
+
+
+def copper_c(plant):
+    """The stir zone within the dead time, as it deviates from the operating temperature."""
+    return list(plant.core.field.memory.copper)[: plant.core.model.delay_steps + 1]
+
+
 @pytest.mark.parametrize(("dead_time_s", "met"), [(2.8, 28), (2.75, 27.5), (0.1, 1), (0.15, 1.5)])
 def test_the_tool_meets_the_copper_a_dead_time_late(block, dead_time_s, met):
-    process = CanisterProcess(ModelParameters(dead_time_s=dead_time_s), block)
-    start = process.start(2.66, 800.0, 50.0, STILL)
-    copper = start.state.copper
+    config = PlantConfig.from_values({"process": "canister", "start.power_kw": 50.0})
+    plant = PlantEmulator(replace(config, model=ModelParameters(dead_time_s=dead_time_s)))
+    copper, ends = copper_c(plant), KERNEL.ffi.new("double[2]")
     rate = copper[-1] - copper[-2]  # of a block under constant power
-    first, second = process.met(copper)
+    KERNEL.lib.fsw_plant_meet(plant.core.field.memory, plant.core.model, ends)
+    first, second = ends
     assert first == pytest.approx(copper[-1] - met * rate)
     assert second == pytest.approx(first + rate)
 
 
 def test_the_thermocouple_lags_by_the_tool_behind_what_it_meets(block):
-    p = ModelParameters()
-    process = CanisterProcess(p, block)
-    start = process.start(2.66, 800.0, 50.0, STILL)
-    state = start.state
-    process.advance(state, start.force_kn, start.speed_rpm, STILL)
-    rate = (state.copper[-2] - state.copper[-3]) / 0.1
+    p, plant = ModelParameters(), plant_of(**{"start.power_kw": 50.0})
+    advance(plant, 1)
+    copper = copper_c(plant)
+    rate = (copper[-2] - copper[-3]) / 0.1
     # behind a steady ramp by dead time and lag
-    shown = process.outputs(state, start.force_kn, start.speed_rpm)
-    assert shown.copper_temperature_c - shown.temperature_c == pytest.approx(
+    truth = plant.truth()
+    assert truth.copper_temperature_c - truth.temperature_c == pytest.approx(
         rate * (p.dead_time_s + p.tool_lag_s), rel=2e-3
     )
-    tool, length = state.x[4], len(state.copper)
-    state.copper.clear()  # not how it comes about, but a step for the tool
-    state.copper.extend([tool + 10.0] * length)
-    process.advance(state, start.force_kn, start.speed_rpm, STILL)
-    assert state.x[4] - tool == pytest.approx(10.0 * (1.0 - exp(-0.1 / p.tool_lag_s)), rel=1e-9)
+    tool = plant.core.memory.x[4]  # not how it comes about, but a step for the tool
+    plant.core.field.memory.copper = [tool + 10.0] * len(copper)
+    advance(plant, 1)
+    assert plant.core.memory.x[4] - tool == pytest.approx(
+        10.0 * (1.0 - exp(-0.1 / p.tool_lag_s)), rel=1e-9
+    )
 
 
 def test_the_power_of_24_heats_the_canister_and_nothing_else_does(block):
     plant = plant_of()
-    before = plant.core.state.canister.energy_kj
+    before = energy_kj(plant)
     advance(plant, 100)
     powers = plant.truth().process_power_kw
-    assert plant.core.state.canister.energy_kj - before == pytest.approx(10.0 * powers, rel=0.05)
-    assert plant.truth().copper_temperature_c == pytest.approx(
-        20.0 + 0.1 * plant.core.state.canister.energy_kj
-    )
+    assert energy_kj(plant) - before == pytest.approx(10.0 * powers, rel=0.05)
+    assert plant.truth().copper_temperature_c == pytest.approx(20.0 + 0.1 * energy_kj(plant))
+
+
+def test_hard_copper_starts_at_rest(block):
+    """The first step begins with the torque of the copper that is there."""
+    plant = plant_of(**{"machine.hardness": 1.1})
+    before = plant.truth().motor_torque_nm
+    advance(plant, 1)
+    assert plant.truth().motor_torque_nm == pytest.approx(before, rel=1e-3)
 
 
 def test_a_torque_that_is_added_heats_the_canister_as_much_as_the_motor_shows(block):
@@ -75,15 +91,12 @@ def test_a_torque_that_is_added_heats_the_canister_as_much_as_the_motor_shows(bl
     plants[0].begin(disturbance("torque", "step", 25.0))
     for plant in plants:
         advance(plant, 60)  # the motor settles
-    before, powers = [plant.core.state.canister.energy_kj for plant in plants], []
+    before, powers = [energy_kj(plant) for plant in plants], []
     for _ in range(10):
         for plant in plants:
             advance(plant, 1)
         powers.append(plants[0].truth().process_power_kw - plants[1].truth().process_power_kw)
-    more, less = (
-        plant.core.state.canister.energy_kj - was
-        for plant, was in zip(plants, before, strict=True)
-    )
+    more, less = (energy_kj(plant) - was for plant, was in zip(plants, before, strict=True))
     assert sum(powers) > 8.0 and more - less == pytest.approx(0.1 * sum(powers), rel=0.02)
 
 
@@ -197,11 +210,11 @@ def test_parameters_of_the_canister_are_parameters_of_the_plant():
 
 def test_a_change_of_the_dead_time_while_running_keeps_the_history(block):
     plant = plant_of()
-    newest = list(plant.core.state.copper)[-5:]
+    newest = copper_c(plant)[-5:]
     plant.reconfigure(
         PlantConfig.from_values({"process": "canister", "noise": False, "model.dead_time_s": 0.5})
     )
-    assert list(plant.core.state.copper)[-5:] == newest
-    assert len(plant.core.state.copper) == 15
+    assert copper_c(plant)[-5:] == newest
+    assert len(copper_c(plant)) == 15
     advance(plant, 5)
     assert plant.stopped == ""

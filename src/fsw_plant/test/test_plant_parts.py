@@ -74,7 +74,7 @@ class Probe:
 
     def advance(self, process_c):
         self.plant.outputs.temperature_c = process_c
-        KERNEL.lib.fsw_plant_heat(self.plant)
+        KERNEL.lib.fsw_plant_probe_advance(KERNEL.ffi.addressof(self.probe), process_c)
 
 
 class Sensor:

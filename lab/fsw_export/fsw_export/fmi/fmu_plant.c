@@ -2,11 +2,18 @@
 #include <math.h>
 #include <stdio.h>
 
-#include "fmu_plant.h"
+#include "fmu.h"
+#include "fmu_unit.h"
+
+#ifdef CANISTER_STATES
+#include "canister.h"
+#endif
 
 enum { FORCE, SPEED };
 
 static const fsw_plant_model MODEL = PLANT_MODEL;
+
+static double clip(double value, double low, double high) { return value < low ? low : value > high ? high : value; }
 
 /* The settings, which may change at any step */
 static void configure(fsw_plant *p, const fmu_reals *v) {
@@ -47,12 +54,36 @@ static int limits_are_wrong(const fmu_reals *v, char *message) {
   return 1;
 }
 
+#ifdef CANISTER_STATES
+static void off_copper(const fmu_reals *v, char *message) {
+  snprintf(message, FMU_MESSAGE, "canister: tool at %g mm is off the copper; %g to %g mm above the joint", v->axial_mm,
+           CANISTER.lowest_mm, CANISTER.highest_mm);
+}
+
+/* The tool during the next step */
+static int move(fsw_plant *p, const fmu_reals *v, char *message) {
+  p->machine.traverse_mm_per_s = v->traverse_mm_per_min / 60.0;
+  p->field->axial_mm = v->axial_mm;
+  if (v->traverse_mm_per_min >= 0.0 && isfinite(v->traverse_mm_per_min)) return 0;
+  snprintf(message, FMU_MESSAGE, "input traverse_mm_per_min is %g; the tool travels one way: at least 0",
+           v->traverse_mm_per_min);
+  return 1;
+}
+#endif
+
 /* The process at the depth and temperature of the start */
 static int start(fmu_unit *u, const fmu_reals *v, char *message) {
 #ifdef CANISTER_STATES
-  double x[FSW_PLANT_STATES];
-  if (canister_start(u, v, x, message)) return 1;
-  fsw_plant_begin(&u->plant, &MODEL, x, v->start_power_kw);
+  fmu_relink(u);
+  if (move(&u->plant, v, message)) return 1;
+  const int why = fsw_plant_heat_up(&u->plant, &MODEL, v->start_depth_mm, v->start_temperature_c, v->start_power_kw);
+  if (why == FSW_PLANT_LEFT)
+    snprintf(message, FMU_MESSAGE, "no start at depth %.4g mm, %.4g degC (27)", v->start_depth_mm, v->start_temperature_c);
+  if (why == FSW_PLANT_COLD)
+    snprintf(message, FMU_MESSAGE, "start at %g degC: %g kW leave %.1f degC missing after %d s of heating; raise "
+             "start.power_kw", v->start_temperature_c, v->start_power_kw, u->plant.left[0], FSW_PLANT_LONGEST_S);
+  if (why == FSW_PLANT_OFF_COPPER) off_copper(v, message);
+  return why;
 #else
   if (fsw_plant_start(&u->plant, &MODEL, v->start_depth_mm, v->start_temperature_c)) {
     snprintf(message, FMU_MESSAGE, "start: no equilibrium at %.4g mm, %.4g degC: depth, power and the correction factor (27) "
@@ -79,28 +110,17 @@ int fmu_start(fmu_unit *u, fmu_reals *v, fmu_integers *integer, fmu_booleans *bo
   return 0;
 }
 
-static double clip(double value, double low, double high) { return value < low ? low : value > high ? high : value; }
-
-int process_left(double depth_mm, double force_kn, double speed_rpm, char *message) {
-  snprintf(message, FMU_MESSAGE, "process model: depth %.4g mm with %.4g kN, %.4g rpm; the model holds while the shoulder "
-           "is in the copper, above 0 mm", depth_mm, force_kn, speed_rpm);
-  return 1;
-}
-
-/* One step of the process */
-static int advance(fmu_unit *u, const fmu_reals *v, const double *command, char *message) {
+/* One step of a plant; the heat in a canister changes only if it is possible */
+static int advance(fsw_plant *p, const fmu_reals *v, const double *command, char *message) {
   const fsw_plant_disturbance added = disturbance(v);
+  const int why = fsw_plant_step(p, &MODEL, command, &added);
+  if (why == FSW_PLANT_LEFT)
+    snprintf(message, FMU_MESSAGE, "process model: depth %.4g mm with %.4g kN, %.4g rpm; the model holds while the shoulder "
+             "is in the copper, above 0 mm", p->left[0], p->left[1], p->left[2]);
 #ifdef CANISTER_STATES
-  fsw_plant_inputs inputs;
-  fsw_plant_move(&u->plant, command, &added, &inputs);
-  if (canister_advance(u, v, inputs.mean, message)) return 1;
-  fsw_plant_settle(&u->plant, &MODEL, &inputs);
-  fsw_plant_heat(&u->plant);
-  return 0;
-#else
-  const double *left = u->plant.left;
-  return fsw_plant_step(&u->plant, &MODEL, command, &added) ? process_left(left[0], left[1], left[2], message) : 0;
+  if (why == FSW_PLANT_OFF_COPPER) off_copper(v, message);
 #endif
+  return why;
 }
 
 int fmu_step(fmu_unit *u, fmu_reals *v, fmu_integers *integer, fmu_booleans *boolean, char *message) {
@@ -115,14 +135,24 @@ int fmu_step(fmu_unit *u, fmu_reals *v, fmu_integers *integer, fmu_booleans *boo
       return 1;
     }
   if (limits_are_wrong(v, message)) return 1;
-  fmu_unit next = *u;
+  fsw_plant next = u->plant;
   const double command[2] = {clip(v->force_kn, v->limits_force_min_kn, v->limits_force_max_kn),
                              clip(v->speed_rpm, v->limits_speed_min_rpm, v->limits_speed_max_rpm)};
-  configure(&next.plant, v);
+  configure(&next, v);
+#ifdef CANISTER_STATES
+  if (move(&next, v, message)) return 1;
+#endif
   if (advance(&next, v, command, message)) return 1;
-  *u = next;
+  u->plant = next;
   show(&u->plant, v);
   return 0;
 }
 
-void fmu_relink(fmu_unit *unit) { (void)unit; }
+void fmu_relink(fmu_unit *u) {
+#ifdef CANISTER_STATES
+  fsw_plant_field *f = u->plant.field = &u->field;
+  f->canister = &CANISTER, f->amplitude = u->amplitude, f->kept = u->kept, f->response = u->response, f->work = u->work;
+#else
+  (void)u;
+#endif
+}

@@ -5,14 +5,12 @@
 #include "fsw_plant.h"
 #include "process.h"
 
-#ifdef CANISTER_STATES
-#include "fmu_canister.h"
-#endif
-
 typedef struct {
   fsw_plant plant;
 #ifdef CANISTER_STATES
-  fmu_canister canister;
+  fsw_plant_field field;
+  double amplitude[CANISTER_STATES], kept[CANISTER_STATES * CANISTER_STATES];
+  double response[CANISTER_EVEN * CANISTER_STATES], work[3 * CANISTER_STATES * CANISTER_STATES];
 #endif
 } fmu_unit;
 

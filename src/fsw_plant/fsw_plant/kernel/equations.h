@@ -2,7 +2,10 @@
 #ifndef FSW_PLANT_EQUATIONS_H
 #define FSW_PLANT_EQUATIONS_H
 
+#include <math.h>
+
 int process_step(const double **arg, double **res);
+int process_driven(const double **arg, double **res);
 int process_outputs(const double **arg, double **res);
 
 #endif

@@ -17,6 +17,14 @@ extern "C" {
 #define FSW_PLANT_SENSORS 16    /* most sensors: rows of SENSORS in fsw_control/sensors.py */
 #define FSW_PLANT_QUANTITIES 3  /* that sensors show: depth, torque, temperature */
 #define FSW_PLANT_WAVES 12      /* harmonics of the copper's hardness around the canister */
+#define FSW_PLANT_AMPLITUDES 300 /* most states of the heat in a canister */
+#define FSW_PLANT_LONGEST_S 1800 /* longest heating before the first tick, chosen */
+
+/* Why a start or a step is not possible: the process would leave its model; the tool would leave the
+ * copper of the canister; heating takes too long. */
+#define FSW_PLANT_LEFT 1
+#define FSW_PLANT_OFF_COPPER 2
+#define FSW_PLANT_COLD 3
 
 /* A process: what its equations take of the parameters. */
 typedef struct {
@@ -25,6 +33,8 @@ typedef struct {
   double gain_c_per_kw, softening_per_c; /* of (16) and (27) */
   double inertia_nm_s_per_rpm; /* peak of the measured torque over the acceleration of the spindle */
   double motor_risen;          /* share of an added torque that the motor shows after a step */
+  double motor_mean;           /* and its mean over the step */
+  double dead_steps;           /* dead time in steps */
   int delay_steps;             /* that the dead time spans */
 } fsw_plant_model;
 
@@ -79,6 +89,29 @@ typedef struct {
   int has_noise;
 } fsw_plant_sensor;
 
+/* A compact canister (fsw_plant/compact_canister.py): its tables, by rows. */
+typedef struct {
+  int states, even;                             /* those that are even about the tool come first */
+  int positions, temperatures;
+  double radius_mm, lowest_mm, highest_mm;      /* outer radius; range of the tool above the joint line */
+  const double *decay, *transport;              /* (states, states); (even, states - even) */
+  const double *axial_mm, *source, *rim, *rest; /* (positions); (positions, even) twice; (positions) */
+  const double *theta_k, *grid_c;               /* Kirchhoff transform of temperatures */
+} fsw_plant_canister;
+
+/* The heat in a canister. Its arrays are the caller's. */
+typedef struct {
+  const fsw_plant_canister *canister;
+  double *amplitude;                           /* (states), in the tool's frame */
+  double *kept, *response;                     /* transition over a tick, see fsw_plant_canister_over */
+  double *work;                                /* (3, states, states) */
+  double traverse_mm_per_s;                    /* of that transition */
+  int is_ready;                                /* it has been computed */
+  double axial_mm;                             /* of the tool above the joint line, at the end of a tick */
+  double copper[FSW_PLANT_DELAY + 1];          /* stir zone less operating temperature within the dead
+                                                  time, the oldest first */
+} fsw_plant_field;
+
 typedef struct {
   double depth_mm, temperature_c, copper_temperature_c;
   double motor_torque_nm, process_torque_nm, friction_torque_nm, power_kw;
@@ -103,7 +136,8 @@ typedef struct {
   double acting[2];                            /* as the drives report it: disturbances included */
   double inertia_nm;
   double left[3];                              /* depth, force and speed of a step that left the model */
-  int stopped;                                 /* that happened: the process stands still */
+  int stopped;                                 /* why the process stands still; 0: it runs */
+  fsw_plant_field *field;                      /* on a canister; else NULL */
 } fsw_plant;
 
 /* During a tick: mean of force and speed, and their values at its end; disturbances included. In
@@ -140,6 +174,11 @@ int fsw_plant_start(fsw_plant *plant, const fsw_plant_model *model, double depth
 void fsw_plant_begin(fsw_plant *plant, const fsw_plant_model *model, const double *x,
                      double power_kw);
 
+/* On a canister, instead of fsw_plant_start: heats it by a constant power until the thermocouple
+ * shows a temperature. Returns why there is no such start; left[0] is then what is missing [degC]. */
+int fsw_plant_heat_up(fsw_plant *plant, const fsw_plant_model *model, double depth_mm,
+                      double temperature_c, double power_kw);
+
 /* Another process of another dead time: the newest history is kept, the oldest of it repeated. */
 void fsw_plant_refit(fsw_plant *plant, int delay_before, int delay_steps);
 
@@ -150,16 +189,22 @@ void fsw_plant_show(fsw_plant *plant, const fsw_plant_disturbance *disturbance, 
 void fsw_plant_measure(fsw_plant *plant, const fsw_plant_disturbance *disturbance,
                        const double *normal, double *shown);
 
-/* One tick. Returns 1 if the process has left its model, now or before: it stands still then. */
+/* One tick. Returns why the process stands still, since now or before; 0: it runs. */
 int fsw_plant_step(fsw_plant *plant, const fsw_plant_model *model, const double *command,
                    const fsw_plant_disturbance *disturbance);
 
-/* The parts of a tick, for a process that is not the paper's: drives; what a state x shows; probe. */
-void fsw_plant_move(fsw_plant *plant, const double *command,
-                    const fsw_plant_disturbance *disturbance, fsw_plant_inputs *inputs);
-void fsw_plant_settle(fsw_plant *plant, const fsw_plant_model *model,
-                      const fsw_plant_inputs *inputs);
-void fsw_plant_heat(fsw_plant *plant);
+/* A canister's heat alone. Transition over a time at a speed of the tool, transposed: of the
+ * amplitudes, (states, states), and by heat, (even, states); work is (3, states, states). */
+void fsw_plant_canister_over(const fsw_plant_canister *canister, double traverse_mm_per_s,
+                             double dt_s, double *kept, double *response, double *work);
+void fsw_plant_canister_step(const fsw_plant_canister *canister, const double *kept,
+                             const double *response, double power_kw, double axial_mm,
+                             double *amplitude);
+double fsw_plant_canister_stir_zone_c(const fsw_plant_canister *canister, const double *amplitude,
+                                      double power_kw, double axial_mm);
+
+/* The copper's temperature that the tool meets at both ends of the next step, a dead time late. */
+void fsw_plant_meet(const fsw_plant_field *field, const fsw_plant_model *model, double *met);
 
 void fsw_plant_outputs_of(const fsw_plant_model *model, const double *x, double force_kn,
                           double speed_rpm, fsw_plant_outputs *outputs);

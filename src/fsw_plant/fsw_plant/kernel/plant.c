@@ -4,14 +4,10 @@
 #include <string.h>
 
 #include "equations.h"
-
-#define STEP_S 0.1
-#define PI 3.14159265358979323846
-#define KW_PER_NM_RPM (PI / 30000.0)
+#include "plant.h"
 
 enum { FORCE, SPEED };
 enum { DEPTH, TORQUE, TEMPERATURE };
-enum { MOTOR = 5 };
 
 #ifndef FSW_PLANT_ID
 #define FSW_PLANT_ID "unknown"
@@ -172,6 +168,14 @@ void fsw_plant_refit(fsw_plant *p, int before, int after) {
   }
   memcpy(p->power, kept, (size_t)after * sizeof kept[0]);
   p->oldest = 0;
+  if (p->field) {
+    double *copper = p->field->copper;
+    const double oldest = copper[0];
+    const int more = after - before;
+    if (more > 0) memmove(copper + more, copper, (size_t)(before + 1) * sizeof *copper);
+    else memmove(copper, copper - more, (size_t)(after + 1) * sizeof *copper);
+    for (int k = 0; k < more; k++) copper[k] = oldest;
+  }
 }
 
 void fsw_plant_show(fsw_plant *p, const fsw_plant_disturbance *d, double *shown) {
@@ -193,8 +197,8 @@ void fsw_plant_measure(fsw_plant *p, const fsw_plant_disturbance *d, const doubl
   }
 }
 
-void fsw_plant_move(fsw_plant *p, const double *command, const fsw_plant_disturbance *d,
-                    fsw_plant_inputs *u) {
+static void move(fsw_plant *p, const double *command, const fsw_plant_disturbance *d,
+                 fsw_plant_inputs *u) {
   const double added[2] = {d->force_kn, d->speed_rpm};
   fsw_plant_machine *g = &p->machine;
   for (int i = 0; i < 2; i++) {
@@ -206,7 +210,13 @@ void fsw_plant_move(fsw_plant *p, const double *command, const fsw_plant_disturb
   u->added_nm = d->torque_nm + g->torque_more * g->nominal_nm; /* held during the tick */
 }
 
-/* One step of the paper's process with an added torque; 1 if it leaves the model: nothing is changed then. */
+int fsw_plant_leave(fsw_plant *p, double depth_mm, const fsw_plant_inputs *u) {
+  p->left[0] = depth_mm;
+  memcpy(p->left + 1, u->mean, sizeof u->mean);
+  return FSW_PLANT_LEFT;
+}
+
+/* One step of the paper's process with an added torque; not 0 if it leaves the model: nothing is changed then. */
 static int advance(fsw_plant *p, const fsw_plant_model *m, const fsw_plant_inputs *u) {
   double x[FSW_PLANT_STATES], power[FSW_PLANT_POWER], depth_mm;
   const int newer = (p->oldest + 1) % m->delay_steps;
@@ -214,11 +224,7 @@ static int advance(fsw_plant *p, const fsw_plant_model *m, const fsw_plant_input
                          &u->mean[SPEED], m->numbers};
   double *res[] = {x, power, &depth_mm};
   process_step(arg, res);
-  if (!(depth_mm > 0.0 && isfinite(power[0]))) { /* so that NaN fails too */
-    p->left[0] = depth_mm;
-    memcpy(p->left + 1, u->mean, sizeof u->mean);
-    return 1;
-  }
+  if (!(depth_mm > 0.0 && isfinite(power[0]))) return fsw_plant_leave(p, depth_mm, u); /* NaN, too */
   /* what is added rises within the step as 1 - exp(-s / lag), the first and the last function */
   const double more_kw = u->added_nm * u->mean[SPEED] * KW_PER_NM_RPM;
   x[MOTOR] += m->motor_risen * u->added_nm;
@@ -230,22 +236,20 @@ static int advance(fsw_plant *p, const fsw_plant_model *m, const fsw_plant_input
   return 0;
 }
 
-void fsw_plant_settle(fsw_plant *p, const fsw_plant_model *m, const fsw_plant_inputs *u) {
+static void settle(fsw_plant *p, const fsw_plant_model *m, const fsw_plant_inputs *u) {
   outputs_in_copper(p, m, u->end[FORCE], u->end[SPEED]);
   machine_advance(&p->machine, p->outputs.power_kw, u->mean[SPEED]);
   p->inertia_nm = m->inertia_nm_s_per_rpm * ((u->end[SPEED] - p->acting[SPEED]) / STEP_S);
   memcpy(p->acting, u->end, sizeof p->acting);
 }
 
-void fsw_plant_heat(fsw_plant *p) { fsw_plant_probe_advance(&p->probe, p->outputs.temperature_c); }
-
 int fsw_plant_step(fsw_plant *p, const fsw_plant_model *m, const double *command,
                    const fsw_plant_disturbance *d) {
   fsw_plant_inputs inputs;
-  fsw_plant_move(p, command, d, &inputs);
-  if (!p->stopped) p->stopped = advance(p, m, &inputs);
-  if (!p->stopped) fsw_plant_settle(p, m, &inputs);
-  fsw_plant_heat(p);
+  move(p, command, d, &inputs);
+  if (!p->stopped) p->stopped = (p->field ? fsw_plant_canister_advance : advance)(p, m, &inputs);
+  if (!p->stopped) settle(p, m, &inputs);
+  fsw_plant_probe_advance(&p->probe, p->outputs.temperature_c);
   return p->stopped;
 }
 
