@@ -7,12 +7,11 @@ Times are CPU times of the controller's thread for a whole step: estimator, traj
 acceptance, plan. ``rti`` is the default tuning with 20 blocks, ``rti108`` the same with a move of
 both inputs in every interval, ``paper`` the preset with the paper's cost, which has 108 moves too.
 
-``ratio_NAME`` is the CPU time of another solver (with its processes) over the library's, both cold
+``ratio_NAME`` is the CPU time of IPOPT, or of CasADi's SQP with PIQP, over the library's, all cold
 on the same problems of a weld, with 108 moves; the library linearises three times, and the costs
 that all of them reach are compared. ``ratio_NAME_to_tick`` is over the one linearisation about the
-last plan that a tick does: its cost is compared too. GEKKO and do-mpc are compared where they are
-installed (.venv/bin/pip install gekko do-mpc); nothing else needs them. The exit code is 1 if a
-solver does not agree on what its solution costs, or reaches another cost.
+last plan that a tick does: its cost is compared too. The exit code is 1 if a solver does not agree
+on what its solution costs, or reaches another cost.
 """
 
 from __future__ import annotations
@@ -22,9 +21,9 @@ import statistics
 import sys
 import tempfile
 import time
-import warnings
 from collections import defaultdict
-from collections.abc import Callable, Collection
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +37,6 @@ if __name__ == "__main__":
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from nmpc_rivals import Answer, rivals
 from report import Figures, parser, save, show
 
 from fsw_control import Command, Measurement, Reference, weld
@@ -71,8 +69,21 @@ NOISE = (2e-3, 2.0, 0.1)
 COLD_TOLERANCES = (1e-1, 1e-3, 1e-5)
 #: When after an event a problem is taken.
 TAKEN_S = (0.5, 1.0, 2.0, 4.0, 8.0)
-#: do-mpc takes seconds for each problem, FATROP too, as it does not converge.
-MOST_PROBLEMS = {"do_mpc": 8, "fatrop": 2}
+#: Other solvers: CasADi's name and options. SQP has exact second derivatives; of the QP solvers
+#: PIQP takes them as they are, and is the fastest that does.
+RIVALS: dict[str, tuple[str, dict[str, Any] | None]] = {
+    "ipopt": ("ipopt", None),
+    "sqp_piqp": (
+        "sqpmethod",
+        {
+            **{f"print_{what}": False for what in ("header", "iteration", "status")},
+            "qpsol": "piqp",
+            "qpsol_options": {"error_on_fail": False},
+            "error_on_fail": False,
+            "max_iter": 50,
+        },
+    ),
+}
 #: Costs that differ by more, relatively, are not of the same problem or not of a solution.
 SAME_COST = 1e-3
 
@@ -211,31 +222,44 @@ def problems_of_weld(controller: NmpcController, quick: bool) -> list[tuple[Any,
     return found
 
 
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """CPU time of a solver, its moves (None: failed), and its own cost of them."""
+
+    cpu_s: float
+    moves: Vector | None = None
+    cost: float = np.nan
+
+
 class Comparison:
-    """The library and its rivals on the same problems, with 54 moves of both inputs."""
+    """The library and its rivals on the same problems, with 54 moves of both inputs.
+
+    None gets help from a solution: moves start at zero.
+    """
 
     def __init__(self, controller: NmpcController) -> None:
         self._library = controller.library
         self._tuning, self._horizon = self._library.state.tuning, self._library.horizon
         self._exact = self._tuning.tolerance
         self._cold = np.zeros(2 * self._horizon.n_blocks)
-        solvers = rivals(controller.settings.model, self._library)
-        self.names, self._here = (
-            list(solvers),
-            {name: solve for name, solve in solvers.items() if solve},
-        )
+        self._rivals = {
+            name: ReferenceSolver(
+                self._library, controller.settings.model, method=method, options=options
+            )
+            for name, (method, options) in RIVALS.items()
+        }
         self._series: dict[str, list[float]] = defaultdict(list)
-        self._unsolved = dict.fromkeys(self._here, 0)
+        self._unsolved = dict.fromkeys(RIVALS, 0)
 
-    def compare(self, problem: Any, start: Vector, left_out: Collection[str]) -> str:
-        """Solve one problem by all solvers but those left out; the costs in words."""
+    def compare(self, problem: Any, start: Vector) -> str:
+        """Solve one problem by all solvers; the costs in words."""
         own, tick = (
             self._by_library(problem, self._cold, COLD_TOLERANCES),
             self._by_library(problem, start),
         )
         answers = {"rti108": own, "tick": tick}
-        for name in (one for one in self._here if one not in left_out):
-            answers[name] = self._here[name](problem)
+        for name in RIVALS:
+            answers[name] = self._by_rival(name, problem)
             self._unsolved[name] += answers[name].moves is None
         moves = {
             name: answer.moves for name, answer in answers.items() if answer.moves is not None
@@ -264,18 +288,16 @@ class Comparison:
     def figures(self) -> Figures:
         """Medians of times, and the largest excesses."""
         series, figures = self._series, Figures()
-        for key in (
-            one for name in self.names for one in (f"ratio_{name}", f"ratio_{name}_to_tick")
-        ):
+        for key in (one for name in RIVALS for one in (f"ratio_{name}", f"ratio_{name}_to_tick")):
             figures[key] = self._middle(key)
-        for name in ("rti108", "tick", *self._here):
+        for name in ("rti108", "tick", *RIVALS):
             figures[f"solve_{name}_ms"] = self._middle(f"solve_{name}_ms")
             figures[f"limit_excess_{name}"] = max(series[f"limit_excess_{name}"], default=None)
-        for name in ("rti108", *self._here):
+        for name in ("rti108", *RIVALS):
             figures[f"cost_excess_{name}"] = max(series[f"cost_excess_{name}"], default=None)
         figures["tick_cost_excess_p50"] = self._middle("cost_excess_tick")
         figures["tick_cost_excess_max"] = max(series["cost_excess_tick"])
-        for name in self._here:
+        for name in RIVALS:
             figures[f"cost_error_{name}"] = max(
                 series[f"cost_error_{name}"], key=abs, default=None
             )
@@ -284,6 +306,12 @@ class Comparison:
 
     def _middle(self, key: str) -> float | None:
         return statistics.median(self._series[key]) if self._series[key] else None
+
+    def _by_rival(self, name: str, problem: Any) -> Answer:
+        solver, began = self._rivals[name], time.process_time()
+        status, moves, _, _ = solver.solve(problem, self._cold)
+        cpu_s = time.process_time() - began
+        return Answer(cpu_s, moves, solver.cost) if status is SolveStatus.OK else Answer(cpu_s)
 
     def _by_library(
         self, problem: Any, start: Vector, tolerances: tuple[float, ...] = ()
@@ -316,13 +344,11 @@ class Comparison:
 
 def ratios(quick: bool) -> Figures:
     """The same problems by other solvers, with 54 moves of both inputs."""
-    warnings.simplefilter("ignore")  # do-mpc tells on import what else could be installed
     controller = make(preset="paper")
     problems = problems_of_weld(controller, quick)
     comparison = Comparison(controller)
     for i, (problem, start) in enumerate(problems):
-        left_out = {name for name, most in MOST_PROBLEMS.items() if i % -(-len(problems) // most)}
-        costs = comparison.compare(problem, start, left_out)
+        costs = comparison.compare(problem, start)
         print(f"  problem {i + 1} of {len(problems)}: {costs}", file=sys.stderr, flush=True)
     return {"ratio_problems": len(problems)} | comparison.figures()
 

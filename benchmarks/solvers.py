@@ -41,12 +41,7 @@ NAMES = {
         "rti108": "this project's",
         "ipopt": "IPOPT",
     },
-    **{
-        "sqp_piqp": "SQP, PIQP",
-        "fatrop": "FATROP",
-        "gekko_apopt": "GEKKO, APOPT",
-        "do_mpc": "do-mpc",
-    },
+    "sqp_piqp": "SQP, PIQP",
 }
 #: time over this project's that others should have at least
 _AIM = 2.0
@@ -92,7 +87,7 @@ def qp_rows(figures: dict[str, Any], preset: str) -> list[Row]:
 def nlp_rows(figures: dict[str, Any]) -> list[Row]:
     """Solvers of the nonlinear problem, the fastest first."""
     rows = []
-    for name in ("rti108", "sqp_piqp", "ipopt", "fatrop", "gekko_apopt", "do_mpc"):
+    for name in ("rti108", "sqp_piqp", "ipopt"):
         if figures.get(f"solve_{name}_ms") is None and not figures.get(f"unsolved_{name}"):
             continue
         ratio = 1.0 if name == "rti108" else figures[f"ratio_{name}"]
