@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from controller_comparison import figures, other_models, report, sensing, study
-from controller_comparison.bounds import bounds
+from controller_comparison.optimum import bounds
 from controller_comparison.processes import SWEEP
 from fsw_analysis.report import numbers as in_lines
 from fsw_tuning.standard_runs import draw_sweep

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from controller_comparison import bounds
+from controller_comparison import optimum as bounds
 from controller_comparison.optimum import Clairvoyant
 from fsw_control import Reference
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C

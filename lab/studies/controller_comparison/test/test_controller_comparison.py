@@ -9,8 +9,7 @@ import pytest
 
 from controller_comparison import figures as comparison_figures
 from controller_comparison import other_models, report, sensing, study
-from controller_comparison.bounds import courses
-from controller_comparison.optimum import Clairvoyant
+from controller_comparison.optimum import Clairvoyant, courses
 from controller_comparison.processes import INPUT_DISTURBANCES, SENSING, random_factors
 from controller_comparison.study import CONTROLLERS, DECENTRALIZED
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
