@@ -27,8 +27,8 @@ from fsw_control.contract import Command, Controller, Proposal, Reference
 from fsw_control.host import NO_SET_POINT, answer
 from fsw_control.message_synchronizer import JUMP_NS
 from fsw_control.parameters import ParameterModel, describe, validate
+from fsw_control.ramps import ReferencePlan
 from fsw_control.reason import Reason, ReasonCode
-from fsw_control.references import ReferencePlan
 from fsw_control.sensors import REQUIRED
 from fsw_control.units import NANOSECONDS, kn_from_n, n_from_kn, rad_s_from_rpm, rpm_from_rad_s
 from fsw_control.validity import SensorGuard, sensor_limits

@@ -18,8 +18,9 @@ import numpy as np
 from fsw_analysis.messages import Kind, WeldMessages, stamp_of
 from fsw_analysis.weld_signals import IntArray
 from fsw_control.contract import Reference
+from fsw_control.ramps import ReferencePlan
 from fsw_control.ranges import set_point_problem
-from fsw_control.references import OWN_CLOCK_NS, ReferencePlan, ReferenceQueue
+from fsw_control.references import OWN_CLOCK_NS, ReferenceQueue
 from fsw_control.units import NANOSECONDS, mm_from_m
 
 #: topics of set-points: as sent, as the supervisor reports them, and as announced

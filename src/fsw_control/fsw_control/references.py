@@ -1,17 +1,15 @@
-"""Which set-points hold at a tick: the queue, ramps as stairs, set-points out of reach."""
+"""Which set-points hold at a tick; the queue of those that were sent."""
 
 from __future__ import annotations
 
-from bisect import bisect_right, insort
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from math import ceil
+from bisect import insort
+from collections.abc import Callable
 from typing import NamedTuple
 
 from fsw_control.coded import Fact, Worded
-from fsw_control.contract import Coming, Reference
-from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S
+from fsw_control.contract import Reference
 from fsw_control.units import NANOSECONDS
-from fsw_control.weld import TICK_NS, TICK_S
+from fsw_control.weld import TICK_NS
 
 #: longest time that a reference may be sent ahead; later stamps come from another clock
 OTHER_CLOCK_NS = 36_000 * NANOSECONDS
@@ -19,137 +17,9 @@ OTHER_CLOCK_NS = 36_000 * NANOSECONDS
 AHEAD_REAL_NS = 600 * NANOSECONDS
 #: largest accepted deviation of a publication time from the receiver's clock
 OWN_CLOCK_NS = 5 * NANOSECONDS
-#: largest number of future set-points passed to a controller
-MOST_COMING = 8
-#: longest step of a staircase by which a ramp or sine is announced
-STAIR_S = 1.05
 
 
 _REFUSED = "set-points {depth_mm:.4g} mm, {temperature_c:.5g} degC refused: "
-
-#: differences below these values are within the noise of the estimates (chosen)
-_NEAR_MM, _NEAR_C = 0.005, 0.5
-
-#: most set-points of a ramp: with the previous one, at most half of what the topic keeps
-_MOST = 499
-#: step length of the announced staircase, 1 s: a controller gets eight future set-points, which
-#: reach past the dead time; longer steps show in the power (total variation of the spindle speed
-#: in a ramp with 1, 2, 4 s: 83, 154, 239 rpm)
-_TREAD_TICKS = 10
-
-#: set-points in order, each with the tick or the time in ns from which it holds
-Programme = list[tuple[int, Reference]]
-
-
-def duration_s(start: Reference, goal: Reference) -> float:
-    """Duration of a ramp at the permitted rates."""
-    return max(
-        abs(goal.depth_mm - start.depth_mm) / WELD_RATE_DEPTH_MM_PER_S,
-        abs(goal.temperature_c - start.temperature_c) / WELD_RATE_TEMPERATURE_C_PER_S,
-    )
-
-
-def ramp(start: Reference, goal: Reference, begin_ns: int) -> Programme:
-    """The set-points of a ramp, one per tick or less often if it is long; the last is the goal."""
-    points = _by_tick(start, goal)
-    step = ceil(len(points) / _MOST)
-    return _timed([*points[step - 1 : -1 : step], points[-1]], begin_ns)
-
-
-def ramp_plan(start: Reference, goal: Reference, begin_ns: int) -> Programme:
-    """The set-points announced for a ramp, in place of one per tick."""
-    return _timed(stair(_by_tick(start, goal)), begin_ns)
-
-
-def stair(changes: Iterable[tuple[int, Reference]]) -> Programme:
-    """The set-points announced for changes by tick, in order.
-
-    Steps are announced as they are. A ramp or sine, which changes at every tick, is announced as
-    a staircase with the values at the middle of its steps, so that the few future set-points that
-    a controller gets reach further ahead.
-    """
-    plan: Programme = []
-    course: Programme = []
-    for change in [*changes, None]:
-        if course and (change is None or change[0] != course[-1][0] + 1):
-            treads = range(0, len(course) - 1, _TREAD_TICKS)
-            middles = (
-                min(i + _TREAD_TICKS // 2, len(course) - 1) if len(course) > _TREAD_TICKS else i
-                for i in treads
-            )
-            plan += [(course[i][0], course[k][1]) for i, k in zip(treads, middles, strict=True)]
-            plan.append(course[-1])
-            course = []
-        if change is not None:
-            course.append(change)
-    return plan
-
-
-def _by_tick(start: Reference, goal: Reference) -> Programme:
-    """A ramp by tick, which starts at tick 1."""
-    ticks = ceil(duration_s(start, goal) / TICK_S)
-    depth, temperature = goal.depth_mm - start.depth_mm, goal.temperature_c - start.temperature_c
-    return [
-        (
-            tick,
-            Reference(
-                start.depth_mm + tick / ticks * depth,
-                start.temperature_c + tick / ticks * temperature,
-            ),
-        )
-        for tick in range(1, ticks)
-    ] + [(ticks, goal)]
-
-
-def _timed(points: Programme, begin_ns: int) -> Programme:
-    return [(begin_ns + tick * TICK_NS, one) for tick, one in points]
-
-
-def attainable_of(quantities: Mapping[str, float]) -> Reference | None:
-    """Attainable set-points among a controller's quantities; None if it reports none."""
-    found = [quantities.get(name) for name in ("attainable_depth_mm", "attainable_temperature_c")]
-    return None if found[0] is None or found[1] is None else Reference(found[0], found[1])
-
-
-class OutOfReach(Worded):
-    """What is out of reach, and the bound by which it is."""
-
-    TEMPERATURE = "temperature", "{asked_c:.0f} °C asked, {attainable_c:.0f} °C attainable"
-    DEPTH = "depth", "{asked_mm:.2f} mm asked, {attainable_mm:.2f} mm attainable"
-    UPPER = "upper_bound", "{parts}: speed at its upper bound"
-    LOWER = "lower_bound", "{parts}: speed at its lower bound"
-
-
-def out_of_reach(asked: Reference, attainable: Reference, share: float = 1.0) -> Fact | None:
-    """How attainable set-points differ from the requested ones; None if they do not.
-
-    Parameters
-    ----------
-    asked, attainable : Reference
-        The set-points in force, and those that the controller tracks instead.
-    share : float, optional
-        Scale of the reporting threshold; below 1 (hysteresis) if a difference is already reported.
-    """
-    depth_mm, temperature_c = (
-        attainable.depth_mm - asked.depth_mm,
-        attainable.temperature_c - asked.temperature_c,
-    )
-    parts = []
-    if abs(temperature_c) > share * _NEAR_C:
-        pair = {"asked_c": asked.temperature_c, "attainable_c": attainable.temperature_c}
-        parts.append(Fact(OutOfReach.TEMPERATURE, pair))
-    if abs(depth_mm) > share * _NEAR_MM:
-        pair = {"asked_mm": asked.depth_mm, "attainable_mm": attainable.depth_mm}
-        parts.append(Fact(OutOfReach.DEPTH, pair))
-    if not parts:
-        return None
-    bound = OutOfReach.UPPER if wants_heat(asked, attainable) else OutOfReach.LOWER
-    return Fact.of(bound, parts=tuple(parts))
-
-
-def wants_heat(asked: Reference, attainable: Reference) -> bool:
-    """Whether the set-points need more heat than the highest spindle speed can give."""
-    return attainable.temperature_c < asked.temperature_c or attainable.depth_mm > asked.depth_mm
 
 
 class Refused(Worded):
@@ -256,7 +126,7 @@ class ReferenceQueue:
 
     @property
     def n_waiting(self) -> int:
-        """How many references are known that do not hold yet."""
+        """Number of known references that do not hold yet."""
         return len(self._waiting)
 
     def join(self, now_ns: int) -> None:
@@ -349,45 +219,3 @@ class ReferenceQueue:
 def values(reference: Reference) -> dict[str, float]:
     """Set-points as fields of a fact."""
     return {"depth_mm": reference.depth_mm, "temperature_c": reference.temperature_c}
-
-
-class ReferencePlan:
-    """Set-points known in advance, each with the time in ns from which it will hold.
-
-    A plan is used only while it agrees with the set-points in force. If an operator has set
-    others, or the plan belongs to another weld, it has no future set-points.
-    """
-
-    def __init__(self, planned: Sequence[tuple[int, Reference]] = ()) -> None:
-        self._stamps = [stamp_ns for stamp_ns, _ in planned]
-        self._coming = [
-            Coming(stamp_ns / NANOSECONDS, one.depth_mm, one.temperature_c)
-            for stamp_ns, one in planned
-        ]
-
-    def after(self, tick_ns: int, present: Reference) -> tuple[Coming, ...]:
-        """Return the next ones after a tick at which ``present`` is in force."""
-        first = bisect_right(self._stamps, tick_ns)
-        if first and not self._has_come(first - 1, present):
-            return ()
-        return tuple(self._coming[first : first + MOST_COMING])
-
-    def _has_come(self, index: int, present: Reference) -> bool:
-        """Whether ``present`` is as planned, or near a step of a ramp's or sine's staircase."""
-        planned = self._coming[index]
-        near = [
-            one
-            for one in self._coming[max(index - 1, 0) : index + 2]
-            if abs(one.at_s - planned.at_s) <= STAIR_S
-        ]
-        return all(
-            _within(getattr(present, name), [getattr(one, name) for one in near])
-            for name in ("depth_mm", "temperature_c")
-        )
-
-
-def _within(value: float, planned: Sequence[float]) -> bool:
-    """Whether a value lies among planned ones, or outside by at most their range."""
-    low, high = min(planned), max(planned)
-    slack = high - low + 1e-9
-    return low - slack <= value <= high + slack

@@ -21,17 +21,9 @@ from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.coded import Answer, Fact, RefusedError, Worded
 from fsw_control.contract import Reference
+from fsw_control.ramps import duration_s, ramp, ramp_plan
 from fsw_control.ranges import set_point_problem
-from fsw_control.references import (
-    AHEAD_REAL_NS,
-    OTHER_CLOCK_NS,
-    ReferenceQueue,
-    Refused,
-    duration_s,
-    ramp,
-    ramp_plan,
-    values,
-)
+from fsw_control.references import AHEAD_REAL_NS, OTHER_CLOCK_NS, ReferenceQueue, Refused, values
 from fsw_control.reports_ros import OK, WARN, Report, Taken, told
 from fsw_control.topics_ros import LATCHED, LATEST
 from fsw_control.units import NANOSECONDS

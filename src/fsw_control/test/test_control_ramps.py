@@ -7,13 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_control.contract import Reference
+from fsw_control.ramps import ReferencePlan, duration_s, ramp, ramp_plan
 from fsw_control.ranges import (
     REFERENCE_DEPTH_MM,
     REFERENCE_TEMPERATURE_C,
     WELD_RATE_DEPTH_MM_PER_S,
     WELD_RATE_TEMPERATURE_C_PER_S,
 )
-from fsw_control.references import ReferencePlan, ReferenceQueue, duration_s, ramp, ramp_plan
+from fsw_control.references import ReferenceQueue
 from fsw_control.topics_ros import LATCHED
 from fsw_control.units import NANOSECONDS
 

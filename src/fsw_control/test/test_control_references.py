@@ -8,13 +8,8 @@ from hypothesis import strategies as st
 
 from fsw_control.coded import Fact
 from fsw_control.contract import Coming, Reference
-from fsw_control.references import (
-    AHEAD_REAL_NS,
-    OTHER_CLOCK_NS,
-    OWN_CLOCK_NS,
-    ReferencePlan,
-    ReferenceQueue,
-)
+from fsw_control.ramps import ReferencePlan
+from fsw_control.references import AHEAD_REAL_NS, OTHER_CLOCK_NS, OWN_CLOCK_NS, ReferenceQueue
 
 SECOND = 1_000_000_000
 TICK_NS = SECOND // 10

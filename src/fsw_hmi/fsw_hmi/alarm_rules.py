@@ -12,11 +12,11 @@ from zlib import crc32
 from pydantic import BaseModel
 
 from fsw_analysis.rule_book import Check, RuleBook
+from fsw_control.attainable import out_of_reach, wants_heat
 from fsw_control.cause import Cause, Severity
 from fsw_control.contract import Reference
 from fsw_control.depth_channels import ChannelHealth
 from fsw_control.readiness import Lack, Readiness
-from fsw_control.references import out_of_reach, wants_heat
 from fsw_control.schema.yaml_text import load_yaml
 from fsw_control.sensors import OPTIONAL, REQUIRED
 from fsw_control.stop import StopCause

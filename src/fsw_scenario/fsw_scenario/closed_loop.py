@@ -26,8 +26,8 @@ from fsw_analysis.weld_signals import (
 from fsw_control.contract import Command, Controller, Limits, Measurement, Proposal, Reference
 from fsw_control.host import answer
 from fsw_control.parameters import defaults
+from fsw_control.ramps import ReferencePlan, stair
 from fsw_control.reason import Reason
-from fsw_control.references import ReferencePlan, stair
 from fsw_control.schema.models import InputError
 from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
 from fsw_control.validity import SensorGuard

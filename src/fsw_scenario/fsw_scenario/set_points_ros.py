@@ -10,7 +10,7 @@ from rclpy.subscription import Subscription
 
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
-from fsw_control.references import stair
+from fsw_control.ramps import stair
 from fsw_control.references_ros import reference_queue, subscribe_sent
 from fsw_control.topics_ros import LATCHED, LATEST
 from fsw_control.weld import TICK_NS

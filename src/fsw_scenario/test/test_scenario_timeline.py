@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_control.contract import Reference
-from fsw_control.references import ReferencePlan, stair
+from fsw_control.ramps import ReferencePlan, stair
 from fsw_control.weld import TICK_NS
 
 FAR = Reference(2.66, 950.0)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_control.contract import Reference
-from fsw_control.references import stair
+from fsw_control.ramps import stair
 from fsw_control.schema.models import InputError
 from fsw_plant import PlantSchedule
 from fsw_scenario import scenario_file, timeline

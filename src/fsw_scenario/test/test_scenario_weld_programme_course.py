@@ -5,8 +5,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fsw_control.contract import Reference
+from fsw_control.ramps import duration_s, ramp
 from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S
-from fsw_control.references import ReferenceQueue, duration_s, ramp
+from fsw_control.references import ReferenceQueue
 from fsw_scenario.weld_programme import Phase, PhaseMachine
 from fsw_scenario.weld_programme_course import Course
 
