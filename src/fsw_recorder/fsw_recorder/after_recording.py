@@ -70,10 +70,7 @@ def wait(folder: Path, say: Callable[[str], object]) -> None:
     try:
         fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
-        say(
-            f"waiting for what the recorder runs with the finished bag; "
-            f"{folder / LOG_NAME} will tell of it"
-        )
+        say(f"waiting for what the recorder runs with the finished bag; see {folder / LOG_NAME}")
         fcntl.flock(lock, fcntl.LOCK_SH)
     except OSError:  # locks are not supported here
         pass

@@ -71,9 +71,9 @@ def metadata_text(
 ) -> str:
     """Text of ``metadata.yaml``; unless ``whole``, only its root's content (MCAP ``rosbag2``)."""
     bag = FileSummary("")
-    for one in files:
-        bag.counts += one.counts
-        bag.start_ns, bag.end_ns = min(bag.start_ns, one.start_ns), max(bag.end_ns, one.end_ns)
+    for file in files:
+        bag.counts += file.counts
+        bag.start_ns, bag.end_ns = min(bag.start_ns, file.start_ns), max(bag.end_ns, file.end_ns)
     totals = bag.values()
     content = {
         "version": 9,
@@ -96,8 +96,8 @@ def metadata_text(
         ],
         "compression_format": "",
         "compression_mode": "",
-        "relative_file_paths": [one.path for one in files],
-        "files": [one.values() for one in files],
+        "relative_file_paths": [file.path for file in files],
+        "files": [file.values() for file in files],
         "custom_data": dict(custom_data) or None,
         "ros_distro": "jazzy",
     }

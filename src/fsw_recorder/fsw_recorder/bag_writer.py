@@ -138,10 +138,10 @@ class BagWriter:
             files = self._files.summaries
             return {
                 "received": self._received,
-                "written": sum(one.counts.total() for one in files),
+                "written": sum(file.counts.total() for file in files),
                 "dropped": self._dropped,
                 "files": len(files),
-                "bytes": sum(one.size_bytes for one in files),
+                "bytes": sum(file.size_bytes for file in files),
                 "pending_bytes": self._put_bytes - self._taken_bytes,
             }
 
@@ -226,7 +226,7 @@ class BagWriter:
         self._files.close_off()
         with self._lock:
             self.error = error
-            written = sum(one.counts.total() for one in self._files.summaries)
+            written = sum(file.counts.total() for file in self._files.summaries)
             self._dropped = max(self._dropped, self._received - written)
 
 
@@ -340,14 +340,14 @@ class _Files:
     def _write_manifest(self, *last: FileManifest) -> None:
         """Write the hashes of the closed files; with the ``last`` one, signed."""
         if self._options.manifest:
-            found = Manifest(
+            manifest = Manifest(
                 bag=self._folder.name,
                 custom_data=self._custom_data,
                 attachments_sha256=self._attachments,
                 clock=clock_state(),
                 files=(*self._manifests, *last),
             )
-            text = found.text()
+            text = manifest.text()
             self._replace(MANIFEST_NAME, text)
             if last and self._key is not None:
                 signed = sign(

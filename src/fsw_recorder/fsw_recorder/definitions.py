@@ -163,16 +163,16 @@ class Definitions:
 def _built(store: Any, type_name: str, values: Mapping[str, Any]) -> Any:
     arguments: dict[str, Any] = {}
     for name, (kind, detail) in store.fielddefs[type_name][1]:
-        given = values.get(name)
+        value = values.get(name)
         if kind.name == "BASE":
             zero: Any = "" if detail[0] == "string" else False if detail[0] == "bool" else 0
-            arguments[name] = zero if given is None else given
+            arguments[name] = zero if value is None else value
         elif kind.name == "NAME":
-            arguments[name] = _built(store, detail, given or {})
+            arguments[name] = _built(store, detail, value or {})
         elif detail[0][0].name == "NAME":
-            arguments[name] = [_built(store, detail[0][1], one) for one in given or []]
+            arguments[name] = [_built(store, detail[0][1], element) for element in value or []]
         elif detail[0][1][0] == "string":
-            arguments[name] = list(given or [])
+            arguments[name] = list(value or [])
         else:
-            arguments[name] = np.array(given if given is not None else [], dtype=detail[0][1][0])
+            arguments[name] = np.array(value if value is not None else [], dtype=detail[0][1][0])
     return store.types[type_name](**arguments)

@@ -65,7 +65,7 @@ class Code(Worded):
         "signed by {name}, who states {signed_at}, but the first signature of another "
         "key that covers it is of {shown_at}, and the key {key} is revoked since {limit}",
     )
-    # what is signed together must be of one weld
+    # files signed together must be of one weld
     RECORD_OTHER_WELD = "record_other_weld", "is the record of another weld: other {fields}"
     RECORD_OTHER_PROCEDURE = (
         "record_other_procedure",

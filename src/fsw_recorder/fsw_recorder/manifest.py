@@ -143,9 +143,9 @@ def record_pieces(data: Buffer, at: int = 0, offset: int = 0) -> Iterator[Piece]
     begin, end = 0, at
 
     def piece(stop: int) -> Piece:
-        found = sha256(data[begin:stop])
+        digest = sha256(data[begin:stop])
         return Piece(
-            kind=kind, end=stop + offset, sha256=found, begin_ns=times[0], end_ns=times[1]
+            kind=kind, end=stop + offset, sha256=digest, begin_ns=times[0], end_ns=times[1]
         )
 
     for opcode, body, stop in frames(data, at, size):

@@ -25,10 +25,10 @@ from fsw_recorder.mcap_frames import Buffer
 
 def check_files(folder: Path, manifest: Manifest) -> list[Finding]:
     """Differences between a bag and its manifest; other files, e.g. the record, do not count."""
-    found = [
+    problems = [
         entry for listed in manifest.files for entry in check_file(folder / listed.name, listed)
     ]
-    return found + [finding(Code.UNLISTED, path.name) for path in unlisted(folder, manifest)]
+    return problems + [finding(Code.UNLISTED, path.name) for path in unlisted(folder, manifest)]
 
 
 def not_as_recorded(bag: Path) -> str:
@@ -37,8 +37,8 @@ def not_as_recorded(bag: Path) -> str:
         manifest = read_manifest(bag) if bag.is_dir() else None
     except BagError as error:
         return str(error)
-    found = check_files(bag, manifest) if manifest else []
-    return f"not as {MANIFEST_NAME} has it: {summary(found)}" if found else ""
+    problems = check_files(bag, manifest) if manifest else []
+    return f"not as {MANIFEST_NAME} has it: {summary(problems)}" if problems else ""
 
 
 def is_read(name: str) -> bool:
@@ -97,9 +97,7 @@ def proven_pieces(data: Buffer, listed: FileManifest) -> dict[int, tuple[int, in
         if piece.end <= len(data) and sha256(data[begin : piece.end]) == piece.sha256:
             found[row] = (begin, piece.end)
         begin = piece.end
-    if len(found) < len(
-        listed.pieces
-    ):  # what is behind something that was removed or put in is somewhere else
+    if len(found) < len(listed.pieces):  # data behind a removed or inserted part has moved
         ends = {0: ""} | {piece.end: piece.sha256 for piece in file_pieces(data)}
         moved = {ends[end]: (begin, end) for begin, end in pairwise(ends)}
         for row, piece in enumerate(listed.pieces):
@@ -127,7 +125,7 @@ def place_of(pieces: Sequence[Piece], rows: Sequence[int]) -> Place:
 def _kinds(pieces: Sequence[Piece], rows: Sequence[int]) -> Iterator[str]:
     for kind in ("chunk", "attachment", "other"):
         numbers = [
-            sum(one.kind == kind for one in pieces[: row + 1])
+            sum(piece.kind == kind for piece in pieces[: row + 1])
             for row in rows
             if pieces[row].kind == kind
         ]

@@ -211,9 +211,9 @@ class McapFile:
         """Messages with ``start_ns`` <= log time < ``stop_ns`` by log time, then file order."""
         log_time = attrgetter("log_time_ns")
         pieces = [
-            one
-            for one in self._pieces
-            if one.is_cut or (one.end_ns >= start_ns and one.start_ns < stop_ns)
+            piece
+            for piece in self._pieces
+            if piece.is_cut or (piece.end_ns >= start_ns and piece.start_ns < stop_ns)
         ]
         pieces.sort(key=attrgetter("start_ns"))
         waiting: list[BagRecord] = []
@@ -242,7 +242,7 @@ class McapFile:
             at, stop = 0, len(data)
 
         records: list[BagRecord] = []
-        wanted = self._wanted(topics)
+        selected = self._wanted(topics)
         for opcode, begin, end in frames(data, at, stop):
             if opcode == DAMAGED and not piece.is_cut:
                 self._add_problem(
@@ -252,10 +252,10 @@ class McapFile:
                 break
             if opcode == Opcode.MESSAGE:
                 channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, begin)
-                if channel in wanted:
+                if channel in selected:
                     body = data[begin + _MESSAGE.size : end]
                     records.append(
-                        BagRecord(*wanted[channel], log_time, publish_time, body, sequence)
+                        BagRecord(*selected[channel], log_time, publish_time, body, sequence)
                     )
                 elif channel not in self._channels:
                     self._add_problem(
@@ -263,7 +263,7 @@ class McapFile:
                     )
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 self._take(opcode, data[begin:end])
-                wanted = self._wanted(topics)
+                selected = self._wanted(topics)
         return records
 
     def _wanted(self, topics: Collection[str] | None) -> dict[int, tuple[str, str]]:

@@ -74,4 +74,4 @@ def _plain(value: Any) -> Any:
     """Convert to plain Python for YAML: arrays become lists, bytes numbers."""
     if value is None or isinstance(value, str | bool | int | float):
         return value
-    return [_plain(one) for one in value]
+    return [_plain(item) for item in value]

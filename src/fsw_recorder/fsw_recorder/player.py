@@ -36,10 +36,10 @@ class Player:
         self._wanted = topics
         info = reader.info()
         taken = info.counts.keys() if topics is None else info.counts.keys() & topics
-        self.topics = [one for one in info.topics if one.name in taken]
+        self.topics = [topic for topic in info.topics if topic.name in taken]
         if not self.topics:
-            wanted = f" on {', '.join(sorted(topics))}" if topics else ""
-            raise BagError(f"{reader.path}: nothing to play: no messages{wanted}")
+            suffix = f" on {', '.join(sorted(topics))}" if topics else ""
+            raise BagError(f"{reader.path}: nothing to play: no messages{suffix}")
         self._bag_start_ns, self.end_ns = info.start_ns, info.end_ns
         self.start_ns = info.start_ns + round(start_offset_s * 1e9)
         if not info.start_ns <= self.start_ns <= self.end_ns:
@@ -58,11 +58,14 @@ class Player:
 
     def latched_before_start(self) -> list[BagRecord]:
         """Last message before the start of every latched topic, to be published first."""
-        names = {one.name for one in self.topics if any(map(is_latched, one.qos))}
+        names = {topic.name for topic in self.topics if any(map(is_latched, topic.qos))}
         if not names or self.start_ns == self._bag_start_ns:
             return []
         return list(
-            {one.topic: one for one in self._reader.records(names, stop_ns=self.start_ns)}.values()
+            {
+                record.topic: record
+                for record in self._reader.records(names, stop_ns=self.start_ns)
+            }.values()
         )
 
     def bag_time_ns(self, now_ns: int) -> int:

@@ -79,7 +79,8 @@ def missing_requests(offers: Sequence[Qos], present: Sequence[Qos], depth: int) 
     ):
         reliable, latched = is_reliable(offer), is_latched(offer)
         if not any(
-            is_reliable(one) <= reliable and is_latched(one) <= latched for one in requests
+            is_reliable(request) <= reliable and is_latched(request) <= latched
+            for request in requests
         ):
             requests.append(profile(reliable, latched, max(depth, offer.depth)))
     return requests[len(present) :]
@@ -89,5 +90,5 @@ def replayed_qos(offers: Sequence[Qos]) -> Qos:
     """QoS that matches all subscriptions of the recorded publishers: the strongest of theirs."""
     if not offers:
         return profile()
-    depth = max(1, *(one.depth for one in offers))
+    depth = max(1, *(offer.depth for offer in offers))
     return profile(any(map(is_reliable, offers)), any(map(is_latched, offers)), depth)

@@ -115,7 +115,7 @@ class RecorderNode(ManagedNode):
         self._diagnostics = DiagnosticsPublisher(self)
 
     def activate(self) -> None:
-        """Make the bag, and subscribe to what is there."""
+        """Make the bag, and subscribe to the topics present."""
         self.subscriptions_by_topic: dict[str, TopicSubscription] = {}
         self._left_out: dict[str, str] = {}
         self._other_welds: set[str] = set()
@@ -214,19 +214,19 @@ class RecorderNode(ManagedNode):
             self.get_logger().fatal(str(self.writer.error))
             self._report()
             raise SystemExit(1)
-        found = dict(self.get_topic_names_and_types())
+        topics = dict(self.get_topic_names_and_types())
         if self._awaited and all(
             self.get_publishers_info_by_topic(name) for name in self._awaited
         ):
             self._awaited = []
-        for name, types in found.items():
+        for name, types in topics.items():
             if self._awaited and name not in self._awaited:
                 continue
             if name in self._left_out or not self._selection.takes(name):
                 self._tell_other_weld(name)
                 continue
             offers = tuple(
-                offered_by(one.qos_profile) for one in self.get_publishers_info_by_topic(name)
+                offered_by(info.qos_profile) for info in self.get_publishers_info_by_topic(name)
             )
             known = self.subscriptions_by_topic.get(name)
             if known is None and offers:

@@ -48,25 +48,25 @@ def output_folder(wanted: str, now: datetime) -> Path:
 def free_sibling(folder: Path) -> Path:
     """The folder if it does not exist, else the first free ``<name>_1``, ``<name>_2``, ..."""
     siblings = (folder.with_name(f"{folder.name}_{number}") for number in count(1))
-    return next(one for one in chain([folder], siblings) if not os.path.lexists(one))
+    return next(path for path in chain([folder], siblings) if not os.path.lexists(path))
 
 
 def versions_text() -> bytes:
     """Attachment ``versions.json``: Python, ROS distribution, packages, hashes of our code."""
-    found = {
+    versions = {
         "python": platform.python_version(),
         "system": platform.system(),
         "ros_distro": os.environ.get("ROS_DISTRO", ""),
     }
     for name in _DISTRIBUTIONS:
         try:
-            found[name] = version(name)
+            versions[name] = version(name)
         except PackageNotFoundError:
             continue
-    found |= {
+    versions |= {
         f"code of {name}": code_sha256(name) for name in _PACKAGES if find_spec(name) is not None
     }
-    return json.dumps(found, indent=2).encode()
+    return json.dumps(versions, indent=2).encode()
 
 
 def code_files(package: str) -> Iterator[Path]:

@@ -53,7 +53,7 @@ def recover_proven(
         raise BagError(
             f"{source}: nothing can be proven without {MANIFEST_NAME}; recover without --proven"
         )
-    files = [one for one in manifest.files if one.name.endswith(".mcap")]
+    files = [file for file in manifest.files if file.name.endswith(".mcap")]
     contents, proven, lost = {}, 0, []
     for number, listed in enumerate(files, 1):
         lost += [entry.line for entry in check_file(source / listed.name, listed)]
@@ -77,7 +77,7 @@ def recover_proven(
     for name in (MANIFEST_NAME, MANIFEST_NAME + SUFFIX, *evidence):
         if (source / name).exists():
             shutil.copyfile(source / name, target / name)
-    recorded = sum(piece.kind != "other" for one in files for piece in one.pieces)
+    recorded = sum(piece.kind != "other" for file in files for piece in file.pieces)
     return ProvenRecovery(
         proven, recorded, _write_metadata(target, manifest.custom_data, str(source)), lost
     )
@@ -85,8 +85,8 @@ def recover_proven(
 
 def _proven_file(path: Path, listed: FileManifest) -> tuple[bytes, int]:
     data = mapped(path)
-    found = proven_pieces(data, listed)
-    rows = [row for row in sorted(found) if listed.pieces[row].kind != "other"]
+    proven = proven_pieces(data, listed)
+    rows = [row for row in sorted(proven) if listed.pieces[row].kind != "other"]
     builder = RecordBuilder()
     Header(profile="ros2", library="fsw_recorder").write(builder)
     definitions = b""
@@ -94,7 +94,7 @@ def _proven_file(path: Path, listed: FileManifest) -> tuple[bytes, int]:
         file = McapFile(path, lambda _: None)
         definitions = file.definitions()
         file.close()
-    parts = (bytes(data[slice(*found[row])]) for row in rows)
+    parts = (bytes(data[slice(*proven[row])]) for row in rows)
     return b"".join([MAGIC, builder.end(), definitions, *parts, end_without_index()]), len(rows)
 
 

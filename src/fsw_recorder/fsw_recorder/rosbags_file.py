@@ -68,8 +68,8 @@ class RosbagsFile:
             self._connections = list(self._reader.connections)
             if not all(
                 isinstance(text, str)
-                for one in self._connections
-                for text in (one.topic, one.msgtype)
+                for connection in self._connections
+                for text in (connection.topic, connection.msgtype)
             ):
                 raise ValueError("its table of topics has unexpected content")
         except Exception as error:  # rosbags and apsw raise many kinds on damaged files
@@ -84,29 +84,35 @@ class RosbagsFile:
         """All topics."""
         return [
             RecordedTopic(
-                one.topic,
-                one.msgtype,
-                one.msgdef.data or "",
-                one.digest,
-                tuple(one.ext.offered_qos_profiles),
-                one.ext.serialization_format,
-                "ros2msg" if one.msgdef.data and one.msgdef.format.name == "MSG" else "",
+                connection.topic,
+                connection.msgtype,
+                connection.msgdef.data or "",
+                connection.digest,
+                tuple(connection.ext.offered_qos_profiles),
+                connection.ext.serialization_format,
+                "ros2msg"
+                if connection.msgdef.data and connection.msgdef.format.name == "MSG"
+                else "",
             )
-            for one in self._connections
+            for connection in self._connections
         ]
 
     def records(
         self, topics: Collection[str] | None, start_ns: int, stop_ns: int
     ) -> Iterator[BagRecord]:
         """Messages with ``start_ns`` <= log time < ``stop_ns`` by log time."""
-        wanted = [one for one in self._connections if topics is None or one.topic in topics]
-        if not wanted:
+        selected = [
+            connection
+            for connection in self._connections
+            if topics is None or connection.topic in topics
+        ]
+        if not selected:
             return
         total = max(int(self._reader.message_count), 1)
         count = 0
         try:
             for connection, time_ns, data in self._reader.messages(
-                wanted, min(start_ns, _MOST), min(stop_ns, _MOST)
+                selected, min(start_ns, _MOST), min(stop_ns, _MOST)
             ):
                 count += 1
                 self.fraction = min(count / total, 1.0)

@@ -2,7 +2,7 @@
 
 A statement is an in-toto Statement (https://in-toto.io/Statement/v1) in a DSSE envelope
 (https://github.com/secure-systems-lab/dsse), created and verified by securesystemslib: hashes of
-files (``subject``), the :class:`Purpose`, and what is stated about them (``predicate``). The
+files (``subject``), the :class:`Purpose`, and a statement about them (``predicate``). The
 signature of ``FILE`` is a statement in ``FILE.sig``. Keys have OpenSSH's format.
 """
 
@@ -98,7 +98,7 @@ class Signer(Model):
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """A verified statement: hashes of files by name, what is stated about them, and by whom."""
+    """A verified statement: hashes of files by name, the predicate, and the signer."""
 
     sha256: dict[str, str]
     predicate: dict[str, Any]
@@ -262,7 +262,7 @@ def sign(data: bytes, name: str, purpose: Purpose, key: CryptoSigner, now: datet
 def signer_of(
     path: Path, purpose: Purpose, trusted: Sequence[TrustedKey] | None, required: bool = False
 ) -> Signer | None:
-    """Who signed a file, by the signature beside it; None if nobody did.
+    """Signer of a file, by the signature beside it; None if it is not signed.
 
     Without ``trusted`` keys any will do, and none where a signature is ``required``.
 

@@ -1,4 +1,4 @@
-"""Topics and messages in a bag: description, selection, and what is missing by the numbers."""
+"""Topics and messages in a bag: description, selection, and gaps in the message numbers."""
 
 from __future__ import annotations
 

@@ -63,9 +63,11 @@ class Audience:
         pattern = re.compile(
             rf"{re.escape(self._node.get_namespace().rstrip('/'))}/fsw/(\w+)/proposal"
         )
-        found = [pattern.fullmatch(name) for name, _ in self._node.get_topic_names_and_types()]
+        matches = [pattern.fullmatch(name) for name, _ in self._node.get_topic_names_and_types()]
         # the supervisor also subscribes to proposals of fallbacks that do not run
-        return sorted(one[1] for one in found if one and self._node.count_publishers(one[0]))
+        return sorted(
+            match[1] for match in matches if match and self._node.count_publishers(match[0])
+        )
 
     def missing(self) -> str:
         """What the player waits for, as a text."""

@@ -24,7 +24,9 @@ OURS = {"decentral": "fsw_decentral:DecentralController", "nmpc": "fsw_nmpc:Nmpc
 
 def installed() -> dict[str, str]:
     """Ours, and the entry points ``name = module:Class`` of installed packages."""
-    return {one.name: one.value for one in metadata.entry_points(group="fsw.controllers")} | OURS
+    return {
+        point.name: point.value for point in metadata.entry_points(group="fsw.controllers")
+    } | OURS
 
 
 #: All that are known by their name.
@@ -78,23 +80,23 @@ def class_at(place: str) -> Any:
     if module.endswith(".py") and not Path(module).is_file():
         raise InputError(f"controller {place} is not available: there is no file {module}")
     try:
-        found = (
+        candidate = (
             run_path(module).get(kind)
             if module.endswith(".py")
             else getattr(import_module(module), kind, None)
         )
     except Exception as error:  # a user's file may fail in any way
         raise InputError(f"controller {place} is not available: {_words(error)}") from None
-    if not callable(found) or not isinstance(getattr(found, "name", None), str):
+    if not callable(candidate) or not isinstance(getattr(candidate, "name", None), str):
         raise InputError(
             f"controller {place} is not available: no class {kind} there with an attribute 'name'"
         )
-    if not re.fullmatch(r"[a-zA-Z]\w*", found.name, re.ASCII):
+    if not re.fullmatch(r"[a-zA-Z]\w*", candidate.name, re.ASCII):
         raise InputError(
-            f"controller {place}: its name {found.name!r} has other characters "
+            f"controller {place}: its name {candidate.name!r} has other characters "
             "than letters, digits, _"
         )
-    return found
+    return candidate
 
 
 def _words(error: Exception) -> str:

@@ -75,7 +75,7 @@ def check_signed(source: str | Path, trusted: Sequence[Path], required: bool) ->
 def differences(old: Procedure, new: Procedure) -> list[tuple[str, str, str]]:
     """Differences as path, old and new value; ``-`` for entries in only one of them."""
     before, after = (
-        dict(_leaves("", one.model_dump(mode="json", exclude_none=True))) for one in (old, new)
+        dict(_leaves("", side.model_dump(mode="json", exclude_none=True))) for side in (old, new)
     )
     keys = dict.fromkeys([*before, *after])
     return [

@@ -119,15 +119,15 @@ def check_possible(procedure: Procedure) -> None:
 def _always(procedure: Procedure, variable: Variable) -> list[Limit]:
     phases = {phase.name for phase in procedure.phases}
     return [
-        one
-        for one in procedure.essential
-        if one.variable == variable and (not one.phases or set(one.phases) == phases)
+        row
+        for row in procedure.essential
+        if row.variable == variable and (not row.phases or set(row.phases) == phases)
     ]
 
 
 def _narrowest(limits: list[Limit]) -> tuple[float | None, float | None]:
-    lows = [one.min for one in limits if one.min is not None]
-    highs = [one.max for one in limits if one.max is not None]
+    lows = [bound.min for bound in limits if bound.min is not None]
+    highs = [bound.max for bound in limits if bound.max is not None]
     return max(lows, default=None), min(highs, default=None)
 
 

@@ -83,7 +83,8 @@ class ProcedureNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no type
         changed = [*message.new_parameters, *message.changed_parameters]
         if message.node in self._tunings:
             self._take(
-                message.node, {one.name: parameter_value_to_python(one.value) for one in changed}
+                message.node,
+                {item.name: parameter_value_to_python(item.value) for item in changed},
             )
 
     def _take(self, node: str, values: Mapping[str, Any]) -> None:

@@ -33,7 +33,7 @@ class ProcedureWatch:
 
     def __init__(self, procedure: Procedure) -> None:
         self._procedure = procedure
-        self._permitted = {one.name: one.parameters_sha256 for one in procedure.controllers}
+        self._permitted = {entry.name: entry.parameters_sha256 for entry in procedure.controllers}
         self._found: dict[str, Fact] = {}
         self._first = ""
         self._welds = False  # before automatic control has begun, hold is normal
@@ -78,8 +78,10 @@ class ProcedureWatch:
 
     def tuning(self, controller: str, parameters: Mapping[str, Any]) -> None:
         """Take the present parameters of a controller's node."""
-        wanted = self._permitted.get(controller)
+        permitted = self._permitted.get(controller)
         actual = tuning_sha256(parameters)
-        data = {"controller": controller, "sha256": actual, "wanted": wanted}
-        other = Fact(Deviation.TUNING, data) if wanted is not None and actual != wanted else None
+        data = {"controller": controller, "sha256": actual, "wanted": permitted}
+        other = (
+            Fact(Deviation.TUNING, data) if permitted is not None and actual != permitted else None
+        )
         self._set(f"tuning_{controller}", other)

@@ -65,13 +65,13 @@ class Deviations:
         return None if self._by_hand_tick is None else self._by_hand_tick * TICK_S
 
     def __str__(self) -> str:
-        found = [
+        parts = [
             f"; {name} was in control for {time_s:.1f} s, not asked for"
             for name, time_s in self.others_s.items()
         ]
         if self.by_hand_from_s is not None:
-            found.append(f"; set-points by hand from {self.by_hand_from_s:.1f} s on")
-        return "".join(found)
+            parts.append(f"; set-points by hand from {self.by_hand_from_s:.1f} s on")
+        return "".join(parts)
 
 
 @dataclass(slots=True)
@@ -84,12 +84,12 @@ class RunningKpi:
     temperature_max_error: float = 0.0
 
     def add(
-        self, lasted_s: float, wanted: Reference, depth_mm: float, temperature_c: float
+        self, lasted_s: float, target: Reference, depth_mm: float, temperature_c: float
     ) -> None:
         """Take the readings at the end of an interval; values that are not finite are skipped."""
         for name, error in (
-            ("depth", abs(depth_mm - wanted.depth_mm)),
-            ("temperature", abs(temperature_c - wanted.temperature_c)),
+            ("depth", abs(depth_mm - target.depth_mm)),
+            ("temperature", abs(temperature_c - target.temperature_c)),
         ):
             if isfinite(error):
                 setattr(self, f"{name}_iae", getattr(self, f"{name}_iae") + lasted_s * error)

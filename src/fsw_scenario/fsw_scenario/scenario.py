@@ -95,9 +95,9 @@ class Event(EventEntry):
 
     @model_validator(mode="after")
     def _check_time(self) -> Self:
-        given = self.model_fields_set & {"at_s", "at_deg"}
-        if len(given) != 1:
-            raise ValueError("has at_s and at_deg; give one of them" if given else "lacks at_s")
+        keys = self.model_fields_set & {"at_s", "at_deg"}
+        if len(keys) != 1:
+            raise ValueError("has at_s and at_deg; give one of them" if keys else "lacks at_s")
         return self
 
 

@@ -84,7 +84,7 @@ def read(content: dict[str, Any], where: str = "scenario", text: str | None = No
         ]
         content = content | {"duration_s": scenario.duration_s, "events": events}
         if scenario.on_canister:
-            content["path"] = [one.model_dump() for one in scenario.path]
+            content["path"] = [point.model_dump() for point in scenario.path]
         text = None if text is None else _dump(content)
     scenario._text = json.dumps(content) if text is None else text
     return scenario

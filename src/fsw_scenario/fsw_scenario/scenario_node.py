@@ -66,12 +66,12 @@ class ScenarioNode(LightNode, Node):
     def __init__(self, source: str | None = None) -> None:
         super().__init__("fsw_scenario")
         self._settings = ParameterValues(self, PlayerParameters)
-        given = self._settings["scenario"] if source is None else source
+        text = self._settings["scenario"] if source is None else source
         #: the node's goal to itself
         self._own = (
-            RunWeld.Goal(scenario=given, overrides=self._settings["overrides"]) if given else None
+            RunWeld.Goal(scenario=text, overrides=self._settings["overrides"]) if text else None
         )
-        self._start = load(given, self._settings["overrides"]) if given else None
+        self._start = load(text, self._settings["overrides"]) if text else None
         heat_file = self._settings["heat_file"]
         self._heat = HeatProfile.from_file(heat_file) if heat_file else None
         self.weld: WeldPlayer | None = None

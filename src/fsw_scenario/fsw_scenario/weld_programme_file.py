@@ -42,11 +42,11 @@ def joined(entries: Sequence[Phase]) -> tuple[Phase, ...]:
                 *at,
             )
         here_deg = phases[-1].to_deg if phases else 0.0
-        given = entry.model_fields_set
-        if "to_deg" not in given:
+        keys = entry.model_fields_set
+        if "to_deg" not in keys:
             phases.append(entry.model_copy(update={"from_deg": here_deg, "to_deg": here_deg}))
             continue
-        if "from_deg" in given and entry.from_deg != here_deg:
+        if "from_deg" in keys and entry.from_deg != here_deg:
             raise problem(
                 f"= {entry.from_deg:g} jumps: the previous phase ends at {here_deg:g} deg",
                 *at,
@@ -54,7 +54,7 @@ def joined(entries: Sequence[Phase]) -> tuple[Phase, ...]:
             )
         _check(entry.to_deg, Range(here_deg, ANGLE_DEG.high, "deg"), *at, "to_deg")
         arc_mm = (entry.to_deg - here_deg) * MM_PER_DEG
-        length_mm = entry.length_mm if "length_mm" in given else arc_mm
+        length_mm = entry.length_mm if "length_mm" in keys else arc_mm
         _check(length_mm, Range(arc_mm, LENGTH_MM.high, "mm"), *at, "length_mm")
         if length_mm <= 0.0:
             raise problem(
@@ -103,7 +103,7 @@ def set_points(phases: Sequence[Phase], start: Reference) -> Iterator[tuple[floa
                 *at,
                 "at_s",
             )
-            _check(one.over_s, Range(0.0, left_s, "s, what is left of the phase"), *at, "over_s")
+            _check(one.over_s, Range(0.0, left_s, "s, the rest of the phase"), *at, "over_s")
             if one.at_s < free_s:
                 raise problem(
                     f"= {one.at_s:g} is before the end of the previous set-point, {free_s:g} s",

@@ -294,16 +294,16 @@ class Arbitration:
         """Manual, hold and safe stop."""
         machine, settings, applied = self.machine, self.machine.settings, self.in_force.applied
         assert applied is not None
-        wanted = applied
+        target = applied
         if machine.mode is Mode.MANUAL and self.operator.manual is not None:
-            wanted = self.operator.manual
+            target = self.operator.manual
         elif machine.mode is Mode.SAFE_STOP:
             # Between slow measurements the ramp needs more than one move; like every command, it
             # is limited to one.
             step_kn = settings.safe_rate_kn_per_s * machine.step_s
             ramp_kn = max(settings.safe_force_kn, applied.force_kn - step_kn)
-            wanted = Command(min(ramp_kn, applied.force_kn), applied.speed_rpm)
-        self._commit(tick, wanted, str(machine.mode), machine.reason.head)
+            target = Command(min(ramp_kn, applied.force_kn), applied.speed_rpm)
+        self._commit(tick, target, str(machine.mode), machine.reason.head)
 
     def _hold(self, tick: Tick, reason: Reason, excuse: Reason | None = None) -> None:
         assert self.in_force.applied is not None

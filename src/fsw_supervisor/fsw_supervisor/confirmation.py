@@ -80,8 +80,8 @@ class Confirmations:
         is_later = self._later()
 
         def shows(state: ActuatorState) -> bool:
-            wanted = self._failover.machine.active if mode is Mode.AUTO else str(mode)
-            return state.source == wanted != "" and is_later(state)
+            source = self._failover.machine.active if mode is Mode.AUTO else str(mode)
+            return state.source == source != "" and is_later(state)
 
         return self._add(shows, now_s)
 

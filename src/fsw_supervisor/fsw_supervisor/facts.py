@@ -1,4 +1,4 @@
-"""What the supervisor logs and answers: a code with its fields, and the one table of the words."""
+"""Log events and answers of the supervisor: codes with their fields, and the table of texts."""
 
 from __future__ import annotations
 

@@ -168,7 +168,7 @@ class Failover:
         ):
             self.role = Role.STANDBY
         if self.role is not Role.ACTIVE and state.answered_ns > self.last_decided_ns:
-            # The acting command was not received here: the drives show what is in force.
+            # The acting command was not received here: the drives show the command in force.
             self._arbiter.in_force.forget()
 
     def on_stop(self, stop: Stop) -> None:
@@ -269,7 +269,7 @@ class Failover:
             if early[0] == tick.stamp_ns:
                 self._follow(*early)
             # This supervisor missed a measurement that the leader has answered: the drives show
-            # what is in force.
+            # the command in force.
             else:
                 self._arbiter.in_force.forget()
 

@@ -117,43 +117,43 @@ class OperatorRequests:
         if mode not in OPERATOR_TRIGGERS:
             known = tuple(OPERATOR_TRIGGERS)
             return Answer.refused(Code.UNKNOWN_MODE, mode=mode[:40], known=known)
-        wanted = Mode(mode)
-        if wanted is not Mode.SAFE_STOP and (why_stop := self.safety.why_stop()):
+        requested = Mode(mode)
+        if requested is not Mode.SAFE_STOP and (why_stop := self.safety.why_stop()):
             return Answer(False, why_stop)
         if (
-            wanted is not Mode.SAFE_STOP
+            requested is not Mode.SAFE_STOP
             and machine.mode is Mode.SAFE_STOP
             and not machine.acknowledged
         ):
             return Answer.refused(Code.ACKNOWLEDGE_FIRST)
-        if wanted is Mode.MANUAL:
+        if requested is Mode.MANUAL:
             manual = manual or Command(nan, nan)
             refused = refusal(manual, machine.settings.limits)
             if refused is not None:
                 return Answer.refused(Code.BAD_VALUES, refusal=refused)
             self.manual = manual
-        if wanted is Mode.AUTO:
+        if requested is Mode.AUTO:
             self.registry.readmit_all(who)
             controller = machine.active or self.registry.first_ready()
             if not controller:
                 return Answer(False, self._not_ready(machine.target))
-        machine.set_target(mode=wanted)
-        if wanted is machine.mode:
+        machine.set_target(mode=requested)
+        if requested is machine.mode:
             if machine.register.stopped:
                 machine.stop_again(who)
             machine.renew()
-            return Answer.done(Code.MODE_ALREADY, mode=wanted)
-        if wanted is not Mode.AUTO:
-            self.drop(Fact.of(Code.MODE_CHANGED, mode=wanted))
+            return Answer.done(Code.MODE_ALREADY, mode=requested)
+        if requested is not Mode.AUTO:
+            self.drop(Fact.of(Code.MODE_CHANGED, mode=requested))
         machine.fire(
-            OPERATOR_TRIGGERS[wanted],
-            Reason(ReasonCode.REQUESTED, subject=str(wanted)),
+            OPERATOR_TRIGGERS[requested],
+            Reason(ReasonCode.REQUESTED, subject=str(requested)),
             who,
             controller,
         )
         if controller:
             return Answer.done(Code.AUTO_NEXT, controller=controller)
-        return Answer.done(Code.MODE_NEXT, mode=wanted)
+        return Answer.done(Code.MODE_NEXT, mode=requested)
 
     def acknowledge(self, who: str) -> Answer:
         """Acknowledge the safe stop, so that it can be left.

@@ -27,7 +27,7 @@ _SHIPPED = frozenset(ArbiterSettings.from_values({}).fallbacks)
 
 
 class Note(Worded):
-    """What the supervisor says of its parts in the diagnostics."""
+    """Texts of the supervisor's diagnostics."""
 
     FOLLOWS = "follows", "{role}: follows the leading supervisor"
     STANDS = "stands", "{mode}: {controller}"

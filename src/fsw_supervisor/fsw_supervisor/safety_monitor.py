@@ -1,4 +1,4 @@
-"""Limits of the process whichever controller is active: sensors that may be used, interlocks that trip.
+"""Safety monitor, independent of the active controller: validity of sensors, and interlocks.
 
 Causes of a safe stop act by level. There are three kinds, which share a list of names
 (``tripped``):
@@ -108,7 +108,7 @@ def interlocks_from(values: Mapping[str, Any]) -> tuple[Interlock, ...]:
 
 
 class Blindness:
-    """How long each sensor was invalid under automatic control: it adds up, and is forgiven ten times as slowly."""
+    """Sum of the time each sensor was invalid under automatic control; it decays ten times as slowly."""
 
     def __init__(self) -> None:
         self.limit_s = 0.0
@@ -158,7 +158,7 @@ class SafetyMonitor:
         self._judged_ns: int | None = None
         self._causes: dict[str, Fact] = {}  # of the levels of the interlocks
         self._consequences: set[str] = set()  # interlocks that tripped during the safe stop, by it
-        # what may be one: how long its values have been no trip, and whether for long in this stop
+        # possible consequences: time without a trip, and whether that was long in this stop
         self._free = {name: Persistence() for name in _CONSEQUENCES}
         self._was_free: set[str] = set()
 
@@ -177,7 +177,7 @@ class SafetyMonitor:
         self._blindness.forget_time()
 
     def readmit(self, who: str) -> None:
-        """Believe sensors that have jumped and are steady, because ``who`` acknowledges what they show."""
+        """Readmit sensors that have jumped and are steady: ``who`` acknowledges their values."""
         readmitted = self._guard.readmit()
         for name, value in readmitted.items():
             self._standing.pop(f"{name}_jump", None)

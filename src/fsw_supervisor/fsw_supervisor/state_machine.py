@@ -300,9 +300,9 @@ class Machine:
 
     def set_target(self, controller: str = "", mode: Mode | None = None) -> None:
         """Set the controller and the mode requested by the operator; omitted ones stay."""
-        wanted = (controller or self.target, mode or self.target_mode)
-        if wanted != (self.target, self.target_mode):
-            self.target, self.target_mode = wanted
+        target = (controller or self.target, mode or self.target_mode)
+        if target != (self.target, self.target_mode):
+            self.target, self.target_mode = target
             self.revision += 1
 
     def slew(self, arrived: bool) -> None:
