@@ -345,12 +345,20 @@ def test_a_tuning_is_known_by_the_content_of_its_file() -> None:
     assert hash_of(tuning_file="a.yaml") != hash_of(tuning_file="b.yaml")
 
 
-def test_a_frozen_sensor_is_for_review() -> None:
+@pytest.mark.parametrize(
+    ("tolerated_s", "verdict"), [(None, Verdict.REVIEW), (0.5, Verdict.REJECT)]
+)
+def test_a_frozen_sensor_is_for_review_and_for_long_rejects(
+    tolerated_s: float | None, verdict: Verdict
+) -> None:
+    """Ten minutes without a valid temperature were for review only, because each sample was on record."""
     weld = good_weld()
+    changes = {} if tolerated_s is None else {"tolerated_unusable_s": tolerated_s}
+    procedure = short_procedure(acceptance=PROCEDURE.acceptance.model_dump() | changes)
     weld.temperature_c += np.random.default_rng(0).normal(0.0, 0.1, TICKS)
     weld.temperature_c[40:] = weld.temperature_c[40]
-    record = judged(weld)
-    assert record.verdict is Verdict.REVIEW and record.unusable["thermocouple"]["frozen"] > 5
+    record = judged(weld, procedure)
+    assert record.verdict is verdict and record.unusable["thermocouple"]["frozen"] > 5
     assert record.deciding.subject == "thermocouple"
     assert [fact.data["flaw"] for fact in record.deciding.facts] == ["frozen"]
 
