@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
+from fsw_analysis.course import Course
 from fsw_control.schema.models import json_content_of, validate
+from fsw_quality import record_hook
 from fsw_quality.record import make
 from fsw_quality.record_content import Record
-from fsw_quality.report import PAGE, PDF, json_sha256, stated_otherwise
+from fsw_quality.report import PAGE, PDF, contents, json_sha256
 from fsw_recorder.findings import Code, Finding, finding
 from fsw_recorder.manifest import sha256
 from fsw_scenario.procedure import Procedure
@@ -29,30 +31,44 @@ def check_records(
     procedure: Procedure | None,
     documents: Mapping[str, bytes],
     progress: Callable[[float], None] | None = None,
-) -> list[Finding]:
-    """Compare records with those that the bag gives; reads the whole bag if there is a record.
+) -> Iterator[Finding]:
+    """Compare records and their pages with those that the bag gives; reads the whole bag for that.
 
     Raises
     ------
     fsw_control.schema.models.InputError
-        A record cannot be read.
+        A record cannot be read, or the PDF's extra is missing.
     fsw_recorder.errors.BagError
         The bag cannot be judged.
     """
-    findings = []
-    for name, record in records_of(documents).items():
+    for name, stated in records_of(documents).items():
         if procedure is None:
-            findings.append(finding(Code.NO_PROCEDURE, name))
+            yield finding(Code.NO_PROCEDURE, name)
             continue
-        # The verdict follows from bag and procedure, so every edited figure differs from the
-        # record that is made again; no list of fields to check can be incomplete.
-        stated = record.model_dump(mode="json", exclude=_BESIDE)
-        actual = make(bag, procedure, progress)[0].model_dump(mode="json", exclude=_BESIDE)
-        fields = [key for key in actual if actual[key] != stated[key]]
-        code = next((_OTHER[key] for key in _OTHER if key in fields), Code.RECORD_EDITED)
-        if fields:
-            findings.append(finding(code, name, fields=", ".join(fields)))
-    return findings
+        # Everything follows from bag and procedure, so what was edited differs from what is made
+        # again; no list of fields or sentences to check can be incomplete.
+        record, course = make(bag, procedure, progress)
+        said, actual = (one.model_dump(mode="json", exclude=_BESIDE) for one in (stated, record))
+        if fields := [key for key in actual if actual[key] != said[key]]:
+            code = next((_OTHER[key] for key in _OTHER if key in fields), Code.RECORD_EDITED)
+            yield finding(code, name, fields=", ".join(fields))
+        else:
+            yield from _check_pages(stated, course, procedure, documents, sha256(documents[name]))
+
+
+def _check_pages(
+    record: Record,
+    course: Course,
+    procedure: Procedure,
+    documents: Mapping[str, bytes],
+    made_of: str,
+) -> Iterator[Finding]:
+    """Whether each page and PDF that names a record.json by its hash is the one that it gives."""
+    pages = {name: data for name, data in documents.items() if json_sha256(data) == made_of}
+    if any(data.startswith(b"%PDF") for data in pages.values()):
+        record_hook.PDF.need("the PDF of a record")
+    again = contents(record, course, procedure).values() if pages else ()
+    yield from (finding(Code.DOCUMENT_DIFFERS, name) for name in pages if pages[name] not in again)
 
 
 def records_of(documents: Mapping[str, bytes]) -> dict[str, Record]:
@@ -65,23 +81,14 @@ def records_of(documents: Mapping[str, bytes]) -> dict[str, Record]:
 
 
 def check_links(documents: Mapping[str, bytes]) -> Iterator[Finding]:
-    """Whether each page and PDF is made of a record among the documents, and says its verdict and identity.
-
-    Also which documents nothing links to a record, and what of the records is not in the bag.
-    """
+    """Which pages and PDFs are of a record that is not among the documents, and what links nothing to the bag."""
     records = records_of(documents)
-    by_hash = {sha256(documents[name]): record for name, record in records.items()}
+    hashes = {sha256(documents[name]) for name in records}
     for name, data in documents.items():
         made_of = json_sha256(data)
         if name in records:
             if records[name].comparison is not None:
                 yield finding(Code.NOT_COMPARED, name)
-        elif made_of in by_hash:
-            try:
-                if missing := stated_otherwise(data, by_hash[made_of]):
-                    yield finding(Code.DOCUMENT_DIFFERS, name, fields=", ".join(missing))
-            except ValueError as error:
-                yield finding(Code.UNREADABLE, name, reason=error)
-        else:
+        elif made_of not in hashes:
             is_page = made_of or Path(name).name in (PAGE, PDF)
             yield finding(Code.OTHER_RECORD if is_page else Code.DOCUMENT_FOREIGN, name)

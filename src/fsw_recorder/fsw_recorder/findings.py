@@ -80,7 +80,7 @@ class Code(Worded):
         "other_record",
         "was made of another record.json than the one that is attested with it",
     )
-    DOCUMENT_DIFFERS = "document_differs", "does not say what its record.json says: {fields}"
+    DOCUMENT_DIFFERS = "document_differs", "is not what its record.json gives"
     OTHER_PROCEDURE = "other_procedure", "the weld ran by another procedure than {id}"
     NO_PROCEDURE = (
         "no_procedure",
