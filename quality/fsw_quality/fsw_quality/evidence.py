@@ -68,7 +68,8 @@ class Policy:
     def noted(self) -> set[Code]:
         """What does not refuse a bag."""
         more = _AFTERWARDS if self.afterwards else set()
-        return _NOTED | more | ({*()} if self.require_signed else {*_UNSIGNED.values()})
+        unsigned = {*_UNSIGNED.values(), Code.PROCEDURE_ABSENT}
+        return _NOTED | more | (set() if self.require_signed else unsigned)
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +149,7 @@ def _draft(
         code = Code.OTHER_PROCEDURE if ran_by else Code.PROCEDURE_NOT_RECORDED
         found.append(finding(code, METADATA_NAME, id=procedure.id))
     signers = {Purpose.ATTESTATION: own} | ({Purpose.PROCEDURE: signer} if signer else {})
-    found += _check_signers(bag, manifest, signers, policy)
+    found += _check_signers(bag, manifest, procedure, signers, policy)
     if {entry.code for entry in found} <= policy.noted:  # else no document can be compared
         found += check_records(bag, procedure, documents, progress)
         found += check_links(documents)
@@ -194,6 +195,7 @@ def _recorded(bag: Path, manifest: Manifest | None, reader: BagReader) -> Iterat
 def _check_signers(
     bag: Path,
     manifest: Manifest | None,
+    procedure: object | None,
     signers: dict[Purpose, Signer],
     policy: Policy,
     later: Sequence[Signer] = (),
@@ -209,7 +211,8 @@ def _check_signers(
         signers[Purpose.MANIFEST] = by
     if by := signers.get(Purpose.PROCEDURE):
         _tried(found, bag, lambda: signature.check_trust(by, Purpose.PROCEDURE, keys, "procedure"))
-    found += [finding(_UNSIGNED[key], key) for key in _UNSIGNED if key not in signers]
+    unsigned = _UNSIGNED | ({} if procedure else {Purpose.PROCEDURE: Code.PROCEDURE_ABSENT})
+    found += [finding(unsigned[key], key) for key in unsigned if key not in signers]
     for purpose, signer in signers.items():
         shown_at = [other.signed_at for other in (attester, *later) if other.key != signer.key]
         revoked = signature.check_revocation(signer, shown_at, keys, purpose)
@@ -258,7 +261,7 @@ def verify_bag(
         entries = chain.entries if chain else ()
         later = [entry.signer for entry in entries if entry.content.number > made.number]
         manifest = _tried(found, bag, lambda: read_manifest(bag))
-        found += _check_signers(bag, manifest, signers, policy, later, now)
+        found += _check_signers(bag, manifest, made.procedure, signers, policy, later, now)
         found += _check_files(bag, signed, manifest, documents)
         found += [note for note in made.notes if note not in found]
         if chain is None:

@@ -30,11 +30,11 @@ from fsw_recorder.signature import (
     fingerprint,
     load_private,
     load_trusted,
-    make_key,
     sign,
     signature_path,
 )
 from fsw_scenario import procedure
+from fsw_test_support.keys import make_key
 from fsw_test_support.sample_weld import sample_messages, sample_topics
 
 pytest.importorskip(
@@ -467,7 +467,7 @@ def test_a_manifest_that_the_recorder_did_not_sign_is_refused(shop: Shop) -> Non
     shutil.rmtree(shop.bag(9))
     shop.weld(9, ticks=19)
     policy = Policy(trusted, require_signed=True)
-    assert shop.refused(9, policy) == [Code.MANIFEST_UNSIGNED, Code.PROCEDURE_UNSIGNED]
+    assert shop.refused(9, policy) == [Code.MANIFEST_UNSIGNED, Code.PROCEDURE_ABSENT]
     (shop.bag(9) / f"{MANIFEST_NAME}.sig").write_bytes(signature)
     assert Code.CONTENT_CHANGED in shop.refused(9, Policy(trusted))
     make_key(shop.folder / "stranger")

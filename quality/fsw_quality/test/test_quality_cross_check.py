@@ -22,11 +22,11 @@ from fsw_recorder.signature import (
     Purpose,
     load_private,
     load_trusted,
-    make_key,
     sign,
     signature_path,
 )
 from fsw_scenario.procedure import Procedure, load, signer_of
+from fsw_test_support.keys import make_key
 from fsw_test_support.programme_bag import write_programme_weld
 
 pytest.importorskip(

@@ -10,6 +10,7 @@ import pytest
 
 from fsw.main import main
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
+from fsw_test_support.keys import make_key
 from fsw_test_support.sample_weld import sample_messages, sample_topics
 
 pytest.importorskip(
@@ -43,9 +44,8 @@ def test_from_key_to_proof(
 ) -> None:
     chain, bags = tmp_path / "chain", [weld(tmp_path / f"C-{number}", number) for number in (1, 2)]
     assert run("attest", bags[0], "--chain", chain) == 1
-    assert "make one with 'fsw.py bag keygen'" in capsys.readouterr().err
-    assert run("keygen") == 0
-    assert (config / "evidence_key").exists() and "SHA256:" in capsys.readouterr().out
+    assert f"ssh-keygen -t ed25519 -N '' -f {config / 'evidence_key'}" in capsys.readouterr().err
+    make_key(config / "evidence_key")
     assert run("attest", *bags, "--chain", chain, "--procedure", "copper_lid") == 0
     found = tmp_path / "found.json"
     assert run("verify-evidence", *bags, "--chain", chain, "--json", found) == 0
@@ -61,6 +61,16 @@ def test_from_key_to_proof(
     }
     assert run("verify-evidence", "--chain", chain) == 0
     assert run("verify-evidence", *bags, "--require-signed") == 1
+    alone = tmp_path / "alone"
+    assert run("attest", bags[0], "--chain", alone) == 0  # without a procedure
+    assert run("verify-evidence", bags[0], "--chain", alone, "--json", found, "--force") == 0
+    notes = json.loads(found.read_text())["bags"][0]["not_checked"]
+    assert {one["code"] for one in notes} == {
+        "manifest_unsigned",
+        "procedure_absent",
+        "clock_unknown",
+        "all_keys",
+    }
     again = weld(tmp_path / "more" / "C-1", 3)
     capsys.readouterr()
     assert run("attest", again, "--chain", chain) == 1
@@ -70,7 +80,8 @@ def test_from_key_to_proof(
 
 def test_keys_expire(tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bag, keys = weld(tmp_path / "C-1"), tmp_path / "keys.yaml"
-    assert run("keygen") == run("attest", bag, "--chain", tmp_path / "chain") == 0
+    make_key(config / "evidence_key")
+    assert run("attest", bag, "--chain", tmp_path / "chain") == 0
     entry = {
         "name": "quality",
         "key": (config / "evidence_key.pub").read_text(),
@@ -85,14 +96,14 @@ def test_keys_expire(tmp_path: Path, config: Path, capsys: pytest.CaptureFixture
 
 
 def test_evidence_of_an_earlier_version_is_refused_as_such(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag, chain = weld(tmp_path / "C-1"), tmp_path / "chain"
     old = json.dumps({"format": "fsw_weld_attestation", "version": 2})
     chain.mkdir()
     for path in (bag / "attestation.json", chain / "000001.json"):
         path.write_text(old)
-    assert run("keygen") == 0
+    make_key(config / "evidence_key")
     assert run("attest", bag, "--chain", chain) == 1
     words = ("--chain", chain, "--json", tmp_path / "found.json")
     assert run("verify-evidence", bag, *words) == 1
@@ -106,7 +117,7 @@ def test_damage_is_located_and_what_is_proven_recovered(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = weld(tmp_path / "C-1")
-    assert run("keygen", tmp_path / "key") == 0
+    make_key(tmp_path / "key")
     assert run("attest", bag, "--chain", tmp_path / "chain", "--key", tmp_path / "key") == 0
     file = bag / "C-1_0.mcap"
     content = bytearray(file.read_bytes())
@@ -139,13 +150,12 @@ def test_what_is_wrong_is_said_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag, key, chain = weld(tmp_path / "C-1"), tmp_path / "key", tmp_path / "chain"
-    assert run("keygen", key) == 0
+    make_key(key)
     open_key = tmp_path / "open_key"
     shutil.copyfile(key, open_key)
     open_key.chmod(0o644)
     capsys.readouterr()
     for words, said in (
-        (("keygen", key), "a key is never replaced"),
         (("attest", bag, "--chain", chain, "--key", open_key), "chmod 600"),
         (("attest", bag, "--chain", chain, "--key", tmp_path / "key.pub"), "chmod 600"),
         (

@@ -24,6 +24,7 @@ from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_recorder.errors import BagError
 from fsw_recorder.manifest import MANIFEST_NAME
 from fsw_scenario import procedure
+from fsw_test_support.keys import make_key
 from fsw_test_support.programme_bag import write_programme_weld
 from fsw_test_support.waiting import wait_until
 
@@ -176,7 +177,7 @@ def test_a_recorded_weld_is_attested_with_the_record_that_was_written_by_itself(
     bag = Path(shutil.copytree(recorded, tmp_path / "bag"))
     written = [bag / "record" / name for name in report.files()]
     words = [word for path in written for word in ("--with", str(path))]
-    assert main(["bag", "keygen"]) == 0
+    make_key(tmp_path / "config" / "fsw-control" / "evidence_key")
     assert main(["bag", "attest", str(bag), "--chain", str(tmp_path / "chain"), *words]) == 0
     found = tmp_path / "found.json"
     assert (

@@ -313,10 +313,10 @@ def test_an_advised_command_has_the_name_that_the_user_types(
     monkeypatch.setattr(sys, "argv", [f"/somewhere/{name}"])
 
     def fail():
-        raise error("run fsw.py keygen")
+        raise error("run fsw.py record")
 
     assert exit_code(fail) in (1, 130)
-    assert capsys.readouterr().err == f"{begin}run {name} keygen\n"
+    assert capsys.readouterr().err == f"{begin}run {name} record\n"
 
 
 @pytest.mark.parametrize("name", ["fsw.py", "fsw"])

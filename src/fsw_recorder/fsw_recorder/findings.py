@@ -128,6 +128,7 @@ class Code(Worded):
         "procedure_unsigned",
         "the procedure of the weld was attested without a signature",
     )
+    PROCEDURE_ABSENT = "procedure_absent", "no procedure was attested with the bag"
     PROCEDURE_NOT_RECORDED = (
         "procedure_not_recorded",
         "whether the weld ran by procedure {id} is not in the bag",
