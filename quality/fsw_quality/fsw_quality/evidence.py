@@ -135,10 +135,10 @@ def _draft(
     bag, signer = subject.bag, subject.procedure_signer
     if not bag.is_dir():
         raise BagError(f"{bag}: is not the folder of a bag; only a folder can be attested")
-    # named by their path from the bag, so that no two of them have one name
+    # named by their path from the bag, so that no two of them have one name, also behind links
     own_files = {path.resolve() for path in _files(bag)}
-    others = [path for path in subject.documents if path.resolve() not in own_files]
-    paths = {Path(os.path.relpath(path, bag)).as_posix(): path for path in others}
+    others = [path.resolve() for path in subject.documents if path.resolve() not in own_files]
+    paths = {Path(os.path.relpath(path, bag.resolve())).as_posix(): path for path in others}
     documents = {name: bytes(mapped(path)) for name, path in paths.items()}
     manifest = read_manifest(bag)
     with BagReader(bag) as reader:
@@ -147,7 +147,7 @@ def _draft(
     procedure = subject.procedure or (ran_by[0] if len(ran_by) == 1 else None)
     if procedure and procedure.sha256 not in {entry.sha256 for entry in ran_by}:
         code = Code.OTHER_PROCEDURE if ran_by else Code.PROCEDURE_NOT_RECORDED
-        found.append(finding(code, METADATA_NAME, id=procedure.id))
+        found.append(finding(code, METADATA_NAME, **dict(procedure.identity)))
     signers = {Purpose.ATTESTATION: own} | ({Purpose.PROCEDURE: signer} if signer else {})
     found += _check_signers(bag, manifest, procedure, signers, policy)
     if {entry.code for entry in found} <= policy.noted:  # else no document can be compared

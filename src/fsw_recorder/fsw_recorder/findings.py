@@ -81,7 +81,10 @@ class Code(Worded):
         "was made of another record.json than the one that is attested with it",
     )
     DOCUMENT_DIFFERS = "document_differs", "is not what its record.json gives"
-    OTHER_PROCEDURE = "other_procedure", "the weld ran by another procedure than {id}"
+    OTHER_PROCEDURE = (
+        "other_procedure",
+        "the weld ran by another procedure than {id} revision {revision}, SHA-256 {sha256:.12}…",
+    )
     NO_PROCEDURE = (
         "no_procedure",
         "cannot be judged: give the procedure of the weld, which the bag does not have",
