@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from pathlib import Path
 
 from fsw_analysis.course import Course
@@ -41,10 +41,14 @@ def check_records(
     fsw_recorder.errors.BagError
         The bag cannot be judged.
     """
-    for name, stated in records_of(documents).items():
+    for name in filter(lambda name: is_record(documents[name]), documents):
+        content = json_content_of(documents[name].decode("utf-8", "replace"), name)
+        stated = validate(Record, content, name)
         if procedure is None:
             yield finding(Code.NO_PROCEDURE, name)
             continue
+        if stated.comparison is not None:
+            yield finding(Code.NOT_COMPARED, name)
         # Everything follows from bag and procedure, so what was edited differs from what is made
         # again; no list of fields or sentences to check can be incomplete.
         record, course = make(bag, procedure, progress)
@@ -71,24 +75,15 @@ def _check_pages(
     yield from (finding(Code.DOCUMENT_DIFFERS, name) for name in pages if pages[name] not in again)
 
 
-def records_of(documents: Mapping[str, bytes]) -> dict[str, Record]:
-    """The records among documents; an InputError where one cannot be read."""
-    return {
-        name: validate(Record, json_content_of(data.decode("utf-8", "replace"), name), name)
-        for name, data in documents.items()
-        if _RECORD in data
-    }
+def is_record(data: bytes) -> bool:
+    """Whether a document is the record of a weld."""
+    return _RECORD in data
 
 
-def check_links(documents: Mapping[str, bytes]) -> Iterator[Finding]:
-    """Which pages and PDFs are of a record that is not among the documents, and what links nothing to the bag."""
-    records = records_of(documents)
-    hashes = {sha256(documents[name]) for name in records}
+def check_links(documents: Mapping[str, bytes], hashes: Container[str]) -> Iterator[Finding]:
+    """Which pages and PDFs are of no record with one of these hashes, and what nothing links to the bag."""
     for name, data in documents.items():
         made_of = json_sha256(data)
-        if name in records:
-            if records[name].comparison is not None:
-                yield finding(Code.NOT_COMPARED, name)
-        elif made_of not in hashes:
+        if not is_record(data) and made_of not in hashes:
             is_page = made_of or Path(name).name in (PAGE, PDF)
             yield finding(Code.OTHER_RECORD if is_page else Code.DOCUMENT_FOREIGN, name)

@@ -15,7 +15,7 @@ from fsw_control.schema.files import locked, write_whole
 from fsw_control.schema.models import InputError, Many, Model
 from fsw_quality import attestation
 from fsw_quality.attestation import Attestation, Chain, Signed
-from fsw_quality.cross_check import check_links, check_records, records_of
+from fsw_quality.cross_check import check_links, check_records, is_record
 from fsw_quality.record_content import bag_name
 from fsw_recorder import signature
 from fsw_recorder.bag_metadata import ATTESTATION_NAME, IDENTITY, METADATA_NAME
@@ -42,6 +42,7 @@ _NOTED = {
     Code.REVOCATION_BY_OWN_CLOCK,
     Code.NO_CHAIN,
     Code.ALL_KEYS,
+    Code.FILES_NOT_CHECKED,
 }
 #: the same where the recorder need not answer for all of the bag
 _AFTERWARDS = {Code.NO_MANIFEST, Code.UNLISTED, Code.HASHED_AFTERWARDS, Code.RECOVERED}
@@ -152,7 +153,8 @@ def _draft(
     found += _check_signers(bag, manifest, procedure, signers, policy)
     if {entry.code for entry in found} <= policy.noted:  # else no document can be compared
         found += check_records(bag, procedure, documents, progress)
-        found += check_links(documents)
+        records = [sha256(data) for data in documents.values() if is_record(data)]
+        found += check_links(documents, records)
     if refused := [entry for entry in found if entry.code not in policy.noted]:
         raise EvidenceError(*refused)
     content = Attestation(
@@ -254,7 +256,9 @@ def verify_bag(
     found: list[Finding] = []
     path, signers, made = bag / ATTESTATION_NAME, dict[Purpose, Signer](), None
     signed = _tried(found, bag, lambda: attestation.read_signed(path, policy.trusted))
-    if signed is not None:
+    if signed is None:
+        found.append(finding(Code.FILES_NOT_CHECKED, bag))
+    else:
         made, signers[Purpose.ATTESTATION] = signed.content, signed.signer
         if made.procedure_signer:
             signers[Purpose.PROCEDURE] = made.procedure_signer
@@ -301,10 +305,9 @@ def _check_files(
     foreign = [path for digest, path in given.items() if digest not in signed.sha256.values()]
     foreign += [path for path in _files(bag) if path.name not in signed.sha256]
     found += [finding(Code.NOT_ATTESTED, path) for path in foreign]
-    if records := _tried(found, bag, lambda: records_of(contents)):
-        found += check_links(contents)
-        found += [finding(Code.NOT_JUDGED_AGAIN, name) for name in records]
-    return found
+    found += check_links(contents, signed.sha256.values())
+    judged = [name for name, data in contents.items() if is_record(data)]
+    return found + [finding(Code.NOT_JUDGED_AGAIN, name) for name in judged]
 
 
 def _tried(found: list[Finding], bag: Path, check: Callable[[], T]) -> T | None:

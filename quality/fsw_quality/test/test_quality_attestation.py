@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from fsw_analysis.rules import FactCode
 from fsw_quality import evidence
 from fsw_quality.attestation import Attestation, chain_findings, opened, read_chain
 from fsw_quality.evidence import Policy, Subject, Verification, attest, verify_bag
@@ -129,8 +130,9 @@ def shop(original: Path, tmp_path: Path) -> Shop:
 
 def test_a_record_can_say_whether_the_bag_is_what_was_recorded_and_who_signed(shop: Shop) -> None:
     bag = shop.weld(9, key=shop.key_path)
-    lines, wrong = proof_of(bag)
-    assert len(lines) == 2 and fingerprint(shop.trusted[0].key) in lines[-1] and wrong == []
+    (listed, signed), wrong = proof_of(bag)
+    assert (listed.code, signed.code, wrong) == (FactCode.AS_LISTED, FactCode.SIGNED, [])
+    assert fingerprint(shop.trusted[0].key) in signed.data["signer"]
     content = (bag / MANIFEST_NAME).read_bytes()
     (bag / MANIFEST_NAME).write_bytes(content + b"\n")
     assert len(proof_of(bag)[1]) == 1

@@ -153,7 +153,9 @@ def accept_all(content: dict[str, Any]) -> None:
         (accept_all, Code.RECORD_EDITED),
         (lambda content: content["rules"].pop(), Code.RECORD_EDITED),
         (
-            lambda content: content.update(proof=["attested as weld 7 by the inspector"]),
+            lambda content: content.update(
+                proof=[{"code": "signed", "data": {"signer": "the inspector"}}]
+            ),
             Code.RECORD_EDITED,
         ),
         (lambda content: content["identity"].update(canister="C-9"), Code.RECORD_OTHER_IDENTITY),

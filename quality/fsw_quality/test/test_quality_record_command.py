@@ -15,7 +15,7 @@ from fsw.main import main
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.kpi import compute
 from fsw_analysis.kpi_table import ROWS
-from fsw_analysis.rules import decide
+from fsw_analysis.rules import FactCode, decide
 from fsw_analysis.signals import load_weld
 from fsw_quality import report
 from fsw_quality.record import make
@@ -135,7 +135,7 @@ def test_record_of_a_recorded_weld(
     assert {one.name for one in found.rules if one.verdict != "accept"} == {"quality"}
     assert found.procedure.sha256 == procedure.load(asked).sha256
     assert found.identity == {"canister": "C-1", "tool": "T-4"}
-    assert len(found.proof) == 2 and found.proof[0] == "2 files as manifest.json has them"
+    assert [fact.code for fact in found.proof] == [FactCode.AS_LISTED, FactCode.UNSIGNED]
     edge = next(one for one in found.exceedances if one.duration_s > 0.3)
     assert (
         6.0 <= edge.begin_s <= 6.3
@@ -213,7 +213,7 @@ def test_a_damaged_bag_is_never_accepted(recorded: Path, tmp_path: Path) -> None
         cut.write_bytes(data[: int(share * len(data))])
         found = make(cut, asked)[0]
         assert verdict(found) != "accept"
-        assert any("not finished" in one for one in found.cannot_say)
+        assert any("not finished" in str(one.data) for one in found.cannot_say)
 
 
 @pytest.mark.slow
@@ -284,7 +284,8 @@ def test_what_is_not_as_the_manifest_has_it_is_on_record(tmp_path: Path) -> None
         found = make(bag, values)[0]
         [rule] = [one for one in found.rules if one.name == "recording"]
         assert ("bag_0.mcap" in rule.figure) is told
-        assert any("not as manifest.json has it" in one for one in found.cannot_say) is told
+        assert (FactCode.NOT_AS_LISTED in {fact.code for fact in found.proof}) is told
+        assert (FactCode.DAMAGE in {fact.code for fact in found.cannot_say}) is told
 
 
 @pytest.mark.parametrize(

@@ -118,6 +118,10 @@ class Code(Worded):
         "all_keys",
         "no trusted key has dates: neither validity nor revocations were checked",
     )
+    FILES_NOT_CHECKED = (
+        "files_not_checked",
+        "files, documents and other signatures: there is no valid attestation that lists them",
+    )
     REVOCATION_BY_OWN_CLOCK = (
         "revocation_by_own_clock",
         "signed by {name} at {signed_at} by the signer's own clock alone; the key {key} is "

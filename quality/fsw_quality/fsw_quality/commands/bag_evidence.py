@@ -97,7 +97,7 @@ def _print_chain(chain: Chain) -> Sequence[Finding]:
     number, wrong = len(chain.entries), chain.findings
     if not number and not wrong:
         wrong = (finding(Code.EMPTY, chain.folder),)
-    print(f"{chain.folder}: {'not ' if wrong else ''}intact, {number} welds")
+    print(f"{chain.folder}: {'not ' if wrong else ''}intact, {number} weld{'s' * (number != 1)}")
     for entry in wrong:
         print(f"  {entry.line}")
     if number:
