@@ -41,7 +41,7 @@ from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
 from fsw_identification.estimation import identify
 from fsw_identification.problem import measured
 from fsw_identification.simulation import DEPTH, OUTPUTS, respond
-from fsw_identification.summary import Summary, disturbances, remarks
+from fsw_identification.summary import Summary, disturbances
 from fsw_identification.weld_data import prepare
 from fsw_model import nominal
 from fsw_plant.parameters import Actuators
@@ -388,7 +388,7 @@ def sensed(job):
     seconds = time.process_time() - began
     judged = prepare(welded(JUDGE, {"noise": False, **factors, **sensors}), lag_s).segments
     ratios = over_the_papers(judged, fit, 0)
-    told = disturbances(fit), any("not white" in line for line in remarks(Summary(kind, fit)))
+    told = disturbances(fit), bool(Summary(kind, fit).coloured)
     return (
         *errors_of(fit, factors),
         ratios,

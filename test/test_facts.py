@@ -21,7 +21,7 @@ READS = {
     "find",
     "index",
 }
-MATCHES = {"search", "match", "fullmatch", "findall", "finditer", "split", "sub"}
+MATCHES = {"search", "match", "fullmatch", "findall", "finditer"}
 #: texts that other software or a person wrote
 FOREIGN = {
     "src/fsw_hmi/fsw_hmi/tls.py": "errors of OpenSSL",
@@ -36,14 +36,26 @@ OTHERS = [
     path
     for name in ("scripts", "benchmarks", "lab/studies", "examples")
     for path in sorted(ROOT.glob(f"{name}/**/*.py"))
+    if "test" not in path.parts
 ]
-PAGE = sorted((ROOT / "src/fsw_hmi/fsw_hmi/page").glob("*.js"))
+PAGE = [
+    path
+    for top in ("src", "quality", "lab")
+    for path in sorted((ROOT / top).rglob("*.js"))
+    if "node_modules" not in path.parts
+]
+_FIELD = rf"\.({'|'.join(sorted(PROSE))})\b"
 IN_PAGE = re.compile(
     rf"\b({'|'.join(sorted(PROSE))})\??\.(split|match|startsWith|endsWith|includes|indexOf|slice)\("
+    rf"|{_FIELD} ?[=!]== ?[\"'`]\w|\.(test|exec|has|includes)\([\w.?]*{_FIELD}\)|switch ?\([\w.?]*{_FIELD}\)"
 )
 
 
 def holds_prose(node: ast.AST) -> bool:
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "str":
+        return any(map(holds_prose, node.args))
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+        return node.func.attr in ("lower", "strip", "casefold") and holds_prose(node.func.value)
     # a variable `text` is mostly what a person or a file gives
     names = PROSE - {"text"}
     if isinstance(node, ast.Attribute):
@@ -67,20 +79,24 @@ def is_constant(node: ast.AST) -> bool:
 
 def reads(node: ast.AST) -> bool:
     """Whether a sentence is read: ``text.startswith(...)``, ``re.search(..., text)``, ``"x" in text``."""
+    if isinstance(node, ast.Match):
+        return holds_prose(node.subject)
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
         of, method = node.func.value, node.func.attr
-        is_re = (isinstance(of, ast.Name) and of.id.strip("_").isupper()) or (
-            isinstance(of, ast.Name) and of.id == "re"
-        )
+        is_re = isinstance(of, ast.Name) and of.id == "re" and method in ("split", "sub")
         return (method in READS and bool(node.args) and holds_prose(of)) or (
-            is_re and method in MATCHES and any(map(holds_prose, node.args))
+            (is_re or method in MATCHES) and any(map(holds_prose, node.args))
         )
     if isinstance(node, ast.Compare):
         [*operators], sides = node.ops, [node.left, *node.comparators]
-        looks_in = (
-            isinstance(operators[0], ast.In | ast.NotIn)
-            and is_words(sides[0])
-            and holds_prose(sides[1])
+        # a variable may be a mapping
+        is_text = is_words(sides[0]) or not isinstance(sides[1], ast.Name)
+        among = isinstance(sides[1], ast.Tuple | ast.List | ast.Set) and sides[1].elts
+        is_phrase = is_words(sides[0]) and " " in sides[0].value.strip()
+        looks_in = isinstance(operators[0], ast.In | ast.NotIn) and (
+            (is_text and holds_prose(sides[1]))
+            or (is_phrase and isinstance(sides[1], ast.Name))
+            or (holds_prose(sides[0]) and among and any(map(is_words, among)))
         )
         is_equal = (
             isinstance(operators[0], ast.Eq | ast.NotEq)
@@ -129,6 +145,12 @@ def test_no_interlock_has_its_level_in_its_name():
         'state.reason == "operator"',
         're.split(" is trip", row["reason"])',
         "first_reason != NO_SET_POINT",
+        "any(word in event.text for word in WORDS)",
+        "pattern.fullmatch(str(event.text))",
+        'any("not white" in line for line in remarks(summary))',
+        'answer.message.lower().startswith("no ")',
+        'reason in ("frozen", "too fast")',
+        """match line["reason"]:\n    case "frozen": pass""",
     ],
 )
 def test_a_sentence_that_is_read_is_found(line):

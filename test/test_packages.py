@@ -190,7 +190,6 @@ OPTIONAL = {
     "meshio",
     "threadpoolctl",
     "fpdf",
-    "pypdf",
     "securesystemslib",
     "pandas",
     "xarray",

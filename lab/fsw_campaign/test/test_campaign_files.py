@@ -29,12 +29,12 @@ from fsw_recorder.signature import (  # noqa: E402
     Purpose,
     load_private,
     load_trusted,
-    make_key,
     sign,
     signature_path,
 )
 from fsw_scenario.closed_loop import ClosedLoop  # noqa: E402
 from fsw_test_support.judged_weld import short_procedure  # noqa: E402
+from fsw_test_support.keys import make_key  # noqa: E402
 from fsw_test_support.small_campaign import SMALL, campaign  # noqa: E402
 
 NOW = datetime(2026, 11, 25, tzinfo=UTC)

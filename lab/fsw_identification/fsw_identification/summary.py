@@ -107,6 +107,14 @@ class Summary:
         """Statistics of the residuals."""
         return judge(self.fit.segments, self.fit.residuals, self.fit.whitened)
 
+    @property
+    def coloured(self) -> list[int]:
+        """Outputs whose residuals are not white."""
+        of = self.judgement
+        return [
+            i for i in range(len(NAMES)) if max(of.outside(i)) > _WHITE or of.together(i) > SLOW
+        ]
+
     @cached_property
     def checked(self) -> Judgement | None:
         """Statistics of the residuals of the validation weld."""
@@ -212,11 +220,10 @@ def remarks(result: Summary) -> list[str]:
     for i, j in np.argwhere(np.tril(np.abs(correlation) > CORRELATED, -1)):
         lines.append(f"{fit.free[j]} and {fit.free[i]}: correlation {correlation[i, j]:+.2f}")
     lines += of_sensors(fit)
-    for i, name in enumerate(NAMES):
-        if max(result.judgement.outside(i)) > _WHITE or result.judgement.together(i) > SLOW:
-            lines.append(
-                f"residuals of {name} are not white: the model does not explain all of it, "
-                "or its noise is of another "
-                f"colour; standard deviations are enlarged (× {fit.colour[i] ** 0.5:.1f})"
-            )
+    lines += [
+        f"residuals of {NAMES[i]} are not white: the model does not explain all of it, "
+        "or its noise is of another "
+        f"colour; standard deviations are enlarged (× {fit.colour[i] ** 0.5:.1f})"
+        for i in result.coloured
+    ]
     return lines

@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from fsw_control.schema.files import write_whole
 from fsw_control.schema.models import InputError
 from fsw_plant import PlantConfig
 from fsw_plant.process import prepare
@@ -118,6 +119,18 @@ def _key(folder: Path) -> Path:
     return folder / "key" / "series"
 
 
+def _make_key(path: Path) -> None:
+    from cryptography.hazmat.primitives import serialization as form
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+    key = Ed25519PrivateKey.generate()
+    text = key.private_bytes(form.Encoding.PEM, form.PrivateFormat.OpenSSH, form.NoEncryption())
+    public = key.public_key().public_bytes(form.Encoding.OpenSSH, form.PublicFormat.OpenSSH)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, text, 0o600)
+    write_whole(signature.public_path(path), public + b"\n")
+
+
 def _trusted(folder: Path) -> tuple[signature.TrustedKey, ...]:
     return signature.load_trusted([signature.public_path(_key(folder))])
 
@@ -125,7 +138,7 @@ def _trusted(folder: Path) -> tuple[signature.TrustedKey, ...]:
 def _weld(folder: Path, welds: int, workers: int, end_deg: float) -> list[history.Row]:
     """Weld what is missing; sign and add to the history each in its order, so that the chain is one over time."""
     if not _key(folder).exists():
-        signature.make_key(_key(folder), "weld_series")
+        _make_key(_key(folder))
     key = signature.load_private(_key(folder))
     procedure = series_procedure(end_deg)
     there = (

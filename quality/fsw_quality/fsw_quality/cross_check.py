@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from pathlib import Path
 
+from fsw_analysis.course import Course
 from fsw_control.schema.models import json_content_of, validate
+from fsw_quality import record_hook
 from fsw_quality.record import make
 from fsw_quality.record_content import Record
-from fsw_quality.report import PAGE, PDF, json_sha256, stated_otherwise
+from fsw_quality.report import PAGE, PDF, contents, json_sha256
 from fsw_recorder.findings import Code, Finding, finding
 from fsw_recorder.manifest import sha256
 from fsw_scenario.procedure import Procedure
@@ -29,59 +31,59 @@ def check_records(
     procedure: Procedure | None,
     documents: Mapping[str, bytes],
     progress: Callable[[float], None] | None = None,
-) -> list[Finding]:
-    """Compare records with those that the bag gives; reads the whole bag if there is a record.
+) -> Iterator[Finding]:
+    """Compare records and their pages with those that the bag gives; reads the whole bag for that.
 
     Raises
     ------
     fsw_control.schema.models.InputError
-        A record cannot be read.
+        A record cannot be read, or the PDF's extra is missing.
     fsw_recorder.errors.BagError
         The bag cannot be judged.
     """
-    findings = []
-    for name, record in records_of(documents).items():
+    for name in filter(lambda name: is_record(documents[name]), documents):
+        content = json_content_of(documents[name].decode("utf-8", "replace"), name)
+        stated = validate(Record, content, name)
         if procedure is None:
-            findings.append(finding(Code.NO_PROCEDURE, name))
+            yield finding(Code.NO_PROCEDURE, name)
             continue
-        # The verdict follows from bag and procedure, so every edited figure differs from the
-        # record that is made again; no list of fields to check can be incomplete.
-        stated = record.model_dump(mode="json", exclude=_BESIDE)
-        actual = make(bag, procedure, progress)[0].model_dump(mode="json", exclude=_BESIDE)
-        fields = [key for key in actual if actual[key] != stated[key]]
-        code = next((_OTHER[key] for key in _OTHER if key in fields), Code.RECORD_EDITED)
-        if fields:
-            findings.append(finding(code, name, fields=", ".join(fields)))
-    return findings
+        if stated.comparison is not None:
+            yield finding(Code.NOT_COMPARED, name)
+        # Everything follows from bag and procedure, so what was edited differs from what is made
+        # again; no list of fields or sentences to check can be incomplete.
+        record, course = make(bag, procedure, progress)
+        said, actual = (one.model_dump(mode="json", exclude=_BESIDE) for one in (stated, record))
+        if fields := [key for key in actual if actual[key] != said[key]]:
+            code = next((_OTHER[key] for key in _OTHER if key in fields), Code.RECORD_EDITED)
+            yield finding(code, name, fields=", ".join(fields))
+        else:
+            yield from _check_pages(stated, course, procedure, documents, sha256(documents[name]))
 
 
-def records_of(documents: Mapping[str, bytes]) -> dict[str, Record]:
-    """The records among documents; an InputError where one cannot be read."""
-    return {
-        name: validate(Record, json_content_of(data.decode("utf-8", "replace"), name), name)
-        for name, data in documents.items()
-        if _RECORD in data
-    }
+def _check_pages(
+    record: Record,
+    course: Course,
+    procedure: Procedure,
+    documents: Mapping[str, bytes],
+    made_of: str,
+) -> Iterator[Finding]:
+    """Whether each page and PDF that names a record.json by its hash is the one that it gives."""
+    pages = {name: data for name, data in documents.items() if json_sha256(data) == made_of}
+    if any(data.startswith(b"%PDF") for data in pages.values()):
+        record_hook.PDF.need("the PDF of a record")
+    again = contents(record, course, procedure).values() if pages else ()
+    yield from (finding(Code.DOCUMENT_DIFFERS, name) for name in pages if pages[name] not in again)
 
 
-def check_links(documents: Mapping[str, bytes]) -> Iterator[Finding]:
-    """Whether each page and PDF is made of a record among the documents, and says its verdict and identity.
+def is_record(data: bytes) -> bool:
+    """Whether a document is the record of a weld."""
+    return _RECORD in data
 
-    Also which documents nothing links to a record, and what of the records is not in the bag.
-    """
-    records = records_of(documents)
-    by_hash = {sha256(documents[name]): record for name, record in records.items()}
+
+def check_links(documents: Mapping[str, bytes], hashes: Container[str]) -> Iterator[Finding]:
+    """Which pages and PDFs are of no record with one of these hashes, and what nothing links to the bag."""
     for name, data in documents.items():
         made_of = json_sha256(data)
-        if name in records:
-            if records[name].comparison is not None:
-                yield finding(Code.NOT_COMPARED, name)
-        elif made_of in by_hash:
-            try:
-                if missing := stated_otherwise(data, by_hash[made_of]):
-                    yield finding(Code.DOCUMENT_DIFFERS, name, fields=", ".join(missing))
-            except ValueError as error:
-                yield finding(Code.UNREADABLE, name, reason=error)
-        else:
+        if not is_record(data) and made_of not in hashes:
             is_page = made_of or Path(name).name in (PAGE, PDF)
             yield finding(Code.OTHER_RECORD if is_page else Code.DOCUMENT_FOREIGN, name)

@@ -15,7 +15,7 @@ from fsw_control.schema.files import locked, write_whole
 from fsw_control.schema.models import InputError, Many, Model
 from fsw_quality import attestation
 from fsw_quality.attestation import Attestation, Chain, Signed
-from fsw_quality.cross_check import check_links, check_records, records_of
+from fsw_quality.cross_check import check_links, check_records, is_record
 from fsw_quality.record_content import bag_name
 from fsw_recorder import signature
 from fsw_recorder.bag_metadata import ATTESTATION_NAME, IDENTITY, METADATA_NAME
@@ -42,6 +42,7 @@ _NOTED = {
     Code.REVOCATION_BY_OWN_CLOCK,
     Code.NO_CHAIN,
     Code.ALL_KEYS,
+    Code.FILES_NOT_CHECKED,
 }
 #: the same where the recorder need not answer for all of the bag
 _AFTERWARDS = {Code.NO_MANIFEST, Code.UNLISTED, Code.HASHED_AFTERWARDS, Code.RECOVERED}
@@ -68,7 +69,8 @@ class Policy:
     def noted(self) -> set[Code]:
         """What does not refuse a bag."""
         more = _AFTERWARDS if self.afterwards else set()
-        return _NOTED | more | ({*()} if self.require_signed else {*_UNSIGNED.values()})
+        unsigned = {*_UNSIGNED.values(), Code.PROCEDURE_ABSENT}
+        return _NOTED | more | (set() if self.require_signed else unsigned)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,10 +136,10 @@ def _draft(
     bag, signer = subject.bag, subject.procedure_signer
     if not bag.is_dir():
         raise BagError(f"{bag}: is not the folder of a bag; only a folder can be attested")
-    # named by their path from the bag, so that no two of them have one name
+    # named by their path from the bag, so that no two of them have one name, also behind links
     own_files = {path.resolve() for path in _files(bag)}
-    others = [path for path in subject.documents if path.resolve() not in own_files]
-    paths = {Path(os.path.relpath(path, bag)).as_posix(): path for path in others}
+    others = [path.resolve() for path in subject.documents if path.resolve() not in own_files]
+    paths = {Path(os.path.relpath(path, bag.resolve())).as_posix(): path for path in others}
     documents = {name: bytes(mapped(path)) for name, path in paths.items()}
     manifest = read_manifest(bag)
     with BagReader(bag) as reader:
@@ -146,12 +148,13 @@ def _draft(
     procedure = subject.procedure or (ran_by[0] if len(ran_by) == 1 else None)
     if procedure and procedure.sha256 not in {entry.sha256 for entry in ran_by}:
         code = Code.OTHER_PROCEDURE if ran_by else Code.PROCEDURE_NOT_RECORDED
-        found.append(finding(code, METADATA_NAME, id=procedure.id))
+        found.append(finding(code, METADATA_NAME, **dict(procedure.identity)))
     signers = {Purpose.ATTESTATION: own} | ({Purpose.PROCEDURE: signer} if signer else {})
-    found += _check_signers(bag, manifest, signers, policy)
+    found += _check_signers(bag, manifest, procedure, signers, policy)
     if {entry.code for entry in found} <= policy.noted:  # else no document can be compared
         found += check_records(bag, procedure, documents, progress)
-        found += check_links(documents)
+        records = [sha256(data) for data in documents.values() if is_record(data)]
+        found += check_links(documents, records)
     if refused := [entry for entry in found if entry.code not in policy.noted]:
         raise EvidenceError(*refused)
     content = Attestation(
@@ -194,6 +197,7 @@ def _recorded(bag: Path, manifest: Manifest | None, reader: BagReader) -> Iterat
 def _check_signers(
     bag: Path,
     manifest: Manifest | None,
+    procedure: object | None,
     signers: dict[Purpose, Signer],
     policy: Policy,
     later: Sequence[Signer] = (),
@@ -209,7 +213,8 @@ def _check_signers(
         signers[Purpose.MANIFEST] = by
     if by := signers.get(Purpose.PROCEDURE):
         _tried(found, bag, lambda: signature.check_trust(by, Purpose.PROCEDURE, keys, "procedure"))
-    found += [finding(_UNSIGNED[key], key) for key in _UNSIGNED if key not in signers]
+    unsigned = _UNSIGNED | ({} if procedure else {Purpose.PROCEDURE: Code.PROCEDURE_ABSENT})
+    found += [finding(unsigned[key], key) for key in unsigned if key not in signers]
     for purpose, signer in signers.items():
         shown_at = [other.signed_at for other in (attester, *later) if other.key != signer.key]
         revoked = signature.check_revocation(signer, shown_at, keys, purpose)
@@ -251,14 +256,16 @@ def verify_bag(
     found: list[Finding] = []
     path, signers, made = bag / ATTESTATION_NAME, dict[Purpose, Signer](), None
     signed = _tried(found, bag, lambda: attestation.read_signed(path, policy.trusted))
-    if signed is not None:
+    if signed is None:
+        found.append(finding(Code.FILES_NOT_CHECKED, bag))
+    else:
         made, signers[Purpose.ATTESTATION] = signed.content, signed.signer
         if made.procedure_signer:
             signers[Purpose.PROCEDURE] = made.procedure_signer
         entries = chain.entries if chain else ()
         later = [entry.signer for entry in entries if entry.content.number > made.number]
         manifest = _tried(found, bag, lambda: read_manifest(bag))
-        found += _check_signers(bag, manifest, signers, policy, later, now)
+        found += _check_signers(bag, manifest, made.procedure, signers, policy, later, now)
         found += _check_files(bag, signed, manifest, documents)
         found += [note for note in made.notes if note not in found]
         if chain is None:
@@ -298,10 +305,9 @@ def _check_files(
     foreign = [path for digest, path in given.items() if digest not in signed.sha256.values()]
     foreign += [path for path in _files(bag) if path.name not in signed.sha256]
     found += [finding(Code.NOT_ATTESTED, path) for path in foreign]
-    if records := _tried(found, bag, lambda: records_of(contents)):
-        found += check_links(contents)
-        found += [finding(Code.NOT_JUDGED_AGAIN, name) for name in records]
-    return found
+    found += check_links(contents, signed.sha256.values())
+    judged = [name for name, data in contents.items() if is_record(data)]
+    return found + [finding(Code.NOT_JUDGED_AGAIN, name) for name in judged]
 
 
 def _tried(found: list[Finding], bag: Path, check: Callable[[], T]) -> T | None:

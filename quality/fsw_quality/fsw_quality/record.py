@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -16,6 +16,7 @@ from fsw_analysis.exceedances import beyond
 from fsw_analysis.judgement import Evidence, judge
 from fsw_analysis.phase_kpi import ErrorStatistics
 from fsw_analysis.procedure import Procedure, attached
+from fsw_analysis.rules import Fact, FactCode
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import FloatArray, FusedSignals, WeldSignals
@@ -56,11 +57,11 @@ WATCH_NODE, _DIAGNOSTICS = "fsw_procedure", "/diagnostics"
 _IDENTIFIES = ("procedure", "revision", "SHA-256")
 #: topics without which something cannot be said, and what
 _SAYS = {
-    "/fsw/supervisor/state": "swaps, modes and interlocks",
-    "/fsw/weld_progress": "phases, angles and positions along the weld",
-    "/fsw/drives": "force and speed as the drives measure them",
-    "/fsw/monitor/health": "what a watch over the weld would have found: no monitor ran, or it was not recorded",
-    "/fsw/alarms": "whether there were alarms: the operator's page reports them, and no report was recorded",
+    "/fsw/supervisor/state": FactCode.NO_STATES,
+    "/fsw/weld_progress": FactCode.NO_PROGRESS,
+    "/fsw/drives": FactCode.NO_DRIVES,
+    "/fsw/monitor/health": FactCode.NO_MONITOR,
+    "/fsw/alarms": FactCode.NO_ALARMS,
 }
 
 
@@ -85,7 +86,7 @@ def make(
 
 def read(
     bag: Path, progress: Callable[[float], None] | None = None
-) -> tuple[WeldSignals, list[str]]:
+) -> tuple[WeldSignals, list[Fact]]:
     """What :func:`judged` needs of a bag: signals, and what proves it; errors as :func:`make`."""
     signals = load_weld(bag, progress)
     proof, wrong = proof_of(bag)
@@ -103,40 +104,40 @@ def read(
     return signals, proof
 
 
-def proof_of(bag: Path) -> tuple[list[str], list[str]]:
-    """Whether a bag is what was recorded, and who signed for it, in words; and what of that is wrong.
+def proof_of(bag: Path) -> tuple[list[Fact], list[str]]:
+    """Whether a bag is what was recorded, and who signed for it; and what of that is wrong, in words.
 
     Any key will do: whose it is, the reader of its fingerprint has to say.
     """
-    lines: list[str] = []
+    facts: list[Fact] = []
+
+    def add(code: FactCode, **data: Any) -> list[Fact]:
+        facts.append(Fact.of(code, file=MANIFEST_NAME, **data))
+        return facts
+
     try:
         manifest = read_manifest(bag) if bag.is_dir() else None
         if manifest is None:
-            return [
-                f"no {MANIFEST_NAME}: whether the files are what was recorded is not known"
-            ], []
+            return add(FactCode.UNPROVEN), []
         if findings := check_files(bag, manifest):
             raise EvidenceError(*findings)
         is_late = any(entry.hashed == "afterwards" for entry in manifest.files)
-        late = ", hashed after the recording" if is_late else ""
-        lines.append(f"{len(manifest.files)} files as {MANIFEST_NAME} has them{late}")
+        code = FactCode.LISTED_LATER if is_late else FactCode.AS_LISTED
+        add(code, count=len(manifest.files))
     except (BagError, InputError) as error:
-        text = f"not as {MANIFEST_NAME} has it: {error}"
-        return [text], [text]
+        return add(FactCode.NOT_AS_LISTED, problem=str(error)), [facts[-1].words]
     try:
         signer = signer_of(bag / MANIFEST_NAME, Purpose.MANIFEST, None)
     except MissingExtraError as error:
-        return [*lines, f"{MANIFEST_NAME}: its signature cannot be checked: {error}"], []
+        return add(FactCode.SIGNATURE_UNCHECKED, problem=str(error)), []
     except (BagError, InputError) as error:
-        return [*lines, text := f"the signature of {MANIFEST_NAME} is not valid: {error}"], [text]
-    return [
-        *lines,
-        f"{MANIFEST_NAME} {f'signed by {signer.words}' if signer else 'is not signed'}",
-    ], []
+        return add(FactCode.SIGNATURE_INVALID, problem=str(error)), [facts[-1].words]
+    signed = add(FactCode.SIGNED, signer=signer.words) if signer else add(FactCode.UNSIGNED)
+    return signed, []
 
 
 def judged(
-    bag: Path, procedure: Procedure, signals: WeldSignals, proof: Sequence[str]
+    bag: Path, procedure: Procedure, signals: WeldSignals, proof: Sequence[Fact]
 ) -> tuple[Record, Course]:
     """Judge what was read of a bag; errors as :func:`make`."""
     sensors = np.stack([signals.depth_mm, signals.torque_nm, signals.temperature_c])
@@ -151,7 +152,7 @@ def assemble(
     signals: WeldSignals,
     procedure: Procedure,
     files: tuple[BagFile, ...] = (),
-    proof: Sequence[str] = (),
+    proof: Sequence[Fact] = (),
 ) -> tuple[Record, Course]:
     """The record of a weld from its signals."""
     account = judge(signals, procedure)
@@ -315,28 +316,23 @@ def times_of_control(events: Sequence[WeldEvent], end_s: float) -> list[TimeOfCo
     return found
 
 
-def _cannot_say(signals: WeldSignals, custom: Mapping[str, str], evidence: Evidence) -> list[str]:
-    lacking = [
-        f"{what} ({topic} is not in the bag)"
-        for topic, what in _SAYS.items()
-        if not signals.counts.get(topic)
-    ]
-    lacking += [f"{problem}: what was there is not known" for problem in signals.problems]
+def _cannot_say(
+    signals: WeldSignals, custom: Mapping[str, str], evidence: Evidence
+) -> Iterator[Fact]:
+    for topic, code in _SAYS.items():
+        if not signals.counts.get(topic):
+            yield Fact.of(code, topic=topic)
+    yield from (Fact.of(FactCode.DAMAGE, problem=problem) for problem in signals.problems)
     if unknown := [key for key in IDENTITY if key not in custom]:
-        lacking.append(f"{', '.join(unknown)}: not given to the recorder (parameter custom_data)")
+        yield Fact.of(FactCode.NOT_GIVEN, keys=unknown)
     if "versions.json" not in signals.attachments:
-        lacking.append("software versions (versions.json is not in the bag)")
+        yield Fact.of(FactCode.NO_VERSIONS)
     if evidence.lost is None:
-        lacking.append(
-            "whether messages were lost on their way to the recorder (metadata.yaml has no lost_messages)"
-        )
+        yield Fact.of(FactCode.LOST_UNKNOWN)
     if not any(one.kind == "procedure" for one in signals.events):
-        lacking.append(
-            f"by which procedure the weld ran (none is attached to the bag, nor reported by {WATCH_NODE})"
-        )
+        yield Fact.of(FactCode.NO_PROCEDURE, node=WATCH_NODE)
     if evidence.stamp_ns is None:
-        lacking.append("the day of the weld (simulated time)")
-    return lacking
+        yield Fact.of(FactCode.DAY_UNKNOWN)
 
 
 def _events(signals: WeldSignals, course: Course) -> list[Event]:

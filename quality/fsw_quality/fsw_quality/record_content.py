@@ -10,7 +10,7 @@ from pydantic import Field, Strict
 
 from fsw_analysis.exceedances import Exceedance, Pair, Rounded
 from fsw_analysis.procedure import Identity
-from fsw_analysis.rules import Rule, Verdict
+from fsw_analysis.rules import Fact, Rule, Verdict
 from fsw_control.schema.models import Many, Model, json_content_of
 from fsw_recorder.bag_metadata import METADATA_NAME
 
@@ -171,7 +171,7 @@ class Record(Model):
     """Content of record.json."""
 
     format: Literal["fsw_weld_record"] = "fsw_weld_record"
-    version: Literal[3] = 3
+    version: Literal[4] = 4
     verdict: Annotated[Verdict, Strict(False)]
     deciding: Rule
     """the first rule that led to the verdict; of an accepted weld, that all are kept"""
@@ -180,8 +180,8 @@ class Record(Model):
     bag: str
     """name of the bag"""
     files: Many[BagFile]
-    proof: Many[str] = ()
-    """whether the bag is as its manifest has it, and who attested it"""
+    proof: Many[Fact] = ()
+    """whether the bag is as its manifest has it, and who signed that"""
     identity: dict[str, str]
     """canister, lid, tool and machine, as far as the recorder was told"""
     extra: dict[str, str | float | bool] = Field(default_factory=dict)
@@ -202,7 +202,7 @@ class Record(Model):
     parameters_sha256: dict[str, str]
     """of each controller"""
     attachments_sha256: dict[str, str]
-    cannot_say: Many[str]
+    cannot_say: Many[Fact]
     """what the bag does not show, and why"""
     exceedances: Many[Exceedance]
     missing: dict[str, int]

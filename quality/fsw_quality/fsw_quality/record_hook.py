@@ -6,8 +6,8 @@ import sys
 
 from fsw_control.schema.extensions import Extra
 
-#: what writes and reads the PDF
-PDF = Extra("fsw-quality", "pdf", ("fpdf", "pypdf"))
+#: what writes the PDF
+PDF = Extra("fsw-quality", "pdf", ("fpdf",))
 
 
 def command(bag: str, procedure: str) -> list[str]:

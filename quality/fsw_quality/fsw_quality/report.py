@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from html import unescape
-from io import BytesIO
+from datetime import UTC, datetime
 from pathlib import Path
 
 import matplotlib
@@ -12,6 +11,7 @@ import matplotlib
 from fsw_analysis.course import Course
 from fsw_analysis.report import page, source
 from fsw_control.schema.files import write_whole
+from fsw_control.units import NANOSECONDS
 from fsw_quality import figures, record_hook
 from fsw_quality.record_content import Record
 from fsw_recorder.manifest import sha256
@@ -30,42 +30,12 @@ def json_sha256(document: bytes) -> str | None:
     return found.group(1).decode() if found else None
 
 
-def statement(record: Record) -> tuple[str, str]:
+def _statement(record: Record) -> tuple[str, str]:
     """Heading and first sentence of page and PDF: what was decided of which weld, by what."""
     canister, deciding = record.identity.get("canister"), record.deciding
     heading = f"{canister}: {record.verdict.upper()}" if canister else record.verdict.upper()
     judged = f"Weld {record.bag}, judged by procedure {record.procedure.id} revision {record.procedure.revision}."
     return heading, f"{judged} Decided by: {deciding.name}, {deciding.words}: {deciding.figure}."
-
-
-def stated_otherwise(document: bytes, record: Record) -> list[str]:
-    """What a page or PDF does not say as its record has it: verdict, identity.
-
-    Raises
-    ------
-    ValueError
-        It is a PDF that cannot be read.
-    """
-    text = _plain(_text(document))
-    missing = [] if _plain("".join(statement(record))) in text else ["verdict"]
-    return missing + [
-        key for key, value in record.identity.items() if _plain(f"{key}{value}") not in text
-    ]
-
-
-def _plain(text: str) -> str:
-    return "".join(text.split())
-
-
-def _text(document: bytes) -> str:
-    """What is written in a PDF or a page."""
-    if not document.startswith(b"%PDF"):
-        return unescape(re.sub(r"<[^>]*>", "", document.decode("utf-8", "replace")))
-    reader = record_hook.PDF.module("pypdf", "the text of a PDF").PdfReader
-    try:
-        return "".join(page.extract_text() for page in reader(BytesIO(document)).pages)
-    except Exception as error:  # a damaged or hostile file can fail in any way
-        raise ValueError(f"its text cannot be read: {error or type(error).__name__}") from None
 
 
 def can_write_pdf() -> bool:
@@ -78,12 +48,12 @@ def files() -> tuple[str, ...]:
     return (JSON, PAGE, *((PDF,) if can_write_pdf() else ()))
 
 
-def write(record: Record, course: Course, procedure: Procedure, folder: Path) -> list[Path]:
-    """Write the files into a folder, each whole or not at all; returns their paths. The PDF needs extra ``pdf``."""
+def contents(record: Record, course: Course, procedure: Procedure) -> dict[str, bytes]:
+    """Files of a record by name, the same whenever they are made; the PDF needs extra ``pdf``."""
     images = {"traces": source(figures.traces(course, procedure))}
     if (drawn := figures.unrolled(course, procedure, record)) is not None:
         images["unrolled"] = source(drawn)
-    heading, sentence = statement(record)
+    heading, sentence = _statement(record)
     parts = {"heading": heading, "sentence": sentence, "images": images}
     body = page("fsw_quality", "body.html.j2", record=record, procedure=procedure, **parts)
     content = record.model_dump_json(indent=2, exclude_none=True).encode() + b"\n"
@@ -95,13 +65,19 @@ def write(record: Record, course: Course, procedure: Procedure, folder: Path) ->
         PAGE: page("fsw_quality", "record.html.j2", title=title, body=body).encode(),
     }
     if can_write_pdf():
-        whole[PDF] = _pdf(body, title, made_of)
+        whole[PDF] = _pdf(body, title, made_of, record.start_ns / NANOSECONDS)
+    return whole
+
+
+def write(record: Record, course: Course, procedure: Procedure, folder: Path) -> list[Path]:
+    """Write the files into a folder, each whole or not at all; returns their paths."""
+    whole = contents(record, course, procedure)
     for name, data in whole.items():
         write_whole(folder / name, data)
     return [folder / name for name in whole]
 
 
-def _pdf(body: str, title: str, keywords: str = "") -> bytes:
+def _pdf(body: str, title: str, keywords: str = "", time_s: float = 0.0) -> bytes:
     from fpdf import FPDF, TextStyle  # of the extra
 
     class Pages(FPDF):  # type: ignore[misc]
@@ -117,6 +93,7 @@ def _pdf(body: str, title: str, keywords: str = "") -> bytes:
     pages.set_font("DejaVu", size=7.5)
     pages.set_title(title)
     pages.set_keywords(keywords)
+    pages.set_creation_date(datetime.fromtimestamp(time_s, UTC))  # not the time of writing
     pages.add_page()
     heads = {
         f"h{level}": TextStyle(

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from fsw_analysis.rules import FactCode
 from fsw_quality import evidence
 from fsw_quality.attestation import Attestation, chain_findings, opened, read_chain
 from fsw_quality.evidence import Policy, Subject, Verification, attest, verify_bag
@@ -30,11 +31,11 @@ from fsw_recorder.signature import (
     fingerprint,
     load_private,
     load_trusted,
-    make_key,
     sign,
     signature_path,
 )
 from fsw_scenario import procedure
+from fsw_test_support.keys import make_key
 from fsw_test_support.sample_weld import sample_messages, sample_topics
 
 pytest.importorskip(
@@ -129,8 +130,9 @@ def shop(original: Path, tmp_path: Path) -> Shop:
 
 def test_a_record_can_say_whether_the_bag_is_what_was_recorded_and_who_signed(shop: Shop) -> None:
     bag = shop.weld(9, key=shop.key_path)
-    lines, wrong = proof_of(bag)
-    assert len(lines) == 2 and fingerprint(shop.trusted[0].key) in lines[-1] and wrong == []
+    (listed, signed), wrong = proof_of(bag)
+    assert (listed.code, signed.code, wrong) == (FactCode.AS_LISTED, FactCode.SIGNED, [])
+    assert fingerprint(shop.trusted[0].key) in signed.data["signer"]
     content = (bag / MANIFEST_NAME).read_bytes()
     (bag / MANIFEST_NAME).write_bytes(content + b"\n")
     assert len(proof_of(bag)[1]) == 1
@@ -467,7 +469,7 @@ def test_a_manifest_that_the_recorder_did_not_sign_is_refused(shop: Shop) -> Non
     shutil.rmtree(shop.bag(9))
     shop.weld(9, ticks=19)
     policy = Policy(trusted, require_signed=True)
-    assert shop.refused(9, policy) == [Code.MANIFEST_UNSIGNED, Code.PROCEDURE_UNSIGNED]
+    assert shop.refused(9, policy) == [Code.MANIFEST_UNSIGNED, Code.PROCEDURE_ABSENT]
     (shop.bag(9) / f"{MANIFEST_NAME}.sig").write_bytes(signature)
     assert Code.CONTENT_CHANGED in shop.refused(9, Policy(trusted))
     make_key(shop.folder / "stranger")

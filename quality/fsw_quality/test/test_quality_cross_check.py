@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 import yaml
 
-from fsw_analysis.rules import Verdict
 from fsw_control.schema.models import InputError
 from fsw_quality import evidence, record, report
 from fsw_quality.attestation import read_chain
@@ -23,18 +22,17 @@ from fsw_recorder.signature import (
     Purpose,
     load_private,
     load_trusted,
-    make_key,
     sign,
     signature_path,
 )
 from fsw_scenario.procedure import Procedure, load, signer_of
+from fsw_test_support.keys import make_key
 from fsw_test_support.programme_bag import write_programme_weld
 
 pytest.importorskip(
     "securesystemslib", reason="not installed: pip install -r requirements/signing.lock"
 )
 pytest.importorskip("fpdf", reason="not installed: pip install -r requirements/pdf.lock")
-pytest.importorskip("pypdf", reason="not installed: pip install -r requirements/pdf.lock")
 
 NOW = datetime(2026, 11, 25, 12, 0, tzinfo=UTC)
 OTHERS = {"welds": ["weld_0"], "figures": []}
@@ -155,7 +153,9 @@ def accept_all(content: dict[str, Any]) -> None:
         (accept_all, Code.RECORD_EDITED),
         (lambda content: content["rules"].pop(), Code.RECORD_EDITED),
         (
-            lambda content: content.update(proof=["attested as weld 7 by the inspector"]),
+            lambda content: content.update(
+                proof=[{"code": "signed", "data": {"signer": "the inspector"}}]
+            ),
             Code.RECORD_EDITED,
         ),
         (lambda content: content["identity"].update(canister="C-9"), Code.RECORD_OTHER_IDENTITY),
@@ -221,33 +221,20 @@ def test_a_page_of_another_record(shop: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [report.PAGE, report.PDF])
-@pytest.mark.parametrize(
-    ("change", "fields"),
-    [
-        ({"verdict": Verdict.ACCEPT}, "verdict"),
-        ({"identity": {"canister": "C-9"}}, "verdict, canister"),
-    ],
-)
 def test_a_page_that_says_something_else_than_its_record(
-    shop: Path, welded_by: Procedure, name: str, change: dict[str, Any], fields: str
+    shop: Path, welded_by: Procedure, name: str
 ) -> None:
-    """It carries the right hash, and other words."""
+    """It carries the right hash, and another figure somewhere."""
     folder = shop / "weld_1" / "record"
     found, course = record.make(shop / "weld_1", welded_by)
     made_of = report.json_sha256((folder / name).read_bytes()) or ""
-    report.write(found.changed(**change), course, welded_by, shop)
+    *phases, whole = found.phases
+    better = found.changed(phases=(*phases, whole.changed(end_s=1.0)))
+    report.write(better, course, welded_by, shop)
     wrong = report.json_sha256((shop / name).read_bytes()) or ""
     path = folder / name
     path.write_bytes((shop / name).read_bytes().replace(wrong.encode(), made_of.encode()))
-    assert report.stated_otherwise(path.read_bytes(), found) == fields.split(", ")
     assert codes(shop, signed_for(shop)) == [Code.DOCUMENT_DIFFERS]
-
-
-def test_a_pdf_that_cannot_be_read(shop: Path) -> None:
-    path = shop / "weld_1" / "record" / report.PDF
-    made_of = report.json_sha256(path.read_bytes())
-    path.write_bytes(f"%PDF-1.4 fsw-record-sha256:{made_of}".encode())
-    assert codes(shop, signed_for(shop)) == [Code.UNREADABLE]
 
 
 def test_a_procedure_s_signature_can_be_demanded(shop: Path, welded_by: Procedure) -> None:

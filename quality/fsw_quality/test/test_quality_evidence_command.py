@@ -10,6 +10,7 @@ import pytest
 
 from fsw.main import main
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
+from fsw_test_support.keys import make_key
 from fsw_test_support.sample_weld import sample_messages, sample_topics
 
 pytest.importorskip(
@@ -43,9 +44,8 @@ def test_from_key_to_proof(
 ) -> None:
     chain, bags = tmp_path / "chain", [weld(tmp_path / f"C-{number}", number) for number in (1, 2)]
     assert run("attest", bags[0], "--chain", chain) == 1
-    assert "make one with 'fsw.py bag keygen'" in capsys.readouterr().err
-    assert run("keygen") == 0
-    assert (config / "evidence_key").exists() and "SHA256:" in capsys.readouterr().out
+    assert f"ssh-keygen -t ed25519 -N '' -f {config / 'evidence_key'}" in capsys.readouterr().err
+    make_key(config / "evidence_key")
     assert run("attest", *bags, "--chain", chain, "--procedure", "copper_lid") == 0
     found = tmp_path / "found.json"
     assert run("verify-evidence", *bags, "--chain", chain, "--json", found) == 0
@@ -61,16 +61,27 @@ def test_from_key_to_proof(
     }
     assert run("verify-evidence", "--chain", chain) == 0
     assert run("verify-evidence", *bags, "--require-signed") == 1
+    alone = tmp_path / "alone"
+    assert run("attest", bags[0], "--chain", alone) == 0  # without a procedure
+    assert run("verify-evidence", bags[0], "--chain", alone, "--json", found, "--force") == 0
+    notes = json.loads(found.read_text())["bags"][0]["not_checked"]
+    assert {one["code"] for one in notes} == {
+        "manifest_unsigned",
+        "procedure_absent",
+        "clock_unknown",
+        "all_keys",
+    }
     again = weld(tmp_path / "more" / "C-1", 3)
     capsys.readouterr()
     assert run("attest", again, "--chain", chain) == 1
-    assert "canister C-1 was welded as weld 1" in capsys.readouterr().err
+    assert "canister C-1 " in capsys.readouterr().err
     assert run("attest", again, "--chain", chain, "--repeat") == 0
 
 
 def test_keys_expire(tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bag, keys = weld(tmp_path / "C-1"), tmp_path / "keys.yaml"
-    assert run("keygen") == run("attest", bag, "--chain", tmp_path / "chain") == 0
+    make_key(config / "evidence_key")
+    assert run("attest", bag, "--chain", tmp_path / "chain") == 0
     entry = {
         "name": "quality",
         "key": (config / "evidence_key.pub").read_text(),
@@ -81,18 +92,20 @@ def test_keys_expire(tmp_path: Path, config: Path, capsys: pytest.CaptureFixture
     assert run("verify-evidence", bag, "--trusted", keys, "--json", tmp_path / "found.json") == 1
     [found] = json.loads((tmp_path / "found.json").read_text())["bags"][0]["findings"]
     assert found["code"] == "key_expired" and found["data"]["name"] == "quality"
+    [note] = json.loads((tmp_path / "found.json").read_text())["bags"][0]["not_checked"]
+    assert note["code"] == "files_not_checked"
     assert "signed by quality" in capsys.readouterr().out
 
 
 def test_evidence_of_an_earlier_version_is_refused_as_such(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag, chain = weld(tmp_path / "C-1"), tmp_path / "chain"
     old = json.dumps({"format": "fsw_weld_attestation", "version": 2})
     chain.mkdir()
     for path in (bag / "attestation.json", chain / "000001.json"):
         path.write_text(old)
-    assert run("keygen") == 0
+    make_key(config / "evidence_key")
     assert run("attest", bag, "--chain", chain) == 1
     words = ("--chain", chain, "--json", tmp_path / "found.json")
     assert run("verify-evidence", bag, *words) == 1
@@ -106,7 +119,7 @@ def test_damage_is_located_and_what_is_proven_recovered(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = weld(tmp_path / "C-1")
-    assert run("keygen", tmp_path / "key") == 0
+    make_key(tmp_path / "key")
     assert run("attest", bag, "--chain", tmp_path / "chain", "--key", tmp_path / "key") == 0
     file = bag / "C-1_0.mcap"
     content = bytearray(file.read_bytes())
@@ -124,7 +137,7 @@ def test_damage_is_located_and_what_is_proven_recovered(
     )
     assert run("recover", bag, tmp_path / "proven", "--proven") == 0
     said = capsys.readouterr()
-    assert "chunks and attachments proven" in said.out and "chunk " in said.err
+    assert " proven, " in said.out and "chunk " in said.err
     assert run("info", tmp_path / "proven") == 0
     assert run("recover", bag, tmp_path / "more", "--proven", "--zstd") == 1
     assert run("recover", bag, tmp_path / "all") == 0
@@ -139,13 +152,12 @@ def test_what_is_wrong_is_said_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag, key, chain = weld(tmp_path / "C-1"), tmp_path / "key", tmp_path / "chain"
-    assert run("keygen", key) == 0
+    make_key(key)
     open_key = tmp_path / "open_key"
     shutil.copyfile(key, open_key)
     open_key.chmod(0o644)
     capsys.readouterr()
     for words, said in (
-        (("keygen", key), "a key is never replaced"),
         (("attest", bag, "--chain", chain, "--key", open_key), "chmod 600"),
         (("attest", bag, "--chain", chain, "--key", tmp_path / "key.pub"), "chmod 600"),
         (
@@ -177,5 +189,7 @@ def test_what_is_wrong_is_said_in_one_line(
         assert said in error and "\n" not in error, words
     assert run("verify-evidence", bag, "--trusted", f"{key}.pub") == 1  # never attested
     assert "attestation.json: " in capsys.readouterr().out
-    assert run("verify-evidence", "--chain", tmp_path / "no_chain", "--trusted", f"{key}.pub") == 1
-    assert "there is no attested weld in it" in capsys.readouterr().out
+    found, words = tmp_path / "found.json", ("--chain", tmp_path / "no_chain")
+    assert run("verify-evidence", *words, "--trusted", f"{key}.pub", "--json", found) == 1
+    [empty] = json.loads(found.read_text())["chain"]
+    assert empty["code"] == "empty" and "no_chain" in capsys.readouterr().out

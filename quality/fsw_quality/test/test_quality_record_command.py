@@ -15,7 +15,7 @@ from fsw.main import main
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.kpi import compute
 from fsw_analysis.kpi_table import ROWS
-from fsw_analysis.rules import decide
+from fsw_analysis.rules import FactCode, decide
 from fsw_analysis.signals import load_weld
 from fsw_quality import report
 from fsw_quality.record import make
@@ -24,6 +24,7 @@ from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_recorder.errors import BagError
 from fsw_recorder.manifest import MANIFEST_NAME
 from fsw_scenario import procedure
+from fsw_test_support.keys import make_key
 from fsw_test_support.programme_bag import write_programme_weld
 from fsw_test_support.waiting import wait_until
 
@@ -134,7 +135,7 @@ def test_record_of_a_recorded_weld(
     assert {one.name for one in found.rules if one.verdict != "accept"} == {"quality"}
     assert found.procedure.sha256 == procedure.load(asked).sha256
     assert found.identity == {"canister": "C-1", "tool": "T-4"}
-    assert len(found.proof) == 2 and found.proof[0] == "2 files as manifest.json has them"
+    assert [fact.code for fact in found.proof] == [FactCode.AS_LISTED, FactCode.UNSIGNED]
     edge = next(one for one in found.exceedances if one.duration_s > 0.3)
     assert (
         6.0 <= edge.begin_s <= 6.3
@@ -176,7 +177,7 @@ def test_a_recorded_weld_is_attested_with_the_record_that_was_written_by_itself(
     bag = Path(shutil.copytree(recorded, tmp_path / "bag"))
     written = [bag / "record" / name for name in report.files()]
     words = [word for path in written for word in ("--with", str(path))]
-    assert main(["bag", "keygen"]) == 0
+    make_key(tmp_path / "config" / "fsw-control" / "evidence_key")
     assert main(["bag", "attest", str(bag), "--chain", str(tmp_path / "chain"), *words]) == 0
     found = tmp_path / "found.json"
     assert (
@@ -212,7 +213,7 @@ def test_a_damaged_bag_is_never_accepted(recorded: Path, tmp_path: Path) -> None
         cut.write_bytes(data[: int(share * len(data))])
         found = make(cut, asked)[0]
         assert verdict(found) != "accept"
-        assert any("not finished" in one for one in found.cannot_say)
+        assert any("not finished" in str(one.data) for one in found.cannot_say)
 
 
 @pytest.mark.slow
@@ -283,7 +284,8 @@ def test_what_is_not_as_the_manifest_has_it_is_on_record(tmp_path: Path) -> None
         found = make(bag, values)[0]
         [rule] = [one for one in found.rules if one.name == "recording"]
         assert ("bag_0.mcap" in rule.figure) is told
-        assert any("not as manifest.json has it" in one for one in found.cannot_say) is told
+        assert (FactCode.NOT_AS_LISTED in {fact.code for fact in found.proof}) is told
+        assert (FactCode.DAMAGE in {fact.code for fact in found.cannot_say}) is told
 
 
 @pytest.mark.parametrize(

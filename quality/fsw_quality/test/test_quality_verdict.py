@@ -37,6 +37,10 @@ def judged(
     return assemble(replace(weld, custom=custom), procedure)[0]
 
 
+def unknown(record: Record) -> set[FactCode]:
+    return {fact.code for fact in record.cannot_say}
+
+
 def array(weld: WeldSignals, name: str) -> Any:
     return getattr(weld.drives if name in ("force_kn", "speed_rpm") else weld, name)
 
@@ -277,13 +281,11 @@ def test_a_weld_by_the_procedure_that_judges_it_is_accepted_and_one_by_an_unknow
     None
 ):
     weld, wanted = good_weld(), PROCEDURE.identity
-    assert any("by which procedure the weld ran" in one for one in judged(weld).cannot_say)
+    assert FactCode.NO_PROCEDURE in unknown(judged(weld))
     weld.events.insert(0, welded(0.1, wanted.id, wanted.revision, wanted.sha256))
     record = judged(weld)
     rule = next(one for one in record.rules if one.name == "procedure")
-    assert record.verdict is Verdict.ACCEPT and not any(
-        "by which procedure" in one for one in record.cannot_say
-    )
+    assert record.verdict is Verdict.ACCEPT and FactCode.NO_PROCEDURE not in unknown(record)
     told = {"procedure": wanted.id, "revision": wanted.revision, "sha256": wanted.sha256}
     assert rule.facts == (Fact.of(FactCode.WELDED_BY, **told),) and rule.data == told
 
@@ -309,7 +311,7 @@ def test_lost_messages_and_a_bag_without_states_are_for_review() -> None:
     assert judged(weld, custom=custom).deciding.facts == (Fact.of(FactCode.LOST, count=2),)
     record = judged(weld, custom={})
     assert record.deciding.facts == (Fact.of(FactCode.LOST_UNKNOWN),)
-    assert any("no lost_messages" in one for one in record.cannot_say)
+    assert FactCode.LOST_UNKNOWN in unknown(record)
     weld.counts = {}
     record = judged(weld)
     assert {one.name for one in record.rules if one.verdict is Verdict.REVIEW} == {
@@ -317,7 +319,7 @@ def test_lost_messages_and_a_bag_without_states_are_for_review() -> None:
         "mode",
         "interlocks",
     }
-    assert any("/fsw/supervisor/state is not in the bag" in one for one in record.cannot_say)
+    assert FactCode.NO_STATES in unknown(record)
 
 
 def test_the_same_tuning_is_recognised() -> None:
@@ -345,12 +347,20 @@ def test_a_tuning_is_known_by_the_content_of_its_file() -> None:
     assert hash_of(tuning_file="a.yaml") != hash_of(tuning_file="b.yaml")
 
 
-def test_a_frozen_sensor_is_for_review() -> None:
+@pytest.mark.parametrize(
+    ("tolerated_s", "verdict"), [(None, Verdict.REVIEW), (0.5, Verdict.REJECT)]
+)
+def test_a_frozen_sensor_is_for_review_and_for_long_rejects(
+    tolerated_s: float | None, verdict: Verdict
+) -> None:
+    """Ten minutes without a valid temperature were for review only, because each sample was on record."""
     weld = good_weld()
+    changes = {} if tolerated_s is None else {"tolerated_unusable_s": tolerated_s}
+    procedure = short_procedure(acceptance=PROCEDURE.acceptance.model_dump() | changes)
     weld.temperature_c += np.random.default_rng(0).normal(0.0, 0.1, TICKS)
     weld.temperature_c[40:] = weld.temperature_c[40]
-    record = judged(weld)
-    assert record.verdict is Verdict.REVIEW and record.unusable["thermocouple"]["frozen"] > 5
+    record = judged(weld, procedure)
+    assert record.verdict is verdict and record.unusable["thermocouple"]["frozen"] > 5
     assert record.deciding.subject == "thermocouple"
     assert [fact.data["flaw"] for fact in record.deciding.facts] == ["frozen"]
 

@@ -12,7 +12,7 @@ from fsw_recorder.signature import TrustedKey, default_key, load_private, load_t
 if TYPE_CHECKING:  # from the extra signing
     from securesystemslib.signer import CryptoSigner
 
-PRIVATE_KEY = file("--key", "private key that signs (default: that of 'fsw.py bag keygen')")
+PRIVATE_KEY = file("--key", "private key that signs (default: ~/.config/fsw-control/evidence_key)")
 TRUSTED = repeated(
     "--trusted",
     "FILE",

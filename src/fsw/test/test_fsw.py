@@ -313,10 +313,10 @@ def test_an_advised_command_has_the_name_that_the_user_types(
     monkeypatch.setattr(sys, "argv", [f"/somewhere/{name}"])
 
     def fail():
-        raise error("run fsw.py keygen")
+        raise error("run fsw.py record")
 
     assert exit_code(fail) in (1, 130)
-    assert capsys.readouterr().err == f"{begin}run {name} keygen\n"
+    assert capsys.readouterr().err == f"{begin}run {name} record\n"
 
 
 @pytest.mark.parametrize("name", ["fsw.py", "fsw"])
@@ -335,7 +335,7 @@ import sys
 from fsw.main import parser
 parser("fsw.py", "status").parse_args(["status", "--timeout", "1"])
 assert not {"matplotlib", "scipy.signal", "rclpy"} & sys.modules.keys()
-extras = "skfem meshio distributed pyarrow cryptography fpdf pypdf shtab gymnasium pandas xarray asyncua"
+extras = "skfem meshio distributed pyarrow cryptography fpdf shtab gymnasium pandas xarray asyncua"
 sys.modules.update(dict.fromkeys([*extras.split(), "starlette", "rclpy"]))
 assert parser("fsw.py", "bag").parse_args(["bag", "info", "x"]).verb == "info"
 assert parser().parse_args(["completion", "bash"]).shell == "bash"

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from fsw_recorder.signature import Purpose, load_private, make_key, sign, signature_path
+from fsw_recorder.signature import Purpose, load_private, sign, signature_path
 from fsw_scenario.procedure import path_of
+from fsw_test_support.keys import make_key
 from fsw_test_support.launch_modules import fake_launch, run_launch_file
 
 pytest.importorskip(

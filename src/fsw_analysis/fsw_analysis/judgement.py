@@ -123,7 +123,7 @@ def judge(
         _recording(course, book, evidence),
         *_limits(course, book, found),
         *_welded_by(procedure, signals),
-        *_sensors(course, procedure, evidence),
+        *_sensors(course, book, evidence),
         *_controllers(course, procedure, evidence),
         *_equipment(course, procedure, evidence),
         _held(course, book),
@@ -313,11 +313,11 @@ def _recording(course: Course, book: RuleBook, evidence: Evidence) -> Rule:
     return _rule("recording", faults, verdict=worst)
 
 
-def _sensors(course: Course, procedure: Procedure | None, evidence: Evidence) -> Iterator[Rule]:
-    stamp = evidence.stamp_ns
+def _sensors(course: Course, book: RuleBook, evidence: Evidence) -> Iterator[Rule]:
+    stamp, most_s = evidence.stamp_ns, book.acceptance.tolerated_unusable_s
     day = None if stamp is None else datetime.fromtimestamp(stamp / NANOSECONDS, tz=UTC).date()
-    required = [Sensor(name=name) for name in REQUIRED] if procedure is None else procedure.sensors
-    for sensor in required:
+    default = [Sensor(name=name) for name in REQUIRED]
+    for sensor in book.sensors if isinstance(book, Procedure) else default:
         missing = course.missing.get(_SIGNALS[sensor.name], course.time_s.size)
         faults = [Fact.of(FactCode.MISSING, count=missing)] if missing else []
         reasons = evidence.unusable.get(sensor.name, {})
@@ -326,13 +326,15 @@ def _sensors(course: Course, procedure: Procedure | None, evidence: Evidence) ->
             for flaw, count in reasons.items()
             if flaw != Flaw.MISSING
         ]
+        too_much = TICK * max(missing, sum(reasons.values())) > most_s + 1e-6
+        worst = Verdict.REJECT if too_much else Verdict.REVIEW
         due = sensor.calibration_due
         if due is not None and day is None:
             faults.append(Fact.of(FactCode.DAY_UNKNOWN))
         elif due is not None and day is not None and day > due:
             faults.append(Fact.of(FactCode.WELDED_ON, day=str(day)))
         data = {} if due is None else {"calibration_due": str(due)}
-        yield _rule("sensor", faults, subject=sensor.name, data=data)
+        yield _rule("sensor", faults, verdict=worst, subject=sensor.name, data=data)
 
 
 def _controllers(

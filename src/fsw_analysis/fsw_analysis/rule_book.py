@@ -154,15 +154,18 @@ class Acceptance(Sourced):
     """outside a quality limit over more of the weld, all places together: review; left out: not judged"""
     tolerated_hold_s: Annotated[float, Range(0.0, 3600.0, "s")] = 10.0
     """programme held for longer, all times together: review; the tool then heats one place (chosen)"""
+    tolerated_unusable_s: Annotated[float, Range(0.0, 3600.0, "s")] = 10.0
+    """samples of a sensor missing, frozen, out of range or too fast for longer, all times together: reject (chosen)"""
     swaps_allowed: bool = False
     """whether a swap to another permitted controller on request leaves the weld acceptable"""
 
     @model_serializer(mode="wrap")
     def _without_later_keys(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out a later key without a value, so that the hash of older procedures stays."""
+        """Leave out later keys with their defaults, so that the hash of older procedures stays."""
         content: dict[str, Any] = handler(self)
-        if self.tolerated_total_s is None:
-            content.pop("tolerated_total_s", None)
+        for key in ("tolerated_total_s", "tolerated_unusable_s"):
+            if content.get(key) == type(self).model_fields[key].default:
+                content.pop(key, None)
         return content
 
     def permits_swap(self, cause: Cause) -> bool:

@@ -24,8 +24,11 @@ class Verdict(StrEnum):
 _ORDER = list(Verdict)
 
 
+_ABSENT = "({topic} is not in the bag)"
+
+
 class FactCode(Worded):
-    """What a rule found."""
+    """What a rule found, what is not known, and whether the bag is what was recorded."""
 
     NOT_ON_RECORD = "not_on_record", "not on record"
     RULES = "rules", "{count} rules"
@@ -68,6 +71,34 @@ class FactCode(Worded):
     IN_MODE = "in_mode", "{mode} {time_s:.1f} s"
     MODE_UNKNOWN = "mode_unknown", "not on record at {ticks} ticks"
     TRIPPED = "tripped", "interlock {interlock}, {state}"
+    # what is not known of a weld
+    NO_STATES = "no_states", f"swaps, modes and interlocks {_ABSENT}"
+    NO_PROGRESS = "no_progress", f"phases, angles and positions along the weld {_ABSENT}"
+    NO_DRIVES = "no_drives", f"force and speed as the drives measure them {_ABSENT}"
+    NO_MONITOR = "no_monitor", f"what a monitor would have found: none was recorded {_ABSENT}"
+    NO_ALARMS = (
+        "no_alarms",
+        f"whether there were alarms: the operator's page, which reports them, was not recorded {_ABSENT}",
+    )
+    DAMAGE = "damage", "{problem}: what was there is not known"
+    NOT_GIVEN = "not_given", "{keys}: not given to the recorder (parameter custom_data)"
+    NO_VERSIONS = "no_versions", "software versions (versions.json is not in the bag)"
+    NO_PROCEDURE = (
+        "no_procedure",
+        "by which procedure the weld ran (none is attached to the bag, nor reported by {node})",
+    )
+    # whether the bag is what was recorded
+    UNPROVEN = "unproven", "no {file}: whether the files are what was recorded is not known"
+    NOT_AS_LISTED = "not_as_listed", "not as {file} has it: {problem}"
+    AS_LISTED = "as_listed", "{count} files as {file} has them"
+    LISTED_LATER = "listed_later", "{count} files as {file} has them, hashed after the recording"
+    SIGNATURE_UNCHECKED = (
+        "signature_unchecked",
+        "the signature of {file} cannot be checked: {problem}",
+    )
+    SIGNATURE_INVALID = "signature_invalid", "the signature of {file} is not valid: {problem}"
+    SIGNED = "signed", "{file} signed by {signer}"
+    UNSIGNED = "unsigned", "{file} is not signed"
 
 
 #: by name of a rule, what must hold, and what is said where nothing was found

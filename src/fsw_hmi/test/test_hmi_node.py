@@ -51,8 +51,9 @@ from fsw_msgs.srv import (
     SwitchController,
 )
 from fsw_recorder.findings import Code, EvidenceError
-from fsw_recorder.signature import Purpose, load_private, make_key, sign, signature_path
+from fsw_recorder.signature import Purpose, load_private, sign, signature_path
 from fsw_test_support.judged_weld import short_procedure
+from fsw_test_support.keys import make_key
 from fsw_test_support.page_client import Page
 from fsw_test_support.waiting import PATIENCE_S, wait_until
 

@@ -80,8 +80,11 @@ class Code(Worded):
         "other_record",
         "was made of another record.json than the one that is attested with it",
     )
-    DOCUMENT_DIFFERS = "document_differs", "does not say what its record.json says: {fields}"
-    OTHER_PROCEDURE = "other_procedure", "the weld ran by another procedure than {id}"
+    DOCUMENT_DIFFERS = "document_differs", "is not what its record.json gives"
+    OTHER_PROCEDURE = (
+        "other_procedure",
+        "the weld ran by another procedure than {id} revision {revision}, SHA-256 {sha256:.12}…",
+    )
     NO_PROCEDURE = (
         "no_procedure",
         "cannot be judged: give the procedure of the weld, which the bag does not have",
@@ -115,6 +118,10 @@ class Code(Worded):
         "all_keys",
         "no trusted key has dates: neither validity nor revocations were checked",
     )
+    FILES_NOT_CHECKED = (
+        "files_not_checked",
+        "files, documents and other signatures: there is no valid attestation that lists them",
+    )
     REVOCATION_BY_OWN_CLOCK = (
         "revocation_by_own_clock",
         "signed by {name} at {signed_at} by the signer's own clock alone; the key {key} is "
@@ -128,6 +135,7 @@ class Code(Worded):
         "procedure_unsigned",
         "the procedure of the weld was attested without a signature",
     )
+    PROCEDURE_ABSENT = "procedure_absent", "no procedure was attested with the bag"
     PROCEDURE_NOT_RECORDED = (
         "procedure_not_recorded",
         "whether the weld ran by procedure {id} is not in the bag",

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import AfterValidator, AwareDatetime, Field, Strict
 
 from fsw_control.schema.extensions import Extra
-from fsw_control.schema.files import read_private, read_regular, write_whole
+from fsw_control.schema.files import read_private, read_regular
 from fsw_control.schema.models import (
     InputError,
     Many,
@@ -122,34 +122,6 @@ def signature_path(path: Path) -> Path:
     return path.with_name(path.name + SUFFIX)
 
 
-def make_key(path: Path, comment: str = "fsw-control") -> str:
-    """Create an Ed25519 key pair, ``path`` (readable by its owner only) and ``path.pub``.
-
-    Returns the fingerprint.
-
-    Raises
-    ------
-    InputError
-        If one of the files exists, or a library is not installed.
-    OSError
-        If a file cannot be written.
-    """
-    for file in (path, public_path(path)):
-        if os.path.lexists(file):
-            raise InputError(f"{file} exists; a key is never replaced, choose another name")
-    _EXTRA.need("signatures")
-    from cryptography.hazmat.primitives import serialization as form
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
-    key = Ed25519PrivateKey.generate()
-    text = key.private_bytes(form.Encoding.PEM, form.PrivateFormat.OpenSSH, form.NoEncryption())
-    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    write_whole(path, text, 0o600)
-    line = _line(key.public_key())
-    write_whole(public_path(path), f"{line} {comment}\n")
-    return fingerprint(line)
-
-
 def load_private(path: Path) -> CryptoSigner:
     """Load a signing key; its key id is the public key as OpenSSH writes it.
 
@@ -163,7 +135,8 @@ def load_private(path: Path) -> CryptoSigner:
     from securesystemslib.signer import CryptoSigner
 
     if not path.exists():
-        raise InputError(f"key {path}: there is none; make one with 'fsw.py bag keygen'")
+        make = f"mkdir -p {path.parent} && ssh-keygen -t ed25519 -N '' -f {path}"
+        raise InputError(f"key {path}: there is none; make one with {make}")
     try:
         key = load_ssh_private_key(read_private("key", path), password=None)
         return CryptoSigner(key, _library_key(_line(key.public_key())))

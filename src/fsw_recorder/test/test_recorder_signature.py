@@ -7,7 +7,6 @@ import hashlib
 import json
 import os
 import shutil
-import stat
 import subprocess
 import tempfile
 from datetime import UTC, datetime, timedelta
@@ -29,11 +28,11 @@ from fsw_recorder.signature import (
     fingerprint,
     load_private,
     load_trusted,
-    make_key,
     sign,
     signature_path,
     signer_of,
 )
+from fsw_test_support.keys import make_key
 
 pytest.importorskip(
     "cryptography", reason="not installed: pip install -r requirements/signing.lock"
@@ -82,12 +81,6 @@ def code_of(
     except EvidenceError as error:
         return error.findings[0].code
     return None
-
-
-def test_a_key_is_for_its_owner_alone_and_never_replaced(key: Path) -> None:
-    assert stat.S_IMODE(key.stat().st_mode) == 0o600
-    with pytest.raises(InputError, match="never replaced"):
-        make_key(key)
 
 
 def test_a_signature_holds_for_its_content_its_purpose_and_its_key(

@@ -6,8 +6,10 @@ from collections import Counter
 from dataclasses import dataclass
 from math import isfinite
 
+from fsw_control.coded import Fact
 from fsw_control.contract import Reference
 from fsw_control.weld import TICK_S
+from fsw_scenario.weld_outcome import WeldEnd
 
 #: time for a requested controller, or its replacement, to be in control (chosen)
 _SWITCH_TICKS = 20
@@ -31,7 +33,7 @@ class HeldFor:
 
 
 class Deviations:
-    """Counts ticks under an unrequested controller and notes manual set-points; makes the text."""
+    """Counts ticks under an unrequested controller and notes manual set-points."""
 
     def __init__(self) -> None:
         self._asked: tuple[int, str] | None = None
@@ -64,14 +66,16 @@ class Deviations:
         """Since when set-points by hand are in force."""
         return None if self._by_hand_tick is None else self._by_hand_tick * TICK_S
 
-    def __str__(self) -> str:
-        parts = [
-            f"; {name} was in control for {time_s:.1f} s, not asked for"
+    @property
+    def facts(self) -> tuple[Fact, ...]:
+        """Both as facts."""
+        facts = [
+            Fact.of(WeldEnd.UNREQUESTED, controller=name, time_s=time_s)
             for name, time_s in self.others_s.items()
         ]
         if self.by_hand_from_s is not None:
-            parts.append(f"; set-points by hand from {self.by_hand_from_s:.1f} s on")
-        return "".join(parts)
+            facts.append(Fact.of(WeldEnd.BY_HAND, time_s=self.by_hand_from_s))
+        return tuple(facts)
 
 
 @dataclass(slots=True)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
+from math import nan
 from typing import Any
 
 import rclpy
@@ -20,7 +21,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from fsw_control import units
-from fsw_control.coded import Answer
+from fsw_control.coded import Answer, Fact, RefusedError
 from fsw_control.diagnostic_names import qualified
 from fsw_control.light_node_ros import LightNode
 from fsw_control.node_arguments import NodeArguments
@@ -39,7 +40,8 @@ from fsw_scenario.parameters import PlayerParameters
 from fsw_scenario.running_kpi import HeldFor, RunningKpi
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse
-from fsw_scenario.weld_player_ros import FAILED, REFUSED, Outcome, PlayerOptions, WeldPlayer
+from fsw_scenario.weld_outcome import FAILED, REFUSED, Outcome, WeldEnd
+from fsw_scenario.weld_player_ros import PlayerOptions, WeldPlayer
 from fsw_scenario.weld_programme import ProgrammeCode, State
 
 ACTION = "fsw/run_weld"
@@ -118,12 +120,8 @@ class ScenarioNode(LightNode, Node):
                 )
             patience_s = max(silence_s, _OWN_GOAL_S) if alone else silence_s
             if time.monotonic() - self._began_s > patience_s:
-                missing = (
-                    "its own goal is not answered"
-                    if alone
-                    else "another scenario player in the graph"
-                )
-                self.ended = Outcome(FAILED, f"{missing} for {patience_s:g} s")
+                code = WeldEnd.UNANSWERED if alone else WeldEnd.OTHER_PLAYER
+                self.ended = Outcome(FAILED, Fact.of(code, time_s=patience_s))
 
     def _is_alone(self) -> bool:
         """Whether no other player would get the goal; killed ones persist until a lease ends."""
@@ -136,14 +134,14 @@ class ScenarioNode(LightNode, Node):
     def _on_own_result(self, future: Future) -> None:
         answer: Any = future.result()
         if answer.result.verdict == REFUSED:
-            self.ended = Outcome(FAILED, answer.result.message)
+            self.ended = Outcome(FAILED, Fact.of(WeldEnd.INVALID, error=answer.result.message))
 
     def _end_process(self, outcome: Outcome) -> None:
         """End the process, with an exit code after a failure."""
         if outcome.verdict != State.DONE:
-            print(f"scenario: {outcome.message}", file=sys.stderr, flush=True)
+            print(f"scenario: {outcome.words}", file=sys.stderr, flush=True)
             raise SystemExit(ABORTED if outcome.verdict == State.ABORTED else 1)
-        self.get_logger().info(outcome.message)
+        self.get_logger().info(outcome.words)
         rclpy.try_shutdown()
 
     def destroy_node(self) -> None:
@@ -159,35 +157,25 @@ class ScenarioNode(LightNode, Node):
     # ---------------------------------------------------------------- the action
 
     def scenario_of(self, goal: Any) -> Scenario:
-        """The scenario of a goal; InputError with the reason why it cannot be played."""
+        """The scenario of a goal; RefusedError or InputError if it cannot be played."""
         if self.weld is not None:
-            raise InputError(
-                f"{self.weld.scenario.name} is under way ({self.weld.describe()}); abort it first"
-            )
+            state = self.weld.describe().words
+            raise RefusedError.of(WeldEnd.UNDER_WAY, scenario=self.weld.scenario.name, state=state)
         if self._start is not None:
             if goal != self._own or self.ended is not None:
-                raise InputError(f"this player has been started for {self._start.name}")
+                raise RefusedError.of(WeldEnd.OTHER_SCENARIO, scenario=self._start.name)
             return self._start
         if not self._is_alone():
-            raise InputError(
-                "another scenario player would get the goal, too; end one, "
-                "and send it again in ten seconds"
-            )
+            raise RefusedError.of(WeldEnd.TWO_PLAYERS)
         if not goal.scenario.strip():
-            raise InputError("scenario is empty; give a shipped one, a file, or YAML text")
+            raise RefusedError.of(WeldEnd.EMPTY)
         as_text = "\n" in goal.scenario or goal.scenario.lstrip().startswith("{")
         scenario = (parse if as_text else load)(goal.scenario, overrides=list(goal.overrides))
         if scenario.open_loop or scenario.on_canister:
-            what = "controls by hand" if scenario.open_loop else "conducts heat in a canister"
-            raise InputError(
-                f"{scenario.name} {what}: controllers and plant must be started with it"
-            )
+            code = WeldEnd.BY_OPEN_LOOP if scenario.open_loop else WeldEnd.ON_CANISTER
+            raise RefusedError.of(code, scenario=scenario.name)
         if PlantSchedule.of(scenario.events).events and not emulator_listens(self):
-            what = "has disturbances or faults, which need the emulated plant, and none is found"
-            raise InputError(
-                f"{scenario.name} {what}; where it has just been started, "
-                "send the goal again in a second"
-            )
+            raise RefusedError.of(WeldEnd.NO_EMULATOR, scenario=scenario.name)
         return scenario
 
     def _on_accepted(self, handle: Any) -> None:
@@ -195,9 +183,9 @@ class ScenarioNode(LightNode, Node):
         try:
             scenario = self.scenario_of(handle.request)
             heat = None if self._heat is None else HeatAhead(self._heat, scenario.phases)
-        except InputError as error:
-            why = str(error)
-            self.get_logger().error(f"goal refused: {why}")
+        except (InputError, RefusedError) as error:
+            why = getattr(error, "fact", None) or Fact.of(WeldEnd.INVALID, error=error)
+            self.get_logger().error(f"goal refused: {why.words}")
             handle.execute(lambda refused: _refuse(refused, why))
             return
         options = PlayerOptions(
@@ -253,18 +241,23 @@ class ScenarioNode(LightNode, Node):
             handle.abort()
         weld.destroy()
         if self._start is None:
-            self.get_logger().info(f"{outcome.verdict}: {outcome.message}")
+            self.get_logger().info(f"{outcome.verdict}: {outcome.words}")
+        by_hand_s = weld.deviations.by_hand_from_s
         return RunWeld.Result(
             verdict=str(outcome.verdict),
-            message=outcome.message,
+            code=str(outcome.fact.code),
+            message=outcome.words,
+            unrequested=[*weld.deviations.others_s],
+            unrequested_time=[*weld.deviations.others_s.values()],
+            by_hand_from=nan if by_hand_s is None else by_hand_s,
             bag=self.bag,
             kpi=_kpi(weld.kpi),
         )
 
 
-def _refuse(handle: Any, why: str) -> Any:
+def _refuse(handle: Any, why: Fact) -> Any:
     handle.abort()
-    return RunWeld.Result(verdict=REFUSED, message=why)
+    return RunWeld.Result(verdict=REFUSED, code=str(why.code), message=why.words, by_hand_from=nan)
 
 
 def _kpi(kpi: RunningKpi) -> WeldKpi:

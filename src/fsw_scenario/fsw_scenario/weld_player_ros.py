@@ -7,7 +7,6 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from math import nan
-from typing import NamedTuple
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -31,6 +30,7 @@ from fsw_scenario.scenario import Scenario
 from fsw_scenario.set_points_ros import ScenarioTime, SetPoints
 from fsw_scenario.switching_ros import Switching
 from fsw_scenario.timeline import switches
+from fsw_scenario.weld_outcome import FAILED, Outcome, WeldEnd
 from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine, ProgrammeCode, State
 from fsw_scenario.weld_programme_ros import (
     TICKS_PER_REPORT,
@@ -41,17 +41,9 @@ from fsw_scenario.weld_programme_ros import (
 
 #: time limit for finding a controller named by a goal
 _CONTROLLER_S = 5.0
-FAILED, REFUSED = "failed", "refused"
 _TIME_JUMPED = (
     "the measurements' time has jumped: the scenario continues from its present position"
 )
-
-
-class Outcome(NamedTuple):
-    """End of a weld; ``verdict`` is ``done``, ``aborted``, ``failed``, or ``refused`` to begin."""
-
-    verdict: str
-    message: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +88,7 @@ class WeldPlayer:
         if not options.from_start and "controller" in scenario.model_fields_set:
             self._switches.appendleft((0, scenario.controller))
         named = [name for _, name in self._switches]
-        self._deviations = Deviations()
+        self.deviations = Deviations()
         self._shown: deque[tuple[int, float]] = deque(
             maxlen=10 * READING_AGE_TICKS
         )  #: by the thermocouple
@@ -153,11 +145,11 @@ class WeldPlayer:
         """The controller in control, as the supervisor has last reported; empty before."""
         return self._stop.controller
 
-    def describe(self) -> str:
-        """State of the weld as a text."""
+    def describe(self) -> Fact:
+        """State of the weld."""
         if self._programme is not None:
-            return self._programme.machine.describe().words
-        return self._at(State.ABORTED if self._aborted else State.RUNNING).words
+            return self._programme.machine.describe()
+        return self._at(State.ABORTED if self._aborted else State.RUNNING)
 
     def _at(self, state: State) -> Fact:
         return Fact.of(ProgrammeCode.AT_TIME, state=state, time_s=self.time.tick * TICK_S)
@@ -183,19 +175,17 @@ class WeldPlayer:
             self._programme is not None and self._programme.machine.state is State.ABORTED
         ):
             self._stop.ask()
-            if self._stop.answer:
+            if self._stop.answer is not None:
                 if self._programme is not None:
                     self._programme.publish(self.time.stamp_ns)
-                self._end(State.ABORTED, f"the weld is {self.describe()}; {self._stop.answer}")
+                self._end(State.ABORTED, self._stop.answer, self.describe())
         silence_s = self._options.silence_timeout_s
         silent_s = time.monotonic() - self._last_sample_s
         if absent and not self._options.from_start and silent_s > _CONTROLLER_S:
-            self._end(FAILED, f"{absent}; start it, or name another one")
+            self._end(FAILED, Fact.of(WeldEnd.NO_CONTROLLER, absent=absent))
         elif silent_s > silence_s:
-            self._end(
-                FAILED,
-                f"{self.missing()} for {silence_s:g} s; is the graph running, on the same domain?",
-            )
+            missing = self.missing()
+            self._end(FAILED, Fact.of(WeldEnd.SILENT, missing=missing, time_s=silence_s))
 
     def missing(self) -> str:
         """What the player waits for, in words."""
@@ -296,15 +286,16 @@ class WeldPlayer:
             self._emulator.send_until(self.time.tick + 1)
         while self._switches and self._switches[0][0] <= self.time.tick + 1:
             _, controller = self._switches.popleft()
-            self._deviations.ask(controller, self.time.tick)
+            self.deviations.ask(controller, self.time.tick)
             self._switching.ask(controller)
         if (self.time.tick - self._reported) * 100 >= self.scenario.n_ticks:
             self._reported = self.time.tick
             self._report(False)
         if self.time.tick >= self.scenario.n_ticks:
             self._report(True)
-            over = f"{self.scenario.name} is over after {self.scenario.duration_s:g} s"
-            self._end(State.DONE, f"{over}{self._deviations}")
+            lasted_s = self.scenario.duration_s
+            over = Fact.of(WeldEnd.OVER, scenario=self.scenario.name, time_s=lasted_s)
+            self._end(State.DONE, over, *self.deviations.facts)
 
     def _yield_to_hand(self) -> None:
         """Stop sending if foreign set-points are in force."""
@@ -317,13 +308,13 @@ class WeldPlayer:
         self.set_points.course.leave()
         self.set_points.announce()
         if self._programme is None:
-            self._deviations.note_by_hand(self.time.tick)
+            self.deviations.note_by_hand(self.time.tick)
 
     def _judge(self, depth_mm: float) -> None:
         """Update the figures of merit and the controller in command."""
         welded = self.time.tick + self.time.held
         ticks, self._judged = welded - self._judged, welded
-        self._deviations.count(self.controller, self.time.tick, ticks)
+        self.deviations.count(self.controller, self.time.tick, ticks)
         planned = self._programme is None and self.set_points.course.followed
         wanted = self.set_points.planned() if planned else self.set_points.in_force()
         shown_c = self._shown[-1][1] if self._shown else nan
@@ -344,10 +335,10 @@ class WeldPlayer:
         tick, wall_s = min(self.time.tick, self.scenario.n_ticks), time.monotonic() - self._began_s
         write_status(tick=tick, finished=finished, wall_s=round(wall_s, 3))
 
-    def _end(self, verdict: str, message: str) -> None:
+    def _end(self, verdict: str, fact: Fact, *others: Fact) -> None:
         if not self.finished:
             self.finished = True
-            self._over(Outcome(verdict, message))
+            self._over(Outcome(verdict, fact, others))
 
 
 def _reading_c(shown: Iterable[tuple[int, float]], stamp_ns: int) -> float:

@@ -13,13 +13,14 @@ from rclpy.task import Future
 
 from fsw_control import messages_ros as convert
 from fsw_control import units
-from fsw_control.coded import Answer
+from fsw_control.coded import Answer, Fact
 from fsw_control.contract import Reference
 from fsw_control.reason import Reason
 from fsw_control.reports_ros import OK, WARN, log
 from fsw_control.topics_ros import LATEST, REPLACED
 from fsw_msgs.msg import SupervisorState, WeldProgress
 from fsw_msgs.srv import OperatorRequest, SetMode
+from fsw_scenario.weld_outcome import WeldEnd
 from fsw_scenario.weld_programme import PhaseMachine, ProgrammeCode, State
 from fsw_scenario.weld_programme_course import Course
 from fsw_supervisor.state_machine import Mode
@@ -31,11 +32,11 @@ _DELIVERY = Duration(seconds=1.0)
 
 
 class SafeStop:
-    """Requests the safe stop of an aborted weld; ``answer`` is empty until there is an answer."""
+    """Requests the safe stop of an aborted weld; ``answer`` is None until there is an answer."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self.answer = ""
+        self.answer: Fact | None = None
         self.controller = ""  #: in control, by the supervisor's last report
         self._asked: Future | None = None
         self._set_mode = node.create_client(SetMode, "fsw/set_mode")
@@ -47,9 +48,8 @@ class SafeStop:
         def on_state(message: SupervisorState) -> None:
             self.controller = message.actual_controller
             if message.actual_mode == Mode.SAFE_STOP and abort().ok:
-                self.answer = (
-                    f"safe stop by the supervisor: {Reason.of_messages(message.why).words}"
-                )
+                why = Reason.of_messages(message.why).words
+                self.answer = Fact.of(WeldEnd.STOPPED, why=why)
 
         self._states = self._node.create_subscription(
             SupervisorState, "fsw/supervisor/state", on_state, LATEST
@@ -57,12 +57,12 @@ class SafeStop:
 
     def ask(self) -> None:
         """Request repeatedly until the supervisor has answered; call it often."""
-        if self.answer:
+        if self.answer is not None:
             return
         if self._asked is not None and self._asked.done():
             answer = self._asked.result()
             if answer is not None and answer.ok:
-                self.answer = str(answer.message)
+                self.answer = Fact.of(WeldEnd.CANCELLED, answer=answer.message)
                 return
             self._asked = None
         if self._asked is None and self._set_mode.service_is_ready():

@@ -1,7 +1,7 @@
 """The action fsw/run_weld: goals, feedback, cancellation and results of a player that waits for them."""
 
 import json
-import re
+from math import isnan
 
 import pytest
 from action_msgs.msg import GoalStatus
@@ -72,7 +72,7 @@ class Caller(PlayerGraph):
     def refusal(self, content):
         answer = self.result(self.send(content))
         assert (answer.status, answer.result.verdict) == (GoalStatus.STATUS_ABORTED, "refused")
-        return answer.result.message
+        return answer.result
 
     def supervisor_answers(self):
         def on_mode(request, response):
@@ -129,24 +129,25 @@ def test_one_weld_at_a_time_and_a_second_goal_gets_the_reason(caller):
     caller.begin(LONG)
     caller.tick()
     refused = caller.refusal(SHORT)
-    assert refused.startswith("long ") and caller.weld.describe() in refused
+    assert refused.code == "under_way" and caller.weld.describe().words in refused.message
     caller.tick()
     assert not caller.weld.finished
 
 
 @pytest.mark.parametrize(
-    ("content", "reason"),
+    ("content", "code", "names"),
     [
-        ("", "is empty"),
-        ("no_such_scenario", "no_such_scenario"),
-        ("{name: short, duration_s: -1}", "duration_s = -1"),
-        ("{name: [", "YAML"),
-        ("open_loop_force_steps", "open_loop_force_steps controls"),
-        ("canister_weld_heat", "canister_weld_heat conducts"),
+        ("", "empty", "scenario"),
+        ("no_such_scenario", "invalid", "no_such_scenario"),
+        ("{name: short, duration_s: -1}", "invalid", "duration_s = -1"),
+        ("{name: [", "invalid", "YAML"),
+        ("open_loop_force_steps", "by_open_loop", "open_loop_force_steps"),
+        ("canister_weld_heat", "on_canister", "canister_weld_heat"),
     ],
 )
-def test_wrong_goals_are_rejected_with_the_reason(caller, content, reason):
-    assert reason in caller.refusal(content)
+def test_wrong_goals_are_rejected_with_the_reason(caller, content, code, names):
+    refused = caller.refusal(content)
+    assert refused.code == code and names in refused.message
     assert caller.weld is None
 
 
@@ -162,7 +163,7 @@ def test_disturbances_need_the_emulated_plant(domain_id):
             )
         )
     )
-    assert "emulated plant" in caller.refusal(SHORT)
+    assert caller.refusal(SHORT).code == "no_emulator"
     caller.end()
 
 
@@ -183,7 +184,7 @@ def test_a_cancelled_weld_is_canceling_until_the_safe_stop_and_a_new_one_may_fol
     caller.supervisor_answers()
     answer = caller.result(handle)
     assert (answer.status, answer.result.verdict) == (GoalStatus.STATUS_CANCELED, "aborted")
-    assert answer.result.message.endswith(" safe_stop")
+    assert answer.result.code == "cancelled" and "safe_stop" in answer.result.message
     caller.begin(content)
 
 
@@ -198,7 +199,7 @@ def test_a_safe_stop_by_the_supervisor_aborts_the_goal(caller, content):
     )
     answer = caller.result(handle)
     assert (answer.status, answer.result.verdict) == (GoalStatus.STATUS_ABORTED, "aborted")
-    assert answer.result.message.endswith("supervisor: an interlock")
+    assert answer.result.code == "stopped" and "an interlock" in answer.result.message
 
 
 @pytest.mark.parametrize(
@@ -219,8 +220,8 @@ def test_a_weld_whose_controller_is_not_there_fails_before_its_first_tick(
     caller.peer.create_service(SwitchController, "fsw/switch_controller", on_request)
     answer = caller.result(caller.send(SHORT | change))
     assert (answer.status, answer.result.verdict) == (GoalStatus.STATUS_ABORTED, "failed")
-    assert "controller 'unknown'" in answer.result.message
-    assert "there: decentral;" in answer.result.message
+    assert answer.result.code == "no_controller"
+    assert "'unknown'" in answer.result.message and "decentral" in answer.result.message
     assert not requests and not caller.follows and not caller.feedback
 
 
@@ -240,7 +241,10 @@ def test_a_weld_begins_once_its_controller_has_joined_and_tells_who_was_in_contr
     caller.number += 1
     caller.depth(caller.number)
     answer = caller.result(sent)
-    assert re.fullmatch(r"short .* 3 s; decentral .* 0\.9 s\b[^;]*", answer.result.message)
+    assert answer.result.code == "over"
+    assert answer.result.unrequested == ["decentral"]
+    assert list(answer.result.unrequested_time) == pytest.approx([0.9])
+    assert isnan(answer.result.by_hand_from)
 
 
 def test_set_points_by_hand_stay_in_force_in_a_scenario_and_are_told(caller):
@@ -262,7 +266,8 @@ def test_set_points_by_hand_stay_in_force_in_a_scenario_and_are_told(caller):
     caller.number += 1
     caller.depth(caller.number)
     answer = caller.result(handle)
-    assert answer.result.verdict == "done" and "by hand" in answer.result.message
+    assert answer.result.verdict == "done" and not answer.result.unrequested
+    assert 0.5 <= answer.result.by_hand_from < 3.0
     assert caller.feedback[-1].progress.left
 
 
@@ -272,7 +277,7 @@ def test_the_weld_goes_on_without_its_client(caller):
     caller.client.destroy()
     for _ in range(20):
         caller.tick()
-    assert caller.weld.describe().startswith("running ")
+    assert caller.weld.describe().data["state"] == "running"
 
 
 def test_a_weld_without_measurements_has_failed_and_the_player_stays(domain_id):
@@ -280,6 +285,6 @@ def test_a_weld_without_measurements_has_failed_and_the_player_stays(domain_id):
     handle = caller.begin(LONG)
     answer = caller.result(handle)
     assert (answer.status, answer.result.verdict) == (GoalStatus.STATUS_ABORTED, "failed")
-    assert "fsw/depth" in answer.result.message and "1 s" in answer.result.message
+    assert answer.result.code == "silent" and "fsw/depth" in answer.result.message
     caller.begin(LONG)
     caller.end()

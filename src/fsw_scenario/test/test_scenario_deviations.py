@@ -3,6 +3,7 @@
 import pytest
 
 from fsw_scenario.running_kpi import Deviations
+from fsw_scenario.weld_outcome import Outcome, WeldEnd
 
 
 def test_nothing_is_told_of_a_weld_as_it_was_planned():
@@ -12,7 +13,7 @@ def test_nothing_is_told_of_a_weld_as_it_was_planned():
     one.count("decentral", 60, 10)  # the switch takes its time
     one.count("", 90, 30)  # the supervisor has said nothing
     one.count("nmpc", 100, 10)
-    assert (one.others_s, one.by_hand_from_s, str(one)) == ({}, None, "")
+    assert (one.others_s, one.by_hand_from_s, one.facts) == ({}, None, ())
 
 
 def test_who_was_in_control_and_set_points_by_hand_are_told():
@@ -23,5 +24,5 @@ def test_who_was_in_control_and_set_points_by_hand_are_told():
     one.note_by_hand(42)
     assert one.others_s == pytest.approx({"decentral": 1.0})
     assert one.by_hand_from_s == pytest.approx(4.2)
-    controller, by_hand = str(one).split("; ")[1:]
-    assert "decentral" in controller and "1.0 s" in controller and "4.2 s" in by_hand
+    assert [fact.code for fact in one.facts] == [WeldEnd.UNREQUESTED, WeldEnd.BY_HAND]
+    assert Outcome("done", one.facts[0], one.facts[1:]).words.count("; ") == 1

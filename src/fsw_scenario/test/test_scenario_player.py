@@ -13,9 +13,9 @@ from rclpy.task import Future
 from std_msgs.msg import Header
 
 from fsw_control import messages_ros as convert
+from fsw_control.coded import Fact, RefusedError
 from fsw_control.contract import Reference
 from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S
-from fsw_control.schema.errors import InputError
 from fsw_control.topics_ros import LATEST, PLAYER_READY
 from fsw_model import nominal
 from fsw_model.heat_profile import HeatProfile, HeatSource, ThermalModel
@@ -27,7 +27,7 @@ from fsw_scenario.launcher import ABORTED
 from fsw_scenario.running_kpi import HeldFor
 from fsw_scenario.scenario_node import ALONE_S, ScenarioNode
 from fsw_scenario.set_points_ros import SetPoints
-from fsw_scenario.weld_player_ros import Outcome
+from fsw_scenario.weld_outcome import Outcome, WeldEnd
 from fsw_test_support import player_graph
 from fsw_test_support.player_graph import START_NS, STEP_NS, PlayerGraph
 from fsw_test_support.waiting import PATIENCE_S
@@ -163,7 +163,7 @@ def test_a_weld_of_longer_than_a_minute_ends_as_it_did_however_late_its_result_a
     monkeypatch.setattr(
         ScenarioNode, "_on_result", lambda *_: None, raising=False
     )  # it never arrives
-    played = Outcome("done", "played")
+    played = Outcome("done", Fact.of(WeldEnd.OVER, scenario="played", time_s=1.0))
     player._over.set_result(played)
     graph.until(lambda: player.ended is not None, "the end")
     assert player.ended is played
@@ -366,8 +366,9 @@ def test_a_player_does_not_take_a_goal_that_another_one_would_get_too(monkeypatc
     rclpy.init(args=[])
     try:
         player = ScenarioNode("")
-        with pytest.raises(InputError, match="another scenario player"):
+        with pytest.raises(RefusedError) as caught:
             player.scenario_of(RunWeld.Goal(scenario="quick"))
+        assert caught.value.fact.code is WeldEnd.TWO_PLAYERS
         player.destroy_node()
     finally:
         rclpy.try_shutdown()

@@ -1,4 +1,4 @@
-"""``fsw.py bag keygen``, ``attest``, ``verify-evidence``: whether bags are what was recorded and signed."""
+"""``fsw.py bag attest`` and ``verify-evidence``: whether bags are what was recorded and signed."""
 
 from __future__ import annotations
 
@@ -17,23 +17,7 @@ from fsw_quality.attestation import Chain, read_chain
 from fsw_quality.evidence import Policy, Subject, Verification, attest, verify_bag
 from fsw_recorder import after_recording
 from fsw_recorder.findings import Code, Finding, finding
-from fsw_recorder.signature import default_key, make_key, public_path
 from fsw_scenario.procedure import load, shipped, signer_of
-
-
-@command(
-    "bag keygen",
-    "make the pair of keys that signs manifests, attestations and procedures",
-    option("file", type=Path, nargs="?", help="private key (default: in ~/.config/fsw-control)"),
-    description="Make an Ed25519 key pair in the format of OpenSSH: FILE, for its owner alone and without a "
-    "passphrase, and FILE.pub, for everyone who verifies.",
-)
-def keygen(arguments: argparse.Namespace) -> int:
-    path = arguments.file or default_key()
-    fingerprint = make_key(path)
-    print(f"private key: {path} (keep it from others and out of repositories)")
-    print(f"public key:  {public_path(path)}, {fingerprint}")
-    return 0
 
 
 def _with(text: str) -> Option:
@@ -113,7 +97,7 @@ def _print_chain(chain: Chain) -> Sequence[Finding]:
     number, wrong = len(chain.entries), chain.findings
     if not number and not wrong:
         wrong = (finding(Code.EMPTY, chain.folder),)
-    print(f"{chain.folder}: {'not ' if wrong else ''}intact, {number} welds")
+    print(f"{chain.folder}: {'not ' if wrong else ''}intact, {number} weld{'s' * (number != 1)}")
     for entry in wrong:
         print(f"  {entry.line}")
     if number:

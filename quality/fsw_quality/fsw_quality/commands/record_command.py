@@ -73,7 +73,7 @@ def record(arguments: argparse.Namespace) -> int:
                 compare_with=arguments.compare,
                 progress=bar,
             )
-        print_notes(found.cannot_say)
+        print_notes(fact.words for fact in found.cannot_say)
         print(
             f"{name}: {found.verdict.upper()} ({found.deciding.name}: {found.deciding.words}: {found.deciding.figure})"
         )
