@@ -19,6 +19,7 @@ from fsw_control.depth_channels import (
     DepthChannel,
     DepthFusionSettings,
 )
+from fsw_control.depth_edges import SurfaceEdges
 from fsw_control.depth_footprint import Footprint
 from fsw_control.depth_tests import DISAGREE, ChannelTests
 
@@ -77,7 +78,8 @@ class DepthFusion:
     def reset(self) -> None:
         """Forget the past, as after a touch-off."""
         self._bank = DepthBank(self.settings, self.channels)
-        self._tests = ChannelTests(self.settings, self.channels)
+        self._edges = SurfaceEdges(self.channels, self.settings.confirm_samples)
+        self._tests = ChannelTests(self.settings, self.channels, self._edges)
         self._time_s = self._used_s = -math.inf
         self._hardness = math.nan
         self._estimate: DepthEstimate | None = None
@@ -91,6 +93,7 @@ class DepthFusion:
         power_kw: float = math.nan,
         speed_rpm: float = math.nan,
         angle_deg: float = math.nan,
+        travel_mm: float = math.nan,
     ) -> DepthEstimate:
         """Fuse the samples of a tick; a tick that is not later than the last changes nothing.
 
@@ -103,6 +106,8 @@ class DepthFusion:
             As drives and torque sensor report them; NaN if unknown.
         angle_deg : float
             Angle of the tool, for the footprint; NaN if unknown.
+        travel_mm : float
+            Distance that the tool has travelled, for edges of the surface; NaN if unknown.
         """
         if self._estimate is not None and time_s <= self._time_s:
             return self._estimate
@@ -122,8 +127,12 @@ class DepthFusion:
         else:
             bank.predict(time_s - self._time_s, power_kw)
         bank.innovate(values, pushed)
+        self._edges.move(travel_mm)
+        changed, refuted = self._tests.meet_edges(bank, values, health)
+        if changed:
+            bank.innovate(values, pushed)
         witness = self._witness(force_kn, torque_nm, speed_rpm)
-        judgement = self._tests.judge(bank, values, health, witness)
+        judgement = self._tests.judge(bank, values, health, witness, refuted)
         for index in judgement.isolated:
             self._tests.trust(index, bank)
             bank.trust(index)

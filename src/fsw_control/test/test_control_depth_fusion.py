@@ -11,8 +11,9 @@ from fsw_control.depth_channels import CHANNELS, ChannelHealth, DepthChannel
 from fsw_control.depth_footprint import Footprint, SensorBias
 from fsw_control.depth_fusion import DepthFusion
 
-GOOD, MISSING, OUT_OF_RANGE, SPIKE, STUCK, SLIP, DRIFT, DUST, SUSPECT, _ = ChannelHealth
+GOOD, MISSING, OUT_OF_RANGE, SPIKE, STUCK, SLIP, DRIFT, DUST, SUSPECT, STEPPED, _ = ChannelHealth
 AT_S = 60.0  #: of a fault
+MM_PER_S = 2.0
 ALL = tuple(CHANNELS)
 #: by name, what a fault makes of a sample after a time, and what it may be called
 FAULTS = {
@@ -39,7 +40,7 @@ def torque_nm(force_kn, depth_mm, speed_rpm):
 class Weld:
     """A weld with channels as the estimator expects them."""
 
-    def __init__(self, seed=0, names=ALL, fault=None, torque=None, shared_mm=0.0):
+    def __init__(self, seed=0, names=ALL, fault=None, torque=None, shared_mm=0.0, edges=None):
         self.random = np.random.default_rng(seed)
         self.rows = {name: CHANNELS[name] for name in names}
         self.fusion = DepthFusion(channels=self.rows, torque_model=torque)
@@ -51,6 +52,8 @@ class Weld:
         }
         self.growth_mm = self.random.uniform(0.0, 0.3)
         self.fault, self.shared_mm, self.hardness = fault or {}, shared_mm, 1.0
+        self.edges, self.travel_mm = edges, math.nan if edges is None else 0.0
+        self.mm_per_s = MM_PER_S
         self.time_s, self.force_kn, self.depth_mm = 0.0, weld.FORCE_KN, weld.DEPTH_MM
         self.estimates, self.errors_mm = [], []
 
@@ -68,7 +71,9 @@ class Weld:
                 self.hardness * torque_nm(self.force_kn, self.depth_mm, 0.0) + 2.0 * draw(),
                 43.6,
                 weld.SPEED_RPM,
+                travel_mm=self.travel_mm,
             )
+            self.travel_mm += 0.1 * self.mm_per_s
             self.estimates.append(estimate)
             self.errors_mm.append(estimate.depth_mm - self.depth_mm)
         return self
@@ -81,9 +86,16 @@ class Weld:
             shown = self.depth_mm + self.bias[name] + row.growth_share * self.growth_mm * grown
             shown += self.deflection[name] * (self.force_kn - weld.FORCE_KN) + self.shared_mm
             shown = round(shown + row.noise_mm * self.random.normal(), 4)
+            shown -= self.surface_mm(0.0)
+            shown += self.surface_mm(row.lead_mm) if row.rides else 0.0
             is_wrong = name in self.fault and since_s >= 0.0
             found[name] = self.fault[name](shown, since_s, self.random) if is_wrong else shown
         return found
+
+    def surface_mm(self, ahead_mm):
+        """Height of the surface, by its edges: heights by their places."""
+        reached_mm = self.travel_mm + ahead_mm
+        return sum(h for at_mm, h in (self.edges or {}).items() if reached_mm >= at_mm)
 
     def seen(self, name):
         """Health of a channel that was reported."""
@@ -114,6 +126,41 @@ def test_good_channels_are_never_blamed():
     assert all(w.estimates[-1].used == ALL for w in welds)
     errors = [w.errors_mm[-1] / w.estimates[-1].deviation_mm for w in welds]
     assert 0.1 < np.sqrt(np.mean(np.square(errors))) < 2.0
+
+
+@pytest.mark.parametrize("height_mm", [0.1, -0.3])
+@pytest.mark.parametrize("out", [None, "laser", "lvdt_lead"])
+def test_an_edge_is_no_slip_and_does_not_shift_the_depth(height_mm, out):
+    """A channel that sees it first is out until another, or the tool, has met it."""
+    fault = {out: FAULTS["nan"][0]} if out else None
+    w = Weld(7, fault=fault, edges={AT_S * MM_PER_S + 80.0: height_mm}).run(AT_S)
+    before = np.mean(w.errors_mm[-100:])
+    w.run(90.0)
+    assert np.abs(np.array(w.errors_mm[-900:]) - before).max() < 0.03
+    assert STEPPED in w.seen("laser" if out == "lvdt_lead" else "lvdt_lead")
+    for name in set(ALL) - {out}:
+        assert w.seen(name) <= {GOOD, SPIKE, STEPPED}
+        assert w.estimates[-1].health[name] is GOOD
+
+
+@pytest.mark.parametrize("slip_mm", [0.1, 1.0])
+def test_a_slip_of_the_foremost_channel_is_one_where_no_other_sees_an_edge(slip_mm):
+    """It is not used meanwhile."""
+    fault = {"lvdt_lead": lambda y, since_s, r: y + slip_mm}
+    w = Weld(8, fault=fault, edges={}).run(AT_S + 1.0)
+    assert w.estimates[-1].health["lvdt_lead"] is STEPPED
+    assert "lvdt_lead" not in w.estimates[-1].used
+    w.run((60.0 - 45.0) / MM_PER_S + 2.0)
+    assert w.estimates[-1].health["lvdt_lead"] is SLIP
+
+
+def test_nothing_but_a_slip_steps_while_the_tool_stands_or_behind_a_sound_channel():
+    standing = Weld(9, fault={"lvdt_lead": FAULTS["slip"][0]}, edges={})
+    standing.mm_per_s = 0.0
+    standing.run(AT_S + 2.0)
+    behind = Weld(9, fault={"laser": FAULTS["slip"][0]}, edges={}).run(AT_S + 2.0)
+    for w, name in ((standing, "lvdt_lead"), (behind, "laser")):
+        assert w.estimates[-1].health[name] is SLIP
 
 
 def test_what_all_channels_share_is_not_seen_but_said():

@@ -206,7 +206,9 @@ class PlantEmulator:
         }
         if self._fusion is not None:
             values = Reading(self.tick, stamp, samples, self._acting).values
-            fused = self._fusion.update(stamp * 1e-9, values, self._acting, angle_deg)
+            fused = self._fusion.update(
+                stamp * 1e-9, values, self._acting, angle_deg, self.core.travel_mm
+            )
             samples = {"depth": self._sent("depth", fused.depth_mm, stamp), **samples}
         self._reading = Reading(self.tick, stamp, samples, self._acting, fused)
         return self._reading

@@ -22,7 +22,12 @@ class FusedDepth:
         self._fusion = DepthFusion(settings, torque_model=_torque_nm, footprint=footprint)
 
     def update(
-        self, time_s: float, values: Mapping[str, float], drives: Command, angle_deg: float = nan
+        self,
+        time_s: float,
+        values: Mapping[str, float],
+        drives: Command,
+        angle_deg: float = nan,
+        travel_mm: float = nan,
     ) -> DepthEstimate:
         """Fuse the samples of a tick, by sensor."""
         torque_nm, speed_rpm = values.get("torque", nan), drives.speed_rpm
@@ -34,6 +39,7 @@ class FusedDepth:
             power_kw(torque_nm - _friction_nm(speed_rpm), speed_rpm),
             speed_rpm,
             angle_deg,
+            travel_mm,
         )
 
 
