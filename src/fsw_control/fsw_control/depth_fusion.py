@@ -128,11 +128,10 @@ class DepthFusion:
             bank.predict(time_s - self._time_s, power_kw)
         bank.innovate(values, pushed)
         self._edges.move(travel_mm)
-        changed, refuted = self._tests.meet_edges(bank, values, health)
-        if changed:
+        if self._tests.meet_edges(bank, values, health):
             bank.innovate(values, pushed)
         witness = self._witness(force_kn, torque_nm, speed_rpm)
-        judgement = self._tests.judge(bank, values, health, witness, refuted)
+        judgement = self._tests.judge(bank, values, health, witness)
         for index in judgement.isolated:
             self._tests.trust(index, bank)
             bank.trust(index)

@@ -91,6 +91,8 @@ class ChannelTests:
         self._dusty = np.zeros(count, bool)
         self._agreed = [0] * count  #: ticks for which an excluded channel has agreed again
         self._unclear = 0  #: ticks for which channels have disagreed without a verdict
+        self._never_moved: set[int] = set()  #: channels that are stuck since the start
+        self._purged: list[int] = []  #: channels found wrong in this tick that the filters used
         self._quiet = 0  #: ticks until the slow tests are judged again
 
     def screen(self, samples_mm: list[float]) -> tuple[Array, list[ChannelHealth]]:
@@ -101,7 +103,7 @@ class ChannelTests:
             self._absent[i] += (absent - self._absent[i]) * THREE_SECONDS
             if absent:
                 flaw = ChannelHealth.MISSING
-            elif self._frozen[i].update(value, self._settings.stuck_samples, row.noise_mm):
+            elif self._is_stuck(i, value):
                 flaw = ChannelHealth.STUCK
             elif not row.minimum_mm <= value <= row.maximum_mm:
                 flaw = ChannelHealth.OUT_OF_RANGE
@@ -111,17 +113,24 @@ class ChannelTests:
             health[i] = health[i] or flaw
         return values, health
 
-    def meet_edges(
-        self, bank: DepthBank, values: Array, health: list[ChannelHealth]
-    ) -> tuple[bool, tuple[int, ...]]:
-        """Apply what the samples say of edges of the surface, before the channels are judged.
+    def _is_stuck(self, channel: int, value: float) -> bool:
+        """Whether a channel has stopped, or has never moved while another is seen to be noisy."""
+        frozen, samples = self._frozen[channel], self._settings.stuck_samples
+        if frozen.update(value, samples, self._rows[channel].noise_mm):
+            return True
+        if not frozen.has_never_moved(samples):
+            self._never_moved.discard(channel)
+            return False
+        rows = zip(self._frozen, self._rows, strict=True)
+        if channel not in self._never_moved and any(one.is_noisy(r.noise_mm) for one, r in rows):
+            self._never_moved.add(channel)
+            self._purged.append(channel)
+        return channel in self._never_moved
 
-        Returns
-        -------
-        changed : bool
-            Whether the innovations are no longer those of this tick.
-        refuted : tuple of int
-            Channels whose step was a slip.
+    def meet_edges(self, bank: DepthBank, values: Array, health: list[ChannelHealth]) -> bool:
+        """Apply what the samples say of edges, before the channels are judged.
+
+        Returns whether the innovations are no longer those of this tick.
         """
         usable = ~np.isnan(values) & np.array([not flaw for flaw in health])
         changed = self._edges.arrive(bank, usable)
@@ -134,7 +143,8 @@ class ChannelTests:
             self._mean[:] = 0.0
         if slip is not None:
             self.latched[slip] = health[slip] = ChannelHealth.SLIP
-        return changed or edge is not None, () if slip is None else (slip,)
+            self._purged.append(slip)
+        return changed or edge is not None
 
     def judge(
         self,
@@ -142,13 +152,11 @@ class ChannelTests:
         values: Array,
         health: list[ChannelHealth],
         witness: tuple[float, float],
-        refuted: tuple[int, ...] = (),
     ) -> Judgement:
         """Decide which channels the bank may use; its innovations are those of this tick.
 
         ``values`` are the samples after :meth:`screen`. ``witness`` is what depth has gained on
-        its prediction according to the torque, and the variance of that; ``refuted`` are from
-        :meth:`meet_edges`.
+        its prediction according to the torque, and the variance of that.
         """
         present = np.array([not flaw for flaw in health])
         self._listen(bank.z[0], present, health)
@@ -159,7 +167,8 @@ class ChannelTests:
         wrong, spread = self._wrong(chi[0], usable, bank, witness)
         wrong = wrong or ()  # without a verdict all stay in use; the deviation shows it
         isolated = self._confirm(wrong, usable, bank, health)
-        isolated += refuted
+        isolated += tuple(self._purged)
+        self._purged.clear()
         used = usable.copy()
         used[list(wrong)] = False
         if not wrong:  # else the common part is wrong, too

@@ -119,6 +119,22 @@ def test_a_wrong_channel_is_named_and_does_no_harm(fault, channel):
     assert np.abs(np.array(weld_.errors_mm[-200:]) - before).max() < 0.03
 
 
+@pytest.mark.parametrize("channel", ALL)
+def test_a_channel_that_has_stood_still_since_the_start_is_stuck(channel):
+    """The noise of the others shows it; without any noise, nothing does."""
+    w, frozen = Weld(3), Weld(3, fault={channel: lambda y, since_s, r: 2.7})
+    w.run(3.0)
+    frozen.time_s = AT_S
+    frozen.run(3.0)
+    assert frozen.estimates[-1].health[channel] is STUCK
+    frozen.run(5.0)
+    w.run(5.0)
+    assert abs(frozen.errors_mm[-1]) < abs(w.errors_mm[-1]) + 0.03
+    still, shown = DepthFusion(), dict.fromkeys(ALL, 2.7)
+    estimates = [still.update(0.1 * k, shown, weld.FORCE_KN) for k in range(1, 50)]
+    assert set(estimates[-1].health.values()) == {GOOD}
+
+
 def test_good_channels_are_never_blamed():
     """And the error is what the deviation says."""
     welds = [Weld(seed).run(100.0) for seed in range(4)]

@@ -37,7 +37,9 @@ class PlantConfig:
         return self["actuators.lag_s"], self["actuators.dead_time_ticks"]
 
     @classmethod
-    def from_values(cls, values: Mapping[str, Any]) -> PlantConfig:
+    def from_values(
+        cls, values: Mapping[str, Any], before: PlantConfig | None = None
+    ) -> PlantConfig:
         """Read settings by parameter name.
 
         Parameters
@@ -46,6 +48,8 @@ class PlantConfig:
             Nested (``{"start": {"depth_mm": 2.7}}``), dotted (``{"start.depth_mm": 2.7}``) or
             mixed; omitted ones have their default. Parameters that only the node uses (``speed``,
             ...) are checked as well.
+        before : PlantConfig, optional
+            Settings that these replace: a footprint that stays is not read again.
 
         Raises
         ------
@@ -69,7 +73,10 @@ class PlantConfig:
                 "machine",
             )
             file = machine.footprint_file
-            footprint = Footprint.from_file(file) if file else None
+            if before is not None and before.machine.footprint_file == file:
+                footprint = before.footprint
+            else:
+                footprint = Footprint.from_file(file) if file else None
             return cls(checked, limits, _model(checked), machine, footprint, _canister(checked))
         except ValueError as error:
             raise InputError(str(error)) from None

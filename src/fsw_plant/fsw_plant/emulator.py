@@ -32,6 +32,7 @@ from fsw_plant.core import PlantCore
 from fsw_plant.events import OUTPUT_CHANNELS, Disturbance, Fault, PlantEvent, Sample
 from fsw_plant.fused_depth import FusedDepth
 from fsw_plant.library import CHANNELS
+from fsw_plant.machine import Machine
 from fsw_plant.schedule import PlantSchedule
 from fsw_plant.tool_path import ToolTravel
 from fsw_plant.watchdog import Watchdog, WatchdogState
@@ -172,6 +173,14 @@ class PlantEmulator:
     def time_s(self) -> float:
         """Time of the present tick."""
         return self.tick / 10
+
+    @property
+    def follows_programme(self) -> bool:
+        """Whether it matters where on its path the tool is."""
+        config = self.config
+        return config.canister is not None or (
+            bool(self.schedule.path) and config.machine != Machine()
+        )
 
     def follow_programme(self, time_s: float, standing: bool, age_ticks: int = 0) -> None:
         """Take the programme's time some ticks ago, and whether it is held; the tool follows.

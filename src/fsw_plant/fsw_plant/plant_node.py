@@ -104,7 +104,7 @@ class PlantNode(ManagedNode):
         self._stop = StopHolder(self, self._fence.register, self._fence.hear)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         # before the player's word that a tick is complete
-        if self._settings["process"] == "canister":
+        if self.emulator.follows_programme:
             self.create_subscription(WeldProgress, "fsw/weld_progress", self._on_progress, LATEST)
         if self._lockstep:
             self.create_subscription(Header, PLAYER_READY, self._on_player_ready, LATEST)
@@ -340,7 +340,9 @@ class PlantNode(ManagedNode):
 
     def _why_not(self, values: dict[str, Any]) -> str | None:
         """Why parameters contradict each other; None if they do not."""
-        why, scenario = problem(PlantConfig.from_values, values), values["scenario"]
+        before = self.emulator.config if self.is_configured else None
+        why = problem(lambda given: PlantConfig.from_values(given, before), values)
+        scenario = values["scenario"]
         if why or (self.is_configured and scenario == self._scenario):
             return why
         return problem(lambda given: PlantSchedule.from_text_or_file(given["scenario"]), values)
@@ -351,7 +353,7 @@ class PlantNode(ManagedNode):
         if values["scenario"] != self._scenario:
             self._scenario = values["scenario"]
             self.emulator.take(PlantSchedule.from_text_or_file(self._scenario))
-        self.emulator.reconfigure(PlantConfig.from_values(values))
+        self.emulator.reconfigure(PlantConfig.from_values(values, self.emulator.config))
         if self.is_active:
             self._writers.set_sources()
 

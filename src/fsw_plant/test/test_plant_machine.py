@@ -7,7 +7,7 @@ import pytest
 
 from fsw_control import Command
 from fsw_control.sensors import DEPTH_CHANNELS, REQUIRED, SENSORS
-from fsw_plant import PlantConfig, PlantEmulator
+from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
 from fsw_plant.event_schema import disturbance, fault
 from fsw_plant.library import KERNEL
 
@@ -167,6 +167,24 @@ def test_biases_of_a_footprint_are_taken_off(tmp_path, channels, sensor):
     assert truth[-1] - shown["depth"][-1] == pytest.approx(taken_off, abs=1e-3)
     if channels:
         assert shown[sensor][-1] == pytest.approx(truth[-1])
+    path.unlink()
+    kept = PlantConfig.from_values(plant.config.values, plant.config)
+    assert kept.footprint is plant.config.footprint
+
+
+@pytest.mark.parametrize(("changes", "follows"), [({}, False), (FOUR, True)])
+def test_a_machine_with_an_uneven_path_follows_the_programme(changes, follows):
+    """Its tool stands where the programme is held, as the footprint's angles do."""
+    points = "{path: [{at_s: 0.0, arc_mm: 0.0}, {at_s: 1000.0, arc_mm: 2000.0}]}"
+    schedule = PlantSchedule.from_yaml(points)
+    plant = PlantEmulator(PlantConfig.from_values(changes), schedule)
+    assert plant.follows_programme is follows
+    assert not PlantEmulator(PlantConfig.from_values(changes)).follows_programme
+    welded(plant, 10)
+    before_mm = plant.core.travel_mm
+    plant.follow_programme(1.0, standing=True)
+    welded(plant, 10)
+    assert plant.core.travel_mm == before_mm > 0.0
 
 
 def test_faults_of_the_depth_act_on_the_fused_value_once():
