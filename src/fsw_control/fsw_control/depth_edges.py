@@ -12,20 +12,26 @@ others when the tool is there, step by as much at the known distance; else it is
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw_control.depth_bank import EDGES, THREE_SECONDS, Array, DepthBank
+from fsw_control.depth_bank import EDGES, Array, DepthBank
 from fsw_control.depth_channels import DepthChannel
 
 Mask = NDArray[np.bool_]
 #: how far from where it is expected an edge may reach a sensor: of a jump, of one found by means
 TOLERANCE_MM, SLOW_TOLERANCE_MM = 2.0, 6.0
-#: share of an edge's height within which what another sensor shows of it must agree
-_ALIKE = 0.5
+#: log-likelihood ratios from which an edge has reached a channel: a pending one, where a sample
+#: counts as no more than its share, and a known one
+_CONFIRMED, _SHARE, _ARRIVED = 15.0, 3.0, 8.0
+#: share of an edge's height, and noise, within which what another channel shows must agree
+_ALIKE, _DEVIATIONS = 0.5, 4.0
+#: samples of which the height of a pending step is the median
+_SAMPLES = 15
 #: standard deviation of an edge's height when it is first taken into the filters [mm]
 _HEIGHT_MM = 0.02
 
@@ -36,25 +42,28 @@ class _Edge:
 
     place_mm: float
     tolerance_mm: float
-    height_mm: float  #: as first seen; the filters know it better
+    heights_mm: deque[float]  #: as the first channel showed it; of a known one the filters know it
     passed: Mask  #: by channel, and of the tool at last, whether the edge has reached it
-    votes: NDArray[np.int_]  #: by channel, samples that show the step, less those that do not
+    score: Array  #: by channel, cumulative sum of log-likelihood ratios that it has
     slot: int = -1  #: state of the filters; -1: not confirmed
-    channel: int = -1  #: that saw it first
+
+    @property
+    def height_mm(self) -> float:
+        """Height of a pending step."""
+        return float(np.median(self.heights_mm))
 
 
 class SurfaceEdges:
-    """Known edges near the tool, and at most one step that may be another."""
+    """Known edges near the tool, and steps that may be others."""
 
-    def __init__(self, channels: Mapping[str, DepthChannel], confirm_samples: int) -> None:
-        self._confirm_samples = confirm_samples
+    def __init__(self, channels: Mapping[str, DepthChannel]) -> None:
+        rows = channels.values()
         #: of each channel and of the tool; one that does not ride on the surface meets no edge
-        self._leads = np.array(
-            [*(row.lead_mm if row.rides else -math.inf for row in channels.values()), 0.0]
-        )
+        self._leads = np.array([*(row.lead_mm if row.rides else -math.inf for row in rows), 0.0])
+        self._noise = np.array([row.noise_mm for row in rows])
         self._travel_mm, self._moves = math.nan, False
         self._known: list[_Edge] = []
-        self._pending: _Edge | None = None
+        self._pending: dict[int, _Edge] = {}  #: by the channel that has stepped
 
     def move(self, travel_mm: float) -> None:
         """Take the distance that the tool has travelled along its path; NaN: unknown."""
@@ -65,89 +74,78 @@ class SurfaceEdges:
         """Whether a step of a channel may be an edge: no other could have seen it before."""
         lead = self._leads[channel]
         ahead = usable & (self._leads[:-1] > lead)
-        if not (self._moves and lead > 0.0) or ahead.any() or self._pending:
+        free = len(self._known) + len(self._pending) < EDGES
+        if not (self._moves and lead > 0.0 and free) or ahead.any():
             return False
-        if len(self._known) == EDGES:
-            return False
-        self._pending = _Edge(
+        self._pending[channel] = _Edge(
             self._travel_mm + lead,
             SLOW_TOLERANCE_MM if slow else TOLERANCE_MM,
-            height_mm,
+            deque([height_mm], _SAMPLES),
             self._leads >= lead,
-            np.zeros(len(self._leads), int),
-            channel=channel,
+            np.zeros(len(self._noise)),
         )
         return True
 
+    def expects(self, channel: int) -> bool:
+        """Whether a pending step may now have reached a channel."""
+        return any(self._is_near(edge)[channel] for edge in self._pending.values())
+
     def doubtful(self, z: Array) -> Mask:
-        """Channels that may just show the pending step as an edge: it is not known yet."""
-        edge = self._pending
-        if edge is None:
-            return np.zeros(len(z), bool)
-        near = abs(self._beyond(edge)[:-1]) <= edge.tolerance_mm
-        return near & ~edge.passed[:-1] & _alike(z, edge.height_mm)
+        """Channels that may just show a pending step as an edge: it is not known yet."""
+        mask = np.zeros(len(z), bool)
+        for edge in self._pending.values():
+            shown = z * np.sign(edge.height_mm) > _ALIKE * abs(edge.height_mm)
+            mask |= self._is_near(edge)[:-1] & shown & self._is_alike(z, edge.height_mm)
+        return mask
 
     def review(
-        self, bank: DepthBank, values: Array, usable: Mask
-    ) -> tuple[int | None, int | None]:
-        """The channel whose pending step is an edge after all, and the one where it is a slip."""
-        edge, z = self._pending, bank.z[0]
-        if edge is None:
-            return None, None
-        if not math.isnan(values[edge.channel]):
-            edge.height_mm += (z[edge.channel] - edge.height_mm) * THREE_SECONDS
-        beyond = self._beyond(edge)
-        at_tool = -float(np.median(z[usable])) if usable.any() else math.nan
-        jumps = np.append(np.where(usable, z, np.nan), at_tool)
-        alike = _alike(jumps, edge.height_mm)
-        due = ~edge.passed & (self._leads >= 0.0) & ~np.isnan(jumps)
-        near = due & (abs(beyond) <= edge.tolerance_mm)
-        edge.votes = np.where(near, np.maximum(edge.votes + np.where(alike, 1, -1), 0), 0)
-        # all channels follow a change of the depth within a tick: only that tick shows it
-        if near[-1] and alike[-1]:
-            return self._accept(-1, bank), None
-        if edge.votes.max() >= self._confirm_samples:
-            return self._accept(int(np.argmax(edge.votes)), bank), None
-        if (due & (beyond > edge.tolerance_mm)).any() or math.isnan(self._travel_mm):
-            self._pending = None
-            return None, edge.channel
-        return None, None
+        self, bank: DepthBank, values: Array, usable: Mask, clear: Mask
+    ) -> tuple[list[int], list[int]]:
+        """The channels whose pending steps are edges after all, and those where they are slips.
 
-    def _beyond(self, edge: _Edge) -> Array:
-        """How far each channel, and the tool, is past the place of an edge."""
-        return np.asarray(self._travel_mm + self._leads - edge.place_mm)
-
-    def _accept(self, reached: int, bank: DepthBank) -> int:
-        """Make the pending step an edge that has also reached another channel, or the tool."""
-        edge, self._pending = self._pending, None
-        assert edge is not None
-        edge.slot = min(set(range(EDGES)) - {one.slot for one in self._known})
-        edge.passed |= self._leads >= self._leads[reached]
-        self._known.append(edge)
-        bank.begin_edge(edge.slot, edge.height_mm, _HEIGHT_MM)
-        self._share(edge, bank)
-        return edge.channel
+        ``clear`` are the usable channels that are no noisier than expected.
+        """
+        edges: list[int] = []
+        slips: list[int] = []
+        z = bank.z[0]
+        for channel, edge in list(self._pending.items()):
+            if channel not in self._pending:  # the same edge as another
+                continue
+            if not math.isnan(values[channel]):
+                edge.heights_mm.append(float(z[channel]))
+            height_mm, near = edge.height_mm, self._is_near(edge)
+            gain = np.minimum(self._gain(z, height_mm), _SHARE)
+            gain = np.where(self._is_alike(z, height_mm), gain, -_SHARE)
+            edge.score = np.where(near[:-1] & clear, np.maximum(edge.score + gain, 0.0), 0.0)
+            # all channels follow a change of the depth within a tick: only that tick shows it
+            jump_mm = -float(np.median(z[usable])) if usable.any() else math.nan
+            if near[-1] and abs(jump_mm - height_mm) < _ALIKE * abs(height_mm):
+                edges += self._accept(channel, -1, bank)
+            elif edge.score.max() >= _CONFIRMED:
+                edges += self._accept(channel, int(np.argmax(edge.score)), bank)
+            elif self._has_missed(edge, np.append(clear, True)) or math.isnan(self._travel_mm):
+                del self._pending[channel]
+                slips.append(channel)
+        return edges, slips
 
     def drop(self, channel: int) -> None:
         """Forget the pending step of a channel, which is back where it was."""
-        if self._pending is not None and self._pending.channel == channel:
-            self._pending = None
+        self._pending.pop(channel, None)
 
     def arrive(self, bank: DepthBank, usable: Mask) -> bool:
         """Note what the known edges have reached; returns whether the shares have changed.
 
-        The places are known to within the tolerance; there the likelier decides: a sample nearer
-        to the height of the edge, or to none.
+        The places are known to within the tolerance; there the samples decide.
         """
         z, changed = bank.z[0], False
         for edge in list(self._known):
             height_mm = bank.edge_mm(edge.slot)
-            beyond = self._beyond(edge)
-            at_tool = -float(np.median(z[usable])) if usable.any() else 0.0
-            jumps = np.append(np.where(usable, z, 0.0), at_tool)
-            seen = jumps * np.sign(height_mm) > _ALIKE * abs(height_mm)
-            now = ~edge.passed & (beyond >= -edge.tolerance_mm)
-            now &= seen | (beyond > edge.tolerance_mm)
+            near, beyond = self._is_near(edge), self._beyond(edge) > edge.tolerance_mm
+            gain = np.where(near[:-1] & usable, self._gain(z, height_mm), 0.0)
+            edge.score = np.maximum(edge.score + gain, 0.0) * near[:-1]
+            jump_mm = -float(np.median(z[usable])) if usable.any() else 0.0
+            at_tool = jump_mm * np.sign(height_mm) > _ALIKE * abs(height_mm)
+            now = ~edge.passed & (beyond | (near & np.append(edge.score >= _ARRIVED, at_tool)))
             if now.any():
                 changed = True
                 edge.passed |= now
@@ -157,10 +155,47 @@ class SurfaceEdges:
                 self._known.remove(edge)
         return changed
 
+    def _accept(self, channel: int, reached: int, bank: DepthBank) -> list[int]:
+        """Make a pending step an edge that has also reached another channel, or the tool.
+
+        Returns the channels that have shown it.
+        """
+        edge = self._pending.pop(channel)
+        edge.slot = min(set(range(EDGES)) - {one.slot for one in self._known})
+        edge.passed |= self._leads >= self._leads[reached]
+        self._known.append(edge)
+        bank.begin_edge(edge.slot, edge.height_mm, _HEIGHT_MM)
+        self._share(edge, bank)
+        same = [
+            other
+            for other, step in self._pending.items()
+            if abs(step.place_mm - edge.place_mm) <= edge.tolerance_mm + step.tolerance_mm
+        ]
+        for other in same:
+            del self._pending[other]
+        return [channel, *same]
+
+    def _beyond(self, edge: _Edge) -> Array:
+        """How far each channel, and the tool, is past the place of an edge."""
+        return np.asarray(self._travel_mm + self._leads - edge.place_mm)
+
+    def _is_near(self, edge: _Edge) -> Mask:
+        """Channels, and the tool, that the edge may reach now."""
+        return ~edge.passed & (abs(self._beyond(edge)) <= edge.tolerance_mm)
+
+    def _has_missed(self, edge: _Edge, could_see: Mask) -> bool:
+        """Whether a channel, or the tool, is past the place of an edge and has not shown it."""
+        due = could_see & ~edge.passed & (self._leads >= 0.0)
+        return bool((due & (self._beyond(edge) > edge.tolerance_mm)).any())
+
+    def _gain(self, z: Array, height_mm: float) -> Array:
+        """Log-likelihood ratio that channels show the edge, of a sample."""
+        return np.asarray(height_mm * (z - 0.5 * height_mm) / self._noise**2)
+
+    def _is_alike(self, z: Array, height_mm: float) -> Mask:
+        near_mm = np.maximum(_ALIKE * abs(height_mm), _DEVIATIONS * self._noise)
+        return np.asarray(abs(z - height_mm) < near_mm)
+
     @staticmethod
     def _share(edge: _Edge, bank: DepthBank) -> None:
         bank.edge_shares[:, edge.slot] = edge.passed[:-1].astype(float) - edge.passed[-1]
-
-
-def _alike(jumps_mm: Array, height_mm: float) -> Mask:
-    return np.asarray(abs(jumps_mm - height_mm) < _ALIKE * abs(height_mm))

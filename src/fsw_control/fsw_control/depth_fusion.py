@@ -78,7 +78,7 @@ class DepthFusion:
     def reset(self) -> None:
         """Forget the past, as after a touch-off."""
         self._bank = DepthBank(self.settings, self.channels)
-        self._edges = SurfaceEdges(self.channels, self.settings.confirm_samples)
+        self._edges = SurfaceEdges(self.channels)
         self._tests = ChannelTests(self.settings, self.channels, self._edges)
         self._time_s = self._used_s = -math.inf
         self._hardness = math.nan

@@ -134,17 +134,18 @@ class ChannelTests:
         """
         usable = ~np.isnan(values) & np.array([not flaw for flaw in health])
         changed = self._edges.arrive(bank, usable)
-        edge, slip = self._edges.review(bank, values, usable)
+        clear = usable & ~(self._dusty | (self._absent > INTERRUPTED))
+        edges, slips = self._edges.review(bank, values, usable, clear)
         for i in _indices(self._edges.doubtful(bank.z[0]) & usable):
             values[i], health[i], changed = np.nan, ChannelHealth.SPIKE, True
-        if edge is not None:  # the filters know it now
-            self.latched[edge] = health[edge] = ChannelHealth.GOOD
-            self._off[edge] = self._before[edge]
+        for i in edges:  # the filters know it now
+            self.latched[i] = health[i] = ChannelHealth.GOOD
+            self._off[i] = self._before[i]
             self._mean[:] = 0.0
-        if slip is not None:
-            self.latched[slip] = health[slip] = ChannelHealth.SLIP
-            self._purged.append(slip)
-        return changed or edge is not None
+        for i in slips:
+            self.latched[i] = health[i] = ChannelHealth.SLIP
+            self._purged.append(i)
+        return changed or bool(edges)
 
     def judge(
         self,
@@ -275,6 +276,8 @@ class ChannelTests:
         """
         isolated, slow = [], flaw is ChannelHealth.DRIFT
         for i in channels:
+            if self._edges.expects(i):  # decided there
+                continue
             height_mm = float(self._mean[0, i] if slow else np.mean(self._spikes[i]))
             self._spikes[i].clear()
             self._agreed[i], self._before[i] = 0, self._off[i]
