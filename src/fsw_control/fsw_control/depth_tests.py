@@ -85,7 +85,7 @@ class ChannelTests:
         self._spikes = [deque[float](maxlen=settings.confirm_samples) for _ in self._rows]
         self._mean = np.zeros((count + 1, count))  #: over a second, by filter, without common part
         self._off = np.zeros(count)  #: from the prior, over three seconds
-        self._before = np.zeros(count)  #: the same, ahead of a slip
+        self._before = np.zeros(count)  #: the same, ahead of a slip; NaN: a drift
         self._roughness, self._absent = np.ones(count), np.zeros(count)
         self._last = np.full(count, np.nan)
         self._dusty = np.zeros(count, bool)
@@ -140,10 +140,11 @@ class ChannelTests:
             values[i], health[i], changed = np.nan, ChannelHealth.SPIKE, True
         for i in edges:  # the filters know it now
             self.latched[i] = health[i] = ChannelHealth.GOOD
-            self._off[i] = self._before[i]
+            self._off[i] = np.nan_to_num(self._before[i])
             self._mean[:] = 0.0
         for i in slips:
-            self.latched[i] = health[i] = ChannelHealth.SLIP
+            is_slow = np.isnan(self._before[i])
+            self.latched[i] = health[i] = ChannelHealth.DRIFT if is_slow else ChannelHealth.SLIP
             self._purged.append(i)
         return changed or bool(edges)
 
@@ -280,7 +281,7 @@ class ChannelTests:
                 continue
             height_mm = float(self._mean[0, i] if slow else np.mean(self._spikes[i]))
             self._spikes[i].clear()
-            self._agreed[i], self._before[i] = 0, self._off[i]
+            self._agreed[i], self._before[i] = 0, np.nan if slow else self._off[i]
             stepped = self._edges.suspect(i, height_mm, usable, slow)
             health[i] = self.latched[i] = ChannelHealth.STEPPED if stepped else flaw
             if slow or not stepped:
