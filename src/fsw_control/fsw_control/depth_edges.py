@@ -32,8 +32,9 @@ _CONFIRMED, _SHARE, _ARRIVED = 15.0, 3.0, 8.0
 _ALIKE, _DEVIATIONS = 0.5, 4.0
 #: samples of which the height of a pending step is the median
 _SAMPLES = 15
-#: standard deviation of an edge's height when it is first taken into the filters [mm]
-_HEIGHT_MM = 0.02
+#: standard deviation of an edge's height when it is first taken into the filters: of a jump, and
+#: of one found by means, for which the filters have forgotten the bias of the channel [mm]
+_HEIGHT_MM, _SLOW_HEIGHT_MM = 0.005, 0.02
 
 
 @dataclass(slots=True)
@@ -164,7 +165,9 @@ class SurfaceEdges:
         edge.slot = min(set(range(EDGES)) - {one.slot for one in self._known})
         edge.passed |= self._leads >= self._leads[reached]
         self._known.append(edge)
-        bank.begin_edge(edge.slot, edge.height_mm, _HEIGHT_MM)
+        is_slow = edge.tolerance_mm == SLOW_TOLERANCE_MM
+        deviation_mm = _SLOW_HEIGHT_MM if is_slow else _HEIGHT_MM
+        bank.begin_edge(edge.slot, edge.height_mm, deviation_mm)
         self._share(edge, bank)
         same = [
             other

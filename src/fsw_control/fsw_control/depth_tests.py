@@ -292,7 +292,6 @@ class ChannelTests:
         """Distance of each channel from what its prior and the others say."""
         own = np.diagonal(bank.z[1:]) if len(bank.z) > 1 else bank.z[0]
         latched = np.array([bool(flaw) for flaw in self.latched])
-        own = np.where(latched, bank.z[0], own)
         known = used | (latched & sampled)
         self._off += np.where(known, (own - self._off) * THREE_SECONDS, 0.0)
 
