@@ -107,11 +107,13 @@ def smoothed(at_deg: FloatArray, bias_mm: FloatArray, where_deg: FloatArray) -> 
 def _samples(signals: WeldSignals) -> dict[str, FloatArray]:
     """Samples of all depth sensors, without the deflection that the estimator takes off itself.
 
+    What the footprint of an earlier weld has taken off is in them again: biases add up.
+
     Those of a channel that was not good count as missing.
     """
     force_kn = signals.force_kn if signals.drives is None else signals.drives.force_kn
     pushed = np.nan_to_num(force_kn - DepthFusionSettings().calibration_force_kn)
-    found = {"depth": signals.depth_mm}
+    found = {"depth": signals.depth_mm + signals.footprint_bias_mm}
     for name, row in SENSORS.items():
         channel = CHANNELS.get(name.removeprefix(SENSOR))
         if row.quantity is DEPTH and row.signal in signals.optional and channel is not None:

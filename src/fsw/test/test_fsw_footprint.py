@@ -46,6 +46,12 @@ def test_sensor_that_failed_can_be_left_out():
     assert [one.sensor for one in found.sensors] == ["depth"]
 
 
+def test_a_bias_that_was_taken_off_already_is_in_the_next_footprint():
+    """Else every second weld of a series would have none taken off."""
+    found = footprint_of(weld(footprint_bias_mm=np.full(TICKS, 0.2)), AT_DEG, DEPTHS, SOURCE, 0.01)
+    assert found.sensors[0].bias_mm == pytest.approx((0.26, 0.36))
+
+
 def test_samples_of_a_channel_that_was_not_good_do_not_count():
     bad = weld()
     health = np.zeros(TICKS)

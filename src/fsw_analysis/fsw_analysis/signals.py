@@ -163,7 +163,7 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
         for name, sensor in sensors.items()
         if name in REQUIRED or sensor[0]
     }
-    applied = ticks.group(ProposalSignals, command)
+    applied, depth = ticks.group(ProposalSignals, command), sensors["depth"][0]
     depths_in_force, temperatures_in_force = _references(messages, ticks)
     signals = WeldSignals(
         path=messages.path,
@@ -182,7 +182,9 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
         actual_mode=ticks.held(state, "actual_mode"),
         proposals=_proposals(messages, ticks),
         statuses=_statuses(messages, ticks),
-        fused=_fused(ticks, sensors["depth"][0]),
+        fused=_fused(ticks, depth),
+        footprint_bias_mm=np.nan_to_num(ticks.align(depth, depth.column("footprint_bias") * MM)),
+        footprints_sha256=tuple(sorted(set(depth.column("footprint")) - {""})),
         drives=ticks.group(DriveSignals, drives) if drives else None,
         truth=ticks.group(TruthSignals, truth) if truth else None,
         attachments=messages.attachments,

@@ -65,7 +65,7 @@ class DepthBank:
         self._h = np.zeros((self.count, size))
         self._h[:, DEPTH] = 1.0
         self._shares = np.array([row.growth_share for row in rows])
-        self._soaked_kw = 0.0  #: power, through the lag of the growth
+        self.soaked_kw = 0.0  #: power since the calibration, through the lag of the growth
         self._diagonal = np.arange(self.count)
         self._h[self._diagonal, self._biases] = 1.0
         #: by filter and channel, 1 where the filter uses it
@@ -93,8 +93,8 @@ class DepthBank:
         self.p = f @ self.p @ f.T
         self.p += q
         if math.isfinite(power_kw):
-            beyond = power_kw - settings.calibration_power_kw - self._soaked_kw
-            self._soaked_kw += beyond * (1.0 - math.exp(-elapsed_s / settings.growth_s))
+            beyond = power_kw - settings.calibration_power_kw - self.soaked_kw
+            self.soaked_kw += beyond * (1.0 - math.exp(-elapsed_s / settings.growth_s))
 
     def _step(self, elapsed_s: float) -> tuple[Array, Array]:
         settings, size = self.settings, self.x.shape[1]
@@ -113,7 +113,7 @@ class DepthBank:
         noise.
         """
         self._h[self._diagonal, self._deflections] = pushed_kn
-        self._h[:, GROWTH] = self._shares * self._soaked_kw
+        self._h[:, GROWTH] = self._shares * self.soaked_kw
         self._h[:, self._edges] = self.edge_shares
         self._weighed = None
         self._ph = self.p @ self._h.T

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +27,7 @@ class PlantConfig:
     model: ModelParameters  #: of the emulated process, mismatch included
     machine: Machine
     footprint: Footprint | None  #: of an earlier weld on the machine
+    footprint_sha256: str = ""  #: of its file
     canister: CanisterParameters | None = None  #: None for the paper's process
 
     def __getitem__(self, name: str) -> Any:
@@ -74,10 +76,10 @@ class PlantConfig:
             )
             file = machine.footprint_file
             if before is not None and before.machine.footprint_file == file:
-                footprint = before.footprint
+                footprint = before.footprint, before.footprint_sha256
             else:
-                footprint = Footprint.from_file(file) if file else None
-            return cls(checked, limits, _model(checked), machine, footprint, _canister(checked))
+                footprint = _footprint(file)
+            return cls(checked, limits, _model(checked), machine, *footprint, _canister(checked))
         except ValueError as error:
             raise InputError(str(error)) from None
 
@@ -103,6 +105,13 @@ def flatten(values: Mapping[str, Any]) -> dict[str, Any]:
         else:
             flat[str(name)] = value
     return flat
+
+
+def _footprint(file: str) -> tuple[Footprint | None, str]:
+    """A footprint, and the SHA-256 of its file; no name: none."""
+    if not file:
+        return None, ""
+    return Footprint.from_file(file), hashlib.sha256(Path(file).read_bytes()).hexdigest()
 
 
 def _model(values: Mapping[str, Any]) -> ModelParameters:

@@ -212,8 +212,15 @@ class PlantNode(ManagedNode):
         )
         for name, publisher in self._sensors.items():
             for stamp_ns, value in reading.samples[name]:
-                fused = reading.fused if name == "depth" else None
-                publisher.publish(convert.sensor_message(name, value, stamp_ns, fused))
+                message = convert.sensor_message(name, value, stamp_ns)
+                if name == "depth":
+                    convert.add_basis(
+                        message,
+                        reading.fused,
+                        reading.footprint_bias_mm,
+                        self.emulator.config.footprint_sha256,
+                    )
+                publisher.publish(message)
 
     def _on_command(self, message: WeldCommand) -> None:
         if not self._running:

@@ -187,6 +187,20 @@ def test_a_machine_with_an_uneven_path_follows_the_programme(changes, follows):
     assert plant.core.travel_mm == before_mm > 0.0
 
 
+def test_a_touch_off_readmits_a_channel_that_drifted_and_was_repaired():
+    plant = emulator(tool_growth_mm_per_kw=0.002)
+    plant.begin(fault("depth_laser", "drift", 0.02))
+    welded(plant, 300)
+    assert "laser" not in plant.measure().fused.used
+    plant.begin(fault("depth_laser", "bias", 0.4))
+    welded(plant, 2)
+    assert plant.touch_off()
+    shown, truth = welded(plant, 100)
+    assert set(plant.measure().fused.used) == set(DEPTH_CHANNELS.values())
+    assert shown["depth"][5:] == pytest.approx(truth[5:], abs=0.02)
+    assert not PlantEmulator().touch_off()
+
+
 def test_faults_of_the_depth_act_on_the_fused_value_once():
     plant = emulator()
     plant.begin(fault("depth", "spike", 1.0))
