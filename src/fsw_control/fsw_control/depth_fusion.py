@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from fsw_control.depth_bank import DEPTH, DepthBank
 from fsw_control.depth_channels import (
     CHANNELS,
-    SENSOR,
     ChannelHealth,
     DepthChannel,
     DepthFusionSettings,
@@ -51,7 +50,8 @@ class DepthFusion:
         Torque at a force, a depth and a speed. Its changes decide between channels that have no
         majority; without it the one that jumped is wrong.
     footprint : Footprint, optional
-        Of an earlier weld: its biases are taken off, and the priors are those of its repetition.
+        Of an earlier weld: what its channels shared, the bias of their fused depth, is taken off
+        all. What they do not share is found while welding.
     """
 
     def __init__(
@@ -64,14 +64,8 @@ class DepthFusion:
         self.settings = settings or DepthFusionSettings()
         self.channels, self._footprint = dict(channels), footprint
         if footprint is not None:
-            repeat_mm = self.settings.repeat_mm
-            listed = {bias.sensor for bias in footprint.sensors}
-            known = [name for name in channels if SENSOR + name in listed]
-            for name in known:
-                self.channels[name] = channels[name].changed(bias_deviation_mm=repeat_mm)
-            if known:
-                shared_mm = math.hypot(footprint.deviation_mm, repeat_mm)
-                self.settings = self.settings.changed(shared_deviation_mm=shared_mm)
+            shared_mm = math.hypot(footprint.deviation_mm, self.settings.repeat_mm)
+            self.settings = self.settings.changed(shared_deviation_mm=shared_mm)
         self._torque_model = torque_model
         self.reset()
 
@@ -123,7 +117,7 @@ class DepthFusion:
         values, health = self._tests.screen(raw)
         values -= [row.shown(pushed) for row in self.channels.values()]
         if self._footprint is not None:
-            values -= [self._footprint.bias_mm(SENSOR + name, angle_deg) for name in self.channels]
+            values -= self._footprint.bias_mm("depth", angle_deg)
         bank = self._bank
         if math.isinf(self._used_s):
             present = sorted(value for value in values if value == value)

@@ -269,13 +269,14 @@ def test_a_dead_torque_sensor_and_figures_without_bound_do_no_harm():
     assert w.estimates[-1].used == ALL
 
 
-def test_a_footprint_of_no_channel_makes_the_depth_no_surer():
+def test_a_footprint_makes_the_depth_surer():
     bias = {"sensor": "depth", "bias_mm": (0.1,)}
     listed = {"weld": "w", "sha256": "0" * 64, "angle_deg": (0.0,), "depth_mm": (2.6,)}
     footprint = Footprint(**listed, deviation_mm=0.01, sensors=(SensorBias(**bias),))
     values = dict.fromkeys(ALL, 2.7)
     estimates = [DepthFusion(footprint=one).update(0.1, values) for one in (None, footprint)]
-    assert estimates[0].deviation_mm == estimates[1].deviation_mm
+    assert estimates[0].deviation_mm > estimates[1].deviation_mm
+    assert estimates[0].depth_mm - estimates[1].depth_mm == pytest.approx(0.1)
 
 
 def test_missing_samples_and_repeated_ticks():

@@ -67,7 +67,7 @@ class Reading(NamedTuple):
     #: them
     drives: Command
     fused: DepthEstimate | None = None  #: what the depth rests on, if it is fused
-    footprint_bias_mm: float = 0.0  #: taken off the depth of one sensor
+    footprint_bias_mm: float = 0.0  #: taken off the depth, by the footprint of an earlier weld
 
     @property
     def values(self) -> dict[str, float]:
@@ -210,9 +210,9 @@ class PlantEmulator:
         shown = dict(zip(self.core.sensors, self.core.measure(), strict=True))
         angle_deg = self.core.angle_deg
         bias_mm = 0.0
-        if self._fusion is None and self.config.footprint is not None:
+        if self.config.footprint is not None:
             bias_mm = self.config.footprint.bias_mm("depth", angle_deg)
-            shown["depth"] -= bias_mm
+            shown["depth"] -= bias_mm  # the fusion does so itself
         fused = None
         samples = {
             name: self._sent(name, value, stamp)
