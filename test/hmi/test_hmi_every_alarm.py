@@ -70,6 +70,7 @@ WRONG = {
     "temperature_high": 700.0,
     "depth_low": 3.2,
     "depth_high": 2.0,
+    "depth_deviation_high": -1.0,
     "force_high": 40.0,
     "torque_low": 1200.0,
     "torque_high": 500.0,

@@ -183,6 +183,7 @@ def assemble(
         software=software_versions(signals.attachments),
         parameters_sha256=evidence.parameters,
         attachments_sha256={name: sha256(data) for name, data in signals.attachments.items()},
+        footprints_sha256=signals.footprints_sha256,
         cannot_say=tuple(_cannot_say(signals, custom, evidence)),
         exceedances=tuple(account.exceedances),
         missing=course.missing,

@@ -202,6 +202,8 @@ class Record(Model):
     parameters_sha256: dict[str, str]
     """of each controller"""
     attachments_sha256: dict[str, str]
+    footprints_sha256: Many[str] = ()
+    """files of footprints of earlier welds whose biases were taken off the depth"""
     cannot_say: Many[Fact]
     """what the bag does not show, and why"""
     exceedances: Many[Exceedance]

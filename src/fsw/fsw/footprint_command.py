@@ -14,7 +14,7 @@ from fsw.console import print_table
 from fsw.errors import CommandError
 from fsw.outputs import check_new, write_json
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
-from fsw_control.depth_channels import CHANNELS, SENSOR, DepthFusionSettings
+from fsw_control.depth_channels import CHANNELS, SENSOR, ChannelHealth, DepthFusionSettings
 from fsw_control.depth_footprint import Footprint, SensorBias, biases, measured_depths
 from fsw_control.schema.ranges import Range
 from fsw_control.sensors import DEPTH, SENSORS
@@ -105,13 +105,21 @@ def smoothed(at_deg: FloatArray, bias_mm: FloatArray, where_deg: FloatArray) -> 
 
 
 def _samples(signals: WeldSignals) -> dict[str, FloatArray]:
-    """Samples of all depth sensors, without the deflection that the estimator takes off itself."""
+    """Samples of all depth sensors, without the deflection that the estimator takes off itself.
+
+    What the footprint of an earlier weld has taken off is in them again: biases add up.
+
+    Those of a channel that was not good count as missing.
+    """
     force_kn = signals.force_kn if signals.drives is None else signals.drives.force_kn
     pushed = np.nan_to_num(force_kn - DepthFusionSettings().calibration_force_kn)
-    found = {"depth": signals.depth_mm}
+    found = {"depth": signals.depth_mm + signals.footprint_bias_mm}
     for name, row in SENSORS.items():
         channel = CHANNELS.get(name.removeprefix(SENSOR))
         if row.quantity is DEPTH and row.signal in signals.optional and channel is not None:
             shown = channel.deflection_mm_per_kn * pushed
             found[name] = signals.optional[row.signal] - shown
+            if signals.fused is not None:
+                good = signals.fused.health[name] == ChannelHealth.GOOD
+                found[name] = np.where(good, found[name], np.nan)
     return found

@@ -8,7 +8,8 @@ import pytest
 
 from fsw.errors import CommandError
 from fsw.footprint_command import footprint_of, smoothed
-from fsw_control.depth_channels import CHANNELS
+from fsw_analysis.weld_signals import FusedSignals
+from fsw_control.depth_channels import CHANNELS, ChannelHealth
 from fsw_control.depth_footprint import Footprint
 from fsw_test_support.command_line import run
 from fsw_test_support.judged_weld import TICKS, good_weld
@@ -43,6 +44,21 @@ def test_deflection_that_the_estimator_expects_is_no_bias():
 def test_sensor_that_failed_can_be_left_out():
     found = footprint_of(weld(), AT_DEG, DEPTHS, SOURCE, 0.01, ("depth_laser",))
     assert [one.sensor for one in found.sensors] == ["depth"]
+
+
+def test_a_bias_that_was_taken_off_already_is_in_the_next_footprint():
+    """Else every second weld of a series would have none taken off."""
+    found = footprint_of(weld(footprint_bias_mm=np.full(TICKS, 0.2)), AT_DEG, DEPTHS, SOURCE, 0.01)
+    assert found.sensors[0].bias_mm == pytest.approx((0.26, 0.36))
+
+
+def test_samples_of_a_channel_that_was_not_good_do_not_count():
+    bad = weld()
+    health = np.zeros(TICKS)
+    health[::2], bad.optional["depth_laser_mm"][::2] = ChannelHealth.SLIP, 9.0
+    bad.fused = FusedSignals(np.full(TICKS, 0.02), {}, {"depth_laser": health})
+    (_, laser) = footprint_of(bad, AT_DEG, DEPTHS, SOURCE, 0.01).sensors
+    assert laser.bias_mm == pytest.approx((0.1, 0.2))
 
 
 def test_angles_without_a_depth_are_left_out():

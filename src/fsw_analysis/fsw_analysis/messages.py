@@ -38,6 +38,8 @@ _FUSED: dict[str, Kind] = {
     "standard_deviation": "number",
     "channel_health": "numbers",
     "channels_used": "number",
+    "footprint_bias": "number",
+    "footprint": "text",
 }
 #: by sensor
 SENSOR_TOPICS = {name: f"/{row.topic}" for name, row in SENSORS.items()}

@@ -163,7 +163,9 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
         for name, sensor in sensors.items()
         if name in REQUIRED or sensor[0]
     }
-    applied = ticks.group(ProposalSignals, command)
+    applied, depth = ticks.group(ProposalSignals, command), sensors["depth"][0]
+    footprints = tuple(sorted(set(depth.column("footprint")) - {""}))
+    taken_off_mm = np.nan_to_num(ticks.align(depth, depth.column("footprint_bias") * MM))
     depths_in_force, temperatures_in_force = _references(messages, ticks)
     signals = WeldSignals(
         path=messages.path,
@@ -182,7 +184,9 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
         actual_mode=ticks.held(state, "actual_mode"),
         proposals=_proposals(messages, ticks),
         statuses=_statuses(messages, ticks),
-        fused=_fused(ticks, sensors["depth"][0]),
+        fused=_fused(ticks, depth),
+        footprint_bias_mm=taken_off_mm if footprints else 0.0,
+        footprints_sha256=footprints,
         drives=ticks.group(DriveSignals, drives) if drives else None,
         truth=ticks.group(TruthSignals, truth) if truth else None,
         attachments=messages.attachments,

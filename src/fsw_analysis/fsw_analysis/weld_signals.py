@@ -158,6 +158,10 @@ class WeldSignals:
     #: by controller name (``nmpc``, ``decentral``, …)
     proposals: dict[str, ProposalSignals] = field(default_factory=dict)
     statuses: dict[str, StatusSignals] = field(default_factory=dict)
+    #: bias by the footprint of an earlier weld that was taken off the depth, and the SHA-256 of
+    #: each such file
+    footprint_bias_mm: FloatArray | float = 0.0
+    footprints_sha256: tuple[str, ...] = ()
     fused: FusedSignals | None = None  #: None where the depth is that of one sensor
     drives: DriveSignals | None = None  #: feedback of the drives; None when the bag has none
     truth: TruthSignals | None = (

@@ -213,11 +213,15 @@ def test_what_a_fused_depth_rested_on(tmp_path: Path, signals: WeldSignals) -> N
                 stamp_ns = time_ns - 400_000
                 stamp = {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}
                 values = {"depth": 2.66e-3, "standard_deviation": 2e-5, "channels_used": 0b1101}
+                values |= {"footprint_bias": 1e-4, "footprint": "f" * 64}
                 health = np.array([0, 5, 0, 0], np.uint8)
                 values |= {"header": {"stamp": stamp}, "channel_health": health}
                 data = types.serialize("fsw_msgs/msg/ShoulderDepth", values)
             writer.write(name, data, time_ns, time_ns)
-    fused = load_weld(tmp_path / "bag").fused
+    loaded = load_weld(tmp_path / "bag")
+    assert loaded.footprints_sha256 == ("f" * 64,)
+    assert list(loaded.footprint_bias_mm) == pytest.approx([0.0] * 10 + [0.1] * 20)
+    fused = loaded.fused
     assert fused is not None
     assert fused.deviation_mm[10:] == pytest.approx(0.02)
     assert np.isnan(fused.health["depth_laser"][:10]).all()

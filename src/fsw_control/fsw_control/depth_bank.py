@@ -1,10 +1,10 @@
 """A bank of Kalman filters for the depth: one that uses every channel, and one without each.
 
-The states are depth, its rate, thermal growth per power that has soaked in, and of each channel
-the error of its deflection and its bias. If a channel turns out to be wrong, the filter that
-never used it replaces all others, so that nothing of the fault stays in the estimates. (Multiple
-models: Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navigation",
-2001, 11.6.)
+The states are depth, its rate, thermal growth per power that has soaked in, of each channel the
+error of its deflection and its bias, and the heights of edges of the surface. If a channel turns
+out to be wrong, the filter that never used it replaces all others, so that nothing of the fault
+stays in the estimates. (Multiple models: Bar-Shalom, Li, Kirubarajan, "Estimation with
+Applications to Tracking and Navigation", 2001, 11.6.)
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from fsw_control.weld import TICK_S
 
 Array = NDArray[np.float64]
 DEPTH, RATE, GROWTH, FIRST = range(4)
+#: edges of the surface that may be near the tool at a time (``depth_edges.py``)
+EDGES = 2
 #: weights of a tick in means over 1 s and 3 s
 SECOND, THREE_SECONDS = TICK_S / 1.0, TICK_S / 3.0
 #: lengths of ticks for which the steps are kept
@@ -47,19 +49,23 @@ class DepthBank:
         self.noise = np.array([row.noise_mm**2 for row in rows])
         self.prior = np.array([row.bias_deviation_mm**2 for row in rows])
         self._wander = np.array([2.0 * row.wander_mm**2 / row.wander_s for row in rows])
-        size, filters = FIRST + 2 * self.count, self.count + 1 if self.count > 1 else 1
+        filters = self.count + 1 if self.count > 1 else 1
+        size = FIRST + 2 * self.count + EDGES
         deflection = np.array([row.deflection_deviation_mm_per_kn**2 for row in rows])
         self._deflections = np.arange(FIRST, FIRST + self.count)
         self._biases = self._deflections + self.count
+        self._edges = np.arange(size - EDGES, size)
+        self.edge_shares = np.zeros((self.count, EDGES))  #: of each edge in each channel
         growth = settings.growth_deviation_mm_per_kw**2
         start = [_START_MM2, settings.rate_mm_per_s**2, growth, *deflection, *self.prior]
+        start += [0.0] * EDGES
         self.x = np.zeros((filters, size))
         self.x[:, GROWTH] = settings.growth_mm_per_kw
         self.p = np.repeat(np.diag(start)[None], filters, axis=0)
         self._h = np.zeros((self.count, size))
         self._h[:, DEPTH] = 1.0
         self._shares = np.array([row.growth_share for row in rows])
-        self._soaked_kw = 0.0  #: power, through the lag of the growth
+        self.soaked_kw = 0.0  #: power since the calibration, through the lag of the growth
         self._diagonal = np.arange(self.count)
         self._h[self._diagonal, self._biases] = 1.0
         #: by filter and channel, 1 where the filter uses it
@@ -87,8 +93,8 @@ class DepthBank:
         self.p = f @ self.p @ f.T
         self.p += q
         if math.isfinite(power_kw):
-            beyond = power_kw - settings.calibration_power_kw - self._soaked_kw
-            self._soaked_kw += beyond * (1.0 - math.exp(-elapsed_s / settings.growth_s))
+            beyond = power_kw - settings.calibration_power_kw - self.soaked_kw
+            self.soaked_kw += beyond * (1.0 - math.exp(-elapsed_s / settings.growth_s))
 
     def _step(self, elapsed_s: float) -> tuple[Array, Array]:
         settings, size = self.settings, self.x.shape[1]
@@ -107,7 +113,8 @@ class DepthBank:
         noise.
         """
         self._h[self._diagonal, self._deflections] = pushed_kn
-        self._h[:, GROWTH] = self._shares * self._soaked_kw
+        self._h[:, GROWTH] = self._shares * self.soaked_kw
+        self._h[:, self._edges] = self.edge_shares
         self._weighed = None
         self._ph = self.p @ self._h.T
         self.s = self._h @ self._ph
@@ -154,6 +161,28 @@ class DepthBank:
         self._ph[:, DEPTH] += variance_mm2
         self._weighed = None
         self.s += variance_mm2
+
+    def edge_mm(self, slot: int) -> float:
+        """Height of an edge."""
+        return float(self.x[0, self._edges[slot]])
+
+    def begin_edge(self, slot: int, height_mm: float, deviation_mm: float) -> None:
+        """Add an edge of about this height."""
+        self._clear_edge(slot)
+        state = self._edges[slot]
+        self.x[:, state], self.p[:, state, state] = height_mm, deviation_mm**2
+
+    def end_edge(self, slot: int) -> None:
+        """Remove an edge that has passed; what it has left in a channel becomes its bias."""
+        fold = np.eye(self.x.shape[1])
+        fold[self._biases, self._edges[slot]] = self.edge_shares[:, slot]
+        self.x, self.p = self.x @ fold.T, fold @ self.p @ fold.T
+        self._clear_edge(slot)
+
+    def _clear_edge(self, slot: int) -> None:
+        state = self._edges[slot]
+        self.x[:, state] = self.p[:, state] = self.p[:, :, state] = 0.0
+        self.edge_shares[:, slot] = 0.0
 
     def trust(self, left_out: int) -> None:
         """Continue with the filter that leaves out a channel, in place of all others.

@@ -27,6 +27,7 @@ class ChannelHealth(Coded):
     DRIFT = 6
     DUST = 7
     SUSPECT = 8
+    STEPPED = 9
     UNKNOWN = 255
 
     @property
@@ -45,6 +46,7 @@ _WORDS = {
     ChannelHealth.DRIFT: "drifts from the others",
     ChannelHealth.DUST: "noisy or interrupted",
     ChannelHealth.SUSPECT: "disagrees with another channel, unknown which is wrong",
+    ChannelHealth.STEPPED: "stepped: has slipped, or sees an edge ahead of the tool",
     ChannelHealth.UNKNOWN: "unknown",
 }
 
@@ -68,6 +70,11 @@ class DepthChannel(Model):
     """Standard deviation of that."""
     growth_share: Annotated[float, Range(-2.0, 2.0, "")] = 0.0
     """Share of the thermal growth that the channel shows as depth; negative, if it hides it."""
+    rides: bool = True
+    """Whether it rides on the surface, and so meets its edges; else it shows the machine's
+    position."""
+    lead_mm: Annotated[float, Range(-500.0, 500.0, "mm")] = 0.0
+    """How far ahead of the tool it rides; negative: behind it."""
     bias_mm: Annotated[float, Range(-5.0, 5.0, "mm")] = 0.0
     """Bias, as known from touch-off and footprint."""
     bias_deviation_mm: Annotated[float, _LENGTH] = 0.02
@@ -125,15 +132,17 @@ class DepthFusionSettings(Model):
 
 #: begin of the name of a channel's row in the table of sensors
 SENSOR = "depth_"
-#: the four channels of Posiva SKB Report 08 (2018); their figures are chosen
+#: the four channels of Posiva SKB Report 08 (2018); their figures are chosen. An LVDT is noisier
+#: here than in ``SENSORS``, because its run-out, aliased, is noise to the fusion
 CHANNELS = {
-    "laser": DepthChannel(noise_mm=0.015, growth_share=-0.1, bias_deviation_mm=0.04),
-    "lvdt_lead": DepthChannel(noise_mm=0.008, growth_share=-0.1),
-    "lvdt_trail": DepthChannel(noise_mm=0.008, growth_share=-0.1),
+    "laser": DepthChannel(noise_mm=0.015, growth_share=-0.1, bias_deviation_mm=0.04, lead_mm=45.0),
+    "lvdt_lead": DepthChannel(noise_mm=0.008, growth_share=-0.1, lead_mm=60.0),
+    "lvdt_trail": DepthChannel(noise_mm=0.008, growth_share=-0.1, lead_mm=-60.0),
     "axial": DepthChannel(
         noise_mm=0.004,
         deflection_mm_per_kn=0.03,
         deflection_deviation_mm_per_kn=0.01,
         growth_share=-1.0,
+        rides=False,
     ),
 }

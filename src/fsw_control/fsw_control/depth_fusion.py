@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from fsw_control.depth_bank import DEPTH, DepthBank
 from fsw_control.depth_channels import (
     CHANNELS,
-    SENSOR,
     ChannelHealth,
     DepthChannel,
     DepthFusionSettings,
 )
+from fsw_control.depth_edges import SurfaceEdges
 from fsw_control.depth_footprint import Footprint
 from fsw_control.depth_tests import DISAGREE, ChannelTests
 
@@ -50,7 +50,8 @@ class DepthFusion:
         Torque at a force, a depth and a speed. Its changes decide between channels that have no
         majority; without it the one that jumped is wrong.
     footprint : Footprint, optional
-        Of an earlier weld: its biases are taken off, and the priors are those of its repetition.
+        Of an earlier weld: what its channels shared, the bias of their fused depth, is taken off
+        all. What they do not share is found while welding.
     """
 
     def __init__(
@@ -63,21 +64,22 @@ class DepthFusion:
         self.settings = settings or DepthFusionSettings()
         self.channels, self._footprint = dict(channels), footprint
         if footprint is not None:
-            repeat_mm = self.settings.repeat_mm
-            listed = {bias.sensor for bias in footprint.sensors}
-            known = [name for name in channels if SENSOR + name in listed]
-            for name in known:
-                self.channels[name] = channels[name].changed(bias_deviation_mm=repeat_mm)
-            if known:
-                shared_mm = math.hypot(footprint.deviation_mm, repeat_mm)
-                self.settings = self.settings.changed(shared_deviation_mm=shared_mm)
+            shared_mm = math.hypot(footprint.deviation_mm, self.settings.repeat_mm)
+            self.settings = self.settings.changed(shared_deviation_mm=shared_mm)
         self._torque_model = torque_model
         self.reset()
 
+    def touch_off(self) -> None:
+        """Forget the past after a touch-off, from which the thermal growth counts now."""
+        power_kw = self.settings.calibration_power_kw + self._bank.soaked_kw
+        self.settings = self.settings.changed(calibration_power_kw=max(power_kw, 0.0))
+        self.reset()
+
     def reset(self) -> None:
-        """Forget the past, as after a touch-off."""
+        """Forget the past."""
         self._bank = DepthBank(self.settings, self.channels)
-        self._tests = ChannelTests(self.settings, self.channels)
+        self._edges = SurfaceEdges(self.channels)
+        self._tests = ChannelTests(self.settings, self.channels, self._edges)
         self._time_s = self._used_s = -math.inf
         self._hardness = math.nan
         self._estimate: DepthEstimate | None = None
@@ -91,6 +93,7 @@ class DepthFusion:
         power_kw: float = math.nan,
         speed_rpm: float = math.nan,
         angle_deg: float = math.nan,
+        travel_mm: float = math.nan,
     ) -> DepthEstimate:
         """Fuse the samples of a tick; a tick that is not later than the last changes nothing.
 
@@ -103,6 +106,8 @@ class DepthFusion:
             As drives and torque sensor report them; NaN if unknown.
         angle_deg : float
             Angle of the tool, for the footprint; NaN if unknown.
+        travel_mm : float
+            Distance that the tool has travelled, for edges of the surface; NaN if unknown.
         """
         if self._estimate is not None and time_s <= self._time_s:
             return self._estimate
@@ -112,7 +117,7 @@ class DepthFusion:
         values, health = self._tests.screen(raw)
         values -= [row.shown(pushed) for row in self.channels.values()]
         if self._footprint is not None:
-            values -= [self._footprint.bias_mm(SENSOR + name, angle_deg) for name in self.channels]
+            values -= self._footprint.bias_mm("depth", angle_deg)
         bank = self._bank
         if math.isinf(self._used_s):
             present = sorted(value for value in values if value == value)
@@ -122,6 +127,9 @@ class DepthFusion:
         else:
             bank.predict(time_s - self._time_s, power_kw)
         bank.innovate(values, pushed)
+        self._edges.move(travel_mm)
+        if self._tests.meet_edges(bank, values, health):
+            bank.innovate(values, pushed)
         witness = self._witness(force_kn, torque_nm, speed_rpm)
         judgement = self._tests.judge(bank, values, health, witness)
         for index in judgement.isolated:

@@ -11,7 +11,7 @@ compared with what the channel's own prior permits.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from fsw_control.depth_bank import SECOND, THREE_SECONDS, Array, DepthBank, averaged
 from fsw_control.depth_channels import ChannelHealth, DepthChannel, DepthFusionSettings
+from fsw_control.depth_edges import SurfaceEdges
 from fsw_control.validity import Frozen
 from fsw_control.weld import TICK_S
 
@@ -70,9 +71,12 @@ class ChannelTests:
     """Tests of all channels of a weld, tick by tick."""
 
     def __init__(
-        self, settings: DepthFusionSettings, channels: Mapping[str, DepthChannel]
+        self,
+        settings: DepthFusionSettings,
+        channels: Mapping[str, DepthChannel],
+        edges: SurfaceEdges,
     ) -> None:
-        self._settings, self._rows = settings, tuple(channels.values())
+        self._settings, self._rows, self._edges = settings, tuple(channels.values()), edges
         count = len(self._rows)
         self._noise = np.array([row.noise_mm**2 for row in self._rows])
         self.latched = [ChannelHealth.GOOD] * count  #: why a channel is out for good
@@ -81,12 +85,14 @@ class ChannelTests:
         self._spikes = [deque[float](maxlen=settings.confirm_samples) for _ in self._rows]
         self._mean = np.zeros((count + 1, count))  #: over a second, by filter, without common part
         self._off = np.zeros(count)  #: from the prior, over three seconds
-        self._before = np.zeros(count)  #: the same, ahead of a slip
+        self._before = np.zeros(count)  #: the same, ahead of a slip; NaN: a drift
         self._roughness, self._absent = np.ones(count), np.zeros(count)
         self._last = np.full(count, np.nan)
         self._dusty = np.zeros(count, bool)
         self._agreed = [0] * count  #: ticks for which an excluded channel has agreed again
         self._unclear = 0  #: ticks for which channels have disagreed without a verdict
+        self._never_moved: set[int] = set()  #: channels that are stuck since the start
+        self._purged: list[int] = []  #: channels found wrong in this tick that the filters used
         self._quiet = 0  #: ticks until the slow tests are judged again
 
     def screen(self, samples_mm: list[float]) -> tuple[Array, list[ChannelHealth]]:
@@ -97,7 +103,7 @@ class ChannelTests:
             self._absent[i] += (absent - self._absent[i]) * THREE_SECONDS
             if absent:
                 flaw = ChannelHealth.MISSING
-            elif self._frozen[i].update(value, self._settings.stuck_samples, row.noise_mm):
+            elif self._is_stuck(i, value):
                 flaw = ChannelHealth.STUCK
             elif not row.minimum_mm <= value <= row.maximum_mm:
                 flaw = ChannelHealth.OUT_OF_RANGE
@@ -106,6 +112,41 @@ class ChannelTests:
             values[i] = np.nan
             health[i] = health[i] or flaw
         return values, health
+
+    def _is_stuck(self, channel: int, value: float) -> bool:
+        """Whether a channel has stopped, or has never moved while another is seen to be noisy."""
+        frozen, samples = self._frozen[channel], self._settings.stuck_samples
+        if frozen.update(value, samples, self._rows[channel].noise_mm):
+            return True
+        if not frozen.has_never_moved(samples):
+            self._never_moved.discard(channel)
+            return False
+        rows = zip(self._frozen, self._rows, strict=True)
+        if channel not in self._never_moved and any(one.is_noisy(r.noise_mm) for one, r in rows):
+            self._never_moved.add(channel)
+            self._purged.append(channel)
+        return channel in self._never_moved
+
+    def meet_edges(self, bank: DepthBank, values: Array, health: list[ChannelHealth]) -> bool:
+        """Apply what the samples say of edges, before the channels are judged.
+
+        Returns whether the innovations are no longer those of this tick.
+        """
+        usable = ~np.isnan(values) & np.array([not flaw for flaw in health])
+        changed = self._edges.arrive(bank, usable)
+        clear = usable & ~(self._dusty | (self._absent > INTERRUPTED))
+        edges, slips = self._edges.review(bank, values, usable, clear)
+        for i in _indices(self._edges.doubtful(bank.z[0]) & usable):
+            values[i], health[i], changed = np.nan, ChannelHealth.SPIKE, True
+        for i in edges:  # the filters know it now
+            self.latched[i] = health[i] = ChannelHealth.GOOD
+            self._off[i] = np.nan_to_num(self._before[i])
+            self._mean[:] = 0.0
+        for i in slips:
+            is_slow = np.isnan(self._before[i])
+            self.latched[i] = health[i] = ChannelHealth.DRIFT if is_slow else ChannelHealth.SLIP
+            self._purged.append(i)
+        return changed or bool(edges)
 
     def judge(
         self,
@@ -127,7 +168,9 @@ class ChannelTests:
         chi, common, weights = parity(np.stack((bank.z, self._mean[:filters])), inverses, taken)
         wrong, spread = self._wrong(chi[0], usable, bank, witness)
         wrong = wrong or ()  # without a verdict all stay in use; the deviation shows it
-        isolated = self._confirm(wrong, usable, bank.z[0], health)
+        isolated = self._confirm(wrong, usable, bank, health)
+        isolated += tuple(self._purged)
+        self._purged.clear()
         used = usable.copy()
         used[list(wrong)] = False
         if not wrong:  # else the common part is wrong, too
@@ -137,10 +180,10 @@ class ChannelTests:
         if self._quiet:
             self._quiet -= 1
         elif not wrong and not spread:
-            isolated, spread = self._slow(chi[1], used, bank, health)
+            drifting, spread = self._slow(chi[1], used, bank, health)
+            isolated += drifting
         self._suspect(spread, used, health)
-        for i in isolated:
-            used[i] = False
+        used &= np.array([not flaw for flaw in self.latched])
         self._readmit(~np.isnan(values))
         squared = 0.0 if wrong or isolated else float(common[0, 0] ** 2 * weights[0, 0])
         return Judgement(used, health, isolated, spread, squared, float(common[0, 0]))
@@ -198,9 +241,9 @@ class ChannelTests:
         return None
 
     def _confirm(
-        self, wrong: tuple[int, ...], usable: Mask, z: Array, health: list[ChannelHealth]
+        self, wrong: tuple[int, ...], usable: Mask, bank: DepthBank, health: list[ChannelHealth]
     ) -> tuple[int, ...]:
-        """Mark spikes; those that last and resemble each other are a slip."""
+        """Mark spikes; those that last and resemble each other are a slip, or show an edge."""
         for i in _indices(usable):
             if i not in wrong:
                 self._spikes[i].clear()
@@ -208,12 +251,11 @@ class ChannelTests:
         for i in wrong:
             health[i] = ChannelHealth.SPIKE
             spikes = self._spikes[i]
-            spikes.append(float(z[i]))
+            spikes.append(float(bank.z[0, i]))
             alike = max(spikes) - min(spikes) < ALIKE * abs(sum(spikes)) / len(spikes)
             if len(spikes) == self._settings.confirm_samples and alike:
                 slipped.append(i)
-        self._latch(tuple(slipped), ChannelHealth.SLIP, health)
-        return tuple(slipped)
+        return self._latch(slipped, ChannelHealth.SLIP, usable, health)
 
     def _suspect(self, spread: float, used: Mask, health: list[ChannelHealth]) -> None:
         """Mark channels that disagree for several samples, unknown which is wrong."""
@@ -223,19 +265,33 @@ class ChannelTests:
                 health[i] = ChannelHealth.SUSPECT
 
     def _latch(
-        self, channels: tuple[int, ...], flaw: ChannelHealth, health: list[ChannelHealth]
-    ) -> None:
+        self,
+        channels: Sequence[int],
+        flaw: ChannelHealth,
+        usable: Mask,
+        health: list[ChannelHealth],
+    ) -> tuple[int, ...]:
+        """Exclude channels; returns those without which the filters continue.
+
+        A jump that may be an edge is not in the filters yet: they need no replacement.
+        """
+        isolated, slow = [], flaw is ChannelHealth.DRIFT
         for i in channels:
-            health[i] = self.latched[i] = flaw
-            self._agreed[i] = 0
+            if self._edges.expects(i):  # decided there
+                continue
+            height_mm = float(self._mean[0, i] if slow else np.mean(self._spikes[i]))
             self._spikes[i].clear()
-            self._before[i] = self._off[i]
+            self._agreed[i], self._before[i] = 0, np.nan if slow else self._off[i]
+            stepped = self._edges.suspect(i, height_mm, usable, slow)
+            health[i] = self.latched[i] = ChannelHealth.STEPPED if stepped else flaw
+            if slow or not stepped:
+                isolated.append(i)
+        return tuple(isolated)
 
     def _follow_priors(self, bank: DepthBank, used: Mask, sampled: Mask) -> None:
         """Distance of each channel from what its prior and the others say."""
         own = np.diagonal(bank.z[1:]) if len(bank.z) > 1 else bank.z[0]
         latched = np.array([bool(flaw) for flaw in self.latched])
-        own = np.where(latched, bank.z[0], own)
         known = used | (latched & sampled)
         self._off += np.where(known, (own - self._off) * THREE_SECONDS, 0.0)
 
@@ -261,19 +317,19 @@ class ChannelTests:
                 drifting = int(np.argmax(squared))
         if drifting is None:
             return (), 0.0
-        self._latch((drifting,), ChannelHealth.DRIFT, health)
-        return (drifting,), 0.0
+        return self._latch((drifting,), ChannelHealth.DRIFT, used, health), 0.0
 
     def _readmit(self, sampled: Mask) -> None:
         """Use a slipped channel again that has been back where it was for long enough."""
         ticks = round(self._settings.readmit_s / TICK_S)
         for i, flaw in enumerate(self.latched):
-            if flaw is ChannelHealth.SLIP:
+            if flaw in (ChannelHealth.SLIP, ChannelHealth.STEPPED):
                 moved_mm = abs(self._off[i] - self._before[i])
                 is_back = moved_mm < BACK_MM and sampled[i]
                 self._agreed[i] = self._agreed[i] + 1 if is_back else 0
                 if self._agreed[i] > ticks:
                     self.latched[i] = ChannelHealth.GOOD
+                    self._edges.drop(i)
 
 
 def _spread(z: Array) -> float:

@@ -30,6 +30,7 @@ from fsw_msgs.msg import (
     ControllerStatus,
     DriveFeedback,
     Prediction,
+    ShoulderDepth,
     SupervisorState,
     WeldCommand,
     WeldReference,
@@ -89,23 +90,32 @@ def message_type(sensor: str) -> Any:
     return getattr(import_module(f"{package}.msg"), name)
 
 
-def sensor_message(
-    sensor: str, value: float, time_ns: int, fused: DepthEstimate | None = None
-) -> Any:
-    """Sample of a sensor, ``value`` in its unit (mm, N m, degC); ``fused``: its base."""
+def sensor_message(sensor: str, value: float, time_ns: int) -> Any:
+    """Sample of a sensor, ``value`` in its unit (mm, N m, degC)."""
     row = SENSORS[sensor]
     message = message_type(sensor)(
         header=header(time_ns), **{row.quantity.name: row.on_wire(value)}
     )
+    if row.quantity is DEPTH:
+        message.standard_deviation = row.on_wire(row.noise)
+    return message
+
+
+def add_basis(
+    message: ShoulderDepth,
+    fused: DepthEstimate | None,
+    footprint_bias_mm: float,
+    footprint_sha256: str,
+) -> None:
+    """Add what a depth rests on: channels, and the footprint of an earlier weld."""
+    message.footprint_bias = units.m_from_mm(footprint_bias_mm)
+    message.footprint = footprint_sha256
     if fused is not None:
-        message.standard_deviation = row.on_wire(fused.deviation_mm)
+        message.standard_deviation = units.m_from_mm(fused.deviation_mm)
         message.channel_health = [fused.health[name] for name in DEPTH_CHANNELS.values()]
         message.channels_used = sum(
             1 << k for k, name in enumerate(DEPTH_CHANNELS.values()) if name in fused.used
         )
-    elif row.quantity is DEPTH:
-        message.standard_deviation = row.on_wire(row.noise)
-    return message
 
 
 def sensor_value(sensor: str, message: Any) -> float:

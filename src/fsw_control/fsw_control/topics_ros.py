@@ -13,6 +13,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
 from fsw_control import messages_ros as convert
+from fsw_control import units
 from fsw_control.contract import Command
 from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
 from fsw_msgs.msg import DriveFeedback
@@ -66,14 +67,24 @@ def sensor_publishers(node: Node, present: Container[str] = SENSORS) -> dict[str
     }
 
 
-def subscribe_sensors(node: Node, take: Callable[[str, int, float], None]) -> list[Subscription]:
+def subscribe_sensors(
+    node: Node,
+    take: Callable[[str, int, float], None],
+    take_deviation: Callable[[int, float], None] | None = None,
+) -> list[Subscription]:
     """Subscribe to the sensors.
 
-    ``take`` gets the name (of ``SENSORS``), the stamp in ns, and the value in mm, N m or degC.
+    ``take`` gets the name (of ``SENSORS``), the stamp in ns, and the value in mm, N m or degC;
+    before it, ``take_deviation`` the stamp and the standard deviation of the depth in mm.
     """
 
     def subscribe(sensor: str) -> Subscription:
         def on_sample(message: Any) -> None:
+            if take_deviation is not None and sensor == "depth":
+                take_deviation(
+                    convert.stamp_ns(message.header.stamp),
+                    units.mm_from_m(message.standard_deviation),
+                )
             take(
                 sensor,
                 convert.stamp_ns(message.header.stamp),

@@ -145,6 +145,15 @@ class Frozen:
         self._rising, self._last = rising, value
         return False
 
+    def is_noisy(self, noise: float) -> bool:
+        """Whether the signal has shown noise of the expected size."""
+        learnt = self._count >= _LEARNT and self._reversed >= _NOISY
+        return learnt and self._change >= _QUIET_SHARE * noise
+
+    def has_never_moved(self, samples: int) -> bool:
+        """Whether all samples, this many or more, were equal."""
+        return self._count == 0 and 0 < samples <= self._run + 1
+
     def _weight(self) -> float:
         if self._count < _MEMORY:
             self._count += 1

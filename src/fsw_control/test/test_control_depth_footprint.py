@@ -17,7 +17,7 @@ FOOTPRINT = Footprint(
     depth_mm=(2.6, 2.7),
     deviation_mm=0.01,
     sensors=tuple(
-        SensorBias(sensor=f"depth_{name}", bias_mm=(0.1, 0.3)) for name in ("laser", "lvdt_lead")
+        SensorBias(sensor=name, bias_mm=(0.1, 0.3)) for name in ("depth", "depth_laser")
     ),
 )
 

@@ -11,8 +11,9 @@ from fsw_control.depth_channels import CHANNELS, ChannelHealth, DepthChannel
 from fsw_control.depth_footprint import Footprint, SensorBias
 from fsw_control.depth_fusion import DepthFusion
 
-GOOD, MISSING, OUT_OF_RANGE, SPIKE, STUCK, SLIP, DRIFT, DUST, SUSPECT, _ = ChannelHealth
+GOOD, MISSING, OUT_OF_RANGE, SPIKE, STUCK, SLIP, DRIFT, DUST, SUSPECT, STEPPED, _ = ChannelHealth
 AT_S = 60.0  #: of a fault
+MM_PER_S = 2.0
 ALL = tuple(CHANNELS)
 #: by name, what a fault makes of a sample after a time, and what it may be called
 FAULTS = {
@@ -39,7 +40,7 @@ def torque_nm(force_kn, depth_mm, speed_rpm):
 class Weld:
     """A weld with channels as the estimator expects them."""
 
-    def __init__(self, seed=0, names=ALL, fault=None, torque=None, shared_mm=0.0):
+    def __init__(self, seed=0, names=ALL, fault=None, torque=None, shared_mm=0.0, edges=None):
         self.random = np.random.default_rng(seed)
         self.rows = {name: CHANNELS[name] for name in names}
         self.fusion = DepthFusion(channels=self.rows, torque_model=torque)
@@ -51,6 +52,8 @@ class Weld:
         }
         self.growth_mm = self.random.uniform(0.0, 0.3)
         self.fault, self.shared_mm, self.hardness = fault or {}, shared_mm, 1.0
+        self.edges, self.travel_mm = edges, math.nan if edges is None else 0.0
+        self.mm_per_s = MM_PER_S
         self.time_s, self.force_kn, self.depth_mm = 0.0, weld.FORCE_KN, weld.DEPTH_MM
         self.estimates, self.errors_mm = [], []
 
@@ -68,7 +71,9 @@ class Weld:
                 self.hardness * torque_nm(self.force_kn, self.depth_mm, 0.0) + 2.0 * draw(),
                 43.6,
                 weld.SPEED_RPM,
+                travel_mm=self.travel_mm,
             )
+            self.travel_mm += 0.1 * self.mm_per_s
             self.estimates.append(estimate)
             self.errors_mm.append(estimate.depth_mm - self.depth_mm)
         return self
@@ -81,9 +86,16 @@ class Weld:
             shown = self.depth_mm + self.bias[name] + row.growth_share * self.growth_mm * grown
             shown += self.deflection[name] * (self.force_kn - weld.FORCE_KN) + self.shared_mm
             shown = round(shown + row.noise_mm * self.random.normal(), 4)
+            shown -= self.surface_mm(0.0)
+            shown += self.surface_mm(row.lead_mm) if row.rides else 0.0
             is_wrong = name in self.fault and since_s >= 0.0
             found[name] = self.fault[name](shown, since_s, self.random) if is_wrong else shown
         return found
+
+    def surface_mm(self, ahead_mm):
+        """Height of the surface, by its edges: heights by their places."""
+        reached_mm = self.travel_mm + ahead_mm
+        return sum(h for at_mm, h in (self.edges or {}).items() if reached_mm >= at_mm)
 
     def seen(self, name):
         """Health of a channel that was reported."""
@@ -107,6 +119,22 @@ def test_a_wrong_channel_is_named_and_does_no_harm(fault, channel):
     assert np.abs(np.array(weld_.errors_mm[-200:]) - before).max() < 0.03
 
 
+@pytest.mark.parametrize("channel", ALL)
+def test_a_channel_that_has_stood_still_since_the_start_is_stuck(channel):
+    """The noise of the others shows it; without any noise, nothing does."""
+    w, frozen = Weld(3), Weld(3, fault={channel: lambda y, since_s, r: 2.7})
+    w.run(3.0)
+    frozen.time_s = AT_S
+    frozen.run(3.0)
+    assert frozen.estimates[-1].health[channel] is STUCK
+    frozen.run(5.0)
+    w.run(5.0)
+    assert abs(frozen.errors_mm[-1]) < abs(w.errors_mm[-1]) + 0.03
+    still, shown = DepthFusion(), dict.fromkeys(ALL, 2.7)
+    estimates = [still.update(0.1 * k, shown, weld.FORCE_KN) for k in range(1, 50)]
+    assert set(estimates[-1].health.values()) == {GOOD}
+
+
 def test_good_channels_are_never_blamed():
     """And the error is what the deviation says."""
     welds = [Weld(seed).run(100.0) for seed in range(4)]
@@ -114,6 +142,41 @@ def test_good_channels_are_never_blamed():
     assert all(w.estimates[-1].used == ALL for w in welds)
     errors = [w.errors_mm[-1] / w.estimates[-1].deviation_mm for w in welds]
     assert 0.1 < np.sqrt(np.mean(np.square(errors))) < 2.0
+
+
+@pytest.mark.parametrize("height_mm", [0.1, -0.3])
+@pytest.mark.parametrize("out", [None, "laser", "lvdt_lead"])
+def test_an_edge_is_no_slip_and_does_not_shift_the_depth(height_mm, out):
+    """A channel that sees it first is out until another, or the tool, has met it."""
+    fault = {out: FAULTS["nan"][0]} if out else None
+    w = Weld(7, fault=fault, edges={AT_S * MM_PER_S + 80.0: height_mm}).run(AT_S)
+    before = np.mean(w.errors_mm[-100:])
+    w.run(90.0)
+    assert np.abs(np.array(w.errors_mm[-900:]) - before).max() < 0.03
+    assert STEPPED in w.seen("laser" if out == "lvdt_lead" else "lvdt_lead")
+    for name in set(ALL) - {out}:
+        assert w.seen(name) <= {GOOD, SPIKE, STEPPED}
+        assert w.estimates[-1].health[name] is GOOD
+
+
+@pytest.mark.parametrize("slip_mm", [0.1, 1.0])
+def test_a_slip_of_the_foremost_channel_is_one_where_no_other_sees_an_edge(slip_mm):
+    """It is not used meanwhile."""
+    fault = {"lvdt_lead": lambda y, since_s, r: y + slip_mm}
+    w = Weld(8, fault=fault, edges={}).run(AT_S + 1.0)
+    assert w.estimates[-1].health["lvdt_lead"] is STEPPED
+    assert "lvdt_lead" not in w.estimates[-1].used
+    w.run((60.0 - 45.0) / MM_PER_S + 2.0)
+    assert w.estimates[-1].health["lvdt_lead"] is SLIP
+
+
+def test_nothing_but_a_slip_steps_while_the_tool_stands_or_behind_a_sound_channel():
+    standing = Weld(9, fault={"lvdt_lead": FAULTS["slip"][0]}, edges={})
+    standing.mm_per_s = 0.0
+    standing.run(AT_S + 2.0)
+    behind = Weld(9, fault={"laser": FAULTS["slip"][0]}, edges={}).run(AT_S + 2.0)
+    for w, name in ((standing, "lvdt_lead"), (behind, "laser")):
+        assert w.estimates[-1].health[name] is SLIP
 
 
 def test_what_all_channels_share_is_not_seen_but_said():
@@ -206,13 +269,14 @@ def test_a_dead_torque_sensor_and_figures_without_bound_do_no_harm():
     assert w.estimates[-1].used == ALL
 
 
-def test_a_footprint_of_no_channel_makes_the_depth_no_surer():
+def test_a_footprint_makes_the_depth_surer():
     bias = {"sensor": "depth", "bias_mm": (0.1,)}
     listed = {"weld": "w", "sha256": "0" * 64, "angle_deg": (0.0,), "depth_mm": (2.6,)}
     footprint = Footprint(**listed, deviation_mm=0.01, sensors=(SensorBias(**bias),))
     values = dict.fromkeys(ALL, 2.7)
     estimates = [DepthFusion(footprint=one).update(0.1, values) for one in (None, footprint)]
-    assert estimates[0].deviation_mm == estimates[1].deviation_mm
+    assert estimates[0].deviation_mm > estimates[1].deviation_mm
+    assert estimates[0].depth_mm - estimates[1].depth_mm == pytest.approx(0.1)
 
 
 def test_missing_samples_and_repeated_ticks():

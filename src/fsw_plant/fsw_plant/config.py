@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +27,7 @@ class PlantConfig:
     model: ModelParameters  #: of the emulated process, mismatch included
     machine: Machine
     footprint: Footprint | None  #: of an earlier weld on the machine
+    footprint_sha256: str = ""  #: of its file
     canister: CanisterParameters | None = None  #: None for the paper's process
 
     def __getitem__(self, name: str) -> Any:
@@ -37,7 +39,9 @@ class PlantConfig:
         return self["actuators.lag_s"], self["actuators.dead_time_ticks"]
 
     @classmethod
-    def from_values(cls, values: Mapping[str, Any]) -> PlantConfig:
+    def from_values(
+        cls, values: Mapping[str, Any], before: PlantConfig | None = None
+    ) -> PlantConfig:
         """Read settings by parameter name.
 
         Parameters
@@ -46,6 +50,8 @@ class PlantConfig:
             Nested (``{"start": {"depth_mm": 2.7}}``), dotted (``{"start.depth_mm": 2.7}``) or
             mixed; omitted ones have their default. Parameters that only the node uses (``speed``,
             ...) are checked as well.
+        before : PlantConfig, optional
+            Settings that these replace: a footprint that stays is not read again.
 
         Raises
         ------
@@ -69,8 +75,11 @@ class PlantConfig:
                 "machine",
             )
             file = machine.footprint_file
-            footprint = Footprint.from_file(file) if file else None
-            return cls(checked, limits, _model(checked), machine, footprint, _canister(checked))
+            if before is not None and before.machine.footprint_file == file:
+                footprint = before.footprint, before.footprint_sha256
+            else:
+                footprint = _footprint(file)
+            return cls(checked, limits, _model(checked), machine, *footprint, _canister(checked))
         except ValueError as error:
             raise InputError(str(error)) from None
 
@@ -96,6 +105,13 @@ def flatten(values: Mapping[str, Any]) -> dict[str, Any]:
         else:
             flat[str(name)] = value
     return flat
+
+
+def _footprint(file: str) -> tuple[Footprint | None, str]:
+    """A footprint, and the SHA-256 of its file; no name: none."""
+    if not file:
+        return None, ""
+    return Footprint.from_file(file), hashlib.sha256(Path(file).read_bytes()).hexdigest()
 
 
 def _model(values: Mapping[str, Any]) -> ModelParameters:

@@ -99,8 +99,12 @@ class PlantCore:
     @property
     def angle_deg(self) -> float:
         """Angle about the canister that the tool has travelled."""
-        machine = self.memory.machine
-        return float(360.0 * machine.travel_mm / machine.circumference_mm)
+        return 360.0 * self.travel_mm / float(self.memory.machine.circumference_mm)
+
+    @property
+    def travel_mm(self) -> float:
+        """Distance along its path that the tool has travelled."""
+        return float(self.memory.machine.travel_mm)
 
     def measure(self) -> list[float]:
         """Sensor readings, in the order of ``sensors``; call it once per tick."""

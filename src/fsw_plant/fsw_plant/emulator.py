@@ -20,18 +20,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from math import isfinite, nan
 from typing import Any, NamedTuple
 
 from fsw_control import Command, Limits, weld
 from fsw_control.command_check import refusal
 from fsw_control.command_gate import CommandGate
 from fsw_control.depth_fusion import DepthEstimate
+from fsw_control.sensors import DEPTH_CHANNELS
 from fsw_model import STEP_S, Equilibrium, OperatingPointError
 from fsw_plant.config import PlantConfig
 from fsw_plant.core import PlantCore
 from fsw_plant.events import OUTPUT_CHANNELS, Disturbance, Fault, PlantEvent, Sample
 from fsw_plant.fused_depth import FusedDepth
 from fsw_plant.library import CHANNELS
+from fsw_plant.machine import Machine
 from fsw_plant.schedule import PlantSchedule
 from fsw_plant.tool_path import ToolTravel
 from fsw_plant.watchdog import Watchdog, WatchdogState
@@ -64,6 +67,7 @@ class Reading(NamedTuple):
     #: them
     drives: Command
     fused: DepthEstimate | None = None  #: what the depth rests on, if it is fused
+    footprint_bias_mm: float = 0.0  #: taken off the depth, by the footprint of an earlier weld
 
     @property
     def values(self) -> dict[str, float]:
@@ -159,6 +163,7 @@ class PlantEmulator:
         self.gate = CommandGate(limits, config["commands.max_age_s"], config["commands.sources"])
         self.watchdog = Watchdog(config)
         self._last: dict[str, float] = {}
+        self._zero_mm: dict[str, float] = {}  #: by channel of the depth, set by a touch-off
         self._fusion = None
         if config.machine.depth_channels:
             self._fusion = FusedDepth(config.footprint, config.machine.touch_off_kn)
@@ -172,6 +177,14 @@ class PlantEmulator:
     def time_s(self) -> float:
         """Time of the present tick."""
         return self.tick / 10
+
+    @property
+    def follows_programme(self) -> bool:
+        """Whether it matters where on its path the tool is."""
+        config = self.config
+        return config.canister is not None or (
+            bool(self.schedule.path) and config.machine != Machine()
+        )
 
     def follow_programme(self, time_s: float, standing: bool, age_ticks: int = 0) -> None:
         """Take the programme's time some ticks ago, and whether it is held; the tool follows.
@@ -196,8 +209,10 @@ class PlantEmulator:
         self._disturb()
         shown = dict(zip(self.core.sensors, self.core.measure(), strict=True))
         angle_deg = self.core.angle_deg
-        if self._fusion is None and self.config.footprint is not None:
-            shown["depth"] -= self.config.footprint.bias_mm("depth", angle_deg)
+        bias_mm = 0.0
+        if self.config.footprint is not None:
+            bias_mm = self.config.footprint.bias_mm("depth", angle_deg)
+            shown["depth"] -= bias_mm  # the fusion does so itself
         fused = None
         samples = {
             name: self._sent(name, value, stamp)
@@ -205,10 +220,14 @@ class PlantEmulator:
             if name != "depth" or self._fusion is None
         }
         if self._fusion is not None:
+            for name, zero_mm in self._zero_mm.items():
+                samples[name] = tuple(Sample(at_ns, x - zero_mm) for at_ns, x in samples[name])
             values = Reading(self.tick, stamp, samples, self._acting).values
-            fused = self._fusion.update(stamp * 1e-9, values, self._acting, angle_deg)
+            fused = self._fusion.update(
+                stamp * 1e-9, values, self._acting, angle_deg, self.core.travel_mm
+            )
             samples = {"depth": self._sent("depth", fused.depth_mm, stamp), **samples}
-        self._reading = Reading(self.tick, stamp, samples, self._acting, fused)
+        self._reading = Reading(self.tick, stamp, samples, self._acting, fused, bias_mm)
         return self._reading
 
     def _sent(self, name: str, value: float, stamp_ns: int) -> tuple[Sample, ...]:
@@ -324,6 +343,21 @@ class PlantEmulator:
     def _next_s(self) -> float:
         measured = self._reading is not None and self._reading.tick == self.tick
         return (self.tick + 1 if measured else self.tick) / 10
+
+    def touch_off(self) -> bool:
+        """Set the zero of each channel of the depth so that it shows the depth as it is now.
+
+        Channels that were out are used again; one with a fault that lasts will be out again.
+        False if there is only one sensor.
+        """
+        if self._fusion is None:
+            return False
+        values, depth_mm = self.measure().values, self.truth().depth_mm
+        for name in DEPTH_CHANNELS:
+            if isfinite(values.get(name, nan)):
+                self._zero_mm[name] = self._zero_mm.get(name, 0.0) + values[name] - depth_mm
+        self._fusion.touch_off()
+        return True
 
     def reset(
         self,

@@ -21,8 +21,17 @@ class FusedDepth:
         settings = DepthFusionSettings(calibration_force_kn=touch_off_kn)
         self._fusion = DepthFusion(settings, torque_model=_torque_nm, footprint=footprint)
 
+    def touch_off(self) -> None:
+        """Begin as after a touch-off: all channels count again."""
+        self._fusion.touch_off()
+
     def update(
-        self, time_s: float, values: Mapping[str, float], drives: Command, angle_deg: float = nan
+        self,
+        time_s: float,
+        values: Mapping[str, float],
+        drives: Command,
+        angle_deg: float = nan,
+        travel_mm: float = nan,
     ) -> DepthEstimate:
         """Fuse the samples of a tick, by sensor."""
         torque_nm, speed_rpm = values.get("torque", nan), drives.speed_rpm
@@ -34,6 +43,7 @@ class FusedDepth:
             power_kw(torque_nm - _friction_nm(speed_rpm), speed_rpm),
             speed_rpm,
             angle_deg,
+            travel_mm,
         )
 
 

@@ -28,8 +28,8 @@ class Machine(Model):
     depth_sensor: DepthSensor = "ideal"
     """Without depth_channels: what the sensor of fsw/depth is; it errs as that channel does."""
     footprint_file: str = ""
-    """JSON file of fsw.py footprint, of an earlier weld on the machine: the biases in it are taken
-    off the sensors of the depth; empty: none."""
+    """JSON file of fsw.py footprint, of an earlier weld on the machine: its bias of the depth is
+    taken off; empty: none."""
     compliance_mm_per_kn: Annotated[float, Range(0.0, 0.2, "mm/kN")] = 0.0
     """Deflection of the machine by the axial force; the axial position shows it as depth."""
     touch_off_kn: Annotated[float, Range(0.0, 200.0, "kN")] = weld.FORCE_KN

@@ -104,7 +104,7 @@ class PlantNode(ManagedNode):
         self._stop = StopHolder(self, self._fence.register, self._fence.hear)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         # before the player's word that a tick is complete
-        if self._settings["process"] == "canister":
+        if self.emulator.follows_programme:
             self.create_subscription(WeldProgress, "fsw/weld_progress", self._on_progress, LATEST)
         if self._lockstep:
             self.create_subscription(Header, PLAYER_READY, self._on_player_ready, LATEST)
@@ -212,8 +212,15 @@ class PlantNode(ManagedNode):
         )
         for name, publisher in self._sensors.items():
             for stamp_ns, value in reading.samples[name]:
-                fused = reading.fused if name == "depth" else None
-                publisher.publish(convert.sensor_message(name, value, stamp_ns, fused))
+                message = convert.sensor_message(name, value, stamp_ns)
+                if name == "depth":
+                    convert.add_basis(
+                        message,
+                        reading.fused,
+                        reading.footprint_bias_mm,
+                        self.emulator.config.footprint_sha256,
+                    )
+                publisher.publish(message)
 
     def _on_command(self, message: WeldCommand) -> None:
         if not self._running:
@@ -340,7 +347,9 @@ class PlantNode(ManagedNode):
 
     def _why_not(self, values: dict[str, Any]) -> str | None:
         """Why parameters contradict each other; None if they do not."""
-        why, scenario = problem(PlantConfig.from_values, values), values["scenario"]
+        before = self.emulator.config if self.is_configured else None
+        why = problem(lambda given: PlantConfig.from_values(given, before), values)
+        scenario = values["scenario"]
         if why or (self.is_configured and scenario == self._scenario):
             return why
         return problem(lambda given: PlantSchedule.from_text_or_file(given["scenario"]), values)
@@ -351,7 +360,7 @@ class PlantNode(ManagedNode):
         if values["scenario"] != self._scenario:
             self._scenario = values["scenario"]
             self.emulator.take(PlantSchedule.from_text_or_file(self._scenario))
-        self.emulator.reconfigure(PlantConfig.from_values(values))
+        self.emulator.reconfigure(PlantConfig.from_values(values, self.emulator.config))
         if self.is_active:
             self._writers.set_sources()
 

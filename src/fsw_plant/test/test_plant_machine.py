@@ -7,7 +7,7 @@ import pytest
 
 from fsw_control import Command
 from fsw_control.sensors import DEPTH_CHANNELS, REQUIRED, SENSORS
-from fsw_plant import PlantConfig, PlantEmulator
+from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
 from fsw_plant.event_schema import disturbance, fault
 from fsw_plant.library import KERNEL
 
@@ -149,9 +149,8 @@ def test_faults_of_channels_are_seen_by_the_fusion():
 
 @pytest.mark.parametrize(("channels", "sensor"), [(False, "depth"), (True, "depth_axial")])
 def test_biases_of_a_footprint_are_taken_off(tmp_path, channels, sensor):
-    """By the angle of the tool, of the single sensor or of a channel."""
-    names = ("depth",) if not channels else tuple(DEPTH_CHANNELS)
-    bias = [{"sensor": name, "bias_mm": [0.0, 0.36]} for name in names]
+    """By the angle of the tool; the channels stay as they are."""
+    bias = [{"sensor": "depth", "bias_mm": [0.0, 0.36]}]
     path = tmp_path / "footprint.json"
     content = {"weld": "w", "sha256": "0" * 64, "angle_deg": [0.0, 360.0], "depth_mm": [2.7, 2.7]}
     path.write_text(json.dumps(content | {"deviation_mm": 0.0, "sensors": bias}))
@@ -165,8 +164,41 @@ def test_biases_of_a_footprint_are_taken_off(tmp_path, channels, sensor):
     assert plant.core.angle_deg == pytest.approx(6.0, rel=0.2)
     taken_off = 1e-3 * plant.core.angle_deg
     assert truth[-1] - shown["depth"][-1] == pytest.approx(taken_off, abs=1e-3)
+    assert plant.measure().footprint_bias_mm == pytest.approx(taken_off, abs=1e-3)
     if channels:
         assert shown[sensor][-1] == pytest.approx(truth[-1])
+    path.unlink()
+    kept = PlantConfig.from_values(plant.config.values, plant.config)
+    assert kept.footprint is plant.config.footprint
+
+
+@pytest.mark.parametrize(("changes", "follows"), [({}, False), (FOUR, True)])
+def test_a_machine_with_an_uneven_path_follows_the_programme(changes, follows):
+    """Its tool stands where the programme is held, as the footprint's angles do."""
+    points = "{path: [{at_s: 0.0, arc_mm: 0.0}, {at_s: 1000.0, arc_mm: 2000.0}]}"
+    schedule = PlantSchedule.from_yaml(points)
+    plant = PlantEmulator(PlantConfig.from_values(changes), schedule)
+    assert plant.follows_programme is follows
+    assert not PlantEmulator(PlantConfig.from_values(changes)).follows_programme
+    welded(plant, 10)
+    before_mm = plant.core.travel_mm
+    plant.follow_programme(1.0, standing=True)
+    welded(plant, 10)
+    assert plant.core.travel_mm == before_mm > 0.0
+
+
+def test_a_touch_off_readmits_a_channel_that_drifted_and_was_repaired():
+    plant = emulator(tool_growth_mm_per_kw=0.002)
+    plant.begin(fault("depth_laser", "drift", 0.02))
+    welded(plant, 300)
+    assert "laser" not in plant.measure().fused.used
+    plant.begin(fault("depth_laser", "bias", 0.4))
+    welded(plant, 2)
+    assert plant.touch_off()
+    shown, truth = welded(plant, 100)
+    assert set(plant.measure().fused.used) == set(DEPTH_CHANNELS.values())
+    assert shown["depth"][5:] == pytest.approx(truth[5:], abs=0.02)
+    assert not PlantEmulator().touch_off()
 
 
 def test_faults_of_the_depth_act_on_the_fused_value_once():

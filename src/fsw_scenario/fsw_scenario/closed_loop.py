@@ -81,12 +81,14 @@ class OfflineSupervisor:
         values: Mapping[str, float],
         drives: Command,
         proposals: Mapping[str, Proposal],
+        depth_deviation_mm: float = nan,
     ) -> Decision:
         """Command that answers a tick, given the samples by sensor (mm, N m, degC)."""
         arbiter = self._arbiter
         self._now_s += TICK_S
         decisions = arbiter.on_drives(stamp_ns, drives, self._now_s)
         assert arbiter.ticks.present is not None
+        arbiter.ticks.present.depth_deviation_mm = depth_deviation_mm
         arbiter.ticks.present.samples.update(
             values
         )  # all at once: half the time of on_sample for each
@@ -251,7 +253,13 @@ class ClosedLoop:
                 applied = limits.clip(proposal.command if proposal.healthy else applied, applied)
             else:
                 proposals = {name: proposal for name, (proposal, _) in answers.items()}
-                decision = supervisor.decide(stamp_ns, values, drives, proposals)
+                decision = supervisor.decide(
+                    stamp_ns,
+                    values,
+                    drives,
+                    proposals,
+                    nan if reading.fused is None else reading.fused.deviation_mm,
+                )
                 applied, source, reason = decision.command, decision.source, decision.reason
                 active, mode = supervisor.state
             passed = programme.end(tick, plant, values.get("thermocouple", nan))

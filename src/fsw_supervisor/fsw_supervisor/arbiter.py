@@ -103,6 +103,10 @@ class Arbiter:
         self.ticks.on_stamp(sensor, stamp_ns, value, now_s)
         return self.ticks.decide()
 
+    def on_depth_deviation(self, stamp_ns: int, deviation_mm: float) -> None:
+        """Take the standard deviation of a depth, ahead of its sample."""
+        self.ticks.on_depth_deviation(stamp_ns, deviation_mm)
+
     def on_drives(self, stamp_ns: int, feedback: Command, now_s: float) -> list[Decision]:
         """Take the drives' feedback of actual force and speed."""
         if self._end_restarted and refusal(feedback) is None:

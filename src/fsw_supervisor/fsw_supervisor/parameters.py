@@ -112,6 +112,16 @@ _ROWS = (
         "below this shoulder depth: the shoulder leaves the copper, or the sensor has slipped (chosen)",
     ),
     _Row("depth_high", "depth_mm", "mm", 3.4, 3.7, 0.02, "above this shoulder depth (chosen)"),
+    _Row(
+        "depth_deviation_high",
+        "depth_deviation_mm",
+        "mm",
+        0.1,
+        0.2,
+        0.01,
+        "above this standard deviation of the depth: its sensors disagree or too few are left, "
+        "and the depth is not known (chosen)",
+    ),
     _Row("force_high", "force_kn", "kN", 95.5, 97.0, 0.5, "above this axial force (chosen)"),
     _Row(
         "torque_low",

@@ -266,6 +266,7 @@ class SafetyMonitor:
         residuals = self._consistency.update(measurement)
         known = {
             "depth_mm": measurement.depth_mm,
+            "depth_deviation_mm": tick.depth_deviation_mm,
             "torque_nm": measurement.torque_nm,
             "temperature_c": measurement.temperature_c,
             "force_kn": measurement.force_kn,

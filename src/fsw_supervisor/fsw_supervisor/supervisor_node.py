@@ -94,7 +94,7 @@ class SupervisorNode(LightNode, Node):
             self._kept_reference.listen_to,
         )
         self.create_subscription(DriveFeedback, "fsw/drives", self._on_drives, STREAM)
-        subscribe_sensors(self, self._on_sample)
+        subscribe_sensors(self, self._on_sample, self._arbiter.on_depth_deviation)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         self.create_subscription(
             SupervisorState, "fsw/supervisor/state", self._on_leader_state, LATEST

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import isclose
+from math import isclose, nan
 
 from fsw_control.command_check import Flaw, refusal
 from fsw_control.contract import Command, Limits
@@ -91,6 +91,7 @@ class Tick:
     previous: Command | None  #: command applied in the tick before; None if unknown
     ready: frozenset[str] = frozenset()  #: controllers that were ready when it began
     samples: dict[str, float] = field(default_factory=dict)  #: by sensor [mm, N m, degC]
+    depth_deviation_mm: float = nan  #: standard deviation of the depth; NaN if unknown
     drives: Command | None = None  #: actual force and speed, as reported by the drives
     #: by controller, proposals that arrived in time
     candidates: dict[str, Candidate] = field(default_factory=dict)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, nan
 
 from fsw_control.cause import Cause
 from fsw_control.message_synchronizer import StampFilter
@@ -44,6 +44,7 @@ class Ticks:
         self._heard_s = -inf  # last arrival of a sample, whatever its stamp
         # stamp and value of the last sample of each
         self._optional: dict[str, tuple[int, float]] = {}
+        self._deviation = (0, nan)  # stamp and value, of the last depth
         self._outbox: list[Decision] = []
 
     @property
@@ -92,9 +93,15 @@ class Ticks:
                 and not (tick.settled or tick.answered)
             ):
                 self._in_force.forget()
+            if stamp_ns == self._deviation[0]:
+                tick.depth_deviation_mm = self._deviation[1]
             for name, sample in accepted.samples.items():
                 if name in REQUIRED:
                     tick.samples.setdefault(name, sample)
+
+    def on_depth_deviation(self, stamp_ns: int, deviation_mm: float) -> None:
+        """Take the standard deviation of a depth, ahead of its sample."""
+        self._deviation = (stamp_ns, deviation_mm)
 
     def _add_optional(self, tick: Tick) -> None:
         """Enter samples of optional sensors, which may arrive before the tick begins."""

@@ -23,6 +23,7 @@ CASES = {
     "temperature_high": ("temperature_c", 905.0, 930.0, "thermocouple"),
     "depth_high": ("depth_mm", 3.5, 3.8, "depth"),
     "depth_low": ("depth_mm", 1.6, 1.3, "depth"),
+    "depth_deviation_high": ("depth_deviation_mm", 0.15, 0.25, ""),
     "force_high": ("force_kn", 96.0, 98.0, ""),
     "torque_low": ("torque_nm", 450.0, 390.0, "torque"),
     "torque_high": ("torque_nm", 1500.0, 1700.0, "torque"),

@@ -1,5 +1,7 @@
 """Ticks one by one: gaps, time-outs, what is counted, and what a standby takes over from the leader."""
 
+from math import isnan
+
 import pytest
 
 from fsw_control.cause import Cause
@@ -49,6 +51,22 @@ def test_an_optional_sensor_begins_no_tick_and_enters_the_one_it_belongs_to(lead
     assert now.present.stamp_ns == leader.stamp_ns and "lvdt" not in now.present.samples
     now.on_stamp("depth", ahead_ns, 2.66, leader.now_s)
     assert now.present.stamp_ns == ahead_ns and now.present.samples == {"lvdt": 2.7, "depth": 2.66}
+
+
+def test_a_depth_that_is_not_known_leads_to_a_safe_stop(rig):
+    """Its standard deviation counts in the tick of its sample only, and clears the trip again."""
+    rig.run(20)
+    trip_mm = defaults(SupervisorParameters)["interlocks.depth_deviation_high.trip"]
+    for deviation_mm, tripped in ((trip_mm + 0.01, ("depth_deviation_high",)), (0.02, ())):
+        for _ in range(4):
+            ahead_ns = rig.stamp_ns + STEP_NS
+            rig.arbiter.on_depth_deviation(ahead_ns, deviation_mm)
+            rig.run(1)
+            assert rig.arbiter.ticks.present.depth_deviation_mm == deviation_mm
+        assert rig.arbiter.safety.tripped == tripped
+    assert rig.last.source == "safe_stop"
+    rig.run(1)
+    assert isnan(rig.arbiter.ticks.present.depth_deviation_mm)
 
 
 # ---------------------------------------------------------------- gaps

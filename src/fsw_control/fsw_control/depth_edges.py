@@ -1,0 +1,204 @@
+"""Edges of the surface, which pass below leading sensors, tool and trailing sensors in turn.
+
+A sensor that rides on the surface, ``lead`` ahead of the tool at x, shows depth + s(x + lead) -
+s(x), where s is the height of the surface; one of the machine's position shows depth - s(x). s is
+modelled as piecewise constant: each known edge has its height as a state of the filters, whose
+share in a channel is 1 once the edge has reached the channel, less 1 once it has reached the tool.
+
+A step of the foremost sensor may be an edge or a slip. It is an edge if the next sensor, or all
+others when the tool is there, step by as much at the known distance; else it is a slip.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw_control.depth_bank import EDGES, Array, DepthBank
+from fsw_control.depth_channels import DepthChannel
+
+Mask = NDArray[np.bool_]
+#: how far from where it is expected an edge may reach a sensor: of a jump, of one found by means
+TOLERANCE_MM, SLOW_TOLERANCE_MM = 2.0, 6.0
+#: log-likelihood ratios from which an edge has reached a channel: a pending one, where a sample
+#: counts as no more than its share, and a known one
+_CONFIRMED, _SHARE, _ARRIVED = 15.0, 3.0, 8.0
+#: share of an edge's height, and noise, within which what another channel shows must agree
+_ALIKE, _DEVIATIONS = 0.5, 4.0
+#: samples of which the height of a pending step is the median
+_SAMPLES = 15
+#: standard deviation of an edge's height when it is first taken into the filters: of a jump, and
+#: of one found by means, for which the filters have forgotten the bias of the channel [mm]
+_HEIGHT_MM, _SLOW_HEIGHT_MM = 0.005, 0.02
+
+
+@dataclass(slots=True)
+class _Edge:
+    """An edge at a place of the tool's path, or a step that may be one."""
+
+    place_mm: float
+    tolerance_mm: float
+    heights_mm: deque[float]  #: as the first channel showed it; of a known one the filters know it
+    passed: Mask  #: by channel, and of the tool at last, whether the edge has reached it
+    score: Array  #: by channel, cumulative sum of log-likelihood ratios that it has
+    slot: int = -1  #: state of the filters; -1: not confirmed
+
+    @property
+    def height_mm(self) -> float:
+        """Height of a pending step."""
+        return float(np.median(self.heights_mm))
+
+
+class SurfaceEdges:
+    """Known edges near the tool, and steps that may be others."""
+
+    def __init__(self, channels: Mapping[str, DepthChannel]) -> None:
+        rows = channels.values()
+        #: of each channel and of the tool; one that does not ride on the surface meets no edge
+        self._leads = np.array([*(row.lead_mm if row.rides else -math.inf for row in rows), 0.0])
+        self._noise = np.array([row.noise_mm for row in rows])
+        self._travel_mm, self._moves = math.nan, False
+        self._known: list[_Edge] = []
+        self._pending: dict[int, _Edge] = {}  #: by the channel that has stepped
+
+    def move(self, travel_mm: float) -> None:
+        """Take the distance that the tool has travelled along its path; NaN: unknown."""
+        self._moves = travel_mm > self._travel_mm
+        self._travel_mm = travel_mm
+
+    def suspect(self, channel: int, height_mm: float, usable: Mask, slow: bool) -> bool:
+        """Whether a step of a channel may be an edge: no other could have seen it before."""
+        lead = self._leads[channel]
+        ahead = usable & (self._leads[:-1] > lead)
+        free = len(self._known) + len(self._pending) < EDGES
+        if not (self._moves and lead > 0.0 and free) or ahead.any():
+            return False
+        self._pending[channel] = _Edge(
+            self._travel_mm + lead,
+            SLOW_TOLERANCE_MM if slow else TOLERANCE_MM,
+            deque([height_mm], _SAMPLES),
+            self._leads >= lead,
+            np.zeros(len(self._noise)),
+        )
+        return True
+
+    def expects(self, channel: int) -> bool:
+        """Whether a pending step may now have reached a channel."""
+        return any(self._is_near(edge)[channel] for edge in self._pending.values())
+
+    def doubtful(self, z: Array) -> Mask:
+        """Channels that may just show a pending step as an edge: it is not known yet."""
+        mask = np.zeros(len(z), bool)
+        for edge in self._pending.values():
+            shown = z * np.sign(edge.height_mm) > _ALIKE * abs(edge.height_mm)
+            mask |= self._is_near(edge)[:-1] & shown & self._is_alike(z, edge.height_mm)
+        return mask
+
+    def review(
+        self, bank: DepthBank, values: Array, usable: Mask, clear: Mask
+    ) -> tuple[list[int], list[int]]:
+        """The channels whose pending steps are edges after all, and those where they are slips.
+
+        ``clear`` are the usable channels that are no noisier than expected.
+        """
+        edges: list[int] = []
+        slips: list[int] = []
+        z = bank.z[0]
+        for channel, edge in list(self._pending.items()):
+            if channel not in self._pending:  # the same edge as another
+                continue
+            if not math.isnan(values[channel]):
+                edge.heights_mm.append(float(z[channel]))
+            height_mm, near = edge.height_mm, self._is_near(edge)
+            gain = np.minimum(self._gain(z, height_mm), _SHARE)
+            gain = np.where(self._is_alike(z, height_mm), gain, -_SHARE)
+            edge.score = np.where(near[:-1] & clear, np.maximum(edge.score + gain, 0.0), 0.0)
+            # all channels follow a change of the depth within a tick: only that tick shows it
+            jump_mm = -float(np.median(z[usable])) if usable.any() else math.nan
+            if near[-1] and abs(jump_mm - height_mm) < _ALIKE * abs(height_mm):
+                edges += self._accept(channel, -1, bank)
+            elif edge.score.max() >= _CONFIRMED:
+                edges += self._accept(channel, int(np.argmax(edge.score)), bank)
+            elif self._has_missed(edge, np.append(clear, True)) or math.isnan(self._travel_mm):
+                del self._pending[channel]
+                slips.append(channel)
+        return edges, slips
+
+    def drop(self, channel: int) -> None:
+        """Forget the pending step of a channel, which is back where it was."""
+        self._pending.pop(channel, None)
+
+    def arrive(self, bank: DepthBank, usable: Mask) -> bool:
+        """Note what the known edges have reached; returns whether the shares have changed.
+
+        The places are known to within the tolerance; there the samples decide.
+        """
+        z, changed = bank.z[0], False
+        for edge in list(self._known):
+            height_mm = bank.edge_mm(edge.slot)
+            near, beyond = self._is_near(edge), self._beyond(edge) > edge.tolerance_mm
+            gain = np.where(near[:-1] & usable, self._gain(z, height_mm), 0.0)
+            edge.score = np.maximum(edge.score + gain, 0.0) * near[:-1]
+            jump_mm = -float(np.median(z[usable])) if usable.any() else 0.0
+            at_tool = jump_mm * np.sign(height_mm) > _ALIKE * abs(height_mm)
+            now = ~edge.passed & (beyond | (near & np.append(edge.score >= _ARRIVED, at_tool)))
+            if now.any():
+                changed = True
+                edge.passed |= now
+                self._share(edge, bank)
+            if edge.passed[np.isfinite(self._leads)].all():
+                bank.end_edge(edge.slot)
+                self._known.remove(edge)
+        return changed
+
+    def _accept(self, channel: int, reached: int, bank: DepthBank) -> list[int]:
+        """Make a pending step an edge that has also reached another channel, or the tool.
+
+        Returns the channels that have shown it.
+        """
+        edge = self._pending.pop(channel)
+        edge.slot = min(set(range(EDGES)) - {one.slot for one in self._known})
+        edge.passed |= self._leads >= self._leads[reached]
+        self._known.append(edge)
+        is_slow = edge.tolerance_mm == SLOW_TOLERANCE_MM
+        deviation_mm = _SLOW_HEIGHT_MM if is_slow else _HEIGHT_MM
+        bank.begin_edge(edge.slot, edge.height_mm, deviation_mm)
+        self._share(edge, bank)
+        same = [
+            other
+            for other, step in self._pending.items()
+            if abs(step.place_mm - edge.place_mm) <= edge.tolerance_mm + step.tolerance_mm
+        ]
+        for other in same:
+            del self._pending[other]
+        return [channel, *same]
+
+    def _beyond(self, edge: _Edge) -> Array:
+        """How far each channel, and the tool, is past the place of an edge."""
+        return np.asarray(self._travel_mm + self._leads - edge.place_mm)
+
+    def _is_near(self, edge: _Edge) -> Mask:
+        """Channels, and the tool, that the edge may reach now."""
+        return ~edge.passed & (abs(self._beyond(edge)) <= edge.tolerance_mm)
+
+    def _has_missed(self, edge: _Edge, could_see: Mask) -> bool:
+        """Whether a channel, or the tool, is past the place of an edge and has not shown it."""
+        due = could_see & ~edge.passed & (self._leads >= 0.0)
+        return bool((due & (self._beyond(edge) > edge.tolerance_mm)).any())
+
+    def _gain(self, z: Array, height_mm: float) -> Array:
+        """Log-likelihood ratio that channels show the edge, of a sample."""
+        return np.asarray(height_mm * (z - 0.5 * height_mm) / self._noise**2)
+
+    def _is_alike(self, z: Array, height_mm: float) -> Mask:
+        near_mm = np.maximum(_ALIKE * abs(height_mm), _DEVIATIONS * self._noise)
+        return np.asarray(abs(z - height_mm) < near_mm)
+
+    @staticmethod
+    def _share(edge: _Edge, bank: DepthBank) -> None:
+        bank.edge_shares[:, edge.slot] = edge.passed[:-1].astype(float) - edge.passed[-1]
