@@ -95,6 +95,7 @@ class AlarmDesk:
             attainable=watch.attainable,
             parts=watch.parts(),
             pages=self._node.count_publishers("fsw/alarms"),
+            leader=watch.leader,
         )
 
     def _publish(self) -> None:

@@ -20,7 +20,7 @@ from fsw_control.references import out_of_reach, wants_heat
 from fsw_control.schema.yaml_text import load_yaml
 from fsw_control.sensors import OPTIONAL, REQUIRED
 from fsw_control.stop import StopCause
-from fsw_hmi.alarms import Alarm, Priority
+from fsw_hmi.alarms import STOP_ID, Alarm, Priority
 from fsw_hmi.standing import holds
 
 #: time without reports of a node after which that is an alarm
@@ -38,6 +38,8 @@ _BACK, _BACK_RANGE = 0.2, 0.02
 #: set-points that are replaced: share of the least difference from which on they are no longer
 #: (chosen)
 _BACK_SHARE = 0.5
+#: a standby that has begun to lead is no longer heard as one within this time
+_UNHEARD_S = 2 * NO_REPORT_S
 #: a plant reports its watchdog once a second, so later than commands come again
 _WATCHDOG_S = 1.5
 #: nodes whose silence other alarms tell, by alarm
@@ -52,6 +54,10 @@ _GATEWAY = ("connection", "machine", "writes")
 RECORDING = "recording"
 #: the node that watches the weld: its warnings have causes and advice of their own
 MONITOR = "fsw_monitor"
+#: the node that compares the weld with its procedure, and its part that says what differs
+PROCEDURE, DEVIATIONS = "fsw_procedure", "deviations"
+#: advice that only helps while the weld is controlled
+_OF_SET_POINTS = ("raise_temperature", "lower_temperature", "lower_depth")
 #: a swap that was asked for takes so long: the longest wait that can be asked for, and what the
 #: supervisor adds
 _SWAP_S = 12.0
@@ -69,17 +75,30 @@ class _Texts(BaseModel):
     interlocks: dict[str, tuple[str, str]]
     limits: dict[str, tuple[str, str]]
     drives: dict[str, tuple[str, str, str]]
+    standby: dict[str, str]
     expected: dict[str, frozenset[str]]
+    actions: dict[str, str]
+    next_of_bag: dict[str, str]
 
 
-_TEXTS = _Texts(**load_yaml(files("fsw_hmi").joinpath("alarms.yaml").read_text(encoding="utf-8")))
+def _texts() -> _Texts:
+    content = load_yaml(files("fsw_hmi").joinpath("alarms.yaml").read_text(encoding="utf-8"))
+    for kind in content["kinds"].values():
+        kind["advice"] = ""  # by its code, when the alarm is made
+    return _Texts(**content)
+
+
+_TEXTS = _texts()
+#: by code: what to do, and by state of the recording the code when the weld is done
+ACTIONS, NEXT_OF_BAG = _TEXTS.actions, _TEXTS.next_of_bag
 
 
 def alarm(kind: str, cause: object = "", /, **values: object) -> Alarm:
     """An alarm of a kind, with ``values`` in its texts; ``cause`` is a code where there are several."""
     one = _TEXTS.kinds[kind]
-    parts = {key: getattr(one, key).format(**values) for key in ("what", "why", "advice")}
-    return replace(one, **parts, cause=str(cause))
+    parts = {key: getattr(one, key).format(**values) for key in ("what", "why", "action")}
+    advice = ACTIONS[parts["action"]].format(**values)
+    return replace(one, **parts, advice=advice, cause=str(cause))
 
 
 def flood(count: int, priority: Priority) -> Alarm:
@@ -151,6 +170,7 @@ class Situation:
     )
     parts: Mapping[str, Mapping[str, Part]] = field(default_factory=dict)  #: by node and part
     pages: int = 1  #: servers of an operator's page in the graph
+    leader: str = ""  #: identity of the supervisor that leads
 
     def value(self, column: str) -> float:
         """A value of the newest row."""
@@ -175,12 +195,17 @@ class AlarmRules:
         self._nominal = ""  # who has commanded as selected, and does so without a break
         self._faults: dict[str, str] = {}  # by sensor, the state that it began with
         self._flaws: dict[str, ChannelHealth] = {}  # the same of depth channels
+        self._leader, self._led_s = "", -inf  # and since when, if another one led before
+        self._alone = ""  # why no supervisor stands by, as it began
         #: present when a stop or the end began: it may be their effect
         self._before_stop: frozenset[str] = frozenset()
 
     def present(self, now: Situation, now_s: float) -> dict[str, Alarm]:
         """The alarms that are present by name; ``now_s`` on a steady clock."""
         found: dict[str, Alarm] = {}
+        if now.leader and now.leader != self._leader:
+            self._led_s = now_s if self._leader else -inf
+            self._leader = now.leader
         _machine(now, found)
         self._measurements(now, found)
         self._supervisor(now, now_s, found)
@@ -188,7 +213,7 @@ class AlarmRules:
         _watchdog(now, found)
         self._values(now, found)
         self._reachable(now, found)
-        self._parts(now, found)
+        self._parts(now, now_s, found)
         if now.pages > 1:
             found["other_page"] = alarm("other_page")
         return self._unexpected(now, found)
@@ -283,9 +308,11 @@ class AlarmRules:
             return
         for interlock in state["interlocks"]:
             name, level = interlock["name"], interlock["level"]
-            what, advice = _TEXTS.interlocks.get(name, (name, "See the supervisor's log"))
+            what, action = _TEXTS.interlocks.get(name, (name, "see_supervisor"))
             kind = level if level in ("warn", "trip") else "warn"
-            found[alarm_id("interlock", name)] = alarm(kind, what=what, advice=advice)
+            if kind == "trip" and action in _OF_SET_POINTS:  # no set-point helps a stopped weld
+                action = "inspect_first"
+            found[alarm_id("interlock", name)] = alarm(kind, name, what=what, action=action)
         replaced = self._mode(state, found)
         for one in state["controllers"]:
             if one["name"] != replaced:
@@ -298,8 +325,11 @@ class AlarmRules:
         why = state["reason"] or NO_REASON
         if mode == "safe_stop":
             asked = state["stop_cause"] == StopCause.OPERATOR
-            found["safe_stop"] = replace(
-                alarm("safe_stop", why=_tripped(state) or why), trip=not asked
+            why = f"asked for by {state['by']}" if asked else _tripped(state) or why
+            action = "choose_auto" if state["acknowledged"] else "retract_and_acknowledge"
+            cause = next((one.name.lower() for one in StopCause if one == state["stop_cause"]), "")
+            found[STOP_ID] = replace(
+                alarm("safe_stop", cause, why=why, action=action), trip=not asked
             )
         elif mode == "hold" and target_mode != "hold" and not state["cause"].at_start:
             found["hold"] = alarm("hold", state["cause"], why=why)
@@ -386,8 +416,8 @@ class AlarmRules:
         why = out_of_reach(asked, goal, share) if goal and self._measures(now) else None
         self.replaced = goal if why else None
         if goal is not None and why:
-            change = "Lower" if wants_heat(asked, goal) else "Raise"
-            found["out_of_reach"] = alarm("out_of_reach", why.code, why=why.words, change=change)
+            action = "lower_temperature" if wants_heat(asked, goal) else "raise_temperature"
+            found["out_of_reach"] = alarm("out_of_reach", why.code, why=why.words, action=action)
 
     def _lasting(self, one: Alarm, persistence: str) -> Alarm:
         persistence_s = self._setting(persistence)
@@ -404,7 +434,7 @@ class AlarmRules:
 
     # ---------------------------------------------------------------- the nodes
 
-    def _parts(self, now: Situation, found: dict[str, Alarm]) -> None:
+    def _parts(self, now: Situation, now_s: float, found: dict[str, Alarm]) -> None:
         """Errors of parts, one alarm for each node, and nodes of which no part reports any longer."""
         known = {one["name"] for one in now.state["controllers"]} if now.state else set()
         told = [node for name, nodes in _TOLD.items() if name in found for node in nodes]
@@ -423,11 +453,19 @@ class AlarmRules:
                 continue
             if any(parts.get(what, _FINE).level == "error" for what in _WRITERS):
                 found["foreign"] = alarm("foreign")
-            if parts.get("standby", _FINE).level == "stale":  # it has died, or leads now
-                found["standby"] = alarm("standby")
+            if "standby" in parts and parts["standby"].level != "stale":
+                self._alone = ""
+            elif "standby" in parts:  # it leads now, or has died
+                took_over = now_s - self._led_s <= _UNHEARD_S
+                self._alone = self._alone or ("taken_over" if took_over else "lost")
+                found["standby"] = alarm("standby", self._alone, why=_TEXTS.standby[self._alone])
             if node == MONITOR:
                 _watch(parts, found)
+            if node == PROCEDURE and parts.get(DEVIATIONS, _FINE).level == "error":
+                left = parts[DEVIATIONS]
+                found["procedure"] = alarm("procedure", left.code, why=left.text)
             covered = (*_OTHER_RULES, *(_GATEWAY if "machine" in parts else ()))
+            covered += (DEVIATIONS,) if node == PROCEDURE else ()
             errors = [
                 (what, part)
                 for what, part in parts.items()
@@ -511,5 +549,9 @@ def _watch(parts: Mapping[str, Part], found: dict[str, Alarm]) -> None:
     for what, part in parts.items():
         if part.level == "warn":
             found[alarm_id("watch", what)] = alarm(
-                "watch", cause=part.text, advice=part.advice or "See the trends"
+                "watch",
+                part.code,
+                cause=part.text,
+                advice=part.advice,
+                action="monitor" if part.advice else "see_trends",
             )

@@ -210,6 +210,10 @@ interface Headline {
   level: Level;
   text: string;
   detail?: string;
+  /** The alarm that it is of; empty: of none. */
+  alarm?: string;
+  /** What to do. */
+  next?: string;
 }
 interface Note {
   level: string;

@@ -291,7 +291,13 @@ class FakeHmi:
     def _headline(self) -> dict[str, Any]:
         programme = self.progress["state"] if self.progress else ""
         now = Now(
-            self._tick_age_s(), self.alarms, self._flags, self.state, self.account, programme
+            self._tick_age_s(),
+            self.alarms,
+            self._flags,
+            self.state,
+            self.account,
+            programme,
+            self.recording["state"],
         )
         return {"t": "headline", **headline(now)}
 
@@ -557,6 +563,8 @@ def _alarm(
         },
         "consequence": "The controllers do without it for a short time only",
         "advice": "Check the sensor, then swap the controller or stop",
+        "action": "check_sensor",
+        "cause": "",
         **{"chatters": False, "first_out": False, "first": "", "raised_s": raised_s},
         "first_s": raised_s - 100.0,
         **{"shelved": "anna: it is being replaced", "shelved_until_s": None},
@@ -594,6 +602,7 @@ def _state() -> dict[str, Any]:
         "cause": Cause.SWAP_REQUESTED,
         "by": "operator",
         "stop_cause": 0,
+        "acknowledged": False,
         "controllers": [
             {"name": "nmpc", "latency_ms": 14.0, **health, **counts},
             {"name": "decentral", "latency_ms": 2.0, **health, **counts},
