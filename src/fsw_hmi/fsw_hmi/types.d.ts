@@ -106,6 +106,8 @@ interface RecordingReport {
   bytes: number;
   missing: number;
   gap: [number, number] | null;
+  /** What to do with it when the weld is done. */
+  next: string;
 }
 interface Control {
   t: "control";

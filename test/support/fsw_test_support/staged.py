@@ -41,7 +41,7 @@ def _stopped(by_cause: StopCause, **changed: Any) -> dict[str, Any]:
 
 _STANDBY = {"fsw_supervisor": {"arbiter": Part("ok", ""), "standby": Part("ok", "")}}
 _ALONE = {"fsw_supervisor": {"arbiter": Part("ok", ""), "standby": Part("stale", "")}}
-_SILENT = {"tick_age_s": 5.0, "command_age_s": 5.0}
+_SILENT: dict[str, Any] = {"tick_age_s": 5.0, "command_age_s": 5.0}
 _RETRACT = "Remove the cause, retract the tool at the machine, then acknowledge the stop"
 
 STAGED = {
@@ -220,10 +220,14 @@ def page_of(staged: Staged) -> tuple[list[dict[str, Any]], dict[str, str]]:
             now_s += _LOOK_S
     rows, last = alarms.rows(now_s, 0.0), staged.moments[-1]
     found: Mapping[str, Mapping[str, str]] = flags_now(dict(last.values), None, default(), LIMITS)
-    account = good_account()
     now = Now(
-        *(last.tick_age_s, rows, found),
-        *(last.state or {}, account, last.programme, staged.recording),
+        last.tick_age_s,
+        rows,
+        found,
+        last.state or {},
+        good_account(),
+        last.programme,
+        staged.recording,
     )
     return rows, headline(now)
 

@@ -46,7 +46,7 @@ export class Alarms {
     const { id, text, what: head, why, consequence, advice, priority, state } = alarm;
     const told = detail(alarm, open);
     const what = el("span", { className: "what" }, el("span", { className: "text", title: text }, el("strong", { title: head }, head), why ? `: ${why}` : ""), " ", el("span", { className: "detail", title: told }, told));
-    const summary = el("summary", { "data-alarm": id, onclick: (/** @type {Event} */ event) => this.#open(event, open ? "" : id) }, el("span", { className: "sign", "aria-hidden": "true" }, SIGN[priority]), what);
+    const summary = el("summary", { "data-alarm": id, onclick: (/** @type {Event} */ event) => this.#open(event, open ? "" : id) }, el("span", { className: "sign", "data-sign": SIGN[priority] }), what);
     return el("li", { className: `alarm ${priority} ${state}` }, el("details", { open }, summary, el("p", {}, `${consequence} → ${advice}`)), el("div", { className: "acts" }, ...this.#buttons(alarm, open)));
   }
 

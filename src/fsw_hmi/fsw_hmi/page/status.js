@@ -21,7 +21,7 @@ export class Status {
 
   judge(/** @type {Headline} */ { level, text, detail, next }) {
     this.verdict.dataset.level = level;
-    setText(this.sign, SIGN[level]);
+    this.sign.dataset.sign = SIGN[level];
     setShort(this.text, text);
     setShort(this.detail, [detail, next && `→ ${next}`].filter(Boolean).join(" "));
   }
