@@ -1,26 +1,29 @@
-"""When there is an alarm. The texts are data: one cause, one consequence, one action each."""
+"""When there is an alarm; what it says is in ``alarm_texts``."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from importlib.resources import files
 from math import inf, isfinite, nan
 from typing import Any
-from zlib import crc32
-
-from pydantic import BaseModel
 
 from fsw_analysis.rule_book import Check, RuleBook
-from fsw_control.cause import Cause, Severity
 from fsw_control.contract import Reference
 from fsw_control.depth_channels import ChannelHealth
 from fsw_control.readiness import Lack, Readiness
 from fsw_control.references import out_of_reach, wants_heat
-from fsw_control.schema.yaml_text import load_yaml
 from fsw_control.sensors import OPTIONAL, REQUIRED
 from fsw_control.stop import StopCause
-from fsw_hmi.alarms import STOP_ID, Alarm, Priority
+from fsw_hmi.alarm_texts import (
+    TEXTS,
+    alarm,
+    alarm_id,
+    of_errors,
+    of_interlock,
+    of_limit,
+    tripped,
+)
+from fsw_hmi.alarms import STOP_ID, Alarm
 from fsw_hmi.standing import holds
 
 #: time without reports of a node after which that is an alarm
@@ -56,78 +59,12 @@ RECORDING = "recording"
 MONITOR = "fsw_monitor"
 #: the node that compares the weld with its procedure, and its part that says what differs
 PROCEDURE, DEVIATIONS = "fsw_procedure", "deviations"
-#: advice that only helps while the weld is controlled
-_OF_SET_POINTS = ("raise_temperature", "lower_temperature", "lower_depth")
 #: a swap that was asked for takes so long: the longest wait that can be asked for, and what the
 #: supervisor adds
 _SWAP_S = 12.0
 #: within this time a supervisor that stands by takes over (0.3 s, measured) and is heard
 _TAKEOVER_S = 0.6
-_LONGEST_ID = 100
 NO_REASON = "no reason is told"
-
-
-class _Texts(BaseModel):
-    """Content of ``alarms.yaml``."""
-
-    kinds: dict[str, Alarm]
-    sensors: dict[str, str]
-    interlocks: dict[str, tuple[str, str]]
-    limits: dict[str, tuple[str, str]]
-    drives: dict[str, tuple[str, str, str]]
-    standby: dict[str, str]
-    expected: dict[str, frozenset[str]]
-    actions: dict[str, str]
-    next_of_bag: dict[str, str]
-
-
-def _texts() -> _Texts:
-    content = load_yaml(files("fsw_hmi").joinpath("alarms.yaml").read_text(encoding="utf-8"))
-    for kind in content["kinds"].values():
-        kind["advice"] = ""  # by its code, when the alarm is made
-    return _Texts(**content)
-
-
-_TEXTS = _texts()
-#: by code: what to do, and by state of the recording the code when the weld is done
-ACTIONS, NEXT_OF_BAG = _TEXTS.actions, _TEXTS.next_of_bag
-
-
-def alarm(kind: str, cause: object = "", /, **values: object) -> Alarm:
-    """An alarm of a kind, with ``values`` in its texts; ``cause`` is a code where there are several."""
-    one = _TEXTS.kinds[kind]
-    parts = {key: getattr(one, key).format(**values) for key in ("what", "why", "action")}
-    advice = ACTIONS[parts["action"]].format(**values)
-    return replace(one, **parts, advice=advice, cause=str(cause))
-
-
-def flood(count: int, priority: Priority) -> Alarm:
-    """The alarm that stands for so many of a priority."""
-    return replace(alarm("flood", count=count), priority=priority)
-
-
-def alarm_id(kind: str, name: str) -> str:
-    """Identifier of the alarm of something that others named: short, of printable ASCII, different for each name."""
-    plain = f"{kind}:{name}"
-    if plain.isascii() and plain.isprintable() and len(plain) <= _LONGEST_ID:
-        return plain
-    kept = "".join(
-        one if one.isascii() and one.isprintable() else "?" for one in plain[: _LONGEST_ID - 10]
-    )
-    return f"{kept}#{crc32(plain.encode('utf-8', 'replace')):08x}"
-
-
-def _beyond(check: Check) -> str:
-    return f"below {check.min:g}" if check.max is None else f"above {check.max:g}"
-
-
-def _tripped(state: Mapping[str, Any]) -> str:
-    """What the interlock says by which the weld stops; empty if another cause does."""
-    if state["cause"] is not Cause.INTERLOCK_TRIP:
-        return ""
-    tripped = Severity.TRIP.word
-    names = [lock["name"] for lock in state["interlocks"] if lock["level"] == tripped]
-    return ", ".join(_TEXTS.interlocks[name][0] for name in names if name in _TEXTS.interlocks)
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,11 +160,11 @@ class AlarmRules:
         stopped = now.state if now.state and now.state["actual_mode"] == "safe_stop" else None
         expected, earlier = frozenset[str](), self._before_stop
         if now.programme == DONE and not self._measures(now):
-            expected = _TEXTS.expected["ended"]
+            expected = TEXTS.expected["ended"]
         elif stopped is not None:
             # what led to the stop is no consequence of it
             causes = {alarm_id("interlock", name) for name in stopped["tripped"]}
-            expected = _TEXTS.expected["stopped"] - causes
+            expected = TEXTS.expected["stopped"] - causes
         elif now.programme != DONE:
             self._before_stop = frozenset(found)
         return {
@@ -281,7 +218,7 @@ class AlarmRules:
             ):  # the alarm tells what it began with
                 self._faults[name] = state
             fault = self._faults[name]
-            why = _TEXTS.sensors.get(fault, fault)
+            why = TEXTS.sensors.get(fault, fault)
             found[f"sensor:{name}"] = alarm("sensor", fault, name=name, why=why)
         _channels(now.channels, self._flaws, found)
 
@@ -308,11 +245,7 @@ class AlarmRules:
             return
         for interlock in state["interlocks"]:
             name, level = interlock["name"], interlock["level"]
-            what, action = _TEXTS.interlocks.get(name, (name, "see_supervisor"))
-            kind = level if level in ("warn", "trip") else "warn"
-            if kind == "trip" and action in _OF_SET_POINTS:  # no set-point helps a stopped weld
-                action = "inspect_first"
-            found[alarm_id("interlock", name)] = alarm(kind, name, what=what, action=action)
+            found[alarm_id("interlock", name)] = of_interlock(name, level)
         replaced = self._mode(state, found)
         for one in state["controllers"]:
             if one["name"] != replaced:
@@ -325,7 +258,7 @@ class AlarmRules:
         why = state["reason"] or NO_REASON
         if mode == "safe_stop":
             asked = state["stop_cause"] == StopCause.OPERATOR
-            why = f"asked for by {state['by']}" if asked else _tripped(state) or why
+            why = f"asked for by {state['by']}" if asked else tripped(state) or why
             action = "choose_auto" if state["acknowledged"] else "retract_and_acknowledge"
             cause = next((one.name.lower() for one in StopCause if one == state["stop_cause"]), "")
             found[STOP_ID] = replace(
@@ -371,7 +304,7 @@ class AlarmRules:
     def _values(self, now: Situation, found: dict[str, Alarm]) -> None:
         if not self._measures(now):
             return
-        for value, (aim, limit, what) in _TEXTS.drives.items():
+        for value, (aim, limit, what) in TEXTS.drives.items():
             name, off, most = (
                 f"deviation:{value}",
                 now.value(value) - now.value(aim),
@@ -380,7 +313,7 @@ class AlarmRules:
             if self._is_outside(name, off, -most, most, _BACK * most):
                 found[name] = self._lasting(alarm("drive", what=what), "deviation_persistence_s")
         for check in self._book.checks():
-            if check.variable in _TEXTS.limits and holds(check, now.phase):
+            if check.variable in TEXTS.limits and holds(check, now.phase):
                 self._limit(check, now, found)
 
     def _limit(self, check: Check, now: Situation, found: dict[str, Alarm]) -> None:
@@ -397,17 +330,11 @@ class AlarmRules:
         )
         quantity = check.variable.partition("_")[0]
         if outside and not any(one.startswith(f"interlock:{quantity}") for one in found):
-            what, unit = _TEXTS.limits[check.variable]
-            why = (
-                f"outside {check.min:g} to {check.max:g} {unit}"
-                if isfinite(back)
-                else f"{_beyond(check)} {unit}"
-            )
             slow = (
                 check.variable == "temperature_error_c"
             )  # a step of the set-point takes its time
             persistence = "deviation_persistence_s" if slow else "quality_persistence_s"
-            found[name] = self._lasting(alarm(check.kind, what=what, why=why), persistence)
+            found[name] = self._lasting(of_limit(check), persistence)
 
     def _reachable(self, now: Situation, found: dict[str, Alarm]) -> None:
         """Set-points that the controller replaces by what the drives can hold."""
@@ -458,7 +385,7 @@ class AlarmRules:
             elif "standby" in parts:  # it leads now, or has died
                 took_over = now_s - self._led_s <= _UNHEARD_S
                 self._alone = self._alone or ("taken_over" if took_over else "lost")
-                found["standby"] = alarm("standby", self._alone, why=_TEXTS.standby[self._alone])
+                found["standby"] = alarm("standby", self._alone, why=TEXTS.standby[self._alone])
             if node == MONITOR:
                 _watch(parts, found)
             if node == PROCEDURE and parts.get(DEVIATIONS, _FINE).level == "error":
@@ -472,14 +399,7 @@ class AlarmRules:
                 if part.level == "error" and not what.startswith(covered)
             ]
             if errors:
-                (what, part), more = errors[0], len(errors) - 1
-                text = f"{what}: {part.text}" if what else part.text
-                one = alarm(
-                    "part_error",
-                    what,
-                    node=node,
-                    why=text + (f"; {more} more of its parts" if more else ""),
-                )
+                one = of_errors(node, [(what, part.text) for what, part in errors])
                 own = node.startswith("fsw_") or node in known
                 found[alarm_id("part", node)] = one if own else replace(one, priority="low")
 

@@ -12,7 +12,8 @@ from enum import StrEnum
 from typing import Any
 
 from fsw_analysis.headline import VARIABLES
-from fsw_hmi.alarm_rules import ACTIONS, DONE, NEXT_OF_BAG
+from fsw_hmi.alarm_rules import DONE
+from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
 from fsw_hmi.recording import RecordingState
 
 #: no ticks for longer than this: the values on the page are old

@@ -9,7 +9,7 @@ from math import isfinite, nan
 from pathlib import Path
 from typing import Any
 
-from fsw_hmi.alarm_rules import ACTIONS, NEXT_OF_BAG
+from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
 from fsw_hmi.frames import readable
 from fsw_recorder.bag_metadata import METADATA_NAME
 

@@ -8,7 +8,8 @@ from fsw_control.contract import Reference
 from fsw_control.depth_channels import ChannelHealth
 from fsw_control.parameters import defaults
 from fsw_control.stop import StopCause
-from fsw_hmi.alarm_rules import _TEXTS, NO_REASON, AlarmRules, Part, Situation, alarm_id
+from fsw_hmi.alarm_rules import NO_REASON, AlarmRules, Part, Situation
+from fsw_hmi.alarm_texts import TEXTS, alarm_id
 from fsw_hmi.alarms import RANK, Alarm, AlarmList
 from fsw_hmi.awake import Awake
 from fsw_hmi.frames import readable
@@ -26,7 +27,7 @@ def rules():
 
 
 def test_every_alarm_has_one_cause_one_consequence_and_one_action():
-    for one in _TEXTS.kinds.values():
+    for one in TEXTS.kinds.values():
         assert one.text and one.consequence and one.action
         assert one.priority in RANK
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from fsw_hmi.alarm_rules import ACTIONS, NEXT_OF_BAG
+from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
 from fsw_hmi.recording import Recording, RecordingState
 
 

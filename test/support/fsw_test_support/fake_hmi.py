@@ -29,7 +29,7 @@ from fsw_analysis.rule_book import default
 from fsw_control.cause import Cause
 from fsw_control.sensors import OPTIONAL
 from fsw_hmi import history_report
-from fsw_hmi.alarm_rules import ACTIONS, NEXT_OF_BAG
+from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
 from fsw_hmi.answers import DONE, REFUSED, Answer
 from fsw_hmi.control import Session
 from fsw_hmi.control_room import ControlRoom, Verdict

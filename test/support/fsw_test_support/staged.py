@@ -10,7 +10,8 @@ from fsw_analysis.rule_book import default
 from fsw_control.cause import Cause
 from fsw_control.parameters import defaults
 from fsw_control.stop import StopCause
-from fsw_hmi.alarm_rules import AlarmRules, Part, Situation, flood
+from fsw_hmi.alarm_rules import AlarmRules, Part, Situation
+from fsw_hmi.alarm_texts import flood
 from fsw_hmi.alarms import AlarmList
 from fsw_hmi.headline import Now, headline
 from fsw_hmi.parameters import HmiParameters
