@@ -1,8 +1,7 @@
 #!/usr/bin/env python3
 """Draws ``docs/figures/operator_page.png``: the page beside ``demo.py --live`` on the joint line, after four minutes.
 
-On the way the NMPC is chosen by the page, and the page's server is killed, so that the trends have
-a gap.
+On the way the NMPC is chosen by the page.
 """
 
 from __future__ import annotations
@@ -24,17 +23,16 @@ from fsw_control.free_domain import free_domain
 from fsw_scenario.launcher import Launcher
 from fsw_test_support.browser import chromium
 from fsw_test_support.page_steps import in_control, press
-from fsw_test_support.processes import kill
 from fsw_test_support.waiting import wait_for_text
 
 PICTURE = Path(__file__).resolve().parent.parent / "docs" / "figures" / "operator_page.png"
-#: until the joint line begins, and until a server that was killed is back
+#: until the joint line begins
 _PATIENCE_MS = 400_000
-#: of the trends that are shown after the gap
+#: of the joint line that is shown
 _AFTER_S = 25.0
 
 
-def steer(page: Page, token: str, folder: Path) -> None:
+def steer(page: Page, token: str) -> None:
     """Bring the page to what the picture shows."""
     in_control(page, secret=token)
     expect(page.locator("#who strong")).to_contain_text("auto")
@@ -43,10 +41,6 @@ def steer(page: Page, token: str, folder: Path) -> None:
     page.locator("dialog select").select_option("10")
     press(page, "Swap")
     expect(page.locator("#progress strong")).to_have_text("joint line")
-    assert kill(folder, "fsw_hmi") == 1
-    expect(page.locator("body")).to_have_attribute("data-link", "lost")
-    expect(page.locator("body")).to_have_attribute("data-link", "live")
-    press(page, "Take control")
     page.wait_for_timeout(1e3 * _AFTER_S)
 
 
@@ -65,7 +59,7 @@ def main() -> int:
         page = browser.new_page(viewport={"width": 1280, "height": 800})
         page.set_default_timeout(_PATIENCE_MS)
         page.goto(url)
-        steer(page, token, Path(text))
+        steer(page, token)
         page.screenshot(path=PICTURE)
     print(f"{PICTURE}: {PICTURE.stat().st_size / 1e3:.0f} kB")
     return 0

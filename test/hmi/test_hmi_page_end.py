@@ -3,6 +3,7 @@
 import pytest
 from playwright.sync_api import expect
 
+from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
 from fsw_test_support.browser import shot
 from fsw_test_support.page_steps import ready
 
@@ -22,9 +23,7 @@ def test_weld_that_is_done_shows_verdict_bag_and_next_action(fake, page, state):
     fake.push()
     expect(end).to_contain_text("Verdict of the rules so far: accept")
     expect(end).to_contain_text("weld/bag")
-    expect(end).to_contain_text(
-        "Next: write the record" if state == "closed" else "Next: recover the bag"
-    )
+    expect(end).to_contain_text(f"Next: {ACTIONS[NEXT_OF_BAG[state]]}")
     expect(page.locator("#verdict")).to_have_attribute("data-level", "good")
     expect(page.locator("#verdict strong")).to_have_text("Weld done: Good")
     shot(page, f"end_{state}")

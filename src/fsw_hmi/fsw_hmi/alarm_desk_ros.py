@@ -11,7 +11,8 @@ from rclpy.node import Node
 from fsw_analysis.rule_book import RuleBook
 from fsw_control import messages_ros as convert
 from fsw_control.topics_ros import LATCHED
-from fsw_hmi.alarm_rules import AlarmRules, Situation, flood
+from fsw_hmi.alarm_rules import AlarmRules, Situation
+from fsw_hmi.alarm_texts import flood
 from fsw_hmi.alarms import AlarmList
 from fsw_hmi.answers import Answer, Code
 from fsw_hmi.awake import Awake
@@ -95,6 +96,7 @@ class AlarmDesk:
             attainable=watch.attainable,
             parts=watch.parts(),
             pages=self._node.count_publishers("fsw/alarms"),
+            leader=watch.leader,
         )
 
     def _publish(self) -> None:

@@ -1,26 +1,29 @@
-"""When there is an alarm. The texts are data: one cause, one consequence, one action each."""
+"""When there is an alarm; what it says is in ``alarm_texts``."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from importlib.resources import files
 from math import inf, isfinite, nan
 from typing import Any
-from zlib import crc32
-
-from pydantic import BaseModel
 
 from fsw_analysis.rule_book import Check, RuleBook
 from fsw_control.attainable import out_of_reach, wants_heat
-from fsw_control.cause import Cause, Severity
 from fsw_control.contract import Reference
 from fsw_control.depth_channels import ChannelHealth
 from fsw_control.readiness import Lack, Readiness
-from fsw_control.schema.yaml_text import load_yaml
 from fsw_control.sensors import OPTIONAL, REQUIRED
 from fsw_control.stop import StopCause
-from fsw_hmi.alarms import Alarm, Priority
+from fsw_hmi.alarm_texts import (
+    TEXTS,
+    alarm,
+    alarm_id,
+    of_errors,
+    of_interlock,
+    of_limit,
+    tripped,
+)
+from fsw_hmi.alarms import STOP_ID, Alarm
 from fsw_hmi.standing import holds
 
 #: time without reports of a node after which that is an alarm
@@ -38,6 +41,8 @@ _BACK, _BACK_RANGE = 0.2, 0.02
 #: set-points that are replaced: share of the least difference from which on they are no longer
 #: (chosen)
 _BACK_SHARE = 0.5
+#: a standby that has begun to lead is no longer heard as one within this time
+_UNHEARD_S = 2 * NO_REPORT_S
 #: a plant reports its watchdog once a second, so later than commands come again
 _WATCHDOG_S = 1.5
 #: nodes whose silence other alarms tell, by alarm
@@ -52,63 +57,14 @@ _GATEWAY = ("connection", "machine", "writes")
 RECORDING = "recording"
 #: the node that watches the weld: its warnings have causes and advice of their own
 MONITOR = "fsw_monitor"
+#: the node that compares the weld with its procedure, and its part that says what differs
+PROCEDURE, DEVIATIONS = "fsw_procedure", "deviations"
 #: a swap that was asked for takes so long: the longest wait that can be asked for, and what the
 #: supervisor adds
 _SWAP_S = 12.0
 #: within this time a supervisor that stands by takes over (0.3 s, measured) and is heard
 _TAKEOVER_S = 0.6
-_LONGEST_ID = 100
 NO_REASON = "no reason is told"
-
-
-class _Texts(BaseModel):
-    """Content of ``alarms.yaml``."""
-
-    kinds: dict[str, Alarm]
-    sensors: dict[str, str]
-    interlocks: dict[str, tuple[str, str]]
-    limits: dict[str, tuple[str, str]]
-    drives: dict[str, tuple[str, str, str]]
-    expected: dict[str, frozenset[str]]
-
-
-_TEXTS = _Texts(**load_yaml(files("fsw_hmi").joinpath("alarms.yaml").read_text(encoding="utf-8")))
-
-
-def alarm(kind: str, cause: object = "", /, **values: object) -> Alarm:
-    """An alarm of a kind, with ``values`` in its texts; ``cause`` is a code where there are several."""
-    one = _TEXTS.kinds[kind]
-    parts = {key: getattr(one, key).format(**values) for key in ("what", "why", "advice")}
-    return replace(one, **parts, cause=str(cause))
-
-
-def flood(count: int, priority: Priority) -> Alarm:
-    """The alarm that stands for so many of a priority."""
-    return replace(alarm("flood", count=count), priority=priority)
-
-
-def alarm_id(kind: str, name: str) -> str:
-    """Identifier of the alarm of something that others named: short, of printable ASCII, different for each name."""
-    plain = f"{kind}:{name}"
-    if plain.isascii() and plain.isprintable() and len(plain) <= _LONGEST_ID:
-        return plain
-    kept = "".join(
-        one if one.isascii() and one.isprintable() else "?" for one in plain[: _LONGEST_ID - 10]
-    )
-    return f"{kept}#{crc32(plain.encode('utf-8', 'replace')):08x}"
-
-
-def _beyond(check: Check) -> str:
-    return f"below {check.min:g}" if check.max is None else f"above {check.max:g}"
-
-
-def _tripped(state: Mapping[str, Any]) -> str:
-    """What the interlock says by which the weld stops; empty if another cause does."""
-    if state["cause"] is not Cause.INTERLOCK_TRIP:
-        return ""
-    tripped = Severity.TRIP.word
-    names = [lock["name"] for lock in state["interlocks"] if lock["level"] == tripped]
-    return ", ".join(_TEXTS.interlocks[name][0] for name in names if name in _TEXTS.interlocks)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,6 +107,7 @@ class Situation:
     )
     parts: Mapping[str, Mapping[str, Part]] = field(default_factory=dict)  #: by node and part
     pages: int = 1  #: servers of an operator's page in the graph
+    leader: str = ""  #: identity of the supervisor that leads
 
     def value(self, column: str) -> float:
         """A value of the newest row."""
@@ -175,12 +132,17 @@ class AlarmRules:
         self._nominal = ""  # who has commanded as selected, and does so without a break
         self._faults: dict[str, str] = {}  # by sensor, the state that it began with
         self._flaws: dict[str, ChannelHealth] = {}  # the same of depth channels
+        self._leader, self._led_s = "", -inf  # and since when, if another one led before
+        self._alone = ""  # why no supervisor stands by, as it began
         #: present when a stop or the end began: it may be their effect
         self._before_stop: frozenset[str] = frozenset()
 
     def present(self, now: Situation, now_s: float) -> dict[str, Alarm]:
         """The alarms that are present by name; ``now_s`` on a steady clock."""
         found: dict[str, Alarm] = {}
+        if now.leader and now.leader != self._leader:
+            self._led_s = now_s if self._leader else -inf
+            self._leader = now.leader
         _machine(now, found)
         self._measurements(now, found)
         self._supervisor(now, now_s, found)
@@ -188,7 +150,7 @@ class AlarmRules:
         _watchdog(now, found)
         self._values(now, found)
         self._reachable(now, found)
-        self._parts(now, found)
+        self._parts(now, now_s, found)
         if now.pages > 1:
             found["other_page"] = alarm("other_page")
         return self._unexpected(now, found)
@@ -198,11 +160,11 @@ class AlarmRules:
         stopped = now.state if now.state and now.state["actual_mode"] == "safe_stop" else None
         expected, earlier = frozenset[str](), self._before_stop
         if now.programme == DONE and not self._measures(now):
-            expected = _TEXTS.expected["ended"]
+            expected = TEXTS.expected["ended"]
         elif stopped is not None:
             # what led to the stop is no consequence of it
             causes = {alarm_id("interlock", name) for name in stopped["tripped"]}
-            expected = _TEXTS.expected["stopped"] - causes
+            expected = TEXTS.expected["stopped"] - causes
         elif now.programme != DONE:
             self._before_stop = frozenset(found)
         return {
@@ -256,7 +218,7 @@ class AlarmRules:
             ):  # the alarm tells what it began with
                 self._faults[name] = state
             fault = self._faults[name]
-            why = _TEXTS.sensors.get(fault, fault)
+            why = TEXTS.sensors.get(fault, fault)
             found[f"sensor:{name}"] = alarm("sensor", fault, name=name, why=why)
         _channels(now.channels, self._flaws, found)
 
@@ -283,9 +245,7 @@ class AlarmRules:
             return
         for interlock in state["interlocks"]:
             name, level = interlock["name"], interlock["level"]
-            what, advice = _TEXTS.interlocks.get(name, (name, "See the supervisor's log"))
-            kind = level if level in ("warn", "trip") else "warn"
-            found[alarm_id("interlock", name)] = alarm(kind, what=what, advice=advice)
+            found[alarm_id("interlock", name)] = of_interlock(name, level)
         replaced = self._mode(state, found)
         for one in state["controllers"]:
             if one["name"] != replaced:
@@ -298,8 +258,11 @@ class AlarmRules:
         why = state["reason"] or NO_REASON
         if mode == "safe_stop":
             asked = state["stop_cause"] == StopCause.OPERATOR
-            found["safe_stop"] = replace(
-                alarm("safe_stop", why=_tripped(state) or why), trip=not asked
+            why = f"asked for by {state['by']}" if asked else tripped(state) or why
+            action = "choose_auto" if state["acknowledged"] else "retract_and_acknowledge"
+            cause = next((one.name.lower() for one in StopCause if one == state["stop_cause"]), "")
+            found[STOP_ID] = replace(
+                alarm("safe_stop", cause, why=why, action=action), trip=not asked
             )
         elif mode == "hold" and target_mode != "hold" and not state["cause"].at_start:
             found["hold"] = alarm("hold", state["cause"], why=why)
@@ -341,7 +304,7 @@ class AlarmRules:
     def _values(self, now: Situation, found: dict[str, Alarm]) -> None:
         if not self._measures(now):
             return
-        for value, (aim, limit, what) in _TEXTS.drives.items():
+        for value, (aim, limit, what) in TEXTS.drives.items():
             name, off, most = (
                 f"deviation:{value}",
                 now.value(value) - now.value(aim),
@@ -350,7 +313,7 @@ class AlarmRules:
             if self._is_outside(name, off, -most, most, _BACK * most):
                 found[name] = self._lasting(alarm("drive", what=what), "deviation_persistence_s")
         for check in self._book.checks():
-            if check.variable in _TEXTS.limits and holds(check, now.phase):
+            if check.variable in TEXTS.limits and holds(check, now.phase):
                 self._limit(check, now, found)
 
     def _limit(self, check: Check, now: Situation, found: dict[str, Alarm]) -> None:
@@ -367,17 +330,11 @@ class AlarmRules:
         )
         quantity = check.variable.partition("_")[0]
         if outside and not any(one.startswith(f"interlock:{quantity}") for one in found):
-            what, unit = _TEXTS.limits[check.variable]
-            why = (
-                f"outside {check.min:g} to {check.max:g} {unit}"
-                if isfinite(back)
-                else f"{_beyond(check)} {unit}"
-            )
             slow = (
                 check.variable == "temperature_error_c"
             )  # a step of the set-point takes its time
             persistence = "deviation_persistence_s" if slow else "quality_persistence_s"
-            found[name] = self._lasting(alarm(check.kind, what=what, why=why), persistence)
+            found[name] = self._lasting(of_limit(check), persistence)
 
     def _reachable(self, now: Situation, found: dict[str, Alarm]) -> None:
         """Set-points that the controller replaces by what the drives can hold."""
@@ -386,8 +343,8 @@ class AlarmRules:
         why = out_of_reach(asked, goal, share) if goal and self._measures(now) else None
         self.replaced = goal if why else None
         if goal is not None and why:
-            change = "Lower" if wants_heat(asked, goal) else "Raise"
-            found["out_of_reach"] = alarm("out_of_reach", why.code, why=why.words, change=change)
+            action = "lower_temperature" if wants_heat(asked, goal) else "raise_temperature"
+            found["out_of_reach"] = alarm("out_of_reach", why.code, why=why.words, action=action)
 
     def _lasting(self, one: Alarm, persistence: str) -> Alarm:
         persistence_s = self._setting(persistence)
@@ -404,7 +361,7 @@ class AlarmRules:
 
     # ---------------------------------------------------------------- the nodes
 
-    def _parts(self, now: Situation, found: dict[str, Alarm]) -> None:
+    def _parts(self, now: Situation, now_s: float, found: dict[str, Alarm]) -> None:
         """Errors of parts, one alarm for each node, and nodes of which no part reports any longer."""
         known = {one["name"] for one in now.state["controllers"]} if now.state else set()
         told = [node for name, nodes in _TOLD.items() if name in found for node in nodes]
@@ -423,25 +380,26 @@ class AlarmRules:
                 continue
             if any(parts.get(what, _FINE).level == "error" for what in _WRITERS):
                 found["foreign"] = alarm("foreign")
-            if parts.get("standby", _FINE).level == "stale":  # it has died, or leads now
-                found["standby"] = alarm("standby")
+            if "standby" in parts and parts["standby"].level != "stale":
+                self._alone = ""
+            elif "standby" in parts:  # it leads now, or has died
+                took_over = now_s - self._led_s <= _UNHEARD_S
+                self._alone = self._alone or ("taken_over" if took_over else "lost")
+                found["standby"] = alarm("standby", self._alone, why=TEXTS.standby[self._alone])
             if node == MONITOR:
                 _watch(parts, found)
+            if node == PROCEDURE and parts.get(DEVIATIONS, _FINE).level == "error":
+                left = parts[DEVIATIONS]
+                found["procedure"] = alarm("procedure", left.code, why=left.text)
             covered = (*_OTHER_RULES, *(_GATEWAY if "machine" in parts else ()))
+            covered += (DEVIATIONS,) if node == PROCEDURE else ()
             errors = [
                 (what, part)
                 for what, part in parts.items()
                 if part.level == "error" and not what.startswith(covered)
             ]
             if errors:
-                (what, part), more = errors[0], len(errors) - 1
-                text = f"{what}: {part.text}" if what else part.text
-                one = alarm(
-                    "part_error",
-                    what,
-                    node=node,
-                    why=text + (f"; {more} more of its parts" if more else ""),
-                )
+                one = of_errors(node, [(what, part.text) for what, part in errors])
                 own = node.startswith("fsw_") or node in known
                 found[alarm_id("part", node)] = one if own else replace(one, priority="low")
 
@@ -511,5 +469,9 @@ def _watch(parts: Mapping[str, Part], found: dict[str, Alarm]) -> None:
     for what, part in parts.items():
         if part.level == "warn":
             found[alarm_id("watch", what)] = alarm(
-                "watch", cause=part.text, advice=part.advice or "See the trends"
+                "watch",
+                part.code,
+                cause=part.text,
+                advice=part.advice,
+                action="monitor" if part.advice else "see_trends",
             )

@@ -21,6 +21,7 @@ _CHATTERS, _CHATTER_S = 3, 60.0
 #: chosen, after the usual definition of a flood: more new ones of a group in this time are one alarm
 _FLOOD, _FLOOD_S = 10, 10.0
 FLOOD_ID = "flood:"
+STOP_ID = "safe_stop"
 #: alarms that led to a trip came at most so long before it, and went at most so long before it
 #: (chosen)
 _LED_S, _JUST_GONE_S = 60.0, 10.0
@@ -45,6 +46,7 @@ class Alarm:
     off_s: float = 1.0  #: and how long be gone
     why: str = ""  #: where more than one cause is possible
     cause: str = ""  #: code of this one; figures in ``why`` that change are no other cause
+    action: str = ""  #: code of the advice
 
     @property
     def text(self) -> str:
@@ -337,18 +339,29 @@ class AlarmList:
     # ---------------------------------------------------------------- for the page
 
     def rows(self, now_s: float, wall_s: float) -> list[dict[str, Any]]:
-        """The list: by state, the unacknowledged first, then by priority, then in the order of raising."""
+        """The list: by state, the unacknowledged first, then by priority, then in the order of raising.
+
+        What to do in a stop stands with the stop, so that it comes before what led to it.
+        """
         place = {"active": 0, "acknowledged": 1, "cleared": 2, "shelved": 3}
         listed = sorted(
             self.entries.items(),
-            key=lambda item: (place[item[1].state], RANK[item[1].alarm.priority], item[1].number),
+            key=lambda item: (
+                place[item[1].state],
+                RANK[item[1].alarm.priority],
+                item[0] != STOP_ID,
+                item[1].number,
+            ),
         )
         return [
             {
                 "id": name,
                 **{
                     key: getattr(one.alarm, key)
-                    for key in ("text", "what", "why", "consequence", "advice", "priority")
+                    for key in (
+                        *("text", "what", "why", "cause"),
+                        *("consequence", "advice", "action", "priority"),
+                    )
                 },
                 **{
                     key: getattr(one, key)

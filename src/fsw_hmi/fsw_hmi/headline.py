@@ -8,13 +8,32 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any
 
 from fsw_analysis.headline import VARIABLES
 from fsw_hmi.alarm_rules import DONE
+from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
+from fsw_hmi.recording import RecordingState
 
 #: no ticks for longer than this: the values on the page are old
 TICK_AGE_S = 0.5
+#: alarms that say why there are no measurements
+_OF_SILENCE = ("machine", "measurements")
+
+
+class Code(StrEnum):
+    """What a headline that is not of an alarm says."""
+
+    NO_MEASUREMENTS_YET = "no_measurements_yet"
+    NO_MEASUREMENTS = "no_measurements"
+    FLAG = "flag"
+    NO_SUPERVISOR = "no_supervisor"
+    MODE = "mode"
+    DONE = "done"
+    NOT_JUDGED = "not_judged"
+    ACCOUNT = "account"
+    GOOD = "good"
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,33 +46,35 @@ class Now:
     state: Mapping[str, Any] = field(default_factory=dict)
     account: Mapping[str, Any] | None = None
     programme: str = ""  #: its state
+    recording: str = RecordingState.NONE
 
 
 def headline(now: Now) -> dict[str, str]:
-    """Level, text and detail."""
+    """Level, text, detail and what to do; ``code`` or else ``alarm`` is what it is about."""
     silent = now.tick_age_s is None or now.tick_age_s > TICK_AGE_S
     if now.programme == DONE and silent:
-        return _urgent(now.alarms) or _end(now.account)
+        return _urgent(now.alarms) or _end(now)
     if now.tick_age_s is None:
-        return _line("attention", "No measurements yet")
+        return _line("attention", Code.NO_MEASUREMENTS_YET, "start_plant", "No measurements yet")
     if now.tick_age_s > TICK_AGE_S:
-        return _line(
-            "high",
-            "No measurements",
-            f"for {now.tick_age_s:.0f} s" if now.tick_age_s >= 1.0 else "",
+        why = [one for one in now.alarms if one["id"] in _OF_SILENCE]
+        since = f"for {now.tick_age_s:.0f} s" if now.tick_age_s >= 1.0 else ""
+        return _urgent(why) or _line(
+            "high", Code.NO_MEASUREMENTS, "check_plant", "No measurements", since
         )
     return (
         _urgent(now.alarms)
         or _of_flags(now.flags)
         or _of_state(now.state)
-        or (_end(now.account) if now.programme == DONE else _of_account(now.account))
+        or (_end(now) if now.programme == DONE else _of_account(now.account))
         or _of_alarms(now.alarms, "low")
-        or _line("good", "Good", "every limit is kept so far")
+        or _line("good", Code.GOOD, "none", "Good", "every limit is kept so far")
     )
 
 
-def _line(level: str, text: str, detail: str = "") -> dict[str, str]:
-    return {"level": level, "text": text, "detail": detail}
+def _line(level: str, code: Code, action: str, text: str, detail: str = "") -> dict[str, str]:
+    about = {"code": str(code), "alarm": "", "action": action, "next": ACTIONS[action]}
+    return {"level": level, "text": text, "detail": detail, **about}
 
 
 def _urgent(alarms: Sequence[Mapping[str, Any]]) -> dict[str, str] | None:
@@ -80,9 +101,9 @@ def _of_alarms(
     )
     if first is None:
         return None
-    more = f", {len(present) - 1} more" if len(present) > 1 else ""
-    why = f"{first['why']} · " if first["why"] else ""
-    return _line(priority, first["what"], f"{why}{priority} alarm{more}")
+    about = {"code": first["cause"], "alarm": first["id"]}
+    told = {"action": first["action"], "next": first["advice"]}
+    return {"level": priority, "text": first["what"], "detail": first["why"], **about, **told}
 
 
 def _of_flags(flags: Mapping[str, Mapping[str, str]]) -> dict[str, str] | None:
@@ -90,42 +111,40 @@ def _of_flags(flags: Mapping[str, Mapping[str, str]]) -> dict[str, str] | None:
         (name for level in ("high", "medium") for name in flags if flags[name]["level"] == level),
         None,
     )
-    return (
-        None
-        if first is None
-        else _line(
-            flags[first]["level"], f"{VARIABLES[first].capitalize()}: {flags[first]['text']}"
-        )
-    )
+    if first is None:
+        return None
+    text = f"{VARIABLES[first].capitalize()}: {flags[first]['text']}"
+    return _line(flags[first]["level"], Code.FLAG, "check_control", text)
 
 
 def _of_state(state: Mapping[str, Any]) -> dict[str, str] | None:
     """What is wrong with the state is an alarm; the rest is what somebody wants."""
     if not state.get("known"):
-        return _line("medium", "No supervisor", "nobody is known to command the weld")
+        text, detail = "No supervisor", "nobody is known to command the weld"
+        return _line("medium", Code.NO_SUPERVISOR, "start_supervisor", text, detail)
     mode = state["actual_mode"]
     if mode == "auto":
         return None
-    return _line(
-        "high" if mode == "safe_stop" else "attention",
-        f"In {mode.replace('_', ' ')}",
-        state["reason"],
-    )
+    stopped, text = mode == "safe_stop", f"In {mode.replace('_', ' ')}"
+    waits = stopped and not state["acknowledged"]
+    action = "retract_and_acknowledge" if waits else "choose_auto"
+    return _line("high" if stopped else "attention", Code.MODE, action, text, state["reason"])
 
 
-def _end(account: Mapping[str, Any] | None) -> dict[str, str]:
+def _end(now: Now) -> dict[str, str]:
     """The weld has ended as its programme has it: what the rules of its record say."""
+    account, action = now.account, NEXT_OF_BAG[now.recording]
     if account is None:
-        return _line("attention", "Weld done", "not judged")
-    return _line(account["level"], f"Weld done: {account['text']}", account["detail"])
+        return _line("attention", Code.DONE, action, "Weld done", "not judged")
+    text = f"Weld done: {account['text']}"
+    return _line(account["level"], Code.DONE, action, text, account["detail"])
 
 
 def _of_account(account: Mapping[str, Any] | None) -> dict[str, str] | None:
     """How the weld so far is judged, by the rules of its record."""
     if account is None:
-        return _line("attention", "Not judged yet")
-    return (
-        None
-        if account["level"] == "good"
-        else _line(account["level"], account["text"], account["detail"])
-    )
+        return _line("attention", Code.NOT_JUDGED, "none", "Not judged yet")
+    if account["level"] == "good":
+        return None
+    detail = account["detail"]
+    return _line(account["level"], Code.ACCOUNT, "see_marks", account["text"], detail)

@@ -228,6 +228,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
                 watch.state_frame(),
                 self._account,
                 watch.progress["state"] if watch.progress else "",
+                self._recording.state,
             )
         )
         if found != self._headline:

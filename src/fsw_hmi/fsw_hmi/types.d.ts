@@ -106,6 +106,8 @@ interface RecordingReport {
   bytes: number;
   missing: number;
   gap: [number, number] | null;
+  /** What to do with it when the weld is done. */
+  next: string;
 }
 interface Control {
   t: "control";
@@ -210,6 +212,10 @@ interface Headline {
   level: Level;
   text: string;
   detail?: string;
+  /** The alarm that it is of; empty: of none. */
+  alarm?: string;
+  /** What to do. */
+  next?: string;
 }
 interface Note {
   level: string;

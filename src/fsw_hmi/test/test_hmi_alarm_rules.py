@@ -8,76 +8,17 @@ from fsw_control.contract import Reference
 from fsw_control.depth_channels import ChannelHealth
 from fsw_control.parameters import defaults
 from fsw_control.stop import StopCause
-from fsw_hmi.alarm_rules import _TEXTS, NO_REASON, AlarmRules, Part, Situation, alarm_id
+from fsw_hmi.alarm_rules import NO_REASON, AlarmRules, Part, Situation
+from fsw_hmi.alarm_texts import TEXTS, alarm_id
 from fsw_hmi.alarms import RANK, Alarm, AlarmList
 from fsw_hmi.awake import Awake
 from fsw_hmi.frames import readable
 from fsw_hmi.limits import DEVIATIONS, limits
 from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.requests import Acknowledge
-from fsw_hmi.standing import variables
+from fsw_test_support.hmi_situation import GOOD, controller, gateway, lock, situation, state
 
 SETTINGS = defaults(HmiParameters)
-GOOD = {
-    "depth_mm": 2.66,
-    "reference_depth_mm": 2.66,
-    "temperature_c": 850.0,
-    "reference_temperature_c": 850.0,
-}
-GOOD |= {
-    "force_kn": 80.0,
-    "command_force_kn": 80.0,
-    "speed_rpm": 400.0,
-    "command_speed_rpm": 400.0,
-}
-
-
-def controller(name="nmpc", ready=True, inhibited=False, why="", missing_sensors=()):
-    return {
-        "name": name,
-        "ready": ready,
-        "inhibited": inhibited,
-        "why": why,
-        "lack": 0,
-        "missing_sensors": missing_sensors,
-    }
-
-
-def lock(name, level):
-    return {"name": name, "level": level}
-
-
-def state(**changed):
-    usual = {
-        "target_controller": "nmpc",
-        "actual_controller": "nmpc",
-        "target_mode": "auto",
-        "actual_mode": "auto",
-    }
-    usual |= {
-        "reason": "so",
-        "cause": Cause.SWAP_REQUESTED,
-        "stop_cause": StopCause.NONE,
-        "interlocks": [],
-        "tripped": [],
-    }
-    usual |= {"controllers": [controller()]}
-    return usual | changed
-
-
-def situation(values=None, **changed):
-    usual = {"state": state(), "state_age_s": 0.1, "tick_age_s": 0.05, "command_age_s": 0.05}
-    usual |= {"sample_age_s": {"depth": 0.0, "torque": 0.0, "thermocouple": 0.0}}
-    changed["values"] = variables(changed.get("values", GOOD | (values or {})))
-    return Situation(**usual | changed)
-
-
-def gateway(connection="ok", machine="ok", permissive=True, writes="ok"):
-    gate = {
-        "connection": Part(connection, "link lost"),
-        "machine": Part(machine, "counter stands", permissive),
-    }
-    return {"fsw_machine": gate | {"writes": Part(writes, "3 not taken")}}
 
 
 @pytest.fixture
@@ -86,8 +27,8 @@ def rules():
 
 
 def test_every_alarm_has_one_cause_one_consequence_and_one_action():
-    for one in _TEXTS.kinds.values():
-        assert one.text and one.consequence and one.advice
+    for one in TEXTS.kinds.values():
+        assert one.text and one.consequence and one.action
         assert one.priority in RANK
 
 

@@ -27,13 +27,14 @@ GOOD |= {
     "command_speed_rpm": 400.0,
 }
 GOOD |= {"torque_nm": 1060.0, "power_kw": 45.0}
-AUTO = {"known": True, "actual_mode": "auto", "reason": ""}
+AUTO = {"known": True, "actual_mode": "auto", "reason": "", "acknowledged": False}
 ACCOUNT = {"level": "good", "text": "Good", "detail": ""}
 FLAG = {"level": "medium", "kind": "error", "text": "off its set-point, high"}
 
 
 def alarm(priority: str, state: str = "active") -> dict[str, str]:
-    return {"priority": priority, "state": state, "what": f"{priority} one", "why": "so"}
+    codes = {"id": priority, "cause": "", "action": "check_plant", "advice": "see"}
+    return {"priority": priority, "state": state, "what": f"{priority} one", "why": "so", **codes}
 
 
 def now(**changed: Any) -> Now:

@@ -29,6 +29,7 @@ from fsw_analysis.rule_book import default
 from fsw_control.cause import Cause
 from fsw_control.sensors import OPTIONAL
 from fsw_hmi import history_report
+from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
 from fsw_hmi.answers import DONE, REFUSED, Answer
 from fsw_hmi.control import Session
 from fsw_hmi.control_room import ControlRoom, Verdict
@@ -232,7 +233,8 @@ class FakeHmi:
         frames.append({"t": "actions", "actions": self.actions[-50:]})
         if self.progress:
             frames.append({"t": "progress", **self.progress})
-        frames.append({"t": "recording", **self.recording})
+        following = ACTIONS[NEXT_OF_BAG[self.recording["state"]]]
+        frames.append({"t": "recording", **self.recording, "next": following})
         for frame in frames:
             await socket.send_text(json.dumps(frame))
 
@@ -291,7 +293,13 @@ class FakeHmi:
     def _headline(self) -> dict[str, Any]:
         programme = self.progress["state"] if self.progress else ""
         now = Now(
-            self._tick_age_s(), self.alarms, self._flags, self.state, self.account, programme
+            self._tick_age_s(),
+            self.alarms,
+            self._flags,
+            self.state,
+            self.account,
+            programme,
+            self.recording["state"],
         )
         return {"t": "headline", **headline(now)}
 
@@ -557,6 +565,8 @@ def _alarm(
         },
         "consequence": "The controllers do without it for a short time only",
         "advice": "Check the sensor, then swap the controller or stop",
+        "action": "check_sensor",
+        "cause": "",
         **{"chatters": False, "first_out": False, "first": "", "raised_s": raised_s},
         "first_s": raised_s - 100.0,
         **{"shelved": "anna: it is being replaced", "shelved_until_s": None},
@@ -594,6 +604,7 @@ def _state() -> dict[str, Any]:
         "cause": Cause.SWAP_REQUESTED,
         "by": "operator",
         "stop_cause": 0,
+        "acknowledged": False,
         "controllers": [
             {"name": "nmpc", "latency_ms": 14.0, **health, **counts},
             {"name": "decentral", "latency_ms": 2.0, **health, **counts},

@@ -9,8 +9,8 @@ const needsAcknowledging = (/** @type {Alarm} */ { state }) => state === "active
 export class Alarms {
   /** @type {Set<string>} */ #told = new Set();
   #newest = 0; // number of the newest alarm of the list
-  /** @type {string?} */ #opened = null; // whose id was chosen; null: the first is open
-  /** @type {[Alarm[], Reach | null]} */ #latest = [[], null];
+  /** @type {string?} */ #opened = null; // whose id was chosen; null: the headline's, else the first is open
+  /** @type {[Alarm[], Reach | null, string | undefined]} */ #latest = [[], null, ""];
 
   /** @param {import("./command.js").Commands} commands */
   constructor(commands) {
@@ -23,9 +23,9 @@ export class Alarms {
     this.root.firstElementChild?.append(this.count);
   }
 
-  /** @param {Alarm[]} alarms in the order to be shown @param {Reach | null} reach whether commands reach the machine */
-  update(alarms, reach) {
-    this.#latest = [alarms, reach];
+  /** @param {Alarm[]} alarms in the order to be shown @param {Reach | null} reach whether commands reach the machine @param {string} [first] the one that the headline is of */
+  update(alarms, reach, first) {
+    this.#latest = [alarms, reach, first];
     const { lack } = this.commands;
     const waiting = alarms.filter(needsAcknowledging).length;
     this.#newest = Math.max(0, ...alarms.map(({ number }) => number));
@@ -35,7 +35,7 @@ export class Alarms {
     const reaches = reach?.text && reach.ok !== false ? `${reach.ok ? "✓ " : ""}${reach.text}` : ""; // what is wrong is an alarm
     setShort(this.reach, [reaches, lack && alarms.length ? "Ack and Shelve need control." : ""].filter(Boolean).join(" · "));
     const focused = /** @type {HTMLElement?} */ (document.activeElement)?.dataset.alarm;
-    const opened = alarms.find(({ id }) => id === this.#opened) ?? (this.#opened === "" ? null : alarms[0]);
+    const opened = alarms.find(({ id }) => id === this.#opened) ?? (this.#opened === "" ? null : (alarms.find(({ id }) => id === first) ?? alarms[0]));
     renew(this.list, JSON.stringify([alarms, lack, opened?.id]), () => alarms.map((alarm) => this.#entry(alarm, alarm === opened)));
     if (focused) /** @type {HTMLElement?} */ (this.list.querySelector(`[data-alarm="${CSS.escape(focused)}"]`))?.focus();
     this.#announce(alarms);
@@ -46,7 +46,7 @@ export class Alarms {
     const { id, text, what: head, why, consequence, advice, priority, state } = alarm;
     const told = detail(alarm, open);
     const what = el("span", { className: "what" }, el("span", { className: "text", title: text }, el("strong", { title: head }, head), why ? `: ${why}` : ""), " ", el("span", { className: "detail", title: told }, told));
-    const summary = el("summary", { "data-alarm": id, onclick: (/** @type {Event} */ event) => this.#open(event, open ? "" : id) }, el("span", { className: "sign", "aria-hidden": "true" }, SIGN[priority]), what);
+    const summary = el("summary", { "data-alarm": id, onclick: (/** @type {Event} */ event) => this.#open(event, open ? "" : id) }, el("span", { className: "sign", "data-sign": SIGN[priority] }), what);
     return el("li", { className: `alarm ${priority} ${state}` }, el("details", { open }, summary, el("p", {}, `${consequence} → ${advice}`)), el("div", { className: "acts" }, ...this.#buttons(alarm, open)));
   }
 

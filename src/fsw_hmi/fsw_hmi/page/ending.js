@@ -9,14 +9,6 @@ import { clock, fixed, known, lasting, SIGN } from "./format.js";
   silent: ["high", "recorder silent"],
   closed: ["good", "bag closed"],
 };
-const NEXT_OF_BAG = {
-  none: "nothing is on record: repeat the weld, or inspect it by other means",
-  recording: "wait until the bag is closed, then write the record of the weld",
-  incomplete: "wait until the bag is closed, then have its gaps reviewed",
-  failed: "recover the bag (fsw.py bag), then have the weld reviewed",
-  silent: "recover the bag (fsw.py bag), then have the weld reviewed",
-  closed: "write the record of the weld: fsw.py record",
-};
 const VERDICT = { accept: "accept", review: "to be reviewed", reject: "reject" };
 const OVER = ["done", "aborted"];
 
@@ -34,13 +26,13 @@ export function recordingWords(report, toServerS) {
 }
 
 /** What is said at the end of a weld; null before. @param {import("./live.js").LivePage} page */
-export function ending({ progress, account, recording, values, trends }) {
+export function ending({ progress, account, recording, values, trends, headline, alarms }) {
   if (!progress || !isOver(progress)) return null;
   const done = progress.state === "done";
   const bag = recordingWords(recording, trends?.toServerS ?? NaN).long || `${SIGN.medium} ${RECORDING.none[1]}`;
   const verdict = account ? `Verdict of the rules so far: ${VERDICT[account.verdict]} (${account.text}${account.detail ? `; ${account.detail}` : ""}).` : "Not judged.";
   const moves = known(values.force_kn) && known(values.speed_rpm) ? ` The tool still turns at ${fixed(values.speed_rpm, 0)} rpm under ${fixed(values.force_kn, 0)} kN.` : "";
-  const next = done ? NEXT_OF_BAG[recording?.state ?? "none"] : "remove the cause, retract the tool at the machine, then acknowledge the stop";
+  const next = done ? recording?.next : (alarms.alarms.find(({ id }) => id === "safe_stop")?.advice ?? headline.next);
   return {
     title: done ? "Weld done" : "Weld aborted: it cannot be continued",
     lines: [verdict, `Recording: ${bag}.`, ...(done ? [] : [moves.trim()].filter(Boolean)), `Next: ${next}.`],

@@ -72,7 +72,7 @@ export class LivePage {
     endScreen(`${this.hello?.session} ${this.progress?.state}`, ending(this));
     this.controllers.update(this.state);
     this.commands.update();
-    this.list.update(this.alarms.alarms, this.alarms.reach);
+    this.list.update(this.alarms.alarms, this.alarms.reach, this.headline.alarm);
     this.#judge();
   }
 

@@ -35,20 +35,21 @@ export class LiveTrends {
     this.back = el("button", { type: "button", className: "primary back", onclick: () => this.#show(null) }, "Back to now");
     const legend = el("ul", { className: "legend" }, ...LEGEND.map(([kind, text, title = ""]) => el("li", { title }, el("span", { className: `key ${kind}` }), text)));
     const report = el("a", { href: "all_welds", target: "_blank", rel: "noopener", className: "button", hidden: !allWelds }, "All welds");
-    const plots = el("div", { className: "plots" });
-    this.trends = new Trends(plots, {
+    this.plots = el("div", { className: "plots" });
+    this.trends = new Trends(this.plots, {
       lines: (key) => liveLines(key, limits),
       label: (time) => this.#label(time),
       splits: (min, max) => this.#splits(min, max),
       overlay: (u, key) => this.#overlay(u, key),
       zoom: (range) => this.#show(range),
     });
-    root.replaceChildren(el("div", { className: "toolbar", role: "group", "aria-label": "Trends" }, ...this.buttons, this.trends.other, report, this.back, legend), plots);
+    root.replaceChildren(el("div", { className: "toolbar", role: "group", "aria-label": "Trends" }, ...this.buttons, this.trends.other, report, this.back, legend), this.plots);
     this.#choose(this.#window);
   }
 
   /** Show set-points that are about to be confirmed; null: there are none. @param {Ahead?} ahead */
   preview(ahead) {
+    if (ahead && !this.#preview) this.plots.scrollIntoView({ block: "start" }); // where the page scrolls, above the form
     this.#preview = ahead;
     if (ahead) this.#range = null;
     this.#draw(true);

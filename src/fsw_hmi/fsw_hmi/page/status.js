@@ -19,11 +19,11 @@ export class Status {
   recording = part("#clock .recording");
   progress = new Progress();
 
-  judge(/** @type {Headline} */ { level, text, detail }) {
+  judge(/** @type {Headline} */ { level, text, detail, next }) {
     this.verdict.dataset.level = level;
-    setText(this.sign, SIGN[level]);
+    this.sign.dataset.sign = SIGN[level];
     setShort(this.text, text);
-    setShort(this.detail, detail ?? "");
+    setShort(this.detail, [detail, next && `→ ${next}`].filter(Boolean).join(" "));
   }
 
   tell(/** @type {State} */ state) {
@@ -52,6 +52,6 @@ export class Status {
     if (kind === "live") return;
     setText(this.link, "last server time, UTC");
     if (kind === "lost" && programme?.state === "done") return this.judge({ level: "attention", text: "Weld done", detail: `the page's server no longer answers. ${text}` });
-    this.judge({ level: "high", text: kind === "connecting" ? "Connecting" : text, detail: kind === "lost" ? "values are old, commands are off; reconnecting" : "" });
+    this.judge({ level: "high", text: kind === "connecting" ? "Connecting" : text, detail: kind === "lost" ? "values are old, commands are off; reconnecting" : "", next: kind === "lost" ? "Be ready to stop at the machine" : "" });
   }
 }

@@ -106,7 +106,7 @@ export class WeldMap {
     const rank = Math.max(...group.map(({ worst }) => worst.rank));
     const texts = group.map(({ from, to, worst }) => `${worst.text}, ${fixed(from, 0)}° to ${fixed(to, 0)}°, ${this.told(worst.timeS)}`);
     let next = 0;
-    const sign = el("span", {}, SIGN[LEVELS[rank]], group.length > 1 ? String(group.length) : "");
+    const sign = el("span", { "data-sign": `${SIGN[LEVELS[rank]]}${group.length > 1 ? group.length : ""}` });
     const onclick = () => this.onMoment(group[next++ % group.length].worst.timeS);
     return at(el("button", { type: "button", "data-level": LEVELS[rank], title: texts.join("\n"), "aria-label": texts.join("; "), onclick }, sign), deg / WAY_DEG);
   }

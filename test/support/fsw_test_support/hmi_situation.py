@@ -1,0 +1,93 @@
+"""What the page's server knows at a moment, as it gets it from a graph; by default of a good weld."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from fsw_control.cause import Cause
+from fsw_control.stop import StopCause
+from fsw_hmi.alarm_rules import Part, Situation
+from fsw_hmi.standing import variables
+
+GOOD = {
+    "depth_mm": 2.66,
+    "reference_depth_mm": 2.66,
+    "temperature_c": 850.0,
+    "reference_temperature_c": 850.0,
+}
+GOOD |= {
+    "force_kn": 80.0,
+    "command_force_kn": 80.0,
+    "speed_rpm": 400.0,
+    "command_speed_rpm": 400.0,
+}
+
+
+def controller(
+    name: str = "nmpc",
+    ready: bool = True,
+    inhibited: bool = False,
+    why: str = "",
+    missing_sensors: Sequence[str] = (),
+) -> dict[str, Any]:
+    """A controller, as the supervisor reports it."""
+    return {
+        "name": name,
+        "ready": ready,
+        "inhibited": inhibited,
+        "why": why,
+        "lack": 0,
+        "missing_sensors": missing_sensors,
+    }
+
+
+def lock(name: str, level: str) -> dict[str, str]:
+    """An interlock."""
+    return {"name": name, "level": level}
+
+
+def state(**changed: Any) -> dict[str, Any]:
+    """What the supervisor reports."""
+    usual: dict[str, Any] = {
+        "target_controller": "nmpc",
+        "actual_controller": "nmpc",
+        "target_mode": "auto",
+        "actual_mode": "auto",
+    }
+    usual |= {
+        "reason": "so",
+        "cause": Cause.SWAP_REQUESTED,
+        "stop_cause": StopCause.NONE,
+        "interlocks": [],
+        "tripped": [],
+        "known": True,
+        "by": "Anna (1)",
+        "acknowledged": False,
+    }
+    usual |= {"controllers": [controller()]}
+    return usual | changed
+
+
+def situation(values: Mapping[str, float] | None = None, **changed: Any) -> Situation:
+    """What the rules look at."""
+    usual: dict[str, Any] = {
+        "state": state(),
+        "state_age_s": 0.1,
+        "tick_age_s": 0.05,
+        "command_age_s": 0.05,
+    }
+    usual |= {"sample_age_s": {"depth": 0.0, "torque": 0.0, "thermocouple": 0.0}}
+    changed["values"] = variables(changed.get("values", GOOD | dict(values or {})))
+    return Situation(**usual | changed)
+
+
+def gateway(
+    connection: str = "ok", machine: str = "ok", permissive: bool = True, writes: str = "ok"
+) -> dict[str, dict[str, Part]]:
+    """Reports of a gateway."""
+    gate = {
+        "connection": Part(connection, "link lost"),
+        "machine": Part(machine, "counter stands", permissive),
+    }
+    return {"fsw_machine": gate | {"writes": Part(writes, "3 not taken")}}
