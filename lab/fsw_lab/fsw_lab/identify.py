@@ -83,7 +83,7 @@ def identify(
     Examples
     --------
     >>> import fsw
-    >>> weld = fsw.simulate("identify_closed_loop", plant={"model.thermal_gain_c_per_kw": 1.2})
+    >>> weld = fsw.simulate("identify_closed_loop", plant={"factors.thermal_gain_c_per_kw": 1.2})
     >>> found = fsw.identify(weld)
     >>> abs(found.parameters.thermal_gain_c_per_kw / (1.2 * 18.1) - 1.0) < 0.03
     True

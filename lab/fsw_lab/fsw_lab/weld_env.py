@@ -165,7 +165,7 @@ class WeldEnv(Env[NDArray[np.float32], NDArray[np.float32]]):
     scenario : str or Path
         Without faults, e.g. ``reference_tracking``.
     plant : mapping of str to value, optional
-        Parameters of the plant, e.g. ``{"model.thermal_gain_c_per_kw": 1.2}``.
+        Parameters of the plant, e.g. ``{"factors.thermal_gain_c_per_kw": 1.2}``.
     noise : bool
         Whether sensors have noise and resolution.
 

@@ -26,8 +26,8 @@ def experiment() -> WeldSignals:
     """The closed-loop experiment on a process that differs from the model."""
     overrides = [
         "duration_s=150",
-        "plant.model.thermal_gain_c_per_kw=1.3",
-        "plant.model.depth_gain_mm_per_kn_s=0.8",
+        "plant.factors.thermal_gain_c_per_kw=1.3",
+        "plant.factors.depth_gain_mm_per_kn_s=0.8",
     ]
     text = yaml.safe_load(scenario_file.load("identify_closed_loop").text)
     text["events"] = [event for event in text["events"] if event["at_s"] < 150.0]

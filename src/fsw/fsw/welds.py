@@ -252,7 +252,7 @@ def simulate(
         Name, also with a variant, e.g. ``nmpc:paper``; ``MODULE:CLASS``, ``FILE.py:CLASS``, or an
         object of your own class. By default the scenario's.
     plant : mapping of str to value, optional
-        Parameters of the plant, e.g. ``{"seed": 3, "model.thermal_gain_c_per_kw": 1.2}``.
+        Parameters of the plant, e.g. ``{"seed": 3, "factors.thermal_gain_c_per_kw": 1.2}``.
     parameters : mapping of str to value, optional
         Parameters of the controller's node.
     changes : mapping of str to value, optional

@@ -199,7 +199,9 @@ def test_a_change_of_the_dead_time_while_running_keeps_the_history(block):
     plant = plant_of()
     newest = list(plant.core.state.copper)[-5:]
     plant.reconfigure(
-        PlantConfig.from_values({"process": "canister", "noise": False, "model.dead_time_s": 0.5})
+        PlantConfig.from_values(
+            {"process": "canister", "noise": False, "factors.dead_time_s": 0.5}
+        )
     )
     assert list(plant.core.state.copper)[-5:] == newest
     assert len(plant.core.state.copper) == 15
