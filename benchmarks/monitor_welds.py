@@ -155,7 +155,9 @@ def plant_of(process, random, seed):
     """Settings of a plant, drawn."""
     plant = {"seed": seed, **(CANISTER if process == "canister" else {})}
     spread = float(random.choice(SPREADS))
-    plant["factors"] = {name: float(1.0 + random.uniform(-spread, spread)) for name in COEFFICIENTS}
+    plant["factors"] = {
+        name: float(1.0 + random.uniform(-spread, spread)) for name in COEFFICIENTS
+    }
     factor, correlation_s = (
         float(random.choice([1.0, 1.0, 3.0])),
         float(random.choice([0.0, 0.0, 1.0, 5.0])),

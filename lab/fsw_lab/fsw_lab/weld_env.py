@@ -24,7 +24,7 @@ from fsw_control.schema.models import InputError
 from fsw_lab.plant_batch import CHANNELS, PlantBatch
 from fsw_model import STEP_S
 from fsw_plant import PlantConfig
-from fsw_scenario.closed_loop import plant_of
+from fsw_scenario.plants import plant_of
 from fsw_scenario.scenario import Scenario, start_reference
 from fsw_scenario.scenario_file import load
 from fsw_scenario.timeline import references
