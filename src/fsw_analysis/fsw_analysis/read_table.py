@@ -67,9 +67,7 @@ def read_table(
 class _Table:
     """Cells by column; ``first`` is the number of the first row in messages, ``lines`` those of a file."""
 
-    def __init__(
-        self, columns: Mapping[str, Sequence[Any]], lines: Sequence[int] | None = None
-    ) -> None:
+    def __init__(self, columns: Mapping[str, Any], lines: Sequence[int] | None = None) -> None:
         self._columns, self._lines, self.headers = columns, lines, list(columns)
         self.decimal_comma = False
 
