@@ -34,7 +34,7 @@ AIMS = {
 SCENARIO = "reference_tracking"
 SHORT = {"name": "short", "duration_s": 2.0, "events": []}
 FACTORS = {
-    f"plant.model.{name}": {"uniform": [0.8, 1.25]}
+    f"plant.factors.{name}": {"uniform": [0.8, 1.25]}
     for name in (
         "thermal_gain_c_per_kw",
         "copper_lag_s",

@@ -46,8 +46,8 @@ TYPES = (0, 1, 4, 5)
 OF_TYPE = (
     *(f"plant.canister.{name}" for name in ("wall_mm", "rim_mm", "lid_mm")),
     *(f"plant.canister.{name}" for name in ("tool_share", "shoulder_share")),
-    "plant.model.tool_lag_s",
-    "plant.model.dead_time_s",
+    "plant.factors.tool_lag_s",
+    "plant.factors.dead_time_s",
     "plant.actuators.lag_s",
 )
 #: welds of the campaign that have all else (copper, losses, ambient, process, noise): those that

@@ -68,7 +68,7 @@ def emulated(label, folder, seed):
         "controller": name_of(label),
         "plant": {
             "seed": seed,
-            "model": {name: float(random.normal(1.0, SPREAD)) for name in MODEL},
+            "factors": {name: float(random.normal(1.0, SPREAD)) for name in MODEL},
         },
         "events": [
             {"at_s": 5.0, "reference": {"depth_mm": 2.66, "temperature_c": 816.4}},

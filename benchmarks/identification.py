@@ -62,7 +62,7 @@ AIMS = {
 }
 #: factors on the paper's parameters: those of the comparison of controllers, and others that are
 #: estimated
-SPANS = RANDOM | {"model.depth_pole_slow_s": (0.8, 1.25), "model.motor_lag_s": (0.7, 1.4)}
+SPANS = RANDOM | {"factors.depth_pole_slow_s": (0.8, 1.25), "factors.motor_lag_s": (0.7, 1.4)}
 _95 = 1.96
 EXPERIMENT, WHOLE_WELD = "identify_closed_loop", "canister_weld"
 #: what is predicted where the plant starts in equilibrium
@@ -108,9 +108,9 @@ def one(job):
 def errors_of(fit, factors):
     """Relative error and standard deviation of every parameter."""
     model = {
-        name.removeprefix("model."): of
+        name.removeprefix("factors."): of
         for name, of in factors.items()
-        if name.startswith("model.")
+        if name.startswith("factors.")
     }
     truth = nominal().scaled(**model)
     errors = {

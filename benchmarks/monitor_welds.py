@@ -76,7 +76,7 @@ def changed(**settings):
             given |= {
                 name: plant.config[name] * value
                 for name, value in given.items()
-                if name.startswith("model.")
+                if name.startswith("factors.")
             }
             plant.reconfigure(PlantConfig.from_values({**plant.config.values, **given}))
 
@@ -138,14 +138,14 @@ CASES = {
     "tool wear 6 N·m/min": (wear(6.0), None, ("tool_wear",), ""),
     "torque gain +20 %": (
         None,
-        changed(model__sliding_friction=1.2, model__sticking_stress_pa=1.2),
+        changed(factors__sliding_friction=1.2, model__sticking_stress_pa=1.2),
         ("torque_gain",),
         "",
     ),
-    "depth gain +20 %": (None, changed(model__depth_gain_mm_per_kn_s=1.2), ("depth_gain",), "depth_mm"),
-    "depth gain -20 %": (None, changed(model__depth_gain_mm_per_kn_s=0.8), ("depth_gain",), "depth_mm"),
-    "heat gain +20 %": (None, changed(model__thermal_gain_c_per_kw=1.2), ("heat_gain",), "temperature_c"),
-    "dead time +1.5 s": (None, changed(model__dead_time_s=1.0 + 1.5 / 2.8), ("dead_time",), "temperature_c"),
+    "depth gain +20 %": (None, changed(factors__depth_gain_mm_per_kn_s=1.2), ("depth_gain",), "depth_mm"),
+    "depth gain -20 %": (None, changed(factors__depth_gain_mm_per_kn_s=0.8), ("depth_gain",), "depth_mm"),
+    "heat gain +20 %": (None, changed(factors__thermal_gain_c_per_kw=1.2), ("heat_gain",), "temperature_c"),
+    "dead time +1.5 s": (None, changed(factors__dead_time_s=1.0 + 1.5 / 2.8), ("dead_time",), "temperature_c"),
     "force drive sticks, 0.5 kN": (None, sticking, ("force_sticks", "force_lags"), ""),
     "drives 0.5 s late": (None, changed(actuators__dead_time_ticks=5), ("force_lags", "speed_lags"), ""),
 }  # fmt: skip
@@ -155,7 +155,9 @@ def plant_of(process, random, seed):
     """Settings of a plant, drawn."""
     plant = {"seed": seed, **(CANISTER if process == "canister" else {})}
     spread = float(random.choice(SPREADS))
-    plant["model"] = {name: float(1.0 + random.uniform(-spread, spread)) for name in COEFFICIENTS}
+    plant["factors"] = {
+        name: float(1.0 + random.uniform(-spread, spread)) for name in COEFFICIENTS
+    }
     factor, correlation_s = (
         float(random.choice([1.0, 1.0, 3.0])),
         float(random.choice([0.0, 0.0, 1.0, 5.0])),
@@ -175,7 +177,7 @@ def draws(process, seed):
 
 def identified(process, seed) -> tuple[ModelParameters, np.ndarray]:
     """Model and covariance of a weld's own plant, as an identification gives them."""
-    model = plant_of(process, draws(process, seed), seed)["model"]
+    model = plant_of(process, draws(process, seed), seed)["factors"]
     errors = IDENTIFIED * np.random.default_rng([seed, len(PROCESSES)]).normal(size=len(model))
     factors = {
         name: value * (1.0 + error)

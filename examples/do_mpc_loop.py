@@ -57,7 +57,7 @@ def main(n_ticks=40):
     mpc.x0 = simulator.x0 = process.state()
     mpc.u0 = simulator.u0 = np.array([[78.4], [407.576]])
     mpc.set_initial_guess()
-    state = process.state()
+    state, depth_mm = process.state(), process.parameters.operating_depth_mm
     for tick in range(n_ticks):
         u = mpc.make_step(state)
         state = np.asarray(simulator.make_step(u))

@@ -1,6 +1,7 @@
 """Two FMUs in closed loop: .venv/bin/python examples/fmu_loop.py plant.fmu nmpc.fmu"""
 
 import sys
+from typing import Any
 
 from fmpy import extract, read_model_description
 from fmpy.simulation import instantiate_fmu
@@ -11,7 +12,7 @@ class Unit:
         model = read_model_description(path)
         self.variables = {v.name: v for v in model.modelVariables}
         self.inputs = {v.name for v in model.modelVariables if v.causality == "input"}
-        self.fmu = instantiate_fmu(extract(path, folder), model, "CoSimulation")
+        self.fmu: Any = instantiate_fmu(extract(path, folder), model, "CoSimulation")
         self.set(**parameters)
         self.fmu.setupExperiment()
         self.fmu.enterInitializationMode()

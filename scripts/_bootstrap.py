@@ -391,13 +391,19 @@ def _make(home, locks):
             ":all:",
         ]
         _run_with_progress([*pip, "--no-binary", SOURCE_ONLY, *names], lock.name)
+        if lock.stem != ROS:  # whose messages are still to be built
+            _mark(home, lock)
     _install_from_source(home)
     if any(lock.stem == ROS for lock in locks[old:]):
         _build_interfaces(
             home
         )  # where it fails welds run in one process: the next start does not try again
     for lock in locks[old:]:
-        (home / f"{lock.stem}.installed").write_text(_stamp(lock))
+        _mark(home, lock)
+
+
+def _mark(home, lock):
+    (home / f"{lock.stem}.installed").write_text(_stamp(lock))
 
 
 def _build_interfaces(home):

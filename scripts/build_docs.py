@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import html
+import json
 import os
 import re
 import subprocess
@@ -29,10 +30,13 @@ if __name__ == "__main__":
 
 import safety_case
 import yaml
+from build_gallery import NOTEBOOKS, cells
 from draw_state_machine import svg_diagram
 from latex2mathml.converter import convert
 from mkdocs.structure.files import File
 from reference_pages import reference
+
+import fsw
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 CONTRIBUTING = WORKSPACE / "CONTRIBUTING.md"
@@ -89,6 +93,33 @@ def with_packages(page: str) -> str:
     return re.sub(pattern, lambda match: f"{match[1]}{drawing}{match[2]}", page, flags=re.DOTALL)
 
 
+def notebook(text: str) -> str:
+    """A script in cells as a notebook of Jupyter (nbformat 4)."""
+    code: dict[str, Any] = {"execution_count": None, "outputs": []}
+    return json.dumps(
+        {
+            "cells": [
+                {
+                    "cell_type": "markdown" if is_text else "code",
+                    "metadata": {},
+                    "source": content.splitlines(keepends=True),
+                    **({} if is_text else code),
+                }
+                for is_text, content in cells(text)
+            ],
+            "metadata": {"language_info": {"name": "python"}},
+            "nbformat": 4,
+            "nbformat_minor": 4,
+        }
+    )
+
+
+def on_config(config: Any) -> Any:
+    """Name the version in the header of every page."""
+    config.site_name = f"{config.site_name} {fsw.__version__}"
+    return config
+
+
 def on_files(files: Any, config: Any) -> Any:
     """Add the pages that are not committed."""
     pages = {f"reference/{name}": text for name, text in reference().items()}
@@ -99,13 +130,19 @@ def on_files(files: Any, config: Any) -> Any:
     pages["concepts/safety-requirements.md"] = safety_case.table(
         requirements, safety_case.marked(), results
     )
+    for path in NOTEBOOKS.glob("*.py"):
+        pages[f"gallery/{path.stem}.ipynb"] = notebook(path.read_text("utf-8"))
     for name, text in pages.items():
         files.append(File.generated(config, name, content=text))
     return files
 
 
 def on_page_markdown(text: str, page: Any, config: Any, files: Any) -> str:
-    """Draw what would need a script from the network."""
+    """Draw what would need a script from the network, and offer the gallery's notebooks."""
+    folder, _, name = page.file.src_uri.rpartition("/")
+    if folder == "gallery":
+        file = Path(name).with_suffix(".ipynb")
+        text += f"\n[Download the notebook]({file}){{ download={file} .md-button }}\n"
     return re.sub(r"```mermaid\n.*?```\n", lambda _: f"{svg_diagram()}\n", text, flags=re.DOTALL)
 
 

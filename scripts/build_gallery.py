@@ -72,7 +72,8 @@ class Page:
             self._figures += 1
             file = f"{self._name}_{self._figures}.png"
             value.savefig(self._folder / file, dpi=80)
-            self.lines += [f"![]({file})", ""]
+            title = self.lines[0].partition("\n")[0].lstrip("# ")
+            self.lines += [f"![{title}, figure {self._figures}]({file})", ""]
         elif hasattr(value, "_repr_markdown_"):
             self.lines += [value._repr_markdown_(), ""]
         elif value is not None:

@@ -6,7 +6,14 @@ import fsw
 from fsw_control.schema.extensions import extensions
 
 #: page of what is public in Python, by package
-API_PAGES = {"fsw": "fsw", "fsw_control": "contract", "fsw_lab": "more", "fsw_quality": "more"}
+API_PAGES = {
+    "fsw": "fsw",
+    "fsw_analysis": "fsw",
+    "fsw_control": "contract",
+    "fsw_scenario": "contract",
+    "fsw_lab": "more",
+    "fsw_quality": "more",
+}
 
 
 def python_api(page: Callable[..., str]) -> dict[str, str]:
@@ -20,7 +27,7 @@ def python_api(page: Callable[..., str]) -> dict[str, str]:
         f"python-{key}": page(title, *(f"::: {name}\n" for name in modules[key]))
         for key, title in (
             ("fsw", "Python: weld, compare, model"),
-            ("contract", "Python: a controller's contract"),
+            ("contract", "Python: contracts of controllers and plants"),
             ("more", "Python: identify, tune, export, record"),
         )
     }

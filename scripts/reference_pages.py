@@ -392,8 +392,9 @@ def command_line() -> dict[str, str]:
         "",
         *lines,
         "",
-        "Exit codes: 0 done, 1 not possible (one line says why), 2 wrong arguments. "
-        "A file that exists is replaced only with `--force`.",
+        "Exit codes: 0 done, 1 not possible (one line says why), 2 wrong arguments, 130 interrupted; others "
+        "are with their command. `--out` is where results are written, and results that exist are replaced only "
+        "with `--force`; `--set` replaces a value of a scenario, `--parameter` one of a node that computes.",
         "",
         "Nodes (`scripts/run_*.py`) take `--ros-args` with `-p`, `-r`, `--params-file` and `--log-level`; `--help` "
         "lists their parameters.",

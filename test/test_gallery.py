@@ -25,7 +25,7 @@ def test_the_page_shows_the_notebook_as_it_is(notebook):
     assert code_of(page) == [
         content.strip() for kind, _, content in cells if "markdown" not in kind
     ]
-    shown = re.findall(r"!\[\]\((.*?)\)", page.read_text(encoding="utf-8"))
+    shown = re.findall(r"!\[[^]]+, figure \d\]\((.*?)\)", page.read_text(encoding="utf-8"))
     assert shown == [path.name for path in sorted(PAGES.glob(f"{notebook.stem}_[0-9].png"))]
     assert f"(gallery/{notebook.stem}.md)" in (PAGES.parent / "index.md").read_text("utf-8")
 

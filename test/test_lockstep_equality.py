@@ -24,7 +24,7 @@ announced: true
 plant:
   seed: 11
   start: {depth_mm: 2.7, temperature_c: 812.4}
-  model: {thermal_gain_c_per_kw: 1.1, depth_gain_mm_per_kn_s: 0.9}
+  factors: {thermal_gain_c_per_kw: 1.1, depth_gain_mm_per_kn_s: 0.9}
 events:
   - {at_s: 1.0, reference: {depth_mm: 2.72}}
   - {at_s: 2.0, reference: {temperature_c: 815.4, over_s: 2.5}}

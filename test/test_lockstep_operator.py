@@ -94,7 +94,7 @@ def test_reference_keeps_what_is_left_out(fsw, patient):
         ("fault", "thermocouple", "bias", "0.5", "--duration", "0.5"),
         ("fault", "thermocouple", "clear"),
         ("mode", "hold"),
-        ("mode", "manual", "--force", "78.4", "--speed", "407"),
+        ("mode", "manual", "--axial-force", "78.4", "--speed", "407"),
         ("mode", "auto"),
         ("switch", "decentral"),
         ("weld", "hold"),

@@ -10,9 +10,9 @@ from pathlib import Path
 import fsw
 
 machine = {
-    "model.thermal_gain_c_per_kw": 1.25,
-    "model.depth_gain_mm_per_kn_s": 1.4,
-    "model.dead_time_s": 1.2,
+    "factors.thermal_gain_c_per_kw": 1.25,
+    "factors.depth_gain_mm_per_kn_s": 1.4,
+    "factors.dead_time_s": 1.2,
 }
 experiment = fsw.simulate("identify_closed_loop", plant=machine)
 
@@ -23,7 +23,7 @@ experiment = fsw.simulate("identify_closed_loop", plant=machine)
 # %%
 found = fsw.identify(experiment)
 for name, std in found.std.items():
-    true = getattr(fsw.model().parameters, name) * machine.get(f"model.{name}", 1.0)
+    true = getattr(fsw.model().parameters, name) * machine.get(f"factors.{name}", 1.0)
     print(f"{name:<24} {getattr(found.parameters, name):10.5g} +- {std:<8.2g} true {true:.5g}")
 
 # %% [markdown]

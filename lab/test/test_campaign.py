@@ -29,7 +29,7 @@ CAMPAIGN = {
     },
     "controllers": ["nmpc", "decentral:tight"],
     "welds": 40,
-    "distributions": {"plant.model.depth_gain_mm_per_kn_s": {"uniform": [0.7, 1.4]}},
+    "distributions": {"plant.factors.depth_gain_mm_per_kn_s": {"uniform": [0.7, 1.4]}},
     "limits": {"depth_error_mm": {"min": -0.03, "max": 0.03}},
 }
 

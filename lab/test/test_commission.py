@@ -43,7 +43,7 @@ NODES = {
             "clock": "simulated",
             "speed": 0.0,
             "wait_for_subscribers": 2,
-            "model.thermal_gain_c_per_kw": 1.3,
+            "factors.thermal_gain_c_per_kw": 1.3,
         },
     ),
 }

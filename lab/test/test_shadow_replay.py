@@ -79,7 +79,7 @@ def test_recorded_controller_proposes_again_what_it_proposed(
 def test_another_tuning_is_told_from_what_was_applied(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    report = shadow(tmp_path, "--set", "tuning=tight")
+    report = shadow(tmp_path, "--parameter", "tuning=tight")
     applied = report["comparisons"][0]
     assert applied["title"].endswith("applied commands") and applied["ticks"] == 10 * SECONDS
     assert applied["first_tick"] <= 5 and applied["force_kn"]["largest"] > 0.01
@@ -102,7 +102,7 @@ def test_a_controller_that_was_not_in_the_weld(tmp_path: Path) -> None:
     ("arguments", "text"),
     [
         (["--controller", "nobody"], "controller nobody is not available"),
-        (["--controller", "decentral", "--set", "nonsense"], "NAME=VALUE"),
+        (["--controller", "decentral", "--parameter", "nonsense"], "NAME=VALUE"),
         (["--controller", "decentral", "--out", str(WELD)], "exists already"),
     ],
 )

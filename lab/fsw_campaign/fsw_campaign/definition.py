@@ -129,7 +129,7 @@ class Campaign(Model):
     seed: Annotated[Whole, Range(0, 2**32 - 1, "")] = 1
     sampler: Sampler = "latin_hypercube"
     distributions: dict[str, Distribution] = {}
-    """by path in the scenario file, e.g. ``plant.model.copper_lag_s``"""
+    """by path in the scenario file, e.g. ``plant.factors.copper_lag_s``"""
     limits: dict[Annotated[str, AfterValidator(_signal)], Limit] = {}
     """of a good weld"""
     procedure: Annotated[dict[str, Any] | None, _NAMED] = None

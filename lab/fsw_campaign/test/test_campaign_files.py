@@ -230,8 +230,8 @@ def test_what_cannot_be_welded_is_a_row(tmp_path):
         made, 0, {"plant.seed": 1, "plant.start.temperature_c": 1000.0}, made.entrants[0]
     )
     assert hot["status"] == "error" and "beyond the drives" in hot["reason"] and not hot["inside"]
-    made = campaign(tmp_path, **one("plant.model.depth_gain_mm_per_kn_s", uniform=[1.0, 10.0]))
-    parameters = {"plant.seed": 1, "plant.model.depth_gain_mm_per_kn_s": 10.0}
+    made = campaign(tmp_path, **one("plant.factors.depth_gain_mm_per_kn_s", uniform=[1.0, 10.0]))
+    parameters = {"plant.seed": 1, "plant.factors.depth_gain_mm_per_kn_s": 10.0}
     lost = run_weld(
         made, 1, parameters | {"events[2].disturbance.channel": "temperature"}, made.entrants[0]
     )

@@ -62,7 +62,7 @@ _TUNABLE = (
 
 
 def plant(choice: Choice) -> Content:
-    """The plant; its parameters are those of the node: the FMU's own, ``model_file`` and factors ``model.*``.
+    """The plant; its parameters are those of the node: the FMU's own, ``model_file`` and ``factors.*``.
 
     On a canister also ``canister.*`` and the tool's first position.
 
@@ -74,7 +74,7 @@ def plant(choice: Choice) -> Content:
     """
     on_canister = choice.parameters.get("process", "paper") == "canister"
     fixed = (*_FIXED, *(_OF_CANISTER if on_canister else ()))
-    groups = ("model.", "canister.") if on_canister else ("model.",)
+    groups = ("factors.", "canister.") if on_canister else ("factors.",)
     own = {*fixed, *_TUNABLE, "model_file", "process", *(_MOTION if on_canister else ())}
     specs = {
         name: spec

@@ -94,11 +94,11 @@ def test_units_are_those_of_the_project() -> None:
     [
         {},
         {
-            "model.thermal_gain_c_per_kw": 1.2,
+            "factors.thermal_gain_c_per_kw": 1.2,
             "actuators.lag_s": 0.3,
             "sensors.temperature_lag_s": 1.5,
         },
-        {"model.dead_time_s": 0.1},
+        {"factors.dead_time_s": 0.1},
     ],
 )
 def test_plant_is_the_emulator(tmp_path: Path, running: Units, values: dict[str, float]) -> None:

@@ -27,7 +27,7 @@ VALUES: dict[str, Any] = {
     "start.temperature_c": 780.0,
     "tool.axial_mm": 60.0,
     "tool.traverse_mm_per_min": 0.0,
-    "model.dead_time_s": 0.95,
+    "factors.dead_time_s": 0.95,
     **{
         f"canister.{name}": value
         for name, value in {

@@ -7,7 +7,15 @@ from math import inf
 from pathlib import Path
 
 from fsw.bags import bag_argument, print_notes
-from fsw.command import FORCE, assignment, command, file, number, option, repeated
+from fsw.command import (
+    FORCE,
+    command,
+    file,
+    number,
+    option,
+    parameter,
+    parameters_by_node,
+)
 from fsw.console import ProgressBar
 from fsw.errors import CommandError
 from fsw.outputs import check_new, write_json
@@ -101,12 +109,7 @@ def verify(arguments: argparse.Namespace) -> int:
     bag_argument(),
     option("--controller", metavar="NAME", required=True, help=_NAME_OR_CLASS),
     number("--duration", "S", DURATION_S, "only the first seconds of the weld", inf),
-    repeated(
-        "--set",
-        "NAME=VALUE",
-        "parameter of the controller, instead of the recorded one or the default",
-        dest="parameters",
-    ),
+    parameter("parameter of the controller, instead of the recorded one or the default"),
     file("--out", "folder for the new bag (default: <bag>_shadow_<controller>)", "DIR"),
     file("--json", "also write the differences as JSON"),
     FORCE,
@@ -120,7 +123,7 @@ def shadow(arguments: argparse.Namespace) -> int:
     name, make = name_of(label), maker(label)
     changed = {
         **variant_of(label),
-        **dict(assignment("--set", text) for text in arguments.parameters),
+        **parameters_by_node(arguments.parameter, [name]).get(name, {}),
     }
     folder = arguments.out or source.absolute().parent / f"{source.absolute().name}_shadow_{name}"
     if folder.exists():

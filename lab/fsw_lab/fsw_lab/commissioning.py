@@ -341,7 +341,9 @@ def identify_rows(parameters: ModelParameters, deviations: Mapping[str, float]) 
             not low <= factor <= high
         ):  # tuning could not try such a process, and no machine is known to be one
             limit = f"{low:g} to {high:g}; repeat the experiment, with longer steps"
-            rows.append(_row(key.removeprefix("model."), f"{factor:.2g} of nominal", limit, False))
+            rows.append(
+                _row(key.removeprefix("factors."), f"{factor:.2g} of nominal", limit, False)
+            )
     return rows
 
 

@@ -6,7 +6,17 @@ import argparse
 from typing import Any
 
 import fsw
-from fsw.command import Option, assignment, command, file, group, option, repeated, switch
+from fsw.command import (
+    FORCE,
+    Option,
+    command,
+    file,
+    group,
+    option,
+    parameter,
+    parameters_by_node,
+    repeated,
+)
 from fsw.console import ProgressBar, print_table
 from fsw.errors import CommandError
 
@@ -17,18 +27,19 @@ EXPORT = group(
 )
 
 
-def _choice(parameter: str) -> tuple[Option, ...]:
-    """Options that say which model, tuning and parameters are exported; ``parameter`` is a help text."""
+def _choice(text: str) -> tuple[Option, ...]:
+    """Options that say which model, tuning and parameters are exported; the text is on parameters."""
     return (
         file("--model", "model parameters (YAML) instead of the paper's"),
         file("--tuning", "tuning (YAML) instead of the default one"),
-        repeated("--parameter", "NAME=VALUE", parameter),
+        parameter(text),
     )
 
 
 def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     """What is exported, and whether it may replace something."""
-    values = dict(assignment("--parameter", text) for text in arguments.parameter)
+    unit = arguments.unit
+    values = parameters_by_node(arguments.parameter, [unit]).get(unit, {})
     chosen = {"model": arguments.model, "tuning": arguments.tuning, "parameters": values}
     return chosen | {"replace": arguments.force}
 
@@ -45,7 +56,7 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     ),
     *_choice("parameter of the controller's node, e.g. temperature_aggressiveness=0.5"),
     file("--out", "folder to write", "DIR", required=True),
-    switch("--force", "delete an existing export"),
+    FORCE,
     description="Write a folder with a controller in C99: sources, tables, example, test vectors of a simulated "
     "weld, function block, README. The example is compiled and run before the folder is moved into place.",
 )
@@ -68,7 +79,7 @@ def export_c(arguments: argparse.Namespace) -> int:
     option("unit", metavar="UNIT", help="plant, nmpc or decentral"),
     *_choice("parameter of the plant or of the controller's node, e.g. start.depth_mm=2.8"),
     file("--out", "file to write", "FILE.fmu", required=True),
-    switch("--force", "replace the file if it exists"),
+    FORCE,
     repeated(
         "--platform",
         "NAME",

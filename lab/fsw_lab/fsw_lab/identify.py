@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fsw.arguments import validated
-from fsw.welds import Weld, read_bag
+from fsw.welds import Weld, read_bag, read_table
 from fsw_control.schema.models import InputError
 from fsw_identification import estimation, summary
 from fsw_identification.friction import from_air
@@ -16,6 +17,9 @@ from fsw_identification.summary import Summary
 from fsw_identification.weld_data import prepare
 from fsw_model import ModelParameters
 from fsw_plant.parameters import Actuators
+
+#: ends of the names of logs
+TABLES = (".csv", ".tsv", ".txt")
 
 
 class Identified(Summary):
@@ -48,9 +52,9 @@ class Identified(Summary):
 
 @validated
 def identify(
-    *welds: Weld | str | Path,
-    validate: Weld | str | Path | None = None,
-    air: Weld | str | Path | None = None,
+    *welds: Any,
+    validate: Any = None,
+    air: Any = None,
     start: ModelParameters | None = None,
     drive_lag_s: float | None = None,
     steady: bool = False,
@@ -60,11 +64,12 @@ def identify(
 
     Parameters
     ----------
-    *welds : Weld, str or Path
-        Welds or their bags. What only the emulator knows is not used.
-    validate : Weld, str or Path, optional
+    *welds : Weld, str, Path, mapping or pandas.DataFrame
+        Welds, their bags, or logs of a machine: CSV files, arrays, data frames (as
+        :func:`fsw.read_table` reads them). What only the emulator knows is not used.
+    validate : like welds, optional
         Weld that validates the model and is not used for the estimate.
-    air : Weld, str or Path, optional
+    air : like welds, optional
         Run in air at several speeds, for the friction (23).
     start : ModelParameters, optional
         The paper's by default.
@@ -83,7 +88,7 @@ def identify(
     Examples
     --------
     >>> import fsw
-    >>> weld = fsw.simulate("identify_closed_loop", plant={"model.thermal_gain_c_per_kw": 1.2})
+    >>> weld = fsw.simulate("identify_closed_loop", plant={"factors.thermal_gain_c_per_kw": 1.2})
     >>> found = fsw.identify(weld)
     >>> abs(found.parameters.thermal_gain_c_per_kw / (1.2 * 18.1) - 1.0) < 0.03
     True
@@ -93,12 +98,12 @@ def identify(
         raise InputError("identify: needs at least one weld, or its bag")
     if not 0.0 <= lag_s < np.inf:
         raise InputError(f"identify: drive_lag_s is a number of seconds from 0, not {lag_s:g}")
-    data = [prepare(_weld(one).signals, lag_s) for one in welds]
-    judge = None if validate is None else prepare(_weld(validate).signals, lag_s)
+    data = [prepare(weld_of(one).signals, lag_s) for one in welds]
+    judge = None if validate is None else prepare(weld_of(validate).signals, lag_s)
     first = start or ModelParameters()
     deviations: dict[str, float] = {}
     if air is not None:
-        first, deviations = from_air(_weld(air).signals, first, lag_s)
+        first, deviations = from_air(weld_of(air).signals, first, lag_s)
     segments = [segment for weld in data for segment in weld.segments]
     found = estimation.identify(segments, first, progress, steady)
     validation = None
@@ -108,5 +113,10 @@ def identify(
     return Identified(", ".join(weld.name for weld in data), found, validation, notes, deviations)
 
 
-def _weld(given: Weld | str | Path) -> Weld:
-    return given if isinstance(given, Weld) else read_bag(given)
+def weld_of(source: Any, columns: Mapping[str, str] | None = None) -> Weld:
+    """A weld as it is, from its bag, or from the log of a machine."""
+    if isinstance(source, Weld):
+        return source
+    if isinstance(source, str | Path) and Path(source).suffix.lower() not in TABLES:
+        return read_bag(source)
+    return read_table(source, columns)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 
 import fsw
 from fsw.bags import read_weld
-from fsw.command import FORCE, command, file, number, option, switch
+from fsw.command import FORCE, assignment, command, file, number, option, repeated, switch
 from fsw.console import ProgressBar, print_table
 from fsw.errors import CommandError
 from fsw.outputs import check_new, new_folder, write_text
@@ -16,6 +17,7 @@ from fsw_analysis.changes import cut_to_scenario
 from fsw_control.schema.models import range_of
 from fsw_control.schema.ranges import Range
 from fsw_identification import report, summary
+from fsw_lab.identify import TABLES, weld_of
 from fsw_model import ModelParameters, ParameterCovariance
 from fsw_plant.parameters import Actuators
 from fsw_tuning.identification_design import SAFE_C, SAFE_MM, propose
@@ -34,7 +36,15 @@ DRIVE_LAG = number(
 @command(
     "identify",
     "model parameters of a process from bags of its welds; proposes an experiment",
-    option("bag", type=Path, nargs="*", help="bag of a weld; several: one model for all"),
+    option(
+        "bag", type=Path, nargs="*", help="bag or log (CSV) of a weld; several: one model for all"
+    ),
+    repeated(
+        "--column",
+        "QUANTITY=NAME",
+        "with a log: name of a column by quantity and unit, e.g. force_n=F_ax; others are found by names such as "
+        "force_kn or 'Axial force [N]'",
+    ),
     file("--out", "model file (YAML); with --design the scenario"),
     file("--covariance", "covariance of the estimates (YAML), for the monitor"),
     file("--validate", "weld to validate the model, not used for the estimate", "BAG"),
@@ -74,9 +84,13 @@ def identify(arguments: argparse.Namespace) -> int:
     )  # now, because the fit may take minutes
     if arguments.report is not None:
         new_folder(arguments.report, "", "--report")
-    welds = [_weld(bag) for bag in arguments.bag]
+    columns = {
+        name: str(header)
+        for name, header in (assignment("--column", text) for text in arguments.column)
+    }
+    welds = [_weld(bag, columns) for bag in arguments.bag]
     validate, air = (
-        None if bag is None else _weld(bag) for bag in (arguments.validate, arguments.air)
+        None if bag is None else _weld(bag, columns) for bag in (arguments.validate, arguments.air)
     )
     start, lag_s = _model(arguments.model), arguments.drive_lag
     with ProgressBar("identifying") as bar:
@@ -149,5 +163,7 @@ def _model(file: Path | None) -> ModelParameters:
     return ModelParameters() if file is None else ModelParameters.from_file(file)
 
 
-def _weld(bag: Path) -> Weld:
+def _weld(bag: Path, columns: Mapping[str, str]) -> Weld:
+    if bag.suffix.lower() in TABLES:
+        return weld_of(bag, columns)
     return Weld(bag.name, cut_to_scenario(read_weld(bag)))

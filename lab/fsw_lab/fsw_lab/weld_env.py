@@ -24,7 +24,7 @@ from fsw_control.schema.models import InputError
 from fsw_lab.plant_batch import CHANNELS, PlantBatch
 from fsw_model import STEP_S
 from fsw_plant import PlantConfig
-from fsw_scenario.closed_loop import plant_of
+from fsw_scenario.plants import plant_of
 from fsw_scenario.scenario import Scenario, start_reference
 from fsw_scenario.scenario_file import load
 from fsw_scenario.timeline import references
@@ -165,7 +165,7 @@ class WeldEnv(Env[NDArray[np.float32], NDArray[np.float32]]):
     scenario : str or Path
         Without faults, e.g. ``reference_tracking``.
     plant : mapping of str to value, optional
-        Parameters of the plant, e.g. ``{"model.thermal_gain_c_per_kw": 1.2}``.
+        Parameters of the plant, e.g. ``{"factors.thermal_gain_c_per_kw": 1.2}``.
     noise : bool
         Whether sensors have noise and resolution.
 

@@ -44,7 +44,7 @@ def test_parameters_of_a_shadow_are_checked(weld_bag, tmp_path, capsys):
         "--out",
         str(tmp_path / "out"),
     ]
-    assert main([*arguments, "--set", "tunning=tight"]) == 1
+    assert main([*arguments, "--parameter", "tunning=tight"]) == 1
     error = capsys.readouterr().err
     assert "tunning" in error and "mean tuning" in error and not (tmp_path / "out").exists()
 

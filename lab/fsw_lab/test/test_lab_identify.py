@@ -5,11 +5,14 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
 from fsw.main import main
+from fsw_analysis.export import export_weld
 from fsw_analysis.weld_signals import WeldSignals
+from fsw_lab.identify import weld_of
 from fsw_lab.tune_command import write_tunings
 from fsw_model import ModelParameters
 from fsw_scenario import scenario_file
@@ -26,8 +29,8 @@ def experiment() -> WeldSignals:
     """The closed-loop experiment on a process that differs from the model."""
     overrides = [
         "duration_s=150",
-        "plant.model.thermal_gain_c_per_kw=1.3",
-        "plant.model.depth_gain_mm_per_kn_s=0.8",
+        "plant.factors.thermal_gain_c_per_kw=1.3",
+        "plant.factors.depth_gain_mm_per_kn_s=0.8",
     ]
     text = yaml.safe_load(scenario_file.load("identify_closed_loop").text)
     text["events"] = [event for event in text["events"] if event["at_s"] < 150.0]
@@ -41,6 +44,19 @@ def error_of(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
     assert len(lines) == 1
     return lines[0]
+
+
+def test_a_log_of_a_machine_is_read(
+    experiment: WeldSignals, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, out = tmp_path / "log.csv", str(tmp_path / "model.yaml")
+    export_weld(experiment, log)
+    seen, meant = weld_of(log).signals, experiment
+    assert seen.drives is not None and meant.drives is not None
+    assert np.array_equal(seen.drives.force_kn, meant.drives.force_kn)
+    assert np.array_equal(weld_of(weld_of(log).to_pandas())["depth_mm"], meant.depth_mm)
+    for wrong, fact in (("force=F", "'force'"), ("force_n=F", "'F'")):
+        assert fact in error_of(capsys, "identify", str(log), "--out", out, "--column", wrong)
 
 
 @pytest.mark.slow

@@ -40,7 +40,7 @@ def commands(k):
     "settings",
     [
         {},
-        {"noise": False, "model.dead_time_s": 0.73, "actuators.dead_time_ticks": 2},
+        {"noise": False, "factors.dead_time_s": 0.73, "actuators.dead_time_ticks": 2},
         COLOURED,
         REAL,
     ],

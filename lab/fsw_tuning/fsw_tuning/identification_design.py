@@ -151,7 +151,7 @@ def plant_factors(model: ModelParameters) -> dict[str, float]:
     """Parameters of the plant emulator that make it the process of a model."""
     usual = dict(nominal())
     return {
-        f"model.{name}": v / usual[name] for name, v in dict(model).items() if v != usual[name]
+        f"factors.{name}": v / usual[name] for name, v in dict(model).items() if v != usual[name]
     }
 
 

@@ -78,7 +78,7 @@ def set_points() -> list[Reference]:
 
 
 def scenario(case: str, plant: Mapping[str, float | bool | str], controller: str) -> Scenario:
-    """One of ``CASES``, or a scenario by file or name, with parameters of the plant, e.g. ``model.<name>``."""
+    """One of ``CASES``, or a scenario by file or name, with parameters of the plant, e.g. ``factors.<name>``."""
     overrides = [
         f"controller={controller}",
         *(f"plant.{name}={json.dumps(of)}" for name, of in plant.items()),

@@ -250,10 +250,10 @@ def worst_plant(rounds: Sequence[Sequence[Mapping[str, Any]]]) -> dict[str, floa
     plant = row["plant"]
     return {
         "ratio": harm(row, JUDGED_BY),
-        "later_s": (plant["model.dead_time_s"] - 1.0) * dead_s,
+        "later_s": (plant["factors.dead_time_s"] - 1.0) * dead_s,
         "probe_s": plant["sensors.temperature_lag_s"],
-        "gain": plant["model.thermal_gain_c_per_kw"],
-        "lag": plant["model.copper_lag_s"],
+        "gain": plant["factors.thermal_gain_c_per_kw"],
+        "lag": plant["factors.copper_lag_s"],
     }
 
 

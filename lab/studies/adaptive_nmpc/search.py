@@ -17,17 +17,17 @@ from fsw_tuning.standard_runs import Job, on_all_cores, weld
 _DEAD_S = nominal_parameters().dead_time_s
 #: What is drawn: uniformly, and factors in their logarithm.
 UNIFORM = {
-    "model.dead_time_s": (1.0 - 1.0 / _DEAD_S, 1.0 + 4.0 / _DEAD_S),
+    "factors.dead_time_s": (1.0 - 1.0 / _DEAD_S, 1.0 + 4.0 / _DEAD_S),
     "sensors.temperature_lag_s": (0.0, 3.0),
     **dict.fromkeys(CORRELATIONS, (0.0, 5.0)),
 }
 FACTORS = {
-    "model.thermal_gain_c_per_kw": (0.5, 2.0),
-    "model.copper_lag_s": (0.5, 2.0),
-    "model.tool_lag_s": (0.5, 2.0),
-    "model.depth_gain_mm_per_kn_s": (0.7, 1.4),
-    "model.sliding_friction": (0.9, 1.1),
-    "model.softening_per_c": (0.5, 2.0),
+    "factors.thermal_gain_c_per_kw": (0.5, 2.0),
+    "factors.copper_lag_s": (0.5, 2.0),
+    "factors.tool_lag_s": (0.5, 2.0),
+    "factors.depth_gain_mm_per_kn_s": (0.7, 1.4),
+    "factors.sliding_friction": (0.9, 1.1),
+    "factors.softening_per_c": (0.5, 2.0),
 }
 #: Share of the plants on which the probe has no lag, and of those on which the noise is white.
 _AS_IN_MODEL = 0.5

@@ -35,7 +35,7 @@ SEED = 31415
 #: Many parameters at once, and limits on both outputs.
 CAMPAIGN = "model_uncertainty"
 #: Process on which the greater depth and the temperature need nearly all of the speed.
-WEAK = {"model.sliding_friction": 0.85, "model.sticking_stress_pa": 0.85}
+WEAK = {"factors.sliding_friction": 0.85, "factors.sticking_stress_pa": 0.85}
 #: Plants and seeds of the sensor noise from which the noise of the figures is estimated.
 NOISY_PLANTS, NOISE_SEEDS = 20, (1, 2, 3, 4)
 #: Dead times beyond the model's, factors on the gain and on the copper's lag: every combination.
@@ -165,8 +165,8 @@ def late() -> list[dict[str, Any]]:
     with controllers() as made, ProgressBar("dead times") as bar:
         jobs = []
         for later_s, gain, lag in grid:
-            plant = {"model.dead_time_s": 1.0 + later_s / dead_s}
-            plant |= {"model.thermal_gain_c_per_kw": gain, "model.copper_lag_s": lag}
+            plant = {"factors.dead_time_s": 1.0 + later_s / dead_s}
+            plant |= {"factors.thermal_gain_c_per_kw": gain, "factors.copper_lag_s": lag}
             jobs += [
                 Job(made[c][0], "tracking", True, plant, made[c][1]) for c in (FIXED, ADAPTIVE)
             ]

@@ -31,7 +31,7 @@ FACTORS = {
 def compare(factors: dict[str, float], evaluations: int) -> dict[str, Any]:
     """Tune for one model and run all three controllers on it, without noise: the judged figures by controller."""
     parameters = nominal().scaled(**factors)
-    plant = {f"model.{name}": factor for name, factor in factors.items()}
+    plant = {f"factors.{name}": factor for name, factor in factors.items()}
     with TemporaryDirectory() as scratch:
         file = Path(scratch) / "model.yaml"
         file.write_text(yaml.safe_dump(dict(parameters)), encoding="utf-8")

@@ -33,16 +33,18 @@ DEAD_TIME_S = nominal().dead_time_s
 SWEEP: dict[str, dict[str, float | str]] = {
     "nominal": {},
     "canister": {"process": "canister"},  # heat conduction instead of (16); warm at the start
-    **{f"thermal gain × {k:g}": {"model.thermal_gain_c_per_kw": k} for k in (0.5, 0.7, 1.4, 2.0)},
-    **{f"depth gain × {k:g}": {"model.depth_gain_mm_per_kn_s": k} for k in (0.5, 0.7, 1.4, 2.0)},
     **{
-        f"torque × {k:g}": {"model.sliding_friction": k, "model.sticking_stress_pa": k}
+        f"thermal gain × {k:g}": {"factors.thermal_gain_c_per_kw": k} for k in (0.5, 0.7, 1.4, 2.0)
+    },
+    **{f"depth gain × {k:g}": {"factors.depth_gain_mm_per_kn_s": k} for k in (0.5, 0.7, 1.4, 2.0)},
+    **{
+        f"torque × {k:g}": {"factors.sliding_friction": k, "factors.sticking_stress_pa": k}
         for k in (0.5, 0.7, 0.85, 1.15, 1.4, 2.0)
     },
-    **{f"softening × {k:g}": {"model.softening_per_c": k} for k in (0.5, 0.7, 1.4, 2.0)},
-    **{f"thermal lag × {k:g}": {"model.copper_lag_s": k} for k in (0.5, 2.0)},
-    **{f"tool lag × {k:g}": {"model.tool_lag_s": k} for k in (0.5, 2.0)},
-    **{f"dead time {s:g} s": {"model.dead_time_s": s / DEAD_TIME_S} for s in (1.8, 3.8)},
+    **{f"softening × {k:g}": {"factors.softening_per_c": k} for k in (0.5, 0.7, 1.4, 2.0)},
+    **{f"thermal lag × {k:g}": {"factors.copper_lag_s": k} for k in (0.5, 2.0)},
+    **{f"tool lag × {k:g}": {"factors.tool_lag_s": k} for k in (0.5, 2.0)},
+    **{f"dead time {s:g} s": {"factors.dead_time_s": s / DEAD_TIME_S} for s in (1.8, 3.8)},
     "drive lag 0.3 s": {"actuators.lag_s": 0.3},
     "torque drop 0.6 N m/rpm": {
         "sensors.torque_drop_nm_per_rpm": 0.6
@@ -74,14 +76,14 @@ SENSING: dict[str, dict[str, float]] = {
 SENSING["correlated 5 s, lag 3 s"] = SENSING["correlated 5 s"] | SENSING["lag 3 s"]
 #: Ranges of the factors of the random processes.
 RANDOM: dict[str, tuple[float, float]] = {
-    "model.thermal_gain_c_per_kw": (0.7, 1.4),
-    "model.copper_lag_s": (0.7, 1.4),
-    "model.tool_lag_s": (0.5, 2.0),
-    "model.depth_gain_mm_per_kn_s": (0.7, 1.4),
-    "model.depth_zero_s": (0.8, 1.25),
-    "model.sliding_friction": (0.9, 1.1),
-    "model.softening_per_c": (0.5, 2.0),
-    "model.dead_time_s": (1.8 / DEAD_TIME_S, 3.8 / DEAD_TIME_S),
+    "factors.thermal_gain_c_per_kw": (0.7, 1.4),
+    "factors.copper_lag_s": (0.7, 1.4),
+    "factors.tool_lag_s": (0.5, 2.0),
+    "factors.depth_gain_mm_per_kn_s": (0.7, 1.4),
+    "factors.depth_zero_s": (0.8, 1.25),
+    "factors.sliding_friction": (0.9, 1.1),
+    "factors.softening_per_c": (0.5, 2.0),
+    "factors.dead_time_s": (1.8 / DEAD_TIME_S, 3.8 / DEAD_TIME_S),
 }
 #: The same with sensors that differ, too.
 RANDOM_SENSING = RANDOM | {

@@ -35,7 +35,7 @@ WORDS = {
     welds.TORQUE: "size of the random torque",
     welds.TORQUE_S: "time of the random torque",
     "plant.canister.tool_share": "needed power between welds",
-    "plant.model.sliding_friction": "friction between welds",
+    "plant.factors.sliding_friction": "friction between welds",
 }
 UNITS = {
     welds.FALL: "°C",

@@ -32,7 +32,7 @@ HEAT, HEAT_S = "events[0].disturbance.amplitude_c", "events[0].disturbance.perio
 TORQUE, TORQUE_S = "events[1].disturbance.amplitude_nm", "events[1].disturbance.period_s"
 FITTED = (FALL, HEAT, HEAT_S)
 #: chosen ones, and those that widen a distribution of the campaign
-SCATTER = ("plant.canister.tool_share", "plant.model.sliding_friction")
+SCATTER = ("plant.canister.tool_share", "plant.factors.sliding_friction")
 CHOSEN = (TORQUE, TORQUE_S, *SCATTER)
 #: welds of a published group, groups drawn from the emulated welds with replacement
 GROUP, GROUPS = 8, 200

@@ -22,13 +22,17 @@ if TYPE_CHECKING:
     from fsw.welds import Weld as Weld
     from fsw.welds import compare as compare
     from fsw.welds import read_bag as read_bag
+    from fsw.welds import read_table as read_table
     from fsw.welds import simulate as simulate
+    from fsw_analysis.kpi_table import Kpi as Kpi
     from fsw_control.contract import Command as Command
     from fsw_control.contract import Limits as Limits
     from fsw_control.contract import Measurement as Measurement
     from fsw_control.contract import Proposal as Proposal
     from fsw_control.contract import Reference as Reference
     from fsw_control.schema.errors import InputError as InputError
+    from fsw_scenario.plants import Outputs as Outputs
+    from fsw_scenario.plants import Plant as Plant
 
 __version__ = "0.3.0"
 #: public names by module
@@ -36,9 +40,11 @@ _PLACES = {
     "fsw.controller": ("Controller",),
     "fsw.processes": ("Model", "model"),
     "fsw.simulation": ("controllers", "scenarios"),
-    "fsw.welds": ("Comparison", "Weld", "compare", "read_bag", "simulate"),
+    "fsw.welds": ("Comparison", "Weld", "compare", "read_bag", "read_table", "simulate"),
+    "fsw_analysis.kpi_table": ("Kpi",),
     "fsw_control.contract": ("Command", "Limits", "Measurement", "Proposal", "Reference"),
     "fsw_control.schema.errors": ("InputError",),
+    "fsw_scenario.plants": ("Outputs", "Plant"),
 }
 MODULE_OF = {name: module for module, names in _PLACES.items() for name in names}
 __all__ = sorted(MODULE_OF)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -127,7 +127,34 @@ def assignment(option: str, text: str) -> tuple[str, Any]:
         return name.strip(), value
 
 
-FORCE = switch("--force", "replace files that exist")
+def parameter(text: str) -> Option:
+    """``--parameter``, of a node that computes in a command; see :func:`parameters_by_node`."""
+    return repeated("--parameter", "[NODE.]NAME=VALUE", text)
+
+
+def parameters_by_node(
+    texts: Sequence[str], nodes: Sequence[str], known: Container[str] = ()
+) -> dict[str, dict[str, Any]]:
+    """Values of ``--parameter`` by node, e.g. ``nmpc.preset=paper``.
+
+    The node may be left out where only one computes; one of ``known`` that does not is named, too.
+    """
+    parameters: dict[str, dict[str, Any]] = {}
+    for text in texts:
+        key, value = assignment("--parameter", text)
+        node, _, name = key.partition(".")
+        if node not in nodes and node not in known:
+            if len(nodes) != 1:
+                nodes_here = ", ".join(nodes) or "none"
+                raise CommandError(
+                    f"--parameter {text}: write NODE.NAME=VALUE; nodes are {nodes_here}"
+                )
+            node, name = nodes[0], key
+        parameters.setdefault(node, {})[name] = value
+    return parameters
+
+
+FORCE = switch("--force", "replace results that exist")
 #: options of all commands that use the graph
 GRAPH = (
     number(

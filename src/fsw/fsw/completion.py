@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
+from pathlib import Path
 
 from fsw.command import command, option
 from fsw_control.schema.extensions import Extra
@@ -39,6 +40,10 @@ def completion(arguments: argparse.Namespace) -> int:
     for action in _actions(commands) if function else ():
         if action.dest in values:
             action.complete = {arguments.shell: f"_fsw_{action.dest}"}  # type: ignore[attr-defined]
+        elif action.type is Path:
+            action.complete = shtab.FILE  # type: ignore[attr-defined]
+        if arguments.shell == "zsh" and isinstance(action.metavar, str):
+            action.metavar = action.metavar.replace(":", r"\:")  # else what follows is a command
     print(shtab.complete(commands, arguments.shell, preamble={arguments.shell: preamble}))
     return 0
 

@@ -96,7 +96,7 @@ MODE = _command(
     "the last command (hold), safe stop",
     "graph_ros:mode",
     option("mode", choices=OPERATOR_MODES),
-    number("--force", "KN", ranges.COMMAND_FORCE_KN, f"manual: {ranges.COMMAND_FORCE_KN}"),
+    number("--axial-force", "KN", ranges.COMMAND_FORCE_KN, f"manual: {ranges.COMMAND_FORCE_KN}"),
     number("--speed", "RPM", ranges.COMMAND_SPEED_RPM, f"manual: {ranges.COMMAND_SPEED_RPM}"),
 )
 ACKNOWLEDGE = _command(

@@ -88,11 +88,11 @@ def switch(arguments: argparse.Namespace) -> int:
 
 def mode(arguments: argparse.Namespace) -> int:
     """Set the source of commands."""
-    manual, given = arguments.mode == "manual", (arguments.force, arguments.speed)
+    manual, given = arguments.mode == "manual", (arguments.axial_force, arguments.speed)
     if manual and None in given:
-        raise CommandError("mode manual needs --force and --speed")
+        raise CommandError("mode manual needs --axial-force and --speed")
     if not manual and given != (None, None):
-        raise CommandError("--force and --speed are for mode manual only")
+        raise CommandError("--axial-force and --speed are for mode manual only")
     return ask(arguments, SetMode, "fsw/set_mode", convert.mode_request(arguments.mode, *given))
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fsw.bags import print_notes
-from fsw.command import assignment, command, file, option, repeated, switch
+from fsw.command import command, file, option, parameter, parameters_by_node, repeated, switch
 from fsw.console import ProgressBar, print_table
 from fsw.errors import CommandError
 from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED
@@ -24,7 +24,7 @@ from fsw_control.weld import TICK_S
 from fsw_plant import PlantConfig, prepare
 from fsw_recorder.bag_metadata import IDENTITY
 from fsw_scenario.closed_loop import ClosedLoop, unhealthy
-from fsw_scenario.controllers import name_of, variant_of
+from fsw_scenario.controllers import KNOWN, name_of, variant_of
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.procedure import check_signed
@@ -46,11 +46,7 @@ from fsw_scenario.weld_programme import spans
         help="run with this controller instead of the scenario's; "
         "several times: compare, e.g. decentral:tight; your own: MODULE:CLASS or FILE.py:CLASS",
     ),
-    repeated(
-        "--parameter",
-        "CONTROLLER.NAME=VALUE",
-        "parameter of a controller's node, e.g. nmpc.tuning_file=tuning.yaml",
-    ),
+    parameter("parameter of a controller's node, e.g. nmpc.tuning_file=tuning.yaml"),
     repeated(
         "--params-file",
         "FILE",
@@ -114,7 +110,7 @@ def simulate(arguments: argparse.Namespace) -> int:
         )
     if arguments.bag and not middleware_is_here():
         raise CommandError(f"simulate: --bag needs ROS 2: {HOW}")
-    parameters = _parameters(arguments)
+    parameters = _parameters(arguments, scenario, overrides)
     loops = _loops(arguments, scenario, overrides, parameters)
     folder = new_folder(arguments.out, scenario.name)
     runs: list[Run] = []
@@ -259,17 +255,20 @@ def run_graph(graph: WeldGraph, title: str) -> None:
         graph.run(launcher, bar)
 
 
-def _parameters(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
+def _parameters(
+    arguments: argparse.Namespace, scenario: Scenario, overrides: list[str]
+) -> dict[str, dict[str, Any]]:
     """Parameters by controller, from files and options."""
     parameters: dict[str, dict[str, Any]] = {}
     for source in arguments.params_file:
         parameters.update(_parameters_in(source))
-    for text in arguments.parameter:
-        key, value = assignment("--parameter", text)
-        controller, _, name = key.partition(".")
-        if not controller or not name:
-            raise CommandError(f"simulate: --parameter {text}: write CONTROLLER.NAME=VALUE")
-        parameters.setdefault(controller, {})[name] = value
+    labels = [] if scenario.open_loop else arguments.controller or [scenario.controller]
+    welds = [
+        load(arguments.scenario, [*overrides, f"controller={name_of(label)}"]) for label in labels
+    ]
+    nodes = list(dict.fromkeys(name for weld in welds for name in weld.controllers))
+    for node, values in parameters_by_node(arguments.parameter, nodes, KNOWN).items():
+        parameters.setdefault(node, {}).update(values)
     return parameters
 
 

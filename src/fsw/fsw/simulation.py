@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -14,10 +15,12 @@ from fsw_control.schema.models import InputError
 from fsw_model.heat_profile import HeatProfile
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import KNOWN, make, make_all, name_of, short
+from fsw_scenario.plants import Plant
 from fsw_scenario.scenario_file import load, shipped
 
 #: a scenario: its name, its file, or its content
 Source = str | Path | Mapping[str, Any]
+T = TypeVar("T")
 
 
 def scenarios() -> list[str]:
@@ -69,17 +72,26 @@ def _as_text(name: str, value: Any) -> str:
         raise InputError(f"{name} is a number, text, list or mapping, not {value!r}") from None
 
 
+def _copied(user_object: T) -> T:
+    """A copy for one weld, so that no weld sees what another one left in the object's memory."""
+    try:
+        return deepcopy(user_object)
+    except Exception:  # e.g. a solver that cannot be copied; resetting it has to do
+        return user_object
+
+
 def closed_loop(
     source: Source,
     controller: str | Controller | None,
     overrides: Sequence[str] = (),
     parameters: Mapping[str, Mapping[str, Any]] | None = None,
     heat: str | Path | None = None,
+    plant: Plant | None = None,
 ) -> tuple[str, ClosedLoop]:
     """Label of a weld, and its simulation; see :func:`simulate`.
 
     ``overrides`` are those of :func:`fsw_scenario.scenario_file.load`, ``parameters`` by name of
-    the controller.
+    the controller. Of objects of a user's classes the weld has a copy.
     """
     if not isinstance(controller, str | None) and (
         isinstance(controller, type) or not hasattr(controller, "step")
@@ -94,7 +106,9 @@ def closed_loop(
             f"simulate: {scenario.name} is an open-loop scenario; it takes no controller"
         )
     known = None if heat is None else HeatProfile.from_file(heat)
-    own = None if controller is None or isinstance(controller, str) else controller
+    own = None if controller is None or isinstance(controller, str) else _copied(controller)
+    if plant is not None:
+        plant = _copied(plant)
     name = (
         scenario.controller
         if controller is None
@@ -109,8 +123,9 @@ def closed_loop(
             scenario,
             {one: own if one == own.name else make(one) for one in scenario.controllers},
             known,
+            plant,
         )
     label = name if controller is None else str(controller)
     controllers = {} if scenario.open_loop else make_all(scenario, label, parameters or {})
-    loop = ClosedLoop(scenario, controllers, known)
+    loop = ClosedLoop(scenario, controllers, known, plant)
     return "open loop" if scenario.open_loop else short(label), loop

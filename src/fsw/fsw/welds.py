@@ -16,11 +16,14 @@ from fsw.simulation import Source, closed_loop, overrides_of
 from fsw_analysis import kpi, kpi_table
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.export import Column, export_weld, weld_table
+from fsw_analysis.kpi_table import Kpi
+from fsw_analysis.read_table import read_table as table_signals
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.contract import Controller
 from fsw_control.schema.models import InputError
 from fsw_scenario.controllers import OURS, name_of
+from fsw_scenario.plants import Plant
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,8 +59,11 @@ class Weld:
     table : dict of str to (n,) array
         All signals by name, a row per tick of 0.1 s, in the paper's units: mm, degC, kN, rpm, N m,
         kW, s. Names that begin with ``truth_`` are the noise-free process (simulations only).
-    kpi : dict
-        Figures of merit, see :func:`fsw_analysis.kpi.compute`.
+    controller : Controller or None
+        Of a simulation what welded, with the memory that it has at the end; your own object is as
+        it was.
+    kpi : Kpi
+        Figures of merit, by name or as attributes.
 
     Examples
     --------
@@ -73,6 +79,7 @@ class Weld:
     def __init__(self, label: str, signals: WeldSignals) -> None:
         self.label = label
         self.signals = signals
+        self.controller: Controller | None = None
 
     def __repr__(self) -> str:
         return (
@@ -94,9 +101,9 @@ class Weld:
         return weld_table(self.signals)
 
     @cached_property
-    def kpi(self) -> dict[str, Any]:
-        """Figures of merit by name."""
-        return kpi.compute(self.signals, self.label)
+    def kpi(self) -> Kpi:
+        """Figures of merit."""
+        return Kpi(kpi.compute(self.signals, self.label))
 
     def to_pandas(self) -> pd.DataFrame:
         """All signals as columns over the time in s; ImportError without pandas.
@@ -165,9 +172,12 @@ class Comparison(dict[str, Weld]):
     """
 
     @property
-    def kpi(self) -> list[dict[str, Any]]:
+    def kpi(self) -> list[Kpi]:
         """Figures of merit of each weld."""
         return [weld.kpi for weld in self.values()]
+
+    def __repr__(self) -> str:
+        return f"<Comparison of {', '.join(self)}; print it for its table>"
 
     def __str__(self) -> str:
         """Table in Markdown with a column per weld, and below it the problems of the welds."""
@@ -233,7 +243,7 @@ def simulate(
     scenario: Source,
     controller: str | Controller | None = None,
     *,
-    plant: Mapping[str, Any] | None = None,
+    plant: Mapping[str, Any] | Plant | None = None,
     parameters: Mapping[str, Any] | None = None,
     changes: Mapping[str, Any] | None = None,
     noise: bool | None = None,
@@ -250,9 +260,11 @@ def simulate(
         one.
     controller : str or Controller, optional
         Name, also with a variant, e.g. ``nmpc:paper``; ``MODULE:CLASS``, ``FILE.py:CLASS``, or an
-        object of your own class. By default the scenario's.
-    plant : mapping of str to value, optional
-        Parameters of the plant, e.g. ``{"seed": 3, "model.thermal_gain_c_per_kw": 1.2}``.
+        object of your own class, of which a copy welds (``weld.controller``). By default the
+        scenario's.
+    plant : mapping of str to value or Plant, optional
+        Parameters of the emulated plant, e.g. ``{"seed": 3, "factors.thermal_gain_c_per_kw":
+        1.2}``, or a process of your own (:class:`fsw.Plant`) instead.
     parameters : mapping of str to value, optional
         Parameters of the controller's node.
     changes : mapping of str to value, optional
@@ -291,18 +303,34 @@ def simulate(
     )
     if parameters and not own:
         raise InputError("simulate: parameters are for a controller that is given by its name")
-    overrides = overrides_of(plant, changes, noise)
-    name, loop = closed_loop(scenario, controller, overrides, own, heat)
-    return Weld(label or name, loop.run(progress))
+    process = None if plant is None or isinstance(plant, Mapping) else plant
+    if process is not None and noise is not None:
+        raise InputError("simulate: noise is for the emulated plant; your own makes its own")
+    overrides = overrides_of(plant if isinstance(plant, Mapping) else None, changes, noise)
+    name, loop = closed_loop(scenario, controller, overrides, own, heat, process)
+    weld = Weld(label or name, loop.run(progress))
+    weld.controller = loop.selected
+    return weld
 
 
 @validated
 def compare(
-    scenario: Source, controllers: Sequence[str | Controller] = tuple(OURS), **options: Any
+    scenario: Source,
+    controllers: Sequence[str | Controller] | Mapping[str, str | Controller] = tuple(OURS),
+    *,
+    parameters: Mapping[str, Mapping[str, Any]] | None = None,
+    **options: Any,
 ) -> Comparison:
     """Weld a scenario with each of several controllers; ``options`` as for :func:`simulate`.
 
-    Of controllers with the same label all but the first get a number.
+    Parameters
+    ----------
+    scenario : str, Path or mapping
+    controllers : sequence, or mapping by label
+        Names or objects, as for :func:`simulate`. Of controllers with the same label all but the
+        first get a number.
+    parameters : mapping of str to mapping, optional
+        Parameters of controllers' nodes, by label.
 
     Examples
     --------
@@ -310,12 +338,35 @@ def compare(
     >>> print(fsw.compare("quick", ["decentral", "decentral:tight"]))  # doctest: +ELLIPSIS
     |                       ...| unit ...| decentral | decentral:tight | difference |
     ...
+    >>> both = fsw.compare(
+    ...     "quick",
+    ...     {"slow": "decentral", "fast": "decentral"},
+    ...     parameters={"fast": {"tuning": "tight"}},
+    ... )
+    >>> both["fast"].kpi.iae_depth_mm_s < both["slow"].kpi.iae_depth_mm_s
+    True
     """
     if not controllers:
         raise InputError(f"compare: controllers is a list of at least one, not {controllers!r}")
+    if isinstance(controllers, Mapping):
+        entrants = [(label, controller) for label, controller in controllers.items()]
+    else:
+        entrants = [
+            (options.get("label") or (one if isinstance(one, str) else one.name), one)
+            for one in controllers
+        ]
+    unused = (parameters or {}).keys() - {label for label, _ in entrants}
+    if unused:
+        raise InputError(
+            f"compare: parameters are for {', '.join(sorted(unused))}, "
+            f"but the labels are {', '.join(label for label, _ in entrants)}"
+        )
     found = Comparison()
-    for controller in controllers:
-        weld = simulate(scenario, controller, **options)
+    for name, controller in entrants:
+        own: dict[str, Any] = {"parameters": (parameters or {}).get(name)}
+        if isinstance(controllers, Mapping):
+            own["label"] = name
+        weld = simulate(scenario, controller, **{**options, **own})
         label, number = weld.label, 1
         while weld.label in found:
             number += 1
@@ -351,3 +402,43 @@ def read_bag(bag: str | Path, label: str | None = None, progress: Progress | Non
     """
     signals = cut_to_scenario(load_weld(Path(bag), progress))
     return Weld(label or signals.path.name, signals)
+
+
+@validated
+def read_table(
+    source: Any, columns: Mapping[str, str] | None = None, label: str | None = None
+) -> Weld:
+    """A weld from the log of any machine: a CSV file, arrays by column, or a data frame of pandas.
+
+    Needed are time, depth, temperature, torque, force and speed at any rate, which is brought to
+    ticks of 0.1 s. Force and speed are those that act, unless ``drives_force_kn`` and
+    ``drives_speed_rpm`` are there, too, as in :meth:`Weld.to_csv`. Columns are known by name and
+    unit, e.g. ``force_kn``, ``Axial force [N]`` or ``Spindle speed (rad/s)``; a file may have
+    decimal commas and times such as 2026-05-01T10:00:00.
+
+    Parameters
+    ----------
+    source : str, Path, mapping or pandas.DataFrame
+        CSV file, with ``,``, ``;`` or tabs between its cells, or columns by name.
+    columns : mapping of str to str, optional
+        Names of columns, by quantity and unit, e.g. ``{"force_n": "F_ax"}``.
+    label : str, optional
+        The file's name by default.
+
+    Raises
+    ------
+    fsw_control.schema.models.InputError
+        With line and column, when something is missing, ambiguous or no number.
+
+    Examples
+    --------
+    >>> import fsw
+    >>> weld = fsw.simulate("quick")
+    >>> names = ["time_s", "depth_mm", "temperature_c", "torque_nm", "drives_speed_rpm"]
+    >>> log = {name.removeprefix("drives_"): weld[name] for name in names}
+    >>> log["F"] = 1e3 * weld["drives_force_kn"]
+    >>> fsw.read_table(log, {"force_n": "F"})
+    <Weld table: 600 ticks, 59.9 s>
+    """
+    signals = table_signals(source, columns)
+    return Weld(label or signals.path.stem, signals)

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -104,7 +105,7 @@ def test_nothing_is_overwritten(capsys, tmp_path):
         ["fault", "depth", "bias"],
         ["fault", "depth", "delay", "100"],
         ["mode", "manual"],
-        ["mode", "hold", "--force", "80"],
+        ["mode", "hold", "--axial-force", "80"],
     ],
 )
 def test_bad_input_is_one_line_and_a_bad_exit_code(capsys, arguments):
@@ -199,6 +200,15 @@ echo "${COMPREPLY[*]}"
     assert completed.stdout.split() == [
         "reference_tracking" if words[-1] == "refer" else "decentral"
     ]
+
+
+def test_zsh_completes_scenarios_and_controllers(capsys):
+    lines = run(capsys, "completion", "zsh")[1].splitlines()
+    specs = [line for line in lines if re.search(r':_fsw_(scenario|controller)"', line)]
+    assert len(specs) > 5
+    # text of an option in brackets, a message without a colon of its own, what completes
+    spec = re.compile(r'\s*"\*?(--\w+\[(\\.|[^]\\])*\])?:(\\.|[^:\\])*:_fsw_\w+"')
+    assert [line for line in specs if not spec.fullmatch(line)] == []
 
 
 @pytest.mark.parametrize(

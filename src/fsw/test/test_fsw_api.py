@@ -1,6 +1,7 @@
 """``import fsw``: what its docstrings show, and that it tells what the command line and the model tell."""
 
 import csv
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -117,7 +118,7 @@ def test_a_comparison_takes_a_list(controllers):
     ("call", "function", "argument", "kinds"),
     [
         (lambda: fsw.simulate("quick", 3), "simulate", "controller", {TEXT, PATH}),
-        (lambda: fsw.simulate("quick", plant=3), "simulate", "plant", {"dict_type"}),
+        (lambda: fsw.simulate("quick", plant=3), "simulate", "plant", {"dict_type", PATH}),
         (lambda: fsw.simulate("quick", changes="a=3"), "simulate", "changes", {"dict_type"}),
         (lambda: fsw.simulate(None), "simulate", "scenario", {TEXT, PATH, "dict_type"}),
         (lambda: fsw.simulate("quick", noise="no"), "simulate", "noise", {"bool_type"}),
@@ -235,6 +236,93 @@ def test_welds_of_equal_labels_are_kept_apart():
         assert f"- {label}: {both[label].signals.problems[0]}" in table
     assert "- decentral:" not in table
     assert fsw.simulate("quick", label="mine").label == "mine"
+
+
+class Integrating(fsw.Controller):
+    name = "integrating"
+
+    def __init__(self):
+        self.errors_mm = []
+
+    def command(self, measurement, reference, applied):
+        self.errors_mm.append(reference.depth_mm - measurement.depth_mm)
+        return fsw.Command(78.4 + 0.05 * sum(self.errors_mm), applied.speed_rpm)
+
+
+def test_no_weld_sees_the_memory_of_another():
+    controller = Integrating()
+    both = fsw.compare("quick", {"first": controller, "second": controller})
+    assert np.array_equal(both["first"]["depth_mm"], both["second"]["depth_mm"])
+    assert controller.errors_mm == []
+    assert [len(weld.controller.errors_mm) for weld in both.values()] == [600, 600]
+
+
+def test_parameters_in_a_comparison_are_by_label():
+    both = fsw.compare(
+        "quick",
+        {"slow": "decentral", "fast": "decentral"},
+        parameters={"fast": {"tuning": "tight"}},
+    )
+    assert both["fast"].kpi.iae_depth_mm_s < both["slow"].kpi.iae_depth_mm_s
+    for wrong, fact in (({"tuning": "tight"}, "tuning"), ({"nmpc": {}}, "nmpc")):
+        with pytest.raises(InputError, match=rf"^compare: parameters.*{fact}"):
+            fsw.compare("quick", ["decentral"], parameters=wrong)
+
+
+def test_figures_of_merit_are_typed():
+    kpi = fsw.simulate("quick").kpi
+    assert set(fsw.Kpi.__annotations__) == set(kpi)
+    assert kpi.iae_depth_mm_s == kpi["iae_depth_mm_s"] and "iae_depth_mm_s" in dir(kpi)
+    assert json.loads(json.dumps(kpi)) == kpi
+    with pytest.raises(AttributeError, match="iae_depth_mm_s"):
+        kpi.iae_depth  # noqa: B018
+
+
+class Lag:
+    """A process whose depth follows the force."""
+
+    def __init__(self, last=(2.7, 816.4, 1000.0)):
+        self.last = last
+
+    def start(self):
+        self.depth_mm = 2.66
+        return fsw.Command(78.4, 407.6), fsw.Outputs(2.66, 816.4, 1000.0)
+
+    def step(self, command):
+        if self.last != (2.7, 816.4, 1000.0):
+            return self.last
+        self.depth_mm += 0.02 * (2.66 + 0.02 * (command.force_kn - 78.4) - self.depth_mm)
+        return fsw.Outputs(self.depth_mm, 816.4, 1000.0)
+
+
+STEP = {
+    "name": "step",
+    "duration_s": 30.0,
+    "events": [{"at_s": 5.0, "reference": {"depth_mm": 2.76}}],
+}
+
+
+def test_a_process_of_ones_own_is_controlled():
+    plant = Lag()
+    weld = fsw.simulate(STEP, "decentral", plant=plant)
+    assert weld["depth_mm"][0] == 2.66 and weld["depth_mm"][-1] == pytest.approx(2.76, abs=0.02)
+    assert weld.kpi.outputs == "measured" and not hasattr(plant, "depth_mm")
+    assert np.array_equal(weld["drives_force_kn"][1:], weld["force_kn"][:-1])
+
+
+@pytest.mark.parametrize(
+    ("scenario", "options", "fact"),
+    [
+        (STEP, {"plant": Lag(), "noise": False}, "noise"),
+        (STEP, {"plant": Lag(last=(2.7, 816.4))}, r"step\(\)"),
+        (STEP, {"plant": Lag(last=(2.7, float("nan"), 1.0))}, "not finite"),
+        (STEP | {"plant": {"factors": {"copper_lag_s": 1.1}}}, {"plant": Lag()}, "copper_lag_s"),
+        ("output_disturbances", {"plant": Lag()}, "disturbances"),
+    ],
+)
+def test_what_a_process_of_ones_own_cannot_do_is_refused(scenario, options, fact):
+    with pytest.raises(InputError, match=fact):
+        fsw.simulate(scenario, "decentral", **options)
 
 
 def test_discrete_form_follows_the_process():

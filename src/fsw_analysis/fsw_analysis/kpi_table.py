@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +86,73 @@ def _difference(first: float | None, second: float | None, factor: float) -> str
 def markdown(runs: Sequence[dict[str, Any]]) -> str:
     """Table with a row per figure of merit and a column per run; of two runs also their difference."""
     return table(_cells(runs), words=2, padded=True) + "\n"
+
+
+class Kpi(dict[str, Any]):
+    """Figures of merit by name; the same as attributes, with the unit in the name.
+
+    None where a figure does not exist in this weld, e.g. an overshoot without a step. Controllers
+    that solve a problem at each tick add ``solve_time_<controller>_p50_ms``, ``_p99_ms`` and
+    ``_max_ms``. As text they are a table in Markdown.
+
+    Attributes
+    ----------
+    outputs : str
+        ``truth`` where the errors are those of the noise-free outputs, else ``measured``.
+    events : list of dict
+        Figures of each change of a set-point or a disturbance.
+
+    Examples
+    --------
+    >>> import fsw
+    >>> kpi = fsw.simulate("quick").kpi
+    >>> kpi.iae_depth_mm_s == kpi["iae_depth_mm_s"]
+    True
+    >>> print(kpi)  # doctest: +ELLIPSIS
+    |           ...| unit ...| decentral |
+    ...
+    """
+
+    label: str
+    controllers: list[str]
+    outputs: str
+    duration_s: float
+    ticks: int
+    ticks_without_output: int
+    ticks_without_command: int
+    iae_depth_mm_s: float | None
+    iae_temperature_c_s: float | None
+    ise_depth_mm2_s: float | None
+    ise_temperature_c2_s: float | None
+    in_dead_band_depth_share: float | None
+    in_dead_band_temperature_share: float | None
+    total_variation_force_kn: float | None
+    total_variation_speed_rpm: float | None
+    overshoot_depth_mm: float | None
+    overshoot_temperature_c: float | None
+    longest_settling_s: float | None
+    steps_not_settled: float | None
+    peak_temperature_in_depth_step_up_c: float | None
+    peak_temperature_in_depth_step_down_c: float | None
+    peak_depth_in_temperature_step_mm: float | None
+    peak_temperature_after_depth_disturbance_c: float | None
+    peak_depth_after_temperature_disturbance_mm: float | None
+    events: list[dict[str, Any]]
+
+    def __getattr__(self, name: str) -> Any:
+        if name in self:
+            return self[name]
+        near = get_close_matches(name, self, 1)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        raise AttributeError(f"no figure of merit {name}{hint}")
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self]
+
+    def __repr__(self) -> str:
+        return markdown([self]).rstrip()
+
+    __str__ = _repr_markdown_ = __repr__
 
 
 def write(runs: Sequence[dict[str, Any]], folder: Path) -> list[Path]:

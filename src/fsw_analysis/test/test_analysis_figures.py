@@ -1,6 +1,9 @@
 """Figures: every one is drawn, for one run, several, and for what a real bag may lack."""
 
 import dataclasses
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -129,3 +132,16 @@ def test_what_happens_is_marked_at_its_time_on_every_axis(weld):
         assert {"nmpc commands", "decentral commands"} <= {
             one.get_label() for one in axis.collections
         }
+
+
+@pytest.mark.slow
+def test_nothing_is_said_without_a_home_folder(tmp_path):
+    environment = {**os.environ, "HOME": "/proc/none", "TMPDIR": str(tmp_path)}
+    environment = {name: value for name, value in environment.items() if name != "MPLCONFIGDIR"}
+    code = (
+        "import fsw_analysis.figures, matplotlib.font_manager; print(matplotlib.get_configdir())"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True
+    )
+    assert ended.stderr == "" and ended.stdout.startswith(str(tmp_path / "fsw-"))

@@ -117,7 +117,7 @@ def _footprint(file: str) -> tuple[Footprint | None, str]:
 def _model(values: Mapping[str, Any]) -> ModelParameters:
     """The parameters of the model file, each with its factor."""
     file = values["model_file"]
-    factors = {name: values[f"model.{name}"] for name in ModelParameters.model_fields}
+    factors = {name: values[f"factors.{name}"] for name in ModelParameters.model_fields}
     parameters = ModelParameters.from_file(Path(file)) if file else ModelParameters()
     return parameters.scaled(**{name: factor for name, factor in factors.items() if factor != 1.0})
 

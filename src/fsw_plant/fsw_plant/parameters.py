@@ -169,6 +169,6 @@ class PlantParameters(NodeParameters):
     than a standby waits (twice lockstep_deadline_s of the supervisor); 0: never."""
     discovery_s: Annotated[float, Range(0.0, 10.0, "s"), AT_START] = 0.5
     """Time for which the plant looks for another plant in the same domain before it starts."""
-    model: type(MODEL_FACTORS) = MODEL_FACTORS  # type: ignore[valid-type]
+    factors: type(MODEL_FACTORS) = MODEL_FACTORS  # type: ignore[valid-type]
     machine: Annotated[Machine, AT_START] = Machine()
     canister: Annotated[CanisterParameters, AT_START] = CanisterParameters()

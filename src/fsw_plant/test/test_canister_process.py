@@ -212,7 +212,9 @@ def test_a_change_of_the_dead_time_while_running_keeps_the_history(block):
     plant = plant_of()
     newest = copper_c(plant)[-5:]
     plant.reconfigure(
-        PlantConfig.from_values({"process": "canister", "noise": False, "model.dead_time_s": 0.5})
+        PlantConfig.from_values(
+            {"process": "canister", "noise": False, "factors.dead_time_s": 0.5}
+        )
     )
     assert copper_c(plant)[-5:] == newest
     assert len(copper_c(plant)) == 15

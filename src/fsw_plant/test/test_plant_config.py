@@ -28,19 +28,19 @@ def test_defaults_are_those_of_the_design():
 
 def test_every_model_parameter_can_differ():
     factors = [
-        name.removeprefix("model.")
+        name.removeprefix("factors.")
         for name in defaults(PlantParameters)
-        if name.startswith("model.")
+        if name.startswith("factors.")
     ]
     assert factors == list(ModelParameters.model_fields)
 
 
 def test_nested_and_dotted_are_the_same():
     nested = PlantConfig.from_values(
-        {"seed": 3, "start": {"depth_mm": 2.7}, "model": {"copper_lag_s": 1.1}}
+        {"seed": 3, "start": {"depth_mm": 2.7}, "factors": {"copper_lag_s": 1.1}}
     )
     assert nested == PlantConfig.from_values(
-        {"seed": 3, "start.depth_mm": 2.7, "model.copper_lag_s": 1.1}
+        {"seed": 3, "start.depth_mm": 2.7, "factors.copper_lag_s": 1.1}
     )
 
 
@@ -53,9 +53,9 @@ def test_nested_and_dotted_are_the_same():
         ("noise: 1", "noise is 1"),
         ("start: {depth_mm: 9}", r"start\.depth_mm = 9 .* 1 to 5 mm"),
         ("limits: {force_min_kn: 95}", r"limits force_min \(95\) .* force_max \(95\)"),
-        ("model: {copper_lag_s: 0}", "outside 0.1 to 10"),
+        ("factors: {copper_lag_s: 0}", "outside 0.1 to 10"),
         (
-            "model: {dead_time_s: 0.1, depth_pole_fast_s: 9}",
+            "factors: {dead_time_s: 0.1, depth_pole_fast_s: 9}",
             r"depth_pole_fast_s = 0\.00855 .* 1e-06 to 0\.005",
         ),
     ],
@@ -67,7 +67,7 @@ def test_wrong_settings(text, words):
 
 
 def test_dead_time_of_no_whole_ticks_is_a_plant_like_any_other():
-    plant = PlantEmulator(PlantConfig.from_values({"model": {"dead_time_s": 1.01}}))
+    plant = PlantEmulator(PlantConfig.from_values({"factors": {"dead_time_s": 1.01}}))
     plant.step()
     assert plant.stopped == ""
 

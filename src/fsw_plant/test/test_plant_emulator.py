@@ -111,7 +111,7 @@ def test_trajectory_without_lag_is_that_of_the_model():
 def test_inertia_spike_is_in_the_sensor_and_not_in_the_truth_or_the_process():
     plant, still = (
         plant_of(noise=False),
-        plant_of(noise=False, model={"spindle_inertia_kgm2": 0.1}),
+        plant_of(noise=False, factors={"spindle_inertia_kgm2": 0.1}),
     )
     start = plant.applied
     faster = Command(start.force_kn, start.speed_rpm + 3.0)
@@ -369,7 +369,7 @@ def test_torque_drop_with_speed_is_in_the_sensor_only():
 
 def test_mismatch_changes_the_plant_and_its_equilibrium():
     plant = plant_of(
-        noise=False, model={"thermal_gain_c_per_kw": 1.2}, start={"temperature_c": 826.4}
+        noise=False, factors={"thermal_gain_c_per_kw": 1.2}, start={"temperature_c": 826.4}
     )
     power_kw = 43.6 + 10.0 / (18.1 * 1.2)
     assert plant.truth().process_power_kw == pytest.approx(power_kw)
@@ -381,7 +381,7 @@ def test_mismatch_changes_the_plant_and_its_equilibrium():
 def test_own_model_parameters_from_a_file(tmp_path):
     file = tmp_path / "model.yaml"
     file.write_text("copper_lag_s: 70\nsliding_friction: 4.0e-1\n")
-    plant = plant_of(model_file=str(file), model={"copper_lag_s": 2.0})
+    plant = plant_of(model_file=str(file), factors={"copper_lag_s": 2.0})
     assert plant.config.model.copper_lag_s == 140.0 and plant.config.model.sliding_friction == 0.4
     with pytest.raises(InputError, match=r"model .*none\.yaml"):
         plant_of(model_file=str(tmp_path / "none.yaml"))
@@ -396,12 +396,12 @@ def test_settings_change_while_running():
     slow = {
         "noise": False,
         "limits": {"force_rate_kn_per_s": 1.0},
-        "model": {"dead_time_s": 3.0 / 2.8},
+        "factors": {"dead_time_s": 3.0 / 2.8},
     }
     plant.reconfigure(PlantConfig.from_values(slow))
     run(plant, [Command(80.0, plant.applied.speed_rpm)] * 10)
     assert plant.truth().force_kn == pytest.approx(79.4, abs=2e-3)
-    plant.reconfigure(PlantConfig.from_values({"model": {"dead_time_s": 2.0 / 2.8}}))
+    plant.reconfigure(PlantConfig.from_values({"factors": {"dead_time_s": 2.0 / 2.8}}))
     assert all(
         isfinite(v) for row in values_of(run(plant, [Command(80.0, 410.0)] * 40)) for v in row
     )

@@ -61,11 +61,11 @@ def test_lockstep_gives_the_trajectory_of_the_emulator(graph):
             graph.peer.command(stamp, force, speed)
 
     peer = graph.start(
-        speed=0.0, seed=5, model__copper_lag_s=1.1, scenario=f'"{events}"', answer=answer
+        speed=0.0, seed=5, factors__copper_lag_s=1.1, scenario=f'"{events}"', answer=answer
     )
     graph.until(lambda: len(peer.got["temperature"]) > len(moves))
     offline = PlantEmulator(
-        PlantConfig.from_values({"seed": 5, "model.copper_lag_s": 1.1}),
+        PlantConfig.from_values({"seed": 5, "factors.copper_lag_s": 1.1}),
         PlantSchedule.from_yaml(events),
     )
     for k, command in enumerate(sent):
@@ -542,12 +542,12 @@ def test_parameters_at_runtime(graph):
     step = "[{at_s: 0, disturbance: {channel: depth, shape: step, amplitude_mm: 0.2}}]"
     assert set_one("scenario", step).successful
     graph.until(lambda: peer.got["depth"][-1].depth == pytest.approx(2.86e-3, abs=1e-10))
-    assert set_one("model.thermal_gain_c_per_kw", 1.2).successful
+    assert set_one("factors.thermal_gain_c_per_kw", 1.2).successful
     for name, value, words in (
         ("limits.force_min_kn", 96.0, "below force_max"),
         ("scenario", "[{at_s: 0}]", "exactly one"),
-        ("model.dead_time_s", 9.0, "outside 0.1 to 10 s"),
-        ("model.copper_lag_s", 99.0, "out"),
+        ("factors.dead_time_s", 9.0, "outside 0.1 to 10 s"),
+        ("factors.copper_lag_s", 99.0, "out"),
         ("commands.sources", 3, ""),
     ):
         result = set_one(name, value)
@@ -595,7 +595,7 @@ def test_second_plant_is_refused(graph):
         ("limits.force_min_kn:=96.0", "force_min (96)"),
         ("start.temperature_c:=560.0", "drives' limits"),
         ("scenario:=/nowhere.yaml", "scenario /nowhere.yaml"),
-        ("model.dead_time_s:=9.0", "dead_time_s = 25.2"),
+        ("factors.dead_time_s:=9.0", "dead_time_s = 25.2"),
     ],
 )
 def test_wrong_parameters_end_the_start_with_one_line(domain_id, capfd, parameter, words):

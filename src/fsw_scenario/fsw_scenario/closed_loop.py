@@ -34,8 +34,9 @@ from fsw_control.validity import SensorGuard
 from fsw_control.weld import TICK_NS, TICK_S
 from fsw_model import STEP_S
 from fsw_model.heat_profile import HeatProfile
-from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule, Truth
+from fsw_plant import PlantEmulator, Truth
 from fsw_scenario.heat_ahead import HeatAhead
+from fsw_scenario.plants import OwnPlant, Plant, plant_of
 from fsw_scenario.scenario import Scenario, start_reference
 from fsw_scenario.timeline import SWITCH_TIMEOUT_S, OpenLoopController, references, switches
 from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine
@@ -105,13 +106,6 @@ class OfflineSupervisor:
         return decisions[-1]
 
 
-def plant_of(scenario: Scenario) -> PlantEmulator:
-    """The plant of a scenario, with its disturbances and faults."""
-    return PlantEmulator(
-        PlantConfig.from_values(scenario.plant), PlantSchedule.of(scenario.events, scenario.path)
-    )
-
-
 class _Programme:
     """Set-points by tick; on a canister a phase may end early, when its temperature is reached."""
 
@@ -152,14 +146,14 @@ class _Programme:
         after = self.plan.after(tick * TICK_NS, self.reference) if self.plan else ()
         return replace(self.reference, coming=after, heat=self._heat)
 
-    def end(self, tick: int, plant: PlantEmulator, shown_c: float) -> int:
+    def end(self, tick: int, plant: PlantEmulator | OwnPlant, shown_c: float) -> int:
         """Follow the thermocouple at a tick and move the tool; returns the programme's tick."""
         self._shown.append(shown_c)
         if self._machine is not None:
             if self._machine.follow(tick, self._shown[0]):
                 self._course.resume(self.reference, self._machine.tick)
                 self._announce()
-            if self._held:
+            if self._held and not isinstance(plant, OwnPlant):
                 plant.follow_programme(self._machine.tick * STEP_S, standing=False)
         return tick - self._held
 
@@ -177,7 +171,7 @@ class _Tick(NamedTuple):
     reason: Reason
     active: str
     mode: str
-    truth: Truth
+    truth: Truth | None
 
 
 class ClosedLoop:
@@ -189,7 +183,8 @@ class ClosedLoop:
     the graph in lockstep. Otherwise a single controller is studied without supervisor: its
     proposal is limited and applied, and the last command is held while it is unhealthy.
 
-    With the ``heat`` of a type of weld controllers know beforehand how much of it comes.
+    With the ``heat`` of a type of weld controllers know beforehand how much of it comes. A user's
+    ``plant`` replaces the emulated one.
 
     Raises
     ------
@@ -203,10 +198,11 @@ class ClosedLoop:
         scenario: Scenario,
         controllers: Mapping[str, Controller] | None = None,
         heat: HeatProfile | None = None,
+        plant: Plant | None = None,
     ) -> None:
         self.scenario = scenario
         self._heat = None if heat is None else HeatAhead(heat, scenario.phases)
-        self.plant = plant_of(scenario)
+        self.plant = plant_of(scenario) if plant is None else OwnPlant(plant, scenario)
         start = self.plant.applied
         self._controllers: dict[str, Controller] = dict(controllers or {})
         if scenario.open_loop:
@@ -219,6 +215,12 @@ class ClosedLoop:
             )
         for controller in self._controllers.values():
             controller.reset(start)
+
+    @property
+    def selected(self) -> Controller:
+        """Controller that the scenario starts with."""
+        name = OpenLoopController.name if self.scenario.open_loop else self.scenario.controller
+        return self._controllers[name]
 
     def run(self, progress: Callable[[float], None] | None = None) -> WeldSignals:
         """Run to the end and return the same signals as a bag of the weld.
@@ -266,7 +268,8 @@ class ClosedLoop:
             while supervisor is not None and swaps and swaps[0][0] <= passed + 1:
                 supervisor.switch(swaps.popleft()[1])
             decided = (reference, answers, applied, source, reason, active, mode)
-            ticks.append(_Tick(stamp_ns, values, drives, *decided, plant.truth()))
+            truth = None if isinstance(plant, OwnPlant) else plant.truth()
+            ticks.append(_Tick(stamp_ns, values, drives, *decided, truth))
             plant.apply(applied, stamp_ns, source)
             plant.step()
             if progress is not None and tick % _PROGRESS_TICKS == 0:
@@ -284,6 +287,8 @@ class ClosedLoop:
 
     def _signals(self, ticks: Sequence[_Tick]) -> WeldSignals:
         stamps = np.array([tick.stamp_ns for tick in ticks], dtype=np.int64)
+        emulated = None if isinstance(self.plant, OwnPlant) else self.plant
+        sensors = emulated.core.sensors if emulated else ()
         statuses, problems = {}, []
         for name in self._controllers:
             try:
@@ -299,9 +304,7 @@ class ClosedLoop:
             stamp_ns=stamps,
             time_s=experiment_time_s(stamps),
             **_sensors(ticks, REQUIRED),
-            optional=_sensors(
-                ticks, [name for name in self.plant.core.sensors if name in OPTIONAL]
-            ),
+            optional=_sensors(ticks, [name for name in sensors if name in OPTIONAL]),
             reference_depth_mm=_numbers(tick.reference.depth_mm for tick in ticks),
             reference_temperature_c=_numbers(tick.reference.temperature_c for tick in ticks),
             force_kn=_numbers(tick.applied.force_kn for tick in ticks),
@@ -315,7 +318,7 @@ class ClosedLoop:
             statuses=statuses,
             problems=problems,
             drives=_group(DriveSignals, [tick.drives for tick in ticks]),
-            truth=_group(TruthSignals, [tick.truth for tick in ticks]),
+            truth=_group(TruthSignals, [tick.truth for tick in ticks]) if emulated else None,
             attachments={"scenario.yaml": self.scenario.text.encode()},
         )
 

@@ -15,9 +15,9 @@ import yaml
 from fsw_control.parameters import validate
 from fsw_control.schema.files import write_whole
 from fsw_plant.parameters import PlantParameters
-from fsw_scenario.closed_loop import plant_of
 from fsw_scenario.controllers import program
 from fsw_scenario.launcher import Child, Launcher, LaunchError
+from fsw_scenario.plants import plant_of
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.timeline import OpenLoopController
 

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fsw_control import run_controller
-from fsw_scenario.closed_loop import plant_of
 from fsw_scenario.parameters import OpenLoopParameters
+from fsw_scenario.plants import plant_of
 from fsw_scenario.scenario_file import load
 from fsw_scenario.timeline import OpenLoopController
 

@@ -140,7 +140,7 @@ BAD = [
     ),
     ("name: x\nduration_s: 5\nfigures: [3]", "figures[0] is 3; one of 4"),
     ("name: x\nduration_s: 5\nplant: {seed: -1}", "plant is wrong"),
-    ("name: x\nduration_s: 5\nplant: {model: {thermal: 1.1}}", "model.thermal"),
+    ("name: x\nduration_s: 5\nplant: {factors: {thermal: 1.1}}", "factors.thermal"),
     ("name: [x]\nduration_s: 5", "not text"),
 ]
 

@@ -23,7 +23,7 @@ SMALL: dict[str, Any] = {
     "welds": 4,
     "seed": 3,
     "distributions": {
-        "plant.model.copper_lag_s": {"uniform": [0.8, 1.2]},
+        "plant.factors.copper_lag_s": {"uniform": [0.8, 1.2]},
         "plant.sensors.depth_noise_mm": {"loguniform": [1e-7, 1e-3]},
         "events[2].disturbance.amplitude_mm": {
             "normal": {"mean": 0.05, "deviation": 0.1, "low": -0.1, "high": 0.2}

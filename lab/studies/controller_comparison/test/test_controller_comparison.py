@@ -71,7 +71,7 @@ def test_no_controller_beats_the_clairvoyant_optimum(nominal, clairvoyant, event
 @pytest.mark.full
 def test_a_plant_that_cannot_run_is_named_on_the_page(nominal):
     data = study.sweep(
-        {"too weak": {"model.sliding_friction": 2.0, "model.sticking_stress_pa": 2.0}}
+        {"too weak": {"factors.sliding_friction": 2.0, "factors.sticking_stress_pa": 2.0}}
     )
     assert all("error" in run for run in data["too weak"].values())
     page = report.pages({"nominal": nominal, "sweep": data})["other-processes.md"]
@@ -165,7 +165,7 @@ def test_the_tuning_by_rule_is_calm_on_another_model():
 
 
 def test_figures_say_whether_something_swings():
-    strong = {"model.thermal_gain_c_per_kw": 8.0}
+    strong = {"factors.thermal_gain_c_per_kw": 8.0}
     assert figures(Job(DECENTRALIZED[0], "tracking", plant=strong))["swings"]
     assert not figures(Job(DEFAULT, "tracking"))["swings"]
     noisy = weld(

@@ -1,0 +1,265 @@
+"""Reads the log of a machine as the signals of a weld: a CSV file, arrays, or a data frame of pandas.
+
+The counterpart of :mod:`fsw_analysis.export`, for logs of any origin: columns are known by their
+name and unit, whatever the sampling rate.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fsw_analysis.weld_signals import DriveSignals, FloatArray, WeldSignals
+from fsw_control.schema.models import InputError
+from fsw_control.units import NANOSECONDS
+from fsw_control.weld import TICK_NS, TICK_S
+
+#: factor to the unit inside by unit as written (lower case, no blanks), by quantity; the first is it
+_UNITS: dict[str, dict[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
+    "depth": {"mm": 1.0, "um": 1e-3, "µm": 1e-3, "m": 1e3},
+    "temperature": {"c": 1.0, "degc": 1.0, "°c": 1.0, "k": 1.0},
+    "torque": {"nm": 1.0, "n·m": 1.0, "n*m": 1.0, "knm": 1e3},
+    "force": {"kn": 1.0, "n": 1e-3},
+    "speed": {"rpm": 1.0, "1/min": 1.0, "r/min": 1.0, "rad/s": 30.0 / np.pi, "rad_per_s": 30.0 / np.pi},
+}  # fmt: skip
+_KELVIN_C = -273.15
+#: quantities of a weld's table, see `fsw_analysis.export`; the first are needed
+_NEEDED = ("time", "depth", "temperature", "torque", "force", "speed")
+_OPTIONAL = ("reference_depth", "reference_temperature", "drives_force", "drives_speed")
+_MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
+
+
+def read_table(
+    source: str | Path | Mapping[str, Any] | Any, columns: Mapping[str, str] | None = None
+) -> WeldSignals:
+    """Signals of a weld at ticks of 0.1 s: means of the samples of each tick, NaN where there are none.
+
+    Parameters
+    ----------
+    source : str, Path, mapping or pandas.DataFrame
+        File, or arrays by column.
+    columns : mapping of str to str, optional
+        Name of the column by quantity and unit, e.g. ``{"force_n": "F_ax"}``; else columns are found by
+        names such as ``force_kn``, ``Axial force [kN]``.
+
+    Raises
+    ------
+    InputError
+        With line and column, if something is missing, ambiguous or no number.
+    """
+    name, table = _cells(source)
+    chosen = _chosen(name, table.headers, dict(columns or {}))
+    numbers = {
+        quantity: table.numbers(name, header, quantity, unit)
+        for quantity, (header, unit) in chosen.items()
+    }
+    return _signals(name, numbers, table)
+
+
+class _Table:
+    """Cells by column; ``first`` is the number of the first row in messages, ``lines`` those of a file."""
+
+    def __init__(self, columns: Mapping[str, Any], lines: Sequence[int] | None = None) -> None:
+        self._columns, self._lines, self.headers = columns, lines, list(columns)
+        self.decimal_comma = False
+
+    def place(self, row: int) -> str:
+        """Row in messages."""
+        return f"row {row}" if self._lines is None else f"line {self._lines[row]}"
+
+    def numbers(self, name: str, header: str, quantity: str, unit: str) -> FloatArray:
+        """A column in the unit inside."""
+        cells = self._columns[header]
+        values = np.empty(len(cells))
+        for row, cell in enumerate(cells):
+            try:
+                values[row] = self._number(cell, quantity)
+            except (TypeError, ValueError):
+                raise InputError(
+                    f"{name}: {self.place(row)}, column {header!r}: {str(cell)[:40]!r} is not a number"
+                ) from None
+        values *= _UNITS[_kind(quantity)][unit]
+        return values + _KELVIN_C if unit == "k" else values
+
+    def _number(self, cell: Any, quantity: str) -> float:
+        if isinstance(cell, np.datetime64):
+            return float(cell.astype("datetime64[ns]").astype(np.int64)) * 1e-9
+        if not isinstance(cell, str):
+            return float(cell.timestamp() if hasattr(cell, "timestamp") else cell)
+        text = cell.strip()
+        if text.lower() in _MISSING:
+            return float("nan")
+        try:
+            return float(text.replace(",", ".") if self.decimal_comma else text)
+        except ValueError:
+            if quantity != "time":
+                raise
+            return datetime.fromisoformat(text).timestamp()
+
+
+def _cells(source: Any) -> tuple[str, _Table]:
+    """Name in messages, and cells."""
+    if isinstance(source, str | Path):
+        return str(source), _file(Path(source))
+    if hasattr(source, "columns") and hasattr(
+        source, "reset_index"
+    ):  # pandas, without importing it
+        frame = source if source.index.name is None else source.reset_index()
+        source = {str(column): frame[column].to_numpy() for column in frame.columns}
+    if not isinstance(source, Mapping):
+        raise InputError(f"table: a file, arrays by column or a data frame, not {source!r}")
+    arrays = {str(header): np.ravel(np.asarray(values)) for header, values in source.items()}
+    sizes = {header: values.size for header, values in arrays.items()}
+    if len(set(sizes.values())) > 1:
+        raise InputError(f"table: its columns differ in length: {sizes}")
+    return "table", _Table(arrays)
+
+
+def _file(path: Path) -> _Table:
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = raw.decode("cp1252", errors="replace")  # as spreadsheets on Windows write it
+    lines = text.splitlines()
+    begin = next(
+        (i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")),
+        len(lines),
+    )
+    if begin == len(lines):
+        raise InputError(f"{path}: is empty")
+    delimiter = max(";\t,", key=lines[begin].count)
+    reader = csv.reader(io.StringIO("\n".join(lines[begin:])), delimiter=delimiter)
+    headers = [header.strip() for header in next(reader)]
+    if twice := sorted({header for header in headers if header and headers.count(header) > 1}):
+        raise InputError(f"{path}: line {begin + 1}: column {twice[0]!r} is there twice")
+    rows, numbers = [], []
+    for row in reader:
+        if not any(cell.strip() for cell in row):
+            continue
+        if len(row) != len(headers):
+            raise InputError(
+                f"{path}: line {begin + reader.line_num}: {len(row)} cells, but {len(headers)} columns"
+            )
+        rows.append(row)
+        numbers.append(begin + reader.line_num)
+    if not rows:
+        raise InputError(f"{path}: has no rows below its header in line {begin + 1}")
+    table = _Table(dict(zip(headers, zip(*rows, strict=True), strict=True)), numbers)
+    table.decimal_comma = delimiter != ","
+    return table
+
+
+def _kind(quantity: str) -> str:
+    return quantity.rpartition("_")[2]
+
+
+def _name_and_unit(header: str) -> tuple[str, str]:
+    """``Axial force [kN]`` or ``axial_force_kn`` as ("axial_force", "kn"); without a known unit ""."""
+    text = header.strip().lower()
+    if bracketed := re.fullmatch(r"(.*?)[\s_/,]*[\[(](.*)[\])]", text):
+        return re.sub(r"\W+", "_", bracketed[1]).strip("_"), re.sub(r"\s", "", bracketed[2])
+    units = {unit for known in _UNITS.values() for unit in known}
+    for unit in sorted(units, key=len, reverse=True):
+        if text.endswith(f"_{unit}"):
+            return text.removesuffix(f"_{unit}"), unit
+    return re.sub(r"\W+", "_", text).strip("_"), ""
+
+
+def _chosen(
+    name: str, headers: Sequence[str], columns: dict[str, str]
+) -> dict[str, tuple[str, str]]:
+    """Column and unit by quantity."""
+    chosen: dict[str, tuple[str, str]] = {}
+    for key, header in columns.items():
+        quantity, unit = _name_and_unit(key)
+        if quantity not in (*_NEEDED, *_OPTIONAL) or unit not in _UNITS[_kind(quantity)]:
+            example = ", ".join(f"{of}_{next(iter(_UNITS[of]))}" for of in _NEEDED)
+            raise InputError(f"columns: {key!r} is no quantity with its unit, as {example}")
+        if header not in headers:
+            raise InputError(
+                f"{name}: there is no column {header!r}; there are {', '.join(headers)}"
+            )
+        chosen[quantity] = (header, unit)
+    parsed = {header: _name_and_unit(header) for header in headers}
+    for quantity in (*_NEEDED, *_OPTIONAL):
+        if quantity in chosen:
+            continue
+        exact = [header for header in headers if parsed[header][0] == quantity]
+        like = [header for header in headers if parsed[header][0].endswith(f"_{quantity}")]
+        known = [
+            header
+            for header in exact or (like if quantity in _NEEDED else [])
+            if parsed[header][1] in _UNITS[_kind(quantity)]
+        ]
+        if len(known) == 1:
+            chosen[quantity] = (known[0], parsed[known[0]][1])
+        elif known or quantity in _NEEDED:
+            raise InputError(f"{name}: {_complaint(quantity, known, headers)}")
+    return chosen
+
+
+def _complaint(quantity: str, known: Sequence[str], headers: Sequence[str]) -> str:
+    unit = next(iter(_UNITS[_kind(quantity)]))
+    advice = f"give columns={{'{quantity}_{unit}': NAME}}"
+    if known:
+        return f"several columns may be the {quantity}: {', '.join(known)}; {advice}"
+    units = ", ".join(_UNITS[_kind(quantity)])
+    like = [header for header in headers if quantity in re.split(r"[\W_]+", header.lower())]
+    if like:
+        return f"column {like[0]!r} has no unit that a {quantity} can have ({units}); {advice}"
+    return f"no column is the {quantity}, as {quantity}_{unit} or '{quantity} [{unit}]'; {advice}; there are {', '.join(headers)}"
+
+
+def _signals(name: str, numbers: Mapping[str, FloatArray], table: _Table) -> WeldSignals:
+    """Means by tick; without columns of their own the drives' feedback is force and speed."""
+    time_s = numbers["time"]
+    for row in np.flatnonzero(~np.isfinite(time_s)):
+        raise InputError(f"{name}: {table.place(int(row))}: has no time")
+    for row in np.flatnonzero(np.diff(time_s) <= 0.0):
+        raise InputError(
+            f"{name}: {table.place(int(row) + 1)}: its time is not after that of the row before"
+        )
+    tick = np.round((time_s - time_s[0]) / TICK_S).astype(np.int64)
+    present, group = np.unique(tick, return_inverse=True)
+
+    def mean(quantity: str) -> FloatArray:
+        values = numbers.get(quantity)
+        if values is None:
+            return np.full(present.size, np.nan)
+        finite = np.isfinite(values)
+        count = np.bincount(group[finite], minlength=present.size)
+        total = np.bincount(group[finite], values[finite], present.size)
+        return np.divide(total, count, out=np.full(present.size, np.nan), where=count > 0)
+
+    feedback = ["drives_" if f"drives_{of}" in numbers else "" for of in ("force", "speed")]
+    no_text = np.full(present.size, "", dtype=object)
+    return WeldSignals(
+        path=Path(name),
+        stamp_ns=(present + 1) * TICK_NS,
+        time_s=(present + 1) * TICK_NS / NANOSECONDS,
+        depth_mm=mean("depth"),
+        torque_nm=mean("torque"),
+        temperature_c=mean("temperature"),
+        reference_depth_mm=mean("reference_depth"),
+        reference_temperature_c=mean("reference_temperature"),
+        force_kn=mean("force"),
+        speed_rpm=mean("speed"),
+        command_source=no_text,
+        command_reason=no_text,
+        command_latency_s=np.full(present.size, np.nan),
+        actual_controller=no_text,
+        actual_mode=no_text,
+        drives=DriveSignals(mean(f"{feedback[0]}force"), mean(f"{feedback[1]}speed")),
+    )
