@@ -15,7 +15,7 @@ from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 
-from fsw_analysis.figure_style import COLOURS, colours_of, shade_phases, sheet
+from fsw_analysis.figure_style import COLOURS, legend_right, looks_of, shade_phases, sheet
 from fsw_analysis.phase_kpi import Span
 from fsw_heat.history import HeatHistory
 from fsw_plant.canister import CanisterState
@@ -87,7 +87,7 @@ class HeatPicture:
 
 
 def draw_heat(picture: HeatPicture, moments_s: Sequence[float], path: Path) -> None:
-    """Draw stir zone and power over the weld, and surface and section at moments; a PNG file."""
+    """Draw stir zone and power over the weld, and surface and section at moments."""
     rows = len(moments_s)
     with sheet(12.0, 3.7 + 1.75 * rows, path) as figure:
         figure.suptitle(picture.title, fontsize=12.0, fontweight="bold")
@@ -174,10 +174,10 @@ def _draw_curves(axes: Sequence[Axes], picture: HeatPicture) -> None:
     minutes = history.time_s / 60.0
     axes[0].plot(minutes, history.stir_zone_c, color="black", label="stir zone")
     names = list(picture.thermocouples)
-    for name, colour in zip(names, colours_of(names), strict=True):
-        axes[0].plot(history.kept_s / 60.0, picture.thermocouples[name], color=colour, label=name)
+    for name, look in zip(names, looks_of(names), strict=True):
+        axes[0].plot(history.kept_s / 60.0, picture.thermocouples[name], **look.line, label=name)
     if names:
-        axes[0].legend(loc="best", fontsize=8.0, ncols=2)
+        legend_right(axes[0])
     axes[0].set_ylabel("temperature [°C]")
     axes[1].plot(minutes, history.course.power_kw, color=COLOURS[0])
     axes[1].set_ylabel("power [kW]")
