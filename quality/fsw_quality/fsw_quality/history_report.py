@@ -317,7 +317,8 @@ def draw(table: pa.Table, made: dict[str, Chart]) -> bytes:
                 right.axhline(limit, **_BOUND)
         for axis in pairs[len(made) :].flat:
             axis.set_visible(False)
-        for axis in axes[-1]:
+        for axis in pairs[max(len(made) - 2, 0) : len(made)].flat:
+            axis.tick_params(labelbottom=True)
             axis.set_xlabel("weld")
         legend_below(figure, most=5)
         return png(figure, 100)

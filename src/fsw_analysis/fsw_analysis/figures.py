@@ -53,7 +53,7 @@ _LINE_WIDTHS = (2.4, 1.1)
 #: page: width of one column, height of one panel, of the title and of a row of the legend [inch]
 _WIDTH, _PANEL, _TITLE, _LEGEND = 9.0, 2.25, 0.6, 0.6
 #: sizes of changes nearer together than this share of the axis would overlap
-_SIZES_APART = 0.07
+_SIZES_APART = 0.12
 #: share of the data's span that is left free above and below
 _MARGIN = 0.07
 #: a limit is drawn when it is nearer to the data than this share of their span
@@ -347,17 +347,25 @@ def _mark_sizes(axis: Axes, panel: _Panel, signals: WeldSignals) -> None:
     unit = panel.ylabel.partition("[")[2].rstrip("]")
     if panel.error is not None or not panel.reference:
         return
-    sizes = [change for change in changes(signals) if change.quantity.startswith(f"{quantity}_")]
-    last_s = -np.inf
+    sizes = [
+        change
+        for change in changes(signals)
+        if change.quantity == f"{quantity}_reference"
+        or (change.is_step and change.quantity == f"{quantity}_disturbance")
+    ]
+    begin_s, span_s = signals.time_s[0], signals.time_s[-1] - signals.time_s[0]
+    last = -1.0
     for change in sizes if len(sizes) <= _MOST_MARKS else ():
         at_s = float(signals.time_s[change.begin])
-        if at_s - last_s < _SIZES_APART * (signals.time_s[-1] - signals.time_s[0]):
+        place = (at_s - begin_s) / span_s
+        if place - last < _SIZES_APART:
             continue
-        last_s = at_s
+        last, is_late = place, place > 1.0 - _SIZES_APART
         text = f"{change.size:+.3g} {unit}".replace("-", "−")
-        where: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "va": "top"}
+        offset, side = (-6.0, "right") if is_late else (6.0, "left")
+        where: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "va": "top", "ha": side}
         axis.annotate(
-            text, (at_s, 1.0), (6.0, -1.0), textcoords="offset points", fontsize=7.5, **where
+            text, (at_s, 1.0), (offset, -1.0), textcoords="offset points", fontsize=7.5, **where
         )
 
 

@@ -94,9 +94,9 @@ def test_a_controller_has_one_look_wherever_it_stands(weld):
 
 
 def test_looks_differ_without_colour():
-    for table in (list(dict.fromkeys(CONTROLLERS.values())), OTHERS):
-        for part in ("dashes", "marker", "hatch"):
-            assert len({getattr(look, part) for look in table}) == len(table)
+    looks = [*dict.fromkeys(CONTROLLERS.values()), *OTHERS]
+    for part in ("dashes", "marker", "hatch"):
+        assert len({getattr(look, part) for look in looks}) == len(looks)
     names = [f"controller {number}" for number in range(12)]
     assert len(set(looks_of(names))) == 12
 
