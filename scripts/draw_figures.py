@@ -24,6 +24,7 @@ if __name__ == "__main__":
 
 sys.path.append(str(WORKSPACE / "benchmarks"))
 
+import concept_figures
 import depth
 import history
 import solvers
@@ -33,12 +34,10 @@ from realistic import report as realistic
 
 from controller_comparison import command, figures
 from fsw_analysis import phase_kpi
-from fsw_analysis.figures import Run, draw_whole_weld
+from fsw_analysis.figures import draw_whole_weld
 from fsw_quality import monitor_figure
 from fsw_quality.monitor import Monitor
 from fsw_quality.monitor_run import watch
-from fsw_scenario.closed_loop import ClosedLoop
-from fsw_scenario.controllers import make_all
 from fsw_scenario.scenario_file import load
 from fsw_scenario.weld_programme import spans
 
@@ -48,11 +47,6 @@ DRIFT = WORKSPACE / "examples" / "drifting_thermocouple.yaml"
 
 def _recorded(name: str) -> Any:
     return json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
-
-
-def _weld(scenario: str | Path, controller: str) -> Run:
-    loaded = load(str(scenario), [f"controller={controller}"])
-    return Run(controller, ClosedLoop(loaded, make_all(loaded, controller, {})).run())
 
 
 def comparison() -> None:
@@ -94,7 +88,7 @@ def reference_tracking() -> None:
 
 def canister_weld() -> None:
     """Two whole welds."""
-    runs = [_weld("canister_weld", label) for label in ("decentral", "nmpc")]
+    runs = [concept_figures.weld("canister_weld", label) for label in ("decentral", "nmpc")]
     scenario = load("canister_weld")
     phases = phase_kpi.recorded_spans(runs[0].signals) or spans(
         scenario.phases, float(runs[0].signals.time_s[-1])
@@ -104,7 +98,7 @@ def canister_weld() -> None:
 
 def monitor() -> None:
     """A weld with a thermocouple that drifts."""
-    watched = watch(Monitor("paper"), _weld(DRIFT, "decentral").signals)
+    watched = watch(Monitor("paper"), concept_figures.weld(DRIFT, "decentral").signals)
     monitor_figure.draw(watched, f"Monitor: {DRIFT.name}", FIGURES / "monitor.png")
 
 
@@ -115,6 +109,13 @@ def control_charts() -> None:
             history.emulated(history.CONTROLLERS[0], Path(folder), seed) for seed in range(1, 61)
         ]
     history.draw(welds, history.FIGURE)
+
+
+def concepts() -> None:
+    """``nmpc_plan``, ``nmpc_estimates`` and ``pi_tunings``: five welds."""
+    concept_figures.nmpc_plan(FIGURES / "nmpc_plan.png")
+    concept_figures.nmpc_estimates(FIGURES / "nmpc_estimates.png")
+    concept_figures.pi_tunings(FIGURES / "pi_tunings.png")
 
 
 DRAWN: tuple[Callable[[], None], ...] = (
@@ -128,6 +129,7 @@ DRAWN: tuple[Callable[[], None], ...] = (
     canister_weld,
     monitor,
     control_charts,
+    concepts,
 )
 
 
