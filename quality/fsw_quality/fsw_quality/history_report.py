@@ -327,7 +327,7 @@ def draw(table: pa.Table, made: dict[str, Chart]) -> bytes:
 def _draw_chart(axis: Axes, entry: Chart, begins: Sequence[float]) -> None:
     """Values with their mean and limits, what signals in red; ``begins``: first welds of groups."""
     welds = np.arange(1, entry.values.size + 1)
-    small = {"color": "0.35", "markersize": 4 if welds.size < 500 else 1}
+    small: dict[str, Any] = {"color": "0.35", "markersize": 4 if welds.size < 500 else 1}
     axis.plot(welds, entry.values, ".", **small, label="weld")
     axis.set_ylim(*axis.get_ylim())  # the limits of the first welds are far away
     axis.plot(welds, entry.centre, color="0.5", linewidth=1.0, label="mean of the welds before")

@@ -59,6 +59,6 @@ def _plot_one(runs: list[Run], file: Path, numbers: list[int], force: bool) -> i
         raise CommandError(f"--out {file}: one figure fits into a file; give a folder")
     check_new([file], force)
     file.parent.mkdir(parents=True, exist_ok=True)
-    page(runs, *numbers, path=file)
+    page(runs, numbers[0] if numbers else None, path=file)
     print(file)
     return 0
