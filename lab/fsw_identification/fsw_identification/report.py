@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fsw_analysis.figure_style import COLOURS, label_time, sheet
+from fsw_analysis.figure_style import COLOURS, OTHERS, label_time, sheet
 from fsw_analysis.report import page, source
 from fsw_control.weld import TICK_S
 from fsw_identification.estimation import Fit
@@ -91,7 +91,7 @@ def _statistics(axes: Sequence[Axes], judgement: Judgement) -> None:
             axis.plot(
                 both_s,
                 judgement.cross[output, which],
-                color=COLOURS[1 + which],
+                **OTHERS[1 + which].line,
                 linewidth=0.8,
                 label=f"with {name}",
             )

@@ -12,7 +12,6 @@ from canister.validation import STEP_TIMES_S
 from fsw_analysis.figure_style import (
     OTHERS,
     legend_below,
-    legend_right,
     looks_of,
     shade_phases,
     sheet,
@@ -90,7 +89,7 @@ def _draw_steps(axis: Any, steps: Mapping[str, Any]) -> None:
     )
     axis.set_xticks(STEP_TIMES_S, [f"{t:g}" for t in STEP_TIMES_S])
     axis.set_xticks([], minor=True)
-    legend_right(axis)
+    axis.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
 def _draw_shares(axis: Any, verdict: Mapping[str, Any]) -> None:

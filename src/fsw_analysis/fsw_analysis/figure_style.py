@@ -149,12 +149,6 @@ def legend_below(
         figure.legend(named.values(), named.keys(), handlelength=3.0, **places, **options)
 
 
-def legend_right(axis: Axes, **options: Any) -> None:
-    """Add a legend to the right of an axis."""
-    place = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "frameon": False, "fontsize": 8.0}
-    axis.legend(handlelength=3.0, **place, **options)
-
-
 def label_time(axis: Axes, end_s: float) -> None:
     """Label a horizontal axis whose data are in seconds: in minutes where they are many."""
     if end_s < _LONG_S:
