@@ -384,23 +384,23 @@ def _each(pool: Any, function: Any, tasks: list[Any], until_s: float) -> list[An
 
 def draw(rows: list[dict[str, Any]], file: Path) -> None:
     """Shown and true error of each controller, by sensors and footprint."""
-    from matplotlib.figure import Figure
+    from fsw_analysis.figure_style import legend_below, sheet
 
-    figure = Figure(figsize=(9, 3.2), layout="constrained")
-    axes = figure.subplots()
     labels = [
         f"{row['controller']}, {row['source']}{', footprint' if row['footprint'] else ''}"
         for row in rows
     ]
     place = np.arange(len(rows))
-    axes.barh(place - 0.2, [row["error_99_mm"] for row in rows], 0.4, label="true")
-    axes.barh(place + 0.2, [row["shown_99_mm"] for row in rows], 0.4, label="shown")
-    axes.axvline(AIM_MM, color="k", linestyle=":", label="aim")
-    axes.set_yticks(place, labels)
-    axes.invert_yaxis()
-    axes.set_xlabel("depth error, 99 % of the weld within [mm], median of the welds")
-    axes.legend()
-    figure.savefig(file, dpi=100)
+    with sheet(9.0, 3.6, file) as figure:
+        axes = figure.subplots()
+        shown = {"facecolor": "white", "edgecolor": "#0b62a4", "hatch": "////"}
+        axes.barh(place - 0.2, [row["error_99_mm"] for row in rows], 0.4, label="true")
+        axes.barh(place + 0.2, [row["shown_99_mm"] for row in rows], 0.4, label="shown", **shown)
+        axes.axvline(AIM_MM, color="k", linestyle=":", label="aim")
+        axes.set_yticks(place, labels)
+        axes.invert_yaxis()
+        axes.set_xlabel("depth error, 99 % of the weld within [mm], median of the welds")
+        legend_below(figure)
 
 
 def figures_of(tables: dict[str, Any]) -> dict[str, Any]:

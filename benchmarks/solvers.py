@@ -21,8 +21,7 @@ if __name__ == "__main__":
 
     ensure()
 
-from matplotlib.figure import Figure
-
+from fsw_analysis.figure_style import legend_below, looks_of, sheet
 from fsw_analysis.report import numbers, templates
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "solvers.md"
@@ -133,30 +132,21 @@ def page(tables: dict[str, list[Row]], figures: dict[str, Any]) -> str:
 
 
 def draw(tables: dict[str, list[Row]], file: Path) -> None:
-    """Cost excess against time, a panel for each problem."""
-    figure = Figure(figsize=(12, 4), layout="constrained")
-    for axes, (title, rows) in zip(figure.subplots(1, len(tables)), tables.items(), strict=True):
-        for number_of_label, row in enumerate(one for one in rows if one.excess is not None):
-            time_ms = min(one for one in (row.cold_ms, row.warm_ms) if one is not None)
-            excess = max(row.excess or 0.0, _LEAST_EXCESS)
-            axes.plot(time_ms, excess, "ks" if row.name == NAMES["own"] else "o")
-            axes.annotate(
-                row.name,
-                (time_ms, excess),
-                (4, 4 if number_of_label % 2 else -10),
-                textcoords="offset points",
-                fontsize=8,
-            )
-        axes.set(
-            xscale="log",
-            yscale="log",
-            title=title,
-            xlabel="CPU time [ms]",
-            ylabel="largest excess of the cost",
-        )
-        axes.margins(0.2)
-        axes.grid(alpha=0.3)
-    figure.savefig(file, dpi=100)
+    """Cost excess against time, a panel for each problem; a solver has one look in all."""
+    names = sorted({row.name for rows in tables.values() for row in rows} - {NAMES["own"]})
+    looks = {name: look.point for name, look in zip(names, looks_of(names), strict=True)}
+    looks[NAMES["own"]] = {"color": "black", "marker": "s", "linestyle": "none"}
+    with sheet(11.0, 4.6, file) as figure:
+        panels = zip(figure.subplots(1, len(tables)), tables.items(), strict=True)
+        for axes, (title, rows) in panels:
+            for row in (row for row in rows if row.excess is not None):
+                time_ms = min(time for time in (row.cold_ms, row.warm_ms) if time is not None)
+                excess = max(row.excess or 0.0, _LEAST_EXCESS)
+                axes.plot(time_ms, excess, markersize=8, label=row.name, **looks[row.name])
+            axes.set(xscale="log", yscale="log", title=title, xlabel="CPU time [ms]")
+            axes.margins(0.15)
+        figure.axes[0].set_ylabel("largest excess of the cost")
+        legend_below(figure, most=7)
 
 
 def number(value: float | None, digits: int = 3) -> str:

@@ -82,8 +82,8 @@ def split(specs: dict[str, ParameterSpec]) -> dict[str, dict[str, ParameterSpec]
 
 
 def words_in(text: str) -> int:
-    """Words of a page, without the bars of tables and the formulas."""
-    text = re.sub(r"\$\$.*?\$\$", "", text, flags=re.DOTALL)
+    """Words of a page, without the bars of tables, the formulas and the diagrams."""
+    text = re.sub(r"\$\$.*?\$\$|```mermaid.*?```", "", text, flags=re.DOTALL)
     return sum(any(map(str.isalnum, word)) for word in text.split())
 
 

@@ -302,6 +302,7 @@ _GENERATED = {
     "canister",
     "canister-verdict",
     "corridors",
+    "first-hour",
     "history",
     "losses",
     "monitor",
@@ -415,6 +416,22 @@ def test_rows_of_the_results_are_copied_and_a_missing_one_is_reported(
     assert build_docs.with_rows(page) == page
     with pytest.raises(SystemExit, match="no such row"):
         build_docs.with_rows(page.replace("nmpc:default -->", "nmpc:default; no such row -->"))
+
+
+def test_page_of_the_first_hour_follows_from_its_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(WORKSPACE / "benchmarks"))
+    module = load("first_hour", "benchmarks")
+    numbers = module.PAGE.with_name("first-hour_tables.json")
+    figures = json.loads(numbers.read_text(encoding="utf-8"))
+    assert module.page(figures) == module.PAGE.read_text(encoding="utf-8")
+    figures["fsw"]["import_cpu_s"] = 99.0
+    assert any(row.startswith("import: 99.0 s CPU") for row in module.lost(figures))
+    notebook = {"cells": [
+        {"cell_type": "code", "source": [line]}
+        for line in ("%%capture\na = 1", "a", "print(a)", "f()", "last()")
+    ]}  # fmt: skip
+    code = module.python_of(json.dumps(notebook), "last")
+    assert module.lines_of(code) == 2 and "f()" in code
 
 
 @pytest.mark.full

@@ -7,7 +7,6 @@
 
 # %%
 import io
-import json
 import tempfile
 from contextlib import redirect_stdout
 from pathlib import Path
@@ -45,9 +44,7 @@ print(phase_kpi.markdown([phase_kpi.compute(weld.signals, weld.label, phases)]))
 # PDF](../how-to/record.md), too:
 
 # %%
-with redirect_stdout(io.StringIO()):
-    main(["record", str(bag), "--procedure", "copper_lid", "--out", str(folder / "record")])
-record = json.loads((folder / "record" / "record.json").read_text(encoding="utf-8"))
-print(record["verdict"])
-for rule in record["rules"]:
-    print(f"{rule['verdict']:<7} {rule['words']}: {rule['figure']}")
+record = fsw.record(bag, "copper_lid", folder / "record")
+print(record.verdict)
+for rule in record.rules:
+    print(f"{rule.verdict:<7} {rule.words}: {rule.figure}")

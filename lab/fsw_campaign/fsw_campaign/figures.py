@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from io import BytesIO
 from math import ceil
-from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from fsw_analysis.figure_style import colours_of
+from fsw_analysis.figure_style import Look, legend_below, looks_of, png, sheet
 from fsw_analysis.kpi_table import ROWS
 from fsw_campaign.statistics import MAIN, Results, Vector
 
@@ -31,28 +28,21 @@ _SHOWN = (0.1, 10.0)
 _DPI = 110
 
 
-def _png(figure: Figure) -> bytes:
-    target = BytesIO()
-    FigureCanvasAgg(figure).print_png(
-        target, metadata={"Software": None}
-    )  # the same figures, the same bytes
-    return target.getvalue()
-
-
-def _panels(count: int, draw: Callable[[Any, int], None]) -> bytes:
+def _panels(count: int, draw: Callable[[Axes, int], None]) -> bytes:
     columns = min(count, _COLUMNS)
     rows = ceil(count / columns)
-    figure = Figure(figsize=(4.0 * columns, 3.0 * rows), dpi=_DPI, layout="constrained")
-    for i in range(count):
-        draw(figure.add_subplot(rows, columns, i + 1), i)
-    return _png(figure)
+    with sheet(4.0 * columns, 3.0 * rows + 0.4) as figure:
+        for i in range(count):
+            draw(figure.add_subplot(rows, columns, i + 1), i)
+        legend_below(figure, figure.axes[:1], 2 * columns)
+        return png(figure, _DPI)
 
 
-def _steps(axes: Any, values: Vector, label: str, colour: str) -> None:
+def _steps(axes: Axes, values: Vector, label: str, look: Look) -> None:
     """Share of the welds up to each value."""
     if values.size:
         shares = np.linspace(0.0, 100.0, values.size)
-        axes.step(np.sort(values), shares, where="post", label=label, color=colour, lw=1.2)
+        axes.step(np.sort(values), shares, where="post", label=label, **look.line)
 
 
 def ratios(results: Results) -> bytes | None:
@@ -62,11 +52,11 @@ def ratios(results: Results) -> bytes | None:
     if not others or not keys:
         return None
 
-    colours = dict(zip(results.labels, colours_of(results.labels), strict=True))
+    looks = dict(zip(results.labels, looks_of(results.labels), strict=True))
 
-    def draw(axes: Any, i: int) -> None:
+    def draw(axes: Axes, i: int) -> None:
         for label in others:
-            _steps(axes, results.ratio(keys[i], label), label, colours[label])
+            _steps(axes, results.ratio(keys[i], label), label, looks[label])
         axes.axvline(1.0, color="0.4", lw=0.8)
         axes.set(
             xscale="log",
@@ -80,9 +70,6 @@ def ratios(results: Results) -> bytes | None:
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=8))
         axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.grid(alpha=0.3)
-        if i == 0:
-            axes.legend(fontsize="small", loc="lower right")
 
     return _panels(len(keys), draw)
 
@@ -95,21 +82,17 @@ def times_outside(results: Results) -> bytes | None:
     }
     signals = [signal for signal, times in found.items() if np.max(times) > 0.0]
 
-    def draw(axes: Any, i: int) -> None:
+    def draw(axes: Axes, i: int) -> None:
         signal = signals[i]
         at_most_s = results.campaign.limits[signal].at_most_s
-        for label, times, colour in zip(
-            results.labels, found[signal], colours_of(results.labels), strict=True
-        ):
-            _steps(axes, times, label, colour)
+        looks = looks_of(results.labels)
+        for label, times, look in zip(results.labels, found[signal], looks, strict=True):
+            _steps(axes, times, label, look)
         shown_s = max(_WIDEST * at_most_s, float(np.quantile(found[signal], _SHOWN_SHARE)))
         axes.set_xlim(0.0, shown_s or None)
         axes.axvline(at_most_s, color="0.4", lw=0.8)
         axes.set(title=signal, xlabel="time outside [s]", ylabel="welds up to [%]")
         axes.title.set_fontsize("medium")
-        axes.grid(alpha=0.3)
-        if i == 0:
-            axes.legend(fontsize="small")
 
     return _panels(len(signals), draw) if signals else None
 
@@ -122,32 +105,41 @@ def sensitivities(results: Results) -> bytes | None:
         return None
     values = np.array([list(one.values()) for one in found]).T  # (2, parameters, cases)
     names = [name.removeprefix("plant.") for name in found[0]]
-    figure = Figure(
-        figsize=(3.6 + 1.15 * len(cases), 1.8 + 0.34 * len(names)), dpi=_DPI, layout="constrained"
-    )
     bounds = results.chance
     titles = ("rank correlation", "share of the variance (first-order index)")
     rows = (names, [*names, "together"])
     panels = [values[0], np.vstack([values[1], values[1].sum(axis=0)])]
-    for i, (axes, panel) in enumerate(zip(figure.subplots(1, 2), panels, strict=True)):
-        axes.imshow(
-            panel,
-            cmap="RdBu_r" if i == 0 else "Reds",
-            vmin=-1.0 if i == 0 else 0.0,
-            vmax=1.0,
-            aspect="auto",
-        )
-        labels = [f"{ROWS[key][0]}, {label}" for key, label in cases]
-        axes.set_xticks(range(len(cases)), labels, rotation=35, ha="right")
-        axes.set_yticks(range(len(panel)), rows[i])
-        axes.tick_params(labelsize="small")
-        axes.set_title(titles[i], fontsize="medium")
-        for (row, column), value in np.ndenumerate(panel):
-            if np.isfinite(value):
-                shade = (
-                    "white" if abs(value) > 0.6 else "black" if abs(value) > bounds[i] else "0.7"
-                )
-                axes.text(
-                    column, row, f"{value:.2f}", ha="center", va="center", fontsize=7, color=shade
-                )
-    return _png(figure)
+    with sheet(3.6 + 1.15 * len(cases), 1.8 + 0.34 * len(names)) as figure:
+        for i, (axes, panel) in enumerate(zip(figure.subplots(1, 2), panels, strict=True)):
+            axes.imshow(
+                panel,
+                cmap="RdBu_r" if i == 0 else "Reds",
+                vmin=-1.0 if i == 0 else 0.0,
+                vmax=1.0,
+                aspect="auto",
+            )
+            axes.grid(visible=False)
+            labels = [f"{ROWS[key][0]}, {label}" for key, label in cases]
+            axes.set_xticks(range(len(cases)), labels, rotation=35, ha="right")
+            axes.set_yticks(range(len(panel)), rows[i])
+            axes.tick_params(labelsize="small")
+            axes.set_title(titles[i], fontsize="medium")
+            for (row, column), value in np.ndenumerate(panel):
+                if np.isfinite(value):
+                    shade = (
+                        "white"
+                        if abs(value) > 0.6
+                        else "black"
+                        if abs(value) > bounds[i]
+                        else "0.7"
+                    )
+                    axes.text(
+                        column,
+                        row,
+                        f"{value:.2f}",
+                        ha="center",
+                        va="center",
+                        fontsize=7,
+                        color=shade,
+                    )
+        return png(figure, _DPI)

@@ -15,7 +15,7 @@ from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 
-from fsw_analysis.figure_style import COLOURS, colours_of, shade_phases, sheet
+from fsw_analysis.figure_style import COLOURS, legend_below, looks_of, shade_phases, sheet
 from fsw_analysis.phase_kpi import Span
 from fsw_heat.history import HeatHistory
 from fsw_plant.compact_canister import CanisterState
@@ -87,9 +87,9 @@ class HeatPicture:
 
 
 def draw_heat(picture: HeatPicture, moments_s: Sequence[float], path: Path) -> None:
-    """Draw stir zone and power over the weld, and surface and section at moments; a PNG file."""
+    """Draw stir zone and power over the weld, and surface and section at moments."""
     rows = len(moments_s)
-    with sheet(12.0, 3.7 + 1.75 * rows, path) as figure:
+    with sheet(12.0, 4.0 + 1.75 * rows, path) as figure:
         figure.suptitle(picture.title, fontsize=12.0, fontweight="bold")
         grid = figure.add_gridspec(
             2 + rows, 2, width_ratios=(2.7, 1.0), height_ratios=(2.0, 1.0, *[1.5] * rows)
@@ -116,6 +116,7 @@ def draw_heat(picture: HeatPicture, moments_s: Sequence[float], path: Path) -> N
             _draw_fields(axes, picture.history, state, f"{letter}: {_when(picture, at_s)}")
         _label_below(fields[-1])
         _add_scale(figure, [axis for pair in fields for axis in pair])
+        legend_below(figure, curves[:1])
 
 
 def can_film(path: Path) -> bool:
@@ -130,13 +131,14 @@ def film_heat(
     history = picture.history
     times_s = np.linspace(0.0, history.kept_s[-1], FILM_FRAMES)
     writer = (PillowWriter if path.suffix.lower() == ".gif" else FFMpegWriter)(fps=FILM_FPS)
-    with sheet(12.0, 5.0, dpi=80) as figure:
+    with sheet(12.0, 5.3, dpi=80) as figure:
         grid = figure.add_gridspec(3, 2, width_ratios=(2.7, 1.0), height_ratios=(1.8, 1.0, 0.8))
         fields = (figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1]))
         curves = [figure.add_subplot(grid[i, :]) for i in (1, 2)]
         _draw_curves(curves, picture)
         cursors = [axis.axvline(0.0, color="black", linewidth=1.2) for axis in curves]
         _add_scale(figure, fields, _LABELLED_C[::2])
+        legend_below(figure, curves[:1])
         with writer.saving(figure, str(path), figure.dpi):
             for i, time_s in enumerate(times_s):
                 at_s, state = history.at(time_s)
@@ -174,10 +176,8 @@ def _draw_curves(axes: Sequence[Axes], picture: HeatPicture) -> None:
     minutes = history.time_s / 60.0
     axes[0].plot(minutes, history.stir_zone_c, color="black", label="stir zone")
     names = list(picture.thermocouples)
-    for name, colour in zip(names, colours_of(names), strict=True):
-        axes[0].plot(history.kept_s / 60.0, picture.thermocouples[name], color=colour, label=name)
-    if names:
-        axes[0].legend(loc="best", fontsize=8.0, ncols=2)
+    for name, look in zip(names, looks_of(names), strict=True):
+        axes[0].plot(history.kept_s / 60.0, picture.thermocouples[name], **look.line, label=name)
     axes[0].set_ylabel("temperature [°C]")
     axes[1].plot(minutes, history.course.power_kw, color=COLOURS[0])
     axes[1].set_ylabel("power [kW]")

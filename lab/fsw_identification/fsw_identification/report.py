@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fsw_analysis.figure_style import COLOURS, sheet
+from fsw_analysis.figure_style import COLOURS, OTHERS, label_time, sheet
 from fsw_analysis.report import page, source
 from fsw_control.weld import TICK_S
 from fsw_identification.estimation import Fit
 from fsw_identification.statistics import LAGS, Judgement
 from fsw_identification.summary import NAMES, Summary, output_rows, parameter_rows, remarks
+
+_BELOW: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.3), "frameon": False}
 
 
 def write(result: Summary, folder: Path) -> list[Path]:
@@ -72,8 +75,8 @@ def _courses(axes: Sequence[Axes], fit: Fit, judgement: Judgement, what: str) ->
         axis.set_title(title, loc="left", fontsize=10.0)
         axis.ticklabel_format(axis="y", useOffset=False)
         axis.margins(x=0.01)
-    axes[0].legend(handles=axes[0].get_lines()[:2], frameon=False, loc="upper right")
-    axes[4].set_xlabel("time [s]")
+    label_time(axes[4], begin_s)
+    axes[4].legend(handles=axes[0].get_lines()[:2], ncols=2, **_BELOW)
 
 
 def _statistics(axes: Sequence[Axes], judgement: Judgement) -> None:
@@ -88,7 +91,7 @@ def _statistics(axes: Sequence[Axes], judgement: Judgement) -> None:
             axis.plot(
                 both_s,
                 judgement.cross[output, which],
-                color=COLOURS[1 + which],
+                **OTHERS[1 + which].line,
                 linewidth=0.8,
                 label=f"with {name}",
             )
@@ -101,8 +104,8 @@ def _statistics(axes: Sequence[Axes], judgement: Judgement) -> None:
         low, high = axis.get_ylim()
         axis.set_ylim(min(low, -0.15), max(high, 0.15))
         axis.margins(x=0.01)
-    axes[0].legend(frameon=False, loc="upper left", fontsize=8.0)
     axes[-1].set_xlabel("lag [s]")
+    axes[-1].legend(ncols=3, **_BELOW)
 
 
 def _deviations(axis: Axes, fit: Fit) -> None:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fsw.command import FORCE, command, file, number, option, repeated
+from fsw.command import FORCE, command, file, number, option, picture, repeated
 from fsw.console import ProgressBar, print_table
 from fsw.errors import CommandError
 from fsw.outputs import check_new, default_folder, new_folder, write_whole
@@ -68,7 +68,7 @@ _ONLY_WITHOUT_BAG = ("power", "scenario", "canister")
         type=float,
     ),
     file("--csv", "table over time (default out/<date>_canister/heat.csv)"),
-    file("--figure", "surface, section and curves in one figure", "FILE.png"),
+    picture("--figure", "surface, section and curves in one figure"),
     file("--film", "film of the weld, .gif, or .mp4 where ffmpeg is installed"),
     file("--vtk", "temperatures of the whole geometry for ParaView", "DIR"),
     FORCE,
@@ -102,8 +102,6 @@ def _check(arguments: argparse.Namespace) -> None:
         raise CommandError(
             f"canister: --{given[0]} does not go with a bag, which has power, path and canister itself"
         )
-    if arguments.figure is not None and arguments.figure.suffix.lower() != ".png":
-        raise CommandError(f"--figure {arguments.figure}: the name must end in .png")
     if arguments.film is not None:
         if arguments.film.suffix.lower() not in (".gif", ".mp4"):
             raise CommandError(f"--film {arguments.film}: the name must end in .gif or .mp4")

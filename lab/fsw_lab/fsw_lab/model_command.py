@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from fsw.command import FORCE, command, file, option
+from fsw.command import FORCE, command, file, option, picture
 from fsw.errors import CommandError
 from fsw.outputs import check_new
 from fsw_analysis.export import write_table
@@ -24,7 +24,7 @@ from fsw_model import ModelParameters, ProcessModel
         help=f"YAML file, or one of {', '.join(input_steps.shipped())} (the paper's)",
     ),
     file("--csv", "table to write", required=True),
-    file("--figure", "also plot it like the paper's Figs. 4 and 5", "FILE.png"),
+    picture("--figure", "also plot it like the paper's Figs. 4 and 5"),
     file("--model", "model parameters (YAML) instead of the paper's"),
     FORCE,
     description="Simulate the process alone (no drives, no sensors, no noise) "
@@ -37,8 +37,6 @@ from fsw_model import ModelParameters, ProcessModel
 )
 def model(arguments: argparse.Namespace) -> int:
     files = [arguments.csv] if arguments.figure is None else [arguments.csv, arguments.figure]
-    if arguments.figure is not None and arguments.figure.suffix.lower() != ".png":
-        raise CommandError(f"--figure {arguments.figure}: the name must end in .png")
     if arguments.csv == arguments.figure:
         raise CommandError(f"model: --csv and --figure are both {arguments.csv}; give two files")
     check_new(files, arguments.force)

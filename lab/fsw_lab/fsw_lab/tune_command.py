@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import yaml
 
 import fsw
-from fsw.command import command, file, number, switch
+from fsw.command import FORMAT, command, file, number, switch
 from fsw.console import ProgressBar, print_table
 from fsw.outputs import new_folder
 from fsw_control.schema.ranges import Range
@@ -51,6 +51,7 @@ EVALUATIONS = 3000
         "--matched",
         "slow the NMPC's temperature until its margins are at least those of decentral:tight",
     ),
+    FORMAT,
     switch("--no-sweep", "without the figure of processes that differ from the model"),
     description="Search for the tunings of the decentralized controller for a model, derive that of the NMPC by "
     "rule, measure the margins of all, plot their performance on processes that differ from the model, and write "
@@ -67,7 +68,8 @@ def tune(arguments: argparse.Namespace) -> int:
     if not arguments.no_sweep:
         plants = {name: plant_factors(model.scaled(**factors)) for name, factors in _SWEEP.items()}
         with ProgressBar("processes that differ from the model") as bar:
-            draw_sweep(sweep(tunings.parameters, plants, bar), folder / "sweep.png")
+            target = folder / f"sweep.{arguments.format}"
+            draw_sweep(sweep(tunings.parameters, plants, bar), target)
     print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
     return 0
 

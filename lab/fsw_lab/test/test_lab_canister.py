@@ -182,7 +182,6 @@ def test_vtk_files_have_the_whole_geometry_and_its_heat(scenario, tmp_path):
         (["--probe", "200,0"], "R,ANGLE,Z"),
         (["--probe", "200,nan,0"], "not finite"),
         (["--at", "41"], "0 to 40 s"),
-        (["--figure", "a.jpg"], "in .png"),
         (["--film", "a.avi"], ".gif or .mp4"),
         (["--film", "a.mp4"], "ffmpeg is"),
         (["--csv", "small.yaml"], "small.yaml exists"),

@@ -130,7 +130,6 @@ def test_bad_input_is_one_line_and_leaves_no_file(tmp_path, capsys, events, word
     [
         (["--events", "missing.yaml"], "one of fig4, fig5"),
         (["--events", "fig4", "--model", "missing.yaml"], "cannot read model"),
-        (["--events", "fig4", "--figure", "a.pdf"], ".png"),
         (["--events", "fig4", "--figure", "{tmp}/no/folder.png"], "no/folder.png"),
     ],
 )

@@ -184,8 +184,14 @@ def sweep(
     }
 
 
+_BETTER: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 8.0}
+_WORSE = _BETTER | {"fontweight": "bold"}
+#: logarithm of a ratio whose colour is too dark for black text
+_DARK = 1.0
+
+
 def draw_sweep(data: Mapping[str, Any], path: Path) -> None:
-    """Draw the IAE of all other controllers over that of the conservative PI, per process."""
+    """Draw the IAE of all other controllers over that of the conservative PI, per process; bold: larger."""
     from fsw_analysis.figure_style import sheet  # takes a second to import
 
     plants = [name for name, runs in data.items() if not failed(runs)]
@@ -200,11 +206,11 @@ def draw_sweep(data: Mapping[str, Any], path: Path) -> None:
                 ]
             )
             axis.grid(visible=False)
-            image = axis.imshow(
-                np.log2(table), cmap="RdYlGn_r", vmin=-1.5, vmax=1.5, aspect="auto"
-            )
+            image = axis.imshow(np.log2(table), cmap="RdBu_r", vmin=-1.5, vmax=1.5, aspect="auto")
             for (row, column), value in np.ndenumerate(table):
-                axis.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=8.0)
+                style = _WORSE if round(value, 2) > 1.0 else _BETTER
+                shade = "white" if abs(np.log2(value)) > _DARK else "black"
+                axis.text(column, row, f"{value:.2f}", color=shade, **style)
             axis.set_title(f"{label}: IAE\nover {CONSERVATIVE}", fontsize=9.0)
             axis.set_xticks(
                 range(len(JUDGED)), JUDGED.values(), rotation=30.0, ha="right", fontsize=8.0
@@ -212,3 +218,4 @@ def draw_sweep(data: Mapping[str, Any], path: Path) -> None:
             axis.set_yticks(range(len(plants)), plants)
         bar = canvas.colorbar(image, ax=axes, ticks=[-1, 0, 1], shrink=0.6)
         bar.ax.set_yticklabels(["half", "equal", "double"])
+        bar.ax.set_title("bold:\nlarger", fontsize=8.0)

@@ -22,7 +22,7 @@ from adaptive_nmpc.study import (
 )
 from controller_comparison.report import margin_rows
 from controller_comparison.study import KPIS, TOLERANCE, VARIATIONS
-from fsw_analysis.figure_style import colours_of, sheet
+from fsw_analysis.figure_style import label_time, legend_below, looks_of, sheet
 from fsw_analysis.kpi_table import ROWS
 from fsw_analysis.report import templates
 from fsw_analysis.weld_signals import WeldSignals
@@ -314,20 +314,20 @@ def draw(welds: Mapping[str, WeldSignals], path: Path) -> None:
     """Depth, temperature and speed where the speed is at its bound."""
     with sheet(9.0, 7.0, path) as canvas:
         axes = canvas.subplots(3, 1, sharex=True)
-        for (name, signals), colour in zip(welds.items(), colours_of(list(welds)), strict=True):
+        for (name, signals), look in zip(welds.items(), looks_of(list(welds)), strict=True):
             truth = signals.truth
             assert truth is not None  # a simulation has it
             time_s = 0.1 * np.arange(len(truth.depth_mm))
             for axis, values in zip(
                 axes, (truth.depth_mm, truth.temperature_c, truth.speed_rpm), strict=True
             ):
-                axis.plot(time_s, values, color=colour, label=name)
+                axis.plot(time_s, values, **look.line, label=name)
         for axis, title in zip(
             axes, ("depth [mm]", "temperature [°C]", "speed [rpm]"), strict=True
         ):
             axis.set_ylabel(title)
-        axes[0].legend(fontsize=8.0)
-        axes[2].set_xlabel("time [s]")
+        label_time(axes[2], time_s[-1])
+        legend_below(canvas)
         canvas.suptitle(
             "Torque × 0.85, depth 0.2 mm down at 10 s: the speed is at its bound", fontsize=11.0
         )

@@ -9,7 +9,13 @@ from typing import Any
 import numpy as np
 
 from canister.validation import STEP_TIMES_S
-from fsw_analysis.figure_style import COLOURS, colours_of, shade_phases, sheet
+from fsw_analysis.figure_style import (
+    OTHERS,
+    legend_below,
+    looks_of,
+    shade_phases,
+    sheet,
+)
 from fsw_model import nominal
 
 #: shortest phase whose name has room in the figure
@@ -62,13 +68,14 @@ def draw_shares(data: Mapping[str, Any], path: Path) -> None:
     """The verdict by phase."""
     with sheet(9.0, 3.2, path) as figure:
         _draw_shares(figure.subplots(), data["verdict"])
+        legend_below(figure, most=5)
 
 
 def _draw_steps(axis: Any, steps: Mapping[str, Any]) -> None:
     names = [name for name in steps if name not in _LINES]
     styles = {
-        name: {"color": colour, "marker": "o"}
-        for name, colour in zip(names, COLOURS, strict=False)
+        name: {**look.line, "marker": look.marker}
+        for name, look in zip(names, OTHERS, strict=False)
     } | _LINES
     for name, of in steps.items():
         axis.plot(
@@ -82,19 +89,19 @@ def _draw_steps(axis: Any, steps: Mapping[str, Any]) -> None:
     )
     axis.set_xticks(STEP_TIMES_S, [f"{t:g}" for t in STEP_TIMES_S])
     axis.set_xticks([], minor=True)
-    axis.legend(fontsize=8)
+    axis.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
 def _draw_shares(axis: Any, verdict: Mapping[str, Any]) -> None:
     phases, names = verdict["phases"], tuple(verdict["welds"])
     width = 0.8 / len(names)
-    for i, (controller, colour) in enumerate(zip(names, colours_of(names), strict=True)):
+    for i, (controller, look) in enumerate(zip(names, looks_of(names), strict=True)):
         shares = [
             100.0 * of[controller]["share_good"] if controller in of else np.nan
             for of in phases.values()
         ]
         places = np.arange(len(phases)) + (i - 0.5 * (len(names) - 1)) * width
-        axis.bar(places, shares, 0.9 * width, label=controller, color=colour)
+        axis.bar(places, shares, 0.9 * width, label=controller, **look.bar)
         for place, share in zip(places, shares, strict=True):
             if np.isfinite(share):
                 axis.annotate(f"{share:.0f}", (place, share), ha="center", va="bottom", **_SMALL)
@@ -103,4 +110,3 @@ def _draw_shares(axis: Any, verdict: Mapping[str, Any]) -> None:
         ylabel="%", ylim=(0.0, 112.0), yticks=range(0, 101, 20), title="welds inside the limits"
     )
     axis.grid(axis="x", visible=False)
-    axis.legend(fontsize=8, ncols=len(names), loc="upper center", bbox_to_anchor=(0.5, -0.12))

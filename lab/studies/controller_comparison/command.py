@@ -21,8 +21,8 @@ from fsw_tuning.standard_runs import draw_sweep
 WORKSPACE = Path(__file__).resolve().parents[3]
 
 
-def compare(out: Path, plants: int) -> dict[str, Any]:
-    """All parts but other models; draws the figures."""
+def compare(plants: int) -> dict[str, Any]:
+    """All parts but other models."""
     data = {"nominal": study.nominal(), "sweep": study.sweep(SWEEP), "bounds": bounds()}
     data |= {
         "margins": study.margins(),
@@ -36,9 +36,15 @@ def compare(out: Path, plants: int) -> dict[str, Any]:
     }
     data["random"] = study.random_plants(plants)
     data["sensing"] = sensing.study(data["matched"]["slower"], max(1, plants // 5))
-    figures.fronts(data["bounds"], data["nominal"], out / "fronts.png")
-    figures.sensors(data["sensing"]["runs"], out / "sensors.png")
     return data
+
+
+def draw(data: dict[str, Any], folder: Path) -> None:
+    """Draw the figures that the numbers of a run are enough for."""
+    draw_sweep(data["sweep"], folder / "sweep.png")
+    if "bounds" in data:
+        figures.fronts(data["bounds"], data["nominal"], folder / "fronts.png")
+        figures.sensors(data["sensing"]["runs"], folder / "sensors.png")
 
 
 def main() -> int:
@@ -60,7 +66,7 @@ def main() -> int:
     parser.add_argument(
         "--page",
         action="store_true",
-        help="only the pages again, from the numbers of the last run",
+        help="only the pages and their figures again, from the numbers of the last run",
     )
     arguments = parser.parse_args()
     if arguments.publish and arguments.quick:
@@ -77,6 +83,7 @@ def main() -> int:
             json.dumps(other_models.study(arguments.models), indent=1) + "\n", encoding="utf-8"
         )
     data = json.loads(numbers.read_text(encoding="utf-8"))
+    draw(data, out)
     if models.exists() and not arguments.quick:
         data["other_models"] = json.loads(models.read_text(encoding="utf-8"))
     for name, text in report.pages(data).items():
@@ -86,14 +93,13 @@ def main() -> int:
 
 
 def measure(out: Path, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Run the parts asked for, and draw their figures; returns all numbers."""
+    """Run the parts asked for, and draw the figures of welds; returns all numbers."""
     if arguments.quick:
         plants = {name: SWEEP[name] for name in ("nominal", "dead time 3.8 s")}
         data = {"nominal": study.nominal(), "sweep": study.sweep(plants)}
     else:
-        data = compare(out, arguments.plants)
+        data = compare(arguments.plants)
     figures.corridors(out)
-    draw_sweep(data["sweep"], out / "sweep.png")
     if arguments.publish:
         figures.set_point_steps(WORKSPACE / "docs" / "figures" / "reference_tracking.png")
     return data

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from controller_comparison.study import CONTROLLERS, CORRIDORS, paper_with
-from fsw_analysis.figure_style import CONTROLLER_COLOURS, colours_of, sheet
+from fsw_analysis.figure_style import CONTROLLERS as LOOKS
+from fsw_analysis.figure_style import legend_below, looks_of, sheet
 from fsw_analysis.figures import Run, draw, draw_outputs
 from fsw_tuning.standard_runs import JUDGED, Figures, Job, weld
 
@@ -41,18 +42,15 @@ def fronts(bounds: Mapping[str, Any], nominal: Mapping[str, Any], path: Path) ->
             points = np.array(sorted(found["front"]))
             axis.plot(points[:, 0], points[:, 1], "k.-", label="clairvoyant optimum")
             for label in CONTROLLERS:
-                event, colour = nominal[label]["clean"]["events"][name], CONTROLLER_COLOURS[label]
+                event = nominal[label]["clean"]["events"][name]
                 axis.plot(
                     event["iae_depth_mm_s"],
                     event["iae_temperature_c_s"],
-                    "o",
-                    color=colour,
+                    **LOOKS[label].point,
                     label=label,
                 )
             axis.set(title=name, xlabel="IAE depth [mm s]", ylabel="IAE temperature [°C s]")
-        handles, labels = canvas.axes[0].get_legend_handles_labels()
-        canvas.set_layout_engine("constrained", rect=(0.0, 0.05, 1.0, 0.95))
-        canvas.legend(handles, labels, loc="lower center", ncols=6, frameon=False)
+        legend_below(canvas, most=3)
 
 
 def sensors(runs: Mapping[str, Mapping[str, Figures]], path: Path) -> None:
@@ -62,10 +60,10 @@ def sensors(runs: Mapping[str, Mapping[str, Figures]], path: Path) -> None:
     with sheet(11.0, 8.0, path) as canvas:
         axes = canvas.subplots(2, 2, sharex=True).flat
         for axis, (key, title) in zip(axes, JUDGED.items(), strict=True):
-            for i, (name, colour) in enumerate(zip(names, colours_of(names), strict=True)):
+            for i, (name, look) in enumerate(zip(names, looks_of(names), strict=True)):
                 places = np.arange(len(kinds)) + (i - 0.5 * (len(names) - 1)) * width
                 values = [runs[kind][name][key] for kind in kinds]
-                axis.bar(places, values, 0.9 * width, color=colour, label=name)
+                axis.bar(places, values, 0.9 * width, **look.bar, label=name)
             axis.set(title=title, ylabel=f"IAE [{'mm s' if 'depth' in key else '°C s'}]")
             axis.set_xticks(
                 range(len(kinds)),
@@ -76,6 +74,4 @@ def sensors(runs: Mapping[str, Mapping[str, Figures]], path: Path) -> None:
                 fontsize=8,
             )
             axis.grid(axis="x", visible=False)
-        handles, labels = canvas.axes[0].get_legend_handles_labels()
-        canvas.set_layout_engine("constrained", rect=(0.0, 0.07, 1.0, 0.93))
-        canvas.legend(handles, labels, loc="lower center", ncols=4, frameon=False)
+        legend_below(canvas)

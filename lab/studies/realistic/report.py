@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fsw_analysis.figure_style import colours_of, sheet
+from fsw_analysis.figure_style import looks_of, sheet
 from fsw_analysis.phase_kpi import PUBLISHED
 from fsw_analysis.report import numbers, templates
 from realistic import welds
@@ -192,17 +192,17 @@ def draw(data: Mapping[str, Any], path: Path) -> None:
     with sheet(9.0, 3.8, path) as figure:
         left, right = figure.subplots(1, 2, width_ratios=(1.1, 1.0))
         names = list(data["series"])
-        for place, (name, colour) in enumerate(zip(names, colours_of(tuple(names)), strict=True)):
+        for place, (name, look) in enumerate(zip(names, looks_of(tuple(names)), strict=True)):
             one = data["series"][name]
             low, high = one["intervals"]["min"], one["intervals"]["max"]
             left.plot(
                 [place, place],
                 [low[1], high[1]],
-                color=colour,
+                color=look.colour,
                 linewidth=6.0,
                 solid_capstyle="butt",
             )
-            left.plot([place, place], [low[0], high[2]], color=colour, linewidth=1.0)
+            left.plot([place, place], [low[0], high[2]], color=look.colour, linewidth=1.0)
             if one["published"]:
                 left.plot([place, place], one["published"][2:], "k_", markersize=14.0)
         left.set_xticks(range(len(names)), names, rotation=30, ha="right", fontsize=7.0)

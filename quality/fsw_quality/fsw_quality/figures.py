@@ -9,8 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
 from fsw_analysis.course import Course
-from fsw_analysis.figure_style import sheet
-from fsw_analysis.report import png
+from fsw_analysis.figure_style import png, sheet
 from fsw_analysis.rule_book import Kind
 from fsw_quality.record_content import Record
 from fsw_scenario.procedure import Procedure

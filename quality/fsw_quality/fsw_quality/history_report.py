@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from matplotlib.axes import Axes
 
-from fsw_analysis.figure_style import sheet
-from fsw_analysis.report import page, png, source
+from fsw_analysis.figure_style import legend_below, png, sheet
+from fsw_analysis.report import page, source
 from fsw_analysis.weld_signals import FloatArray
 from fsw_control.schema.files import write_whole
 from fsw_quality.control_charts import (
@@ -59,6 +60,8 @@ SKEWED = tuple(
 #: changes in a line
 _MOST, _ALIKE, _MOST_CHANGES = 40, 3, 3
 _CHARTS = {"shewhart": "Shewhart", "cusum": "CUSUM"}
+_BLUE = "#0b62a4"
+_BOUND: dict[str, Any] = {"color": "#d1495b", "linewidth": 0.9, "linestyle": "--"}
 #: changes of these stand out from weld to weld, as do those of tuning and software
 _SETTINGS = ("machine", "tool", "procedure", "procedure_sha256")
 
@@ -293,41 +296,47 @@ def _short(one: dict[str, Any]) -> str:
 
 
 def draw(table: pa.Table, made: dict[str, Chart]) -> bytes:
-    """The control charts, as PNG: values with limits, CUSUM beside them, what signals in red."""
+    """The control charts, two side by side, as PNG: values with limits, CUSUM beside them."""
     groups = _groups(table)
     begins = [i + 0.5 for i in range(1, len(groups)) if groups[i] != groups[i - 1]]
-    with sheet(11.0, 1.6 * max(len(made), 1) + 0.6) as figure:
+    rows = max((len(made) + 1) // 2, 1)
+    with sheet(13.0, 1.5 * rows + 1.0) as figure:
         axes = figure.subplots(
-            max(len(made), 1), 2, sharex=True, squeeze=False, width_ratios=[2.2, 1.0]
+            rows, 4, sharex=True, squeeze=False, width_ratios=[2.2, 1.0, 2.2, 1.0]
         )
-        for (left, right), (name, entry) in zip(axes, made.items(), strict=False):
-            welds = np.arange(1, entry.values.size + 1)
-            left.plot(
-                welds, entry.values, ".", color="0.35", markersize=4 if welds.size < 500 else 1
-            )
-            left.set_ylim(*left.get_ylim())  # the limits of the first welds are far away
-            left.plot(welds, entry.centre, color="0.5", linewidth=0.8)
-            for bound in (entry.low, entry.high):
-                left.plot(welds, bound, color="0.5", linewidth=0.8, linestyle="--")
-            out = sorted({weld for signals in entry.signals.values() for weld in signals})
-            left.plot(
-                welds[out], entry.values[out], "o", color="#d1495b", markersize=5, fillstyle="none"
-            )
-            for one_sided in (entry.rise, -entry.fall):
-                right.plot(welds, one_sided, color="#0b62a4", linewidth=1.0)
-            for limit in (LIMITS.cusum, -LIMITS.cusum):
-                right.axhline(limit, color="#d1495b", linewidth=0.8, linestyle="--")
+        pairs = axes.reshape(-1, 2)
+        for (left, right), (name, entry) in zip(pairs, made.items(), strict=False):
+            _draw_chart(left, entry, begins)
             left.set_title(NUMBERS[name], fontsize=8.5, loc="left")
-            # one collection: a line for each of hundreds of tools takes seconds
-            left.vlines(
-                begins,
-                0.0,
-                1.0,
-                transform=left.get_xaxis_transform(),
-                color="#2e8540",
-                linewidth=0.8,
-            )
-        axes[0][1].set_title("CUSUM [σ]", fontsize=8.5, loc="left")
-        for axis in axes[-1]:
+            right.set_title("CUSUM [σ]", fontsize=8.5, loc="left")
+            for one_sided in (entry.rise, -entry.fall):
+                right.plot(
+                    np.arange(1, entry.values.size + 1), one_sided, color=_BLUE, linewidth=1.0
+                )
+            for limit in (LIMITS.cusum, -LIMITS.cusum):
+                right.axhline(limit, **_BOUND)
+        for axis in pairs[len(made) :].flat:
+            axis.set_visible(False)
+        for axis in pairs[max(len(made) - 2, 0) : len(made)].flat:
+            axis.tick_params(labelbottom=True)
             axis.set_xlabel("weld")
+        legend_below(figure, most=5)
         return png(figure, 100)
+
+
+def _draw_chart(axis: Axes, entry: Chart, begins: Sequence[float]) -> None:
+    """Values with their mean and limits, what signals in red; ``begins``: first welds of groups."""
+    welds = np.arange(1, entry.values.size + 1)
+    small: dict[str, Any] = {"color": "0.35", "markersize": 4 if welds.size < 500 else 1}
+    axis.plot(welds, entry.values, ".", **small, label="weld")
+    axis.set_ylim(*axis.get_ylim())  # the limits of the first welds are far away
+    axis.plot(welds, entry.centre, color="0.5", linewidth=1.0, label="mean of the welds before")
+    for bound in (entry.low, entry.high):
+        axis.plot(welds, bound, label="limit", **_BOUND)
+    out = sorted({weld for signals in entry.signals.values() for weld in signals})
+    ring: dict[str, Any] = {"color": "#d1495b", "markersize": 6, "fillstyle": "none"}
+    axis.plot(welds[out], entry.values[out], "o", **ring, label="signals")
+    if begins:
+        # one collection: a line for each of hundreds of tools takes seconds
+        across: dict[str, Any] = {"transform": axis.get_xaxis_transform(), "linewidth": 1.2}
+        axis.vlines(begins, 0.0, 1.0, color="#2e8540", label="new tool or procedure", **across)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +13,11 @@ from fsw_quality.monitor_run import Watched
 
 _LABELS = "torque\n[N·m]", "force\n[kN]", "heat\n[°C]"
 _BLUE, _RED = "#0b62a4", "#d1495b"
+_TREND: dict[str, Any] = {"facecolor": "white", "edgecolor": _RED, "hatch": "////"}
 
 
 def draw(watched: Watched, title: str, file: Path) -> None:
-    """Write the figure as PNG."""
+    """Write the figure: PNG, SVG or PDF."""
     intervals = watched.alarms + [one for one in watched.others if one.finding.cause.of_process]
     causes = list(dict.fromkeys(one.finding.cause for one in intervals))
     minutes = np.array(watched.time_s) / 60.0
@@ -33,25 +35,23 @@ def draw(watched: Watched, title: str, file: Path) -> None:
             "what neither the model nor its coefficients explain", fontsize=9.0, loc="left"
         )
         axes[3].plot(minutes, watched.likelihoods, color=_BLUE)
-        for level in (TREND, ALARM):
+        for level, word in ((TREND, "trend"), (ALARM, "alarm")):
             axes[3].axhline(level, color=_RED, linestyle="--", linewidth=1.0)
+            axes[3].annotate(
+                word, (1.0, level), xycoords=("axes fraction", "data"), ha="right", va="bottom"
+            )
         axes[3].set_ylabel("log likelihood\nratio")
         axes[3].set_ylim(0.0, max(1.5 * ALARM, min(max(watched.likelihoods), 5.0 * ALARM)))
         for one in intervals:
-            width, alpha = (one.end_s - one.begin_s) / 60.0, 0.9 if one.finding.alarm else 0.3
-            axes[4].barh(
-                causes.index(one.finding.cause),
-                width,
-                left=one.begin_s / 60.0,
-                color=_RED,
-                alpha=alpha,
-            )
+            look = {"color": _RED} if one.finding.alarm else _TREND
+            width = (one.end_s - one.begin_s) / 60.0
+            axes[4].barh(causes.index(one.finding.cause), width, left=one.begin_s / 60.0, **look)
         axes[4].set_yticks(
             range(len(causes)), [one.word.replace("_", " ") for one in causes], fontsize=8.0
         )
         axes[4].set_ylim(max(len(causes), 1) - 0.5, -0.5)
         axes[4].set_title(
-            "alarms; pale: trends" if causes else "no alarm", fontsize=9.0, loc="left"
+            "alarms; hatched: trends" if causes else "no alarm", fontsize=9.0, loc="left"
         )
         axes[4].set_xlabel("time [min]")
-        figure.align_ylabels()
+        figure.align_ylabels(axes[:4])

@@ -6,9 +6,10 @@ import argparse
 from pathlib import Path
 
 from fsw.bags import bag_argument, print_notes, welds_of
-from fsw.command import FORCE, command, file, option
+from fsw.command import FORCE, FORMAT, PICTURES, command, file, option
+from fsw.errors import CommandError
 from fsw.outputs import check_new
-from fsw_analysis.figures import Run, draw
+from fsw_analysis.figures import Run, draw, page
 from fsw_control.schema.models import InputError
 from fsw_scenario.scenario_file import parse
 
@@ -17,7 +18,13 @@ from fsw_scenario.scenario_file import parse
     "bag plot",
     "the paper's figures of a weld; several bags are overlaid",
     bag_argument(nargs="+"),
-    file("--out", "folder for the PNG files (default: here)", "DIR", default=Path(".")),
+    file(
+        "--out",
+        f"folder for the figures (default: here), or one file ({', '.join(PICTURES)}): "
+        "the overview, or the figure that --figures gives",
+        "DIR",
+        default=Path("."),
+    ),
     option(
         "--figures",
         type=int,
@@ -25,10 +32,14 @@ from fsw_scenario.scenario_file import parse
         choices=range(4, 10),
         help="figures 4 to 9 (default: the scenario's)",
     ),
+    FORMAT,
     FORCE,
 )
 def plot(arguments: argparse.Namespace) -> int:
     welds, folder, numbers = welds_of(arguments.bag), arguments.out, arguments.figures
+    runs = [Run(label, signals) for label, signals in welds.items()]
+    if folder.suffix.lower() in PICTURES and not folder.is_dir():
+        return _plot_one(runs, folder, numbers or [], arguments.force)
     text = next(iter(welds.values())).attachments.get("scenario.yaml")
     if numbers is None and text:
         try:
@@ -36,8 +47,18 @@ def plot(arguments: argparse.Namespace) -> int:
         except InputError as error:
             print_notes([str(error)])
     names = (*(f"fig{one}" for one in numbers or ()), "overview")
-    check_new([folder / f"{name}.png" for name in names], arguments.force)
+    ending = arguments.format
+    check_new([folder / f"{name}.{ending}" for name in names], arguments.force)
     folder.mkdir(parents=True, exist_ok=True)
-    paths = draw([Run(label, signals) for label, signals in welds.items()], numbers or (), folder)
-    print("\n".join(map(str, paths)))
+    print("\n".join(map(str, draw(runs, numbers or (), folder, ending=ending))))
+    return 0
+
+
+def _plot_one(runs: list[Run], file: Path, numbers: list[int], force: bool) -> int:
+    if len(numbers) > 1:
+        raise CommandError(f"--out {file}: one figure fits into a file; give a folder")
+    check_new([file], force)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    page(runs, numbers[0] if numbers else None, path=file)
+    print(file)
     return 0

@@ -87,6 +87,32 @@ def file(flag: str, text: str, metavar: str = "FILE", **more: Any) -> Option:
     return option(flag, type=Path, metavar=metavar, help=text, **more)
 
 
+#: formats of figures, by the ending of their file's name
+PICTURES = (".png", ".svg", ".pdf")
+
+
+#: of commands that write several figures into a folder
+FORMAT = option(
+    "--format",
+    choices=[ending[1:] for ending in PICTURES],
+    default="png",
+    help="of the figures in the folder (default %(default)s)",
+)
+
+
+def picture(flag: str, text: str, **more: Any) -> Option:
+    """An option that takes the name of a figure's file."""
+
+    def read(text: str) -> Path:
+        if Path(text).suffix.lower() not in PICTURES:
+            raise argparse.ArgumentTypeError(
+                f"{text}: the name must end in {', '.join(PICTURES[:-1])} or {PICTURES[-1]}"
+            )
+        return Path(text)
+
+    return option(flag, type=read, metavar="FILE.png", help=f"{text}; .png, .svg or .pdf", **more)
+
+
 def repeated(flag: str, metavar: str, text: str, **more: Any) -> Option:
     """An option that may be given several times; a list, empty by default."""
     return option(

@@ -54,7 +54,11 @@ class Controller:
             return Proposal(
                 applied, healthy=False, reason=Reason(ReasonCode.INVALID_SENSOR, tuple(invalid))
             )
-        return Proposal(self.limits.clip(self.command(measurement, reference, applied), applied))
+        command = self.command(measurement, reference, applied)
+        if not isinstance(command, Command):
+            kind = type(command).__name__
+            raise TypeError(f"command() returned a {kind}: return Command(force_kn, speed_rpm)")
+        return Proposal(self.limits.clip(command, applied))
 
     def reset(self, applied: Command) -> None:
         """Forget the past; nothing to do for a controller without memory."""

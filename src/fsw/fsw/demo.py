@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
-from fsw.command import command, file, option, switch
+from fsw.command import FORMAT, command, file, option, switch
 from fsw.console import ProgressBar
 from fsw.errors import CommandError, exit_code
 from fsw.middleware import HOW, middleware_is_here
@@ -108,6 +108,7 @@ def run_side_by_side(graphs: Sequence[WeldGraph], at_a_time: int) -> None:
     file("--heat", "with --live: heat profile of the type of weld, from fsw.py learn"),
     file("--model", "with --live: model of the NMPC (YAML), e.g. that of the heat profile"),
     option("--out", type=Path, help="folder for the results (default: out/<date>)"),
+    FORMAT,
     description="Run welds in closed loop over DDS; "
     "plant, controllers, supervisor, recorder and player are "
     "processes. Leaves bags, figures of merit and figures.",
@@ -198,7 +199,9 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
             file=sys.stderr,
         )
         written = [
-            path for name in names for path in _without_middleware(name, controllers, folder)
+            path
+            for name in names
+            for path in _without_middleware(name, controllers, folder, parsed.format)
         ]
         return _print_end(began, written)
     pace = (
@@ -215,12 +218,13 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
     run_side_by_side([graph for graphs in welds.values() for graph in graphs.values()], at_a_time)
     written = []
     for scenario in scenarios:
-        written += _results(scenario, welds[scenario.name], folder / scenario.name)
+        place = folder / scenario.name
+        written += _results(scenario, welds[scenario.name], place, parsed.format)
     return _print_end(began, written)
 
 
 def _without_middleware(
-    name: str, controllers: dict[str, dict[str, str]], folder: Path
+    name: str, controllers: dict[str, dict[str, str]], folder: Path, ending: str
 ) -> list[Path]:
     """Run a scenario once per controller in this process; returns the files."""
     scenario = load(name)
@@ -233,7 +237,7 @@ def _without_middleware(
     print(f"\n{scenario.name}: {' '.join(scenario.description.split())}\n")
     place = folder / scenario.name
     place.mkdir()
-    return write_results(scenario, runs, place)
+    return write_results(scenario, runs, place, ending)
 
 
 def _print_end(began: float, written: Sequence[Path]) -> int:
@@ -255,11 +259,16 @@ def _graphs(
     return graphs
 
 
-def _results(scenario: Scenario, graphs: dict[str, WeldGraph], place: Path) -> list[Path]:
+def _results(
+    scenario: Scenario, graphs: dict[str, WeldGraph], place: Path, ending: str
+) -> list[Path]:
     """Print and write the figures of merit of the welds of a scenario; returns the files."""
     runs = [Run(title, cut_to_scenario(load_weld(graph.bag))) for title, graph in graphs.items()]
     print(f"\n{scenario.name}: {' '.join(scenario.description.split())}\n")
-    return [*(graph.bag for graph in graphs.values()), *write_results(scenario, runs, place)]
+    return [
+        *(graph.bag for graph in graphs.values()),
+        *write_results(scenario, runs, place, ending),
+    ]
 
 
 def _variants(scenario: Scenario, controllers: Iterable[str]) -> dict[str, Scenario]:

@@ -8,7 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from fsw.bags import print_notes
-from fsw.command import command, file, option, parameter, parameters_by_node, repeated, switch
+from fsw.command import (
+    FORMAT,
+    command,
+    file,
+    option,
+    parameter,
+    parameters_by_node,
+    repeated,
+    switch,
+)
 from fsw.console import ProgressBar, print_table
 from fsw.errors import CommandError
 from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED
@@ -79,6 +88,7 @@ from fsw_scenario.weld_programme import spans
         f"{', '.join(IDENTITY)}",
     ),
     switch("--no-figures", "figures of merit only"),
+    FORMAT,
     switch("--list", "list the shipped scenarios and exit"),
     description="Run a scenario in this process, without middleware: "
     "plant emulator and controllers at full speed.",
@@ -130,7 +140,8 @@ def simulate(arguments: argparse.Namespace) -> int:
                 identity,
                 arguments.heat,
             )
-    write_results(scenario, runs, folder, with_figures=not arguments.no_figures)
+    ending = None if arguments.no_figures else arguments.format
+    write_results(scenario, runs, folder, ending)
     print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
     return 0
 
@@ -169,14 +180,17 @@ def _loops(
 
 
 def write_results(
-    scenario: Scenario, runs: Sequence[Run], folder: Path, with_figures: bool = True
+    scenario: Scenario, runs: Sequence[Run], folder: Path, ending: str | None = "png"
 ) -> list[Path]:
-    """Print and write figures of merit and figures (by phase for a whole weld); returns files."""
+    """Print and write figures of merit and figures (by phase for a whole weld); returns files.
+
+    ``ending`` is the figures' format, or None to leave them out.
+    """
     results = [kpi.compute(run.signals, run.label) for run in runs]
     print(kpi_table.markdown(results), end="")
     paths = kpi_table.write(results, folder)
-    if with_figures:
-        paths += draw(runs, scenario.figures, folder)
+    if ending:
+        paths += draw(runs, scenario.figures, folder, ending=ending)
     if scenario.phases:
         phases = [
             phase_kpi.recorded_spans(run.signals)
@@ -188,8 +202,8 @@ def write_results(
             for run, inside in zip(runs, phases, strict=True)
         ]
         paths += phase_kpi.write(by_phase, folder)
-        if with_figures:
-            paths.append(folder / "weld.png")
+        if ending:
+            paths.append(folder / f"weld.{ending}")
             draw_whole_weld(runs, phases[0], f"Whole weld ({scenario.name})", paths[-1])
     return paths
 

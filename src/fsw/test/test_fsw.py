@@ -1,5 +1,6 @@
 """The operator's command, as far as it needs no graph."""
 
+import argparse
 import errno
 import json
 import os
@@ -7,9 +8,11 @@ import re
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+from fsw.command import picture
 from fsw.errors import CommandError, exit_code
 from fsw.main import parser
 from fsw_test_support.command_line import replaces_nothing, run
@@ -342,6 +345,7 @@ def test_a_command_imports_nothing_of_others_and_no_extra_is_needed_for_help():
     code = """
 import subprocess
 import sys
+from pathlib import Path
 from fsw.main import parser
 parser("fsw.py", "status").parse_args(["status", "--timeout", "1"])
 assert not {"matplotlib", "scipy.signal", "rclpy"} & sys.modules.keys()
@@ -401,3 +405,20 @@ def test_sigterm_is_as_it_was_after_a_command(before, within):
         assert signal.getsignal(signal.SIGTERM) is before
     finally:
         signal.signal(signal.SIGTERM, found)
+
+
+@pytest.mark.parametrize(("ending", "head"), [("svg", b"<?xml"), ("pdf", b"%PDF")])
+def test_one_figure_in_a_file_of_its_format(capsys, tmp_path, weld_bag, ending, head):
+    file = tmp_path / f"weld.{ending}"
+    assert run(capsys, "bag", "plot", str(weld_bag), "--out", str(file))[0] == 0
+    assert file.read_bytes().startswith(head)
+    two = ("--figures", "6", "7", "--force")
+    assert run(capsys, "bag", "plot", str(weld_bag), "--out", str(file), *two)[0] == 1
+
+
+def test_the_name_of_a_figure_must_end_in_a_format(capsys):
+    options = argparse.ArgumentParser()
+    picture("--figure", "it")(options)
+    assert options.parse_args(["--figure", "a.SVG"]).figure == Path("a.SVG")
+    with pytest.raises(SystemExit, match="2"):
+        options.parse_args(["--figure", "a.gif"])

@@ -1,4 +1,4 @@
-"""The paper's figures from the signals of one or more welds, as PNG files."""
+"""The paper's figures from the signals of one or more welds, as PNG, SVG or PDF."""
 
 from __future__ import annotations
 
@@ -12,16 +12,25 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fsw_analysis.changes import marks
-from fsw_analysis.figure_style import CONTROLLER_COLOURS, STYLE, colours_of, shade_phases, sheet
+from fsw_analysis.changes import changes, marks
+from fsw_analysis.figure_style import (
+    CONTROLLERS,
+    STYLE,
+    Look,
+    label_time,
+    legend_below,
+    looks_of,
+    shade_phases,
+    sheet,
+)
 from fsw_analysis.kpi import DEAD_BAND_DEPTH_MM, DEAD_BAND_TEMPERATURE_C
 from fsw_analysis.phase_kpi import Span
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_control.contract import Limits
 from fsw_control.sensors import SENSORS
 
-_REFERENCE: dict[str, Any] = {"color": "black", "linewidth": 1.1, "linestyle": "--"}
-_LIMIT: dict[str, Any] = {"color": "firebrick", "linewidth": 1.0, "linestyle": ":"}
+_REFERENCE: dict[str, Any] = {"color": "black", "linewidth": 1.2, "linestyle": (0, (1, 1))}
+_LIMIT: dict[str, Any] = {"color": "firebrick", "linewidth": 1.0, "linestyle": (0, (9, 2, 1, 2))}
 _SWAP: dict[str, Any] = {"color": "dimgray", "linewidth": 0.9, "linestyle": "-."}
 #: what happens in a weld, on the upper edge of every axis
 _MARKS: dict[str, dict[str, Any]] = {
@@ -42,8 +51,9 @@ _MOST_MARKS = 20
 #: coincide
 _LINE_WIDTHS = (2.4, 1.1)
 #: page: width of one column, height of one panel, of the title and of a row of the legend [inch]
-_WIDTH, _PANEL, _TITLE, _LEGEND_ROW = 9.0, 2.25, 0.6, 0.3
-_LEGEND_COLUMNS = 4
+_WIDTH, _PANEL, _TITLE, _LEGEND = 9.0, 2.25, 0.6, 0.6
+#: sizes of changes nearer together than this share of the axis would overlap
+_SIZES_APART = 0.12
 #: share of the data's span that is left free above and below
 _MARGIN = 0.07
 #: a limit is drawn when it is nearer to the data than this share of their span
@@ -123,7 +133,7 @@ _OUTPUTS = (_DEPTH, _DEPTH_ERROR, _TEMPERATURE, _TEMPERATURE_ERROR)
 _INPUTS = (_FORCE, _SPEED, _POWER)
 #: as the paper draws open-loop experiments: the response above, force and speed below
 _OPEN_LOOP = (_FREE_DEPTH, _TORQUE, _POWER, _FREE_TEMPERATURE, _FORCE, _SPEED)
-_OPEN_LOOP_COLOURS = colours_of(["open loop", "input"])
+_OPEN_LOOP_LOOKS = looks_of(["open loop", "input"])
 _FIGURES: dict[int, tuple[str, tuple[_Panel, ...]]] = {
     4: ("Fig. 4: axial force steps, open loop", _OPEN_LOOP),
     5: ("Fig. 5: axial force and spindle speed steps, open loop", _OPEN_LOOP),
@@ -144,15 +154,21 @@ _WHOLE_WELD = (
 )
 
 
-def draw(runs: Sequence[Run], numbers: Sequence[int], folder: Path, name: str = "") -> list[Path]:
+def draw(
+    runs: Sequence[Run],
+    numbers: Sequence[int],
+    folder: Path,
+    name: str = "",
+    ending: str = "png",
+) -> list[Path]:
     """Draw figures of the paper (``numbers``, 4 to 9) and an overview; returns the files.
 
     At least one run is needed; they are overlaid, with the references of the first. ``name``, of
-    the scenario, goes into the titles and before the files' names.
+    the scenario, goes into the titles and before the files' names; ``ending``: png, svg or pdf.
     """
     prefix, suffix = (f"{name}_", f" ({name})") if name else ("", "")
-    pages = [(f"{prefix}fig{number}.png", *_FIGURES[number], 1) for number in numbers]
-    pages.append((f"{prefix}overview.png", "Overview", _OVERVIEW, 2))
+    pages = [(f"{prefix}fig{number}.{ending}", *_FIGURES[number], 1) for number in numbers]
+    pages.append((f"{prefix}overview.{ending}", "Overview", _OVERVIEW, 2))
     paths: list[Path] = []
     for file, title, panels, columns in pages:
         _draw_page(runs, title + suffix, panels, columns, folder / file)
@@ -160,10 +176,12 @@ def draw(runs: Sequence[Run], numbers: Sequence[int], folder: Path, name: str = 
     return paths
 
 
-def page(runs: Sequence[Run], number: int | None = None, title: str = "") -> Figure:
-    """A figure of the paper (4 to 9) or an overview, to be shown; see :func:`draw`."""
+def page(
+    runs: Sequence[Run], number: int | None = None, title: str = "", path: Path | None = None
+) -> Figure:
+    """A figure of the paper (4 to 9) or an overview, shown or in a file; see :func:`draw`."""
     name, panels = ("Overview", _OVERVIEW) if number is None else _FIGURES[number]
-    return _draw_page(runs, title or name, panels, 2 if number is None else 1)
+    return _draw_page(runs, title or name, panels, 2 if number is None else 1, path)
 
 
 def draw_outputs(runs: Sequence[Run], title: str, path: Path) -> None:
@@ -189,6 +207,8 @@ def _draw_page(
             draw_runs = _draw_panel if panel.error is None else _draw_error
             draw_runs(axis, panel, runs)
         _mark_events(axes, runs)
+        for axis, panel in zip(axes, panels, strict=True):
+            _mark_sizes(axis, panel, runs[0].signals)
         if len(runs) == 1:
             _mark_swaps(axes, runs[0].signals)
         _mark_phases(axes, phases)
@@ -196,7 +216,7 @@ def _draw_page(
 
 
 def draw_open_loop(columns: Mapping[str, FloatArray], title: str, path: Path) -> None:
-    """Plot the process alone in open loop like the paper's Figs. 4 and 5, as a PNG file.
+    """Plot the process alone in open loop like the paper's Figs. 4 and 5.
 
     ``columns`` are ``time_s`` and, by the names of a weld's signals, what the panels show, each
     (n,).
@@ -209,7 +229,7 @@ def draw_open_loop(columns: Mapping[str, FloatArray], title: str, path: Path) ->
                 panel,
                 columns["time_s"],
                 values,
-                color=_OPEN_LOOP_COLOURS[int(panel.is_input)],
+                **_OPEN_LOOP_LOOKS[int(panel.is_input)].line,
             )
             _scale(axis, replace(panel, limits=None), [values])
 
@@ -220,34 +240,16 @@ def _page(
 ) -> Iterator[tuple[Figure, list[Axes]]]:
     rows = -(-len(panels) // columns)
     width = _WIDTH * (1.35 if columns > 1 else 1.0)
-    with sheet(width, _TITLE + _LEGEND_ROW + _PANEL * rows, path) as figure:
+    with sheet(width, _TITLE + _LEGEND + _PANEL * rows, path) as figure:
         grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
-        for axis in grid[-1]:
-            axis.set_xlabel("time [s]")
         for axis, panel in zip(grid.flat, panels, strict=True):
             axis.set_title(panel.title, loc="left", fontsize=10.0)
             axis.set_ylabel(panel.ylabel)
         figure.suptitle(title, fontsize=12.0, fontweight="bold")
         yield figure, list(grid.flat)
-        _add_legend(figure, list(grid.flat))
-
-
-def _add_legend(figure: Figure, axes: Sequence[Axes]) -> None:
-    """Add one legend for all axes, below them."""
-    named: dict[str, Any] = {}
-    for axis in axes:
-        named |= {
-            label: line for line, label in zip(*axis.get_legend_handles_labels(), strict=True)
-        }
-    if named:
-        # matplotlib before 3.7 cannot place a legend outside by itself
-        rows = -(-len(named) // _LEGEND_COLUMNS)
-        below = _LEGEND_ROW * rows / figure.get_figheight()
-        figure.set_layout_engine("constrained", rect=(0.0, below, 1.0, 1.0 - below))
-        columns = -(-len(named) // rows)
-        figure.legend(
-            named.values(), named.keys(), loc="lower center", ncols=columns, frameon=False
-        )
+        for axis in grid[-1]:
+            label_time(axis, axis.get_xlim()[1])
+        legend_below(figure)
 
 
 def _draw_panel(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
@@ -261,15 +263,14 @@ def _draw_panel(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
     for label, values in _others(runs[0].signals, panel).items() if len(runs) == 1 else ():
         axis.plot(runs[0].signals.time_s, values, alpha=0.7, linewidth=0.7, label=label)
         shown.append(values)
-    for run, colour in zip(runs, _colours(runs), strict=True):
+    for run, look in zip(runs, _looks(runs), strict=True):
         true, sensed = (
             _values(run.signals, panel),
             getattr(run.signals, panel.sensor) if panel.sensor else None,
         )
         if sensed is not None and true is not None and len(runs) == 1:
-            axis.plot(
-                run.signals.time_s, sensed, color=colour, alpha=0.35, linewidth=0.7, label="sensor"
-            )
+            pale: dict[str, Any] = {"alpha": 0.35, "linewidth": 0.7, "label": "sensor"}
+            axis.plot(run.signals.time_s, sensed, color=look.colour, **pale)
             shown.append(sensed)
         curves.append(
             np.full(run.signals.n_ticks, np.nan)
@@ -289,15 +290,13 @@ def _others(signals: WeldSignals, panel: _Panel) -> dict[str, FloatArray]:
     }
 
 
-def _colours(runs: Sequence[Run]) -> list[str]:
-    """Colour of each run: by its label if it names a controller, else by the active controller."""
+def _looks(runs: Sequence[Run]) -> list[Look]:
+    """Look of each run: by its label if it names a controller, else by the active controller."""
     names = []
     for run in runs:
         sources = set(run.signals.command_source) - {""}
-        names.append(
-            run.label if run.label in CONTROLLER_COLOURS or len(sources) != 1 else sources.pop()
-        )
-    return colours_of(names)
+        names.append(run.label if run.label in CONTROLLERS or len(sources) != 1 else sources.pop())
+    return looks_of(names)
 
 
 def _draw_curves(
@@ -306,11 +305,9 @@ def _draw_curves(
     """Draw a curve of each run, the most active lowest and widest, so that all stay visible."""
     widths = np.linspace(*_LINE_WIDTHS, len(runs)) if len(runs) > 1 else [STYLE["lines.linewidth"]]
     ranks = np.argsort(np.argsort([-_restlessness(run.signals) for run in runs], kind="stable"))
-    for run, values, colour, rank in zip(
-        runs, curves, _colours(runs), ranks.tolist(), strict=True
-    ):
+    for run, values, look, rank in zip(runs, curves, _looks(runs), ranks.tolist(), strict=True):
         style = {
-            "color": colour,
+            **look.line,
             "label": run.label,
             "linewidth": widths[rank],
             "zorder": 2.0 + 0.1 * rank,
@@ -342,6 +339,34 @@ def _mark_events(axes: Sequence[Axes], runs: Sequence[Run]) -> None:
             )
             for time_s in times_s:
                 axis.axvline(time_s, color=style["color"], alpha=0.4, linewidth=0.8, zorder=1.0)
+
+
+def _mark_sizes(axis: Axes, panel: _Panel, signals: WeldSignals) -> None:
+    """Write the size of each change of the panel's set-point or disturbance beside its mark."""
+    quantity = panel.quantity.rpartition("_")[0]
+    unit = panel.ylabel.partition("[")[2].rstrip("]")
+    if panel.error is not None or not panel.reference:
+        return
+    sizes = [
+        change
+        for change in changes(signals)
+        if change.quantity == f"{quantity}_reference"
+        or (change.is_step and change.quantity == f"{quantity}_disturbance")
+    ]
+    begin_s, span_s = signals.time_s[0], signals.time_s[-1] - signals.time_s[0]
+    last = -1.0
+    for change in sizes if len(sizes) <= _MOST_MARKS else ():
+        at_s = float(signals.time_s[change.begin])
+        place = (at_s - begin_s) / span_s
+        if place - last < _SIZES_APART:
+            continue
+        last, is_late = place, place > 1.0 - _SIZES_APART
+        text = f"{change.size:+.3g} {unit}".replace("-", "−")
+        offset, side = (-6.0, "right") if is_late else (6.0, "left")
+        where: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "va": "top", "ha": side}
+        axis.annotate(
+            text, (at_s, 1.0), (offset, -1.0), textcoords="offset points", fontsize=7.5, **where
+        )
 
 
 def _line(axis: Axes, panel: _Panel, time_s: FloatArray, values: FloatArray, **style: Any) -> None:
@@ -388,15 +413,14 @@ def _mark_swaps(axes: Sequence[Axes], signals: WeldSignals) -> None:
         return
     swaps = np.flatnonzero(source[1:] != source[:-1]) + 1
     for axis in axes:
-        for name, colour in zip(names, colours_of(names), strict=True):
-            across: dict[str, Any] = {"transform": axis.get_xaxis_transform(), "linewidth": 0.0}
+        for name, look in zip(names, looks_of(names), strict=True):
+            across: dict[str, Any] = {"transform": axis.get_xaxis_transform(), **look.bar}
             axis.fill_between(
                 time_s,
                 0.0,
                 _STRIP,
                 where=source == name,
                 step="post",
-                color=colour,
                 label=f"{name} commands",
                 **across,
             )

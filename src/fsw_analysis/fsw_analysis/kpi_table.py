@@ -54,13 +54,7 @@ def _cells(runs: Sequence[dict[str, Any]]) -> list[list[str]]:
             *(["difference"] if len(runs) == 2 else []),
         ]
     ]
-    solve_times = dict.fromkeys(
-        key for run in runs for key in run if key.startswith("solve_time_")
-    )
-    rows = ROWS | {
-        key: (key.removesuffix("_ms").replace("_", " "), "ms", 1.0) for key in solve_times
-    }
-    for key, (meaning, unit, factor) in rows.items():
+    for key, (meaning, unit, factor) in ROWS.items():
         values = [run.get(key) for run in runs]
         if all(value is None for value in values):
             continue
@@ -70,21 +64,27 @@ def _cells(runs: Sequence[dict[str, Any]]) -> list[list[str]]:
             *("-" if value is None else f"{value * factor:.4g}" for value in values),
         ]
         if len(runs) == 2:
-            row.append(_difference(values[0], values[1], factor))
+            row.append(_difference(values[0], values[1], factor, unit))
         cells.append(row)
     return cells
 
 
-def _difference(first: float | None, second: float | None, factor: float) -> str:
+def _difference(first: float | None, second: float | None, factor: float, unit: str) -> str:
+    """In percent of the first; of shares in points."""
     if first is None or second is None:
         return "-"
+    if unit == "%":
+        return f"{(second - first) * factor:+.4g} points"
     if first == 0.0:
         return f"{(second - first) * factor:+.4g}" if second else "0 %"
     return f"{100.0 * (second - first) / abs(first):+.1f} %"
 
 
 def markdown(runs: Sequence[dict[str, Any]]) -> str:
-    """Table with a row per figure of merit and a column per run; of two runs also their difference."""
+    """Table with a row per figure of merit and a column per run; of two runs also their difference.
+
+    Solve times are left out: they are the machine's, not the weld's (``kpi.json`` has them).
+    """
     return table(_cells(runs), words=2, padded=True) + "\n"
 
 

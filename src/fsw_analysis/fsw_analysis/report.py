@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import base64
-import io
 import json
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, PackageLoader, StrictUndefined, select_autoescape
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def table(rows: Sequence[Sequence[object]], words: int | None = 1, padded: bool = False) -> str:
@@ -83,13 +79,6 @@ def numbers(parts: Mapping[str, Any]) -> str:
         for name, part in short.items()
     )
     return "{\n" + ",\n".join(lines) + "\n}\n"
-
-
-def png(figure: Figure, dpi: float) -> bytes:
-    """A figure as PNG."""
-    with io.BytesIO() as file:
-        figure.savefig(file, format="png", dpi=dpi)
-        return file.getvalue()
 
 
 def source(image: bytes) -> str:

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from fsw_analysis.figure_style import CONTROLLER_COLOURS, colours_of
+from fsw_analysis.figure_style import CONTROLLERS, OTHERS, looks_of, sheet
 from fsw_analysis.figures import Run, draw, draw_open_loop, draw_whole_weld, page
 from fsw_analysis.signals import load_weld
 
@@ -76,23 +76,60 @@ def test_open_loop(tmp_path):
     assert is_png(tmp_path / "a.png")
 
 
-def test_a_controller_has_one_colour_wherever_it_stands(weld):
-    def colour(label, *labels):
+def test_a_controller_has_one_look_wherever_it_stands(weld):
+    def look(label, *labels):
         axes = page([Run(one, weld) for one in labels]).axes
-        return next(line.get_color() for line in axes[2].get_lines() if line.get_label() == label)
+        line = next(line for line in axes[2].get_lines() if line.get_label() == label)
+        return line.get_color(), line.is_dashed()
 
     for label in ("nmpc", "decentral:tight", "mine"):
         assert (
-            colour(label, "decentral", label)
-            == colour(label, label, "decentral")
-            == colours_of([label])[0]
+            look(label, "decentral", label)
+            == look(label, label, "decentral")
+            == (looks_of([label])[0].colour, looks_of([label])[0].dashes != "-")
         )
-    assert colours_of(["nmpc", "nmpc:default"])[0] != colours_of(["nmpc", "nmpc:default"])[1]
+    assert len(set(looks_of(["nmpc", "nmpc:default"]))) == 2
     by_source = dataclasses.replace(
         weld, command_source=np.full(weld.n_ticks, "nmpc", dtype=object)
     )
     axes = page([Run("bag_1", by_source)]).axes
-    assert axes[2].get_lines()[0].get_color() == CONTROLLER_COLOURS["nmpc"]
+    assert axes[2].get_lines()[0].get_color() == CONTROLLERS["nmpc"].colour
+
+
+def test_looks_differ_without_colour():
+    looks = [*dict.fromkeys(CONTROLLERS.values()), *OTHERS]
+    for part in ("dashes", "marker", "hatch"):
+        assert len({getattr(look, part) for look in looks}) == len(looks)
+    names = [f"controller {number}" for number in range(12)]
+    assert len(set(looks_of(names))) == 12
+
+
+@pytest.mark.parametrize(
+    ("ending", "head"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")]
+)
+def test_the_name_decides_the_format_and_equal_figures_have_equal_bytes(ending, head, tmp_path):
+    files = [tmp_path / f"{name}.{ending}" for name in "ab"]
+    for file in files:
+        with sheet(2.0, 1.0, file) as figure:
+            figure.subplots().plot([0.0, 1.0])
+    assert files[0].read_bytes().startswith(head)
+    assert files[0].read_bytes() == files[1].read_bytes()
+
+
+def test_long_times_are_in_minutes(weld):
+    assert page([Run("one", weld)]).axes[-1].get_xlabel() == "time [s]"
+    longer = dataclasses.replace(weld, time_s=30.0 * weld.time_s)
+    axis = page([Run("one", longer)]).axes[-1]
+    assert axis.get_xlabel() == "time [min]"
+    assert axis.xaxis.get_major_formatter()(120.0, 0) == "2"
+    assert all(tick % 60.0 == 0.0 for tick in axis.get_xticks())
+
+
+def test_sizes_of_set_point_changes_stand_beside_their_marks(weld):
+    stepped = 2.66 + 0.2 * (np.arange(weld.n_ticks) >= 50)
+    axes = page([Run("one", dataclasses.replace(weld, reference_depth_mm=stepped))]).axes
+    sizes = {text.get_text(): text.xy[0] for text in axes[0].texts}
+    assert sizes["+0.2 mm"] == pytest.approx(weld.time_s[50])
 
 
 def test_the_more_restless_of_two_lies_below_and_is_wider(weld):

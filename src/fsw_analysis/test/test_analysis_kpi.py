@@ -199,6 +199,7 @@ def test_solve_times():
     status = StatusSignals(*[column] * 8, texts, texts, texts)
     result = kpi.compute(replace(signals(), statuses={"nmpc": status}))
     assert result["solve_time_nmpc_p99_ms"] == pytest.approx(0.5)
+    assert "ms" not in kpi_table.markdown([result])
 
 
 def test_tables_and_files(tmp_path):
@@ -214,6 +215,7 @@ def test_tables_and_files(tmp_path):
     )
     assert "+100.0 %" in next(line for line in lines if line.startswith("| IAE depth"))
     assert {len(line) for line in lines} == {len(head)}
+    assert "points" in next(line for line in lines if line.startswith("| time within +-2 um"))
     json_path, table_path = kpi_table.write(runs, tmp_path)
     assert json.loads(json_path.read_text())[1]["label"] == "two"
     assert table_path.read_text() == kpi_table.markdown(runs)

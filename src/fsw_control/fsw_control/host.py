@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
+from traceback import extract_tb
 
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command, Controller, Measurement, Proposal, Reference
@@ -40,8 +42,7 @@ def answer(
             ]
     except Exception as error:
         # A user's controller may fail in any way; the weld must continue under another one.
-        text = " ".join(str(error).split())
-        raised = Reason(ReasonCode.RAISED, detail=f"{type(error).__name__}: {text}")
+        raised = Reason(ReasonCode.RAISED, detail=_detail(error))
         return Proposal(applied, healthy=False, reason=raised)
     if refused is not None:
         return Proposal(
@@ -54,3 +55,10 @@ def answer(
     if isinstance(proposal.reason, str):
         return replace(proposal, reason=Reason.of(proposal.reason))
     return proposal
+
+
+def _detail(error: Exception) -> str:
+    """The error in one line, with the place in the controller's file where it was raised."""
+    frame = extract_tb(error.__traceback__)[-1]
+    where = "" if frame.filename == __file__ else f" ({Path(frame.filename).name}:{frame.lineno})"
+    return f"{type(error).__name__}: {' '.join(str(error).split())}{where}"

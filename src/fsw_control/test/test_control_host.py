@@ -1,6 +1,7 @@
 """Whatever a controller does, there is an answer; whatever references come, one holds."""
 
 import math
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -41,7 +42,9 @@ def test_good_proposal_passes_unchanged():
 def test_exception_becomes_an_unhealthy_proposal_in_one_line():
     proposal = answer(Scripted(RuntimeError("no\nsolution")), GOOD, REFERENCE, APPLIED, 0.1)
     assert proposal.command == APPLIED and not proposal.healthy
-    assert proposal.reason == Reason(ReasonCode.RAISED, detail="RuntimeError: no solution")
+    assert proposal.reason.code is ReasonCode.RAISED
+    what, place = proposal.reason.detail.split(" (")
+    assert (what, place.partition(":")[0]) == ("RuntimeError: no solution", Path(__file__).name)
 
 
 @pytest.mark.parametrize(

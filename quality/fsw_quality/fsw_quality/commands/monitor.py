@@ -7,7 +7,7 @@ from math import isfinite
 from pathlib import Path
 
 from fsw.bags import DAMAGED_TOO, read_weld
-from fsw.command import FORCE, command, file, option
+from fsw.command import FORCE, command, file, option, picture
 from fsw.console import ProgressBar, print_table
 from fsw.outputs import check_new, write_json
 from fsw_model import ModelParameters
@@ -31,7 +31,7 @@ from fsw_quality.monitor_run import Interval, Watched, process_of, watch
         "--covariance",
         "YAML file of the parameters' covariance, of identify --covariance (default: within 10 %%)",
     ),
-    file("--figure", "PNG file of disturbances, likelihood and alarms"),
+    picture("--figure", "disturbances, likelihood and alarms"),
     file("--json", "write alarms, trends and gains as JSON"),
     FORCE,
     description="Run the monitor over the bag of a weld, as the node fsw_monitor does while it is welded.",
@@ -48,7 +48,7 @@ def monitor(arguments: argparse.Namespace) -> int:
     _print(watched, process)
     if arguments.figure is not None:
         arguments.figure.parent.mkdir(parents=True, exist_ok=True)
-        draw(watched, f"{arguments.bag} ({process})", arguments.figure)
+        draw(watched, f"Monitor on {arguments.bag}", arguments.figure)
         print(f"written: {arguments.figure}")
     gains = {
         name: {"gain": gain, "standard_error": error}

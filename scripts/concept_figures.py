@@ -1,0 +1,112 @@
+"""Figures of the pages on the controllers, each of a short weld; drawn by draw_figures.py."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fsw_analysis.figure_style import CONTROLLERS, label_time, legend_below, sheet
+from fsw_analysis.figures import Run, draw_outputs
+from fsw_control.contract import Command, Measurement, Proposal, Reference
+from fsw_nmpc import NmpcController
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.controllers import make_all
+from fsw_scenario.scenario_file import load
+
+_BAND: dict[str, Any] = {"color": "black", "alpha": 0.15, "linewidth": 0.0, "label": "± 2 σ"}
+_DOTTED: dict[str, Any] = {"color": "black", "linestyle": (0, (1, 1))}
+_DASHED: dict[str, Any] = {"color": "black", "linestyle": "--", "linewidth": 1.2}
+
+
+def weld(scenario: str | Path, controller: str) -> Run:
+    """A scenario under a controller."""
+    loaded = load(str(scenario), [f"controller={controller.partition(':')[0]}"])
+    return Run(controller, ClosedLoop(loaded, make_all(loaded, controller, {})).run())
+
+
+class _Watched(NmpcController):
+    """Keeps the plan of the first tick from a time on, with its standard deviations."""
+
+    def __init__(self, at_s: float) -> None:
+        super().__init__()
+        self._at_s, self.plan, self.deviations = at_s, None, None
+
+    def step(
+        self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float
+    ) -> Proposal:
+        proposal = super().step(measurement, reference, applied, dt_s)
+        if self.plan is None and measurement.time_s >= self._at_s:
+            self.plan = proposal.diagnosis.plan
+            self.deviations = self.plan_deviations(self.plan.time_s)
+        return proposal
+
+
+def nmpc_plan(file: Path, now_s: float = 22.0, ahead_s: float = 15.0) -> None:
+    """Plan of the NMPC two seconds after a step of the depth's set-point, and what comes of it."""
+    watched = _Watched(now_s)
+    scenario = load("reference_tracking", ["controller=nmpc"])
+    signals = ClosedLoop(scenario, {"nmpc": watched}).run()
+    plan, truth = watched.plan, signals.truth
+    shown = (
+        ("depth [mm]", truth.depth_mm, plan.depth_mm, signals.reference_depth_mm),
+        (
+            "temperature [°C]",
+            truth.temperature_c,
+            plan.temperature_c,
+            signals.reference_temperature_c,
+        ),
+        ("force [kN]", signals.force_kn, plan.force_kn, None),
+        ("speed [rpm]", signals.speed_rpm, plan.speed_rpm, None),
+    )
+    inside = (signals.time_s > now_s - 5.0) & (signals.time_s < now_s + ahead_s)
+    time_s, later_s = signals.time_s[inside], now_s + np.array(plan.time_s)
+    near = later_s < now_s + ahead_s
+    with sheet(9.0, 7.0, file) as figure:
+        axes = figure.subplots(4, 1, sharex=True)
+        for row, (label, values, planned, set_point) in enumerate(shown):
+            axis, middle = axes[row], np.array(planned)[near]
+            held = {"drawstyle": "steps-post" if set_point is None else "default"}
+            axis.plot(time_s, values[inside], **CONTROLLERS["nmpc"].line, **held, label="weld")
+            axis.plot(later_s[near], middle, **_DASHED, **held, label="plan")
+            if set_point is not None:
+                spread = 2.0 * np.array(watched.deviations[row])[near]
+                axis.fill_between(later_s[near], middle - spread, middle + spread, **_BAND)
+                axis.step(time_s, set_point[inside], where="post", label="set-point", **_DOTTED)
+            axis.axvline(now_s, color="dimgray", linewidth=0.9)
+            axis.set_ylabel(label)
+            axis.ticklabel_format(axis="y", useOffset=False)
+        axes[0].set_title(f"The plan at {now_s:g} s, and the weld", loc="left", fontsize=10.0)
+        label_time(axes[-1], now_s + ahead_s)
+        figure.align_ylabels()
+        legend_below(figure, most=5)
+
+
+def nmpc_estimates(file: Path) -> None:
+    """Disturbances of the outputs, and what the estimator takes for them."""
+    signals = weld("output_disturbances", "nmpc").signals
+    found, truth = signals.statuses["nmpc"].disturbances, signals.truth
+    shown = (
+        ("offset of depth [mm]", "depth", "mm", truth.depth_disturbance_mm),
+        ("offset of temperature [°C]", "temperature", "c", truth.temperature_disturbance_c),
+        ("heat [kW]", "power", "kw", np.zeros(signals.n_ticks)),
+    )
+    with sheet(9.0, 6.0, file) as figure:
+        axes = figure.subplots(3, 1, sharex=True)
+        for axis, (label, name, unit, true) in zip(axes, shown, strict=True):
+            middle, spread = found[f"{name}_{unit}"], 2.0 * found[f"{name}_deviation_{unit}"]
+            axis.fill_between(signals.time_s, middle - spread, middle + spread, **_BAND)
+            axis.plot(signals.time_s, middle, **CONTROLLERS["nmpc"].line, label="estimate")
+            axis.plot(signals.time_s, true, **_DOTTED, label="in the plant")
+            axis.set_ylabel(label)
+        label_time(axes[-1], float(signals.time_s[-1]))
+        figure.align_ylabels()
+        legend_below(figure)
+
+
+def pi_tunings(file: Path) -> None:
+    """The tunings of the decentralized controller on the paper's set-point steps."""
+    labels = [f"decentral:{name}" for name in ("conservative", "tight", "smith")]
+    runs = [weld("reference_tracking", label) for label in labels]
+    draw_outputs(runs, "Set-point steps with the decentralized controller", file)
