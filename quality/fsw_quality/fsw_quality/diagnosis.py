@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib.resources import files
 from math import isfinite, nan
+from typing import Any
 
 from fsw_control.coded import Coded, Fact, Worded
 from fsw_control.schema.models import Model
@@ -133,10 +134,13 @@ _TEXTS = {
         files("fsw_quality").joinpath("monitor_texts.yaml").read_text("utf-8")
     ).items()
 }
-#: codes of causes with their sentences, and with their names, from that table
-_CAUSES, _NAMES = (
-    Worded(  # type: ignore[call-overload]
-        "Cause", {name.upper(): (name, getattr(text, words)) for name, text in _TEXTS.items()}
-    )
-    for words in ("cause", "name")
-)
+
+
+def _codes(words: str) -> dict[str, Worded]:
+    """Codes of the causes with one of their texts from that table, by name."""
+    enum: Any = Worded  # a call makes another enum, whose members differ
+    texts = {name.upper(): (name, getattr(text, words)) for name, text in _TEXTS.items()}
+    return dict(enum("Cause", texts).__members__)
+
+
+_CAUSES, _NAMES = _codes("cause"), _codes("name")
