@@ -30,7 +30,7 @@ from report import parser, save, show
 from fsw_analysis.report import templates, wilson
 from fsw_control.weld import TICK_S
 from fsw_quality.diagnosis import WatchCause
-from fsw_quality.monitor import LEVELS, Monitor
+from fsw_quality.monitor import ALARM, SMOOTHED_S, TREND, Monitor
 from fsw_quality.monitor_run import samples, watch
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "monitor.md"
@@ -42,9 +42,9 @@ KNOWN = HEALTHY[:20]
 LONG, LONG_S = range(7500, 7506), 2700.0
 #: lengths of welds without a fault
 HEALTHY_S = {"none": DURATION_S, "identified": DURATION_S, "long": LONG_S}
-#: seeds of whole healthy welds that calibrate the levels of an alarm, and share of them with a
-#: false alarm that is allowed
-CALIBRATING, FALSE_ALARMS = range(5500, 5512), 0.01
+#: seeds of whole healthy welds that calibrate the level of an alarm, and share of them with a false
+#: alarm that is allowed
+CALIBRATING, FALSE_ALARMS = range(5500, 5516), 0.01
 #: what a fault must be named within [s] (of gains: after the set-point that shows it has moved)
 AIMS_S = {
     **dict.fromkeys(("depth stuck", "torque stuck", "thermocouple stuck"), 3.0),
@@ -88,7 +88,12 @@ def judged(process, case, seed, model):
         return {"no_weld": str(error)}
     known = identified(process, seed) if model == "identified" else ()
     monitor, durations, expected = Monitor(process, *known), [], []
-    step, begin_s = monitor.step, max(FAULT_S, moved_s or 0.0)
+    step, begin_s, faulty = monitor.step, max(FAULT_S, moved_s or 0.0), case in CASES
+    causes = CASES[case][2] if faulty else ()
+    first_s, stale = (
+        {},
+        set(),
+    )  # of alarms and of all that is shown; what was there before the fault
     cause = WatchCause[CASES[case][2][0].upper()] if case in TRUE_SIZES else None
 
     def timed(sample):
@@ -98,25 +103,23 @@ def judged(process, case, seed, model):
         if cause and sample.time_s > begin_s + 0.5:
             information = monitor.process.information(cause, FAULT_S)
             expected.append(0.5 * TRUE_SIZES[case] ** 2 * information)
+        present = {
+            kind
+            for finding in monitor.findings
+            if any(one.word in causes for one in (finding.cause, *finding.others))
+            for kind in (["alarm", "shown"] if finding.alarm else ["shown"])
+        }
+        if sample.time_s < FAULT_S:
+            stale.update(present)
+        stale.intersection_update(present)
+        for kind in present - stale:
+            first_s.setdefault(kind, max(sample.time_s - begin_s, 0.0))
 
     monitor.step = timed
     watched = watch(monitor, signals)
-    faulty = case in CASES
-    causes = CASES[case][2] if faulty else ()
     alarms = [(one.begin_s, one.finding.cause.word) for one in watched.alarms]
     after = [one for one in watched.alarms if faulty and one.begin_s >= FAULT_S]
-    named = [one for one in after if one.finding.cause.word in causes]
-    beside = [one for one in after if any(other.word in causes for other in one.finding.others)]
-    process_trends = [one for one in watched.others if one.finding.cause.of_process]
-    trends = [
-        one
-        for one in process_trends
-        if faulty and one.end_s > FAULT_S and one.finding.cause.word in causes
-    ]
-
-    def delay_s(intervals):
-        return max(intervals[0].begin_s - begin_s, 0.0) if intervals else None
-
+    trends = [one for one in watched.others if one.finding.cause.of_process]
     return {
         "process": process,
         "case": case,
@@ -125,12 +128,11 @@ def judged(process, case, seed, model):
         "excited": not faulty or not CASES[case][3] or moved_s is not None,
         "controller": controller,
         "false": [cause for at_s, cause in alarms if not faulty or at_s < FAULT_S],
-        "told_s": delay_s(after),
-        "named_s": delay_s(sorted([*named, *beside], key=lambda one: one.begin_s)),
+        "told": bool(after),
+        "named_s": first_s.get("alarm"),
+        "shown_s": first_s.get("shown"),
         "first": after[0].finding.cause.word if after else "",
-        "alone": bool(named) and not named[0].finding.others,
-        "trend": bool(trends),
-        "trends_s": {one.finding.cause.word: one.end_s - one.begin_s for one in process_trends},
+        "trends": sorted({one.finding.cause.word for one in trends}),
         "possible_s": next(
             (TICK_S * tick for tick, one in enumerate(expected, 1) if one >= CLAIRVOYANT), None
         ),
@@ -143,29 +145,39 @@ def judged(process, case, seed, model):
 
 
 def largest(process, seed):
-    """Largest log likelihood ratio of a fault in a whole healthy weld, by the seconds for which it is exceeded."""
-    signals, *_ = weld(process, seed, "none", LONG_S)
+    """Largest smoothed log likelihood ratio of any fault in a whole healthy weld; None without an equilibrium."""
+    try:
+        signals, *_ = weld(process, seed, "none", LONG_S)
+    except ValueError:
+        return None
     monitor, ratios = Monitor(process), []
     for sample in samples(signals):
-        seconds = monitor.seconds
         monitor.step(sample)
-        if monitor.seconds != seconds:
-            ratios.append(monitor.process.ratio)
-    windows = {one: np.lib.stride_tricks.sliding_window_view(ratios, one) for one in LEVELS}
-    return {one: float(window.min(axis=1).max()) for one, window in windows.items()}
+        ratios.append(monitor.process.ratio)
+    return max(ratios)
 
 
 def calibrate():
-    """Levels that the maxima of healthy welds exceed in the share that is allowed, by a Gumbel distribution."""
+    """Level that the largest ratio of a weld exceeds in the share that is allowed, by a Gumbel distribution.
+
+    It is the largest of all causes, onsets and times of a weld, so that the share is that of all of
+    them together; maxima of many dependent values tend to such a distribution (Gumbel, Statistics of
+    Extremes, 1958).
+    """
     with ProcessPoolExecutor(min(2, len(os.sched_getaffinity(0)))) as pool:
         welds = list(pool.map(largest, *zip(*product(PROCESSES, CALIBRATING), strict=True)))
-    figures = {"welds": len(welds)}
-    for seconds in LEVELS:
-        maxima = [weld[seconds] for weld in welds]
-        figures[f"largest_of_{seconds}_s"] = max(maxima)
-        fitted = scipy.stats.gumbel_r.fit(maxima)
-        figures[f"level_of_{seconds}_s"] = float(scipy.stats.gumbel_r.isf(FALSE_ALARMS, *fitted))
-    return figures
+    maxima = [one for one in welds if one is not None]
+    fitted = scipy.stats.gumbel_r.fit(maxima)
+    return {
+        "welds": len(maxima),
+        "largest": max(maxima),
+        "second_largest": sorted(maxima)[-2],
+        "median": float(np.median(maxima)),
+        "level": float(scipy.stats.gumbel_r.isf(FALSE_ALARMS, *fitted)),
+        "shipped": ALARM,
+        "false_alarms_percent_at_shipped": 100.0 * float(scipy.stats.gumbel_r.sf(ALARM, *fitted)),
+        "welds_over_shipped": sum(one >= ALARM for one in maxima),
+    }
 
 
 def summary(rows, process, case, model):
@@ -176,14 +188,16 @@ def summary(rows, process, case, model):
         for row in rows
         if tuple(row[name] for name in ("process", "case", "model", "excited")) == of
     ]
-    named = [row["named_s"] for row in own if row["named_s"] is not None]
+    named, shown = (
+        [row[kind] for row in own if row[kind] is not None] for kind in ("named_s", "shown_s")
+    )
     possible = [row["possible_s"] for row in own]
     late_s = np.median([np.inf if one is None else one for one in possible] or [np.inf])
     sized = bool(own) and all(row["expected"] is not None for row in own)
     aim_s = AIMS_S.get(case) if process == "paper" or case not in OF_HEAT else None
     return {
         "welds": len(own),
-        "told": sum(row["told_s"] is not None for row in own),
+        "told": sum(row["told"] for row in own),
         "named": len(named),
         "median_s": float(np.median(named)) if named else None,
         "worst_s": max(named, default=None),
@@ -196,7 +210,9 @@ def summary(rows, process, case, model):
         * float(np.mean([NORMAL.cdf((2.0 * row["expected"]) ** 0.5 - DECIDES) for row in own]))
         if sized
         else None,
-        "trends": sum(row["named_s"] is None and row["trend"] for row in own),
+        "shown": len(shown),
+        "shown_median_s": float(np.median(shown)) if shown else None,
+        "shown_worst_s": max(shown, default=None),
         "first": ", ".join(sorted({row["first"] for row in own if row["first"]})),
     }
 
@@ -213,7 +229,7 @@ def overall(rows):
     for process, case in product(PROCESSES, HEALTHY_S):
         free = [row for row in rows if row["process"] == process and row["case"] == case]
         bad = [row for row in free if row["false"]]
-        shown = [row["trends_s"] for row in free if row["trends_s"]]
+        shown = [row["trends"] for row in free if row["trends"]]
         causes = sorted({cause for row in bad for cause in row["false"]})
         trends = sorted({cause for row in shown for cause in row})
         of_case = {
@@ -297,7 +313,10 @@ def main():
             identified=IDENTIFIED,
             of_heat=OF_HEAT,
             clairvoyant=CLAIRVOYANT,
-            levels=LEVELS,
+            level=ALARM,
+            trend=TREND,
+            smoothed_s=SMOOTHED_S,
+            calibrating=len(PROCESSES) * len(CALIBRATING),
         )
         chosen.page.write_text(text, encoding="utf-8")
 

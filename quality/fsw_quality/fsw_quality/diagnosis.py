@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib.resources import files
 from math import isfinite, nan
+from typing import Any
 
-from fsw_control.coded import Coded
+from fsw_control.coded import Coded, Fact, Worded
 from fsw_control.schema.models import Model
 from fsw_control.schema.yaml_text import load_yaml
 
@@ -53,6 +54,15 @@ class WatchCause(Coded):
         return 40 <= self < 60
 
 
+class Judged(Worded):
+    """What a finding is, for people; a trend is no alarm."""
+
+    ALARM = "alarm", "{cause.words}"
+    ALARM_OR = "alarm_or", "{cause.words}; or, which cannot be distinguished: {others}"
+    TREND = "trend", "no alarm: {cause.words}"
+    TREND_OR = "trend_or", "no alarm: {cause.words}; or, which cannot be distinguished: {others}"
+
+
 #: causes by which a sensor's values mean nothing
 _SICK = {one for one in WatchCause if one.name.endswith(("_STUCK", "_NOISE_GONE", "_DETACHED"))}
 
@@ -76,20 +86,23 @@ class Finding:
         return self.cause in _SICK
 
     @property
+    def fact(self) -> Fact:
+        """The finding as a code with its cause, size [SI] and what cannot be distinguished from it."""
+        text, (size, error) = _TEXTS[self.cause.word], self.si
+        shown = f"{text.factor * self.size:{text.digits}}"
+        if isfinite(self.error):
+            shown += f" ± {2.0 * text.factor * self.error:{text.digits.lstrip('+')}}"
+        cause = Fact.of(_CAUSES[self.cause.name], shown=shown, size=size, error=error)
+        code = Judged.ALARM if self.alarm else Judged.TREND
+        if not self.others:
+            return Fact.of(code, cause=cause)
+        others = tuple(Fact.of(_NAMES[one.name]) for one in self.others)
+        return Fact.of(Judged[f"{code.name}_OR"], cause=cause, others=others)
+
+    @property
     def text(self) -> str:
         """The finding in words."""
-        text = _TEXTS[self.cause.word]
-        error = (
-            f" ± {2.0 * text.factor * self.error:{text.digits.lstrip('+')}}"
-            if isfinite(self.error)
-            else ""
-        )
-        said = text.cause.format(size=f"{text.factor * self.size:{text.digits}}{error}")
-        if self.others:
-            said += "; or, which cannot be distinguished: " + ", ".join(
-                _TEXTS[one.word].name for one in self.others
-            )
-        return said if self.alarm else f"no alarm: {said}"
+        return self.fact.words
 
     @property
     def advice(self) -> str:
@@ -121,3 +134,13 @@ _TEXTS = {
         files("fsw_quality").joinpath("monitor_texts.yaml").read_text("utf-8")
     ).items()
 }
+
+
+def _codes(words: str) -> dict[str, Worded]:
+    """Codes of the causes with one of their texts from that table, by name."""
+    enum: Any = Worded  # a call makes another enum, whose members differ
+    texts = {name.upper(): (name, getattr(text, words)) for name, text in _TEXTS.items()}
+    return dict(enum("Cause", texts).__members__)
+
+
+_CAUSES, _NAMES = _codes("cause"), _codes("name")

@@ -6,7 +6,6 @@ not among it.
 
 from __future__ import annotations
 
-from collections import deque
 from math import isfinite, nan
 from typing import NamedTuple
 
@@ -48,20 +47,23 @@ _RANGES = ((0.3, 6.0), (0.0, 4000.0), (300.0, 1200.0))
 _NEEDS = {TORQUE: (0, 1), DEPTH: (0, 2), HEAT: (1, 2)}
 #: onsets that are compared, and the time between two [s] (chosen)
 _ONSETS, _EVERY_S = 30, 10
-#: log likelihood ratios of an alarm, by the seconds for which it must be exceeded: for each, one
-#: healthy weld of 45 minutes in a hundred does (``benchmarks/monitor.py --calibrate``). A fault
-#: stands, an excursion of a healthy weld does not
-LEVELS = {3: 16.0, 15: 11.0, 40: 8.5}
-ALARM = max(LEVELS.values())
-#: of a trend, four standard errors, and seconds for which it must stand; by which the likeliest
-#: cause leads those that are named beside it (chosen: 20 to 1)
-TREND, _STANDS_S, _BESIDE = 8.0, 10, 3.0
+#: Log likelihood ratios are smoothed exponentially over this time [s] (chosen), as on an EWMA chart
+#: (Roberts, Technometrics 1, 1959, 239-250): a fault stands, an excursion of a healthy weld does
+#: not, and what is far beyond the level is an alarm within seconds
+SMOOTHED_S = 20.0
+#: level of an alarm: the largest smoothed ratio of any cause exceeds it in one healthy weld of 45
+#: minutes in a hundred, causes and times together (``benchmarks/monitor.py --calibrate``)
+ALARM = 9.0
+#: of a trend, 2.8 standard errors; by which the likeliest cause leads those that are named beside
+#: it (chosen: 20 to 1)
+TREND, _BESIDE = 4.0, 3.0
 #: model and signatures are inexact by this share: of what moves within a second, and of a
 #: likelihood ratio, so that causes that are nearer cannot be distinguished, either (chosen)
 _INEXACT = 0.1
 #: share of what the force presses in by which it is inexact; time by which the model's temperature
-#: is early or late, and lag of a probe, by which its slope shows in the depth [s] (chosen)
-_PRESSES, _LATE_S, _PROBE_S = 0.03, 0.3, 2.0
+#: is early or late, and lag of a probe, by which its slope shows in the depth: for a while, and for
+#: good [s] (chosen)
+_PRESSES, _LATE_S, _PROBE_S, _STAYS_S = 0.03, 0.3, 2.0, 1.0
 
 
 class Sample(NamedTuple):
@@ -98,11 +100,9 @@ class ProcessWatch:
         self._withheld = [False] * 3
         self._moved_c = 0.0
         self._seconds, self._pinned = 0, -1
-        self._ratios: deque[float] = deque(maxlen=max(LEVELS))
-        self._trend = -1, 0  # the likeliest fault, and seconds for which it has been likely
-        self.ratio = (
-            0.0  #: log likelihood ratio of the likeliest fault to the best that is harmless
-        )
+        # smoothed log likelihood ratios by fault: to the largest that is harmless, and to none of
+        # those that are large enough to be shown
+        self._ratios, self._trends = np.zeros((2, len(self._faults)))
         self._last = np.zeros(0)
         self._before: tuple[Gains, FloatArray] | None = None
 
@@ -171,9 +171,12 @@ class ProcessWatch:
         moved_c, moved_before_c = now.heated_c - before.heated_c, self._moved_c
         self._moved_c = moved_c
         late_c = _LATE_S * (moved_c - moved_before_c)
+        inexact = (_INEXACT * moved_c) ** 2 + late_c**2
         return {
-            WARMTH: (_INEXACT * moved_c) ** 2 + late_c**2,
-            OFFSET: (_PRESSES * pressed_mm) ** 2,
+            WARMTH: inexact,
+            # what a lag of the probe makes of it in the depth: for good, as far as the filter has put
+            # it down to the press or to an edge, and for a while
+            OFFSET: (_PRESSES * pressed_mm) ** 2 + (_STAYS_S * before.mm_per_c) ** 2 * inexact,
             DEPTH_NOISE: (_PROBE_S * before.mm_per_c * late_c) ** 2,
         }
 
@@ -199,6 +202,11 @@ class ProcessWatch:
         nearest = int(np.argmin([abs(one.time_s - onset_s) for one in self._onsets]))
         return float(self._traces.power[nearest, self._faults.index(cause)])
 
+    @property
+    def ratio(self) -> float:
+        """Smoothed log likelihood ratio of the likeliest harmful fault."""
+        return float(self._ratios.max())
+
     def findings(self, sick: bool) -> list[Finding]:
         """The likeliest fault, if any is likely: an alarm, or while that is not sure or a sensor is sick a trend."""
         sizes, errors = self._traces.sizes()
@@ -207,36 +215,37 @@ class ProcessWatch:
         ratios = self._traces.ratios(sizes)
         heating = ratios[:, -1] - 0.5 * (sizes[:, -1] / HEATING_C_PER_S) ** 2
         in_heat = self._traces.signatures[HEAT, :, :-1].any(axis=0)
-        best = ratios[:, :-1].max(axis=0) - in_heat * heating.max()
-        best[~self._judged] = -np.inf
-        order = np.argsort(-best)
-        likeliest = int(order[0])
-        onset = int(np.argmax(ratios[:, likeliest]))
-        size, error = float(sizes[onset, likeliest]), float(errors[onset, likeliest])
-        # over the best that is harmless, or too small to be shown
-        limits = np.array([self._harmless[likeliest], self._shown[likeliest]])
-        without = [
-            float(self._traces.ratios(np.full(sizes.shape, one))[onset, likeliest])
-            for one in np.clip(size, -limits, limits)
-        ]
-        top, shown = (
-            min(float(best[likeliest]), float(ratios[onset, likeliest]) - one) for one in without
-        )
-        self.ratio = 0.0 if sick else top
-        self._ratios.append(self.ratio)
+        onsets = ratios[:, :-1].argmax(axis=0)
+        likeliest = onsets, np.arange(len(self._faults))
+        best = ratios[likeliest] - in_heat * heating.max()
+        best[~self._judged] = 0.0
+        harmless = np.append(self._harmless, 0.0)
+        small = self._traces.ratios(np.clip(sizes, -harmless, harmless))
+        harmful = np.minimum(best, (ratios - small)[likeliest])
+        shown = best * (np.abs(sizes[likeliest]) > self._shown)
+        self._ratios += (np.maximum(harmful, 0.0) * (not sick) - self._ratios) / SMOOTHED_S
+        self._trends += (np.maximum(shown, 0.0) - self._trends) / SMOOTHED_S
         # an alarm that is there stays for longer
-        alarm = self._pinned >= 0 and self.ratio >= 0.5 * ALARM
-        for seconds, level in LEVELS.items():
-            alarm |= len(self._ratios) >= seconds and min(list(self._ratios)[-seconds:]) >= level
+        alarm = self.ratio >= (0.5 if self._pinned >= 0 else 1.0) * ALARM
+        cause = int(np.argmax(self._ratios if alarm else self._trends))
+        onset = int(onsets[cause])
         self._pinned = onset if alarm else -1
-        cause, shown_s = self._trend
-        stood_s = shown_s if likeliest == cause else 0
-        self._trend = likeliest, stood_s + 1 if shown >= TREND else 0
-        if shown < TREND or not (alarm or self._trend[1] >= _STANDS_S):
+        if not alarm and self._trends[cause] < TREND:
             return []
-        near = best[likeliest] - max(_BESIDE, _INEXACT * best[likeliest])
-        beside = tuple(self._faults[i] for i in order[1:] if best[i] > near)
-        return [Finding(self._faults[likeliest], alarm, size, error, shown, beside)]
+        near = best[cause] - max(_BESIDE, _INEXACT * best[cause])
+        beside = tuple(
+            self._faults[i] for i in np.argsort(-best) if i != cause and best[i] > max(near, 0.0)
+        )
+        return [
+            Finding(
+                self._faults[cause],
+                alarm,
+                float(sizes[onset, cause]),
+                float(errors[onset, cause]),
+                float(self._trends[cause]),
+                beside,
+            )
+        ]
 
 
 class Monitor:

@@ -13,6 +13,7 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from fsw_control import messages_ros as convert
+from fsw_control.coded import Fact, Worded
 from fsw_control.contract import Command
 from fsw_control.light_node_ros import LightNode
 from fsw_control.message_synchronizer import SampleSet
@@ -34,6 +35,16 @@ _LOOK_S, _REPORT_S = 0.1, 1.0
 #: part of its graph
 _SILENT_S = 2.0
 _UNKNOWN = Command(nan, nan)
+
+
+class Watching(Worded):
+    """State of the watch, and of a cause that was an alarm."""
+
+    NOTHING = "nothing", "nothing to watch: no measurements of a weld"
+    LEARNING = "learning", "learning the disturbances of this weld"
+    WATCHING = "watching", "watching"
+    SHOWN = "shown", "watching; {findings}"
+    OVER = "over", "no warning"
 
 
 class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere
@@ -134,23 +145,24 @@ class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types 
 
     def _report(self) -> None:
         watched = bool(self._sensors) and self._monitor.seconds > 0
-        text = "watching" if watched else "nothing to watch: no measurements of a weld"
-        if watched and self._monitor.learning:
-            text = "learning the disturbances of this weld"
-        trends = "; ".join(one.text for one in self._monitor.findings if not one.alarm)
-        values = {
-            "longest step [ms]": f"{1e3 * self._longest_step_s:.3f}",
-            "trends": trends or "none",
-        }
-        lines = [Report("watch", OK, text, values)]
+        trends = tuple(one.fact for one in self._monitor.findings if not one.alarm)
+        state = Fact.of(Watching.WATCHING)
+        if not watched:
+            state = Fact.of(Watching.NOTHING)
+        elif trends:
+            state = Fact.of(Watching.SHOWN, findings=trends)
+        elif self._monitor.learning:
+            state = Fact.of(Watching.LEARNING)
+        step_ms = f"{1e3 * self._longest_step_s:.3f}"
+        lines = [Report("watch", OK, state, {"longest step [ms]": step_ms})]
         for cause, one in self._shown.items():
             if one is None or not watched:
-                lines.append(Report(cause.word, OK, "no warning", {}))
+                lines.append(Report(cause.word, OK, Fact.of(Watching.OVER), {}))
                 continue
             likelihood = (
                 {"log likelihood ratio": f"{one.log_likelihood:.1f}"} if cause.of_process else {}
             )
-            lines.append(Report(cause.word, WARN, one.text, {"advice": one.advice, **likelihood}))
+            lines.append(Report(cause.word, WARN, one.fact, {"advice": one.advice, **likelihood}))
         self._diagnostics.publish(lines)
 
 

@@ -17,7 +17,7 @@ from fsw_control.sensors import REQUIRED
 from fsw_model import ModelParameters, ParameterCovariance, equations
 from fsw_quality.diagnosis import Finding, WatchCause
 from fsw_quality.likelihood import covariance_from, default_covariance
-from fsw_quality.monitor import PROCESSES, Monitor, Sample
+from fsw_quality.monitor import ALARM, PROCESSES, Monitor, Sample
 from fsw_quality.residuals import COEFFICIENTS
 from fsw_quality.sensor_health import Detached, SensorHealth
 from fsw_test_support.watched_weld import drifting, noise, samples
@@ -176,34 +176,27 @@ def test_slow_wear_over_a_long_weld_is_a_trend_and_the_end_of_its_heating_is_non
 
 
 @pytest.mark.slow
-def test_noise_of_the_depth_is_no_drift_however_long_the_weld() -> None:
+def test_noise_of_the_depth_is_no_alarm_however_long_the_weld() -> None:
     weld = samples(1500.0)
     spread_mm = 0.006 * noise(np.random.default_rng(2), len(weld), 5.0)
     noisy = (
         sample._replace(depth_mm=sample.depth_mm + more)
         for sample, more in zip(weld, spread_mm, strict=True)
     )
-    assert not trends(noisy)
+    assert all(finding.log_likelihood < ALARM for finding in trends(noisy))
 
 
-def test_trend_stands_before_it_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
-    def shown() -> dict[int, WatchCause]:
-        monitor, causes = Monitor(), dict[int, WatchCause]()
-        for sample in drifting(STILL, "torque_nm", 3.0 / 60.0):
-            monitor.step(sample)
-            for finding in monitor.findings:
-                causes[monitor.seconds] = finding.cause
-        return causes
-
-    patient = shown()
-    monkeypatch.setattr("fsw_quality.monitor._STANDS_S", 1)
-    at_once = shown()
-    standing = {
-        second: cause
-        for second, cause in at_once.items()
-        if all(at_once.get(second - before) is cause for before in range(10))
-    }
-    assert min(at_once) < min(patient) == min(standing)
+def test_excursion_is_no_alarm_and_a_fault_that_stands_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    brief = [
+        one._replace(torque_nm=one.torque_nm + 8.0 * (120.0 < one.time_s <= 122.0))
+        for one in STILL[:1500]
+    ]
+    standing = list(drifting(STILL, "torque_nm", 20.0 / 60.0))
+    assert not alarms(brief)
+    patient_s = min(at_s for at_s, _ in alarms(standing).values())
+    monkeypatch.setattr("fsw_quality.monitor.SMOOTHED_S", 1.0)
+    assert alarms(brief)
+    assert min(at_s for at_s, _ in alarms(standing).values()) < patient_s
 
 
 @pytest.mark.parametrize("process", PROCESSES)

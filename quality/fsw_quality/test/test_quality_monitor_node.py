@@ -12,7 +12,8 @@ from fsw_control.contract import Command
 from fsw_control.topics_ros import STREAM, sensor_publishers
 from fsw_control.weld import TICK_NS
 from fsw_msgs.msg import DriveFeedback, WeldCommand, WeldFinding, WeldHealth
-from fsw_quality.monitor_node import MonitorNode
+from fsw_quality.diagnosis import Judged
+from fsw_quality.monitor_node import MonitorNode, Watching
 from fsw_test_support.ros_graph import Spinner, domain_id  # noqa: F401
 from fsw_test_support.watched_weld import samples
 
@@ -72,6 +73,11 @@ class Graph(Spinner):
 
         self.until(holds)
 
+    def code(self, part):
+        """Code and fields of an entry of the monitor."""
+        values = getattr(self.parts.get(f"fsw_monitor: {part}"), "values", ())
+        return {pair.key: pair.value for pair in values if pair.key.startswith("code")}
+
     def level(self, name):
         return self.parts[name].level if name in self.parts else None
 
@@ -87,9 +93,7 @@ def graph(domain_id):  # noqa: F811
 
 
 def test_it_waits_for_a_weld_then_publishes_code_and_words_until_the_fault_is_over(graph):
-    graph.until(
-        lambda: "nothing to watch" in getattr(graph.parts.get("fsw_monitor: watch"), "message", "")
-    )
+    graph.until(lambda: graph.code("watch") == {"code": Watching.NOTHING})
     graph.weld_until(
         lambda: (
             graph.health
@@ -105,13 +109,14 @@ def test_it_waits_for_a_weld_then_publishes_code_and_words_until_the_fault_is_ov
         map(math.isfinite, found.gains)
     )
     graph.until(lambda: graph.level(STUCK) == DiagnosticStatus.WARN)
+    fact = graph.code("torque_stuck")
+    assert (fact["code"], fact["code: cause"]) == (Judged.ALARM, "torque_stuck")
+    assert float(fact["code: cause: size"]) >= 1.0
     assert {pair.key: pair.value for pair in graph.parts[STUCK].values}["advice"]
     graph.weld_until(lambda: graph.level(STUCK) == DiagnosticStatus.OK)
 
 
 def test_samples_that_are_no_numbers_are_no_weld(graph):
     graph.weld_until(lambda: graph.tick > 40, depth_mm=math.nan)
-    graph.until(
-        lambda: "nothing to watch" in getattr(graph.parts.get("fsw_monitor: watch"), "message", "")
-    )
+    graph.until(lambda: graph.code("watch") == {"code": Watching.NOTHING})
     assert not graph.health
