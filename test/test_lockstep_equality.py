@@ -99,7 +99,7 @@ events:
   - {at_deg: 2.2, disturbance: {channel: depth, shape: step, amplitude_mm: 0.05}}
   - {at_s: 78.0, switch: nmpc}
 """
-#: with the heat of a profile; the plan moves when the dwell ends early
+#: with the heat of a profile; the dwell ends early, in its ramp: the plan and the set-points move
 KNOWN = """
 name: short_weld_with_known_heat
 controller: nmpc
@@ -109,7 +109,7 @@ plant:
   start: {temperature_c: 795.0}
   canister: {lid_mm: 0.0, probe_radius_mm: 25.0, shoulder_share: 0.2, element_mm: 12.5, modes: 53}
 phases:
-  - {name: dwell, duration_s: 60.0, until_c: 803.0, set_points: [{temperature_c: 804.4}]}
+  - {name: dwell, duration_s: 60.0, until_c: 803.0, set_points: [{temperature_c: 804.4, over_s: 25.0}]}
   - {name: start, to_deg: 2.0, length_mm: 20.0}
 """
 PROFILE = HeatProfile(

@@ -2,21 +2,23 @@
 
 It is estimated by a Kalman smoother on the thermal model (16).
 
-The heat is a random walk, that is a Gaussian process. The model is the fast part of the copper's
+The heat is a random walk whose rate is one, too (a local linear trend, Harvey 1989): the canister
+warms for minutes, and as the controller takes back as much power meanwhile, a walk without rate
+takes the warming for a lack of gain, by a quarter. The model is the fast part of the copper's
 response to the power: the slower part, which the weld's history makes, is in the heat, as it
 comes again in the next weld of the type. Its lag is chosen; its gain, the tool's lag, the dead
-time and the walk are those of the greatest likelihood: a weld shows how fast and when a power
+time and the walks are those of the greatest likelihood: a weld shows how fast and when a power
 heats, but a heat that wanders hides the settled gain.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError, solve_discrete_are
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import minimize
 from scipy.signal import lfilter, ss2tf
 
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
@@ -32,9 +34,10 @@ _NOISE_C, _COPPER_WALK_C = 0.1, 1e-3
 #: lag of the fast part of the copper's response: the shorter, the more of the slower part is in
 #: the heat; with a third of the controller's horizon the likelihood is near its greatest; chosen
 FAST_LAG_S = 11.0
-#: start of the search: gain of the fast part, and the walk of the heat per root second
-_START_GAIN, _START_WALK = 10.0, 0.15
-_WALK_LOGARITHMS = (np.log(1e-3), np.log(3.0))
+#: start of the search: gain of the fast part, and the walks of the heat and of its rate
+_START_GAIN, _START_WALKS = 10.0, (0.15, 0.005)
+#: the search begins without walk of the rate, with all of which it may end beside the optimum
+_NO_WALK = 1e-6
 _SEARCH_STEPS = 400
 #: time until the filter has forgotten where it began
 _SETTLED_S = 60.0
@@ -46,6 +49,13 @@ class HeatRecord(NamedTuple):
     first: int  #: tick of the weld at which it begins
     power_kw: FloatArray  #: deviation from the operating power
     rise_c: FloatArray  #: deviation from the operating temperature; NaN where there is no sample
+
+
+class HeatWalk(NamedTuple):
+    """Random walks, per root second."""
+
+    heat_kw: float
+    rate_kw_per_s: float  #: that of the heat's rate
 
 
 class Heat(NamedTuple):
@@ -72,12 +82,12 @@ def heat_record(signals: WeldSignals, model: ModelParameters, drive_lag_s: float
 
 
 def _matrices(model: ModelParameters) -> tuple[FloatArray, FloatArray]:
-    """Transition of copper, tool and heat over a tick, and the input by the power."""
+    """Transition of copper, tool, heat and its rate over a tick, and the input by the power."""
     a, b = thermal_block(model)
-    chain = np.zeros((3, 3))
-    chain[:2, :2], chain[:2, 2] = a, b
+    chain = np.zeros((4, 4))
+    chain[:2, :2], chain[:2, 2], chain[2, 3] = a, b, 1.0
     step = np.asarray(matrix_exponential(chain * TICK_S))
-    return step, np.array([step[0, 2], step[1, 2], 0.0])
+    return step, np.array([step[0, 2], step[1, 2], 0.0, 0.0])
 
 
 def _arriving(record: HeatRecord, model: ModelParameters) -> FloatArray:
@@ -87,20 +97,21 @@ def _arriving(record: HeatRecord, model: ModelParameters) -> FloatArray:
     return np.asarray(np.interp(rows - ago, rows, record.power_kw))
 
 
-def _noises(walk_kw: float) -> FloatArray:
-    return np.diag([_COPPER_WALK_C**2, 0.0, walk_kw**2 * TICK_S])
+def _noises(walk: HeatWalk) -> FloatArray:
+    heat, rate = (TICK_S * one**2 for one in walk)
+    return np.diag([_COPPER_WALK_C**2, 0.0, heat, rate])
 
 
-def smooth(record: HeatRecord, model: ModelParameters, walk_kw: float) -> Heat:
-    """The heat at each tick (Rauch, Tung, Striebel); ``walk_kw``: random walk per root second."""
+def smooth(record: HeatRecord, model: ModelParameters, walk: HeatWalk) -> Heat:
+    """The heat at each tick (Rauch, Tung, Striebel)."""
     step, by_power = _matrices(model)
-    arriving, noise = _arriving(record, model), _noises(walk_kw)
+    arriving, noise = _arriving(record, model), _noises(walk)
     n, known = record.rise_c.size, np.isfinite(record.rise_c)
     first = record.rise_c[np.argmax(known)]
-    x = np.array([first, first, first / model.thermal_gain_c_per_kw - record.power_kw[0]])
-    p = np.diag([25.0, 1.0, 25.0])
-    after, before = np.empty((n, 3)), np.empty((n, 3))
-    p_after, p_before = np.empty((n, 3, 3)), np.empty((n, 3, 3))
+    x = np.array([first, first, first / model.thermal_gain_c_per_kw - record.power_kw[0], 0.0])
+    p = np.diag([25.0, 1.0, 25.0, 0.01])
+    after, before = np.empty((n, 4)), np.empty((n, 4))
+    p_after, p_before = np.empty((n, 4, 4)), np.empty((n, 4, 4))
     for k in range(n):
         if k:
             x = step @ x + by_power * arriving[k]
@@ -119,16 +130,16 @@ def smooth(record: HeatRecord, model: ModelParameters, walk_kw: float) -> Heat:
 
 
 def _unlikelihood(
-    record: HeatRecord, model: ModelParameters, walk_kw: float, shown: FloatArray
+    record: HeatRecord, model: ModelParameters, walk: HeatWalk, shown: FloatArray
 ) -> float:
     """Negative logarithm of the likelihood of the temperatures, by the settled filter."""
     step, by_power = _matrices(model)
-    seen = np.array([[0.0, 1.0, 0.0]])
-    covariance = solve_discrete_are(step.T, seen.T, _noises(walk_kw), np.array([[_NOISE_C**2]]))
+    seen = np.array([[0.0, 1.0, 0.0, 0.0]])
+    covariance = solve_discrete_are(step.T, seen.T, _noises(walk), np.array([[_NOISE_C**2]]))
     variance = float(covariance[1, 1]) + _NOISE_C**2
     gain = covariance[:, 1:2] / variance
     # innovations by (power, temperature): x(k+1) = step (x + gain (y - x1)) + by_power u(k+1)
-    closed = step @ (np.eye(3) - gain @ seen)
+    closed = step @ (np.eye(4) - gain @ seen)
     inputs = np.column_stack([by_power, (step @ gain).ravel()])
     arriving = np.append(_arriving(record, model)[1:], 0.0)
     innovations = shown.copy()
@@ -139,22 +150,54 @@ def _unlikelihood(
     return 0.5 * float(used.size * np.log(variance) + np.sum(used**2) / variance)
 
 
+def _shown(record: HeatRecord) -> FloatArray:
+    """Temperatures, interpolated where there is no sample."""
+    known = np.flatnonzero(np.isfinite(record.rise_c))
+    return np.interp(np.arange(record.rise_c.size), known, record.rise_c[known])
+
+
+def _fit(
+    records: Sequence[HeatRecord],
+    model_of: Callable[..., ModelParameters],
+    start: Sequence[float],
+) -> tuple[ModelParameters, HeatWalk]:
+    """The model's parameters, from where the search begins, and the walks: the likeliest ones."""
+    shown = [_shown(record) for record in records]
+
+    def cost(logarithms: FloatArray) -> float:
+        *parameters, heat_kw, rate_kw_per_s = np.exp(logarithms).tolist()
+        try:
+            tried, walk = model_of(*parameters), HeatWalk(heat_kw, rate_kw_per_s)
+            return sum(
+                _unlikelihood(record, tried, walk, each)
+                for record, each in zip(records, shown, strict=True)
+            )
+        except (InputError, LinAlgError):  # out of the model's range
+            return float("inf")
+
+    def search(tried: Callable[[FloatArray], float], start: FloatArray) -> FloatArray:
+        options = {"maxfev": _SEARCH_STEPS, "xatol": 1e-3, "fatol": 0.1}
+        return np.asarray(minimize(tried, start, method="Nelder-Mead", options=options).x)
+
+    heat_kw, rate_kw_per_s = _START_WALKS
+    without = np.log(_NO_WALK)
+    first = search(lambda x: cost(np.append(x, without)), np.log([*start, heat_kw]))
+    *parameters, heat_kw, rate_kw_per_s = np.exp(
+        search(cost, np.append(first, np.log(rate_kw_per_s)))
+    ).tolist()
+    return model_of(*parameters), HeatWalk(heat_kw, rate_kw_per_s)
+
+
 def fit_fast(
     records: Sequence[HeatRecord], model: ModelParameters
-) -> tuple[ModelParameters, float]:
-    """The model of the fast part of the copper, and the walk of the heat [kW per root second].
+) -> tuple[ModelParameters, HeatWalk]:
+    """The model of the fast part of the copper, and the walks of the heat.
 
     Its lag is chosen; gain, dead time and lag of the tool are estimated. From where the search
     begins, the dead time is found if it is within a factor of about two.
     """
-    rows = [np.arange(record.rise_c.size) for record in records]
-    shown = [
-        np.interp(row, row[np.isfinite(record.rise_c)], record.rise_c[np.isfinite(record.rise_c)])
-        for row, record in zip(rows, records, strict=True)
-    ]
 
-    def changed(logarithms: FloatArray) -> ModelParameters:
-        gain, tool_lag_s, dead_time_s, _ = np.exp(logarithms).tolist()
+    def changed(gain: float, tool_lag_s: float, dead_time_s: float) -> ModelParameters:
         return model.changed(
             thermal_gain_c_per_kw=gain,
             copper_lag_s=FAST_LAG_S,
@@ -162,38 +205,9 @@ def fit_fast(
             dead_time_s=dead_time_s,
         )
 
-    def cost(logarithms: FloatArray) -> float:
-        try:
-            tried, walk_kw = changed(logarithms), float(np.exp(logarithms[3]))
-            return sum(
-                map(_unlikelihood, records, [tried] * len(rows), [walk_kw] * len(rows), shown)
-            )
-        except (InputError, LinAlgError):  # out of the model's range
-            return float("inf")
-
-    start = np.log([_START_GAIN, model.tool_lag_s, model.dead_time_s, _START_WALK])
-    options = {"maxfev": _SEARCH_STEPS, "xatol": 1e-3, "fatol": 0.1}
-    found = minimize(cost, start, method="Nelder-Mead", options=options)
-    return changed(found.x), float(np.exp(found.x[3]))
+    return _fit(records, changed, (_START_GAIN, model.tool_lag_s, model.dead_time_s))
 
 
-def fit_walk(records: Sequence[HeatRecord], model: ModelParameters) -> float:
-    """The walk of the heat alone, with a given model [kW per root second]."""
-    shown = [
-        np.interp(
-            np.arange(record.rise_c.size),
-            np.flatnonzero(np.isfinite(record.rise_c)),
-            record.rise_c[np.isfinite(record.rise_c)],
-        )
-        for record in records
-    ]
-
-    def cost(logarithm: float) -> float:
-        walk_kw = float(np.exp(logarithm))
-        return sum(
-            _unlikelihood(record, model, walk_kw, each)
-            for record, each in zip(records, shown, strict=True)
-        )
-
-    found = minimize_scalar(cost, bounds=_WALK_LOGARITHMS, method="bounded")
-    return float(np.exp(found.x))
+def fit_walk(records: Sequence[HeatRecord], model: ModelParameters) -> HeatWalk:
+    """The walks of the heat alone, with a given model."""
+    return _fit(records, lambda: model, ())[1]

@@ -9,7 +9,7 @@ import numpy as np
 
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_control.schema.models import InputError
-from fsw_identification.heat import fit_fast, fit_walk, heat_record, smooth
+from fsw_identification.heat import HeatWalk, fit_fast, fit_walk, heat_record, smooth
 from fsw_model import ModelParameters
 from fsw_model.heat_profile import CORRELATION_MM, HeatProfile, HeatSource, ThermalModel
 
@@ -25,7 +25,7 @@ class Learned(NamedTuple):
 
     profile: HeatProfile
     model: ModelParameters
-    walk_kw: float  #: per root second
+    walk: HeatWalk
 
 
 def learn(
@@ -61,7 +61,7 @@ def learn(
     if not welds:
         raise InputError("learn: give the bag of a weld")
     records = [heat_record(signals, model, drive_lag_s) for _, _, signals in welds]
-    used, walk_kw = (model, fit_walk(records, model)) if keep_model else fit_fast(records, model)
+    used, walk = (model, fit_walk(records, model)) if keep_model else fit_fast(records, model)
     reach_mm = min(_reach(signals) for _, _, signals in welds)
     travel_mm = np.arange(0.0, reach_mm + 1e-9, GRID_MM)
     if travel_mm.size < 2:
@@ -69,7 +69,7 @@ def learn(
     heats, own = [], []
     for i, ((_, _, signals), record) in enumerate(zip(welds, records, strict=True)):
         progress(i / len(welds))
-        heat_kw, variance_kw2 = smooth(record, used, walk_kw)
+        heat_kw, variance_kw2 = smooth(record, used, walk)
         at = _places(signals, record.first, heat_kw.size, travel_mm)
         heats.append(heat_kw[at])
         own.append(variance_kw2[at])
@@ -87,7 +87,7 @@ def learn(
         heat_kw=_rounded(_common(by_weld)),
         deviation_kw=_rounded(_deviation(by_weld, variances)),
     )
-    return Learned(profile, used, walk_kw)
+    return Learned(profile, used, walk)
 
 
 def _rounded(values: FloatArray) -> tuple[float, ...]:

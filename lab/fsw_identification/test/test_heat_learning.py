@@ -10,7 +10,14 @@ from scipy.signal import lfilter
 
 from fsw_campaign.programme_signals import with_programme
 from fsw_control.schema.models import InputError
-from fsw_identification.heat import FAST_LAG_S, HeatRecord, fit_fast, fit_walk, smooth
+from fsw_identification.heat import (
+    FAST_LAG_S,
+    HeatRecord,
+    HeatWalk,
+    fit_fast,
+    fit_walk,
+    smooth,
+)
 from fsw_identification.heat_learning import learn
 from fsw_model import nominal
 from fsw_nmpc import NmpcController
@@ -106,19 +113,36 @@ def test_fast_part_of_the_copper_is_found():
         thermal_gain_c_per_kw=9.5, copper_lag_s=FAST_LAG_S, tool_lag_s=0.6, dead_time_s=1.9
     )
     rng = np.random.default_rng(4)
-    found, walk_kw = fit_fast([record(rng, truth)[0] for _ in range(2)], P)
+    found, walk = fit_fast([record(rng, truth)[0] for _ in range(2)], P)
     assert found.thermal_gain_c_per_kw == pytest.approx(9.5, rel=0.05)
     assert found.copper_lag_s == FAST_LAG_S
     assert found.tool_lag_s == pytest.approx(0.6, abs=0.15)
     assert found.dead_time_s == pytest.approx(1.9, abs=0.15)
     # together they are surer than each: a lag looks like a later and softer response
     assert found.tool_lag_s + found.dead_time_s == pytest.approx(2.5, abs=0.1)
-    assert walk_kw == pytest.approx(0.15, rel=0.2)
+    assert walk.heat_kw == pytest.approx(0.15, rel=0.2)
+
+
+def test_power_taken_back_from_slow_heat_is_no_lack_of_gain():
+    """A controller takes back six seconds later what drifts; a walk without rate finds 8.5."""
+    truth = P.changed(
+        thermal_gain_c_per_kw=9.5, copper_lag_s=FAST_LAG_S, tool_lag_s=0.6, dead_time_s=1.9
+    )
+    rng, n = np.random.default_rng(3), 6000
+    steps, rates = (rng.normal(0.0, one * np.sqrt(TICK_S), n) for one in (0.1, 0.01))
+    heat_kw = np.cumsum(steps + TICK_S * np.cumsum(rates))
+    power_kw = np.repeat(rng.normal(0.0, 0.3, n // 50), 50)
+    power_kw -= np.concatenate([np.zeros(60), heat_kw])[:n]
+    late = np.concatenate([np.zeros(19), power_kw])[:n]
+    rise_c = shown_rise(late + heat_kw, truth) + rng.normal(0.0, 0.1, n)
+    found, walk = fit_fast([HeatRecord(0, power_kw, rise_c)], P)
+    assert found.thermal_gain_c_per_kw == pytest.approx(9.5, rel=0.05)
+    assert walk.heat_kw == pytest.approx(0.1, rel=0.2)
 
 
 def test_walk_of_the_heat_is_found_with_a_given_model():
     rng = np.random.default_rng(8)
-    assert fit_walk([record(rng, P, 0.3)[0]], P) == pytest.approx(0.3, rel=0.2)
+    assert fit_walk([record(rng, P, 0.3)[0]], P).heat_kw == pytest.approx(0.3, rel=0.2)
 
 
 def test_smoothed_heat_is_as_far_off_as_it_says():
@@ -126,7 +150,9 @@ def test_smoothed_heat_is_as_far_off_as_it_says():
     made, heat_kw = record(rng, P, minutes=5)
     gaps = np.zeros(made.rise_c.size, bool)
     gaps[1000:1100] = True  # a thermocouple that is lost for ten seconds
-    found = smooth(made._replace(rise_c=np.where(gaps, np.nan, made.rise_c)), P, 0.15)
+    found = smooth(
+        made._replace(rise_c=np.where(gaps, np.nan, made.rise_c)), P, HeatWalk(0.15, 1e-3)
+    )
     error = (found.heat_kw - heat_kw)[600:-100]
     expected = np.sqrt(found.variance_kw2[600:-100])
     assert 0.5 < np.sqrt(np.mean((error / expected) ** 2)) < 1.6

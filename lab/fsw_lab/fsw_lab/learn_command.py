@@ -121,5 +121,5 @@ def _print(learned: Learned) -> None:
         f"copper: {model.thermal_gain_c_per_kw:.3g} degC/kW, {model.copper_lag_s:.3g} s, tool "
         f"{model.tool_lag_s:.3g} s, dead time {model.dead_time_s:.3g} s; "
         f"heat: {min(profile.heat_kw):.2f} to {max(profile.heat_kw):.2f} kW over "
-        f"{profile.travel_mm[-1]:.0f} mm, wandering by {learned.walk_kw:.2g} kW per root second"
+        f"{profile.travel_mm[-1]:.0f} mm, wandering by {learned.walk.heat_kw:.2g} kW per root second"
     )

@@ -151,7 +151,7 @@ class _Programme:
         self._shown.append(shown_c)
         if self._machine is not None:
             if self._machine.follow(tick, self._shown[0]):
-                self._course.resume(self.reference, self._machine.tick)
+                self._course.resume(self.reference, self._machine.tick, warm=True)
                 self._announce()
             if self._held and not isinstance(plant, OwnPlant):
                 plant.follow_programme(self._machine.tick * STEP_S, standing=False)

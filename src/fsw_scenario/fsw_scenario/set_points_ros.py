@@ -125,10 +125,10 @@ class SetPoints:
         self.course.leave()
         self._send(present, 0)  # voids those sent ahead
 
-    def resume(self, present: Reference) -> None:
+    def resume(self, present: Reference, warm: bool = False) -> None:
         """Resume the programme from the present set-points and tick, if it has been left."""
         if self.course.followed:
-            self.course.resume(present, self._time.tick)
+            self.course.resume(present, self._time.tick, warm)
             self.restart(present)
 
     def restart(self, present: Reference) -> None:

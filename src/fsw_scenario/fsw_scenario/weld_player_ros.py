@@ -269,7 +269,7 @@ class WeldPlayer:
             jumped = machine.follow(self.time.tick, _reading_c(self._shown, stamp_ns))
             self.time.tick, self.time.held = machine.tick, machine.held
             if jumped and self.set_points.course.followed:
-                self.set_points.resume(self.set_points.in_force())
+                self.set_points.resume(self.set_points.in_force(), warm=True)
                 self._node.get_logger().info(f"temperature reached: {machine.describe().words}")
         self._yield_to_hand()
         if self._programme is not None:

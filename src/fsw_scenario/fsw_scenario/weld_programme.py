@@ -64,7 +64,8 @@ class Phase(Model):
     """of a phase without travel"""
     until_c: Annotated[float, REFERENCE_TEMPERATURE_C] | None = None
     """in a `dwell` without travel: it ends once the thermocouple has shown at least this
-    temperature for 1 s; `duration_s` is then its longest duration"""
+    temperature for 1 s, in a ramp of the set-point by a step to the ramp's end; `duration_s` is
+    then its longest duration"""
     to_deg: Annotated[float, ANGLE_DEG] = Field(0.0, json_schema_extra=without_default)
     """end of a phase with travel"""
     from_deg: Annotated[float, ANGLE_DEG] = Field(0.0, json_schema_extra=without_default)

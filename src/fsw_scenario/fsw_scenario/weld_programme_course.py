@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 from fsw_control.coded import Fact
@@ -47,7 +48,8 @@ class Course:
     While it is *followed*, its set-points are sent as planned. A hold, or manual set-points,
     *leave* it: the set-points then in force stay. A resume ramps back to the programme at the
     permitted rates while its time continues, so that no part of it is skipped and there are no
-    jumps other than the programme's own.
+    jumps other than the programme's own, and that of the temperature after a dwell that ended
+    early.
     """
 
     def __init__(self, programme: Mapping[int, Reference]) -> None:
@@ -66,21 +68,28 @@ class Course:
         self.coming.clear()
         self.followed = False
 
-    def way_back(self, in_force: Reference, tick: int) -> WayBack:
-        """The ramp from the set-points in force to the programme, at a tick of it."""
+    def way_back(self, in_force: Reference, tick: int, warm: bool = False) -> WayBack:
+        """The ramp from the set-points in force to the programme, at a tick of it.
+
+        ``warm``: the dwell has ended because its temperature is reached. The set-point of the
+        temperature then returns in one step, as a ramp from below would cool the copper first.
+        """
         changes: dict[int, Reference] = {}
         present, now = in_force, tick
         if in_force != self.programme_at(tick):
             now += _LEAD_TICKS
             while present != self.programme_at(now):
                 now += 1
-                present = _toward(present, self.programme_at(now))
+                goal = self.programme_at(now)
+                if warm:
+                    present = replace(present, temperature_c=goal.temperature_c)
+                present = _toward(present, goal)
                 changes[now] = present
         return WayBack(in_force, present, (now - tick) * TICK_S, changes)
 
-    def resume(self, in_force: Reference, tick: int) -> WayBack:
+    def resume(self, in_force: Reference, tick: int, warm: bool = False) -> WayBack:
         """Return to the programme; the caller first sends ``in_force``, voiding foreign ones."""
-        way = self.way_back(in_force, tick)
+        way = self.way_back(in_force, tick, warm)
         met = max(way.changes, default=tick)
         self.coming = deque(way.changes.items())
         self.coming.extend((when, one) for when, one in self._programme.items() if when > met)

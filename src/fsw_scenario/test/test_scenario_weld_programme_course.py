@@ -1,5 +1,6 @@
 """Set-points of a programme over any sequence of holds, resumes and set-points by hand."""
 
+import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -111,6 +112,18 @@ def test_a_resume_after_a_ramp_by_hand_goes_back_and_the_next_hold_steps_nothing
     before = weld.in_force
     weld.hold()
     assert weld.tick() == before
+
+
+def test_after_a_dwell_that_ended_early_only_the_depth_returns_by_a_ramp():
+    """A ramp of the temperature from where its own was cut short would cool the copper first."""
+    cut = Reference(2.64, 821.4)
+    way = Course(PROGRAMME).resume(cut, 650, warm=True)
+    first, last = min(way.changes), max(way.changes)
+    assert first <= 656 and last - first > 1  # both move; the depth more than one step
+    assert {one.temperature_c for one in way.changes.values()} == {836.4}
+    moved = np.abs(np.diff([cut.depth_mm, *(one.depth_mm for one in way.changes.values())]))
+    assert moved.max() <= 0.1 * WELD_RATE_DEPTH_MM_PER_S + 1e-9
+    assert way.changes[last] == way.goal == Course(PROGRAMME).programme_at(last)
 
 
 @pytest.mark.requirement("S29")
