@@ -310,6 +310,14 @@ def test_a_process_of_ones_own_is_controlled():
     assert np.array_equal(weld["drives_force_kn"][1:], weld["force_kn"][:-1])
 
 
+def test_controllers_are_switched_on_a_process_of_ones_own():
+    switched = STEP | {"events": [{"at_s": 5.0, "switch": "nmpc"}]}
+    assert set(fsw.simulate(switched, "decentral", plant=Lag())["actual_controller"]) == {
+        "decentral",
+        "nmpc",
+    }
+
+
 @pytest.mark.parametrize(
     ("scenario", "options", "fact"),
     [

@@ -6,6 +6,7 @@ from math import isfinite
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from fsw_control.contract import Command
+from fsw_control.depth_fusion import DepthEstimate
 from fsw_control.schema.models import InputError
 from fsw_control.weld import TICK_NS
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
@@ -72,6 +73,7 @@ class _Reading(NamedTuple):
     stamp_ns: int
     values: dict[str, float]
     drives: Command
+    fused: DepthEstimate | None = None  #: a user's process has one depth sensor
 
 
 #: parameters of the emulated plant that say nothing about its process, or only where it starts
