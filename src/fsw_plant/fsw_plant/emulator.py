@@ -24,6 +24,7 @@ from math import isfinite, nan
 from typing import Any, NamedTuple
 
 from fsw_control import Command, Limits, weld
+from fsw_control.coded import RefusedError, Worded
 from fsw_control.command_check import refusal
 from fsw_control.command_gate import CommandGate
 from fsw_control.depth_fusion import DepthEstimate
@@ -53,6 +54,13 @@ class BeyondDrivesError(OperatingPointError):
             "beyond the drives' limits"
         )
         self.required = required
+
+
+class NoTouchOff(Worded):
+    """Why the zeros of the depth stay as they are."""
+
+    ONE_SENSOR = "one_sensor", "the machine has one sensor of the depth: machine.depth_channels"
+    TRAVELS = "travels", "the tool travels: touch off before the weld, or hold it"
 
 
 class Reading(NamedTuple):
@@ -344,20 +352,22 @@ class PlantEmulator:
         measured = self._reading is not None and self._reading.tick == self.tick
         return (self.tick + 1 if measured else self.tick) / 10
 
-    def touch_off(self) -> bool:
+    def touch_off(self) -> None:
         """Set the zero of each channel of the depth so that it shows the depth as it is now.
 
         Channels that were out are used again; one with a fault that lasts will be out again.
-        False if there is only one sensor.
+        RefusedError if there is only one sensor, or while the tool travels: the weld would
+        continue at another depth.
         """
         if self._fusion is None:
-            return False
+            raise RefusedError.of(NoTouchOff.ONE_SENSOR)
+        if self.travel.motion(self.tick).traverse_mm_per_s != 0.0:
+            raise RefusedError.of(NoTouchOff.TRAVELS)
         values, depth_mm = self.measure().values, self.truth().depth_mm
         for name in DEPTH_CHANNELS:
             if isfinite(values.get(name, nan)):
                 self._zero_mm[name] = self._zero_mm.get(name, 0.0) + values[name] - depth_mm
         self._fusion.touch_off()
-        return True
 
     def reset(
         self,

@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.node import Node
 
 from fsw_control import units
-from fsw_control.coded import Fact, Worded
+from fsw_control.coded import Fact, RefusedError, Worded
 from fsw_control.schema.models import InputError
 from fsw_model import OperatingPointError
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault, TouchOff
@@ -21,7 +21,6 @@ class Done(Worded):
 
     BEGINS = "begins", "{target}: {kind} from the next tick on"
     TOUCHED_OFF = "touched_off", "the channels of the depth have their zero at the present depth"
-    ONE_SENSOR = "one_sensor", "the machine has one sensor of the depth: machine.depth_channels"
     RESET = "reset", "at equilibrium: {depth_mm:.3f} mm, {temperature_c:.1f} degC"
     INVALID = "invalid", "{error}"
     NO_EQUILIBRIUM = "no_equilibrium", "{error}"
@@ -42,6 +41,8 @@ class PlantServices:
         try:
             fact, response.ok = act(), True
             self._logger.info(f"{what}: {fact.words}")
+        except RefusedError as error:
+            fact, response.ok = error.fact, False
         except InputError as error:
             fact, response.ok = Fact.of(Done.INVALID, error=error), False
         except OperatingPointError as error:
@@ -76,10 +77,11 @@ class PlantServices:
         return response
 
     def _on_touch_off(self, _: TouchOff.Request, response: TouchOff.Response) -> TouchOff.Response:
-        response.ok = self._plant.touch_off()
-        fact = Fact.of(Done.TOUCHED_OFF if response.ok else Done.ONE_SENSOR)
-        self._logger.info(f"touch-off: {fact.words}")
-        response.code, response.message = str(fact.code), fact.words
+        def act() -> Fact:
+            self._plant.touch_off()
+            return Fact.of(Done.TOUCHED_OFF)
+
+        self._answer(response, "touch-off", act)
         return response
 
     def _on_reset(

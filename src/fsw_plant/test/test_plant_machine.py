@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fsw_control import Command
+from fsw_control.coded import RefusedError
 from fsw_control.sensors import DEPTH_CHANNELS, REQUIRED, SENSORS
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
 from fsw_plant.event_schema import disturbance, fault
@@ -194,11 +195,19 @@ def test_a_touch_off_readmits_a_channel_that_drifted_and_was_repaired():
     assert "laser" not in plant.measure().fused.used
     plant.begin(fault("depth_laser", "bias", 0.4))
     welded(plant, 2)
-    assert plant.touch_off()
+    with pytest.raises(RefusedError) as travelling:
+        plant.touch_off()
+    plant.follow_programme(plant.time_s, standing=True)
+    plant.touch_off()
     shown, truth = welded(plant, 100)
     assert set(plant.measure().fused.used) == set(DEPTH_CHANNELS.values())
     assert shown["depth"][5:] == pytest.approx(truth[5:], abs=0.02)
-    assert not PlantEmulator().touch_off()
+    with pytest.raises(RefusedError) as single:
+        PlantEmulator().touch_off()
+    assert [str(refusal.value.fact.code) for refusal in (travelling, single)] == [
+        "travels",
+        "one_sensor",
+    ]
 
 
 def test_faults_of_the_depth_act_on_the_fused_value_once():
