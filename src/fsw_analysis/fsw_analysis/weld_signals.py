@@ -123,7 +123,7 @@ class TruthSignals:
     active_faults: TextArray = field(metadata=of("active_faults", kind="texts"))
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, repr=False)
 class WeldSignals:
     """All of a recorded weld, aligned on the plant's ticks.
 
@@ -199,6 +199,9 @@ class WeldSignals:
             self.angle_deg = np.full(self.n_ticks, np.nan)
         if not self.travel_mm.size:
             self.travel_mm = np.full(self.n_ticks, np.nan)
+
+    def __repr__(self) -> str:
+        return f"WeldSignals({str(self.path)!r}, {self.n_ticks} ticks, {self.duration_s:g} s)"
 
     @property
     def n_ticks(self) -> int:

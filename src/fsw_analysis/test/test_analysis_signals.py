@@ -27,6 +27,7 @@ def signals(weld_bag: Path) -> WeldSignals:
 
 
 def test_units_and_alignment(signals: WeldSignals) -> None:
+    assert str(signals.n_ticks) in repr(signals) and len(repr(signals)) < 300
     assert signals.n_ticks == 300 and signals.problems == []
     assert np.array_equal(signals.stamp_ns, START_NS + TICK_NS * np.arange(300))
     assert signals.duration_s == pytest.approx(29.9)
