@@ -214,6 +214,17 @@ def test_a_phase_that_begins_late_or_ends_early_is_not_complete() -> None:
     assert (lasts["time_s"], lasts["duration_s"]) == (pytest.approx(0.9), 1.0)
 
 
+def test_a_phase_without_an_angle_on_record_is_not_complete() -> None:
+    """The figure is made of the facts; and written and read again, the record is the same."""
+    weld = good_weld()
+    weld.angle_deg[:] = np.nan
+    assert incomplete(weld) == {FactCode.ANGLE_UNKNOWN: {"phase": "joint_line"}}
+    record = judged(weld)
+    assert record.deciding.figure
+    text = record.model_dump_json(exclude_none=True)
+    assert Record.model_validate_json(text).rules == record.rules
+
+
 def broken(name: str) -> tuple[WeldSignals, dict[str, Any], dict[str, str]]:
     """A weld, fields of the procedure, and custom data of the bag."""
     weld, changes, custom = good_weld(), {}, dict(COMPLETE)

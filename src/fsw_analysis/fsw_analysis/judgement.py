@@ -281,14 +281,16 @@ def _phases(course: Course, procedure: Procedure) -> Iterator[Fact]:
             continue
         ticks = spans[phase.name]
         if phase.to_deg is not None:
-            began = np.nanmin(course.angle_deg[ticks], initial=np.inf)
-            if not began <= from_deg + _BEGIN_S * deg_per_s:
-                begins = {"angle_deg": _finite(began), "from_deg": from_deg}
+            angle_deg = course.angle_deg[ticks]
+            known = angle_deg[np.isfinite(angle_deg)]
+            if not known.size:
+                yield Fact.of(FactCode.ANGLE_UNKNOWN, phase=phase.name)
+            elif known.min() > from_deg + _BEGIN_S * deg_per_s:
+                begins = {"angle_deg": float(known.min()), "from_deg": from_deg}
                 yield Fact.of(FactCode.BEGINS, phase=phase.name, **begins)
             from_deg = phase.to_deg
-            reached = np.nanmax(course.angle_deg[ticks], initial=-np.inf)
-            if not reached >= phase.to_deg - _REPORTS_S * deg_per_s:
-                reaches = {"angle_deg": _finite(reached), "to_deg": phase.to_deg}
+            if known.size and known.max() < phase.to_deg - _REPORTS_S * deg_per_s:
+                reaches = {"angle_deg": float(known.max()), "to_deg": phase.to_deg}
                 yield Fact.of(FactCode.REACHES, phase=phase.name, **reaches)
         elif phase.duration_s is not None:
             # the phase begins a tick before its first sample and ends with the sample of the next
@@ -385,11 +387,6 @@ def _equipment(course: Course, procedure: Procedure | None, evidence: Evidence) 
         )
         broken = not used_mm <= tool.life_mm
         yield _rule("tool_life", [used], broken, data={"life_mm": tool.life_mm})
-
-
-def _finite(angle_deg: float) -> float | None:
-    """A figure of a fact, None if no sample gives it."""
-    return float(angle_deg) if np.isfinite(angle_deg) else None
 
 
 def _is_number(text: str) -> bool:

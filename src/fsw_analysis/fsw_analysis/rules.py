@@ -40,6 +40,7 @@ class FactCode(Worded):
         "no phase of the procedure took place; phases on record: {phases}",
     )
     PHASES = "phases", "phases on record: {phases}"
+    ANGLE_UNKNOWN = "angle_unknown", "{phase}: angle not on record"
     BEGINS = "begins", "{phase} begins at {angle_deg:.1f} instead of {from_deg:g} deg"
     REACHES = "reaches", "{phase} reaches {angle_deg:.1f} of {to_deg:g} deg"
     LASTS = "lasts", "{phase} lasts {time_s:.1f} of {duration_s:g} s"
