@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Container, Iterator, Mapping
 from pathlib import Path
 
@@ -10,12 +11,12 @@ from fsw_control.schema.models import json_content_of, validate
 from fsw_quality import record_hook
 from fsw_quality.record import make
 from fsw_quality.record_content import Record
-from fsw_quality.report import PAGE, PDF, contents, json_sha256
+from fsw_quality.report import JSON, PAGE, PDF, contents, json_sha256, record_bytes
 from fsw_recorder.findings import Code, Finding, finding
 from fsw_recorder.manifest import sha256
 from fsw_scenario.procedure import Procedure
 
-_RECORD = b'"fsw_weld_record"'
+_RECORD = ("format", Record.model_fields["format"].default)
 #: fields of a record that the bag alone does not give: where it was, and what it was compared with
 _BESIDE = {"bag", "comparison"}
 #: fields that differ where a record is not merely edited, but of something else
@@ -41,7 +42,7 @@ def check_records(
     fsw_recorder.errors.BagError
         The bag cannot be judged.
     """
-    for name in filter(lambda name: is_record(documents[name]), documents):
+    for name in (name for name, data in documents.items() if is_record(name, data)):
         content = json_content_of(documents[name].decode("utf-8", "replace"), name)
         stated = validate(Record, content, name)
         if procedure is None:
@@ -56,6 +57,9 @@ def check_records(
         if fields := [key for key in actual if actual[key] != said[key]]:
             code = next((_OTHER[key] for key in _OTHER if key in fields), Code.RECORD_EDITED)
             yield finding(code, name, fields=", ".join(fields))
+        elif documents[name] != record_bytes(stated):
+            # e.g. a key that is given twice: other software may read the first one
+            yield finding(Code.RECORD_EDITED, name, fields="bytes")
         else:
             yield from _check_pages(stated, course, procedure, documents, sha256(documents[name]))
 
@@ -75,15 +79,21 @@ def _check_pages(
     yield from (finding(Code.DOCUMENT_DIFFERS, name) for name in pages if pages[name] not in again)
 
 
-def is_record(data: bytes) -> bool:
-    """Whether a document is the record of a weld."""
-    return _RECORD in data
+def is_record(name: str, data: bytes) -> bool:
+    """Whether a document is the record of a weld: by its name, or any ``format`` that it states."""
+    if Path(name).name == JSON:
+        return True
+    try:
+        pairs = json.loads(data, object_pairs_hook=list)  # also of keys that are given twice
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(pairs, list) and _RECORD in pairs
 
 
 def check_links(documents: Mapping[str, bytes], hashes: Container[str]) -> Iterator[Finding]:
     """Which pages and PDFs are of no record with one of these hashes, and what nothing links to the bag."""
     for name, data in documents.items():
         made_of = json_sha256(data)
-        if not is_record(data) and made_of not in hashes:
+        if not is_record(name, data) and made_of not in hashes:
             is_page = made_of or Path(name).name in (PAGE, PDF)
             yield finding(Code.OTHER_RECORD if is_page else Code.DOCUMENT_FOREIGN, name)

@@ -153,7 +153,7 @@ def _draft(
     found += _check_signers(bag, manifest, procedure, signers, policy)
     if {entry.code for entry in found} <= policy.noted:  # else no document can be compared
         found += check_records(bag, procedure, documents, progress)
-        records = [sha256(data) for data in documents.values() if is_record(data)]
+        records = [sha256(data) for name, data in documents.items() if is_record(name, data)]
         found += check_links(documents, records)
     if refused := [entry for entry in found if entry.code not in policy.noted]:
         raise EvidenceError(*refused)
@@ -306,7 +306,7 @@ def _check_files(
     foreign += [path for path in _files(bag) if path.name not in signed.sha256]
     found += [finding(Code.NOT_ATTESTED, path) for path in foreign]
     found += check_links(contents, signed.sha256.values())
-    judged = [name for name, data in contents.items() if is_record(data)]
+    judged = [name for name, data in contents.items() if is_record(name, data)]
     return found + [finding(Code.NOT_JUDGED_AGAIN, name) for name in judged]
 
 

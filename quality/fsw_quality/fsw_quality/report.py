@@ -48,6 +48,11 @@ def files() -> tuple[str, ...]:
     return (JSON, PAGE, *((PDF,) if can_write_pdf() else ()))
 
 
+def record_bytes(record: Record) -> bytes:
+    """Content of a record's ``record.json``: one record has one spelling."""
+    return record.model_dump_json(indent=2, exclude_none=True).encode() + b"\n"
+
+
 def contents(record: Record, course: Course, procedure: Procedure) -> dict[str, bytes]:
     """Files of a record by name, the same whenever they are made; the PDF needs extra ``pdf``."""
     images = {"traces": source(figures.traces(course, procedure))}
@@ -56,7 +61,7 @@ def contents(record: Record, course: Course, procedure: Procedure) -> dict[str, 
     heading, sentence = _statement(record)
     parts = {"heading": heading, "sentence": sentence, "images": images}
     body = page("fsw_quality", "body.html.j2", record=record, procedure=procedure, **parts)
-    content = record.model_dump_json(indent=2, exclude_none=True).encode() + b"\n"
+    content = record_bytes(record)
     made_of = f"{_MADE_OF}{sha256(content)}"
     body += f"<p>Made of record.json, {made_of}</p>"
     title = record.identity.get("canister") or f"Weld {record.bag}"

@@ -230,7 +230,7 @@ def test_a_lost_file_is_missing_not_another_weld(shop: Shop) -> None:
 
 
 def test_documents_of_one_name_are_all_signed_for(shop: Shop) -> None:
-    files = [shop.folder / name / "record.json" for name in ("a", "b")]
+    files = [shop.folder / name / "certificate.txt" for name in ("a", "b")]
     for file in files:
         file.parent.mkdir()
         file.write_text(file.parent.name)

@@ -16,6 +16,7 @@ from fsw_control.schema.models import InputError
 from fsw_quality import evidence, record, report
 from fsw_quality.attestation import read_chain
 from fsw_quality.evidence import Policy, Subject, attest, verify_bag
+from fsw_quality.record_content import Comparison, Record
 from fsw_recorder.bag_writer import WriterOptions
 from fsw_recorder.findings import Code, EvidenceError
 from fsw_recorder.signature import (
@@ -35,7 +36,6 @@ pytest.importorskip(
 pytest.importorskip("fpdf", reason="not installed: pip install -r requirements/pdf.lock")
 
 NOW = datetime(2026, 11, 25, 12, 0, tzinfo=UTC)
-OTHERS = {"welds": ["weld_0"], "figures": []}
 ALL = (report.JSON, report.PAGE, report.PDF)
 
 
@@ -174,6 +174,26 @@ def test_an_edited_record(
     assert codes(shop, signed_for(shop, names=("record.json",))) == [code]
 
 
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("record.json", b"{", b'{"verdict": "accept",'),  # the last one is read
+        ("renamed.txt", b'"format": "', b'"format": "other", "format": "'),
+        ("renamed.txt", b"fsw_weld_record", rb"fsw\u005fweld_record"),
+        ("record.json", b"}", b', "comparison": null}'),
+    ],
+)
+def test_a_record_whose_bytes_say_something_else(
+    shop: Path, name: str, old: bytes, new: bytes
+) -> None:
+    """What is read of it is what the bag gives."""
+    folder = shop / "weld_1" / "record"
+    data = (folder / "record.json").read_bytes()
+    head, _, tail = data.rpartition(old) if old == b"}" else data.partition(old)
+    (folder / name).write_bytes(head + new + tail)
+    assert codes(shop, signed_for(shop, names=(name,))) == [Code.RECORD_EDITED]
+
+
 def test_a_record_of_an_earlier_version_is_refused_in_one_line(shop: Path) -> None:
     edit(shop / "weld_1" / "record" / "record.json", lambda content: content.update(version=2))
     with pytest.raises(InputError) as caught:
@@ -183,10 +203,10 @@ def test_a_record_of_an_earlier_version_is_refused_in_one_line(shop: Path) -> No
 
 
 def test_a_comparison_with_earlier_welds_is_noted_as_not_checked(shop: Path) -> None:
-    edit(
-        shop / "weld_1" / "record" / "record.json",
-        lambda content: content.update(comparison=OTHERS),
-    )
+    path = shop / "weld_1" / "record" / "record.json"
+    stated = Record.model_validate_json(path.read_bytes())
+    compared = stated.changed(comparison=Comparison(welds=("weld_0",), figures=()))
+    path.write_bytes(report.record_bytes(compared))
     subject = signed_for(shop, names=("record.json",))
     made = attest(subject, shop / "chain", load_private(shop / "key"), NOW, own(shop))
     assert Code.NOT_COMPARED in [note.code for note in made.notes]
