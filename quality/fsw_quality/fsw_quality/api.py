@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 from fsw.arguments import validated
@@ -19,6 +21,7 @@ def record(
     *,
     compare_with: str | Path | None = None,
     progress: Progress | None = None,
+    note: Callable[[str], object] = warnings.warn,
 ) -> Record:
     """The record of a weld: verdict, rules, exceedances with their place.
 
@@ -33,6 +36,8 @@ def record(
         Folder with records of earlier welds: the last accepted ones of the procedure are compared.
     progress : callable, optional
         Called with the share read, 0 to 1.
+    note : callable, optional
+        Called with a text for each record that cannot be compared; by default it is a warning.
 
     Raises
     ------
@@ -54,9 +59,8 @@ def record(
     judged_by = procedures.load(procedure)
     found, course = records.make(Path(bag), judged_by, progress)
     if compare_with is not None:
-        found = found.changed(
-            comparison=compare(found, accepted_before(Path(compare_with), found))
-        )
+        others = accepted_before(Path(compare_with), found, note)
+        found = found.changed(comparison=compare(found, others))
     if folder is not None:
         Path(folder).mkdir(parents=True, exist_ok=True)
         report.write(found, course, judged_by, Path(folder))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ import scipy
 
 from fsw_analysis.rules import Verdict
 from fsw_control.schema.models import InputError, json_content_of, read_text, validate
-from fsw_quality.record_content import Comparison, Figure, PhaseRecord, Record
+from fsw_quality.record_content import Comparison, Figure, PhaseRecord, Record, other_version
 
 #: welds that are compared with at most, the latest, and at least for a standard deviation to be
 #: told (chosen)
@@ -22,8 +22,10 @@ _BY_MISTAKE = 0.0027
 _PLACES = ("record.json", "*/record.json", "*/record/record.json")
 
 
-def accepted_before(folder: Path, record: Record) -> list[Record]:
+def accepted_before(folder: Path, record: Record, note: Callable[[str], object]) -> list[Record]:
     """The last accepted welds of the record's procedure and revision that are older, from the records in a folder.
+
+    Records of another version of the format are left out; ``note`` is called for each.
 
     Raises
     ------
@@ -36,7 +38,11 @@ def accepted_before(folder: Path, record: Record) -> list[Record]:
     seen: dict[tuple[str, ...], Path] = {}
     found = []
     for path in paths:
-        one = validate(Record, json_content_of(read_text(path, "record"), str(path)), str(path))
+        content = json_content_of(read_text(path, "record"), str(path))
+        if other := other_version(content, path):
+            note(f"not compared: {other.line}")
+            continue
+        one = validate(Record, content, str(path))
         files = one.data_files
         if files == record.data_files:
             continue  # this weld

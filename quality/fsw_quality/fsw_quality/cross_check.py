@@ -10,7 +10,7 @@ from fsw_analysis.course import Course
 from fsw_control.schema.models import json_content_of, validate
 from fsw_quality import record_hook
 from fsw_quality.record import make
-from fsw_quality.record_content import Record
+from fsw_quality.record_content import Record, other_version
 from fsw_quality.report import JSON, PAGE, PDF, contents, json_sha256, record_bytes
 from fsw_recorder.findings import Code, Finding, finding
 from fsw_recorder.manifest import sha256
@@ -44,6 +44,9 @@ def check_records(
     """
     for name in (name for name, data in documents.items() if is_record(name, data)):
         content = json_content_of(documents[name].decode("utf-8", "replace"), name)
+        if wrong := other_version(content, name):
+            yield wrong
+            continue
         stated = validate(Record, content, name)
         if procedure is None:
             yield finding(Code.NO_PROCEDURE, name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, Strict
 
@@ -13,6 +13,7 @@ from fsw_analysis.procedure import Identity
 from fsw_analysis.rules import Fact, Rule, Verdict
 from fsw_control.schema.models import Many, Model, json_content_of
 from fsw_recorder.bag_metadata import METADATA_NAME
+from fsw_recorder.findings import Code, Finding, finding
 
 
 class BagFile(Model):
@@ -228,3 +229,13 @@ class Record(Model):
     def data_files(self) -> tuple[str, ...]:
         """Hashes of the files with the messages: by them two records of one weld are known."""
         return data_files(self.files)
+
+
+def other_version(content: Any, file: object) -> Finding | None:
+    """Finding that the content of a record.json is of another version of the format; None where it is not."""
+    version = content.get("version") if isinstance(content, dict) else None
+    read: int = Record.model_fields["version"].default
+    is_other = isinstance(version, int) and version != read
+    return (
+        finding(Code.RECORD_OTHER_VERSION, file, version=version, read=read) if is_other else None
+    )

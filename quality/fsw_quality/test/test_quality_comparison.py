@@ -47,7 +47,7 @@ def test_accepted_welds_of_the_procedure_are_taken_and_the_latest_only(tmp_path:
     others = [record(number, 0.001 * number) for number in range(MOST + 2)]
     foreign = record(91, procedure=short_procedure(revision="other"))
     keep(tmp_path, *others, rejected, foreign, record(99))
-    found = accepted_before(tmp_path, record(99))
+    found = accepted_before(tmp_path, record(99), pytest.fail)
     assert len(found) == MOST and {one.bag for one in found} <= {one.bag for one in others}
 
 
@@ -63,20 +63,29 @@ def test_what_is_far_from_the_others_is_named(tmp_path: Path) -> None:
     assert compare(record(9), []).figures == ()
 
 
+def test_a_record_of_an_earlier_version_is_left_out_and_named(tmp_path: Path) -> None:
+    keep(tmp_path, record(1), record(2))
+    path, notes = tmp_path / "weld_1" / "record.json", list[str]()
+    path.write_text('{"format": "fsw_weld_record", "version": 3, "rules": "other words"}')
+    assert [one.bag for one in accepted_before(tmp_path, record(9), notes.append)] == ["weld_2"]
+    [note] = notes
+    assert str(path) in note
+
+
 def test_two_records_of_one_weld_are_told(tmp_path: Path) -> None:
     keep(tmp_path, record(1, sha="a" * 64), record(2, sha="a" * 64))
     with pytest.raises(
         InputError, match=r"weld_2/record\.json: is a second record of the weld of .*weld_1"
     ):
-        accepted_before(tmp_path, record(9))
+        accepted_before(tmp_path, record(9), pytest.fail)
 
 
 def test_what_is_no_record_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there is no record to compare with"):
-        accepted_before(tmp_path, record(9))
+        accepted_before(tmp_path, record(9), pytest.fail)
     (tmp_path / "record.json").write_text("{}")
     with pytest.raises(InputError, match=r"record\.json: lacks verdict"):
-        accepted_before(tmp_path, record(9))
+        accepted_before(tmp_path, record(9), pytest.fail)
 
 
 @pytest.mark.parametrize(

@@ -76,6 +76,10 @@ class Code(Worded):
         "names another canister, lid, tool or machine than the bag: other {fields}",
     )
     RECORD_EDITED = "record_edited", "is not the record that the bag gives: other {fields}"
+    RECORD_OTHER_VERSION = (
+        "record_other_version",
+        "is a record of version {version}, this software reads {read}: write it again",
+    )
     OTHER_RECORD = (
         "other_record",
         "was made of another record.json than the one that is attested with it",

@@ -65,6 +65,7 @@ def record(arguments: argparse.Namespace) -> int:
         arguments.force,
     )
     for name, bag in bags.items():
+        notes: list[str] = []
         with ProgressBar(f"reading {bag}") as bar:
             found = fsw.record(
                 bag,
@@ -72,7 +73,9 @@ def record(arguments: argparse.Namespace) -> int:
                 folders[name],
                 compare_with=arguments.compare,
                 progress=bar,
+                note=notes.append,
             )
+        print_notes(notes)
         print_notes(fact.words for fact in found.cannot_say)
         print(
             f"{name}: {found.verdict.upper()} ({found.deciding.name}: {found.deciding.words}: {found.deciding.figure})"
