@@ -17,6 +17,7 @@ from fsw_quality import attestation
 from fsw_quality.attestation import Attestation, Chain, Signed
 from fsw_quality.cross_check import check_links, check_records, is_record
 from fsw_quality.record_content import bag_name
+from fsw_quality.report import json_sha256
 from fsw_recorder import signature
 from fsw_recorder.bag_metadata import ATTESTATION_NAME, IDENTITY, METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
@@ -306,8 +307,10 @@ def _check_files(
     foreign += [path for path in _files(bag) if path.name not in signed.sha256]
     found += [finding(Code.NOT_ATTESTED, path) for path in foreign]
     found += check_links(contents, signed.sha256.values())
-    judged = [name for name, data in contents.items() if is_record(name, data)]
-    return found + [finding(Code.NOT_JUDGED_AGAIN, name) for name in judged]
+    compared = [
+        name for name, data in contents.items() if is_record(name, data) or json_sha256(data)
+    ]
+    return found + [finding(Code.NOT_JUDGED_AGAIN, name) for name in compared]
 
 
 def _tried(found: list[Finding], bag: Path, check: Callable[[], T]) -> T | None:

@@ -101,6 +101,8 @@ def test_what_fits_together_is_attested_and_verified(shop: Path, welded_by: Proc
     assert result.attested.procedure == welded_by.identity and len(result.attested.documents) == 3
     assert result.attested.identity == {"canister": "C-1"}
     assert Code.DOCUMENT_FOREIGN not in {entry.code for entry in result.not_checked}
+    again = [entry.file for entry in result.not_checked if entry.code is Code.NOT_JUDGED_AGAIN]
+    assert again == [f"record/{name}" for name in ALL]
     (shop / "weld_1" / "record" / "record.pdf").write_bytes(b"%PDF-1.4 other")
     changed = verify_bag(shop / "weld_1", Policy(trusted), NOW)
     assert [entry.code for entry in changed.findings] == [Code.CHANGED_SINCE]
