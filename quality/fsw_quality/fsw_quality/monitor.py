@@ -94,17 +94,21 @@ class ProcessWatch:
         self._shown = np.array([SHOWN[one] for one in self._faults])
         self.residuals = ModelResiduals(parameters, known_heat)
         self.healthy = Healthy(parameters, covariance, known_heat)
-        self._traces = Traces(_ONSETS, len(self._faults) + 1)
-        self._onsets: list[Onset] = []
+        self._begin_again()
         self._ticks: list[FloatArray] = []
         self._withheld = [False] * 3
-        self._moved_c = 0.0
-        self._seconds, self._pinned = 0, -1
+        self._moved_c, self._seconds = 0.0, 0
+        self._last = np.zeros(0)
+        self._before: tuple[Gains, FloatArray] | None = None
+
+    def _begin_again(self) -> None:
+        """Forget the faults: what was measured so far is no evidence of any."""
+        self._traces = Traces(_ONSETS, len(self._faults) + 1)
+        self._onsets: list[Onset] = []
+        self._pinned = -1
         # smoothed log likelihood ratios by fault: to the largest that is harmless, and to none of
         # those that are large enough to be shown
         self._ratios, self._trends = np.zeros((2, len(self._faults)))
-        self._last = np.zeros(0)
-        self._before: tuple[Gains, FloatArray] | None = None
 
     def tick(self, values: Values, usable: list[bool]) -> None:
         """Take the values of a tick; those that are not usable have been replaced."""
@@ -146,8 +150,7 @@ class ProcessWatch:
         for i in range(3):
             if self._withheld[i] and present[i]:
                 self.healthy.doubt(i)
-                self._onsets.clear()  # faults begin again
-                self._traces = Traces(_ONSETS, len(self._faults) + 1)
+                self._begin_again()
             self._withheld[i] = not present[i]
         if learning:
             self.healthy.step(second)

@@ -357,6 +357,18 @@ def test_sensor_that_is_missing_for_a_while_is_no_fault_of_the_process() -> None
     assert not alarms(gap)
 
 
+def test_fault_begins_again_when_a_missing_sensor_comes_back() -> None:
+    monitor, alarmed = Monitor(), False
+    for one in drifting(STILL[:1900], "torque_nm", 20.0 / 60.0):
+        monitor.step(one._replace(torque_nm=nan) if 160.0 < one.time_s < 165.0 else one)
+        of_process = [finding for finding in monitor.findings if finding.cause.of_process]
+        alarmed = alarmed or (one.time_s < 160.0 and any(each.alarm for each in of_process))
+        assert all(isfinite(finding.error) for finding in of_process)
+        if 165.0 < one.time_s <= 167.0:
+            assert not of_process
+    assert alarmed and any(finding.alarm for finding in of_process)
+
+
 @settings(max_examples=20, deadline=None)
 @given(st.lists(st.tuples(*[st.floats()] * 7), min_size=1, max_size=40))
 def test_no_sample_stops_it(values: list[tuple[float, ...]]) -> None:
