@@ -229,7 +229,7 @@ class ProcessWatch:
         self._ratios += (np.maximum(harmful, 0.0) * (not sick) - self._ratios) / SMOOTHED_S
         self._trends += (np.maximum(shown, 0.0) - self._trends) / SMOOTHED_S
         # an alarm that is there stays for longer
-        alarm = self.ratio >= (0.5 if self._pinned >= 0 else 1.0) * ALARM
+        alarm = not sick and self.ratio >= (0.5 if self._pinned >= 0 else 1.0) * ALARM
         cause = int(np.argmax(self._ratios if alarm else self._trends))
         onset = int(onsets[cause])
         self._pinned = onset if alarm else -1

@@ -268,6 +268,18 @@ def test_silence_of_a_stuck_sensor_is_not_learnt_as_normal(sensor: str, from_s: 
             assert [finding.cause for finding in monitor.findings] == [cause]
 
 
+def test_alarm_of_the_process_ends_as_soon_as_a_sensor_is_sick() -> None:
+    monitor, before = Monitor(), False
+    drift, stuck_mm = list(drifting(STILL[:1800], "torque_nm", 20.0 / 60.0)), STILL[1600].depth_mm
+    for one in drift:
+        monitor.step(one._replace(depth_mm=stuck_mm) if one.time_s > 160.0 else one)
+        causes = {finding.cause for finding in monitor.findings if finding.alarm}
+        if WatchCause.DEPTH_STUCK in causes:
+            assert causes == {WatchCause.DEPTH_STUCK}
+        before = before or WatchCause.TORQUE_DRIFT in causes
+    assert before and WatchCause.DEPTH_STUCK in causes
+
+
 def test_healthy_coarse_sensor_is_not_stuck() -> None:
     health, random = SensorHealth("torque"), np.random.default_rng(2)
     for k in range(3000):
