@@ -207,8 +207,13 @@ class ProcessWatch:
 
     @property
     def ratio(self) -> float:
-        """Smoothed log likelihood ratio of the likeliest harmful fault."""
+        """Smoothed log likelihood ratio of the likeliest harmful fault: what an alarm is decided by."""
         return float(self._ratios.max())
+
+    @property
+    def trend(self) -> float:
+        """Smoothed log likelihood ratio of the likeliest fault to none: what a trend is decided by."""
+        return float(self._trends.max())
 
     def findings(self, sick: bool) -> list[Finding]:
         """The likeliest fault, if any is likely: an alarm, or while that is not sure or a sensor is sick a trend."""
@@ -230,10 +235,11 @@ class ProcessWatch:
         self._trends += (np.maximum(shown, 0.0) - self._trends) / SMOOTHED_S
         # an alarm that is there stays for longer
         alarm = not sick and self.ratio >= (0.5 if self._pinned >= 0 else 1.0) * ALARM
-        cause = int(np.argmax(self._ratios if alarm else self._trends))
+        decides = self._ratios if alarm else self._trends
+        cause = int(np.argmax(decides))
         onset = int(onsets[cause])
         self._pinned = onset if alarm else -1
-        if not alarm and self._trends[cause] < TREND:
+        if not alarm and self.trend < TREND:
             return []
         near = best[cause] - max(_BESIDE, _INEXACT * best[cause])
         beside = tuple(
@@ -245,7 +251,7 @@ class ProcessWatch:
                 alarm,
                 float(sizes[onset, cause]),
                 float(errors[onset, cause]),
-                float(self._trends[cause]),
+                float(decides[cause]),
                 beside,
             )
         ]

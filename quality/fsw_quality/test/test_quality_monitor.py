@@ -17,7 +17,7 @@ from fsw_control.sensors import REQUIRED
 from fsw_model import ModelParameters, ParameterCovariance, equations
 from fsw_quality.diagnosis import Finding, WatchCause
 from fsw_quality.likelihood import covariance_from, default_covariance
-from fsw_quality.monitor import ALARM, PROCESSES, Monitor, Sample
+from fsw_quality.monitor import ALARM, PROCESSES, TREND, Monitor, Sample
 from fsw_quality.residuals import COEFFICIENTS
 from fsw_quality.sensor_health import Detached, SensorHealth
 from fsw_test_support.watched_weld import drifting, noise, samples
@@ -367,6 +367,17 @@ def test_another_weld_and_a_gap_begin_again() -> None:
 def test_sensor_that_is_missing_for_a_while_is_no_fault_of_the_process() -> None:
     gap = [one._replace(depth_mm=nan) if 130.0 < one.time_s < 160.0 else one for one in GOOD]
     assert not alarms(gap)
+
+
+def test_finding_reports_the_ratio_that_decides_it() -> None:
+    monitor, ratios = Monitor(), {True: list[float](), False: list[float]()}
+    for one in drifting(STILL[:1600], "torque_nm", 20.0 / 60.0):
+        monitor.step(one)
+        decides = {True: monitor.process.ratio, False: monitor.process.trend}
+        for finding in monitor.findings:
+            assert finding.log_likelihood == decides[finding.alarm]
+            ratios[finding.alarm].append(finding.log_likelihood)
+    assert ratios[True][0] >= ALARM and ratios[False][0] >= TREND
 
 
 def test_fault_begins_again_when_a_missing_sensor_comes_back() -> None:
