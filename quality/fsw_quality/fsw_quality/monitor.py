@@ -94,17 +94,21 @@ class ProcessWatch:
         self._shown = np.array([SHOWN[one] for one in self._faults])
         self.residuals = ModelResiduals(parameters, known_heat)
         self.healthy = Healthy(parameters, covariance, known_heat)
-        self._traces = Traces(_ONSETS, len(self._faults) + 1)
-        self._onsets: list[Onset] = []
+        self._begin_again()
         self._ticks: list[FloatArray] = []
         self._withheld = [False] * 3
-        self._moved_c = 0.0
-        self._seconds, self._pinned = 0, -1
+        self._moved_c, self._seconds = 0.0, 0
+        self._last = np.zeros(0)
+        self._before: tuple[Gains, FloatArray] | None = None
+
+    def _begin_again(self) -> None:
+        """Forget the faults: what was measured so far is no evidence of any."""
+        self._traces = Traces(_ONSETS, len(self._faults) + 1)
+        self._onsets: list[Onset] = []
+        self._pinned = -1
         # smoothed log likelihood ratios by fault: to the largest that is harmless, and to none of
         # those that are large enough to be shown
         self._ratios, self._trends = np.zeros((2, len(self._faults)))
-        self._last = np.zeros(0)
-        self._before: tuple[Gains, FloatArray] | None = None
 
     def tick(self, values: Values, usable: list[bool]) -> None:
         """Take the values of a tick; those that are not usable have been replaced."""
@@ -146,8 +150,7 @@ class ProcessWatch:
         for i in range(3):
             if self._withheld[i] and present[i]:
                 self.healthy.doubt(i)
-                self._onsets.clear()  # faults begin again
-                self._traces = Traces(_ONSETS, len(self._faults) + 1)
+                self._begin_again()
             self._withheld[i] = not present[i]
         if learning:
             self.healthy.step(second)
@@ -204,8 +207,13 @@ class ProcessWatch:
 
     @property
     def ratio(self) -> float:
-        """Smoothed log likelihood ratio of the likeliest harmful fault."""
+        """Smoothed log likelihood ratio of the likeliest harmful fault: what an alarm is decided by."""
         return float(self._ratios.max())
+
+    @property
+    def trend(self) -> float:
+        """Smoothed log likelihood ratio of the likeliest fault to none: what a trend is decided by."""
+        return float(self._trends.max())
 
     def findings(self, sick: bool) -> list[Finding]:
         """The likeliest fault, if any is likely: an alarm, or while that is not sure or a sensor is sick a trend."""
@@ -226,11 +234,12 @@ class ProcessWatch:
         self._ratios += (np.maximum(harmful, 0.0) * (not sick) - self._ratios) / SMOOTHED_S
         self._trends += (np.maximum(shown, 0.0) - self._trends) / SMOOTHED_S
         # an alarm that is there stays for longer
-        alarm = self.ratio >= (0.5 if self._pinned >= 0 else 1.0) * ALARM
-        cause = int(np.argmax(self._ratios if alarm else self._trends))
+        alarm = not sick and self.ratio >= (0.5 if self._pinned >= 0 else 1.0) * ALARM
+        decides = self._ratios if alarm else self._trends
+        cause = int(np.argmax(decides))
         onset = int(onsets[cause])
         self._pinned = onset if alarm else -1
-        if not alarm and self._trends[cause] < TREND:
+        if not alarm and self.trend < TREND:
             return []
         near = best[cause] - max(_BESIDE, _INEXACT * best[cause])
         beside = tuple(
@@ -242,7 +251,7 @@ class ProcessWatch:
                 alarm,
                 float(sizes[onset, cause]),
                 float(errors[onset, cause]),
-                float(self._trends[cause]),
+                float(decides[cause]),
                 beside,
             )
         ]

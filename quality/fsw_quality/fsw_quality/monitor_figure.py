@@ -12,7 +12,7 @@ from fsw_quality.monitor import ALARM, TREND
 from fsw_quality.monitor_run import Watched
 
 _LABELS = "torque\n[N·m]", "force\n[kN]", "heat\n[°C]"
-_BLUE, _RED = "#0b62a4", "#d1495b"
+_BLUE, _RED, _GREY = "#0b62a4", "#d1495b", "#777777"
 _TREND: dict[str, Any] = {"facecolor": "white", "edgecolor": _RED, "hatch": "////"}
 
 
@@ -34,14 +34,18 @@ def draw(watched: Watched, title: str, file: Path) -> None:
         axes[0].set_title(
             "what neither the model nor its coefficients explain", fontsize=9.0, loc="left"
         )
-        axes[3].plot(minutes, watched.likelihoods, color=_BLUE)
-        for level, word in ((TREND, "trend"), (ALARM, "alarm")):
-            axes[3].axhline(level, color=_RED, linestyle="--", linewidth=1.0)
+        axes[3].plot(minutes, watched.ratios, color=_BLUE, label="to a harmless fault, for alarms")
+        axes[3].plot(
+            minutes, watched.trends, color=_GREY, linewidth=1.0, label="to none, for trends"
+        )
+        axes[3].legend(loc="upper left", fontsize=8.0)
+        for level, word, color in ((TREND, "trend", _GREY), (ALARM, "alarm", _BLUE)):
+            axes[3].axhline(level, color=color, linestyle="--", linewidth=1.0)
             axes[3].annotate(
                 word, (1.0, level), xycoords=("axes fraction", "data"), ha="right", va="bottom"
             )
         axes[3].set_ylabel("log likelihood\nratio")
-        axes[3].set_ylim(0.0, max(1.5 * ALARM, min(max(watched.likelihoods), 5.0 * ALARM)))
+        axes[3].set_ylim(0.0, max(1.5 * ALARM, min(max(watched.ratios), 5.0 * ALARM)))
         for one in intervals:
             look = {"color": _RED} if one.finding.alarm else _TREND
             width = (one.end_s - one.begin_s) / 60.0

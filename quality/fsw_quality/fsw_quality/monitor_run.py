@@ -37,9 +37,9 @@ class Watched:
     #: torque [N m], force [kN] and temperature [degC] that neither the model nor its coefficients
     #: explain
     disturbances: list[tuple[float, float, float]] = field(default_factory=list)
-    likelihoods: list[float] = field(
-        default_factory=list
-    )  #: log likelihood ratio of the likeliest fault, 0 if none is
+    #: smoothed log likelihood ratios of the likeliest faults, by which alarms are decided and trends
+    ratios: list[float] = field(default_factory=list)
+    trends: list[float] = field(default_factory=list)
     gains: dict[str, tuple[float, float]] = field(
         default_factory=dict
     )  #: at the end, with standard errors
@@ -121,9 +121,8 @@ def _note(
 ) -> None:
     found.time_s.append(time_s)
     found.disturbances.append(monitor.disturbances)
-    found.likelihoods.append(
-        max((one.log_likelihood for one in monitor.findings if one.cause.of_process), default=0.0)
-    )
+    found.ratios.append(monitor.process.ratio)
+    found.trends.append(monitor.process.trend)
     now = {(one.cause, one.alarm): one for one in monitor.findings}
     for key in [key for key in present if key not in now]:
         del present[key]

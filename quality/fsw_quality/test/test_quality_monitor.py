@@ -17,7 +17,7 @@ from fsw_control.sensors import REQUIRED
 from fsw_model import ModelParameters, ParameterCovariance, equations
 from fsw_quality.diagnosis import Finding, WatchCause
 from fsw_quality.likelihood import covariance_from, default_covariance
-from fsw_quality.monitor import ALARM, PROCESSES, Monitor, Sample
+from fsw_quality.monitor import ALARM, PROCESSES, TREND, Monitor, Sample
 from fsw_quality.residuals import COEFFICIENTS
 from fsw_quality.sensor_health import Detached, SensorHealth
 from fsw_test_support.watched_weld import drifting, noise, samples
@@ -268,6 +268,18 @@ def test_silence_of_a_stuck_sensor_is_not_learnt_as_normal(sensor: str, from_s: 
             assert [finding.cause for finding in monitor.findings] == [cause]
 
 
+def test_alarm_of_the_process_ends_as_soon_as_a_sensor_is_sick() -> None:
+    monitor, before = Monitor(), False
+    drift, stuck_mm = list(drifting(STILL[:1800], "torque_nm", 20.0 / 60.0)), STILL[1600].depth_mm
+    for one in drift:
+        monitor.step(one._replace(depth_mm=stuck_mm) if one.time_s > 160.0 else one)
+        causes = {finding.cause for finding in monitor.findings if finding.alarm}
+        if WatchCause.DEPTH_STUCK in causes:
+            assert causes == {WatchCause.DEPTH_STUCK}
+        before = before or WatchCause.TORQUE_DRIFT in causes
+    assert before and WatchCause.DEPTH_STUCK in causes
+
+
 def test_healthy_coarse_sensor_is_not_stuck() -> None:
     health, random = SensorHealth("torque"), np.random.default_rng(2)
     for k in range(3000):
@@ -355,6 +367,29 @@ def test_another_weld_and_a_gap_begin_again() -> None:
 def test_sensor_that_is_missing_for_a_while_is_no_fault_of_the_process() -> None:
     gap = [one._replace(depth_mm=nan) if 130.0 < one.time_s < 160.0 else one for one in GOOD]
     assert not alarms(gap)
+
+
+def test_finding_reports_the_ratio_that_decides_it() -> None:
+    monitor, ratios = Monitor(), {True: list[float](), False: list[float]()}
+    for one in drifting(STILL[:1600], "torque_nm", 20.0 / 60.0):
+        monitor.step(one)
+        decides = {True: monitor.process.ratio, False: monitor.process.trend}
+        for finding in monitor.findings:
+            assert finding.log_likelihood == decides[finding.alarm]
+            ratios[finding.alarm].append(finding.log_likelihood)
+    assert ratios[True][0] >= ALARM and ratios[False][0] >= TREND
+
+
+def test_fault_begins_again_when_a_missing_sensor_comes_back() -> None:
+    monitor, alarmed = Monitor(), False
+    for one in drifting(STILL[:1900], "torque_nm", 20.0 / 60.0):
+        monitor.step(one._replace(torque_nm=nan) if 160.0 < one.time_s < 165.0 else one)
+        of_process = [finding for finding in monitor.findings if finding.cause.of_process]
+        alarmed = alarmed or (one.time_s < 160.0 and any(each.alarm for each in of_process))
+        assert all(isfinite(finding.error) for finding in of_process)
+        if 165.0 < one.time_s <= 167.0:
+            assert not of_process
+    assert alarmed and any(finding.alarm for finding in of_process)
 
 
 @settings(max_examples=20, deadline=None)

@@ -465,12 +465,12 @@ def _controller(one: Mapping[str, Any], found: dict[str, Alarm]) -> None:
 
 
 def _watch(parts: Mapping[str, Part], found: dict[str, Alarm]) -> None:
-    """What the monitor tells."""
+    """What the monitor tells; its parts are named by their causes."""
     for what, part in parts.items():
         if part.level == "warn":
             found[alarm_id("watch", what)] = alarm(
                 "watch",
-                part.code,
+                what,
                 cause=part.text,
                 advice=part.advice,
                 action="monitor" if part.advice else "see_trends",

@@ -569,11 +569,28 @@ def test_set_point_out_of_reach_is_raised_when_it_lasts_and_goes_by_itself(rules
 def test_what_the_monitor_tells_is_an_alarm_with_its_cause_and_advice(rules):
     parts = {
         "fsw_monitor": {
-            "thermocouple": Part("warn", "It drifts", advice="Replace it"),
+            "thermocouple_drift": Part("warn", "It drifts", advice="Replace it", code="alarm"),
             "watch": Part("ok", ""),
         }
     }
     found = rules.present(situation(parts=parts), 0.0)
-    assert {name: (one.text, one.advice) for name, one in found.items()} == {
-        "watch:thermocouple": ("It drifts", "Replace it")
+    assert {name: (one.text, one.advice, one.cause) for name, one in found.items()} == {
+        "watch:thermocouple_drift": ("It drifts", "Replace it", "thermocouple_drift")
     }
+
+
+def test_shelved_alarm_of_the_monitor_stays_so_until_the_cause_is_another(rules):
+    listed = AlarmList(lambda count: None)
+
+    def states(now_s, **codes):
+        told = {cause: Part("warn", code, code=code) for cause, code in codes.items()}
+        found = rules.present(situation(parts={"fsw_monitor": told}), now_s)
+        listed.update(found, now_s)
+        return {name: one.state for name, one in listed.entries.items()}
+
+    assert states(0.0, tool_wear="alarm") == {"watch:tool_wear": "active"}
+    listed.shelve("watch:tool_wear", 10.0, "anna", "known", 1.0)
+    # only the causes that cannot be distinguished from it differ
+    assert states(2.0, tool_wear="alarm_or") == {"watch:tool_wear": "shelved"}
+    other = states(3.0, tool_wear="alarm_or", torque_gain="alarm")
+    assert other == {"watch:tool_wear": "shelved", "watch:torque_gain": "active"}
