@@ -9,14 +9,22 @@ from fsw_control.depth_channels import ChannelHealth
 from fsw_control.parameters import defaults
 from fsw_control.stop import StopCause
 from fsw_hmi.alarm_rules import NO_REASON, AlarmRules, Part, Situation
-from fsw_hmi.alarm_texts import TEXTS, alarm_id
+from fsw_hmi.alarm_texts import TEXTS, alarm_id, flood
 from fsw_hmi.alarms import RANK, Alarm, AlarmList
 from fsw_hmi.awake import Awake
 from fsw_hmi.frames import readable
 from fsw_hmi.limits import DEVIATIONS, limits
 from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.requests import Acknowledge
-from fsw_test_support.hmi_situation import GOOD, controller, gateway, lock, situation, state
+from fsw_test_support.hmi_situation import (
+    GOOD,
+    controller,
+    gateway,
+    lock,
+    procedure_left,
+    situation,
+    state,
+)
 
 SETTINGS = defaults(HmiParameters)
 
@@ -577,3 +585,17 @@ def test_what_the_monitor_tells_is_an_alarm_with_its_cause_and_advice(rules):
     assert {name: (one.text, one.advice) for name, one in found.items()} == {
         "watch:thermocouple": ("It drifts", "Replace it")
     }
+
+
+def test_a_shelved_deviation_from_the_procedure_comes_back_with_another_one(rules):
+    listed = AlarmList(flood)
+
+    def shown(now_s, **set_points):
+        parts = procedure_left(**set_points)
+        listed.update(rules.present(situation(parts=parts), now_s), now_s)
+        return listed.rows(now_s, 0.0)[0]["state"]
+
+    assert shown(0.0, temperature_c=905.0) == "active"
+    assert listed.shelve("procedure", 60.0, "anna", "it is known", 0.0).outcome == "done"
+    assert shown(1.0, temperature_c=906.0) == "shelved"
+    assert shown(2.0, temperature_c=906.0, depth_mm=3.45) == "active"

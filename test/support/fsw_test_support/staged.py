@@ -17,7 +17,14 @@ from fsw_hmi.headline import Now, headline
 from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.standing import flags_now
 from fsw_test_support.fake_hmi import LIMITS, good_account
-from fsw_test_support.hmi_situation import controller, gateway, lock, situation, state
+from fsw_test_support.hmi_situation import (
+    controller,
+    gateway,
+    lock,
+    procedure_left,
+    situation,
+    state,
+)
 
 #: each moment of a situation lasts so long, longer than any alarm waits, and is looked at so often
 _LASTS_S, _LOOK_S = 20.0, 0.5
@@ -191,21 +198,11 @@ STAGED = {
     ),
     "weld leaves its procedure": Staged(
         "procedure",
-        "leaves",
+        "set_point_temperature_c",
         "correct_procedure",
-        "The weld leaves its procedure: speed of travel 120 mm/min, 100 allowed → Correct"
-        " set-points or controller as the procedure has them, or ask for a safe stop",
-        (
-            situation(
-                parts={
-                    "fsw_procedure": {
-                        "deviations": Part(
-                            "error", "speed of travel 120 mm/min, 100 allowed", code="leaves"
-                        )
-                    }
-                }
-            ),
-        ),
+        "The weld leaves its procedure: set-point temperature_c 905 is in force; permitted: 800 to"
+        " 900 → Correct set-points or controller as the procedure has them, or ask for a safe stop",
+        (situation(parts=procedure_left(temperature_c=905.0)),),
     ),
 }
 
