@@ -40,6 +40,7 @@ class Staged:
     says: str  #: the same in words, as the page has them
     moments: tuple[Situation, ...]
     recording: str = "recording"
+    after: str = "none"  #: code of what to do at the end of the weld
 
 
 def _stopped(by_cause: StopCause, **changed: Any) -> dict[str, Any]:
@@ -179,6 +180,23 @@ STAGED = {
                 programme="aborted",
             ),
         ),
+        after="retract_and_acknowledge",
+    ),
+    "programme aborted, stop acknowledged": Staged(
+        "safe_stop",
+        "operator",
+        "choose_auto",
+        "Safe stop: asked for by Anna (1) → Choose mode auto to start control again",
+        (situation(state=_stopped(StopCause.OPERATOR, acknowledged=True), programme="aborted"),),
+        after="wait_for_bag",
+    ),
+    "programme aborted, control again": Staged(
+        "good",
+        "",
+        "none",
+        "Good: every limit is kept so far → ",
+        (situation(programme="aborted"),),
+        after="wait_for_bag",
     ),
     "weld finished": Staged(
         "done",
@@ -187,6 +205,7 @@ STAGED = {
         "Weld done: Good: every limit is kept → Write the record of the weld: fsw.py record",
         (situation(programme="running"), situation(programme="done", state_age_s=60.0, **_SILENT)),
         "closed",
+        "write_record",
     ),
     "plant killed": Staged(
         "measurements",
