@@ -4,6 +4,7 @@ import pytest
 from playwright.sync_api import expect
 
 from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
+from fsw_hmi.headline import Now, headline
 from fsw_test_support.browser import shot
 from fsw_test_support.page_steps import ready
 
@@ -44,7 +45,23 @@ def test_stopped_weld_cannot_be_continued_and_its_tool_still_turns(fake, page):
     end = page.locator(".end-screen")
     expect(end.locator("h2")).to_have_text("Weld aborted: it cannot be continued")
     expect(end).to_contain_text("rpm under 65 kN")
+    expect(end).to_contain_text(f"Next: {ACTIONS['retract_and_acknowledge']}.")
     shot(page, "end_aborted")
+    for changed in ({"acknowledged": True}, {"actual_mode": "hold"}, {"actual_mode": "auto"}):
+        fake.state.update(changed)
+        fake.push()
+        expect(end).to_contain_text(f"Next: {ACTIONS[NEXT_OF_BAG['recording']]}.")
+
+
+def test_end_of_a_weld_that_the_headline_does_not_know_yet_says_nothing_of_what_is_next(
+    fake, page, monkeypatch
+):
+    monkeypatch.setattr(fake, "_headline", lambda: {"t": "headline", **headline(Now())})
+    fake.progress["state"] = "done"
+    fake.push()
+    end = page.locator(".end-screen")
+    expect(end).to_contain_text("Recording:")
+    expect(end).not_to_contain_text("Next:")
 
 
 def test_recording_shows_its_state_file_size_and_last_gap(fake, page):

@@ -76,6 +76,7 @@ class Part:
     permissive: bool | None = None
     advice: str = ""  #: of the monitor, what to do
     code: str = ""  #: of what it says
+    names: str = ""  #: what it is about, where one code stands for several
 
 
 _FINE = Part("ok", "")
@@ -390,7 +391,7 @@ class AlarmRules:
                 _watch(parts, found)
             if node == PROCEDURE and parts.get(DEVIATIONS, _FINE).level == "error":
                 left = parts[DEVIATIONS]
-                found["procedure"] = alarm("procedure", left.code, why=left.text)
+                found["procedure"] = alarm("procedure", left.names or left.code, why=left.text)
             covered = (*_OTHER_RULES, *(_GATEWAY if "machine" in parts else ()))
             covered += (DEVIATIONS,) if node == PROCEDURE else ()
             errors = [

@@ -42,7 +42,7 @@ def _texts() -> _Texts:
 
 
 TEXTS = _texts()
-#: by code: what to do, and by state of the recording the code when the weld is done
+#: by code: what to do, and by state of the recording the code when the weld is over
 ACTIONS, NEXT_OF_BAG = TEXTS.actions, TEXTS.next_of_bag
 
 

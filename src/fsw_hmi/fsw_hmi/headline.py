@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
+from fsw_analysis.course import OVER
 from fsw_analysis.headline import VARIABLES
 from fsw_hmi.alarm_rules import DONE
 from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
@@ -50,7 +51,15 @@ class Now:
 
 
 def headline(now: Now) -> dict[str, str]:
-    """Level, text, detail and what to do; ``code`` or else ``alarm`` is what it is about."""
+    """Level, text, detail and what to do; ``code`` or else ``alarm`` is what it is about.
+
+    ``after`` is what to do once the programme is over; empty before.
+    """
+    after = ACTIONS[_after(now)] if now.programme in OVER else ""
+    return {**_worst(now), "after": after}
+
+
+def _worst(now: Now) -> dict[str, str]:
     silent = now.tick_age_s is None or now.tick_age_s > TICK_AGE_S
     if now.programme == DONE and silent:
         return _urgent(now.alarms) or _end(now)
@@ -126,9 +135,19 @@ def _of_state(state: Mapping[str, Any]) -> dict[str, str] | None:
     if mode == "auto":
         return None
     stopped, text = mode == "safe_stop", f"In {mode.replace('_', ' ')}"
-    waits = stopped and not state["acknowledged"]
-    action = "retract_and_acknowledge" if waits else "choose_auto"
+    action = "retract_and_acknowledge" if _waits(state) else "choose_auto"
     return _line("high" if stopped else "attention", Code.MODE, action, text, state["reason"])
+
+
+def _waits(state: Mapping[str, Any]) -> bool:
+    """Whether a safe stop is yet to be acknowledged."""
+    return state.get("actual_mode") == "safe_stop" and not state["acknowledged"]
+
+
+def _after(now: Now) -> str:
+    """Code of what to do: the stop of an aborted weld comes before its recording."""
+    stopped = now.programme != DONE and _waits(now.state)
+    return "retract_and_acknowledge" if stopped else NEXT_OF_BAG[now.recording]
 
 
 def _end(now: Now) -> dict[str, str]:

@@ -9,7 +9,6 @@ from math import isfinite, nan
 from pathlib import Path
 from typing import Any
 
-from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
 from fsw_hmi.frames import readable
 from fsw_recorder.bag_metadata import METADATA_NAME
 
@@ -72,17 +71,13 @@ class Recording:
         return int(text) if text.isascii() and text.isdecimal() and len(text) < 16 else 0
 
     def frame(self) -> dict[str, Any]:
-        """Content of the frame ``recording``; the last gap in the page's time of the weld.
-
-        ``next`` is what to do with the recording when the weld is done.
-        """
+        """Content of the frame ``recording``; the last gap in the page's time of the weld."""
         return {
             "state": self.state,
             "bag": readable(self._values.get("bag", "")),
             "bytes": self._count("bytes") + self._count("pending_bytes"),
             "missing": self._missing,
             "gap": self.gaps[-1] if self.gaps else None,
-            "next": ACTIONS[NEXT_OF_BAG[self.state]],
         }
 
 

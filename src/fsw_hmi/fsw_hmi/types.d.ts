@@ -106,8 +106,6 @@ interface RecordingReport {
   bytes: number;
   missing: number;
   gap: [number, number] | null;
-  /** What to do with it when the weld is done. */
-  next: string;
 }
 interface Control {
   t: "control";
@@ -216,6 +214,8 @@ interface Headline {
   alarm?: string;
   /** What to do. */
   next?: string;
+  /** What to do once the programme is over; empty before. */
+  after?: string;
 }
 interface Note {
   level: string;

@@ -228,7 +228,8 @@ class Watch:
             permissive = None if "permissive" not in values else values["permissive"] == "True"
             advice = readable(values.get("advice", ""))
             text, code = readable(status.message), readable(values.get(CODE, ""), 100)
-            parts[what] = Part(level, text, permissive, advice, code), now_s
+            names = readable(values.get(f"{CODE}: names", ""))
+            parts[what] = Part(level, text, permissive, advice, code, names), now_s
             if what == RECORDING:
                 self.recording = values
             if name == "fsw_supervisor: process":

@@ -9,14 +9,22 @@ from fsw_control.depth_channels import ChannelHealth
 from fsw_control.parameters import defaults
 from fsw_control.stop import StopCause
 from fsw_hmi.alarm_rules import NO_REASON, AlarmRules, Part, Situation
-from fsw_hmi.alarm_texts import TEXTS, alarm_id
+from fsw_hmi.alarm_texts import TEXTS, alarm_id, flood
 from fsw_hmi.alarms import RANK, Alarm, AlarmList
 from fsw_hmi.awake import Awake
 from fsw_hmi.frames import readable
 from fsw_hmi.limits import DEVIATIONS, limits
 from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.requests import Acknowledge
-from fsw_test_support.hmi_situation import GOOD, controller, gateway, lock, situation, state
+from fsw_test_support.hmi_situation import (
+    GOOD,
+    controller,
+    gateway,
+    lock,
+    procedure_left,
+    situation,
+    state,
+)
 
 SETTINGS = defaults(HmiParameters)
 
@@ -594,3 +602,17 @@ def test_shelved_alarm_of_the_monitor_stays_so_until_the_cause_is_another(rules)
     assert states(2.0, tool_wear="alarm_or") == {"watch:tool_wear": "shelved"}
     other = states(3.0, tool_wear="alarm_or", torque_gain="alarm")
     assert other == {"watch:tool_wear": "shelved", "watch:torque_gain": "active"}
+
+
+def test_a_shelved_deviation_from_the_procedure_comes_back_with_another_one(rules):
+    listed = AlarmList(flood)
+
+    def shown(now_s, **set_points):
+        parts = procedure_left(**set_points)
+        listed.update(rules.present(situation(parts=parts), now_s), now_s)
+        return listed.rows(now_s, 0.0)[0]["state"]
+
+    assert shown(0.0, temperature_c=905.0) == "active"
+    assert listed.shelve("procedure", 60.0, "anna", "it is known", 0.0).outcome == "done"
+    assert shown(1.0, temperature_c=906.0) == "shelved"
+    assert shown(2.0, temperature_c=906.0, depth_mm=3.45) == "active"

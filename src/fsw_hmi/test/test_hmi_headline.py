@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fsw_analysis.rule_book import Limit, default
+from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
 from fsw_hmi.headline import Now, headline
 from fsw_hmi.limits import limits
 from fsw_hmi.standing import flags, flags_now, variables
@@ -83,6 +84,35 @@ def now(**changed: Any) -> Now:
 def test_headline_is_the_worst(changed: dict[str, Any], level: str, text: str) -> None:
     found = headline(now(**changed))
     assert (found["level"], found["text"]) == (level, text)
+
+
+STOP = {"actual_mode": "safe_stop"}
+RETRACT = "retract_and_acknowledge"
+
+
+@pytest.mark.parametrize("account", [ACCOUNT, None], ids=["judged", "not judged"])
+@pytest.mark.parametrize(
+    ("programme", "state", "action"),
+    [
+        ("aborted", STOP, RETRACT),
+        ("aborted", STOP | {"known": False}, RETRACT),
+        ("aborted", STOP | {"acknowledged": True}, NEXT_OF_BAG["recording"]),
+        ("aborted", {"actual_mode": "hold"}, NEXT_OF_BAG["recording"]),
+        ("aborted", {"actual_mode": "manual"}, NEXT_OF_BAG["recording"]),
+        ("aborted", {}, NEXT_OF_BAG["recording"]),
+        ("done", {}, NEXT_OF_BAG["recording"]),
+        ("done", STOP, NEXT_OF_BAG["recording"]),
+        ("running", STOP, "none"),
+        ("", {}, "none"),
+    ],
+)
+def test_what_follows_the_weld_is_said_once_it_is_over(
+    programme: str, state: dict[str, Any], action: str, account: dict[str, str] | None
+) -> None:
+    found = headline(
+        now(programme=programme, state=AUTO | state, account=account, recording="recording")
+    )
+    assert found["after"] == ACTIONS[action]
 
 
 @pytest.mark.parametrize(

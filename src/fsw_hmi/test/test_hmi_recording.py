@@ -2,7 +2,6 @@
 
 import pytest
 
-from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
 from fsw_hmi.recording import Recording, RecordingState
 
 
@@ -31,7 +30,6 @@ def test_state_file_and_size_are_the_recorders(values, level, state):
     shown = recording.frame()
     assert shown == {
         **{"state": state, "bag": values["bag"], "bytes": 1024, "missing": 0, "gap": None},
-        "next": ACTIONS[NEXT_OF_BAG[state]],
     }
 
 

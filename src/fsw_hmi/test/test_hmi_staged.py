@@ -17,6 +17,7 @@ def test_headline_has_cause_and_action_and_the_open_alarm_the_same(staged: Stage
     about = shown["alarm"] or shown["code"]
     cause = shown["code"] if shown["alarm"] else ""
     assert (about, cause, shown["action"]) == (staged.about, staged.cause, staged.action)
+    assert shown["after"] == ACTIONS[staged.after]
     opened = next((row for row in rows if row["id"] == shown["alarm"]), None)
     assert opened is None or opened["action"] == staged.action
     assert (opened is None) == (not shown["alarm"])

@@ -24,7 +24,7 @@ from fsw_msgs.msg import SupervisorState, WeldReference
 from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
 from fsw_scenario.parameters import ProcedureParameters
 from fsw_scenario.procedure import load
-from fsw_scenario.procedure_watch import Deviation, ProcedureWatch
+from fsw_scenario.procedure_watch import ProcedureWatch
 
 _REPORT_S = 1.0
 #: prefix of the names of controllers' nodes
@@ -117,11 +117,8 @@ class ProcedureNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no type
         }
         for name, fact in self._told.items():
             values |= told(name, fact)
-        level, what = OK, Fact.of(Deviation.KEEPS)
-        if self._told:
-            deviations = tuple(self._told.values())
-            level, what = ERROR, Fact.of(Deviation.LEAVES, deviations=deviations)
-        self._diagnostics.publish([Report("deviations", level, what, values)])
+        level = ERROR if self._told else OK
+        self._diagnostics.publish([Report("deviations", level, self._watch.fact, values)])
 
 
 main = main_of(ProcedureNode, "fsw_procedure", __doc__, ProcedureParameters)

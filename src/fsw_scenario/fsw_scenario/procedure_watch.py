@@ -24,7 +24,7 @@ class Deviation(Worded):
         "tuning",
         "{controller} has parameters {sha256:.12}…, the procedure wants {wanted:.12}…",
     )
-    LEAVES = "leaves", "the weld leaves its procedure: {deviations}"
+    LEAVES = "leaves", "{deviations}"
     KEEPS = "keeps", "no deviation"
 
 
@@ -42,6 +42,14 @@ class ProcedureWatch:
     def deviations(self) -> dict[str, Fact]:
         """Present deviations, including those that cannot be undone."""
         return dict(self._found)
+
+    @property
+    def fact(self) -> Fact:
+        """All deviations; the field ``names`` distinguishes those that have the same code."""
+        if not self._found:
+            return Fact.of(Deviation.KEEPS)
+        deviations, names = tuple(self._found.values()), tuple(sorted(self._found))
+        return Fact.of(Deviation.LEAVES, deviations=deviations, names=names)
 
     def _set(self, name: str, fact: Fact | None) -> None:
         if fact:

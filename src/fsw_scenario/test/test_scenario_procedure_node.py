@@ -83,6 +83,7 @@ def test_deviations_are_told(domain_id: int, tmp_path: Path) -> None:
             )
         )
         cell.told(**{"controller: controller": "mine", "mode: mode": "manual"})
+        cell.told(**{"code": "leaves", "code: names": "controller, mode, tuning_decentral"})
         sha256 = "tuning_decentral: sha256"
         before = cell.values[sha256]
         cell.controller.set_parameters([Parameter("gain", value=3.0)])

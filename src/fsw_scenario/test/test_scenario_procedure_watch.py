@@ -14,7 +14,7 @@ from fsw_control.parameters import defaults
 from fsw_control.schema.models import InputError
 from fsw_scenario import procedure, procedure_limits
 from fsw_scenario.procedure_limits import graph_parameters, node_parameters
-from fsw_scenario.procedure_watch import ProcedureWatch
+from fsw_scenario.procedure_watch import Deviation, ProcedureWatch
 from fsw_supervisor.parameters import SupervisorParameters
 from fsw_test_support.judged_weld import short_procedure
 
@@ -125,6 +125,18 @@ def test_set_points_outside_are_told_until_they_are_back(watch: ProcedureWatch) 
     assert figures(watch.deviations["set_point_temperature_c"]) == [905.0, 800.0, 900.0]
     watch.set_points(3.4, 800.0)
     assert watch.deviations == {}
+
+
+def test_all_deviations_are_one_fact_with_the_name_of_each(watch: ProcedureWatch) -> None:
+    assert watch.fact.code is Deviation.KEEPS
+    watch.state("decentral", "manual", Cause.OPERATOR_MANUAL)
+    watch.set_points(2.66, 905.0)
+    temperature = watch.fact
+    assert temperature.code is Deviation.LEAVES
+    assert temperature.data["names"] == ("mode", "set_point_temperature_c")
+    assert temperature.words == "; ".join(one.words for one in watch.deviations.values())
+    watch.set_points(3.45, 850.0)
+    assert watch.fact.data["names"] == ("mode", "set_point_depth_mm")
 
 
 def test_a_foreign_controller_and_another_mode_are_told(watch: ProcedureWatch) -> None:

@@ -29,7 +29,6 @@ from fsw_analysis.rule_book import default
 from fsw_control.cause import Cause
 from fsw_control.sensors import OPTIONAL
 from fsw_hmi import history_report
-from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
 from fsw_hmi.answers import DONE, REFUSED, Answer
 from fsw_hmi.control import Session
 from fsw_hmi.control_room import ControlRoom, Verdict
@@ -233,8 +232,7 @@ class FakeHmi:
         frames.append({"t": "actions", "actions": self.actions[-50:]})
         if self.progress:
             frames.append({"t": "progress", **self.progress})
-        following = ACTIONS[NEXT_OF_BAG[self.recording["state"]]]
-        frames.append({"t": "recording", **self.recording, "next": following})
+        frames.append({"t": "recording", **self.recording})
         for frame in frames:
             await socket.send_text(json.dumps(frame))
 

@@ -9,6 +9,8 @@ from fsw_control.cause import Cause
 from fsw_control.stop import StopCause
 from fsw_hmi.alarm_rules import Part, Situation
 from fsw_hmi.standing import variables
+from fsw_scenario.procedure_watch import ProcedureWatch
+from fsw_test_support.judged_weld import short_procedure
 
 GOOD = {
     "depth_mm": 2.66,
@@ -91,3 +93,12 @@ def gateway(
         "machine": Part(machine, "counter stands", permissive),
     }
     return {"fsw_machine": gate | {"writes": Part(writes, "3 not taken")}}
+
+
+def procedure_left(depth_mm: float = 2.66, temperature_c: float = 850.0) -> dict[str, Any]:
+    """Report of the node that watches the procedure, with these set-points in force."""
+    watch = ProcedureWatch(short_procedure())
+    watch.set_points(depth_mm, temperature_c)
+    fact = watch.fact
+    part = Part("error", fact.words, code=fact.code, names=", ".join(fact.data["names"]))
+    return {"fsw_procedure": {"deviations": part}}

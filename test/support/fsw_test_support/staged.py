@@ -17,7 +17,14 @@ from fsw_hmi.headline import Now, headline
 from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.standing import flags_now
 from fsw_test_support.fake_hmi import LIMITS, good_account
-from fsw_test_support.hmi_situation import controller, gateway, lock, situation, state
+from fsw_test_support.hmi_situation import (
+    controller,
+    gateway,
+    lock,
+    procedure_left,
+    situation,
+    state,
+)
 
 #: each moment of a situation lasts so long, longer than any alarm waits, and is looked at so often
 _LASTS_S, _LOOK_S = 20.0, 0.5
@@ -33,6 +40,7 @@ class Staged:
     says: str  #: the same in words, as the page has them
     moments: tuple[Situation, ...]
     recording: str = "recording"
+    after: str = "none"  #: code of what to do at the end of the weld
 
 
 def _stopped(by_cause: StopCause, **changed: Any) -> dict[str, Any]:
@@ -172,6 +180,23 @@ STAGED = {
                 programme="aborted",
             ),
         ),
+        after="retract_and_acknowledge",
+    ),
+    "programme aborted, stop acknowledged": Staged(
+        "safe_stop",
+        "operator",
+        "choose_auto",
+        "Safe stop: asked for by Anna (1) → Choose mode auto to start control again",
+        (situation(state=_stopped(StopCause.OPERATOR, acknowledged=True), programme="aborted"),),
+        after="wait_for_bag",
+    ),
+    "programme aborted, control again": Staged(
+        "good",
+        "",
+        "none",
+        "Good: every limit is kept so far → ",
+        (situation(programme="aborted"),),
+        after="wait_for_bag",
     ),
     "weld finished": Staged(
         "done",
@@ -180,6 +205,7 @@ STAGED = {
         "Weld done: Good: every limit is kept → Write the record of the weld: fsw.py record",
         (situation(programme="running"), situation(programme="done", state_age_s=60.0, **_SILENT)),
         "closed",
+        "write_record",
     ),
     "plant killed": Staged(
         "measurements",
@@ -191,21 +217,11 @@ STAGED = {
     ),
     "weld leaves its procedure": Staged(
         "procedure",
-        "leaves",
+        "set_point_temperature_c",
         "correct_procedure",
-        "The weld leaves its procedure: speed of travel 120 mm/min, 100 allowed → Correct"
-        " set-points or controller as the procedure has them, or ask for a safe stop",
-        (
-            situation(
-                parts={
-                    "fsw_procedure": {
-                        "deviations": Part(
-                            "error", "speed of travel 120 mm/min, 100 allowed", code="leaves"
-                        )
-                    }
-                }
-            ),
-        ),
+        "The weld leaves its procedure: set-point temperature_c 905 is in force; permitted: 800 to"
+        " 900 → Correct set-points or controller as the procedure has them, or ask for a safe stop",
+        (situation(parts=procedure_left(temperature_c=905.0)),),
     ),
 }
 
