@@ -69,12 +69,6 @@ class DepthFusion:
         self._torque_model = torque_model
         self.reset()
 
-    def touch_off(self) -> None:
-        """Forget the past after a touch-off, from which the thermal growth counts now."""
-        power_kw = self.settings.calibration_power_kw + self._bank.soaked_kw
-        self.settings = self.settings.changed(calibration_power_kw=max(power_kw, 0.0))
-        self.reset()
-
     def reset(self) -> None:
         """Forget the past."""
         self._bank = DepthBank(self.settings, self.channels)

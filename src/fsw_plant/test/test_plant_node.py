@@ -32,7 +32,7 @@ from fsw_msgs.msg import (
     WeldCommand,
     WeldProgress,
 )
-from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault, TouchOff
+from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
 from fsw_plant.plant_node import PlantNode, main
 from fsw_test_support.waiting import PATIENCE_S
@@ -469,9 +469,6 @@ def test_reset_service(graph):
     assert not answer.ok and "drives' limits" in answer.message
     answer = graph.call(reset, ResetPlant.Request(seed=2, depth=math.nan, temperature=0.0))
     assert not answer.ok and "no equilibrium" in answer.message
-    touch_off = peer.node.create_client(TouchOff, "fsw/plant/touch_off")
-    answer = graph.call(touch_off, TouchOff.Request())
-    assert (answer.ok, answer.code) == (False, "one_sensor")
 
 
 def test_sensors_are_announced_last_so_that_who_has_them_has_the_other_topics_of_a_tick(graph):
