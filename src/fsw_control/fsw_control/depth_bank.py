@@ -58,10 +58,10 @@ class DepthBank:
         self.edge_shares = np.zeros((self.count, EDGES))  #: of each edge in each channel
         growth = settings.growth_deviation_mm_per_kw**2
         start = [_START_MM2, settings.rate_mm_per_s**2, growth, *deflection, *self.prior]
-        start += [0.0] * EDGES
-        self.x = np.zeros((filters, size))
-        self.x[:, GROWTH] = settings.growth_mm_per_kw
-        self.p = np.repeat(np.diag(start)[None], filters, axis=0)
+        #: means and variances of the states as they are without any sample; edges and wander too
+        self._mean, self._variance = np.zeros(size), np.array(start + [0.0] * EDGES)
+        self._mean[GROWTH] = settings.growth_mm_per_kw
+        self.x, self.p = np.zeros((filters, size)), np.zeros((filters, size, size))
         self._h = np.zeros((self.count, size))
         self._h[:, DEPTH] = 1.0
         self._shares = np.array([row.growth_share for row in rows])
@@ -77,8 +77,14 @@ class DepthBank:
         self._inverse: Array = np.empty(0)
 
     def start(self, depth_mm: float) -> None:
-        """Begin at a depth, which the first samples correct."""
-        self.x[:, DEPTH] = depth_mm
+        """Begin at a depth, which samples correct; known edges remain, and what has soaked in.
+
+        So it also forgets several channels that are wrong, one of which each filter has used.
+        """
+        edges, variances = self.x[0, self._edges], np.diagonal(self.p[0])[self._edges].copy()
+        self.x[:], self.p[:] = self._mean, np.diag(self._variance)
+        self.x[:, DEPTH], self.x[:, self._edges] = depth_mm, edges
+        self.p[:, self._edges, self._edges] = variances
 
     def predict(self, elapsed_s: float, power_kw: float) -> None:
         """Advance all filters; the power soaks in, if it is known."""
@@ -92,6 +98,7 @@ class DepthBank:
         self.x = self.x @ f.T
         self.p = f @ self.p @ f.T
         self.p += q
+        self._variance[self._biases] += self._wander * elapsed_s
         if math.isfinite(power_kw):
             beyond = power_kw - settings.calibration_power_kw - self.soaked_kw
             self.soaked_kw += beyond * (1.0 - math.exp(-elapsed_s / settings.growth_s))
@@ -174,8 +181,10 @@ class DepthBank:
 
     def end_edge(self, slot: int) -> None:
         """Remove an edge that has passed; what it has left in a channel becomes its bias."""
-        fold = np.eye(self.x.shape[1])
-        fold[self._biases, self._edges[slot]] = self.edge_shares[:, slot]
+        fold, state = np.eye(self.x.shape[1]), self._edges[slot]
+        shares = fold[self._biases, state] = self.edge_shares[:, slot]
+        self._mean[self._biases] += shares * self.x[0, state]
+        self._variance[self._biases] += shares**2 * self.p[0, state, state]
         self.x, self.p = self.x @ fold.T, fold @ self.p @ fold.T
         self._clear_edge(slot)
 

@@ -11,7 +11,9 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from fsw_control.depth_bank import DEPTH, DepthBank
+import numpy as np
+
+from fsw_control.depth_bank import DEPTH, Array, DepthBank
 from fsw_control.depth_channels import (
     CHANNELS,
     ChannelHealth,
@@ -67,12 +69,6 @@ class DepthFusion:
             shared_mm = math.hypot(footprint.deviation_mm, self.settings.repeat_mm)
             self.settings = self.settings.changed(shared_deviation_mm=shared_mm)
         self._torque_model = torque_model
-        self.reset()
-
-    def touch_off(self) -> None:
-        """Forget the past after a touch-off, from which the thermal growth counts now."""
-        power_kw = self.settings.calibration_power_kw + self._bank.soaked_kw
-        self.settings = self.settings.changed(calibration_power_kw=max(power_kw, 0.0))
         self.reset()
 
     def reset(self) -> None:
@@ -132,9 +128,8 @@ class DepthFusion:
             bank.innovate(values, pushed)
         witness = self._witness(force_kn, torque_nm, speed_rpm)
         judgement = self._tests.judge(bank, values, health, witness)
-        for index in judgement.isolated:
-            self._tests.trust(index, bank)
-            bank.trust(index)
+        if judgement.isolated:
+            self._isolate(judgement.isolated, values[judgement.used])
             bank.innovate(values, pushed)
         if judgement.common > DISAGREE:
             bank.loosen(judgement.common_mm**2)
@@ -148,6 +143,16 @@ class DepthFusion:
         variance += self.settings.shared_deviation_mm**2
         variance += (self.settings.shared_deflection_mm_per_kn * pushed) ** 2
         return self._result(time_s, names, judgement.health, math.sqrt(max(variance, 0.0)))
+
+    def _isolate(self, channels: tuple[int, ...], used_mm: Array) -> None:
+        """Continue without what channels that are wrong have done to the filters."""
+        bank = self._bank
+        if len(channels) == 1:
+            self._tests.trust(channels[0], bank)
+            bank.trust(channels[0])
+        else:  # every filter has used one of them
+            bank.start(float(np.median(used_mm) if len(used_mm) else bank.x[0, DEPTH]))
+            self._tests.restart()
 
     def _result(
         self, time_s: float, used: tuple[str, ...], health: list[ChannelHealth], deviation: float

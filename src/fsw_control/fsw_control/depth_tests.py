@@ -98,12 +98,14 @@ class ChannelTests:
     def screen(self, samples_mm: list[float]) -> tuple[Array, list[ChannelHealth]]:
         """Samples (NaN: not usable) and health of each channel by itself."""
         values, health = np.array(samples_mm), list(self.latched)
+        pairs = zip(self._frozen, self._rows, strict=True)
+        noisy = any(frozen.is_noisy(row.noise_mm) for frozen, row in pairs)
         for i, (value, row) in enumerate(zip(samples_mm, self._rows, strict=True)):
             absent = value != value
             self._absent[i] += (absent - self._absent[i]) * THREE_SECONDS
             if absent:
                 flaw = ChannelHealth.MISSING
-            elif self._is_stuck(i, value):
+            elif self._is_stuck(i, value, noisy):
                 flaw = ChannelHealth.STUCK
             elif not row.minimum_mm <= value <= row.maximum_mm:
                 flaw = ChannelHealth.OUT_OF_RANGE
@@ -113,16 +115,15 @@ class ChannelTests:
             health[i] = health[i] or flaw
         return values, health
 
-    def _is_stuck(self, channel: int, value: float) -> bool:
-        """Whether a channel has stopped, or has never moved while another is seen to be noisy."""
+    def _is_stuck(self, channel: int, value: float, noisy: bool) -> bool:
+        """Whether a channel has stopped, or has never moved while another was ``noisy``."""
         frozen, samples = self._frozen[channel], self._settings.stuck_samples
         if frozen.update(value, samples, self._rows[channel].noise_mm):
             return True
         if not frozen.has_never_moved(samples):
             self._never_moved.discard(channel)
             return False
-        rows = zip(self._frozen, self._rows, strict=True)
-        if channel not in self._never_moved and any(one.is_noisy(r.noise_mm) for one, r in rows):
+        if noisy and channel not in self._never_moved:
             self._never_moved.add(channel)
             self._purged.append(channel)
         return channel in self._never_moved
@@ -139,7 +140,9 @@ class ChannelTests:
         for i in _indices(self._edges.doubtful(bank.z[0]) & usable):
             values[i], health[i], changed = np.nan, ChannelHealth.SPIKE, True
         for i in edges:  # the filters know it now
-            self.latched[i] = health[i] = ChannelHealth.GOOD
+            self.latched[i] = ChannelHealth.GOOD
+            if not np.isnan(values[i]):
+                health[i] = ChannelHealth.GOOD
             self._off[i] = np.nan_to_num(self._before[i])
             self._mean[:] = 0.0
         for i in slips:
@@ -169,7 +172,7 @@ class ChannelTests:
         wrong, spread = self._wrong(chi[0], usable, bank, witness)
         wrong = wrong or ()  # without a verdict all stay in use; the deviation shows it
         isolated = self._confirm(wrong, usable, bank, health)
-        isolated += tuple(self._purged)
+        isolated += tuple(sorted(set(self._purged)))
         self._purged.clear()
         used = usable.copy()
         used[list(wrong)] = False
@@ -193,6 +196,12 @@ class ChannelTests:
         if len(bank.z) > 1:
             self._mean[:] = 0.0
             self._off = bank.z[left_out + 1].copy()
+        self._quiet = round(1.0 / SECOND)
+
+    def restart(self) -> None:
+        """Compare with filters that have begun again, from now on."""
+        self._mean[:] = 0.0
+        self._off[:] = 0.0
         self._quiet = round(1.0 / SECOND)
 
     def _listen(self, z: Array, present: Mask, health: list[ChannelHealth]) -> None:

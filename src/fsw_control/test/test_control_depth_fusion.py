@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from fsw_control import weld
-from fsw_control.depth_channels import CHANNELS, ChannelHealth, DepthChannel
+from fsw_control.depth_bank import DepthBank
+from fsw_control.depth_channels import CHANNELS, ChannelHealth, DepthChannel, DepthFusionSettings
 from fsw_control.depth_footprint import Footprint, SensorBias
 from fsw_control.depth_fusion import DepthFusion
 
@@ -135,6 +136,35 @@ def test_a_channel_that_has_stood_still_since_the_start_is_stuck(channel):
     assert set(estimates[-1].health.values()) == {GOOD}
 
 
+@pytest.mark.parametrize("wrong", [("lvdt_lead", "lvdt_trail"), ("laser", "axial")])
+def test_of_two_channels_that_are_wrong_since_the_start_nothing_stays(wrong):
+    """Found in the same tick: no filter has been without both."""
+    stuck = Weld(3, fault=dict.fromkeys(wrong, lambda y, since_s, r: weld.DEPTH_MM + 0.1))
+    without = Weld(3, fault=dict.fromkeys(wrong, FAULTS["nan"][0]))
+    for w in (stuck, without):
+        w.time_s = AT_S
+        w.run(6.0)
+    last = stuck.estimates[-1], without.estimates[-1]
+    assert {last[0].health[name] for name in wrong} == {STUCK}
+    assert last[0].depth_mm == pytest.approx(last[1].depth_mm, abs=0.005)
+    assert last[0].deviation_mm == pytest.approx(last[1].deviation_mm, rel=0.05)
+
+
+def test_a_bank_that_begins_again_still_knows_the_edges():
+    """The one below the tool, and the one that has passed: the axial position shows it for good."""
+    bank = DepthBank(DepthFusionSettings(), CHANNELS)
+    bank.start(2.7)
+    for slot, height_mm in enumerate((0.1, 0.2)):
+        bank.begin_edge(slot, height_mm, 0.005)
+        bank.edge_shares[:, slot] = 0.0, 0.0, -1.0, -1.0
+    bank.edge_shares[2, 0] = 0.0
+    bank.end_edge(0)
+    bank.start(2.6)
+    assert bank.edge_mm(1) == 0.2
+    bank.innovate(np.array([2.6, 2.6, 2.4, 2.3]), 0.0)
+    assert bank.z == pytest.approx(0.0, abs=1e-12)
+
+
 def test_good_channels_are_never_blamed():
     """And the error is what the deviation says."""
     welds = [Weld(seed).run(100.0) for seed in range(4)]
@@ -168,6 +198,20 @@ def test_a_slip_of_the_foremost_channel_is_one_where_no_other_sees_an_edge(slip_
     assert "lvdt_lead" not in w.estimates[-1].used
     w.run((60.0 - 45.0) / MM_PER_S + 2.0)
     assert w.estimates[-1].health["lvdt_lead"] is SLIP
+
+
+def test_a_missing_sample_is_not_used_in_the_tick_in_which_its_step_becomes_an_edge():
+    edges = {AT_S * MM_PER_S + 80.0: 0.1}
+    whole = Weld(7, edges=edges).run(AT_S + 20.0)
+    health = [estimate.health["lvdt_lead"] for estimate in whole.estimates]
+    tick = max(k for k, one in enumerate(health) if one is STEPPED) + 1
+    fault = {"lvdt_lead": lambda y, since_s, r: math.nan if round(10 * since_s) == late else y}
+    late = tick + 1 - round(10 * AT_S)
+    gap = Weld(7, fault=fault, edges=edges).run(AT_S + 20.0)
+    assert "lvdt_lead" in whole.estimates[tick].used
+    assert "lvdt_lead" not in gap.estimates[tick].used
+    assert gap.estimates[tick].health["lvdt_lead"] is not GOOD
+    assert gap.estimates[tick + 1].health["lvdt_lead"] is GOOD
 
 
 def test_nothing_but_a_slip_steps_while_the_tool_stands_or_behind_a_sound_channel():

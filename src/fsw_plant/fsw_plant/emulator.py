@@ -20,15 +20,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from math import isfinite, nan
 from typing import Any, NamedTuple
 
 from fsw_control import Command, Limits, weld
-from fsw_control.coded import RefusedError, Worded
 from fsw_control.command_check import refusal
 from fsw_control.command_gate import CommandGate
 from fsw_control.depth_fusion import DepthEstimate
-from fsw_control.sensors import DEPTH_CHANNELS
 from fsw_model import STEP_S, Equilibrium, OperatingPointError
 from fsw_plant.config import PlantConfig
 from fsw_plant.core import PlantCore
@@ -54,13 +51,6 @@ class BeyondDrivesError(OperatingPointError):
             "beyond the drives' limits"
         )
         self.required = required
-
-
-class NoTouchOff(Worded):
-    """Why the zeros of the depth stay as they are."""
-
-    ONE_SENSOR = "one_sensor", "the machine has one sensor of the depth: machine.depth_channels"
-    TRAVELS = "travels", "the tool travels: touch off before the weld, or hold it"
 
 
 class Reading(NamedTuple):
@@ -171,7 +161,6 @@ class PlantEmulator:
         self.gate = CommandGate(limits, config["commands.max_age_s"], config["commands.sources"])
         self.watchdog = Watchdog(config)
         self._last: dict[str, float] = {}
-        self._zero_mm: dict[str, float] = {}  #: by channel of the depth, set by a touch-off
         self._fusion = None
         if config.machine.depth_channels:
             self._fusion = FusedDepth(config.footprint, config.machine.touch_off_kn)
@@ -228,8 +217,6 @@ class PlantEmulator:
             if name != "depth" or self._fusion is None
         }
         if self._fusion is not None:
-            for name, zero_mm in self._zero_mm.items():
-                samples[name] = tuple(Sample(at_ns, x - zero_mm) for at_ns, x in samples[name])
             values = Reading(self.tick, stamp, samples, self._acting).values
             fused = self._fusion.update(
                 stamp * 1e-9, values, self._acting, angle_deg, self.core.travel_mm
@@ -352,23 +339,6 @@ class PlantEmulator:
         measured = self._reading is not None and self._reading.tick == self.tick
         return (self.tick + 1 if measured else self.tick) / 10
 
-    def touch_off(self) -> None:
-        """Set the zero of each channel of the depth so that it shows the depth as it is now.
-
-        Channels that were out are used again; one with a fault that lasts will be out again.
-        RefusedError if there is only one sensor, or while the tool travels: the weld would
-        continue at another depth.
-        """
-        if self._fusion is None:
-            raise RefusedError.of(NoTouchOff.ONE_SENSOR)
-        if self.travel.motion(self.tick).traverse_mm_per_s != 0.0:
-            raise RefusedError.of(NoTouchOff.TRAVELS)
-        values, depth_mm = self.measure().values, self.truth().depth_mm
-        for name in DEPTH_CHANNELS:
-            if isfinite(values.get(name, nan)):
-                self._zero_mm[name] = self._zero_mm.get(name, 0.0) + values[name] - depth_mm
-        self._fusion.touch_off()
-
     def reset(
         self,
         seed: int | None = None,
@@ -377,6 +347,7 @@ class PlantEmulator:
     ) -> None:
         """Restart from an equilibrium; clears events and counters, not time or schedule.
 
+        It is a touch-off: all channels of the depth have their calibration's zero, and are used.
         Omitted values stay as configured.
 
         Raises

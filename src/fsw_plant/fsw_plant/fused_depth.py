@@ -21,10 +21,6 @@ class FusedDepth:
         settings = DepthFusionSettings(calibration_force_kn=touch_off_kn)
         self._fusion = DepthFusion(settings, torque_model=_torque_nm, footprint=footprint)
 
-    def touch_off(self) -> None:
-        """Begin as after a touch-off: all channels count again."""
-        self._fusion.touch_off()
-
     def update(
         self,
         time_s: float,

@@ -104,8 +104,7 @@ class PlantNode(ManagedNode):
         self._stop = StopHolder(self, self._fence.register, self._fence.hear)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         # before the player's word that a tick is complete
-        if self.emulator.follows_programme:
-            self.create_subscription(WeldProgress, "fsw/weld_progress", self._on_progress, LATEST)
+        self.create_subscription(WeldProgress, "fsw/weld_progress", self._on_progress, LATEST)
         if self._lockstep:
             self.create_subscription(Header, PLAYER_READY, self._on_player_ready, LATEST)
         self._writers = CommandWriters(
@@ -249,7 +248,7 @@ class PlantNode(ManagedNode):
 
     def _on_progress(self, message: WeldProgress) -> None:
         """Move the tool by the weld's programme; it stands while the programme is held."""
-        if not self._running:
+        if not (self._running and self.emulator.follows_programme):
             return
         age_ns = self.emulator.measure().stamp_ns - convert.stamp_ns(message.header.stamp)
         time_s = self.emulator.schedule.path_end_s - message.time_left

@@ -8,10 +8,10 @@ from typing import Any
 from rclpy.node import Node
 
 from fsw_control import units
-from fsw_control.coded import Fact, RefusedError, Worded
+from fsw_control.coded import Fact, Worded
 from fsw_control.schema.models import InputError
 from fsw_model import OperatingPointError
-from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault, TouchOff
+from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant.emulator import PlantEmulator
 from fsw_plant.event_schema import amplitude_unit, disturbance, fault, magnitude_unit
 
@@ -20,7 +20,6 @@ class Done(Worded):
     """Answers of the plant's services."""
 
     BEGINS = "begins", "{target}: {kind} from the next tick on"
-    TOUCHED_OFF = "touched_off", "the channels of the depth have their zero at the present depth"
     RESET = "reset", "at equilibrium: {depth_mm:.3f} mm, {temperature_c:.1f} degC"
     INVALID = "invalid", "{error}"
     NO_EQUILIBRIUM = "no_equilibrium", "{error}"
@@ -33,7 +32,6 @@ class PlantServices:
         self._logger, self._plant, self._after_reset = node.get_logger(), plant, on_reset
         node.create_service(SetDisturbance, "fsw/plant/set_disturbance", self._on_set_disturbance)
         node.create_service(SetFault, "fsw/plant/set_fault", self._on_set_fault)
-        node.create_service(TouchOff, "fsw/plant/touch_off", self._on_touch_off)
         node.create_service(ResetPlant, "fsw/plant/reset", self._on_reset)
 
     def _answer(self, response: Any, what: str, act: Callable[[], Fact]) -> None:
@@ -41,8 +39,6 @@ class PlantServices:
         try:
             fact, response.ok = act(), True
             self._logger.info(f"{what}: {fact.words}")
-        except RefusedError as error:
-            fact, response.ok = error.fact, False
         except InputError as error:
             fact, response.ok = Fact.of(Done.INVALID, error=error), False
         except OperatingPointError as error:
@@ -74,14 +70,6 @@ class PlantServices:
             return Fact.of(Done.BEGINS, target=request.sensor, kind=request.kind)
 
         self._answer(response, f"fault, magnitude {request.magnitude:g}", act)
-        return response
-
-    def _on_touch_off(self, _: TouchOff.Request, response: TouchOff.Response) -> TouchOff.Response:
-        def act() -> Fact:
-            self._plant.touch_off()
-            return Fact.of(Done.TOUCHED_OFF)
-
-        self._answer(response, "touch-off", act)
         return response
 
     def _on_reset(

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from fsw_control import Command
-from fsw_control.coded import RefusedError
 from fsw_control.sensors import DEPTH_CHANNELS, REQUIRED, SENSORS
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
 from fsw_plant.event_schema import disturbance, fault
@@ -188,26 +187,24 @@ def test_a_machine_with_an_uneven_path_follows_the_programme(changes, follows):
     assert plant.core.travel_mm == before_mm > 0.0
 
 
-def test_a_touch_off_readmits_a_channel_that_drifted_and_was_repaired():
-    plant = emulator(tool_growth_mm_per_kw=0.002)
+def test_a_reset_is_a_touch_off():
+    """A channel that drifted is used again, and growth and deviation begin as at the start."""
+    plant = emulator(tool_growth_mm_per_kw=0.005, tool_growth_s=60.0)
+    first = plant.measure()
     plant.begin(fault("depth_laser", "drift", 0.02))
     welded(plant, 300)
     assert "laser" not in plant.measure().fused.used
-    plant.begin(fault("depth_laser", "bias", 0.4))
-    welded(plant, 2)
-    with pytest.raises(RefusedError) as travelling:
-        plant.touch_off()
-    plant.follow_programme(plant.time_s, standing=True)
-    plant.touch_off()
+    plant.begin(fault("depth_laser", "none"))
+    welded(plant, 200)
+    assert "laser" not in plant.measure().fused.used
+    plant.reset()
+    plant.step()
+    again = plant.measure()
+    assert set(again.fused.used) == set(DEPTH_CHANNELS.values())
+    assert again.fused.deviation_mm == pytest.approx(first.fused.deviation_mm, rel=1e-3)
     shown, truth = welded(plant, 100)
+    assert shown["depth"] == pytest.approx(truth, abs=0.02)
     assert set(plant.measure().fused.used) == set(DEPTH_CHANNELS.values())
-    assert shown["depth"][5:] == pytest.approx(truth[5:], abs=0.02)
-    with pytest.raises(RefusedError) as single:
-        PlantEmulator().touch_off()
-    assert [str(refusal.value.fact.code) for refusal in (travelling, single)] == [
-        "travels",
-        "one_sensor",
-    ]
 
 
 def test_faults_of_the_depth_act_on_the_fused_value_once():

@@ -12,6 +12,7 @@ from itertools import pairwise
 
 import pytest
 from rclpy.duration import Duration
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
@@ -32,7 +33,7 @@ from fsw_msgs.msg import (
     WeldCommand,
     WeldProgress,
 )
-from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault, TouchOff
+from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
 from fsw_plant.plant_node import PlantNode, main
 from fsw_test_support.waiting import PATIENCE_S
@@ -140,6 +141,23 @@ def test_on_a_canister_the_tool_goes_where_the_programme_says(graph, block):
     tell("running", 500.0)
     graph.until(lambda: block.moved[-1][0] == 2.0)
     assert 50.0 < block.moved[-1][1] < 51.0
+
+
+def test_a_scenario_that_is_set_later_may_have_a_path_to_follow(graph):
+    peer = graph.start(machine__depth_channels="true", speed=20.0)
+    progress = peer.node.create_publisher(WeldProgress, "fsw/weld_progress", LATEST)
+    graph.until(lambda: progress.get_subscription_count() == 1)
+    held = WeldProgress(state="held", time_left=500.0)
+    heard = graph.plant.emulator.tick
+    progress.publish(held)
+    graph.until(lambda: graph.plant.emulator.tick > heard + 5)
+    assert graph.plant.emulator.travel.lag_s == 0.0
+    path = "{path: [{at_s: 0.0, arc_mm: 0.0}, {at_s: 1000.0, arc_mm: 2000.0}]}"
+    (result,) = graph.plant.set_parameters([Parameter("scenario", value=path)])
+    assert result.successful, result.reason
+    held.header.stamp = peer.got["depth"][-1].header.stamp
+    progress.publish(held)
+    graph.until(lambda: graph.plant.emulator.travel.lag_s != 0.0)
 
 
 def test_refused_commands_are_counted_and_never_applied_and_lockstep_goes_on(graph):
@@ -469,9 +487,6 @@ def test_reset_service(graph):
     assert not answer.ok and "drives' limits" in answer.message
     answer = graph.call(reset, ResetPlant.Request(seed=2, depth=math.nan, temperature=0.0))
     assert not answer.ok and "no equilibrium" in answer.message
-    touch_off = peer.node.create_client(TouchOff, "fsw/plant/touch_off")
-    answer = graph.call(touch_off, TouchOff.Request())
-    assert (answer.ok, answer.code) == (False, "one_sensor")
 
 
 def test_sensors_are_announced_last_so_that_who_has_them_has_the_other_topics_of_a_tick(graph):
@@ -525,7 +540,6 @@ def test_with_two_publishers_of_commands_only_known_sources_are_obeyed(graph):
 
 
 def test_parameters_at_runtime(graph):
-    from rclpy.parameter import Parameter
 
     peer = graph.start(speed=50.0)
     plant = graph.plant

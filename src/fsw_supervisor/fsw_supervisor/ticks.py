@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, nan
+from math import inf, isnan, nan
 
 from fsw_control.cause import Cause
 from fsw_control.message_synchronizer import StampFilter
@@ -93,7 +93,8 @@ class Ticks:
                 and not (tick.settled or tick.answered)
             ):
                 self._in_force.forget()
-            if stamp_ns == self._deviation[0]:
+            # of a depth that comes twice, the first one counts
+            if stamp_ns == self._deviation[0] and isnan(tick.depth_deviation_mm):
                 tick.depth_deviation_mm = self._deviation[1]
             for name, sample in accepted.samples.items():
                 if name in REQUIRED:

@@ -69,6 +69,16 @@ def test_a_depth_that_is_not_known_leads_to_a_safe_stop(rig):
     assert isnan(rig.arbiter.ticks.present.depth_deviation_mm)
 
 
+def test_a_depth_that_comes_twice_counts_with_the_deviation_of_the_first(rig):
+    rig.run(20)
+    ahead_ns = rig.stamp_ns + STEP_NS
+    for depth_mm, deviation_mm in ((2.66, 0.4), (2.71, 0.02)):
+        rig.arbiter.on_depth_deviation(ahead_ns, deviation_mm)
+        rig.arbiter.on_sample("depth", ahead_ns, depth_mm, rig.now_s)
+    present = rig.arbiter.ticks.present
+    assert (present.samples["depth"], present.depth_deviation_mm) == (2.66, 0.4)
+
+
 # ---------------------------------------------------------------- gaps
 
 
