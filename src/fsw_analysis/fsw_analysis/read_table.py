@@ -34,6 +34,16 @@ _KELVIN_C = -273.15
 #: quantities of a weld's table, see `fsw_analysis.export`; the first are needed
 _NEEDED = ("time", "depth", "temperature", "torque", "force", "speed")
 _OPTIONAL = ("reference_depth", "reference_temperature", "drives_force", "drives_speed")
+#: words that may stand before a needed quantity; with any other word it can be a set-point or that of
+#: another axis or part, which nobody sees in the result
+_SURE = {
+    "time": {"weld", "log", "elapsed"},
+    "depth": {"weld", "plunge", "tool", "measured", "actual"},
+    "temperature": {"weld", "tool", "probe", "measured", "actual"},
+    "torque": {"spindle", "motor", "tool", "measured", "actual"},
+    "force": {"axial", "plunge", "measured", "actual"},
+    "speed": {"spindle", "rotational", "measured", "actual"},
+}
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 
 
@@ -197,29 +207,34 @@ def _chosen(
         if quantity in chosen:
             continue
         exact = [header for header in headers if parsed[header][0] == quantity]
-        like = [header for header in headers if parsed[header][0].endswith(f"_{quantity}")]
+        sure = [header for header in headers if _is_surely(parsed[header][0], quantity)]
         known = [
-            header
-            for header in exact or (like if quantity in _NEEDED else [])
-            if parsed[header][1] in _UNITS[_kind(quantity)]
+            header for header in exact or sure if parsed[header][1] in _UNITS[_kind(quantity)]
         ]
         if len(known) == 1:
             chosen[quantity] = (known[0], parsed[known[0]][1])
         elif known or quantity in _NEEDED:
-            raise InputError(f"{name}: {_complaint(quantity, known, headers)}")
+            raise InputError(f"{name}: {_complaint(quantity, known, parsed)}")
     return chosen
 
 
-def _complaint(quantity: str, known: Sequence[str], headers: Sequence[str]) -> str:
+def _is_surely(name: str, quantity: str) -> bool:
+    *before, last = name.split("_")
+    return last == quantity and bool(before) and set(before) <= _SURE.get(quantity, set())
+
+
+def _complaint(quantity: str, known: Sequence[str], parsed: Mapping[str, tuple[str, str]]) -> str:
     unit = next(iter(_UNITS[_kind(quantity)]))
     advice = f"give columns={{'{quantity}_{unit}': NAME}}"
     if known:
         return f"several columns may be the {quantity}: {', '.join(known)}; {advice}"
     units = ", ".join(_UNITS[_kind(quantity)])
-    like = [header for header in headers if quantity in re.split(r"[\W_]+", header.lower())]
+    like = [header for header in parsed if quantity in re.split(r"[\W_]+", header.lower())]
+    if without := [one for one in like if parsed[one][1] not in _UNITS[_kind(quantity)]]:
+        return f"column {without[0]!r} has no unit that a {quantity} can have ({units}); {advice}"
     if like:
-        return f"column {like[0]!r} has no unit that a {quantity} can have ({units}); {advice}"
-    return f"no column is the {quantity}, as {quantity}_{unit} or '{quantity} [{unit}]'; {advice}; there are {', '.join(headers)}"
+        return f"the {quantity} of the weld may be another one than {', '.join(like)}; {advice}"
+    return f"no column is the {quantity}, as {quantity}_{unit} or '{quantity} [{unit}]'; {advice}; there are {', '.join(parsed)}"
 
 
 def _signals(name: str, numbers: Mapping[str, FloatArray], table: _Table) -> WeldSignals:

@@ -62,6 +62,23 @@ def test_a_column_of_any_name_is_given_by_quantity_and_unit():
     assert signals.force_kn == pytest.approx(read_table(LOG).force_kn)
 
 
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [
+        ("depth_mm", "reference_depth_mm"),
+        ("depth_mm", "Target depth [mm]"),
+        ("force_kn", "Traverse force [kN]"),
+        ("temperature_c", "Motor temperature [C]"),
+        ("speed_rpm", "speed_setpoint_rpm"),
+        ("time_s", "Cycle time [s]"),
+    ],
+)
+def test_a_set_point_or_what_may_be_of_another_part_is_no_measurement(name, other):
+    with pytest.raises(InputError) as raised:
+        read_table(changed(**{name: None, other: LOG[name], "Depth actual [mm]": LOG["depth_mm"]}))
+    assert f"'{name}': NAME" in str(raised.value) and other in str(raised.value)
+
+
 @pytest.mark.parametrize("kind", ["datetime64", "text"])
 def test_times_of_the_calendar_are_times(kind):
     stamps = EPOCH + (LOG["time_s"] * 1e9).astype("timedelta64[ns]")
@@ -110,8 +127,8 @@ ROW = "0.0,2.6,816.4,1022,78.4,407"
         ([HEADER.replace("force_kn", "force"), ROW], ["'force'", "unit", "kn, n"]),
         ([HEADER.replace("force_kn", "x"), ROW], ["force_kn", "speed_rpm"]),
         (
-            [HEADER.replace("force_kn", "a_force_kn") + ",b_force_kn", ROW + ",1"],
-            ["a_force_kn, b_force_kn"],
+            [HEADER.replace("force_kn", "axial_force_kn") + ",plunge_force_kn", ROW + ",1"],
+            ["axial_force_kn, plunge_force_kn"],
         ),
     ],
 )
