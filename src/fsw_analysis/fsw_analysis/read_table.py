@@ -79,7 +79,7 @@ class _Table:
 
     def __init__(self, columns: Mapping[str, Any], lines: Sequence[int] | None = None) -> None:
         self._columns, self._lines, self.headers = columns, lines, list(columns)
-        self.decimal_comma = False
+        self.decimal_comma = self.decimal_point = False
 
     def place(self, row: int) -> str:
         """Row in messages."""
@@ -93,8 +93,11 @@ class _Table:
             try:
                 values[row] = self._number(cell, quantity)
             except (TypeError, ValueError):
+                hint = (
+                    "; the file has decimal points" if self.decimal_point and "," in cell else ""
+                )
                 raise InputError(
-                    f"{name}: {self.place(row)}, column {header!r}: {str(cell)[:40]!r} is not a number"
+                    f"{name}: {self.place(row)}, column {header!r}: {str(cell)[:40]!r} is not a number{hint}"
                 ) from None
         values *= _UNITS[_kind(quantity)][unit]
         return values + _KELVIN_C if unit == "k" else values
@@ -166,8 +169,10 @@ def _file(path: Path) -> _Table:
         numbers.append(begin + reader.line_num)
     if not rows:
         raise InputError(f"{path}: has no rows below its header in line {begin + 1}")
+    # 1,054 is a decimal number only in a file without decimal points: else it may be a thousand
+    point = any(re.fullmatch(r"[+-]?[\d,]*\.\d+", cell.strip()) for row in rows for cell in row)
     table = _Table(dict(zip(headers, zip(*rows, strict=True), strict=True)), numbers)
-    table.decimal_comma = delimiter != ","
+    table.decimal_comma, table.decimal_point = delimiter != "," and not point, point
     return table
 
 

@@ -109,6 +109,15 @@ def test_an_exported_weld_is_read_as_it_was(tmp_path):
     assert again.drives.force_kn == pytest.approx(again.force_kn - 1.0)
 
 
+@pytest.mark.parametrize("torque", ["1,054", "1,054.0", "1.054,0"])
+def test_a_comma_in_a_file_with_decimal_points_is_refused(tmp_path, torque):
+    rows = [ROW.replace(",", ";"), f"0.1;2.660;816;{torque};78;407"]
+    with pytest.raises(InputError) as raised:
+        read_table(written(tmp_path / "log.csv", HEADER.replace(",", ";"), *rows))
+    facts = ["line 3", "'torque_nm'", repr(torque)]
+    assert [fact for fact in facts if fact not in str(raised.value)] == []
+
+
 HEADER = "time_s,depth_mm,temperature_c,torque_nm,force_kn,speed_rpm"
 ROW = "0.0,2.6,816.4,1022,78.4,407"
 
