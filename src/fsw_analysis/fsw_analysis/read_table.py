@@ -10,7 +10,7 @@ import csv
 import io
 import re
 from collections.abc import Mapping, Sequence
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -87,11 +87,12 @@ class _Table:
 
     def numbers(self, name: str, header: str, quantity: str, unit: str) -> FloatArray:
         """A column in the unit inside."""
-        cells = self._columns[header]
+        cells, factor = self._columns[header], _UNITS[_kind(quantity)][unit]
         values = np.empty(len(cells))
         for row, cell in enumerate(cells):
             try:
-                values[row] = self._number(cell, quantity)
+                seconds = _seconds(cell) if quantity == "time" else None
+                values[row] = self._number(cell) * factor if seconds is None else seconds
             except (TypeError, ValueError):
                 hint = (
                     "; the file has decimal points" if self.decimal_point and "," in cell else ""
@@ -99,23 +100,33 @@ class _Table:
                 raise InputError(
                     f"{name}: {self.place(row)}, column {header!r}: {str(cell)[:40]!r} is not a number{hint}"
                 ) from None
-        values *= _UNITS[_kind(quantity)][unit]
         return values + _KELVIN_C if unit == "k" else values
 
-    def _number(self, cell: Any, quantity: str) -> float:
-        if isinstance(cell, np.datetime64):
-            return float(cell.astype("datetime64[ns]").astype(np.int64)) * 1e-9
+    def _number(self, cell: Any) -> float:
         if not isinstance(cell, str):
-            return float(cell.timestamp() if hasattr(cell, "timestamp") else cell)
+            if isinstance(cell, np.datetime64 | np.timedelta64):
+                raise TypeError
+            return float(cell)
         text = cell.strip()
         if text.lower() in _MISSING:
             return float("nan")
-        try:
-            return float(text.replace(",", ".") if self.decimal_comma else text)
-        except ValueError:
-            if quantity != "time":
-                raise
-            return datetime.fromisoformat(text).timestamp()
+        return float(text.replace(",", ".") if self.decimal_comma else text)
+
+
+def _seconds(cell: Any) -> float | None:
+    """Seconds of a date or duration, which has no unit; None if the cell is neither."""
+    if isinstance(cell, np.datetime64 | np.timedelta64):
+        if np.isnat(cell):
+            return float("nan")
+        kind = "datetime64[ns]" if isinstance(cell, np.datetime64) else "timedelta64[ns]"
+        return float(cell.astype(kind).astype(np.int64)) * 1e-9
+    if isinstance(cell, timedelta):
+        return cell.total_seconds()
+    if isinstance(cell, str) and re.match(r"\s*\d{4}-\d", cell):
+        cell = datetime.fromisoformat(cell.strip())
+    if isinstance(cell, datetime):  # without a time zone that of UTC, which has no summer time
+        return (cell if cell.tzinfo else cell.replace(tzinfo=UTC)).timestamp()
+    return None
 
 
 def _cells(source: Any) -> tuple[str, _Table]:

@@ -79,11 +79,24 @@ def test_a_set_point_or_what_may_be_of_another_part_is_no_measurement(name, othe
     assert f"'{name}': NAME" in str(raised.value) and other in str(raised.value)
 
 
-@pytest.mark.parametrize("kind", ["datetime64", "text"])
-def test_times_of_the_calendar_are_times(kind):
-    stamps = EPOCH + (LOG["time_s"] * 1e9).astype("timedelta64[ns]")
-    cells = stamps if kind == "datetime64" else [str(stamp)[:26] for stamp in stamps]
-    assert read_table(changed(time_s=cells)).time_s == pytest.approx(read_table(LOG).time_s)
+SINCE = np.round(LOG["time_s"] * 1e9).astype("timedelta64[ns]")
+
+
+@pytest.mark.parametrize("unit", ["s", "ms", "min"])
+@pytest.mark.parametrize(
+    "cells",
+    [
+        EPOCH + SINCE,
+        SINCE,
+        SINCE.astype("timedelta64[us]").tolist(),
+        (EPOCH + SINCE).astype("datetime64[us]").tolist(),
+        [str(stamp)[:26] for stamp in EPOCH + SINCE],
+    ],
+    ids=["datetime64", "timedelta64", "timedelta", "datetime", "text"],
+)
+def test_dates_and_durations_are_times_whatever_the_columns_unit(cells, unit):
+    signals = read_table(changed(**{"time_s": None, f"time_{unit}": cells}))
+    assert signals.time_s == pytest.approx(read_table(LOG).time_s)
 
 
 def test_a_file_may_have_decimal_commas_and_another_encoding(tmp_path):
@@ -153,6 +166,8 @@ def test_errors_in_a_file_have_their_place(tmp_path, lines, facts):
         (3, None, ["3"]),
         (changed(force_kn=[1.0]), None, ["length"]),
         (changed(force_kn=["x"] * N), None, ["row 0", "'force_kn'", "'x'"]),
+        (changed(force_kn=SINCE), None, ["row 0", "'force_kn'"]),
+        (changed(time_s=np.full(N, np.datetime64("NaT"))), None, ["row 0", "no time"]),
         (LOG, {"force_kn": "F"}, ["'F'", "force_kn"]),
         (LOG, {"force": "force_kn"}, ["'force'", "unit"]),
         ("no_such.csv", None, ["no_such.csv"]),
