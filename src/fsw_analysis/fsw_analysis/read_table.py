@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from fsw_analysis.weld_signals import DriveSignals, FloatArray, WeldSignals
 from fsw_control.schema.models import InputError
@@ -103,6 +104,8 @@ class _Table:
         return values + _KELVIN_C if unit == "k" else values
 
     def _number(self, cell: Any) -> float:
+        if cell is None or type(cell).__name__ == "NAType":  # that of pandas
+            return float("nan")
         if not isinstance(cell, str):
             if isinstance(cell, np.datetime64 | np.timedelta64):
                 raise TypeError
@@ -140,11 +143,23 @@ def _cells(source: Any) -> tuple[str, _Table]:
         source = {str(column): frame[column].to_numpy() for column in frame.columns}
     if not isinstance(source, Mapping):
         raise InputError(f"table: a file, arrays by column or a data frame, not {source!r}")
-    arrays = {str(header): np.ravel(np.asarray(values)) for header, values in source.items()}
+    arrays = {str(header): _array(values) for header, values in source.items()}
     sizes = {header: values.size for header, values in arrays.items()}
+    if not all(sizes.values()):
+        raise InputError(f"table: its columns have no rows: {sizes}")
     if len(set(sizes.values())) > 1:
         raise InputError(f"table: its columns differ in length: {sizes}")
     return "table", _Table(arrays)
+
+
+def _array(values: Any) -> npt.NDArray[Any]:
+    """Cells; None where an array hides one by its mask."""
+    cells = np.ravel(np.asarray(values))
+    hidden = np.ravel(np.ma.getmaskarray(values)) if np.ma.isMaskedArray(values) else False
+    if np.any(hidden):
+        cells = cells.astype(cells.dtype if cells.dtype.kind in "mM" else object)  # a copy
+        cells[hidden] = None  # of dates NaT
+    return cells
 
 
 def _file(path: Path) -> _Table:

@@ -79,6 +79,20 @@ def test_a_set_point_or_what_may_be_of_another_part_is_no_measurement(name, othe
     assert f"'{name}': NAME" in str(raised.value) and other in str(raised.value)
 
 
+@pytest.mark.parametrize(
+    "cells",
+    [
+        [None, *LOG["force_kn"][1:]],
+        np.ma.array(LOG["force_kn"], mask=np.arange(N) == 0),
+        np.ma.array(np.full(N, 78), mask=np.arange(N) == 0),
+    ],
+    ids=["None", "mask", "mask of int"],
+)
+def test_a_cell_that_is_missing_has_no_value(cells):
+    signals = read_table(changed(time_s=LOG["time_s"] * 10.0, force_kn=cells))
+    assert np.flatnonzero(np.isnan(signals.force_kn)).tolist() == [0]
+
+
 SINCE = np.round(LOG["time_s"] * 1e9).astype("timedelta64[ns]")
 
 
@@ -167,6 +181,8 @@ def test_errors_in_a_file_have_their_place(tmp_path, lines, facts):
         (changed(force_kn=[1.0]), None, ["length"]),
         (changed(force_kn=["x"] * N), None, ["row 0", "'force_kn'", "'x'"]),
         (changed(force_kn=SINCE), None, ["row 0", "'force_kn'"]),
+        (changed(time_s=np.ma.array(EPOCH + SINCE, mask=[True] * N)), None, ["row 0", "no time"]),
+        ({name: [] for name in LOG}, None, ["no rows"]),
         (changed(time_s=np.full(N, np.datetime64("NaT"))), None, ["row 0", "no time"]),
         (LOG, {"force_kn": "F"}, ["'F'", "force_kn"]),
         (LOG, {"force": "force_kn"}, ["'force'", "unit"]),
