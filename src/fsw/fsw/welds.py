@@ -411,10 +411,11 @@ def read_table(
     """A weld from the log of any machine: a CSV file, arrays by column, or a data frame of pandas.
 
     Needed are time, depth, temperature, torque, force and speed at any rate, which is brought to
-    ticks of 0.1 s. Force and speed are those that act, unless ``drives_force_kn`` and
-    ``drives_speed_rpm`` are there, too, as in :meth:`Weld.to_csv`. Columns are known by name and
-    unit, e.g. ``force_kn``, ``Axial force [N]`` or ``Spindle speed (rad/s)``; a file may have
-    decimal commas and times such as 2026-05-01T10:00:00.
+    ticks of 0.1 s; :func:`fsw.identify` needs at least 5 samples a second. Force and speed are
+    those that act, unless ``drives_force_kn`` and ``drives_speed_rpm`` are there, too, as in
+    :meth:`Weld.to_csv`. Columns are known by name and unit, e.g. ``force_kn``, ``Axial force [N]``
+    or ``Spindle speed (rad/s)``; a file may have decimal commas and times such as
+    2026-05-01T10:00:00.
 
     Parameters
     ----------
