@@ -257,6 +257,17 @@ def test_no_weld_sees_the_memory_of_another():
     assert [len(weld.controller.errors_mm) for weld in both.values()] == [600, 600]
 
 
+def test_what_cannot_be_copied_welds_only_with_a_copy_of_its_own_making():
+    controller = Integrating()
+    controller.solver = (step for step in range(3))
+    plant = Lag()
+    plant.solver = controller.solver
+    for options in ({"controller": controller}, {"plant": plant}):
+        with pytest.raises(InputError, match=r"cannot be copied: .*generator.*__deepcopy__"):
+            fsw.simulate("quick", **options)
+    assert controller.errors_mm == []
+
+
 def test_parameters_in_a_comparison_are_by_label():
     both = fsw.compare(
         "quick",
