@@ -60,8 +60,8 @@ class Weld:
         All signals by name, a row per tick of 0.1 s, in the paper's units: mm, degC, kN, rpm, N m,
         kW, s. Names that begin with ``truth_`` are the noise-free process (simulations only).
     controller : Controller or None
-        Of a simulation what welded, with the memory that it has at the end; your own object is as
-        it was.
+        Of a simulation with an object of your own the copy that welded, with the memory that it
+        has at the end; not part of a copied or pickled weld.
     kpi : Kpi
         Figures of merit, by name or as attributes.
 
@@ -85,6 +85,9 @@ class Weld:
         return (
             f"<Weld {self.label}: {self.signals.n_ticks} ticks, {self.signals.duration_s:.1f} s>"
         )
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "controller": None}  # it may hold what cannot be pickled
 
     def __getitem__(self, name: str) -> Column:
         """A signal by name; KeyError if there is none."""
@@ -309,7 +312,8 @@ def simulate(
     overrides = overrides_of(plant if isinstance(plant, Mapping) else None, changes, noise)
     name, loop = closed_loop(scenario, controller, overrides, own, heat, process)
     weld = Weld(label or name, loop.run(progress))
-    weld.controller = loop.selected
+    if not isinstance(controller, str | None):
+        weld.controller = loop.selected
     return weld
 
 

@@ -1,7 +1,9 @@
 """``import fsw``: what its docstrings show, and that it tells what the command line and the model tell."""
 
+import copy
 import csv
 import json
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -255,6 +257,15 @@ def test_no_weld_sees_the_memory_of_another():
     assert np.array_equal(both["first"]["depth_mm"], both["second"]["depth_mm"])
     assert controller.errors_mm == []
     assert [len(weld.controller.errors_mm) for weld in both.values()] == [600, 600]
+
+
+@pytest.mark.parametrize("controller", ["decentral", "nmpc", Integrating()])
+def test_a_weld_can_be_copied_and_comes_from_another_process(controller):
+    weld = fsw.simulate(STEP, controller)
+    assert (weld.controller is None) == isinstance(controller, str)
+    for same in (copy.deepcopy(weld), pickle.loads(pickle.dumps(weld))):
+        assert same.controller is None and same.kpi == weld.kpi
+        assert same["depth_mm"].tobytes() == weld["depth_mm"].tobytes()
 
 
 def test_what_cannot_be_copied_welds_only_with_a_copy_of_its_own_making():
