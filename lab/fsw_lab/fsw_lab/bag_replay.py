@@ -25,7 +25,7 @@ from fsw_control.schema.ranges import Range
 from fsw_lab.replay import replay
 from fsw_lab.shadow import write_shadow
 from fsw_plant.event_schema import DURATION_S
-from fsw_scenario.controllers import described_in, maker, name_of, variant_of
+from fsw_scenario.controllers import described_in, maker, name_of, with_variant
 
 #: help text on names of controllers
 _NAME_OR_CLASS = "NAME, or MODULE:CLASS or FILE.py:CLASS of your own controller"
@@ -121,10 +121,8 @@ def shadow(arguments: argparse.Namespace) -> int:
     check_new([arguments.json], arguments.force)
     source, label = arguments.bag, arguments.controller
     name, make = name_of(label), maker(label)
-    changed = {
-        **variant_of(label),
-        **parameters_by_node(arguments.parameter, [name]).get(name, {}),
-    }
+    given = parameters_by_node(arguments.parameter, [name]).get(name, {})
+    changed = with_variant(label, given)
     folder = arguments.out or source.absolute().parent / f"{source.absolute().name}_shadow_{name}"
     if folder.exists():
         raise CommandError(f"{folder}: exists already; give another folder with --out")
