@@ -303,12 +303,12 @@ def test_figures_of_merit_are_typed():
 class Lag:
     """A process whose depth follows the force."""
 
-    def __init__(self, last=(2.7, 816.4, 1000.0)):
-        self.last = last
+    def __init__(self, last=(2.7, 816.4, 1000.0), force_kn=78.4):
+        self.last, self.force_kn = last, force_kn
 
     def start(self):
         self.depth_mm = 2.66
-        return fsw.Command(78.4, 407.6), fsw.Outputs(2.66, 816.4, 1000.0)
+        return fsw.Command(self.force_kn, 407.6), fsw.Outputs(2.66, 816.4, 1000.0)
 
     def step(self, command):
         if self.last != (2.7, 816.4, 1000.0):
@@ -346,6 +346,8 @@ def test_controllers_are_switched_on_a_process_of_ones_own():
         (STEP, {"plant": Lag(), "noise": False}, "noise"),
         (STEP, {"plant": Lag(last=(2.7, 816.4))}, r"step\(\)"),
         (STEP, {"plant": Lag(last=(2.7, float("nan"), 1.0))}, "not finite"),
+        (STEP, {"plant": Lag(force_kn=float("nan"))}, r"start\(\).*not finite"),
+        (STEP, {"plant": Lag}, "class"),
         (STEP | {"plant": {"factors": {"copper_lag_s": 1.1}}}, {"plant": Lag()}, "copper_lag_s"),
         ("output_disturbances", {"plant": Lag()}, "disturbances"),
     ],
@@ -353,6 +355,16 @@ def test_controllers_are_switched_on_a_process_of_ones_own():
 def test_what_a_process_of_ones_own_cannot_do_is_refused(scenario, options, fact):
     with pytest.raises(InputError, match=fact):
         fsw.simulate(scenario, "decentral", **options)
+
+
+def test_an_error_in_a_process_of_ones_own_is_its_own():
+    class Broken(Lag):
+        def start(self):
+            return float("x")
+
+    with pytest.raises(ValueError, match="'x'") as raised:
+        fsw.simulate(STEP, "decentral", plant=Broken())
+    assert raised.traceback[-1].name == "start"
 
 
 def test_discrete_form_follows_the_process():
