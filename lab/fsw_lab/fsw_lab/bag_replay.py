@@ -8,13 +8,13 @@ from pathlib import Path
 
 from fsw.bags import bag_argument, print_notes
 from fsw.command import (
-    FORCE,
     command,
     file,
     number,
     option,
     parameter,
     parameters_by_node,
+    switch,
 )
 from fsw.console import ProgressBar
 from fsw.errors import CommandError
@@ -112,7 +112,7 @@ def verify(arguments: argparse.Namespace) -> int:
     parameter("parameter of the controller, instead of the recorded one or the default"),
     file("--out", "folder for the new bag (default: <bag>_shadow_<controller>)", "DIR"),
     file("--json", "also write the differences as JSON"),
-    FORCE,
+    switch("--force", "replace the file of --json; the bag has a new folder"),
     description="Replay the measurements, set-points and commands of a bag "
     "to a controller in shadow, record its "
     "proposals and compare them with the commands applied in the weld.",
