@@ -170,14 +170,19 @@ class Comparison(dict[str, Weld]):
     >>> both = fsw.compare("quick", ["decentral:tight", "nmpc"])
     >>> list(both)
     ['decentral:tight', 'nmpc']
-    >>> both["nmpc"].kpi["iae_depth_mm_s"] < both["decentral:tight"].kpi["iae_depth_mm_s"]
+    >>> both.kpi["nmpc"].iae_depth_mm_s < both.kpi["decentral:tight"].iae_depth_mm_s
     True
     """
 
+    def __missing__(self, label: Any) -> Weld:
+        near = get_close_matches(str(label), self, 1)
+        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(self)}"
+        raise KeyError(f"no weld {label}; {hint}")
+
     @property
-    def kpi(self) -> list[Kpi]:
-        """Figures of merit of each weld."""
-        return [weld.kpi for weld in self.values()]
+    def kpi(self) -> dict[str, Kpi]:
+        """Figures of merit of each weld, by label."""
+        return {label: weld.kpi for label, weld in self.items()}
 
     def __repr__(self) -> str:
         return f"<Comparison of {', '.join(self)}; print it for its table>"
@@ -189,7 +194,8 @@ class Comparison(dict[str, Weld]):
             for weld in self.values()
             for problem in weld.signals.problems
         ]
-        return "\n\n".join([kpi_table.markdown(self.kpi), *(["\n".join(notes)] if notes else [])])
+        table = kpi_table.markdown(list(self.kpi.values()))
+        return "\n\n".join([table, *(["\n".join(notes)] if notes else [])])
 
     _repr_markdown_ = __str__
 
@@ -199,7 +205,7 @@ class Comparison(dict[str, Weld]):
 
         flat = [
             {key: value for key, value in one.items() if not isinstance(value, list)}
-            for one in self.kpi
+            for one in self.kpi.values()
         ]
         return pandas.DataFrame(flat).set_index("label")
 

@@ -232,7 +232,9 @@ def test_the_last_command_is_held_while_a_controller_proposes_none():
 def test_welds_of_equal_labels_are_kept_apart():
     both = fsw.compare("quick", [Late(), Late(), "decentral"])
     assert list(both) == ["nothing", "nothing (2)", "decentral"]
-    assert [one["label"] for one in both.kpi] == list(both)
+    assert {label: one.label for label, one in both.kpi.items()} == {one: one for one in both}
+    with pytest.raises(KeyError, match="did you mean decentral"):
+        both["decentrl"]
     table = str(both)
     for label in list(both)[:2]:  # figures of a held command have a remark
         assert f"- {label}: {both[label].signals.problems[0]}" in table
@@ -298,6 +300,10 @@ def test_figures_of_merit_are_typed():
     assert json.loads(json.dumps(kpi)) == kpi
     with pytest.raises(AttributeError, match="iae_depth_mm_s"):
         kpi.iae_depth  # noqa: B018
+    with pytest.raises(KeyError, match="iae_depth_mm_s"):
+        kpi["iae_depth"]
+    with pytest.raises(AttributeError, match="ticks"):
+        kpi.ticks = 5
 
 
 class Lag:
