@@ -20,6 +20,9 @@ from fsw_control.weld import TICK_S
 _LONGEST_GAP_S = 2.0
 #: a shorter segment is not used [s]
 _SHORTEST_S = 30.0
+#: share of a segment's rows with force and speed (chosen): 5 Hz with a tenth lost. At 2 Hz and
+#: less, inputs that are held between samples shift the dead time beyond its standard deviation
+_LEAST_SHARE = 0.45
 #: order of the columns of ``measured``
 _COLUMNS = ("depth", "thermocouple", "torque")
 
@@ -74,7 +77,7 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
     Raises
     ------
     InputError
-        If the weld lacks sensors or inputs, or is too short.
+        If the weld lacks sensors or inputs, is too short, or was sampled too slowly.
     """
     name = str(signals.path)
     sensors = np.column_stack([signals.depth_mm, signals.temperature_c, signals.torque_nm])
@@ -109,6 +112,12 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
                 "no force or speed"
             )
             continue
+        share = float(np.isfinite(grid[:, :2]).all(axis=1).mean())
+        if share < _LEAST_SHARE:
+            raise InputError(
+                f"{name}: has force and speed {share / TICK_S:.1f} times a second from "
+                f"{row[part[0]] * TICK_S:.1f} s on; identification needs 5 Hz, better 10 Hz"
+            )
         means = _means(ends, drive_lag_s)
         acceleration = np.diff(ends[:, 1], prepend=ends[0, 1]) / TICK_S
         segments.append(

@@ -1,5 +1,6 @@
 """Identification: simulation along recorded inputs, estimates, what is left out, report."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -446,6 +447,16 @@ def test_a_hole_divides_the_weld() -> None:
     segments = prepare(signals, 0.0).segments
     assert [segment.n_ticks for segment in segments] == [700, 500]
     assert segments[1].begin_s == pytest.approx(75.0)
+
+
+@pytest.mark.parametrize(("ticks", "enough"), [(2, True), (5, False), (10, False)])
+def test_a_log_with_a_sample_in_fewer_than_half_of_the_ticks_is_refused(
+    ticks: int, enough: bool
+) -> None:
+    signals = weld(seconds=40.0)
+    signals.stamp_ns[:] = signals.stamp_ns[0] + ticks * (signals.stamp_ns - signals.stamp_ns[0])
+    with nullcontext() if enough else pytest.raises(InputError, match="5 Hz"):
+        assert [one.n_ticks for one in prepare(signals, 0.0).segments] == [399 * ticks + 1]
 
 
 def test_commands_stand_in_for_the_drives() -> None:

@@ -8,13 +8,13 @@ from pathlib import Path
 
 from fsw.bags import bag_argument, print_notes
 from fsw.command import (
-    FORCE,
     command,
     file,
     number,
     option,
     parameter,
     parameters_by_node,
+    switch,
 )
 from fsw.console import ProgressBar
 from fsw.errors import CommandError
@@ -25,7 +25,7 @@ from fsw_control.schema.ranges import Range
 from fsw_lab.replay import replay
 from fsw_lab.shadow import write_shadow
 from fsw_plant.event_schema import DURATION_S
-from fsw_scenario.controllers import described_in, maker, name_of, variant_of
+from fsw_scenario.controllers import described_in, maker, name_of, with_variant
 
 #: help text on names of controllers
 _NAME_OR_CLASS = "NAME, or MODULE:CLASS or FILE.py:CLASS of your own controller"
@@ -112,7 +112,7 @@ def verify(arguments: argparse.Namespace) -> int:
     parameter("parameter of the controller, instead of the recorded one or the default"),
     file("--out", "folder for the new bag (default: <bag>_shadow_<controller>)", "DIR"),
     file("--json", "also write the differences as JSON"),
-    FORCE,
+    switch("--force", "replace the file of --json; the bag has a new folder"),
     description="Replay the measurements, set-points and commands of a bag "
     "to a controller in shadow, record its "
     "proposals and compare them with the commands applied in the weld.",
@@ -121,10 +121,8 @@ def shadow(arguments: argparse.Namespace) -> int:
     check_new([arguments.json], arguments.force)
     source, label = arguments.bag, arguments.controller
     name, make = name_of(label), maker(label)
-    changed = {
-        **variant_of(label),
-        **parameters_by_node(arguments.parameter, [name]).get(name, {}),
-    }
+    given = parameters_by_node(arguments.parameter, [name]).get(name, {})
+    changed = with_variant(label, given)
     folder = arguments.out or source.absolute().parent / f"{source.absolute().name}_shadow_{name}"
     if folder.exists():
         raise CommandError(f"{folder}: exists already; give another folder with --out")

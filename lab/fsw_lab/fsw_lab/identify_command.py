@@ -8,7 +8,7 @@ from pathlib import Path
 
 import fsw
 from fsw.bags import read_weld
-from fsw.command import FORCE, assignment, command, file, number, option, repeated, switch
+from fsw.command import command, file, number, option, repeated, switch
 from fsw.console import ProgressBar, print_table
 from fsw.errors import CommandError
 from fsw.outputs import check_new, new_folder, write_text
@@ -64,7 +64,7 @@ DRIVE_LAG = number(
         f"of the proposed experiment, {_EXPERIMENT_S} (default {_DURATION_S:g})",
     ),
     switch("--open-loop", "propose steps of force and speed, without controller"),
-    FORCE,
+    switch("--force", "replace the files of --out and --covariance; a report has a new folder"),
     description="Estimate the parameters of the process model from one or more recorded welds of one process, in "
     "open or closed loop, with standard deviations, and write them as a model file. With --design, propose an "
     "experiment instead.",
@@ -78,16 +78,13 @@ def identify(arguments: argparse.Namespace) -> int:
         raise CommandError("identify: give the bag of a weld, or --design")
     if arguments.out is None:
         raise CommandError("identify: give --out FILE for the model")
+    columns = _columns(arguments)
     check_new([arguments.out, arguments.covariance], arguments.force)
     arguments.out.parent.mkdir(
         parents=True, exist_ok=True
     )  # now, because the fit may take minutes
     if arguments.report is not None:
         new_folder(arguments.report, "", "--report")
-    columns = {
-        name: str(header)
-        for name, header in (assignment("--column", text) for text in arguments.column)
-    }
     welds = [_weld(bag, columns) for bag in arguments.bag]
     validate, air = (
         None if bag is None else _weld(bag, columns) for bag in (arguments.validate, arguments.air)
@@ -118,6 +115,22 @@ def identify(arguments: argparse.Namespace) -> int:
         files += report.write(result, arguments.report)
     print(f"written: {', '.join(map(str, files))}")
     return 0
+
+
+def _columns(arguments: argparse.Namespace) -> dict[str, str]:
+    """Names of a log's columns by quantity and unit; texts, whatever they would be in YAML."""
+    columns = {}
+    for text in arguments.column:
+        quantity, equals, header = text.partition("=")
+        if not (quantity and equals and header):
+            raise CommandError(f"--column {text}: write QUANTITY=NAME")
+        columns[quantity.strip()] = header.strip()
+    sources = [*arguments.bag, *filter(None, (arguments.validate, arguments.air))]
+    if columns and not any(source.suffix.lower() in TABLES for source in sources):
+        raise CommandError(
+            f"identify: --column is for logs ({', '.join(TABLES)}); all that is given are bags"
+        )
+    return columns
 
 
 def _design(arguments: argparse.Namespace) -> int:

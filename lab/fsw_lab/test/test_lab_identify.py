@@ -55,8 +55,16 @@ def test_a_log_of_a_machine_is_read(
     assert seen.drives is not None and meant.drives is not None
     assert np.array_equal(seen.drives.force_kn, meant.drives.force_kn)
     assert np.array_equal(weld_of(weld_of(log).to_pandas())["depth_mm"], meant.depth_mm)
-    for wrong, fact in (("force=F", "'force'"), ("force_n=F", "'F'")):
+    for wrong, fact in (
+        ("force=F", "'force'"),
+        ("force_n=F", "'F'"),
+        ("torque_nm=M: Nm", "'M: Nm'"),
+        ("torque_nm=#4", "'#4'"),
+        ("torque_nm", "QUANTITY=NAME"),
+    ):
         assert fact in error_of(capsys, "identify", str(log), "--out", out, "--column", wrong)
+    bag = str(tmp_path / "weld")
+    assert "--column" in error_of(capsys, "identify", bag, "--out", out, "--column", "force_n=F")
 
 
 @pytest.mark.slow

@@ -6,12 +6,15 @@ import argparse
 from pathlib import Path
 
 from fsw.bags import bag_argument, print_notes, welds_of
-from fsw.command import FORCE, FORMAT, PICTURES, command, file, option
+from fsw.command import FORCE, PICTURES, command, file, option
 from fsw.errors import CommandError
 from fsw.outputs import check_new
 from fsw_analysis.figures import Run, draw, page
 from fsw_control.schema.models import InputError
 from fsw_scenario.scenario_file import parse
+
+#: which are no folder, whatever --out takes
+_OTHER_PICTURES = (".jpg", ".jpeg", ".gif", ".bmp", ".tif", ".tiff", ".webp", ".eps", ".ps")
 
 
 @command(
@@ -32,13 +35,23 @@ from fsw_scenario.scenario_file import parse
         choices=range(4, 10),
         help="figures 4 to 9 (default: the scenario's)",
     ),
-    FORMAT,
+    option(
+        "--format",
+        choices=[ending[1:] for ending in PICTURES],
+        help="of the figures in the folder (default png)",
+    ),
     FORCE,
 )
 def plot(arguments: argparse.Namespace) -> int:
-    welds, folder, numbers = welds_of(arguments.bag), arguments.out, arguments.figures
+    folder, numbers, ending = arguments.out, arguments.figures, arguments.format
+    suffix = "" if folder.is_dir() else folder.suffix.lower()
+    if suffix in _OTHER_PICTURES:
+        raise CommandError(f"--out {folder}: the name of a figure ends in {', '.join(PICTURES)}")
+    if suffix in PICTURES and suffix != f".{ending or suffix[1:]}":
+        raise CommandError(f"--out {folder} contradicts --format {ending}")
+    welds = welds_of(arguments.bag)
     runs = [Run(label, signals) for label, signals in welds.items()]
-    if folder.suffix.lower() in PICTURES and not folder.is_dir():
+    if suffix in PICTURES:
         return _plot_one(runs, folder, numbers or [], arguments.force)
     text = next(iter(welds.values())).attachments.get("scenario.yaml")
     if numbers is None and text:
@@ -47,7 +60,7 @@ def plot(arguments: argparse.Namespace) -> int:
         except InputError as error:
             print_notes([str(error)])
     names = (*(f"fig{one}" for one in numbers or ()), "overview")
-    ending = arguments.format
+    ending = ending or "png"
     check_new([folder / f"{name}.{ending}" for name in names], arguments.force)
     folder.mkdir(parents=True, exist_ok=True)
     print("\n".join(map(str, draw(runs, numbers or (), folder, ending=ending))))

@@ -100,17 +100,20 @@ FORMAT = option(
 )
 
 
+def picture_file(text: str) -> Path:
+    """Name of a figure's file."""
+    if Path(text).suffix.lower() not in PICTURES:
+        raise argparse.ArgumentTypeError(
+            f"{text}: the name must end in {', '.join(PICTURES[:-1])} or {PICTURES[-1]}"
+        )
+    return Path(text)
+
+
 def picture(flag: str, text: str, **more: Any) -> Option:
     """An option that takes the name of a figure's file."""
-
-    def read(text: str) -> Path:
-        if Path(text).suffix.lower() not in PICTURES:
-            raise argparse.ArgumentTypeError(
-                f"{text}: the name must end in {', '.join(PICTURES[:-1])} or {PICTURES[-1]}"
-            )
-        return Path(text)
-
-    return option(flag, type=read, metavar="FILE.png", help=f"{text}; .png, .svg or .pdf", **more)
+    return option(
+        flag, type=picture_file, metavar="FILE.png", help=f"{text}; .png, .svg or .pdf", **more
+    )
 
 
 def repeated(flag: str, metavar: str, text: str, **more: Any) -> Option:

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterable
 from pathlib import Path
 
-from fsw.command import command, option
+from fsw.command import command, option, picture_file
 from fsw_control.schema.extensions import Extra
 from fsw_scenario.controllers import KNOWN
 from fsw_scenario.scenario_file import shipped
@@ -40,7 +40,7 @@ def completion(arguments: argparse.Namespace) -> int:
     for action in _actions(commands) if function else ():
         if action.dest in values:
             action.complete = {arguments.shell: f"_fsw_{action.dest}"}  # type: ignore[attr-defined]
-        elif action.type is Path:
+        elif action.type in (Path, picture_file):
             action.complete = shtab.FILE  # type: ignore[attr-defined]
         if arguments.shell == "zsh" and isinstance(action.metavar, str):
             action.metavar = action.metavar.replace(":", r"\:")  # else what follows is a command

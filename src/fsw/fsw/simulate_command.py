@@ -33,7 +33,7 @@ from fsw_control.weld import TICK_S
 from fsw_plant import PlantConfig, prepare
 from fsw_recorder.bag_metadata import IDENTITY
 from fsw_scenario.closed_loop import ClosedLoop, unhealthy
-from fsw_scenario.controllers import KNOWN, name_of, variant_of
+from fsw_scenario.controllers import KNOWN, name_of, with_variant
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.procedure import check_signed
@@ -227,7 +227,7 @@ def _record(
     """Run a scenario in the graph, in lockstep, and store its bag in a folder."""
     nodes = {name: parameters.get(name, {}) for name in scenario.controllers}
     if not scenario.open_loop:
-        nodes[name_of(label)] = nodes[name_of(label)] | variant_of(label)
+        nodes[name_of(label)] = with_variant(label, nodes[name_of(label)])
     companions = ["procedure"] if by_procedure else []
     derived = dict(by_procedure)
     if identity:

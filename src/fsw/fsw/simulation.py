@@ -72,12 +72,15 @@ def _as_text(name: str, value: Any) -> str:
         raise InputError(f"{name} is a number, text, list or mapping, not {value!r}") from None
 
 
-def _copied(user_object: T) -> T:
+def _copied(user_object: T, what: str) -> T:
     """A copy for one weld, so that no weld sees what another one left in the object's memory."""
     try:
         return deepcopy(user_object)
-    except Exception:  # e.g. a solver that cannot be copied; resetting it has to do
-        return user_object
+    except Exception as error:  # e.g. a solver in C
+        raise InputError(
+            f"simulate: {what} {type(user_object).__name__} cannot be copied: {error}; define "
+            "__deepcopy__" + (", or give it by its name" if what == "controller" else "")
+        ) from None
 
 
 def closed_loop(
@@ -106,9 +109,13 @@ def closed_loop(
             f"simulate: {scenario.name} is an open-loop scenario; it takes no controller"
         )
     known = None if heat is None else HeatProfile.from_file(heat)
-    own = None if controller is None or isinstance(controller, str) else _copied(controller)
+    own = (
+        None
+        if controller is None or isinstance(controller, str)
+        else _copied(controller, "controller")
+    )
     if plant is not None:
-        plant = _copied(plant)
+        plant = _copied(plant, "plant")
     name = (
         scenario.controller
         if controller is None

@@ -60,8 +60,8 @@ class Weld:
         All signals by name, a row per tick of 0.1 s, in the paper's units: mm, degC, kN, rpm, N m,
         kW, s. Names that begin with ``truth_`` are the noise-free process (simulations only).
     controller : Controller or None
-        Of a simulation what welded, with the memory that it has at the end; your own object is as
-        it was.
+        Of a simulation with an object of your own the copy that welded, with the memory that it
+        has at the end; not part of a copied or pickled weld.
     kpi : Kpi
         Figures of merit, by name or as attributes.
 
@@ -85,6 +85,9 @@ class Weld:
         return (
             f"<Weld {self.label}: {self.signals.n_ticks} ticks, {self.signals.duration_s:.1f} s>"
         )
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "controller": None}  # it may hold what cannot be pickled
 
     def __getitem__(self, name: str) -> Column:
         """A signal by name; KeyError if there is none."""
@@ -167,14 +170,19 @@ class Comparison(dict[str, Weld]):
     >>> both = fsw.compare("quick", ["decentral:tight", "nmpc"])
     >>> list(both)
     ['decentral:tight', 'nmpc']
-    >>> both["nmpc"].kpi["iae_depth_mm_s"] < both["decentral:tight"].kpi["iae_depth_mm_s"]
+    >>> both.kpi["nmpc"].iae_depth_mm_s < both.kpi["decentral:tight"].iae_depth_mm_s
     True
     """
 
+    def __missing__(self, label: Any) -> Weld:
+        near = get_close_matches(str(label), self, 1)
+        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(self)}"
+        raise KeyError(f"no weld {label}; {hint}")
+
     @property
-    def kpi(self) -> list[Kpi]:
-        """Figures of merit of each weld."""
-        return [weld.kpi for weld in self.values()]
+    def kpi(self) -> dict[str, Kpi]:
+        """Figures of merit of each weld, by label."""
+        return {label: weld.kpi for label, weld in self.items()}
 
     def __repr__(self) -> str:
         return f"<Comparison of {', '.join(self)}; print it for its table>"
@@ -186,7 +194,8 @@ class Comparison(dict[str, Weld]):
             for weld in self.values()
             for problem in weld.signals.problems
         ]
-        return "\n\n".join([kpi_table.markdown(self.kpi), *(["\n".join(notes)] if notes else [])])
+        table = kpi_table.markdown(list(self.kpi.values()))
+        return "\n\n".join([table, *(["\n".join(notes)] if notes else [])])
 
     _repr_markdown_ = __str__
 
@@ -196,7 +205,7 @@ class Comparison(dict[str, Weld]):
 
         flat = [
             {key: value for key, value in one.items() if not isinstance(value, list)}
-            for one in self.kpi
+            for one in self.kpi.values()
         ]
         return pandas.DataFrame(flat).set_index("label")
 
@@ -309,7 +318,8 @@ def simulate(
     overrides = overrides_of(plant if isinstance(plant, Mapping) else None, changes, noise)
     name, loop = closed_loop(scenario, controller, overrides, own, heat, process)
     weld = Weld(label or name, loop.run(progress))
-    weld.controller = loop.selected
+    if not isinstance(controller, str | None):
+        weld.controller = loop.selected
     return weld
 
 
@@ -411,10 +421,11 @@ def read_table(
     """A weld from the log of any machine: a CSV file, arrays by column, or a data frame of pandas.
 
     Needed are time, depth, temperature, torque, force and speed at any rate, which is brought to
-    ticks of 0.1 s. Force and speed are those that act, unless ``drives_force_kn`` and
-    ``drives_speed_rpm`` are there, too, as in :meth:`Weld.to_csv`. Columns are known by name and
-    unit, e.g. ``force_kn``, ``Axial force [N]`` or ``Spindle speed (rad/s)``; a file may have
-    decimal commas and times such as 2026-05-01T10:00:00.
+    ticks of 0.1 s; :func:`fsw.identify` needs at least 5 samples a second. Force and speed are
+    those that act, unless ``drives_force_kn`` and ``drives_speed_rpm`` are there, too, as in
+    :meth:`Weld.to_csv`. Columns are known by name and unit, e.g. ``force_kn``, ``Axial force [N]``
+    or ``Spindle speed (rad/s)``; a file may have decimal commas and times such as
+    2026-05-01T10:00:00.
 
     Parameters
     ----------

@@ -212,6 +212,8 @@ def test_zsh_completes_scenarios_and_controllers(capsys):
     # text of an option in brackets, a message without a colon of its own, what completes
     spec = re.compile(r'\s*"\*?(--\w+\[(\\.|[^]\\])*\])?:(\\.|[^:\\])*:_fsw_\w+"')
     assert [line for line in specs if not spec.fullmatch(line)] == []
+    pictures = [line for line in lines if re.search(r":FILE\.png:", line)]
+    assert pictures and [line for line in pictures if ":_files" not in line] == []
 
 
 @pytest.mark.parametrize(
@@ -414,6 +416,15 @@ def test_one_figure_in_a_file_of_its_format(capsys, tmp_path, weld_bag, ending, 
     assert file.read_bytes().startswith(head)
     two = ("--figures", "6", "7", "--force")
     assert run(capsys, "bag", "plot", str(weld_bag), "--out", str(file), *two)[0] == 1
+    other = ("--format", "png", "--force")
+    assert run(capsys, "bag", "plot", str(weld_bag), "--out", str(file), *other)[0] == 1
+    same = ("--format", ending, "--force")
+    assert run(capsys, "bag", "plot", str(weld_bag), "--out", str(file), *same)[0] == 0
+
+
+def test_a_picture_of_another_format_is_no_folder(capsys, tmp_path, weld_bag):
+    assert run(capsys, "bag", "plot", str(weld_bag), "--out", str(tmp_path / "x.jpg"))[0] == 1
+    assert not (tmp_path / "x.jpg").exists()
 
 
 def test_the_name_of_a_figure_must_end_in_a_format(capsys):

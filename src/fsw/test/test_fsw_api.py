@@ -1,7 +1,9 @@
 """``import fsw``: what its docstrings show, and that it tells what the command line and the model tell."""
 
+import copy
 import csv
 import json
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -230,7 +232,9 @@ def test_the_last_command_is_held_while_a_controller_proposes_none():
 def test_welds_of_equal_labels_are_kept_apart():
     both = fsw.compare("quick", [Late(), Late(), "decentral"])
     assert list(both) == ["nothing", "nothing (2)", "decentral"]
-    assert [one["label"] for one in both.kpi] == list(both)
+    assert {label: one.label for label, one in both.kpi.items()} == {one: one for one in both}
+    with pytest.raises(KeyError, match="did you mean decentral"):
+        both["decentrl"]
     table = str(both)
     for label in list(both)[:2]:  # figures of a held command have a remark
         assert f"- {label}: {both[label].signals.problems[0]}" in table
@@ -257,6 +261,26 @@ def test_no_weld_sees_the_memory_of_another():
     assert [len(weld.controller.errors_mm) for weld in both.values()] == [600, 600]
 
 
+@pytest.mark.parametrize("controller", ["decentral", "nmpc", Integrating()])
+def test_a_weld_can_be_copied_and_comes_from_another_process(controller):
+    weld = fsw.simulate(STEP, controller)
+    assert (weld.controller is None) == isinstance(controller, str)
+    for same in (copy.deepcopy(weld), pickle.loads(pickle.dumps(weld))):
+        assert same.controller is None and same.kpi == weld.kpi
+        assert same["depth_mm"].tobytes() == weld["depth_mm"].tobytes()
+
+
+def test_what_cannot_be_copied_welds_only_with_a_copy_of_its_own_making():
+    controller = Integrating()
+    controller.solver = (step for step in range(3))
+    plant = Lag()
+    plant.solver = controller.solver
+    for options in ({"controller": controller}, {"plant": plant}):
+        with pytest.raises(InputError, match=r"cannot be copied: .*generator.*__deepcopy__"):
+            fsw.simulate("quick", **options)
+    assert controller.errors_mm == []
+
+
 def test_parameters_in_a_comparison_are_by_label():
     both = fsw.compare(
         "quick",
@@ -276,17 +300,21 @@ def test_figures_of_merit_are_typed():
     assert json.loads(json.dumps(kpi)) == kpi
     with pytest.raises(AttributeError, match="iae_depth_mm_s"):
         kpi.iae_depth  # noqa: B018
+    with pytest.raises(KeyError, match="iae_depth_mm_s"):
+        kpi["iae_depth"]
+    with pytest.raises(AttributeError, match="ticks"):
+        kpi.ticks = 5
 
 
 class Lag:
     """A process whose depth follows the force."""
 
-    def __init__(self, last=(2.7, 816.4, 1000.0)):
-        self.last = last
+    def __init__(self, last=(2.7, 816.4, 1000.0), force_kn=78.4):
+        self.last, self.force_kn = last, force_kn
 
     def start(self):
         self.depth_mm = 2.66
-        return fsw.Command(78.4, 407.6), fsw.Outputs(2.66, 816.4, 1000.0)
+        return fsw.Command(self.force_kn, 407.6), fsw.Outputs(2.66, 816.4, 1000.0)
 
     def step(self, command):
         if self.last != (2.7, 816.4, 1000.0):
@@ -324,6 +352,8 @@ def test_controllers_are_switched_on_a_process_of_ones_own():
         (STEP, {"plant": Lag(), "noise": False}, "noise"),
         (STEP, {"plant": Lag(last=(2.7, 816.4))}, r"step\(\)"),
         (STEP, {"plant": Lag(last=(2.7, float("nan"), 1.0))}, "not finite"),
+        (STEP, {"plant": Lag(force_kn=float("nan"))}, r"start\(\).*not finite"),
+        (STEP, {"plant": Lag}, "class"),
         (STEP | {"plant": {"factors": {"copper_lag_s": 1.1}}}, {"plant": Lag()}, "copper_lag_s"),
         ("output_disturbances", {"plant": Lag()}, "disturbances"),
     ],
@@ -331,6 +361,16 @@ def test_controllers_are_switched_on_a_process_of_ones_own():
 def test_what_a_process_of_ones_own_cannot_do_is_refused(scenario, options, fact):
     with pytest.raises(InputError, match=fact):
         fsw.simulate(scenario, "decentral", **options)
+
+
+def test_an_error_in_a_process_of_ones_own_is_its_own():
+    class Broken(Lag):
+        def start(self):
+            return float("x")
+
+    with pytest.raises(ValueError, match="'x'") as raised:
+        fsw.simulate(STEP, "decentral", plant=Broken())
+    assert raised.traceback[-1].name == "start"
 
 
 def test_discrete_form_follows_the_process():

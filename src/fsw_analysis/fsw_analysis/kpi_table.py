@@ -142,9 +142,18 @@ class Kpi(dict[str, Any]):
     def __getattr__(self, name: str) -> Any:
         if name in self:
             return self[name]
-        near = get_close_matches(name, self, 1)
-        hint = f"; did you mean {near[0]}?" if near else ""
-        raise AttributeError(f"no figure of merit {name}{hint}")
+        raise AttributeError(self._lacking(name))
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise AttributeError(f"figures of merit follow from the weld; {name} cannot be set")
+
+    def __missing__(self, name: Any) -> Any:
+        raise KeyError(self._lacking(name))
+
+    def _lacking(self, name: Any) -> str:
+        near = get_close_matches(str(name), self, 1)
+        hint = f"did you mean {near[0]}?" if near else "all names: list(weld.kpi)"
+        return f"no figure of merit {name}; {hint}"
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *self]

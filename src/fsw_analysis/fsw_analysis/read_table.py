@@ -10,11 +10,12 @@ import csv
 import io
 import re
 from collections.abc import Mapping, Sequence
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from fsw_analysis.weld_signals import DriveSignals, FloatArray, WeldSignals
 from fsw_control.schema.models import InputError
@@ -34,6 +35,16 @@ _KELVIN_C = -273.15
 #: quantities of a weld's table, see `fsw_analysis.export`; the first are needed
 _NEEDED = ("time", "depth", "temperature", "torque", "force", "speed")
 _OPTIONAL = ("reference_depth", "reference_temperature", "drives_force", "drives_speed")
+#: words that may stand before a needed quantity; with any other word it can be a set-point or that of
+#: another axis or part, which nobody sees in the result
+_SURE = {
+    "time": {"weld", "log", "elapsed"},
+    "depth": {"weld", "plunge", "tool", "measured", "actual"},
+    "temperature": {"weld", "tool", "probe", "measured", "actual"},
+    "torque": {"spindle", "motor", "tool", "measured", "actual"},
+    "force": {"axial", "plunge", "measured", "actual"},
+    "speed": {"spindle", "rotational", "measured", "actual"},
+}
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 
 
@@ -69,7 +80,7 @@ class _Table:
 
     def __init__(self, columns: Mapping[str, Any], lines: Sequence[int] | None = None) -> None:
         self._columns, self._lines, self.headers = columns, lines, list(columns)
-        self.decimal_comma = False
+        self.decimal_comma = self.decimal_point = False
 
     def place(self, row: int) -> str:
         """Row in messages."""
@@ -77,32 +88,48 @@ class _Table:
 
     def numbers(self, name: str, header: str, quantity: str, unit: str) -> FloatArray:
         """A column in the unit inside."""
-        cells = self._columns[header]
+        cells, factor = self._columns[header], _UNITS[_kind(quantity)][unit]
         values = np.empty(len(cells))
         for row, cell in enumerate(cells):
             try:
-                values[row] = self._number(cell, quantity)
+                seconds = _seconds(cell) if quantity == "time" else None
+                values[row] = self._number(cell) * factor if seconds is None else seconds
             except (TypeError, ValueError):
+                hint = (
+                    "; the file has decimal points" if self.decimal_point and "," in cell else ""
+                )
                 raise InputError(
-                    f"{name}: {self.place(row)}, column {header!r}: {str(cell)[:40]!r} is not a number"
+                    f"{name}: {self.place(row)}, column {header!r}: {str(cell)[:40]!r} is not a number{hint}"
                 ) from None
-        values *= _UNITS[_kind(quantity)][unit]
         return values + _KELVIN_C if unit == "k" else values
 
-    def _number(self, cell: Any, quantity: str) -> float:
-        if isinstance(cell, np.datetime64):
-            return float(cell.astype("datetime64[ns]").astype(np.int64)) * 1e-9
+    def _number(self, cell: Any) -> float:
+        if cell is None or type(cell).__name__ == "NAType":  # that of pandas
+            return float("nan")
         if not isinstance(cell, str):
-            return float(cell.timestamp() if hasattr(cell, "timestamp") else cell)
+            if isinstance(cell, np.datetime64 | np.timedelta64):
+                raise TypeError
+            return float(cell)
         text = cell.strip()
         if text.lower() in _MISSING:
             return float("nan")
-        try:
-            return float(text.replace(",", ".") if self.decimal_comma else text)
-        except ValueError:
-            if quantity != "time":
-                raise
-            return datetime.fromisoformat(text).timestamp()
+        return float(text.replace(",", ".") if self.decimal_comma else text)
+
+
+def _seconds(cell: Any) -> float | None:
+    """Seconds of a date or duration, which has no unit; None if the cell is neither."""
+    if isinstance(cell, np.datetime64 | np.timedelta64):
+        if np.isnat(cell):
+            return float("nan")
+        kind = "datetime64[ns]" if isinstance(cell, np.datetime64) else "timedelta64[ns]"
+        return float(cell.astype(kind).astype(np.int64)) * 1e-9
+    if isinstance(cell, timedelta):
+        return cell.total_seconds()
+    if isinstance(cell, str) and re.match(r"\s*\d{4}-\d", cell):
+        cell = datetime.fromisoformat(cell.strip())
+    if isinstance(cell, datetime):  # without a time zone that of UTC, which has no summer time
+        return (cell if cell.tzinfo else cell.replace(tzinfo=UTC)).timestamp()
+    return None
 
 
 def _cells(source: Any) -> tuple[str, _Table]:
@@ -116,11 +143,23 @@ def _cells(source: Any) -> tuple[str, _Table]:
         source = {str(column): frame[column].to_numpy() for column in frame.columns}
     if not isinstance(source, Mapping):
         raise InputError(f"table: a file, arrays by column or a data frame, not {source!r}")
-    arrays = {str(header): np.ravel(np.asarray(values)) for header, values in source.items()}
+    arrays = {str(header): _array(values) for header, values in source.items()}
     sizes = {header: values.size for header, values in arrays.items()}
+    if not all(sizes.values()):
+        raise InputError(f"table: its columns have no rows: {sizes}")
     if len(set(sizes.values())) > 1:
         raise InputError(f"table: its columns differ in length: {sizes}")
     return "table", _Table(arrays)
+
+
+def _array(values: Any) -> npt.NDArray[Any]:
+    """Cells; None where an array hides one by its mask."""
+    cells = np.ravel(np.asarray(values))
+    hidden = np.ravel(np.ma.getmaskarray(values)) if np.ma.isMaskedArray(values) else False
+    if np.any(hidden):
+        cells = cells.astype(cells.dtype if cells.dtype.kind in "mM" else object)  # a copy
+        cells[hidden] = None  # of dates NaT
+    return cells
 
 
 def _file(path: Path) -> _Table:
@@ -156,8 +195,10 @@ def _file(path: Path) -> _Table:
         numbers.append(begin + reader.line_num)
     if not rows:
         raise InputError(f"{path}: has no rows below its header in line {begin + 1}")
+    # 1,054 is a decimal number only in a file without decimal points: else it may be a thousand
+    point = any(re.fullmatch(r"[+-]?[\d,]*\.\d+", cell.strip()) for row in rows for cell in row)
     table = _Table(dict(zip(headers, zip(*rows, strict=True), strict=True)), numbers)
-    table.decimal_comma = delimiter != ","
+    table.decimal_comma, table.decimal_point = delimiter != "," and not point, point
     return table
 
 
@@ -197,29 +238,34 @@ def _chosen(
         if quantity in chosen:
             continue
         exact = [header for header in headers if parsed[header][0] == quantity]
-        like = [header for header in headers if parsed[header][0].endswith(f"_{quantity}")]
+        sure = [header for header in headers if _is_surely(parsed[header][0], quantity)]
         known = [
-            header
-            for header in exact or (like if quantity in _NEEDED else [])
-            if parsed[header][1] in _UNITS[_kind(quantity)]
+            header for header in exact or sure if parsed[header][1] in _UNITS[_kind(quantity)]
         ]
         if len(known) == 1:
             chosen[quantity] = (known[0], parsed[known[0]][1])
         elif known or quantity in _NEEDED:
-            raise InputError(f"{name}: {_complaint(quantity, known, headers)}")
+            raise InputError(f"{name}: {_complaint(quantity, known, parsed)}")
     return chosen
 
 
-def _complaint(quantity: str, known: Sequence[str], headers: Sequence[str]) -> str:
+def _is_surely(name: str, quantity: str) -> bool:
+    *before, last = name.split("_")
+    return last == quantity and bool(before) and set(before) <= _SURE.get(quantity, set())
+
+
+def _complaint(quantity: str, known: Sequence[str], parsed: Mapping[str, tuple[str, str]]) -> str:
     unit = next(iter(_UNITS[_kind(quantity)]))
     advice = f"give columns={{'{quantity}_{unit}': NAME}}"
     if known:
         return f"several columns may be the {quantity}: {', '.join(known)}; {advice}"
     units = ", ".join(_UNITS[_kind(quantity)])
-    like = [header for header in headers if quantity in re.split(r"[\W_]+", header.lower())]
+    like = [header for header in parsed if quantity in re.split(r"[\W_]+", header.lower())]
+    if without := [one for one in like if parsed[one][1] not in _UNITS[_kind(quantity)]]:
+        return f"column {without[0]!r} has no unit that a {quantity} can have ({units}); {advice}"
     if like:
-        return f"column {like[0]!r} has no unit that a {quantity} can have ({units}); {advice}"
-    return f"no column is the {quantity}, as {quantity}_{unit} or '{quantity} [{unit}]'; {advice}; there are {', '.join(headers)}"
+        return f"the {quantity} of the weld may be another one than {', '.join(like)}; {advice}"
+    return f"no column is the {quantity}, as {quantity}_{unit} or '{quantity} [{unit}]'; {advice}; there are {', '.join(parsed)}"
 
 
 def _signals(name: str, numbers: Mapping[str, FloatArray], table: _Table) -> WeldSignals:

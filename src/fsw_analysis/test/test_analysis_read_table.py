@@ -62,11 +62,55 @@ def test_a_column_of_any_name_is_given_by_quantity_and_unit():
     assert signals.force_kn == pytest.approx(read_table(LOG).force_kn)
 
 
-@pytest.mark.parametrize("kind", ["datetime64", "text"])
-def test_times_of_the_calendar_are_times(kind):
-    stamps = EPOCH + (LOG["time_s"] * 1e9).astype("timedelta64[ns]")
-    cells = stamps if kind == "datetime64" else [str(stamp)[:26] for stamp in stamps]
-    assert read_table(changed(time_s=cells)).time_s == pytest.approx(read_table(LOG).time_s)
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [
+        ("depth_mm", "reference_depth_mm"),
+        ("depth_mm", "Target depth [mm]"),
+        ("force_kn", "Traverse force [kN]"),
+        ("temperature_c", "Motor temperature [C]"),
+        ("speed_rpm", "speed_setpoint_rpm"),
+        ("time_s", "Cycle time [s]"),
+    ],
+)
+def test_a_set_point_or_what_may_be_of_another_part_is_no_measurement(name, other):
+    with pytest.raises(InputError) as raised:
+        read_table(changed(**{name: None, other: LOG[name], "Depth actual [mm]": LOG["depth_mm"]}))
+    assert f"'{name}': NAME" in str(raised.value) and other in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        [None, *LOG["force_kn"][1:]],
+        np.ma.array(LOG["force_kn"], mask=np.arange(N) == 0),
+        np.ma.array(np.full(N, 78), mask=np.arange(N) == 0),
+    ],
+    ids=["None", "mask", "mask of int"],
+)
+def test_a_cell_that_is_missing_has_no_value(cells):
+    signals = read_table(changed(time_s=LOG["time_s"] * 10.0, force_kn=cells))
+    assert np.flatnonzero(np.isnan(signals.force_kn)).tolist() == [0]
+
+
+SINCE = np.round(LOG["time_s"] * 1e9).astype("timedelta64[ns]")
+
+
+@pytest.mark.parametrize("unit", ["s", "ms", "min"])
+@pytest.mark.parametrize(
+    "cells",
+    [
+        EPOCH + SINCE,
+        SINCE,
+        SINCE.astype("timedelta64[us]").tolist(),
+        (EPOCH + SINCE).astype("datetime64[us]").tolist(),
+        [str(stamp)[:26] for stamp in EPOCH + SINCE],
+    ],
+    ids=["datetime64", "timedelta64", "timedelta", "datetime", "text"],
+)
+def test_dates_and_durations_are_times_whatever_the_columns_unit(cells, unit):
+    signals = read_table(changed(**{"time_s": None, f"time_{unit}": cells}))
+    assert signals.time_s == pytest.approx(read_table(LOG).time_s)
 
 
 def test_a_file_may_have_decimal_commas_and_another_encoding(tmp_path):
@@ -92,6 +136,15 @@ def test_an_exported_weld_is_read_as_it_was(tmp_path):
     assert again.drives.force_kn == pytest.approx(again.force_kn - 1.0)
 
 
+@pytest.mark.parametrize("torque", ["1,054", "1,054.0", "1.054,0"])
+def test_a_comma_in_a_file_with_decimal_points_is_refused(tmp_path, torque):
+    rows = [ROW.replace(",", ";"), f"0.1;2.660;816;{torque};78;407"]
+    with pytest.raises(InputError) as raised:
+        read_table(written(tmp_path / "log.csv", HEADER.replace(",", ";"), *rows))
+    facts = ["line 3", "'torque_nm'", repr(torque)]
+    assert [fact for fact in facts if fact not in str(raised.value)] == []
+
+
 HEADER = "time_s,depth_mm,temperature_c,torque_nm,force_kn,speed_rpm"
 ROW = "0.0,2.6,816.4,1022,78.4,407"
 
@@ -110,8 +163,8 @@ ROW = "0.0,2.6,816.4,1022,78.4,407"
         ([HEADER.replace("force_kn", "force"), ROW], ["'force'", "unit", "kn, n"]),
         ([HEADER.replace("force_kn", "x"), ROW], ["force_kn", "speed_rpm"]),
         (
-            [HEADER.replace("force_kn", "a_force_kn") + ",b_force_kn", ROW + ",1"],
-            ["a_force_kn, b_force_kn"],
+            [HEADER.replace("force_kn", "axial_force_kn") + ",plunge_force_kn", ROW + ",1"],
+            ["axial_force_kn, plunge_force_kn"],
         ),
     ],
 )
@@ -127,6 +180,10 @@ def test_errors_in_a_file_have_their_place(tmp_path, lines, facts):
         (3, None, ["3"]),
         (changed(force_kn=[1.0]), None, ["length"]),
         (changed(force_kn=["x"] * N), None, ["row 0", "'force_kn'", "'x'"]),
+        (changed(force_kn=SINCE), None, ["row 0", "'force_kn'"]),
+        (changed(time_s=np.ma.array(EPOCH + SINCE, mask=[True] * N)), None, ["row 0", "no time"]),
+        ({name: [] for name in LOG}, None, ["no rows"]),
+        (changed(time_s=np.full(N, np.datetime64("NaT"))), None, ["row 0", "no time"]),
         (LOG, {"force_kn": "F"}, ["'F'", "force_kn"]),
         (LOG, {"force": "force_kn"}, ["'force'", "unit"]),
         ("no_such.csv", None, ["no_such.csv"]),

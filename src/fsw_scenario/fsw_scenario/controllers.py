@@ -149,7 +149,7 @@ def make(label: str, parameters: Mapping[str, Any] | None = None) -> Controller:
     """
     make_one = maker(label)
     try:
-        values = validate(described_in(label), {**(parameters or {}), **variant_of(label)})
+        values = validate(described_in(label), with_variant(label, parameters or {}))
         made = make_one(values)
     except InputError:
         raise
@@ -175,6 +175,24 @@ def variant_of(label: str) -> dict[str, str]:
     if not isinstance(parameter, str):
         raise InputError(f"controller {label}: it has no variants")
     return {parameter: variant}
+
+
+def with_variant(label: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters, and the one set by the variant in a label.
+
+    Raises
+    ------
+    fsw_control.schema.models.InputError
+        As in :func:`variant_of`, and if a parameter contradicts the variant.
+    """
+    variant = variant_of(label)
+    for name, value in variant.items():
+        if parameters.get(name, value) != value:
+            raise InputError(
+                f"controller {label}: its variant is {name}={value}, which contradicts the "
+                f"parameter {name}={parameters[name]}"
+            )
+    return {**parameters, **variant}
 
 
 def variants_of(labels: Iterable[str]) -> dict[str, dict[str, str]]:

@@ -99,12 +99,19 @@ class OwnPlant:
             needs.append("disturbances and faults")
         if needs:
             raise InputError(f"{scenario.name}: its {', '.join(needs)} need the emulated plant")
+        if isinstance(process, type):
+            raise InputError(
+                f"plant: an object with start() and step(), not the class {process!r}"
+            )
         self._process = process
+        begun = process.start()  # an error in it is the user's, with its traceback
         try:
-            command, outputs = process.start()
+            command, outputs = begun
             self.applied = Command(*map(float, command))
         except (TypeError, ValueError) as error:
             raise InputError(f"plant: start() returns a Command and Outputs: {error}") from None
+        if not all(map(isfinite, self.applied)):
+            raise InputError(f"plant: start() returned {self.applied}, which is not finite")
         self._tick, self._outputs = 1, _checked(outputs, "start")
 
     def measure(self) -> _Reading:

@@ -79,6 +79,12 @@ def test_a_controller_of_a_graph_is_named_once():
         variants_of(["decentral:tight", "nmpc", "decentral:smith"])
 
 
+def test_a_parameter_that_contradicts_the_variant_is_refused():
+    make("decentral:tight", {"tuning": "tight"})
+    with pytest.raises(InputError, match=r"tuning=tight, .* tuning=smith"):
+        make("decentral:tight", {"tuning": "smith"})
+
+
 def test_a_class_that_is_no_controller_is_told(tmp_path):
     (tmp_path / "other.py").write_text(
         "class Other:\n    name = 'other'\n    def step(self): ...\n"
