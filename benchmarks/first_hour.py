@@ -170,9 +170,9 @@ def _git(*arguments: str) -> str:
 
 def answer(mistake: Mapping[str, str], done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
     """What a program with a mistake says: the end of its error, and whether that helps."""
-    said = done.stderr.strip()
-    heads = list(re.finditer(r"^[\w.]*(?:Error|Exception|Warning)\b", said, re.MULTILINE))
-    text = said[heads[-1].start() :] if heads and done.returncode else said
+    printed = done.stderr.strip()
+    heads = list(re.finditer(r"^[\w.]*(?:Error|Exception|Warning)\b", printed, re.MULTILINE))
+    text = printed[heads[-1].start() :] if heads and done.returncode else printed
     text = text if done.returncode else ""
     return {
         "code": mistake["code"],

@@ -34,7 +34,7 @@ def test_every_public_name_has_an_example():
     ("call", "facts"),
     [
         (lambda: fsw.identify(), ["identify: ", "one weld"]),
-        (lambda: fsw.identify("bag", {}), ["identify: welds", "Weld", "{}"]),
+        (lambda: fsw.identify({}), ["table", "columns"]),
         (
             lambda: fsw.identify("bag", start="file"),
             ["identify: start", "ModelParameters", "'file'"],
