@@ -32,6 +32,7 @@ class Code(StrEnum):
     NO_SUPERVISOR = "no_supervisor"
     MODE = "mode"
     DONE = "done"
+    ABORTED = "aborted"
     NOT_JUDGED = "not_judged"
     ACCOUNT = "account"
     GOOD = "good"
@@ -75,7 +76,7 @@ def _worst(now: Now) -> dict[str, str]:
         _urgent(now.alarms)
         or _of_flags(now.flags)
         or _of_state(now.state)
-        or (_end(now) if now.programme == DONE else _of_account(now.account))
+        or (_end(now) if now.programme in OVER else _of_account(now.account))
         or _of_alarms(now.alarms, "low")
         or _line("good", Code.GOOD, "none", "Good", "every limit is kept so far")
     )
@@ -151,8 +152,10 @@ def _after(now: Now) -> str:
 
 
 def _end(now: Now) -> dict[str, str]:
-    """The weld has ended as its programme has it: what the rules of its record say."""
-    account, action = now.account, NEXT_OF_BAG[now.recording]
+    """The weld has ended: aborted, or as its programme has it and as its rules judge it."""
+    account, action = now.account, _after(now)
+    if now.programme != DONE:
+        return _line("medium", Code.ABORTED, action, "Weld aborted", "it cannot be continued")
     if account is None:
         return _line("attention", Code.DONE, action, "Weld done", "not judged")
     text = f"Weld done: {account['text']}"

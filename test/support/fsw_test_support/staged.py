@@ -191,10 +191,11 @@ STAGED = {
         after="wait_for_bag",
     ),
     "programme aborted, control again": Staged(
-        "good",
+        "aborted",
         "",
-        "none",
-        "Good: every limit is kept so far → ",
+        "wait_for_bag",
+        "Weld aborted: it cannot be continued → "
+        "Wait until the bag is closed, then write the record of the weld",
         (situation(programme="aborted"),),
         after="wait_for_bag",
     ),
