@@ -85,16 +85,14 @@ class ReducedCanister(HeatModel):
             modes[: self._ends[1]] = theta * volume / (2.0 * pi)
         return CanisterState(modes, angle_rad, self.checked(axial_mm))
 
-    def step(
+    def _driven(
         self,
         state: CanisterState,
         power_kw: float,
         traverse_mm_per_s: float,
         axial_mm: float,
-        dt_s: float = 0.1,
-    ) -> CanisterState:
-        """See :meth:`HeatModel.step`."""
-        self._check(power_kw, traverse_mm_per_s, axial_mm, dt_s)
+        dt_s: float,
+    ) -> Complex:
         source, _, _ = self._at(axial_mm)
         decay, response = self._over(traverse_mm_per_s, dt_s)
         driven = np.conj(self._phase(state.angle_rad))
@@ -102,8 +100,7 @@ class ReducedCanister(HeatModel):
         driven *= source
         driven *= power_kw
         driven += decay * state.modes
-        turned = traverse_mm_per_s * dt_s / self._radius_mm
-        return CanisterState(driven, state.angle_rad + turned, axial_mm, power_kw)
+        return driven
 
     def _phase(self, angle_rad: float) -> Complex:
         """Phase of the tool in each state's mode."""

@@ -53,7 +53,6 @@ class HeatModel(ABC):
     def initial(self, *, axial_mm: float = 0.0) -> CanisterState:
         """Return a canister at ambient temperature everywhere."""
 
-    @abstractmethod
     def step(
         self,
         state: CanisterState,
@@ -72,6 +71,21 @@ class HeatModel(ABC):
         fsw_control.schema.models.InputError
             If an input is not finite, the tool is off the copper or the step is not positive.
         """
+        self._check(power_kw, traverse_mm_per_s, axial_mm, dt_s)
+        modes = self._driven(state, power_kw, traverse_mm_per_s, axial_mm, dt_s)
+        turned = traverse_mm_per_s * dt_s / self.parameters.outer_radius_mm
+        return CanisterState(modes, state.angle_rad + turned, axial_mm, power_kw)
+
+    @abstractmethod
+    def _driven(
+        self,
+        state: CanisterState,
+        power_kw: float,
+        traverse_mm_per_s: float,
+        axial_mm: float,
+        dt_s: float,
+    ) -> Complex | Array:
+        """The amplitudes after a step with valid inputs."""
 
     @abstractmethod
     def stir_zone_temperature_c(self, state: CanisterState) -> float:
@@ -165,23 +179,20 @@ class CompactCanister(HeatModel):
         """See :meth:`HeatModel.initial`."""
         return CanisterState(np.zeros(self.states), 0.0, self.checked(axial_mm))
 
-    def step(
+    def _driven(
         self,
         state: CanisterState,
         power_kw: float,
         traverse_mm_per_s: float,
         axial_mm: float,
-        dt_s: float = 0.1,
-    ) -> CanisterState:
-        """See :meth:`HeatModel.step`."""
-        self._check(power_kw, traverse_mm_per_s, axial_mm, dt_s)
+        dt_s: float,
+    ) -> Complex | Array:
         modes = state.modes.copy()
         transition = map(_pointer, self.over(traverse_mm_per_s, dt_s))
         KERNEL.lib.fsw_plant_canister_step(
             self.memory, *transition, power_kw, axial_mm, _pointer(modes)
         )
-        turned = traverse_mm_per_s * dt_s / self.parameters.outer_radius_mm
-        return CanisterState(modes, state.angle_rad + turned, axial_mm, power_kw)
+        return modes
 
     def over(self, traverse_mm_per_s: float, dt_s: float) -> tuple[Array, Array]:
         """Transposed transition (states, states) and input matrix of a source (even, states)."""
