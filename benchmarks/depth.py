@@ -384,7 +384,7 @@ def _each(pool: Any, function: Any, tasks: list[Any], until_s: float) -> list[An
 
 def draw(rows: list[dict[str, Any]], file: Path) -> None:
     """Shown and true error of each controller, by sensors and footprint."""
-    from fsw_analysis.figure_style import legend_below, sheet
+    from fsw_analysis.figure_style import BLUE, legend_below, sheet
 
     labels = [
         f"{row['controller']}, {row['source']}{', footprint' if row['footprint'] else ''}"
@@ -393,7 +393,7 @@ def draw(rows: list[dict[str, Any]], file: Path) -> None:
     place = np.arange(len(rows))
     with sheet(9.0, 3.6, file) as figure:
         axes = figure.subplots()
-        shown = {"facecolor": "white", "edgecolor": "#0b62a4", "hatch": "////"}
+        shown = {"facecolor": "white", "edgecolor": BLUE, "hatch": "////"}
         axes.barh(place - 0.2, [row["error_99_mm"] for row in rows], 0.4, label="true")
         axes.barh(place + 0.2, [row["shown_99_mm"] for row in rows], 0.4, label="shown", **shown)
         axes.axvline(AIM_MM, color="k", linestyle=":", label="aim")

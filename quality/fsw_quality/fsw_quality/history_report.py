@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 from matplotlib.axes import Axes
 
-from fsw_analysis.figure_style import legend_below, png, sheet
+from fsw_analysis.figure_style import BLUE, GREEN, RED, legend_below, png, sheet
 from fsw_analysis.report import page, source
 from fsw_analysis.weld_signals import FloatArray
 from fsw_control.schema.files import write_whole
@@ -60,8 +60,7 @@ SKEWED = tuple(
 #: changes in a line
 _MOST, _ALIKE, _MOST_CHANGES = 40, 3, 3
 _CHARTS = {"shewhart": "Shewhart", "cusum": "CUSUM"}
-_BLUE = "#0b62a4"
-_BOUND: dict[str, Any] = {"color": "#d1495b", "linewidth": 0.9, "linestyle": "--"}
+_BOUND: dict[str, Any] = {"color": RED, "linewidth": 0.9, "linestyle": "--"}
 #: changes of these stand out from weld to weld, as do those of tuning and software
 _SETTINGS = ("machine", "tool", "procedure", "procedure_sha256")
 
@@ -311,7 +310,7 @@ def draw(table: pa.Table, made: dict[str, Chart]) -> bytes:
             right.set_title("CUSUM [σ]", fontsize=8.5, loc="left")
             for one_sided in (entry.rise, -entry.fall):
                 right.plot(
-                    np.arange(1, entry.values.size + 1), one_sided, color=_BLUE, linewidth=1.0
+                    np.arange(1, entry.values.size + 1), one_sided, color=BLUE, linewidth=1.0
                 )
             for limit in (LIMITS.cusum, -LIMITS.cusum):
                 right.axhline(limit, **_BOUND)
@@ -334,9 +333,9 @@ def _draw_chart(axis: Axes, entry: Chart, begins: Sequence[float]) -> None:
     for bound in (entry.low, entry.high):
         axis.plot(welds, bound, label="limit", **_BOUND)
     out = sorted({weld for signals in entry.signals.values() for weld in signals})
-    ring: dict[str, Any] = {"color": "#d1495b", "markersize": 6, "fillstyle": "none"}
+    ring: dict[str, Any] = {"color": RED, "markersize": 6, "fillstyle": "none"}
     axis.plot(welds[out], entry.values[out], "o", **ring, label="signals")
     if begins:
         # one collection: a line for each of hundreds of tools takes seconds
         across: dict[str, Any] = {"transform": axis.get_xaxis_transform(), "linewidth": 1.2}
-        axis.vlines(begins, 0.0, 1.0, color="#2e8540", label="new tool or procedure", **across)
+        axis.vlines(begins, 0.0, 1.0, color=GREEN, label="new tool or procedure", **across)

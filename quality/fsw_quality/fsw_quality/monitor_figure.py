@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from fsw_analysis.figure_style import sheet
+from fsw_analysis.figure_style import BLUE, RED, sheet
 from fsw_quality.monitor import ALARM, TREND
 from fsw_quality.monitor_run import Watched
 
 _LABELS = "torque\n[N·m]", "force\n[kN]", "heat\n[°C]"
-_BLUE, _RED, _GREY = "#0b62a4", "#d1495b", "#777777"
-_TREND: dict[str, Any] = {"facecolor": "white", "edgecolor": _RED, "hatch": "////"}
+_GREY = "#777777"
+_TREND: dict[str, Any] = {"facecolor": "white", "edgecolor": RED, "hatch": "////"}
 
 
 def draw(watched: Watched, title: str, file: Path) -> None:
@@ -29,17 +29,17 @@ def draw(watched: Watched, title: str, file: Path) -> None:
         for axis, label, values in zip(
             axes, _LABELS, zip(*watched.disturbances, strict=True), strict=False
         ):
-            axis.plot(minutes, values, color=_BLUE)
+            axis.plot(minutes, values, color=BLUE)
             axis.set_ylabel(label)
         axes[0].set_title(
             "what neither the model nor its coefficients explain", fontsize=9.0, loc="left"
         )
-        axes[3].plot(minutes, watched.ratios, color=_BLUE, label="to a harmless fault, for alarms")
+        axes[3].plot(minutes, watched.ratios, color=BLUE, label="to a harmless fault, for alarms")
         axes[3].plot(
             minutes, watched.trends, color=_GREY, linewidth=1.0, label="to none, for trends"
         )
         axes[3].legend(loc="upper left", fontsize=8.0)
-        for level, word, color in ((TREND, "trend", _GREY), (ALARM, "alarm", _BLUE)):
+        for level, word, color in ((TREND, "trend", _GREY), (ALARM, "alarm", BLUE)):
             axes[3].axhline(level, color=color, linestyle="--", linewidth=1.0)
             axes[3].annotate(
                 word, (1.0, level), xycoords=("axes fraction", "data"), ha="right", va="bottom"
@@ -47,7 +47,7 @@ def draw(watched: Watched, title: str, file: Path) -> None:
         axes[3].set_ylabel("log likelihood\nratio")
         axes[3].set_ylim(0.0, max(1.5 * ALARM, min(max(watched.ratios), 5.0 * ALARM)))
         for one in intervals:
-            look = {"color": _RED} if one.finding.alarm else _TREND
+            look = {"color": RED} if one.finding.alarm else _TREND
             width = (one.end_s - one.begin_s) / 60.0
             axes[4].barh(causes.index(one.finding.cause), width, left=one.begin_s / 60.0, **look)
         axes[4].set_yticks(

@@ -71,8 +71,10 @@ class Look(NamedTuple):
         }
 
 
-_DEFAULT = Look("#0b62a4", "-", "o", "")
-_CONSERVATIVE = Look("#d1495b", (5.0, 1.2), "s", "////")
+#: what is shown, what is wrong, what else happens: in figures that compare nothing
+BLUE, RED, GREEN = "#0b62a4", "#d1495b", "#2e8540"
+_DEFAULT = Look(BLUE, "-", "o", "")
+_CONSERVATIVE = Look(RED, (5.0, 1.2), "s", "////")
 #: Of our controllers, in every figure: blue NMPC, red, orange and violet decentralized.
 CONTROLLERS = {
     "nmpc": _DEFAULT,
@@ -86,7 +88,7 @@ CONTROLLERS = {
 }
 #: Of everything else.
 OTHERS = (
-    Look("#2e8540", (12.0, 1.5, 4.0, 1.5), "X", "++"),
+    Look(GREEN, (12.0, 1.5, 4.0, 1.5), "X", "++"),
     Look("#8d5fd3", (4.0, 2.0), "<", "//"),
     Look("#8c564b", (8.0, 2.0, 2.0, 2.0), ">", "\\\\"),
     Look("#444444", (1.5, 1.5), "h", "--"),
