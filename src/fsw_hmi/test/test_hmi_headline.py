@@ -12,22 +12,11 @@ from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
 from fsw_hmi.headline import Now, headline
 from fsw_hmi.limits import limits
 from fsw_hmi.standing import flags, flags_now, variables
+from fsw_test_support import hmi_situation
 
 INTERLOCKS = {"interlocks.depth_high.warn": 3.4, "interlocks.depth_high.trip": 3.6}
 LIMITS = limits(INTERLOCKS, default(), {"deviation_force_kn": 5.0, "deviation_speed_rpm": 20.0})
-GOOD = {
-    "depth_mm": 2.66,
-    "reference_depth_mm": 2.66,
-    "temperature_c": 850.0,
-    "reference_temperature_c": 850.0,
-}
-GOOD |= {
-    "force_kn": 80.0,
-    "command_force_kn": 80.0,
-    "speed_rpm": 400.0,
-    "command_speed_rpm": 400.0,
-}
-GOOD |= {"torque_nm": 1060.0, "power_kw": 45.0}
+GOOD = hmi_situation.GOOD | {"torque_nm": 1060.0, "power_kw": 45.0}
 AUTO = {"known": True, "actual_mode": "auto", "reason": "", "acknowledged": False}
 ACCOUNT = {"level": "good", "text": "Good", "detail": ""}
 FLAG = {"level": "medium", "kind": "error", "text": "off its set-point, high"}
