@@ -217,10 +217,13 @@ class ClosedLoop:
             controller.reset(start)
 
     @property
+    def _first(self) -> str:
+        return OpenLoopController.name if self.scenario.open_loop else self.scenario.controller
+
+    @property
     def selected(self) -> Controller:
         """Controller that the scenario starts with."""
-        name = OpenLoopController.name if self.scenario.open_loop else self.scenario.controller
-        return self._controllers[name]
+        return self._controllers[self._first]
 
     def run(self, progress: Callable[[float], None] | None = None) -> WeldSignals:
         """Run to the end and return the same signals as a bag of the weld.
@@ -233,7 +236,7 @@ class ClosedLoop:
         scenario, plant, limits = self.scenario, self.plant, Limits()
         programme, swaps = _Programme(scenario, self._heat), deque(switches(scenario).items())
         applied, tick = plant.applied, 0
-        first = OpenLoopController.name if scenario.open_loop else scenario.controller
+        first = self._first
         faulty = any(event.fault is not None for event in scenario.events)
         supervised = faulty or len(self._controllers) > 1
         supervisor = OfflineSupervisor(self._controllers, first) if supervised else None
