@@ -1,10 +1,5 @@
 #!/usr/bin/env python3
-"""Every sequence of letters of a welding cell, breadth first; sequences that lead to the same state are merged.
-
-usage: explore.py [--depth N] [--only ALPHABET] [--machine MACHINE] [--mode MODE] [--forgive RULE
-...] [--json FILE]
-       explore.py --publish FILE
-"""
+"""Every sequence of letters of a welding cell, breadth first; sequences that lead to the same state are merged."""
 
 from __future__ import annotations
 

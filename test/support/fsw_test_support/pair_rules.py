@@ -1,31 +1,4 @@
-"""What must hold of a pair of supervisors, judged by what acts at the actuator end and by what operators are answered.
-
-I1 A safe stop that was answered with success stays: no other command acts before an
-acknowledgement was given later. I2 Terms of commands that act never fall, and a term has one
-leader; the actuator's stop register never falls. I3 While the actuator's register says stopped, or
-after its watchdog has reacted, only a safe stop acts, until an
-    acknowledgement that was given later. If no gateway was there to see that its machine has moved
-    by more than one move, only the leader before has to stop, and only if it is more than a move
-    from where that leader has put it; a gateway takes less than 0.6 moves for rounding.
-I4  A request answered with success has been in force at the actuator end since it was asked for.
-I5 Of each stamp one command acts at most; it is inside the bounds, and one move at most from what
-acted before,
-    or at one of the last three measurements. At the plant, one for each tick since the command
-    before, but three at most, if that was lost or came after another leader's; six where commands
-    are under way for longer than a tick.
-I6 A cause that a supervisor in command can see and answer leads to a safe stop within ``CAUSE_S``.
-I7 Once all is well, within ``HEAL_S`` one supervisor leads, all ticks are answered, and, after the
-operator's
-    acknowledgement, a controller commands. Two that live do not lead in turns more than ``SWAPS``
-    times in ``SWAPS_S``.
-I8 A request that has reached a running supervisor is answered within ``ANSWER_S``, a switch
-``SWITCH_S`` later.
-
-Fault model: any message may be lost, delayed, doubled or overtaken; any process may be suspended
-or die at any moment, several at once, as long as one part that lives holds the newest value of the
-stop register. The actuator end begins again only where that part reaches it while it listens,
-before it measures, and no supervisor lives that has missed that value. Clocks may step.
-"""
+"""What must hold of a pair of supervisors, judged by what acts at the actuator end and by what operators are answered."""
 
 from __future__ import annotations
 
@@ -47,6 +20,38 @@ SWITCH_S = 0.5
 ANSWER_S = CONFIRM_S + 0.35
 HEAL_S = 12.0
 SWAPS, SWAPS_S = 9, 10.0
+#: the invariants by their names, and under which faults they hold; the results page prints both
+INVARIANTS = {
+    "I1": "A safe stop that was answered with success stays: no other command acts before an "
+    "acknowledgement was given later.",
+    "I2": "Terms of commands that act never fall, and a term has one leader; the actuator's stop "
+    "register never falls.",
+    "I3": "While the actuator's register says stopped, or after its watchdog has reacted, only a "
+    "safe stop acts, until an acknowledgement that was given later. If no gateway was there to see "
+    "that its machine has moved by more than one move, only the leader before has to stop, and "
+    "only if it is more than a move from where that leader has put it; a gateway takes less than "
+    "0.6 moves for rounding.",
+    "I4": "A request answered with success has been in force at the actuator end since it was "
+    "asked for.",
+    "I5": "Of each stamp one command acts at most; it is inside the bounds, and one move at most "
+    "from what acted before, or at one of the last three measurements. At the plant, one for each "
+    "tick since the command before, but three at most, if that was lost or came after another "
+    "leader's; six where commands are under way for longer than a tick.",
+    "I6": "A cause that a supervisor in command can see and answer leads to a safe stop within "
+    f"{CAUSE_S:g} s.",
+    "I7": f"Once all is well, within {HEAL_S:g} s one supervisor leads, all ticks are answered, "
+    "and, after the operator's acknowledgement, a controller commands. Two that live do not lead "
+    f"in turns more than {SWAPS} times in {SWAPS_S:g} s.",
+    "I8": "A request that has reached a running supervisor is answered within "
+    f"{ANSWER_S:g} s, a switch {SWITCH_S:g} s later.",
+}
+FAULT_MODEL = (
+    "any message may be lost, delayed, doubled or overtaken; any process may be suspended or die "
+    "at any moment, several at once, as long as one part that lives holds the newest value of the "
+    "stop register. The actuator end begins again only where that part reaches it while it "
+    "listens, before it measures, and no supervisor lives that has missed that value. Clocks may "
+    "step."
+)
 #: where single commands to the plant were lost, the next one is at most so many moves away
 MOVES = 3
 #: the same so long after a pause or a message that took longer than a tick: as many more may be on
