@@ -53,8 +53,10 @@ def test_states_that_are_merged_go_on_alike(alphabet, gateway):
     following: dict[int, tuple[tuple[str, ...], list[int]]] = {}
     merged = 0
     for mode in MODES:
+        cell = started(mode, gateway)
+        start = Snapshot(cell)
         for path in product(letters, repeat=2):
-            cell = started(mode, gateway)
+            start.restore()
             for letter in path:
                 cell.step(letter)
             key, before, next_keys = state(cell), Snapshot(cell), []
