@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator
 
 from fsw_control import weld
 from fsw_control.parameters import AT_START, NodeParameters
@@ -10,14 +12,24 @@ from fsw_control.schema.models import Whole
 from fsw_control.schema.ranges import Range
 
 
+def _refuse_adaptive(preset: Any) -> Any:
+    """Say what replaces a preset of earlier versions."""
+    if preset == "adaptive":
+        raise ValueError(
+            "adaptive no longer exists: use default with a model_file of this process "
+            "(fsw.py identify), on canisters also with the heat of earlier welds (fsw.py learn)"
+        )
+    return preset
+
+
 class NmpcParameters(NodeParameters):
     """Parameters of the NMPC. All but ``model_file`` act at runtime, without a bump."""
 
-    preset: Literal["default", "adaptive", "paper", "paper:offset_free", "paper:letter"] = (
-        "default"
-    )
-    """default: by rule from the model; adaptive: likewise, but the output without priority gives
-    way on the way to a set-point, too; paper (or paper:offset_free): weights, dead-bands and
+    preset: Annotated[
+        Literal["default", "paper", "paper:offset_free", "paper:letter"],
+        BeforeValidator(_refuse_adaptive),
+    ] = "default"
+    """default: by rule from the model; paper (or paper:offset_free): weights, dead-bands and
     corridors of the paper, (32)-(37), with estimated disturbances; paper:letter: without these, as
     in the paper."""
     tuning_file: str = ""
