@@ -2,6 +2,7 @@
  * back, enforce the limits. */
 #include <limits.h>
 #include <math.h>
+#include <stddef.h>
 
 #include "internal.h"
 
@@ -91,9 +92,9 @@ static int is_finite_model(const fsw_nmpc_model *m) {
 /* Whether a tuning makes sense: finite, non-negative, and its choices known. */
 static int is_usable(const fsw_nmpc_tuning *t) {
   double sum = 0.0, least = 0.0, largest_share = 0.0;
-#define ADD(number) add(t->number, &sum, &least);
+  const double *numbers = (const double *)t; /* the struct begins with all its numbers, without padding */
+  for (size_t k = 0; k < offsetof(fsw_nmpc_tuning, trajectory) / sizeof(double); k++) add(numbers[k], &sum, &least);
 #define COMPARE(share) largest_share = t->share > largest_share ? t->share : largest_share;
-  FSW_EACH_NUMBER(ADD)
   FSW_EACH_SHARE(COMPARE)
   if (!fsw_is_finite(sum) || least < 0.0 || largest_share > 1.0) return 0;
   for (int q = 0; q < 2; q++)
@@ -251,16 +252,13 @@ static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
 
 static void tell_estimates(const fsw_nmpc *c, fsw_nmpc_output *out) {
   const fsw_estimator *e = &c->estimator;
-  static const int shown[FSW_ESTIMATES] = {FSW_FORCE,       FSW_HEAT,       FSW_SCALE,
-                                           FSW_DEPTH_OFFSET, FSW_TEMP_OFFSET, FSW_DEPTH_RATE,
-                                           FSW_TEMP_RATE,   FSW_DEPTH_GAIN};
   out->depth_mm = fsw_contact_depth(e, &c->model, 0) + e->x[FSW_DEPTH_OFFSET];
   out->temperature_c = c->model.operating_temperature_c + e->x[FSW_TOOL] + e->x[FSW_TEMP_OFFSET];
   out->torque_nm = e->x[FSW_MOTOR];
   out->copper_c = c->model.operating_temperature_c + e->x[FSW_COPPER];
   for (int i = 0; i < FSW_ESTIMATES; i++) {
-    out->disturbance[i] = e->x[shown[i]];
-    out->deviation[i] = sqrt(e->p[shown[i]][shown[i]]);
+    out->disturbance[i] = e->x[FSW_FORCE + i];
+    out->deviation[i] = sqrt(e->p[FSW_FORCE + i][FSW_FORCE + i]);
   }
 }
 

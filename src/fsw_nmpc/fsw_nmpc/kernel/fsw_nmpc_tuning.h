@@ -155,40 +155,6 @@ typedef struct {
   int plan_reuse;
 } fsw_nmpc_tuning;
 
-#define FSW_EACH_NUMBER(DO) \
-  DO(depth_time_s) DO(temperature_time_s) DO(dead_band_depth_mm) DO(dead_band_temperature_c) \
-  DO(quality_depth_mm) DO(quality_temperature_min_c) DO(quality_temperature_max_c) \
-  DO(weight_depth_per_mm) DO(weight_temperature_per_c) DO(depth_scale_mm) DO(temperature_scale_c) \
-  DO(move_force_per_kn) DO(move_speed_per_rpm) DO(full_move_cost) DO(tolerance) \
-  DO(approach.force_time_s) DO(approach.power_time_s) DO(approach.depth_acceleration) \
-  DO(approach.brake_share) DO(approach.rate_share) DO(approach.depth_approach_keep) \
-  DO(approach.temperature_approach_keep) DO(approach.least_force_kn) \
-  DO(approach.least_rate_c_per_s) DO(approach.least_power_kw) DO(estimator.depth_noise_mm) \
-  DO(estimator.torque_noise_nm) DO(estimator.temperature_noise_c) DO(estimator.creep_walk_mm) \
-  DO(estimator.copper_walk_c) DO(estimator.motor_walk_nm) DO(estimator.force_walk_kn) \
-  DO(estimator.heat_walk_kw) DO(estimator.torque_scale_walk) DO(estimator.depth_offset_walk_mm) \
-  DO(estimator.temperature_offset_walk_c) DO(estimator.depth_rate_walk_mm_per_s) \
-  DO(estimator.temperature_rate_walk_c_per_s) DO(estimator.depth_gain_walk) \
-  DO(estimator.jump_sigmas) DO(estimator.drift_sigmas) DO(estimator.start_deviation[0]) \
-  DO(estimator.start_deviation[1]) DO(estimator.start_deviation[2]) \
-  DO(estimator.start_deviation[3]) DO(estimator.start_deviation[4]) \
-  DO(estimator.start_deviation[5]) DO(estimator.start_deviation[6]) \
-  DO(estimator.start_deviation[7]) DO(estimator.start_deviation[8]) \
-  DO(estimator.start_deviation[9]) DO(estimator.start_deviation[10]) \
-  DO(estimator.start_deviation[11]) DO(estimator.start_deviation[12]) \
-  DO(estimator.torque_scale_min) DO(estimator.torque_scale_max) DO(estimator.depth_gain_min) \
-  DO(estimator.depth_gain_max) DO(estimator.depth_max_mm) \
-  DO(estimator.temperature_deviation_max_c) DO(estimator.force_offset_max_kn) \
-  DO(estimator.torque_outlier_factor) DO(estimator.torque_min_nm) \
-  DO(estimator.torque_peak_noise_share) DO(estimator.jump_offset_share) DO(estimator.drift_keep) \
-  DO(estimator.excitation_force_kn) DO(estimator.known_heat_keep) \
-  DO(estimator.known_heat_evidence) DO(estimator.known_heat_counter_evidence) \
-  DO(estimator.known_heat_walk_kw) DO(estimator.known_heat_start_kw) \
-  DO(estimator.known_heat_step) DO(estimator.offset_keep) DO(estimator.depth_rate_keep) \
-  DO(estimator.temperature_rate_keep) DO(depth_corridor_keep) DO(temperature_corridor_keep) \
-  DO(force_min_kn) DO(force_max_kn) DO(speed_min_rpm) DO(speed_max_rpm) DO(force_step_kn) \
-  DO(speed_step_rpm) DO(blind_limit_s)
-
 #define FSW_EACH_SHARE(DO) \
   DO(approach.brake_share) DO(approach.rate_share) DO(approach.depth_approach_keep) \
   DO(approach.temperature_approach_keep) DO(estimator.torque_peak_noise_share) \
