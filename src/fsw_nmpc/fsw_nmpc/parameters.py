@@ -11,14 +11,17 @@ from fsw_control.parameters import AT_START, NodeParameters
 from fsw_control.schema.models import Whole
 from fsw_control.schema.ranges import Range
 
+#: presets of earlier versions, and what replaces them
+_FORMER = {
+    "adaptive": "default with a model_file of this process (fsw.py identify), "
+    "on canisters also with the heat of earlier welds (fsw.py learn)",
+    "paper:offset_free": "paper",
+}
 
-def _refuse_adaptive(preset: Any) -> Any:
-    """Say what replaces a preset of earlier versions."""
-    if preset == "adaptive":
-        raise ValueError(
-            "adaptive no longer exists: use default with a model_file of this process "
-            "(fsw.py identify), on canisters also with the heat of earlier welds (fsw.py learn)"
-        )
+
+def _refuse_former(preset: Any) -> Any:
+    if isinstance(preset, str) and preset in _FORMER:
+        raise ValueError(f"{preset} no longer exists: use {_FORMER[preset]}")
     return preset
 
 
@@ -26,12 +29,11 @@ class NmpcParameters(NodeParameters):
     """Parameters of the NMPC. All but ``model_file`` act at runtime, without a bump."""
 
     preset: Annotated[
-        Literal["default", "paper", "paper:offset_free", "paper:letter"],
-        BeforeValidator(_refuse_adaptive),
+        Literal["default", "paper", "paper:letter"],
+        BeforeValidator(_refuse_former),
     ] = "default"
-    """default: by rule from the model; paper (or paper:offset_free): weights, dead-bands and
-    corridors of the paper, (32)-(37), with estimated disturbances; paper:letter: without these, as
-    in the paper."""
+    """default: by rule from the model; paper: weights, dead-bands and corridors of the paper,
+    (32)-(37), with estimated disturbances; paper:letter: without these, as in the paper."""
     tuning_file: str = ""
     """YAML file of tuning fields that override the preset (docs/concepts/nmpc.md); empty: none."""
     depth_aggressiveness: Annotated[float, Range(0.2, 5.0, "")] = 1.0

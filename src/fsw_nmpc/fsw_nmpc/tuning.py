@@ -227,8 +227,8 @@ class Tuning(Model):
         Parameters
         ----------
         name : str
-            ``default``: by rule from the model; ``paper``, also ``paper:offset_free``: (28)-(37),
-            with estimated disturbances; ``paper:letter``: without, as in the paper.
+            ``default``: by rule from the model; ``paper``: (28)-(37), with estimated disturbances;
+            ``paper:letter``: without, as in the paper.
         parameters : ModelParameters
 
         Raises
@@ -239,7 +239,7 @@ class Tuning(Model):
         if name == "default":
             time_s = max(_APPROACH_PER_DEAD_TIME * parameters.dead_time_s, 2 * STEP_S)
             return cls().changed(temperature_time_s=time_s)
-        presets = {"paper": PAPER, "paper:offset_free": PAPER, "paper:letter": PAPER_LETTER}
+        presets = {"paper": PAPER, "paper:letter": PAPER_LETTER}
         if name not in presets:
             raise ValueError(f"preset {name!r} is unknown; known: default, {', '.join(presets)}")
         return presets[name]

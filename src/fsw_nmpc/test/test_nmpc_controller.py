@@ -51,9 +51,7 @@ def test_tracks_both_set_points(preset, depth_mm, temperature_c):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("preset", "estimates"), [("paper:offset_free", True), ("paper:letter", False)]
-)
+@pytest.mark.parametrize(("preset", "estimates"), [("paper", True), ("paper:letter", False)])
 def test_the_paper_to_the_letter_estimates_no_disturbance(preset, estimates):
     loop = Loop(NmpcController({"preset": preset}))
     for _ in range(10):

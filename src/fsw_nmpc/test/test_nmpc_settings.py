@@ -38,8 +38,7 @@ def test_paper_is_the_paper():
 
 def test_presets():
     assert Settings.of({}).tuning == Tuning.preset("default", nominal())
-    for name in ("paper", "paper:offset_free"):
-        assert Settings.of({"preset": name}).tuning == PAPER
+    assert Settings.of({"preset": "paper"}).tuning == PAPER
     slower = nominal().changed(dead_time_s=4.0)
     assert Tuning.preset("default", slower).temperature_time_s == pytest.approx(0.3 * 4.0)
 
@@ -110,6 +109,7 @@ def test_missing_files():
         ({"no_such": 1.0}, "no_such"),
         ({"preset": "best"}, "preset"),
         ({"preset": "adaptive"}, "use default with a model_file"),
+        ({"preset": "paper:offset_free"}, "use paper"),
     ],
 )
 def test_wrong_values_are_refused_with_a_word(values, word):
