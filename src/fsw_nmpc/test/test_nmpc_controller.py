@@ -31,7 +31,7 @@ def test_rests_at_the_operating_point():
     )
     assert 0.0 < told["depth_deviation_mm"] < 0.01 and 0.0 < told["depth_gain_deviation"] < 0.3
     assert (told["attainable_depth_mm"], told["attainable_temperature_c"]) == (2.66, 816.4)
-    assert len(told) == 23
+    assert len(told) == 19
 
 
 @pytest.mark.slow
