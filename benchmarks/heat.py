@@ -62,7 +62,7 @@ WHOLE = (
 )  #: of the measured welds, those that are also welded as a whole, of the first type
 PHASES = ("start", "downward", "joint_line", "overlap", "parking")
 #: controllers without and with the machine's model, and with what they know of the heat
-RIVALS = ("decentral:tight", "nmpc:default", "nmpc:adaptive")
+RIVALS = ("decentral:tight", "nmpc:default")
 CONTROLLERS = (*RIVALS, "model", *(f"learned from {n}" for n in LEARNED))
 MOST_COST = 1.1  #: that a wrong profile may have
 
@@ -155,7 +155,6 @@ def tasks_of(kind, canister, profiles, models):
 def whole_tasks(profiles, models):
     """Whole welds of the first type."""
     for canister in WHOLE:
-        yield Task(0, canister, "nmpc:adaptive", WHOLE_DEG)
         yield Task(0, canister, "learned from 1", WHOLE_DEG, models[0], profiles[0, "whole"])
 
 

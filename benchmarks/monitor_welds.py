@@ -28,10 +28,10 @@ CONTROLLERS = (
     "decentral:conservative",
     "nmpc:default",
     "decentral:tight",
-    "nmpc:adaptive",
+    "nmpc:default",
     "nmpc:default",
     "decentral:smith",
-    "nmpc:adaptive",
+    "nmpc:default",
     "decentral:conservative",
 )
 #: coefficients that differ from the model's, by up to the spread of the weld

@@ -118,7 +118,7 @@ def qp_of(library: Library, problem: Any, plan: Vector) -> Qp:
     largest = np.outer(h.block_reach, largest_moves(t)).ravel()
     length = np.repeat(h.block_sizes, 2) * largest
     square = np.tile(move_squares(t), h.n_blocks) * length * largest / np.repeat(h.block_reach, 2)
-    weighed = squares(problem, t)
+    weighed = squares(t)
     hessian, gradient, constant = np.diag(square + _LEAST_CURVATURE), np.zeros(n), 0.0
     rows, low, high, weight = [], [], [], []
     depth, temperature, by_depth, by_temperature = predict(

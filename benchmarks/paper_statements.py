@@ -57,7 +57,6 @@ LABELS = (
     "nmpc:paper:letter",
     *VARIANTS,
     DEFAULT,
-    "nmpc:adaptive",
     CONSERVATIVE,
     TIGHT,
     SMITH,

@@ -40,7 +40,6 @@ ALL = tuple(c_targets.TARGETS)
 #: emulation)
 EXPORTS: dict[str, tuple[list[str], str, tuple[str, ...]]] = {
     "nmpc": ([], "fsw_nmpc", ALL),
-    "nmpc_adaptive": (["--parameter", "preset=adaptive"], "fsw_nmpc", ("gcc", "cortex_m7")),
     "nmpc_paper": (["--parameter", "preset=paper"], "fsw_nmpc", ("gcc", "cortex_m7")),
     "decentral": (["--controller", "decentral"], "fsw_decentral", ALL),
 }

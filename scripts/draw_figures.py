@@ -28,8 +28,6 @@ import concept_figures
 import depth
 import history
 import solvers
-from adaptive_nmpc import report as adaptive
-from adaptive_nmpc.study import saturated_welds
 from realistic import report as realistic
 
 from controller_comparison import command, figures
@@ -69,11 +67,6 @@ def depth_sensors() -> None:
 def realistic_welds() -> None:
     """``realistic``, from the numbers of its page."""
     realistic.draw(_recorded("realistic_tables"), RESULTS / "realistic.png")
-
-
-def priority() -> None:
-    """``adaptive_priority``: two welds."""
-    adaptive.draw(saturated_welds(), RESULTS / "adaptive_priority.png")
 
 
 def corridors() -> None:
@@ -123,7 +116,6 @@ DRAWN: tuple[Callable[[], None], ...] = (
     rival_solvers,
     depth_sensors,
     realistic_welds,
-    priority,
     corridors,
     reference_tracking,
     canister_weld,

@@ -23,7 +23,7 @@ from fsw_control.schema.models import Model, descriptions, json_schema
 from fsw_control.schema.ranges import Range
 from fsw_hmi.main import parser as hmi_parser
 from fsw_model import nominal
-from fsw_nmpc.tuning import AdaptationTuning, ApproachTuning, EstimatorTuning, Tuning
+from fsw_nmpc.tuning import ApproachTuning, EstimatorTuning, Tuning
 from fsw_quality.attestation import Attestation
 from fsw_recorder.findings import Code
 from fsw_recorder.manifest import Manifest
@@ -148,7 +148,6 @@ def tuning_file() -> dict[str, str]:
 
     header, name = ("field", "`default`", "`paper`", "meaning"), "parameters-tuning"
     own = (*rows(Tuning), *rows(ApproachTuning, "approach."))
-    estimates = (*rows(EstimatorTuning, "estimator."), *rows(AdaptationTuning, "adaptation."))
     intro = "Fields of the file that the parameter `tuning_file` names"
     more, back = f"[Those of the estimator]({name}-estimator.md).", f"[The others]({name}.md)."
     return {
@@ -157,7 +156,7 @@ def tuning_file() -> dict[str, str]:
             "Tuning file of the NMPC: estimator",
             f"{intro}: those of the estimator. {back}",
             "",
-            *table(header, estimates),
+            *table(header, rows(EstimatorTuning, "estimator.")),
         ),
     }
 

@@ -296,7 +296,6 @@ _LONGER = {"safety": 1350}
 #: pages of results that studies and benchmarks write from their templates
 _GENERATED = {
     "README",
-    "adaptive",
     "campaign",
     "campaign_worst",
     "canister",

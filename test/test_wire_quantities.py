@@ -16,8 +16,6 @@ _OF_CORE = {
     "depth_rate [m/s]": ("depth_rate_mm_per_s", 1e-3),
     "temperature_rate [degC/s]": ("temperature_rate_c_per_s", 1.0),
     "depth_gain": ("depth_gain", 1.0),
-    "thermal_gain": ("thermal_gain", 1.0),
-    "delay [s]": ("delay_s", 1.0),
     "force_deviation [N]": ("force_deviation_kn", 1e3),
     "power_deviation [W]": ("power_deviation_kw", 1e3),
     "torque_scale_deviation": ("torque_scale_deviation", 1.0),
@@ -26,8 +24,6 @@ _OF_CORE = {
     "depth_rate_deviation [m/s]": ("depth_rate_deviation_mm_per_s", 1e-3),
     "temperature_rate_deviation [degC/s]": ("temperature_rate_deviation_c_per_s", 1.0),
     "depth_gain_deviation": ("depth_gain_deviation", 1.0),
-    "thermal_gain_deviation": ("thermal_gain_deviation", 1.0),
-    "delay_deviation [s]": ("delay_deviation_s", 1.0),
     "copper_temperature [degC]": ("copper_temperature_c", 1.0),
     "attainable_depth [m]": ("attainable_depth_mm", 1e-3),
     "attainable_temperature [degC]": ("attainable_temperature_c", 1.0),
@@ -36,7 +32,7 @@ _OF_CORE = {
 
 @pytest.mark.parametrize("make", [NmpcController, DecentralController])
 def test_estimated_disturbances_go_out_in_si(make):
-    controller = make({"preset": "adaptive"}) if make is NmpcController else make()
+    controller = make()
     applied = Command(weld.FORCE_KN, weld.SPEED_RPM)
     controller.reset(applied)
     reference = Reference(weld.DEPTH_MM, weld.TEMPERATURE_C)

@@ -93,7 +93,6 @@ NMPC_OUTPUTS = (
     Signal("reason", "int", "", _listed(nmpc.Reason)),
     Signal("blind", "int", "", f"sensors missing for too long: {_listed(nmpc.Missing, ' + ')}"),
     Signal("solve_status", "int", "", _listed(nmpc.SolveStatus)),
-    Signal("doubt", "int", "", f"why the adaptation is cautious: {_listed(nmpc.Doubt, ' + ')}"),
     Signal("iterations", "int", "", "iterations of the solver"),
     Signal(
         "estimated_depth_mm", "real", "mm", "predicted reading of the depth sensor", "depth_mm"
@@ -125,20 +124,6 @@ NMPC_OUTPUTS = (
         "",
         "estimate: factor on the gain of the depth over the force",
         "disturbance[7]",
-    ),
-    Signal(
-        "thermal_gain",
-        "real",
-        "",
-        "estimate: factor on the effect of the power on the copper",
-        "disturbance[8]",
-    ),
-    Signal(
-        "delay_s",
-        "real",
-        "s",
-        "estimate: delay of the power beyond the model's dead time",
-        "disturbance[9]",
     ),
 )
 

@@ -13,7 +13,6 @@ from fsw_nmpc.parameters import NmpcParameters
 
 _TITLES = {
     "nmpc": "NMPC, default tuning (20 blocks of moves)",
-    "nmpc_adaptive": "NMPC, preset `adaptive` (20 blocks of moves)",
     "nmpc_paper": "NMPC, the paper's tuning (108 moves)",
     "decentral": "Decentralized controller",
 }

@@ -16,7 +16,7 @@ from fsw_heat.compaction import TOLERANCE_K
 from fsw_model import nominal
 
 PI = ("decentral:conservative", "decentral:tight")
-CONTROLLERS = ("nmpc:default", "nmpc:adaptive", "nmpc:paper", *PI, "decentral:smith")
+CONTROLLERS = ("nmpc:default", "nmpc:paper", *PI, "decentral:smith")
 #: 40 of the 45 minutes
 LONG_PHASES = ("joint_line", "overlap")
 PHASES = ("dwell", "start", "downward", "joint_line", "overlap", "parking")

@@ -17,8 +17,6 @@ from fsw_tuning.standard_runs import JUDGED, Figures, Job, on_all_cores, run_all
 #: Of the noise, over which a mean is taken: coloured noise has fewer independent samples in a
 #: weld.
 _SEEDS = (1, 2)
-#: Those compared: the fixed controllers, and the one that estimates gain and delay of the process.
-COMPARED = (*CONTROLLERS, "nmpc:adaptive")
 LAGS = ("white, no lag", "lag 1 s", "lag 3 s")
 _ERRORS = ("iae_depth_mm_s", "iae_temperature_c_s")
 Entrants = Mapping[str, tuple[str, Mapping[str, float]]]
@@ -26,7 +24,7 @@ Entrants = Mapping[str, tuple[str, Mapping[str, float]]]
 
 def study(slower: float, plants: int) -> dict[str, Any]:
     """All parts; the NMPC at matched margin is slowed by this factor."""
-    compared = entrants(COMPARED, slower)
+    compared = entrants(CONTROLLERS, slower)
     return {
         "runs": runs(compared),
         "margins": margins(compared),

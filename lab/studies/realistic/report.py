@@ -15,7 +15,7 @@ from fsw_analysis.report import numbers, templates
 from realistic import welds
 from realistic.welds import CHOSEN, FITTED, GROUP, STATISTICS, Row, Task
 
-NMPC, CASCADE = ("nmpc:default", "nmpc:adaptive"), "decentral"
+NMPC, CASCADE = "nmpc:default", "decentral"
 #: published rows that are predicted, and their emulation
 EARLIER = {
     "manual axial force": "realistic.earlier:ByHand",
@@ -52,16 +52,16 @@ def tasks(share: float = 1.0) -> list[Task]:
     def some(indices: range) -> range:
         return indices[: max(2, round(share * len(indices)))]
 
-    rivals = (*NMPC, *EARLIER.values())
+    rivals = (NMPC, *EARLIER.values())
     most = some(CASCADE_WELDS)
     made = [Task(label, i) for i in most[:2] for label in (CASCADE, *rivals)]
-    made += [Task(label, i) for i in most[2:GROUP] for label in (CASCADE, NMPC[0])]
+    made += [Task(label, i) for i in most[2:GROUP] for label in (CASCADE, NMPC)]
     made += [
         Task(label, index, ((path, factor),))
         for index in some(VARIED_WELDS)
         for path in CHOSEN
         for factor in FACTORS
-        for label in (CASCADE, NMPC[0])
+        for label in (CASCADE, NMPC)
     ]
     made += [Task(label, i) for i in some(OTHER_WELDS)[2:] for label in rivals]
     made += [Task(CASCADE, i) for i in most]
@@ -72,7 +72,7 @@ def content(rows: Sequence[Row], fitted: Mapping[str, Any]) -> dict[str, Any]:
     """All numbers of the page."""
     plain = [row for row in rows if not row["changes"]]
     series = {}
-    for name, label in {"cascade": CASCADE, **EARLIER, **{label: label for label in NMPC}}.items():
+    for name, label in {"cascade": CASCADE, **EARLIER, NMPC: NMPC}.items():
         own = [row for row in plain if row["controller"] == label]
         if not own:
             continue
@@ -93,7 +93,7 @@ def content(rows: Sequence[Row], fitted: Mapping[str, Any]) -> dict[str, Any]:
         }
     return {
         "series": series,
-        "shares": {label: share_of(plain, label) for label in NMPC},
+        "shares": {NMPC: share_of(plain, NMPC)},
         "varied": _varied(rows),
         "values": welds.scenario_values(),
         "fit": dict(fitted),
@@ -148,7 +148,7 @@ def _varied(rows: Sequence[Row]) -> list[dict[str, Any]]:
                         "factor": factor,
                         "welds": len(cascade),
                         "cascade": {name: found[name][1] for name in STATISTICS},
-                        "share": share_of(own, NMPC[0]),
+                        "share": share_of(own, NMPC),
                     }
                 )
     return varied
@@ -212,7 +212,7 @@ def draw(data: Mapping[str, Any], path: Path) -> None:
             low, middle, high = one["share"]["sigma"]
             right.plot([low, high], [place, place], color="grey", linewidth=1.0)
             right.plot(middle, place, "o", color="black", markersize=4.0)
-        own = data["shares"][NMPC[0]]["sigma"]
+        own = data["shares"][NMPC]["sigma"]
         right.axvspan(own[0], own[2], color="grey", alpha=0.2)
         right.axvline(1.0, color="black", linestyle=":")
         right.set_yticks(

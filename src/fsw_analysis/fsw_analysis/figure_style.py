@@ -80,7 +80,6 @@ CONTROLLERS = {
     "nmpc": _DEFAULT,
     "nmpc:default": _DEFAULT,
     "nmpc:paper": Look("#41b6c4", (6.0, 1.5, 1.5, 1.5), "^", "|||"),
-    "nmpc:adaptive": Look("#17365d", (9.0, 1.5), "P", "xxx"),
     "decentral": _CONSERVATIVE,
     "decentral:conservative": _CONSERVATIVE,
     "decentral:tight": Look("#e8a33d", (2.0, 1.0), "D", "..."),

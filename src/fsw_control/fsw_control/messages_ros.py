@@ -56,8 +56,6 @@ _WIRE: dict[str, tuple[str, Callable[[float], float]]] = {
     "copper_temperature_c": ("copper_temperature [degC]", float),
     "depth_rate_mm_per_s": ("depth_rate [m/s]", units.m_from_mm),
     "temperature_rate_c_per_s": ("temperature_rate [degC/s]", float),
-    "delay_s": ("delay [s]", float),
-    "delay_deviation_s": ("delay_deviation [s]", float),
     "force_deviation_kn": ("force_deviation [N]", units.n_from_kn),
     "power_deviation_kw": ("power_deviation [W]", units.w_from_kw),
     "depth_deviation_mm": ("depth_deviation [m]", units.m_from_mm),

@@ -26,7 +26,7 @@ class ReasonCode(Coded):
     BLIND = 9
     OUT_OF_BOUNDS = 10
     SOLVER = 11
-    CAUTION = 12
+    CAUTION = 12  # of earlier versions
     FORCE_HELD = 13
     OVERFLOW = 14
     HORIZON = 15

@@ -15,7 +15,7 @@ from fsw_control.parameters import defaults, problem
 from fsw_control.reason import Reason, ReasonCode
 from fsw_nmpc.deviation import output_deviations
 from fsw_nmpc.horizon import horizon_of
-from fsw_nmpc.library import KERNEL, Doubt, Library, Missing, SolveStatus, tuning_of
+from fsw_nmpc.library import KERNEL, Library, Missing, SolveStatus, tuning_of
 from fsw_nmpc.library import Reason as Fault
 from fsw_nmpc.parameters import NmpcParameters
 from fsw_nmpc.rejoining import Rejoining
@@ -31,8 +31,6 @@ _DISTURBANCES = (
     "depth_rate_mm_per_s",
     "temperature_rate_c_per_s",
     "depth_gain",
-    "thermal_gain",
-    "delay_s",
 )
 #: their standard deviations
 _DEVIATIONS = (
@@ -44,19 +42,10 @@ _DEVIATIONS = (
     "depth_rate_deviation_mm_per_s",
     "temperature_rate_deviation_c_per_s",
     "depth_gain_deviation",
-    "thermal_gain_deviation",
-    "delay_deviation_s",
 )
 #: relative difference up to which two thermal models are the same: as written in files
 _SAME_MODEL = 1e-3
 _SENSORS = {Missing.DEPTH: "depth", Missing.TORQUE: "torque", Missing.TEMPERATURE: "thermocouple"}
-_DOUBTS = {
-    Doubt.LATE: "what passes for heat may be a late response to the power, so it is not used",
-    Doubt.MISFIT: (
-        "no gain and delay of the power explain the temperature, "
-        "so a gain below the model's is not used"
-    ),
-}
 _STATUS_TEXTS = {
     SolveStatus.OK: "solved",
     SolveStatus.ITERATION_CAP: "iteration cap",
@@ -295,12 +284,7 @@ class NmpcController:
 
     def _remark(self) -> Reason:
         """Note about a proposal that may be applied."""
-        if self._failure:
-            return Reason(ReasonCode.HORIZON, detail=self._failure)
-        doubts = "; ".join(
-            text for bit, text in _DOUBTS.items() if self.library.output.doubt & bit
-        )
-        return Reason(ReasonCode.CAUTION, detail=doubts) if doubts else Reason()
+        return Reason(ReasonCode.HORIZON, detail=self._failure) if self._failure else Reason()
 
     def plan_deviations(self, time_s: Sequence[float]) -> tuple[list[float], list[float]]:
         """Standard deviations of depth [mm] and temperature [degC] along the last plan.

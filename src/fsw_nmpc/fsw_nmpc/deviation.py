@@ -41,8 +41,6 @@ def output_deviations(controller: Any, time_s: Vector) -> tuple[Vector, Vector]:
     walk = walks * walks
     if not estimator.is_excited:  # the gain is held
         walk[State.DEPTH_GAIN] = 0.0
-    if not estimator.is_telling:
-        walk[[State.THERMAL_GAIN, State.DELAY]] = 0.0
     ticks = np.rint(time_s / weld.TICK_S).astype(int)
     rows = _rows_ahead(_rows(controller), _matrix(estimator.a), ticks[-1])
     known = ((rows[ticks] @ covariance) * rows[ticks]).sum(axis=2)

@@ -22,7 +22,6 @@ Vector = NDArray[np.float64]
 KERNEL = CLibrary("fsw_nmpc", Path(__file__).parent / "kernel")
 SolveStatus = KERNEL.enum("fsw_solve_status", "FSW_")
 Reason = KERNEL.enum("fsw_reason", "FSW_")
-Doubt = KERNEL.enum("fsw_doubt", "FSW_DOUBT_")
 Missing = KERNEL.enum("fsw_missing", "FSW_NO_")
 State = KERNEL.enum("fsw_state", "FSW_")
 
@@ -99,7 +98,6 @@ class Library(CController):
         self.reset(other.state.applied[0], other.state.applied[1])
         kept = (
             "estimator",
-            "adaptation",
             "corridor",
             "rate",
             "has_corridor",

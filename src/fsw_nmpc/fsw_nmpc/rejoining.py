@@ -5,8 +5,7 @@ of the first sample, and the heat is what keeps the temperature. In mid-weld a p
 warm the copper would be booked as heat of the other sign for half a minute. So heat and copper
 are left open, again once the power of a whole dead time has been seen, as before that the heat
 has to explain what this power does; and nothing is proposed until the heat is nearly as well known
-as at rest. Until then gain and delay of the power stay those of the model, since a power that
-nobody has seen fits any response.
+as at rest.
 """
 
 from __future__ import annotations
@@ -50,29 +49,17 @@ class Rejoining:
         if self._seen_s is None:
             self._estimated = tuple(k for k in State if estimator.p[int(k)][int(k)] > 0.0)
             self._open(estimator, {State.HEAT: _HEAT_KW, State.COPPER: _COPPER_C})
-            self._keep_response(library)
             self._seen_s = 0.0
             return False
         before_s, self._seen_s = self._seen_s, self._seen_s + dt_s
         if before_s < self._dead_time_s <= self._seen_s:
             copper_c = self._at_rest[State.COPPER]
             self._open(estimator, {State.HEAT: _HEAT_KW, State.COPPER: copper_c})
-        is_known = self._seen_s >= self._dead_time_s and (
+        return self._seen_s >= self._dead_time_s and (
             estimator.p[int(State.HEAT)][int(State.HEAT)]
             <= (_NEARLY * self._at_rest[State.HEAT]) ** 2
             or self._seen_s > self._dead_time_s + _LONGEST_S
         )
-        if not is_known:
-            self._keep_response(library)
-        else:
-            response = (State.THERMAL_GAIN, State.DELAY)
-            self._open(estimator, {state: self._at_rest[state] for state in response})
-        return is_known
-
-    def _keep_response(self, library: Library) -> None:
-        """Gain and delay of the power as in the model, and certain."""
-        library.state.estimator.heated_ticks = 0
-        self._open(library.state.estimator, {State.THERMAL_GAIN: 0.0, State.DELAY: 0.0})
 
     def _open(self, estimator: Any, deviations: Mapping[Any, float]) -> None:
         """Give states new variances without covariances, where they are estimated."""

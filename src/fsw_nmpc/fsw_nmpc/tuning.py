@@ -20,9 +20,9 @@ Priority = Literal["depth", "balance", "temperature"]
 TRAJECTORIES, PRIORITIES = get_args(Trajectory), get_args(Priority)
 #: A number from 0 to 1.
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
-#: Time constant of the temperature's approach in the preset, as a share of the dead time. The
-#: loop's margins scale with it.
-_APPROACH_PER_DEAD_TIME = {"default": 0.3, "adaptive": 0.36}
+#: Time constant of the temperature's approach in the default preset, as a share of the dead time.
+#: The loop's margins scale with it.
+_APPROACH_PER_DEAD_TIME = 0.3
 
 
 def _keep(memory_s: float) -> float:
@@ -56,19 +56,12 @@ class EstimatorTuning(Model):
     """time constant with which the rate of the temperature offset decays"""
     depth_gain_walk: NonNegativeFloat = 1e-4
     """of the factor on the model's gain from force to depth; 0: it stays 1"""
-    thermal_gain_walk: NonNegativeFloat = 0.0
-    """of the factor on the model's gain from power to copper temperature; 0: it stays 1"""
-    delay_walk_s: NonNegativeFloat = 0.0
-    """of the delay of the power beyond the model's dead time; 0: it stays 0"""
     jump_sigmas: NonNegativeFloat = 4.0
     """an innovation of more standard deviations is a jump; 0: never"""
     drift_sigmas: NonNegativeFloat = 3.5
     """depth innovations are a drift if their sum over about a second exceeds this; 0: never"""
-    heat_sigmas: NonNegativeFloat = 0.0
-    """temperature innovations are heat that the model lacks if their sum over about ten seconds
-    exceeds this; 0: never"""
 
-    start_deviation: Annotated[Many[NonNegativeFloat], Field(min_length=15, max_length=15)] = (
+    start_deviation: Annotated[Many[NonNegativeFloat], Field(min_length=13, max_length=13)] = (
         5e-3,
         1e-3,
         0.5,
@@ -82,11 +75,9 @@ class EstimatorTuning(Model):
         1e-4,
         1e-2,
         0.2,
-        0.3,
-        0.4,
     )
     """standard deviations at the start, in the order of `fsw_state`: creep, slow, copper, tool,
-    motor, force, heat, torque scale, offsets, their rates, depth gain, thermal gain, delay"""
+    motor, force, heat, torque scale, offsets, their rates, depth gain"""
     torque_scale_min: NonNegativeFloat = 0.4
     """lower bound of the factor on the process torque"""
     torque_scale_max: NonNegativeFloat = 2.5
@@ -95,12 +86,6 @@ class EstimatorTuning(Model):
     """lower bound of the factor on the depth gain"""
     depth_gain_max: NonNegativeFloat = 1.6
     """upper bound of the factor on the depth gain"""
-    thermal_gain_min: NonNegativeFloat = 0.5
-    """lower bound of the factor on the thermal gain"""
-    thermal_gain_max: NonNegativeFloat = 2.0
-    """upper bound of the factor on the thermal gain"""
-    delay_max_s: NonNegativeFloat = 1.0
-    """largest deviation of the delay from the middle of its range; at most half the dead time"""
     depth_max_mm: NonNegativeFloat = 20.0
     """depths above this are implausible"""
     temperature_deviation_max_c: NonNegativeFloat = 800.0
@@ -117,22 +102,8 @@ class EstimatorTuning(Model):
     """share of a depth jump's variance given to the sensor offset; the true depth gets the rest"""
     drift_keep: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.9
     """decay per tick of the sum of depth innovations: a memory of about a second"""
-    heat_keep: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.99
-    """decay per tick of the sum of temperature innovations: a memory of about ten seconds"""
-    heat_steady_sigmas: NonNegativeFloat = 1.0
-    """largest contribution of an innovation to the persistence sum"""
-    heat_steady_sum: NonNegativeFloat = 57.0
-    """innovations persist once that sum is larger: large ones, after eight seconds of one sign"""
-    heat_wait_s: NonNegativeFloat = 15.0
-    """small innovations persist once they have exceeded heat_sigmas for longer than this"""
-    heat_start_s: NonNegativeFloat = 3.0
-    """time after the start in which persistence is not required, as nothing has jumped"""
     excitation_force_kn: NonNegativeFloat = 0.3
     """the depth gain is estimated while the force has moved by more within two seconds"""
-    excitation_power_kw: NonNegativeFloat = 1.0
-    """thermal gain and delay are estimated once the power has moved by more within a dead time"""
-    excitation_power_s: NonNegativeFloat = 10.0
-    """duration of that estimation after a dead time: some lags of the tool"""
 
     known_heat_keep: Share = 0.9983
     """share of the evidence for the known heat left after a tick: it covers about a minute"""
@@ -149,16 +120,6 @@ class EstimatorTuning(Model):
     warms, and is not at rest"""
     known_heat_step: NonNegativeFloat = 0.05
     """largest change per tick of the share of the known heat in use"""
-
-    @model_validator(mode="after")
-    def _check_heat(self) -> EstimatorTuning:
-        if self.heat_sigmas > 0.0 and not self.thermal_gain_walk > 0.0:
-            text = (
-                "needs a thermal_gain_walk above 0: with a wrong gain the speed would swing; "
-                "else set it to 0"
-            )
-            raise problem(text, "heat_sigmas")
-        return self
 
     @property
     def offset_keep(self) -> Share:
@@ -182,29 +143,6 @@ WALKS = tuple(name for name in EstimatorTuning.model_fields if "_walk" in name)
 MOVE_COSTS = ("move_force_per_kn", "move_speed_per_rpm", "full_move_cost")
 
 
-class AdaptationTuning(Model):
-    """Use of the estimated gain and delay of the power, see ``kernel/adapt.c``."""
-
-    rival_share: NonNegativeFloat = 0.6
-    """initial standard deviation of the rival's delay, in halves of its range"""
-    evidence_max: NonNegativeFloat = 10.0
-    """log-likelihood ratio at which the rival takes over"""
-    counter_evidence_max: NonNegativeFloat = 20.0
-    """upper bound of the evidence against the rival, so that it can still take over later"""
-    certain_sigmas: NonNegativeFloat = 3.0
-    """the value used is the one nearest to the model's within this many standard deviations"""
-    gain_step: NonNegativeFloat = 0.01
-    """largest change per tick of the thermal gain in use"""
-    delay_step_s: NonNegativeFloat = 0.05
-    """largest change per tick of the delay in use"""
-    misfit_keep: Share = 0.98
-    """decay per tick of the mean square of the innovations: a memory of about five seconds"""
-    misfit_max: NonNegativeFloat = 4.0
-    """mean square of normalised innovations (expected: 1) above which no gain and delay fit"""
-    power_memory_s: PositiveFloat = 20.0
-    """time constant of the mean power for which used and estimated gain give the same heat"""
-
-
 class ApproachTuning(Model):
     """The approach to a set-point, see ``kernel/trajectory.c``."""
 
@@ -215,10 +153,6 @@ class ApproachTuning(Model):
     depth_acceleration: NonNegativeFloat = 1.55
     """acceleration of the depth relative to what the speed can compensate; more would disturb the
     temperature"""
-    haste: NonNegativeFloat = 0.3
-    """extra share of acceleration at twice the quality limit from the set-point or further, if the
-    temperature may yield; it falls to zero at that limit, so that a jump of the tool does not cost
-    more temperature"""
     brake_share: Share = 0.8
     """usable share of the acceleration when braking"""
     rate_share: Share = 0.8
@@ -262,15 +196,6 @@ class Tuning(Model):
     """quadratic cost per output point: a deviation of this size costs 1/2; 0: none"""
     temperature_scale_c: NonNegativeFloat = 0.2
     """quadratic cost per output point: a deviation of this size costs 1/2; 0: none"""
-    huber_depth_mm: NonNegativeFloat = 0.0
-    """with priority temperature: depth deviation beyond which its cost is linear; 0: never"""
-    huber_temperature_c: NonNegativeFloat = 0.0
-    """with priority depth (balance: twice this): temperature deviation beyond which its cost is
-    linear; 0: never, and the depth always waits for what the speed can compensate"""
-    quality_weight_per_mm: NonNegativeFloat = 0.0
-    """L1 weight of the depth outside its quality limits, at the block ends"""
-    quality_weight_per_c: NonNegativeFloat = 0.0
-    """L1 weight of the temperature outside its quality limits, at the block ends"""
     move_force_per_kn: NonNegativeFloat = 0.0
     """L1 weight on the moves of an interval"""
     move_speed_per_rpm: NonNegativeFloat = 0.0
@@ -283,7 +208,6 @@ class Tuning(Model):
     """of the solver: complementarity gap relative to 1 + |cost|"""
     approach: ApproachTuning = ApproachTuning()
     estimator: EstimatorTuning = EstimatorTuning()
-    adaptation: AdaptationTuning = AdaptationTuning()
 
     @model_validator(mode="after")
     def _check_approach(self) -> Tuning:
@@ -292,15 +216,6 @@ class Tuning(Model):
                 raise problem(
                     f"is {getattr(self, name):g}: an approach takes at least {2 * STEP_S} s", name
                 )
-        for name in ("huber_depth_mm", "huber_temperature_c"):
-            if getattr(self, name) > 0.0 and (
-                self.weight_depth_per_mm > 0.0 or self.weight_temperature_per_c > 0.0
-            ):
-                raise problem("does not go with an L1 weight of the outputs", name)
-        if self.huber_depth_mm > 0.0 and not self.depth_scale_mm > 0.0:
-            raise problem("needs a depth_scale_mm", "huber_depth_mm")
-        if self.huber_temperature_c > 0.0 and not self.temperature_scale_c > 0.0:
-            raise problem("needs a temperature_scale_c", "huber_temperature_c")
         if self.quality_temperature_min_c >= self.quality_temperature_max_c:
             raise problem("is not above quality_temperature_min_c", "quality_temperature_max_c")
         return self
@@ -312,9 +227,8 @@ class Tuning(Model):
         Parameters
         ----------
         name : str
-            ``default``: by rule from the model; ``adaptive``: also, and the output without
-            priority gives way on the way to a set-point; ``paper``, also ``paper:offset_free``:
-            (28)-(37), with estimated disturbances; ``paper:letter``: without, as in the paper.
+            ``default``: by rule from the model; ``paper``: (28)-(37), with estimated disturbances;
+            ``paper:letter``: without, as in the paper.
         parameters : ModelParameters
 
         Raises
@@ -322,14 +236,12 @@ class Tuning(Model):
         ValueError
             If there is no such preset.
         """
-        if name in _APPROACH_PER_DEAD_TIME:
-            time_s = max(_APPROACH_PER_DEAD_TIME[name] * parameters.dead_time_s, 2 * STEP_S)
-            return (cls() if name == "default" else ADAPTIVE).changed(temperature_time_s=time_s)
-        presets = {"paper": PAPER, "paper:offset_free": PAPER, "paper:letter": PAPER_LETTER}
+        if name == "default":
+            time_s = max(_APPROACH_PER_DEAD_TIME * parameters.dead_time_s, 2 * STEP_S)
+            return cls().changed(temperature_time_s=time_s)
+        presets = {"paper": PAPER, "paper:letter": PAPER_LETTER}
         if name not in presets:
-            raise ValueError(
-                f"preset {name!r} is unknown; known: default, adaptive, {', '.join(presets)}"
-            )
+            raise ValueError(f"preset {name!r} is unknown; known: default, {', '.join(presets)}")
         return presets[name]
 
     def with_knobs(
@@ -389,23 +301,6 @@ def _over(base: dict[str, Any], content: Any) -> Any:
     }
 
 
-#: Default, but the output without priority gives way during an approach, within the quality
-#: limits; gain and delay of the power are estimated, and missing heat is found. Values chosen on
-#: 60 random plants, the last one on 12 canisters that conduct heat.
-ADAPTIVE = Tuning(
-    huber_depth_mm=0.005,
-    temperature_scale_c=0.3,
-    huber_temperature_c=1.0,
-    quality_weight_per_mm=1e5,
-    quality_weight_per_c=5e3,
-    estimator=EstimatorTuning(
-        heat_walk_kw=2e-4,
-        depth_rate_memory_s=300.0,
-        thermal_gain_walk=1e-3,
-        delay_walk_s=2e-3,
-        heat_sigmas=5.0,
-    ),
-)
 #: (28)-(37): L1 cost outside dead-bands about first-order corridors (32), (33), with the weights
 #: of (37) and constant offsets. Of the ways to start the corridors, which the text leaves open,
 #: the one with which its statements about Figs. 6 to 9 hold (benchmarks/paper_statements.py).

@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hint
 from fsw_control import Limits
 from fsw_control.schema.models import Model, descriptions
 from fsw_nmpc.settings import Settings
-from fsw_nmpc.tuning import PRIORITIES, TRAJECTORIES, EstimatorTuning, Share, Tuning
+from fsw_nmpc.tuning import PRIORITIES, TRAJECTORIES, Share, Tuning
 
 #: Settings without a member in the kernel: the model is a struct of its own, the horizon a part
 #: of it; announced set-points are an input; instead of a memory's time constant the kernel has the
@@ -33,7 +33,6 @@ _HEAD = (
     "do not edit. */"
 )
 _WIDTH = 99
-_STATES = len(EstimatorTuning().start_deviation)
 
 
 class Member(NamedTuple):
@@ -92,7 +91,7 @@ def values(owner: Any) -> dict[str, Any]:
 
 
 def header() -> str:
-    """Text of ``fsw_nmpc_tuning.h``: enumerations, structs, lists of all numbers and shares."""
+    """Text of ``fsw_nmpc_tuning.h``: enumerations, structs, list of all shares."""
     lines = [_HEAD, "#ifndef FSW_NMPC_TUNING_H", "#define FSW_NMPC_TUNING_H", ""]
     for name, prefix, choices in (
         ("trajectory", "", TRAJECTORIES),
@@ -104,14 +103,14 @@ def header() -> str:
     for part in parts:
         lines += _struct(f"fsw_{part.name}_tuning", members(part.kind))
     lines += _struct("fsw_nmpc_tuning", members(Settings))
-    numbers = list(_numbers(members(Settings)))
-    lines += _each("NUMBER", [name for name, _ in numbers])
-    lines += _each("SHARE", [name for name, kind in numbers if kind == Share])
+    calls = " ".join(f"DO({name})" for name in _shares(members(Settings)))
+    indented = wrap(calls, _WIDTH - 2, initial_indent="  ", subsequent_indent="  ")
+    lines += [" \\\n".join(["#define FSW_EACH_SHARE(DO)", *indented]), ""]
     return "\n".join([*lines, "#endif", ""])
 
 
 def _struct(name: str, parts: Iterable[Member]) -> list[str]:
-    """Text of a struct; ints come last, so that there is no padding."""
+    """Text of a struct; ints come last: without padding the kernel checks all numbers at once."""
     lines = []
     for member in sorted(parts, key=lambda part: part.is_int):
         size = "[FSW_STATES]" if member.is_array else ""
@@ -132,23 +131,10 @@ def _struct(name: str, parts: Iterable[Member]) -> list[str]:
     return ["typedef struct {", *lines, f"}} {name};", ""]
 
 
-def _numbers(parts: Iterable[Member], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """All real numbers with their Python types."""
+def _shares(parts: Iterable[Member], prefix: str = "") -> Iterator[str]:
+    """Names of all numbers from 0 to 1."""
     for member in parts:
         if member.is_model:
-            yield from _numbers(members(member.kind), f"{prefix}{member.name}.")
-        elif member.is_array:
-            yield from ((f"{prefix}{member.name}[{i}]", float) for i in range(_STATES))
-        elif not member.is_int:
-            yield prefix + member.name, member.kind
-
-
-def _each(what: str, names: Iterable[str]) -> list[str]:
-    """Text of a macro that calls another one with each name."""
-    calls = wrap(" ".join(f"DO({name})" for name in names), _WIDTH - 4)
-    return [
-        f"#define FSW_EACH_{what}(DO) \\",
-        *(f"  {line} \\" for line in calls[:-1]),
-        f"  {calls[-1]}",
-        "",
-    ]
+            yield from _shares(members(member.kind), f"{prefix}{member.name}.")
+        elif member.kind == Share:
+            yield prefix + member.name

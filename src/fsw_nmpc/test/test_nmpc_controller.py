@@ -31,7 +31,7 @@ def test_rests_at_the_operating_point():
     )
     assert 0.0 < told["depth_deviation_mm"] < 0.01 and 0.0 < told["depth_gain_deviation"] < 0.3
     assert (told["attainable_depth_mm"], told["attainable_temperature_c"]) == (2.66, 816.4)
-    assert len(told) == 23
+    assert len(told) == 19
 
 
 @pytest.mark.slow
@@ -51,9 +51,7 @@ def test_tracks_both_set_points(preset, depth_mm, temperature_c):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("preset", "estimates"), [("paper:offset_free", True), ("paper:letter", False)]
-)
+@pytest.mark.parametrize(("preset", "estimates"), [("paper", True), ("paper:letter", False)])
 def test_the_paper_to_the_letter_estimates_no_disturbance(preset, estimates):
     loop = Loop(NmpcController({"preset": preset}))
     for _ in range(10):

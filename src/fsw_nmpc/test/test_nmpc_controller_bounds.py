@@ -220,7 +220,7 @@ def test_while_it_waits_for_sensors_its_command_is_inside_the_bounds():
         assert Limits().clip(proposal.command, None) == proposal.command
 
 
-@pytest.mark.parametrize("preset", ["default", "adaptive", "paper"])
+@pytest.mark.parametrize("preset", ["default", "paper"])
 @pytest.mark.parametrize("depth_mm", [2.0, 3.4])
 def test_planned_moves_keep_the_rate_limits_to_the_end_of_the_horizon(preset, depth_mm):
     """Also in the long intervals beyond 5 s; both inputs go from one end of their range to the other in the plan."""

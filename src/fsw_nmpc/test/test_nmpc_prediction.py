@@ -19,7 +19,7 @@ def start_from(state, force_kn, speed_rpm):
     creep, slow, _, copper, tool, motor = state.x
     x = (creep, slow, copper, tool, motor)
     start = KERNEL.new("fsw_start", x=x, force_kn=force_kn, speed_rpm=speed_rpm)
-    start.torque_scale = start.depth_gain = start.thermal_gain = 1.0
+    start.torque_scale = start.depth_gain = 1.0
     history = np.array([(p0, p1 + p2, p3) for p0, p1, p2, p3 in state.power])
     start.history[0 : history.size] = history.ravel().tolist()
     return start

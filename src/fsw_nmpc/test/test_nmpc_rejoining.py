@@ -44,35 +44,20 @@ def step_until_healthy(loop, reference=WARMER, slower_ticks=0):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("slower_ticks", [0, 15])
-@pytest.mark.parametrize("preset", ["default", "adaptive"])
-def test_the_power_on_its_way_is_taken_for_neither_heat_nor_gain_nor_delay(preset, slower_ticks):
+def test_the_power_on_its_way_is_not_taken_for_heat(slower_ticks):
     """The process has none of it: what a first healthy proposal is based on is its error."""
     heat_kw = {}
     for rejoins in (False, True):
-        loop = restarted(rejoins, {"preset": preset})
+        loop = restarted(rejoins)
         proposals = step_until_healthy(loop, slower_ticks=slower_ticks)
         assert proposals[-1].healthy
-        estimates = proposals[-1].diagnosis.disturbances
-        heat_kw[rejoins] = abs(estimates["power_kw"])
+        heat_kw[rejoins] = abs(proposals[-1].diagnosis.disturbances["power_kw"])
     assert heat_kw[False] > 3.0
     assert heat_kw[True] < 0.3
-    assert estimates["thermal_gain"] == 1.0
-    assert estimates["delay_s"] == 0.0
 
 
 @pytest.mark.slow
-def test_gain_and_delay_are_estimated_again_afterwards():
-    loop = restarted(True, {"preset": "adaptive"})
-    step_until_healthy(loop)
-    proposal = loop.step(TARGET)
-    for _ in range(60):
-        proposal = loop.step(TARGET)
-    assert proposal.diagnosis.disturbances["thermal_gain"] != 1.0
-    assert proposal.diagnosis.disturbances["delay_deviation_s"] > 0.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("preset", ["default", "adaptive", "paper", "paper:letter"])
+@pytest.mark.parametrize("preset", ["default", "paper", "paper:letter"])
 def test_it_proposes_no_sooner_than_after_a_dead_time_and_within_seconds(preset):
     proposals = step_until_healthy(restarted(True, {"preset": preset}))
     assert DEAD_TICKS < len(proposals) < DEAD_TICKS + 40

@@ -38,11 +38,9 @@ def test_paper_is_the_paper():
 
 def test_presets():
     assert Settings.of({}).tuning == Tuning.preset("default", nominal())
-    for name in ("paper", "paper:offset_free"):
-        assert Settings.of({"preset": name}).tuning == PAPER
+    assert Settings.of({"preset": "paper"}).tuning == PAPER
     slower = nominal().changed(dead_time_s=4.0)
     assert Tuning.preset("default", slower).temperature_time_s == pytest.approx(0.3 * 4.0)
-    assert Tuning.preset("adaptive", slower).temperature_time_s == pytest.approx(0.36 * 4.0)
 
 
 def test_tuning_file_over_a_preset(tmp_path):
@@ -83,11 +81,7 @@ def test_tuning_file_over_a_preset(tmp_path):
         ("depth_time_s: 0.1", ("depth_time_s", "problem"), "0.2 s"),
         ("blocks: 21", ("blocks", "literal_error"), "20 or 54"),
         ("trajectory: shortest", ("trajectory", "literal_error"), "approach, constant"),
-        (
-            "estimator: {heat_sigmas: 5}",
-            ("estimator.heat_sigmas", "problem"),
-            "thermal_gain_walk above 0",
-        ),
+        ("estimator: {heat_sigmas: 5}", ("estimator.heat_sigmas", "extra_forbidden"), "known:"),
     ],
 )
 def test_wrong_tuning_files_are_one_clear_line(tmp_path, text, problem, fact):
@@ -114,6 +108,8 @@ def test_missing_files():
         ({"force_min": 99.0}, "force_min"),
         ({"no_such": 1.0}, "no_such"),
         ({"preset": "best"}, "preset"),
+        ({"preset": "adaptive"}, "use default with a model_file"),
+        ({"preset": "paper:offset_free"}, "use paper"),
     ],
 )
 def test_wrong_values_are_refused_with_a_word(values, word):

@@ -61,12 +61,10 @@ def move_squares(tuning: Any) -> list[float]:
     return [tuning.full_move_cost / largest**2 for largest in largest_moves(tuning)]
 
 
-def squares(problem: Any, tuning: Any) -> tuple[float, float]:
+def squares(tuning: Any) -> list[float]:
     """Quadratic costs of depth and temperature."""
-    depth, temperature = (
-        1.0 / s**2 if s > 0.0 else 0.0 for s in (tuning.depth_scale_mm, tuning.temperature_scale_c)
-    )
-    return depth, temperature * problem.temp_cost
+    scales = (tuning.depth_scale_mm, tuning.temperature_scale_c)
+    return [1.0 / scale**2 if scale > 0.0 else 0.0 for scale in scales]
 
 
 def objective(
@@ -78,7 +76,7 @@ def objective(
     temperature_c: Vector,
 ) -> float:
     """Cost (28) of moves (2 n_blocks,) and the outputs (n_out,) that they lead to."""
-    total, n, square = 0.0, horizon.n_out, squares(problem, tuning)
+    total, n, square = 0.0, horizon.n_out, squares(tuning)
     for q, output in enumerate((depth_mm, temperature_c)):
         low, high = np.array(list(problem.low[q][0:n])), np.array(list(problem.high[q][0:n]))
         reached = (horizon.depth_width, horizon.temperature_width)[q] > 0
@@ -189,7 +187,7 @@ class ReferenceSolver:
         parameter = np.concatenate(
             [
                 start, history, largest,
-                weight, np.repeat(squares(problem, t), n_out) * reached,
+                weight, np.repeat(squares(t), n_out) * reached,
                 *(list(side[q][0:n_out]) for side in (problem.low, problem.high) for q in (0, 1)),
                 np.tile(move_weights(t), h.n_blocks) * sizes * largest,
                 np.tile(move_squares(t), h.n_blocks) * sizes * largest**2 / np.repeat(h.block_reach, 2),

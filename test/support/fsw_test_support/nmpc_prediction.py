@@ -14,7 +14,7 @@ from fsw_nmpc.library import Vector
 
 #: Length of the vector that holds everything a prediction starts from, apart from the drifts and
 #: the power history.
-N_START = 15
+N_START = 14
 
 
 def n_start(horizon: Horizon) -> int:
@@ -33,7 +33,6 @@ def start_vector(start: Any, horizon: Horizon) -> Vector:
         s.temp_offset_c,
         s.speed_offset_rpm,
         s.depth_gain,
-        s.thermal_gain,
     ]
     drifts = [float(s.drift[q][i]) for q in range(2) for i in range(horizon.n_out)]
     return np.array([*s.x, s.force_kn, s.speed_rpm, *offsets, *drifts])
@@ -43,8 +42,8 @@ def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Fun
     """CasADi function (moves, start (n_start,), history (3 n_history,)) -> (depth (n_out,), temperature (n_out,)).
 
     ``start`` holds the state (5), the applied force and speed, the offsets of force and heat, the
-    torque scale, the offsets of depth, temperature and speed, the factors on the gains of depth
-    and power, and how far the offsets of depth and temperature drift until each output point;
+    torque scale, the offsets of depth, temperature and speed, the factor on the gain of the depth,
+    and how far the offsets of depth and temperature drift until each output point;
     ``history`` the power's coefficients, oldest first.
     """
     p = parameters
@@ -56,7 +55,7 @@ def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Fun
     force_offset, heat_offset, scale, depth_offset, temperature_offset, *others = ca.vertsplit(
         start[7:N_START]
     )
-    speed_offset, depth_gain, thermal_gain = others
+    speed_offset, depth_gain = others
     depth_drift, temperature_drift = ca.vertsplit(start[N_START:], horizon.n_out)
     segments = [history[3 * j : 3 * j + 3] for j in range(horizon.n_history)]
     poles, gains = depth_modes(p)
@@ -82,11 +81,13 @@ def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Fun
             creep + depth_gain * creep_gain * pushed,
             decay * slow + depth_gain * gain * pushed,
         )
-        heat = thermal_gain * heat_offset
-        copper, tool = cc * copper + heat_copper * heat, tc * copper + tt * tool + heat_tool * heat
+        copper, tool = (
+            cc * copper + heat_copper * heat_offset,
+            tc * copper + tt * tool + heat_tool * heat_offset,
+        )
         for e in range(horizon.weight_start[k], horizon.weight_start[k + 1]):
             arriving = ca.DM(horizon.weight[e].reshape(2, 3)) @ segments[horizon.weight_segment[e]]
-            copper, tool = copper + thermal_gain * arriving[0], tool + thermal_gain * arriving[1]
+            copper, tool = copper + arriving[0], tool + arriving[1]
         depth = (settled + creep + slow) * (1.0 + p.softening_per_c * tool)
         rise = scale * process_torque_nm(p, acting, depth) - left
         begin = left - lag * rise

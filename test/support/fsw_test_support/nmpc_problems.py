@@ -144,7 +144,6 @@ def random_start(rng: np.random.Generator, horizon: Horizon, parameters: ModelPa
         temp_offset_c=rng.normal(0.0, 3.0),
         speed_offset_rpm=rng.normal(0.0, 2.0),
         depth_gain=rng.uniform(0.7, 1.4),
-        thermal_gain=rng.uniform(0.6, 2.0),
     )
     for q, rate in enumerate(rng.normal(0.0, (2e-3, 0.2))):
         start.drift[q][0 : horizon.n_out] = (
@@ -167,7 +166,7 @@ def random_problem(
         tuning_of(Settings(p, tuning, LIMITS, max_iterations=library.state.tuning.max_iterations))
     )
     start = random_start(rng, h, p)
-    problem = KERNEL.new("fsw_problem", start=start[0], temp_cost=rng.uniform(1.0, 12.5))
+    problem = KERNEL.new("fsw_problem", start=start[0])
     temperature = p.operating_temperature_c + start.x[3] + start.temp_offset_c
     softening = 1.0 + p.softening_per_c * start.x[3]
     depth = (p.operating_depth_mm + start.x[0] + start.x[1]) * softening + start.depth_offset_mm

@@ -2,6 +2,7 @@
  * back, enforce the limits. */
 #include <limits.h>
 #include <math.h>
+#include <stddef.h>
 
 #include "internal.h"
 
@@ -88,27 +89,21 @@ static int is_finite_model(const fsw_nmpc_model *m) {
   return fsw_is_finite(sum);
 }
 
-/* Whether a tuning makes sense: finite, non-negative, and without combinations that the problem or
- * the estimator does not support (a Huber cost beside L1, doubt of the heat without its gain). */
+/* Whether a tuning makes sense: finite, non-negative, and its choices known. */
 static int is_usable(const fsw_nmpc_tuning *t) {
   double sum = 0.0, least = 0.0, largest_share = 0.0;
-#define ADD(number) add(t->number, &sum, &least);
+  const double *numbers = (const double *)t; /* the struct begins with all its numbers, without padding */
+  for (size_t k = 0; k < offsetof(fsw_nmpc_tuning, trajectory) / sizeof(double); k++) add(numbers[k], &sum, &least);
 #define COMPARE(share) largest_share = t->share > largest_share ? t->share : largest_share;
-  FSW_EACH_NUMBER(ADD)
   FSW_EACH_SHARE(COMPARE)
   if (!fsw_is_finite(sum) || least < 0.0 || largest_share > 1.0) return 0;
   for (int q = 0; q < 2; q++)
     if (!(fsw_reach(t, q) > 0.0) || !(fsw_least(t, q) < fsw_most(t, q))) return 0;
-  if (t->huber_depth_mm > 0.0 && !(t->depth_scale_mm > 0.0)) return 0;
-  if (t->huber_temperature_c > 0.0 && !(t->temperature_scale_c > 0.0)) return 0;
-  if (t->huber_depth_mm + t->huber_temperature_c > 0.0 && t->weight_depth_per_mm + t->weight_temperature_per_c > 0.0) return 0;
-  if (!(t->approach.force_time_s > 0.0 && t->approach.power_time_s > 0.0 && t->adaptation.power_memory_s > 0.0)) return 0;
+  if (!(t->approach.force_time_s > 0.0 && t->approach.power_time_s > 0.0)) return 0;
   if (!(t->estimator.torque_outlier_factor >= 1.0 && t->estimator.torque_min_nm > 0.0)) return 0;
   if (!(t->estimator.known_heat_evidence > 0.0)) return 0;
-  if (!(t->estimator.drift_keep < 1.0 && t->estimator.heat_keep < 1.0)) return 0;
+  if (!(t->estimator.drift_keep < 1.0)) return 0;
   if (t->trajectory == FSW_APPROACH && !(t->depth_time_s >= FSW_TICK_S && t->temperature_time_s >= FSW_TICK_S)) return 0;
-  /* with a wrong gain the loop would oscillate */
-  if (t->estimator.heat_sigmas > 0.0 && !(t->estimator.thermal_gain_walk > 0.0)) return 0;
   if (t->trajectory < FSW_APPROACH || t->trajectory > FSW_RECENTRED_AHEAD) return 0;
   if (t->priority < FSW_KEEP_DEPTH || t->priority > FSW_KEEP_TEMPERATURE) return 0;
   if (t->quality_temperature_min_c > t->quality_temperature_max_c) return 0;
@@ -185,7 +180,6 @@ void fsw_nmpc_input_clear(fsw_nmpc_input *in) {
 
 void fsw_nmpc_reset(fsw_nmpc *c, double force_kn, double speed_rpm) {
   c->estimator.started = 0;
-  fsw_adaptation_start(c);
   c->has_corridor = c->has_rate = c->has_reference = 0;
   c->bad_in_a_row = 0;
   c->late_s = 0.0;
@@ -209,17 +203,13 @@ static int estimate(fsw_nmpc *c, const fsw_nmpc_input *in) {
     fsw_nmpc_input nothing = now;
     nothing.depth_fresh = nothing.torque_fresh = nothing.temperature_fresh = 0;
     for (; ticks > 0; ticks--)
-      if (!fsw_adapt(c, ticks > 1 ? &nothing : &now)) break;
+      if (!fsw_estimator_step(&c->estimator, &c->model, &c->tuning.estimator, ticks > 1 ? &nothing : &now)) break;
     if (c->estimator.started) return 1;
     clear_plan(c);
   }
   c->has_corridor = c->has_rate = 0;
   c->late_s = 0.0;
-  fsw_adaptation_start(c);
-  if (!fsw_estimator_start(&c->estimator, &c->model, &c->tuning.estimator, &now)) return 0;
-  c->adaptation.heat_kw = c->estimator.x[FSW_HEAT];
-  c->adaptation.power_kw = c->estimator.power[0];
-  return 1;
+  return fsw_estimator_start(&c->estimator, &c->model, &c->tuning.estimator, &now);
 }
 
 /* Movement of the two offsets over the horizon while their rates decay: a ramp that has been
@@ -238,15 +228,6 @@ static void take_drifts(fsw_nmpc *c) {
   }
 }
 
-/* Factor on the temperature's cost that keeps the price of a power deficit constant. Copper that
- * heats less, or a slower approach, turns the same deficit into a smaller temperature error;
- * without the factor a depth step would take more power from the temperature. */
-static double temp_cost(const fsw_nmpc *c) {
-  const double gain = c->adaptation.gain, delay_s = c->adaptation.delay_s;
-  const double share = (gain < 1.0 ? gain : 1.0) / (delay_s > 0.0 ? 1.0 + delay_s / c->model.dead_time_s : 1.0);
-  return 1.0 / (share * share);
-}
-
 /* The optimal control problem of this tick: estimated states and disturbances as its start, then
  * what is known beforehand (heat, set-points). Without an offset in the outputs the predicted steady
  * state would differ from the measured one (offset-free MPC, Pannocchia and Rawlings 2003). */
@@ -254,18 +235,16 @@ static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
   fsw_start *s = &c->problem.start;
   const double *x = c->estimator.x;
   for (int i = 0; i < 5; i++) s->x[i] = x[i];
-  fsw_power_under_way(&c->estimator, &c->model, c->adaptation.delay_s, s->history);
+  for (int k = 0; k < 3 * c->model.n_history; k++) s->history[k] = c->estimator.history[k];
   s->force_kn = c->applied[0];
   s->speed_rpm = c->applied[1];
   s->force_offset_kn = x[FSW_FORCE] + c->estimator.offset[0];
   s->speed_offset_rpm = c->estimator.offset[1];
   s->depth_gain = x[FSW_DEPTH_GAIN];
-  s->thermal_gain = c->adaptation.gain;
-  s->heat_offset_kw = c->adaptation.heat_kw;
+  s->heat_offset_kw = x[FSW_HEAT];
   s->torque_scale = x[FSW_SCALE];
   s->depth_offset_mm = x[FSW_DEPTH_OFFSET];
   s->temp_offset_c = x[FSW_TEMP_OFFSET];
-  c->problem.temp_cost = temp_cost(c);
   take_drifts(c);
   fsw_known_heat_ahead(c, in);
   fsw_trajectories(c, in);
@@ -273,18 +252,13 @@ static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
 
 static void tell_estimates(const fsw_nmpc *c, fsw_nmpc_output *out) {
   const fsw_estimator *e = &c->estimator;
-  static const int shown[FSW_ESTIMATES] = {FSW_FORCE,       FSW_HEAT,       FSW_SCALE,
-                                           FSW_DEPTH_OFFSET, FSW_TEMP_OFFSET, FSW_DEPTH_RATE,
-                                           FSW_TEMP_RATE,   FSW_DEPTH_GAIN,  FSW_THERMAL_GAIN,
-                                           FSW_DELAY};
   out->depth_mm = fsw_contact_depth(e, &c->model, 0) + e->x[FSW_DEPTH_OFFSET];
   out->temperature_c = c->model.operating_temperature_c + e->x[FSW_TOOL] + e->x[FSW_TEMP_OFFSET];
   out->torque_nm = e->x[FSW_MOTOR];
   out->copper_c = c->model.operating_temperature_c + e->x[FSW_COPPER];
-  out->doubt = fsw_doubts_of(c);
   for (int i = 0; i < FSW_ESTIMATES; i++) {
-    out->disturbance[i] = e->x[shown[i]];
-    out->deviation[i] = sqrt(e->p[shown[i]][shown[i]]);
+    out->disturbance[i] = e->x[FSW_FORCE + i];
+    out->deviation[i] = sqrt(e->p[FSW_FORCE + i][FSW_FORCE + i]);
   }
 }
 
@@ -298,7 +272,6 @@ int fsw_nmpc_begin(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out) 
   out->force_kn = limited(c, 0, c->applied[0]);
   out->speed_rpm = limited(c, 1, c->applied[1]);
   out->healthy = out->blind = out->has_plan = 0;
-  out->doubt = 0;
   out->solve_status = FSW_NOT_SOLVED;
   out->iterations = 0;
   out->bad_cycles = c->bad_cycles;

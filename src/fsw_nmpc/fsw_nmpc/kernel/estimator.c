@@ -19,10 +19,7 @@
  * Innovations of the depth with one sign for about a second are a drift (a CUSUM-like test): their
  * excess widens the variance of the offset's rate, which is small at rest, so that noise moves the
  * force little. The rate of the temperature's offset has no such test: with the dead time and a
- * wrong gain the loop would not be stable. While gain and delay of the power are estimated,
- * temperature innovations that keep their sign are attributed to heat, unless a later response to
- * the power explains them. Otherwise missing heat would appear as an offset of tens of degC before
- * its own random walk has found it, and a leaking offset is a lasting error. */
+ * wrong gain the loop would not be stable. */
 #include <math.h>
 
 #include "internal.h"
@@ -32,7 +29,6 @@
 
 /* keeps an update defined if noise and covariance are zero */
 #define LEAST_VARIANCE 1e-18
-#define LONGEST_S 1e6
 
 enum { DEPTH, TORQUE, TEMPERATURE };
 
@@ -52,8 +48,7 @@ double fsw_friction(const fsw_nmpc_model *m, double speed_rpm) {
 void fsw_estimator_walk(const fsw_estimator_tuning *t, double walk[N]) {
   const double of_states[N] = {t->creep_walk_mm, 0.0, t->copper_walk_c, 0.0, t->motor_walk_nm, t->force_walk_kn,
                                t->heat_walk_kw, t->torque_scale_walk, t->depth_offset_walk_mm, t->temperature_offset_walk_c,
-                               t->depth_rate_walk_mm_per_s, t->temperature_rate_walk_c_per_s, t->depth_gain_walk,
-                               t->thermal_gain_walk, t->delay_walk_s};
+                               t->depth_rate_walk_mm_per_s, t->temperature_rate_walk_c_per_s, t->depth_gain_walk};
   for (int i = 0; i < N; i++) walk[i] = of_states[i];
 }
 
@@ -117,8 +112,6 @@ static int is_sound(const fsw_estimator *e, const fsw_nmpc_model *m, const fsw_e
          fabs(e->x[FSW_FORCE]) < t->force_offset_max_kn;
 }
 
-static int ticks_of(double time_s) { return (int)(fsw_clip(time_s, 0.0, LONGEST_S) / FSW_TICK_S + 0.5); }
-
 /* Start at rest from a measurement; 0 if a required sensor is missing or implausible. */
 int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t, const fsw_nmpc_input *in) {
   const double rise_c = in->temperature_c - m->operating_temperature_c;
@@ -144,8 +137,7 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_est
   x[FSW_MOTOR] = scale * torque + friction;
   x[FSW_FORCE] = x[FSW_DEPTH_OFFSET] = x[FSW_TEMP_OFFSET] = 0.0;
   x[FSW_DEPTH_RATE] = x[FSW_TEMP_RATE] = 0.0;
-  x[FSW_DEPTH_GAIN] = x[FSW_THERMAL_GAIN] = 1.0;
-  x[FSW_DELAY] = 0.0;
+  x[FSW_DEPTH_GAIN] = 1.0;
   x[FSW_HEAT] = rise_c / m->thermal_gain_c_per_kw - power;
   x[FSW_SCALE] = scale;
   for (int i = 0; i < N; i++) {
@@ -162,16 +154,10 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_est
     e->blind_s[s] = e->innovation[s] = e->expected[s] = 0.0;
   }
   e->last_speed_rpm = e->acting_speed_rpm;
-  e->recent = e->lasting = e->steady = 0.0;
-  e->is_doubtful = e->is_unexplained = e->long_ticks = 0;
-  e->start_ticks = ticks_of(t->heat_start_s);
-  e->later_ticks = FSW_SLOWER;
-  for (int i = 0; i < N; i++) e->by_delay[i] = 0.0;
-  for (int k = 0; k < FSW_SLOWER; k++) e->by_later[k] = 0.0;
+  e->recent = 0.0;
   fsw_known_heat_start(e);
   fsw_known_heat_unsettle(e, m, t, in);
-  e->is_excited = e->heated_ticks = e->is_telling = e->is_late = 0;
-  for (int k = 0; k < FSW_MAX_HISTORY + FSW_LATER; k++) e->power[k] = power;
+  e->is_excited = 0;
   return e->started = is_sound(e, m, t);
 }
 
@@ -189,10 +175,8 @@ static void linear_rows(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_est
   e->a[FSW_COPPER][FSW_COPPER] = mode[5];
   e->a[FSW_TOOL][FSW_COPPER] = mode[6];
   e->a[FSW_TOOL][FSW_TOOL] = mode[7];
-  e->a[FSW_COPPER][FSW_HEAT] = mode[8] * e->x[FSW_THERMAL_GAIN];
-  e->a[FSW_TOOL][FSW_HEAT] = mode[9] * e->x[FSW_THERMAL_GAIN];
-  e->a[FSW_COPPER][FSW_THERMAL_GAIN] = mode[8] * e->x[FSW_HEAT];
-  e->a[FSW_TOOL][FSW_THERMAL_GAIN] = mode[9] * e->x[FSW_HEAT];
+  e->a[FSW_COPPER][FSW_HEAT] = mode[8];
+  e->a[FSW_TOOL][FSW_HEAT] = mode[9];
   e->a[FSW_DEPTH_OFFSET][FSW_DEPTH_OFFSET] = e->a[FSW_TEMP_OFFSET][FSW_TEMP_OFFSET] = t->offset_keep;
   e->a[FSW_DEPTH_OFFSET][FSW_DEPTH_RATE] = e->a[FSW_TEMP_OFFSET][FSW_TEMP_RATE] = FSW_TICK_S;
   e->a[FSW_DEPTH_RATE][FSW_DEPTH_RATE] = t->depth_rate_keep;
@@ -200,39 +184,9 @@ static void linear_rows(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_est
 }
 
 /* Whether a state keeps its estimate and variance, because nothing excites it at present. */
-static int is_held(const fsw_estimator *e, int state) {
-  if (state == FSW_THERMAL_GAIN || state == FSW_DELAY) return !e->is_telling;
-  return state == FSW_DEPTH_GAIN && !e->is_excited;
-}
+static int is_held(const fsw_estimator *e, int state) { return state == FSW_DEPTH_GAIN && !e->is_excited; }
 
-/* Note whether the power has moved within the last dead time, so that the temperature will show
- * its gain. */
-static void note_power(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t) {
-  double least = e->power[0], most = e->power[0];
-  for (int k = 1; k < m->n_history; k++) {
-    const double power = e->power[k];
-    least = power < least ? power : least;
-    most = power > most ? power : most;
-  }
-  if (most - least > t->excitation_power_kw) e->heated_ticks = ticks_of(t->excitation_power_s) + m->n_history;
-  else if (e->heated_ticks > 0) e->heated_ticks--;
-}
-
-/* Sensitivity of the state error to a power that arrives 1 s later than estimated, with gain and
- * delay fixed; every update applies the same correction to it. */
-static void predict_by_delay(fsw_estimator *e) {
-  double before[N];
-  for (int i = 0; i < N; i++) before[i] = e->by_delay[i];
-  before[FSW_DELAY] = 1.0;
-  before[FSW_THERMAL_GAIN] = 0.0;
-  for (int i = 0; i < N; i++) {
-    double sum = 0.0;
-    for (int j = 0; j < N; j++) sum += e->a[i][j] * before[j];
-    e->by_delay[i] = sum;
-  }
-}
-
-/* p = a p a' + walk, with zero covariances for held states */
+/* p = a p a' + walk */
 static void predict_covariance(fsw_estimator *e, const fsw_estimator_tuning *t) {
   double ap[N][N], walk[N];
   fsw_estimator_walk(t, walk);
@@ -248,55 +202,6 @@ static void predict_covariance(fsw_estimator *e, const fsw_estimator_tuning *t) 
       for (int k = 0; k < N; k++) sum += ap[i][k] * e->a[j][k];
       e->p[i][j] = e->p[j][i] = sum;
     }
-  /* Held states are constants of the model; their correlations would take the share of the
-   * innovations that belongs to the heat. */
-  if (!e->is_telling)
-    for (int i = FSW_THERMAL_GAIN; i <= FSW_DELAY; i++)
-      for (int j = 0; j < N; j++)
-        if (j != i) e->p[i][j] = e->p[j][i] = 0.0;
-}
-
-/* Half the range of the delay, which lies about 0, or about twice this value if the response is
- * late. */
-double fsw_delay_span_s(const fsw_nmpc_model *m, const fsw_estimator_tuning *t) {
-  return 0.5 * m->dead_time_s < t->delay_max_s ? 0.5 * m->dead_time_s : t->delay_max_s;
-}
-
-/* Mean power that arrives in a tick, `delay_s` after the model's dead time, and its derivative by
- * the delay (linear interpolation between ticks). */
-static double arriving(const fsw_estimator *e, const fsw_nmpc_model *m, double delay_s, double *by_delay) {
-  const double last = m->n_history + FSW_LATER - 1.001; /* power still to come: as the newest */
-  const double place = fsw_clip((m->dead_time_s + delay_s) / FSW_TICK_S - 1.0, 0.0, last);
-  const int newer = (int)place;
-  *by_delay = (e->power[newer + 1] - e->power[newer]) / FSW_TICK_S;
-  return e->power[newer] + (place - newer) * FSW_TICK_S * *by_delay;
-}
-
-/* Correct the heat for power that arrives earlier or later than in the model. */
-static void shift_heat(fsw_estimator *e, const fsw_nmpc_model *m, double *copper, double *tool) {
-  double by_delay, unused;
-  const double *x = e->x, gain = x[FSW_THERMAL_GAIN];
-  const double more = arriving(e, m, x[FSW_DELAY], &by_delay) - arriving(e, m, 0.0, &unused);
-  *copper += m->modes[8] * gain * more;
-  *tool += m->modes[9] * gain * more;
-  e->a[FSW_COPPER][FSW_THERMAL_GAIN] += m->modes[8] * more;
-  e->a[FSW_TOOL][FSW_THERMAL_GAIN] += m->modes[9] * more;
-  e->a[FSW_COPPER][FSW_DELAY] = m->modes[8] * gain * by_delay;
-  e->a[FSW_TOOL][FSW_DELAY] = m->modes[9] * gain * by_delay;
-}
-
-/* Power under way as the model with its own dead time must see it, so that it arrives when it
- * really does. */
-void fsw_power_under_way(const fsw_estimator *e, const fsw_nmpc_model *m, double delay_s,
-                         double history[3 * FSW_MAX_HISTORY]) {
-  double unused;
-  for (int k = 0; k < 3 * m->n_history; k++) history[k] = e->history[k];
-  if (delay_s == 0.0) return;
-  for (int k = 0; k < m->n_history; k++) {
-    const double later_s = k * FSW_TICK_S;
-    history[3 * k] = arriving(e, m, delay_s - later_s, &unused);
-    history[3 * k + 1] = history[3 * k + 2] = 0.0;
-  }
 }
 
 /* One tick of the model, as in predict.c, and of the covariance. */
@@ -315,19 +220,14 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimat
   left_row[FSW_FORCE] += scale * left.by_force;
   left_row[FSW_SCALE] = left.value;
 
-  const double heated = x[FSW_THERMAL_GAIN], heat = heated * x[FSW_HEAT];
+  const double heat = x[FSW_HEAT];
   double copper = mode[5] * x[FSW_COPPER] + mode[8] * heat;
   double tool = mode[6] * x[FSW_COPPER] + mode[7] * x[FSW_TOOL] + mode[9] * heat;
   for (int k = m->weight_start[0]; k < m->weight_start[1]; k++) {
     const double *g = m->weight + 6 * k, *power = e->history + 3 * m->weight_segment[k];
-    const double to_copper = g[0] * power[0] + g[1] * power[1] + g[2] * power[2];
-    const double to_tool = g[3] * power[0] + g[4] * power[1] + g[5] * power[2];
-    copper += heated * to_copper;
-    tool += heated * to_tool;
-    e->a[FSW_COPPER][FSW_THERMAL_GAIN] += to_copper;
-    e->a[FSW_TOOL][FSW_THERMAL_GAIN] += to_tool;
+    copper += g[0] * power[0] + g[1] * power[1] + g[2] * power[2];
+    tool += g[3] * power[0] + g[4] * power[1] + g[5] * power[2];
   }
-  shift_heat(e, m, &copper, &tool);
   x[FSW_CREEP] += gain * mode[0] * pushed;
   x[FSW_SLOW] = mode[1] * x[FSW_SLOW] + gain * mode[2] * pushed;
   x[FSW_COPPER] = copper;
@@ -359,10 +259,6 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimat
   newest[0] = kw * begin - m->operating_power_kw;
   newest[1] = kw * rise;
   newest[2] = kw * rest;
-  for (int k = m->n_history + FSW_LATER - 1; k > 0; k--) e->power[k] = e->power[k - 1];
-  e->power[0] = newest[0] + 0.5 * newest[1] + newest[2] * lag * (1.0 - motor_decay);
-  note_power(e, m, t);
-  predict_by_delay(e);
   fsw_known_heat_predict(e);
   predict_covariance(e, t);
 }
@@ -397,13 +293,8 @@ static void update(fsw_estimator *e, const fsw_estimator_tuning *t, int sensor, 
    * p below holds for any gain. */
   double gain[N];
   for (int i = 0; i < N; i++) gain[i] = is_held(e, i) ? 0.0 : cross[i] / expected;
-  double by_delay = 0.0;
-  for (int i = 0; i < N; i++) by_delay += row[i] * e->by_delay[i];
   fsw_known_heat_correct(e, row, gain);
-  for (int i = 0; i < N; i++) {
-    e->x[i] += gain[i] * innovation;
-    e->by_delay[i] -= gain[i] * by_delay;
-  }
+  for (int i = 0; i < N; i++) e->x[i] += gain[i] * innovation;
   for (int i = 0; i < N; i++)
     for (int j = 0; j < N; j++) e->p[i][j] -= gain[i] * cross[j] + (cross[i] - gain[i] * expected) * gain[j];
 }
@@ -418,51 +309,6 @@ static void widen_rate(fsw_estimator *e, const fsw_estimator_tuning *t) {
   const double rate = (1.0 - t->drift_keep) * e->recent * deviation; /* mean change per second */
   e->p[FSW_DEPTH_RATE][FSW_DEPTH_RATE] += rate * rate;
   e->recent = 0.0;
-}
-
-/* Part of the temperature's lasting innovations that no later response to the power explains. A
- * power that arrives 1 s later than estimated causes the innovation `by_delay`, to first order;
- * another delay causes the integral of `by_delay` over that time, and a slow probe mixes several
- * delays. The range between the extremes of this integral is therefore explainable. Delays that
- * the rival has lost do not count, except for `is_unexplained`. */
-static double unexplained(fsw_estimator *e, const fsw_estimator_tuning *t, double by_delay, double least) {
-  double sum = 0.0, low = 0.0, high = 0.0, rest = e->lasting;
-  for (int k = FSW_SLOWER - 1; k > 0; k--) e->by_later[k] = e->by_later[k - 1];
-  e->by_later[0] = t->heat_keep * e->by_later[1] + by_delay;
-  for (int k = 0; k < FSW_SLOWER; k++) {
-    sum += FSW_TICK_S * e->by_later[k];
-    low = sum < low ? sum : low;
-    high = sum > high ? sum : high;
-    if (k + 1 == e->later_ticks) rest = e->lasting - fsw_clip(e->lasting, low, high);
-  }
-  e->is_unexplained = fabs(e->lasting - fsw_clip(e->lasting, low, high)) > least;
-  return rest;
-}
-
-/* The same after an update of the temperature, if heat is estimated. Missing heat warms the copper
- * at a rate that the filter has to correct at every tick, so innovations keep one sign; the
- * variance gets the heat that causes such a rate. They have to last, because a jump seen through a
- * slow thermocouple also causes some. */
-static void widen_heat(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t, double by_delay) {
-  if (!(t->heat_sigmas > 0.0 && t->heat_walk_kw > 0.0)) return;
-  const double expected = e->expected[TEMPERATURE], deviation = sqrt(expected);
-  const double innovation = fsw_clip(e->innovation[TEMPERATURE] / deviation, -t->jump_sigmas, t->jump_sigmas);
-  e->lasting = t->heat_keep * e->lasting + innovation;
-  e->steady = t->heat_keep * e->steady + fsw_clip(innovation, -t->heat_steady_sigmas, t->heat_steady_sigmas);
-  const double least = t->heat_sigmas / sqrt(1.0 - t->heat_keep * t->heat_keep);
-  const double rest = unexplained(e, t, by_delay / deviation, least);
-  e->long_ticks = fabs(rest) > least ? e->long_ticks + 1 : 0;
-  const int lasts = e->start_ticks > 0 || fabs(e->steady) > t->heat_steady_sum || e->long_ticks > ticks_of(t->heat_wait_s);
-  if (e->start_ticks > 0) e->start_ticks--;
-  e->is_doubtful = lasts && fabs(e->lasting) > least && fabs(rest) <= least;
-  if (!lasts || fabs(rest) <= least) return;
-  /* share of an innovation that the filter corrects */
-  const double share = 1.0 - t->temperature_noise_c * t->temperature_noise_c / expected;
-  const double rate = share * (1.0 - t->heat_keep) * rest * deviation / FSW_TICK_S;
-  const double heat = rate * m->copper_lag_s / (e->x[FSW_THERMAL_GAIN] * m->thermal_gain_c_per_kw);
-  e->lasting -= rest;
-  e->steady = 0.0;
-  e->p[FSW_HEAT][FSW_HEAT] += heat * heat;
 }
 
 static void clear_row(double row[N]) {
@@ -501,26 +347,19 @@ static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimat
     clear_row(row);
     clear_row(jumping);
     row[FSW_TOOL] = row[FSW_TEMP_OFFSET] = jumping[FSW_TEMP_OFFSET] = 1.0;
-    const double by_delay = e->by_delay[FSW_TOOL] + e->by_delay[FSW_TEMP_OFFSET];
     const double by_known = e->by_known[FSW_TOOL] + e->by_known[FSW_TEMP_OFFSET];
     const double by_used = e->by_used[FSW_TOOL] + e->by_used[FSW_TEMP_OFFSET];
     update(e, t, TEMPERATURE, row, rise_c - e->x[FSW_TOOL] - e->x[FSW_TEMP_OFFSET], t->temperature_noise_c, jumping);
     fsw_known_heat_judge(e, t, by_known, by_used);
-    widen_heat(e, m, t, by_delay);
   }
   e->x[FSW_DEPTH_GAIN] = fsw_clip(e->x[FSW_DEPTH_GAIN], t->depth_gain_min, t->depth_gain_max);
   e->x[FSW_SCALE] = fsw_clip(e->x[FSW_SCALE], t->torque_scale_min, t->torque_scale_max);
-  e->x[FSW_THERMAL_GAIN] = fsw_clip(e->x[FSW_THERMAL_GAIN], t->thermal_gain_min, t->thermal_gain_max);
-  const double half_s = fsw_delay_span_s(m, t), middle_s = e->is_late ? 2.0 * half_s : 0.0;
-  e->x[FSW_DELAY] = fsw_clip(e->x[FSW_DELAY], middle_s - half_s, middle_s + half_s);
 }
 
 /* Advance one tick: predict with the inputs that acted during it, correct with the sensors at its
  * end. Returns whether the estimate is sound; otherwise it has ended and must be started again. */
 int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t, const fsw_nmpc_input *in) {
   take_inputs(e, t, in);
-  e->is_telling =
-      e->heated_ticks > 0 && in->temperature_fresh && plausible_rise(t, in->temperature_c - m->operating_temperature_c);
   predict(e, m, t, in);
   correct(e, m, t, in);
   e->last_speed_rpm = e->acting_speed_rpm;

@@ -35,13 +35,11 @@ extern "C" {
 #define FSW_TICK_S 0.1
 enum {
   FSW_MAX_VARS = 2 * FSW_MAX_BLOCKS,
-  FSW_LATER = 32,                      /* ticks of delay beyond the model's dead time */
   FSW_LATEST = 20,                     /* ticks by which a drive may lag */
-  FSW_SLOWER = 40,                     /* ticks by which a response may be later than estimated */
   FSW_MAX_CHANGES = 8,                 /* known future set-points */
   FSW_MODES = 10,
-  FSW_STATES = 15,
-  FSW_ESTIMATES = 10,                  /* of fsw_nmpc_output */
+  FSW_STATES = 13,
+  FSW_ESTIMATES = 8,                   /* of fsw_nmpc_output */
   FSW_RETURN_PERCENT = 98              /* share of the largest move for a return into the bounds */
 };
 
@@ -88,9 +86,7 @@ typedef enum {
   FSW_CREEP, FSW_SLOW, FSW_COPPER, FSW_TOOL, FSW_MOTOR,
   FSW_FORCE, FSW_HEAT, FSW_SCALE, FSW_DEPTH_OFFSET, FSW_TEMP_OFFSET,
   FSW_DEPTH_RATE, FSW_TEMP_RATE,             /* of the offsets, per s */
-  FSW_DEPTH_GAIN,                            /* factor on the model's */
-  FSW_THERMAL_GAIN,                          /* factor on the effect of the power on the copper */
-  FSW_DELAY                                  /* of the power beyond the model's dead time, s */
+  FSW_DEPTH_GAIN                             /* factor on the model's */
 } fsw_state;
 
 /* a set-point that takes effect at_s from now */
@@ -130,27 +126,19 @@ typedef enum {
   FSW_OUT_OF_BOUNDS
 } fsw_reason;
 
-/* Why the adaptation is cautious, as bits. */
-typedef enum {
-  FSW_DOUBT_LATE = 1,     /* a late response to the power could pass for heat, which is not used */
-  FSW_DOUBT_MISFIT = 2    /* no gain and delay fit: a gain below the model's is not used */
-} fsw_doubt;
-
-/* Sensors missing for too long, as bits. */
 typedef enum { FSW_NO_DEPTH = 1, FSW_NO_TORQUE = 2, FSW_NO_TEMPERATURE = 4 } fsw_missing;
 
 typedef struct {
   double force_kn, speed_rpm;           /* the proposal */
   int healthy, reason;
   int blind;                            /* bits of fsw_missing */
-  int doubt;                            /* bits of fsw_doubt */
   int solve_status, iterations, bad_cycles, bad_in_a_row;
   double gap, primal_residual, dual_residual, cost;
   double depth_mm, temperature_c, torque_nm; /* estimated sensor values */
   double copper_c;                      /* estimated copper temperature */
   double attainable[2];                 /* set-points, or replacements within the inputs' bounds */
   /* estimates and their standard deviations: force, heat, torque scale, offsets of depth and
-   * temperature, their rates, factors on the gains of depth and power, extra delay */
+   * temperature, their rates, factor on the gain of the depth */
   double disturbance[FSW_ESTIMATES], deviation[FSW_ESTIMATES];
   int has_plan;
   double plan_depth_mm[FSW_MAX_OUT], plan_temperature_c[FSW_MAX_OUT];
@@ -164,17 +152,15 @@ typedef struct {
   double force_kn, speed_rpm;         /* inputs until now */
   double force_offset_kn, heat_offset_kw, torque_scale, depth_offset_mm, temp_offset_c;
   double speed_offset_rpm;
-  double depth_gain, thermal_gain;         /* factors on the model's */
+  double depth_gain;                       /* factor on the model's */
   double drift[2][FSW_MAX_OUT];            /* how far the two offsets move until each output point */
   double heat_ahead_kw[FSW_MAX_STEPS];     /* known heat over each step, beyond heat_offset_kw */
 } fsw_start;
 
-/* Problem of one tick: start, dead-bands about the trajectories, quality limits. */
+/* Problem of one tick: start, dead-bands about the trajectories. */
 typedef struct {
   fsw_start start;
   double low[2][FSW_MAX_OUT], high[2][FSW_MAX_OUT];
-  double window_low[2], window_high[2];
-  double temp_cost;                        /* factor on the quadratic cost of the temperature */
 } fsw_problem;
 
 typedef struct {
@@ -186,37 +172,13 @@ typedef struct {
   double blind_s[3];
   int started;
   int is_excited;                          /* whether the force has moved lately */
-  double power[FSW_MAX_HISTORY + FSW_LATER]; /* mean power deviation of the last ticks, newest first */
-  int heated_ticks;                        /* so long is the power's effect still in what the sensor shows */
-  int is_telling;                          /* whether it is, and the sensor shows it: gain and delay are estimated */
-  int is_late;                             /* whether the delay is sought in its later range */
   double recent;                           /* fading sum of the depth's innovations, each in its deviation */
-  double lasting;                          /* likewise of the temperature's, fading more slowly */
-  double steady;                           /* and of those, each up to a smaller bound: whether they last */
-  int long_ticks;                          /* for which the sum has been beyond the bound of the test */
-  int start_ticks;                         /* left in which they need not, as nothing has jumped */
-  double by_delay[FSW_STATES];             /* error of the states if the power arrives later by 1 s than estimated */
-  double by_later[FSW_SLOWER];             /* fading sum of the innovations that it makes, in the last ticks, newest first */
-  int later_ticks;                         /* by how much later than estimated a response may still be */
-  int is_doubtful;                         /* whether such a response explains innovations that last */
-  int is_unexplained;                      /* whether they are none of any response to the power, however late */
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
   double known_weight;                     /* share of the known heat that is used, see known_heat.c */
   double known_evidence;                   /* for it: fading logarithm of the likelihoods' ratio */
   double by_known[FSW_STATES];             /* what the known heat would do to the states if all of it were used ... */
   double by_used[FSW_STATES];              /* ... and what the share in use does */
 } fsw_estimator;
-
-/* Gain and delay of the power in use, and the estimator's rival, see adapt.c. */
-typedef struct {
-  fsw_estimator rival;                 /* runs while the power excites the temperature */
-  double evidence;                     /* for the rival: log-likelihood ratio */
-  int is_beaten;                       /* whether the other range of the delay has been rejected */
-  int is_refuted;                      /* whether no gain and delay fit */
-  double misfit;                       /* fading mean square of normalised innovations */
-  double gain, delay_s, heat_kw;       /* in use */
-  double power_kw;                     /* mean power deviation of the last 20 s */
-} fsw_adaptation;
 
 typedef struct {
   double moves[FSW_MAX_VARS];            /* the last accepted moves, shifted to the present tick */
@@ -231,7 +193,6 @@ typedef struct {
   fsw_nmpc_model model;
   fsw_nmpc_tuning tuning;
   fsw_estimator estimator;
-  fsw_adaptation adaptation;
   fsw_plan plan;
   fsw_problem problem;
   double corridor[2], rate[2];             /* of the last tick's trajectories */

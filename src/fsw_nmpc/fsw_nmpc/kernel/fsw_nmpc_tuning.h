@@ -14,10 +14,6 @@ typedef struct {
   /* acceleration of the depth relative to what the speed can compensate; more would disturb the
    * temperature */
   double depth_acceleration;
-  /* extra share of acceleration at twice the quality limit from the set-point or further, if the
-   * temperature may yield; it falls to zero at that limit, so that a jump of the tool does not
-   * cost more temperature */
-  double haste;
   /* usable share of the acceleration when braking */
   double brake_share;
   /* usable share of the temperature's maximum rate */
@@ -52,19 +48,12 @@ typedef struct {
   double temperature_rate_walk_c_per_s;
   /* of the factor on the model's gain from force to depth; 0: it stays 1 */
   double depth_gain_walk;
-  /* of the factor on the model's gain from power to copper temperature; 0: it stays 1 */
-  double thermal_gain_walk;
-  /* of the delay of the power beyond the model's dead time; 0: it stays 0 */
-  double delay_walk_s;
   /* an innovation of more standard deviations is a jump; 0: never */
   double jump_sigmas;
   /* depth innovations are a drift if their sum over about a second exceeds this; 0: never */
   double drift_sigmas;
-  /* temperature innovations are heat that the model lacks if their sum over about ten seconds
-   * exceeds this; 0: never */
-  double heat_sigmas;
   /* standard deviations at the start, in the order of fsw_state: creep, slow, copper, tool, motor,
-   * force, heat, torque scale, offsets, their rates, depth gain, thermal gain, delay */
+   * force, heat, torque scale, offsets, their rates, depth gain */
   double start_deviation[FSW_STATES];
   /* lower bound of the factor on the process torque */
   double torque_scale_min;
@@ -74,12 +63,6 @@ typedef struct {
   double depth_gain_min;
   /* upper bound of the factor on the depth gain */
   double depth_gain_max;
-  /* lower bound of the factor on the thermal gain */
-  double thermal_gain_min;
-  /* upper bound of the factor on the thermal gain */
-  double thermal_gain_max;
-  /* largest deviation of the delay from the middle of its range; at most half the dead time */
-  double delay_max_s;
   /* depths above this are implausible */
   double depth_max_mm;
   /* larger deviations from the operating temperature are implausible */
@@ -96,22 +79,8 @@ typedef struct {
   double jump_offset_share;
   /* decay per tick of the sum of depth innovations: a memory of about a second */
   double drift_keep;
-  /* decay per tick of the sum of temperature innovations: a memory of about ten seconds */
-  double heat_keep;
-  /* largest contribution of an innovation to the persistence sum */
-  double heat_steady_sigmas;
-  /* innovations persist once that sum is larger: large ones, after eight seconds of one sign */
-  double heat_steady_sum;
-  /* small innovations persist once they have exceeded heat_sigmas for longer than this */
-  double heat_wait_s;
-  /* time after the start in which persistence is not required, as nothing has jumped */
-  double heat_start_s;
   /* the depth gain is estimated while the force has moved by more within two seconds */
   double excitation_force_kn;
-  /* thermal gain and delay are estimated once the power has moved by more within a dead time */
-  double excitation_power_kw;
-  /* duration of that estimation after a dead time: some lags of the tool */
-  double excitation_power_s;
   /* share of the evidence for the known heat left after a tick: it covers about a minute */
   double known_heat_keep;
   /* logarithm of the likelihood ratio against the known heat at which none of it is used; as much
@@ -136,27 +105,6 @@ typedef struct {
 } fsw_estimator_tuning;
 
 typedef struct {
-  /* initial standard deviation of the rival's delay, in halves of its range */
-  double rival_share;
-  /* log-likelihood ratio at which the rival takes over */
-  double evidence_max;
-  /* upper bound of the evidence against the rival, so that it can still take over later */
-  double counter_evidence_max;
-  /* the value used is the one nearest to the model's within this many standard deviations */
-  double certain_sigmas;
-  /* largest change per tick of the thermal gain in use */
-  double gain_step;
-  /* largest change per tick of the delay in use */
-  double delay_step_s;
-  /* decay per tick of the mean square of the innovations: a memory of about five seconds */
-  double misfit_keep;
-  /* mean square of normalised innovations (expected: 1) above which no gain and delay fit */
-  double misfit_max;
-  /* time constant of the mean power for which used and estimated gain give the same heat */
-  double power_memory_s;
-} fsw_adaptation_tuning;
-
-typedef struct {
   /* time constant of the approach near the set-point, or of the corridor (tau_t, paper (32)) */
   double depth_time_s;
   /* time constant of the approach near the set-point, or of the corridor (tau_t, paper (32)) */
@@ -179,15 +127,6 @@ typedef struct {
   double depth_scale_mm;
   /* quadratic cost per output point: a deviation of this size costs 1/2; 0: none */
   double temperature_scale_c;
-  /* with priority temperature: depth deviation beyond which its cost is linear; 0: never */
-  double huber_depth_mm;
-  /* with priority depth (balance: twice this): temperature deviation beyond which its cost is
-   * linear; 0: never, and the depth always waits for what the speed can compensate */
-  double huber_temperature_c;
-  /* L1 weight of the depth outside its quality limits, at the block ends */
-  double quality_weight_per_mm;
-  /* L1 weight of the temperature outside its quality limits, at the block ends */
-  double quality_weight_per_c;
   /* L1 weight on the moves of an interval */
   double move_force_per_kn;
   /* L1 weight on the moves of an interval */
@@ -198,7 +137,6 @@ typedef struct {
   double tolerance;
   fsw_approach_tuning approach;
   fsw_estimator_tuning estimator;
-  fsw_adaptation_tuning adaptation;
   /* Decay per tick of the depth corridor's distance to the set-point. */
   double depth_corridor_keep;
   /* Decay per tick of the temperature corridor's distance to the set-point. */
@@ -217,54 +155,11 @@ typedef struct {
   int plan_reuse;
 } fsw_nmpc_tuning;
 
-#define FSW_EACH_NUMBER(DO) \
-  DO(depth_time_s) DO(temperature_time_s) DO(dead_band_depth_mm) DO(dead_band_temperature_c) \
-  DO(quality_depth_mm) DO(quality_temperature_min_c) DO(quality_temperature_max_c) \
-  DO(weight_depth_per_mm) DO(weight_temperature_per_c) DO(depth_scale_mm) DO(temperature_scale_c) \
-  DO(huber_depth_mm) DO(huber_temperature_c) DO(quality_weight_per_mm) DO(quality_weight_per_c) \
-  DO(move_force_per_kn) DO(move_speed_per_rpm) DO(full_move_cost) DO(tolerance) \
-  DO(approach.force_time_s) DO(approach.power_time_s) DO(approach.depth_acceleration) \
-  DO(approach.haste) DO(approach.brake_share) DO(approach.rate_share) \
-  DO(approach.depth_approach_keep) DO(approach.temperature_approach_keep) \
-  DO(approach.least_force_kn) DO(approach.least_rate_c_per_s) DO(approach.least_power_kw) \
-  DO(estimator.depth_noise_mm) DO(estimator.torque_noise_nm) DO(estimator.temperature_noise_c) \
-  DO(estimator.creep_walk_mm) DO(estimator.copper_walk_c) DO(estimator.motor_walk_nm) \
-  DO(estimator.force_walk_kn) DO(estimator.heat_walk_kw) DO(estimator.torque_scale_walk) \
-  DO(estimator.depth_offset_walk_mm) DO(estimator.temperature_offset_walk_c) \
-  DO(estimator.depth_rate_walk_mm_per_s) DO(estimator.temperature_rate_walk_c_per_s) \
-  DO(estimator.depth_gain_walk) DO(estimator.thermal_gain_walk) DO(estimator.delay_walk_s) \
-  DO(estimator.jump_sigmas) DO(estimator.drift_sigmas) DO(estimator.heat_sigmas) \
-  DO(estimator.start_deviation[0]) DO(estimator.start_deviation[1]) \
-  DO(estimator.start_deviation[2]) DO(estimator.start_deviation[3]) \
-  DO(estimator.start_deviation[4]) DO(estimator.start_deviation[5]) \
-  DO(estimator.start_deviation[6]) DO(estimator.start_deviation[7]) \
-  DO(estimator.start_deviation[8]) DO(estimator.start_deviation[9]) \
-  DO(estimator.start_deviation[10]) DO(estimator.start_deviation[11]) \
-  DO(estimator.start_deviation[12]) DO(estimator.start_deviation[13]) \
-  DO(estimator.start_deviation[14]) DO(estimator.torque_scale_min) DO(estimator.torque_scale_max) \
-  DO(estimator.depth_gain_min) DO(estimator.depth_gain_max) DO(estimator.thermal_gain_min) \
-  DO(estimator.thermal_gain_max) DO(estimator.delay_max_s) DO(estimator.depth_max_mm) \
-  DO(estimator.temperature_deviation_max_c) DO(estimator.force_offset_max_kn) \
-  DO(estimator.torque_outlier_factor) DO(estimator.torque_min_nm) \
-  DO(estimator.torque_peak_noise_share) DO(estimator.jump_offset_share) DO(estimator.drift_keep) \
-  DO(estimator.heat_keep) DO(estimator.heat_steady_sigmas) DO(estimator.heat_steady_sum) \
-  DO(estimator.heat_wait_s) DO(estimator.heat_start_s) DO(estimator.excitation_force_kn) \
-  DO(estimator.excitation_power_kw) DO(estimator.excitation_power_s) \
-  DO(estimator.known_heat_keep) DO(estimator.known_heat_evidence) \
-  DO(estimator.known_heat_counter_evidence) DO(estimator.known_heat_walk_kw) \
-  DO(estimator.known_heat_start_kw) DO(estimator.known_heat_step) DO(estimator.offset_keep) \
-  DO(estimator.depth_rate_keep) DO(estimator.temperature_rate_keep) DO(adaptation.rival_share) \
-  DO(adaptation.evidence_max) DO(adaptation.counter_evidence_max) DO(adaptation.certain_sigmas) \
-  DO(adaptation.gain_step) DO(adaptation.delay_step_s) DO(adaptation.misfit_keep) \
-  DO(adaptation.misfit_max) DO(adaptation.power_memory_s) DO(depth_corridor_keep) \
-  DO(temperature_corridor_keep) DO(force_min_kn) DO(force_max_kn) DO(speed_min_rpm) \
-  DO(speed_max_rpm) DO(force_step_kn) DO(speed_step_rpm) DO(blind_limit_s)
-
 #define FSW_EACH_SHARE(DO) \
   DO(approach.brake_share) DO(approach.rate_share) DO(approach.depth_approach_keep) \
   DO(approach.temperature_approach_keep) DO(estimator.torque_peak_noise_share) \
   DO(estimator.jump_offset_share) DO(estimator.known_heat_keep) DO(estimator.offset_keep) \
-  DO(estimator.depth_rate_keep) DO(estimator.temperature_rate_keep) DO(adaptation.misfit_keep) \
-  DO(depth_corridor_keep) DO(temperature_corridor_keep)
+  DO(estimator.depth_rate_keep) DO(estimator.temperature_rate_keep) DO(depth_corridor_keep) \
+  DO(temperature_corridor_keep)
 
 #endif

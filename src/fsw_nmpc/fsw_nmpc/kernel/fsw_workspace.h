@@ -50,11 +50,7 @@ typedef struct {
   int nv, n_rows, n_soft_rows, n_moves;          /* variables, rows, rows and moves with L1 cost */
   int row[FSW_MAX_ROWS], row_width[FSW_MAX_ROWS]; /* output of a row, leading variables */
   int n_depth;                                   /* rows of the depth, which come first */
-  int soft_row[FSW_MAX_ROWS];                    /* rows with L1 cost, then at quality limits */
-  int n_windows;                                 /* number at quality limits */
-  int n_huber;                                   /* number of the first ones with Huber cost ... */
-  double huber_inverse;                          /* ... and 1 / their quadratic cost below it */
-  double window_low[2], window_high[2];
+  int soft_row[FSW_MAX_ROWS];                    /* rows with L1 cost */
   int move[FSW_MAX_VARS];                        /* variables of the moves with L1 weight */
   double scale[FSW_MAX_VARS], size[FSW_MAX_VARS]; /* largest move; largest change within a block */
   double diagonal[FSW_MAX_VARS], gradient[FSW_MAX_VARS];

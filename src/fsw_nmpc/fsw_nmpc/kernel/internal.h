@@ -24,9 +24,6 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_est
                         const fsw_nmpc_input *in);
 int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t,
                        const fsw_nmpc_input *in);
-double fsw_delay_span_s(const fsw_nmpc_model *m, const fsw_estimator_tuning *t);
-void fsw_power_under_way(const fsw_estimator *e, const fsw_nmpc_model *m, double delay_s,
-                         double history[3 * FSW_MAX_HISTORY]);
 double fsw_contact_depth(const fsw_estimator *e, const fsw_nmpc_model *m, double row[FSW_STATES]);
 
 /* known_heat.c */
@@ -38,11 +35,6 @@ void fsw_known_heat_predict(fsw_estimator *e);
 void fsw_known_heat_correct(fsw_estimator *e, const double row[FSW_STATES], const double gain[FSW_STATES]);
 void fsw_known_heat_judge(fsw_estimator *e, const fsw_estimator_tuning *t, double by_known, double by_used);
 void fsw_known_heat_ahead(fsw_nmpc *c, const fsw_nmpc_input *in);
-
-/* adapt.c */
-void fsw_adaptation_start(fsw_nmpc *c);
-int fsw_adapt(fsw_nmpc *c, const fsw_nmpc_input *in);
-int fsw_doubts_of(const fsw_nmpc *c);
 
 /* trajectory.c */
 void fsw_trajectories(fsw_nmpc *c, const fsw_nmpc_input *in);

@@ -50,8 +50,7 @@ static void step_depth(const double *mode, double gain, double pushed, int width
 
 /* Copper and tool (16), driven by the power of one dead time ago. */
 static void step_heat(const fsw_nmpc_model *m, const fsw_start *s, int k, int width, fsw_point *z, fsw_path *p) {
-  const double *mode = m->modes + k * FSW_MODES, gain = s->thermal_gain;
-  const double heat = gain * (s->heat_offset_kw + s->heat_ahead_kw[k]);
+  const double *mode = m->modes + k * FSW_MODES, heat = s->heat_offset_kw + s->heat_ahead_kw[k];
   z->tool = mode[6] * z->copper + mode[7] * z->tool + mode[9] * heat;
   z->copper = mode[5] * z->copper + mode[8] * heat;
   for (int j = 0; j < width; j++) {
@@ -62,15 +61,15 @@ static void step_heat(const fsw_nmpc_model *m, const fsw_start *s, int k, int wi
     const double *g = m->weight + 6 * e;
     const int segment = m->weight_segment[e] - m->n_history;
     const double *power = segment < 0 ? s->history + 3 * m->weight_segment[e] : p->power[segment];
-    z->copper += gain * (g[0] * power[0] + g[1] * power[1] + g[2] * power[2]);
-    z->tool += gain * (g[3] * power[0] + g[4] * power[1] + g[5] * power[2]);
+    z->copper += g[0] * power[0] + g[1] * power[1] + g[2] * power[2];
+    z->tool += g[3] * power[0] + g[4] * power[1] + g[5] * power[2];
     if (segment < 0) continue;
     const double *restrict d0 = p->d_power[segment][0], *restrict d1 = p->d_power[segment][1];
     const double *restrict d2 = p->d_power[segment][2];
     double *restrict d_copper = p->d_copper, *restrict d_tool = p->d_tool;
     for (int j = 0; j < p->width[segment]; j++) {
-      d_copper[j] += gain * (g[0] * d0[j] + g[1] * d1[j] + g[2] * d2[j]);
-      d_tool[j] += gain * (g[3] * d0[j] + g[4] * d1[j] + g[5] * d2[j]);
+      d_copper[j] += g[0] * d0[j] + g[1] * d1[j] + g[2] * d2[j];
+      d_tool[j] += g[3] * d0[j] + g[4] * d1[j] + g[5] * d2[j];
     }
   }
 }

@@ -10,11 +10,6 @@
 /* largest start (in scaled moves), inside the limits; smallest curvature of a move */
 #define INSIDE 0.95
 #define LEAST_CURVATURE 1e-9
-/* share of the width between quality limits that counts as near a limit */
-#define NEAR_LIMIT 0.1
-/* share of a Huber threshold up to which a deviation of the last plan counts as staying below */
-#define NEAR_HUBER 0.5
-
 /* Four partial sums let the compiler vectorise without changing the order of additions. */
 double fsw_dot(const double *restrict a, const double *restrict b, int n) {
   double sum[4] = {0.0, 0.0, 0.0, 0.0};
@@ -59,59 +54,17 @@ static void build_variables(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, c
   for (int j = nv; j < padded(nv); j++) w->z[j] = w->step[j] = w->dual[j] = 0.0;
 }
 
-/* Output r of the linear model at the moves v about which it was linearised. */
-static double planned(const fsw_workspace *w, int r, int width, const double *v) {
-  double value = w->output[r];
-  for (int j = 0; j < width; j++) value += w->by[r][j] * v[j] / w->scale[j];
-  return value;
-}
-
-/* Whether the last plan comes so close to a quality limit that the limit may become active. */
-static int is_near_limit(const fsw_problem *problem, int q, double value) {
-  const double near = NEAR_LIMIT * (problem->window_high[q] - problem->window_low[q]);
-  return value > problem->window_high[q] - near || value < problem->window_low[q] + near;
-}
-
-/* Soft sides at the quality limits, at the block ends; after the others, one per output. */
-static void build_windows(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_problem *problem, const double *v,
-                          fsw_workspace *w, double *weight) {
-  const double quality_weight[2] = {t->quality_weight_per_mm, t->quality_weight_per_c};
-  w->n_windows = 0;
-  for (int q = 0; q < 2; q++) {
-    w->window_low[q] = problem->window_low[q];
-    w->window_high[q] = problem->window_high[q];
-  }
-  for (int n = 0; n < w->n_rows && w->n_soft_rows < FSW_MAX_ROWS; n++) {
-    const int r = w->row[n], q = r >= m->n_out, i = q ? r - m->n_out : r;
-    if (!(quality_weight[q] > 0.0) || (i + 1 < m->n_out && m->interval_block[i + 1] == m->interval_block[i])) continue;
-    /* a depth on its way to another set-point is outside the limits; the trajectory's cost guides
-     * it */
-    if (!q && (problem->low[q][i] > problem->window_high[q] || problem->high[q][i] < problem->window_low[q])) continue;
-    if (!is_near_limit(problem, q, planned(w, r, w->row_width[n], v))) continue;
-    weight[w->n_soft_rows] = quality_weight[q];
-    w->soft_row[w->n_soft_rows++] = n;
-    w->n_windows++;
-  }
-}
-
 static double inverse_square(double scale) { return scale > 0.0 ? 1.0 / (scale * scale) : 0.0; }
-
-/* Huber threshold of the temperature: its cost is linear beyond it if the depth has priority. */
-static double huber_temperature(const fsw_nmpc_tuning *t) {
-  const double share[3] = {1.0, 2.0, 0.0}; /* by priority */
-  return t->huber_temperature_c * share[t->priority];
-}
 
 void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_problem *problem, const double *v,
                fsw_workspace *w) {
   const int n_out = m->n_out;
   double weight[FSW_MAX_ROWS];
   const double l1[2] = {t->weight_depth_per_mm, t->weight_temperature_per_c};
-  const double square[2] = {inverse_square(t->depth_scale_mm), inverse_square(t->temperature_scale_c) * problem->temp_cost};
-  const double huber[2] = {t->priority == FSW_KEEP_TEMPERATURE ? t->huber_depth_mm : 0.0, huber_temperature(t)};
+  const double square[2] = {inverse_square(t->depth_scale_mm), inverse_square(t->temperature_scale_c)};
   int n = 0;
   build_variables(m, t, &problem->start, v, w);
-  w->n_depth = w->n_soft_rows = w->n_huber = 0;
+  w->n_depth = w->n_soft_rows = 0;
   for (int r = 0; r < 2 * n_out; r++) {
     const int q = r >= n_out, i = q ? r - n_out : r;
     const int width = q ? m->temperature_width[i] : m->depth_width[i];
@@ -128,21 +81,14 @@ void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_prob
     w->low[n] = problem->low[q][i] - at_zero;
     w->high[n] = problem->high[q][i] - at_zero;
     w->square[n] = square[q] > 0.0 ? square[q] : 0.0;
-    const int is_huber = huber[q] > 0.0 && fabs(planned(w, r, width, v) - problem->low[q][i]) > NEAR_HUBER * huber[q];
-    if (l1[q] > 0.0 || is_huber) {
-      weight[w->n_soft_rows] = is_huber ? huber[q] * square[q] : l1[q];
-      if (is_huber) {
-        w->square[n] = 0.0;
-        w->huber_inverse = 1.0 / square[q];
-        w->n_huber++;
-      }
+    if (l1[q] > 0.0) {
+      weight[w->n_soft_rows] = l1[q];
       w->soft_row[w->n_soft_rows++] = n;
     }
     n++;
     if (!q) w->n_depth = n;
   }
   w->n_rows = n;
-  build_windows(m, t, problem, v, w, weight);
   const int k_rows = w->n_soft_rows;
   for (int k = w->n_moves - 1; k >= 0; k--) w->soft.weight[2 * k_rows + k] = w->soft.weight[k];
   for (int k = 0; k < k_rows; k++) w->soft.weight[k] = w->soft.weight[k_rows + k] = weight[k];

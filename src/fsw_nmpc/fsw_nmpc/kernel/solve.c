@@ -67,13 +67,6 @@ static void sides(fsw_workspace *w) {
     e[k] = w->value[r] - w->high[r];
     e[n + k] = w->low[r] - w->value[r];
   }
-  for (int k = n - w->n_windows; k < n; k++) { /* a trajectory outside sets the limit */
-    const int r = w->soft_row[k], q = r >= w->n_depth;
-    const double above = w->value[r] + w->output[w->row[r]] - w->window_high[q];
-    const double below = w->window_low[q] - w->output[w->row[r]] - w->value[r];
-    e[k] = above < e[k] ? above : e[k];
-    e[n + k] = below < e[n + k] ? below : e[n + k];
-  }
   for (int k = 0; k < w->n_moves; k++) e[2 * n + k] = w->z[w->move[k]];
   for (int j = 0; j < nv; j++) {
     h[j] = w->z[j] - 1.0;
@@ -87,34 +80,12 @@ static double cost_of(const fsw_workspace *w) {
   double cost = 0.0;
   for (int k = 0; k < n_soft(w); k++)
     if (w->soft.e[k] > 0.0) cost += w->soft.weight[k] * w->soft.e[k];
-  for (int k = 0; k < w->n_huber; k++) { /* less below the Huber threshold */
-    const int both[2] = {k, w->n_soft_rows + k};
-    for (int i = 0; i < 2; i++) {
-      const double huber = w->soft.weight[both[i]] * w->huber_inverse, e = w->soft.e[both[i]];
-      if (e > 0.0) cost -= 0.5 / w->huber_inverse * (e < huber ? e * (2.0 * huber - e) : huber * huber);
-    }
-  }
   for (int r = 0; r < w->n_rows; r++) {
     const double off = w->value[r] - 0.5 * (w->low[r] + w->high[r]);
     cost += 0.5 * w->square[r] * off * off;
   }
   for (int j = 0; j < w->nv; j++) cost += w->z[j] * (w->gradient[j] + 0.5 * w->diagonal[j] * w->z[j]);
   return cost;
-}
-
-/* Soft side with a Huber threshold: its force is at most its excess over `huber_inverse`, so
- * e - huber_inverse lambda = t - s. */
-static void start_huber(fsw_workspace *w, int k, double mu) {
-  fsw_soft *f = &w->soft;
-  const double e = f->e[k] - w->huber_inverse * f->lambda[k];
-  f->t[k] = (e > 0.0 ? e : 0.0) + mu / f->lambda[k];
-  f->s[k] = f->t[k] - e;
-}
-
-static void add_huber(fsw_workspace *w, int k) {
-  fsw_soft *f = &w->soft;
-  f->pivot[k] = 1.0 / (f->t[k] * f->per_pi[k] + f->s[k] * f->per_lambda[k] + w->huber_inverse);
-  f->residual[k] -= w->huber_inverse * f->lambda[k];
 }
 
 /* Start with every soft dual in the middle of its range, equally far from both possible solutions.
@@ -133,7 +104,6 @@ static void start(fsw_workspace *w) {
     f->t[k] = (f->e[k] > 0.0 ? f->e[k] : 0.0) + margin;
     f->s[k] = f->t[k] - f->e[k];
   }
-  for (int k = 0; k < w->n_huber; k++) start_huber(w, k, mu), start_huber(w, w->n_soft_rows + k, mu);
   for (int k = 0; k < 4 * w->nv; k++) {
     h->s[k] = -h->e[k] > LEAST_SLACK ? -h->e[k] : LEAST_SLACK;
     h->lambda[k] = mu / h->s[k];
@@ -158,7 +128,6 @@ static double residuals(fsw_workspace *w, double *primal, double *dual) {
     f->residual[k] = f->e[k] - f->t[k] + f->s[k];
     f->work[k] = sl + tp;
   }
-  for (int k = 0; k < w->n_huber; k++) add_huber(w, k), add_huber(w, n_rows + k);
   for (int k = 0; k < 4 * nv; k++) {
     const double sl = h->s[k] * h->lambda[k], per_sl = 1.0 / sl;
     h->per_s[k] = h->lambda[k] * per_sl;

@@ -28,7 +28,6 @@
 typedef struct {
   double slow_s, fast_s, at_rest, brake_share, acceleration, least_rate, top_rate;
   double lag_s;                /* of the output behind the steered quantity; 0: none */
-  double haste, window;        /* extra share of acceleration beyond the window */
 } approach;
 
 typedef struct { double at_s, value; } target; /* a set-point from at_s on */
@@ -45,9 +44,7 @@ static void advance(const approach *a, motion *now, double goal, double dt_s) {
   const double speed = size <= near ? size / a->slow_s : sqrt(2.0 * braking * (size - 0.5 * near));
   const double wanted = fsw_clip(distance < 0.0 ? speed : -speed, a->least_rate, a->top_rate);
   const double change = (wanted - last) / a->fast_s - (size <= near ? last / a->slow_s : 0.0);
-  const double hasty = a->haste > 0.0 ? a->haste * fsw_clip(size / a->window - 1.0, 0.0, 1.0) : 0.0;
-  const double most = a->acceleration * (1.0 + hasty);
-  now->rate += fsw_clip(change, -most, most) * dt_s;
+  now->rate += fsw_clip(change, -a->acceleration, a->acceleration) * dt_s;
   now->steered += 0.5 * (last + now->rate) * dt_s;
   if (a->lag_s > 0.0) /* trapezoidal */
     now->output += (0.5 * (before + now->steered) - now->output) * dt_s / (a->lag_s + 0.5 * dt_s);
@@ -100,9 +97,6 @@ static double half_time_s(const approach *a, double size) {
   return time_s;
 }
 
-/* Steady-state gain of the temperature over the power. */
-static double thermal_gain(const fsw_nmpc *c) { return c->adaptation.gain * c->model.thermal_gain_c_per_kw; }
-
 /* Steady-state gain of the depth's rate over the force. */
 static double rate_gain(const fsw_nmpc *c) {
   return c->estimator.x[FSW_DEPTH_GAIN] * (c->model.depth_gain[0] + c->model.depth_gain[1]);
@@ -121,8 +115,8 @@ static double held_temperature(const fsw_nmpc *c, int bound, double depth_mm) {
   const fsw_nmpc_model *m = &c->model;
   const double *x = c->estimator.x, speed = bound ? c->tuning.speed_max_rpm : c->tuning.speed_min_rpm;
   const double given = FSW_KW_PER_NM_RPM * (speed + c->estimator.offset[1]) * x[FSW_SCALE] * held_torque(c, depth_mm).value;
-  const double power = given - m->operating_power_kw + c->adaptation.heat_kw;
-  return m->operating_temperature_c + thermal_gain(c) * power + x[FSW_TEMP_OFFSET];
+  const double power = given - m->operating_power_kw + x[FSW_HEAT];
+  return m->operating_temperature_c + m->thermal_gain_c_per_kw * power + x[FSW_TEMP_OFFSET];
 }
 
 /* Replace set-points (depth, temperature) that no speed within the bounds can hold together. The
@@ -187,7 +181,7 @@ static int targets_of(const approach *a, int q, int n_goals, const double at_s[]
 static void held_rates(const fsw_nmpc *c, double power, double depth_mm, double rate[2]) {
   const fsw_nmpc_model *m = &c->model;
   const double *x = c->estimator.x, speed[2] = {c->tuning.speed_min_rpm, c->tuning.speed_max_rpm};
-  const double heating = thermal_gain(c) / m->copper_lag_s;
+  const double heating = m->thermal_gain_c_per_kw / m->copper_lag_s;
   const double soft = 1.0 + m->softening_per_c * x[FSW_TOOL];
   const double kn_per_rate = depth_mm * m->softening_per_c / (soft * soft * rate_gain(c));
   const fsw_torque held = held_torque(c, depth_mm);
@@ -195,13 +189,6 @@ static void held_rates(const fsw_nmpc *c, double power, double depth_mm, double 
     const double kw_per_nm = FSW_KW_PER_NM_RPM * speed[k], given = kw_per_nm * x[FSW_SCALE];
     rate[k] = c->tuning.approach.rate_share * heating * (given * held.value - power) / (1.0 + heating * given * held.by_force * kn_per_rate);
   }
-}
-
-/* Share of the bounds by which the depth waits for the speed; all of it unless the temperature
- * yields. */
-static double held_share(const fsw_nmpc_tuning *t) {
-  const double share[3] = {0.0, 0.5, 1.0}; /* by priority */
-  return t->huber_temperature_c > 0.0 ? share[t->priority] : 1.0;
 }
 
 /* Rates and accelerations that force and speed can achieve together, at the present state. */
@@ -212,17 +199,15 @@ static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, appro
   const fsw_torque at = fsw_torque_at(m, m->operating_force_kn, fsw_contact_depth(&c->estimator, m, 0));
   const double torque = x[FSW_SCALE] * at.value, by_force = x[FSW_SCALE] * at.by_force;
   /* power that holds the temperature */
-  double power = m->operating_power_kw + x[FSW_TOOL] / thermal_gain(c) - c->adaptation.heat_kw;
+  double power = m->operating_power_kw + x[FSW_TOOL] / m->thermal_gain_c_per_kw - x[FSW_HEAT];
   if (!(power > t->approach.least_power_kw)) power = t->approach.least_power_kw;
-  const double held = held_share(t), kw_per_rpm = FSW_KW_PER_NM_RPM * torque, nm_rpm = power / FSW_KW_PER_NM_RPM;
+  const double kw_per_rpm = FSW_KW_PER_NM_RPM * torque, nm_rpm = power / FSW_KW_PER_NM_RPM;
   double low = t->force_min_kn, high = t->force_max_kn, force_rate = t->force_step_kn / FSW_TICK_S;
   const double speed_rate = t->speed_step_rpm / FSW_TICK_S;
   /* forces at which the highest and lowest speed give that power */
   if (by_force > 0.0 && t->speed_min_rpm > 0.0) {
-    const double by_fastest = m->operating_force_kn + (nm_rpm / t->speed_max_rpm - torque) / by_force;
-    const double by_slowest = m->operating_force_kn + (nm_rpm / t->speed_min_rpm - torque) / by_force;
-    const double fastest = held * by_fastest + (1.0 - held) * low;
-    const double slowest = held * by_slowest + (1.0 - held) * high;
+    const double fastest = m->operating_force_kn + (nm_rpm / t->speed_max_rpm - torque) / by_force;
+    const double slowest = m->operating_force_kn + (nm_rpm / t->speed_min_rpm - torque) / by_force;
     low = low > fastest ? low : fastest;
     high = high < slowest ? high : slowest;
     const double followed = speed_rate * torque / (nm_rpm / torque * by_force);
@@ -235,13 +220,13 @@ static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, appro
   depth->acceleration = t->approach.depth_acceleration * gain * force_rate;
   const double usual = m->operating_depth_mm; /* guards against absurd set-points */
   const double goal = fsw_clip(depth_mm, 0.5 * usual, 1.5 * usual);
-  const double kept = m->operating_power_kw + copper_c / thermal_gain(c) - c->adaptation.heat_kw;
+  const double kept = m->operating_power_kw + copper_c / m->thermal_gain_c_per_kw - x[FSW_HEAT];
   const double least = t->approach.least_rate_c_per_s;
   double rate[2];
   held_rates(c, kept, goal, rate);
   temp->least_rate = rate[0] < -least ? rate[0] : -least;
   temp->top_rate = rate[1] > least ? rate[1] : least;
-  temp->acceleration = thermal_gain(c) / m->copper_lag_s * kw_per_rpm * speed_rate;
+  temp->acceleration = m->thermal_gain_c_per_kw / m->copper_lag_s * kw_per_rpm * speed_rate;
 }
 
 /* Present depth and its rate under the acting inputs. */
@@ -266,31 +251,31 @@ static motion temperature_ahead(const fsw_nmpc *c, double *copper_c) {
   const fsw_estimator *e = &c->estimator;
   const double *mode = m->ahead_mode, *x = e->x, *newest = e->history + 3 * (m->n_history - 1);
   const int n = 3 * m->n_history;
-  const double gain = c->adaptation.gain, heat = gain * c->adaptation.heat_kw;
+  const double heat = x[FSW_HEAT];
   double copper = mode[5] * x[FSW_COPPER] + mode[8] * heat;
   double tool = mode[6] * x[FSW_COPPER] + mode[7] * x[FSW_TOOL] + mode[9] * heat;
   for (int k = 0; k < n; k++) {
-    copper += gain * m->ahead_power[k] * c->problem.start.history[k];
-    tool += gain * m->ahead_power[n + k] * c->problem.start.history[k];
+    copper += m->ahead_power[k] * c->problem.start.history[k];
+    tool += m->ahead_power[n + k] * c->problem.start.history[k];
   }
   double known_kw = 0.0; /* over the last step of the dead time; earlier ones heat as they do in the prediction */
   double known_copper = 0.0, known_tool = 0.0;
   for (int k = 0; k < m->n_steps && m->time_s[m->step_interval[k]] <= m->dead_time_s + 1e-9; k++) {
     const double *step = m->modes + k * FSW_MODES;
     known_kw = c->problem.start.heat_ahead_kw[k];
-    known_tool = step[6] * known_copper + step[7] * known_tool + step[9] * (gain * known_kw);
-    known_copper = step[5] * known_copper + step[8] * (gain * known_kw);
+    known_tool = step[6] * known_copper + step[7] * known_tool + step[9] * known_kw;
+    known_copper = step[5] * known_copper + step[8] * known_kw;
   }
   copper += known_copper;
   tool += known_tool;
-  const double power = newest[0] + newest[1] + newest[2] * m->modes[3] + c->adaptation.heat_kw + known_kw;
+  const double power = newest[0] + newest[1] + newest[2] * m->modes[3] + x[FSW_HEAT] + known_kw;
   double drift = 0.0, rate = x[FSW_TEMP_RATE];
   for (double now_s = 0.0; now_s < m->dead_time_s - 0.5 * FSW_TICK_S; now_s += FSW_TICK_S) {
     drift += FSW_TICK_S * rate;
     rate *= c->tuning.estimator.temperature_rate_keep;
   }
   const double shown = m->operating_temperature_c + x[FSW_TEMP_OFFSET] + drift;
-  motion ahead = {shown + copper, rate + (thermal_gain(c) * power - copper) / m->copper_lag_s, shown + tool};
+  motion ahead = {shown + copper, rate + (m->thermal_gain_c_per_kw * power - copper) / m->copper_lag_s, shown + tool};
   *copper_c = copper;
   return ahead;
 }
@@ -310,10 +295,9 @@ static void keep_rate(fsw_nmpc *c, const approach *a, int q, motion *now, double
 static void approaches(fsw_nmpc *c, const fsw_nmpc_input *in, double *depth, double *temp) {
   const fsw_nmpc_model *m = &c->model;
   const fsw_nmpc_tuning *t = &c->tuning;
-  const double haste = t->quality_depth_mm > 0.0 ? t->approach.haste * (1.0 - held_share(t)) : 0.0;
-  const double slow_s = t->temperature_time_s * (1.0 + c->adaptation.delay_s / m->dead_time_s), share = t->approach.brake_share;
-  approach to_depth = {t->depth_time_s, t->approach.force_time_s, AT_REST_MM, share, 0.0, 0.0, 0.0, 0.0, haste, t->quality_depth_mm};
-  approach to_temp = {slow_s, t->approach.power_time_s, AT_REST_C, share, 0.0, 0.0, 0.0, m->tool_lag_s, 0.0, 0.0};
+  const double share = t->approach.brake_share;
+  approach to_depth = {t->depth_time_s, t->approach.force_time_s, AT_REST_MM, share, 0.0, 0.0, 0.0, 0.0};
+  approach to_temp = {t->temperature_time_s, t->approach.power_time_s, AT_REST_C, share, 0.0, 0.0, 0.0, m->tool_lag_s};
   target targets[FSW_MAX_CHANGES + 1];
   double copper_c, at_s[FSW_MAX_CHANGES + 1], goals[FSW_MAX_CHANGES + 1][2];
   const int n_goals = goals_of(c, in, at_s, goals);
@@ -363,10 +347,6 @@ void fsw_trajectories(fsw_nmpc *c, const fsw_nmpc_input *in) {
       corridor(c, 1, 0.0, c->model.operating_temperature_c + x[FSW_TOOL] + x[FSW_TEMP_OFFSET], path[1]);
     c->has_corridor = 1;
   }
-  c->problem.window_low[0] = c->attainable[0] - c->tuning.quality_depth_mm;
-  c->problem.window_high[0] = c->attainable[0] + c->tuning.quality_depth_mm;
-  c->problem.window_low[1] = c->tuning.quality_temperature_min_c;
-  c->problem.window_high[1] = c->tuning.quality_temperature_max_c;
   const double dead_band[2] = {c->tuning.dead_band_depth_mm, c->tuning.dead_band_temperature_c};
   for (int q = 0; q < 2; q++)
     for (int i = 0; i < c->model.n_out; i++) {

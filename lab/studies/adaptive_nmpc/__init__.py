@@ -1,1 +1,0 @@
-"""What the NMPC's preset ``adaptive`` gains and costs."""
