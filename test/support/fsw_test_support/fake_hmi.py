@@ -35,7 +35,6 @@ from fsw_hmi.control_room import ControlRoom, Verdict
 from fsw_hmi.frames import COLUMNS
 from fsw_hmi.headline import Now, headline
 from fsw_hmi.limits import EMULATOR, limits, reference
-from fsw_hmi.page_files import Uplot
 from fsw_hmi.security import Security
 from fsw_hmi.standing import flags_now
 from fsw_hmi.stop_progress import StopProgress
@@ -136,7 +135,6 @@ class FakeHmi:
         self._flags: dict[str, dict[str, str]] = {}
         self._stopping = StopProgress()
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._uplot = Uplot()
         app = Starlette(
             routes=[
                 Route("/", self._index),
@@ -144,7 +142,6 @@ class FakeHmi:
                 Route("/all_welds", self._all_welds),
                 Route("/bags/{n:int}", self._bag),
                 WebSocketRoute("/ws", self._socket),
-                Route("/page/uplot/{name}", self._uplot_file),
                 Mount("/page", StaticFiles(directory=PAGE)),
             ],
             lifespan=self._run_ticks,
@@ -402,11 +399,6 @@ class FakeHmi:
         text = (PAGE / "index.html").read_text(encoding="utf-8")
         text = text.replace("{{build}}", BUILD).replace("{{source}}", self.source)
         return Response(text, media_type="text/html")
-
-    async def _uplot_file(self, request: Request) -> Response:
-        name = request.path_params["name"]
-        kind = "text/css" if name.endswith(".css") else "text/javascript"
-        return Response(await self._uplot.file(name), media_type=kind)
 
     async def _all_welds(self, _: Request) -> Response:
         return history_report.response(self.history_report)
