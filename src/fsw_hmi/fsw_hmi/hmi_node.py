@@ -31,7 +31,7 @@ from fsw_control.stop import StopCause, StopRegister
 from fsw_control.stop_ros import StopHolder
 from fsw_control.topics_ros import LATCHED
 from fsw_control.units import NANOSECONDS
-from fsw_hmi import history_report, users
+from fsw_hmi import users
 from fsw_hmi.alarm_desk_ros import AlarmDesk
 from fsw_hmi.alarm_rules import NO_PROGRAMME_S, NO_REPORT_S, UNDER_WAY
 from fsw_hmi.answers import Answer, Ended
@@ -42,7 +42,7 @@ from fsw_hmi.keeper import Keeper, Kept
 from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, limits, reference, safe_state
 from fsw_hmi.live_weld import LiveWeld
 from fsw_hmi.orders_ros import Orders
-from fsw_hmi.page_files import PageFiles
+from fsw_hmi.page_files import PageFiles, report_routes
 from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.recording import Recording
 from fsw_hmi.refusals import why_not
@@ -120,7 +120,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             max_pages=values["max_pages"],
             know=listening.gate.know,
         )
-        routes = [*self._page.routes(), *history_report.routes(values["history_report"])]
+        routes = [*self._page.routes(), *report_routes(values["history_report"])]
         app = application(routes, [values["host"], *values["allow_hosts"]], listening.gate)
         self._web = WebThread(self._page, app, listening, encrypted)
         self._restore(

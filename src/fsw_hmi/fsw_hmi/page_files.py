@@ -1,4 +1,4 @@
-"""Files of the page, read once at the start."""
+"""Files of the page, read once at the start, and the report on all welds, which it shows in a tab."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
 FOLDER = Path(__file__).with_name("page")
@@ -18,6 +18,11 @@ _TYPES = {
     ".svg": "image/svg+xml",
     "": "text/plain; charset=utf-8",
 }
+#: for the report, which is one file with its style and its pictures inside, and has no scripts
+_REPORT_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; base-uri 'none'; "
+    "form-action 'none'"
+)
 #: what draws the trends; ``npm_packages.py`` gets it when the page is built
 _UPLOT = "uplot/uPlot.iife.min.js"
 
@@ -66,3 +71,22 @@ class PageFiles:
         if name not in self._files:
             return PlainTextResponse("there is no such file\n", status_code=404)
         return Response(self._files[name], media_type=_TYPES[Path(name).suffix])
+
+
+def report_routes(file: str) -> list[Route]:
+    """Route ``/all_welds`` with the report, read for every request; none without a file."""
+
+    async def answer(_: Request) -> Response:
+        return report(file)
+
+    return [Route("/all_welds", answer)] if file else []
+
+
+def report(file: str) -> Response:
+    """The report, or status 404 with a remedy."""
+    path = Path(file).expanduser()
+    if not path.is_file():
+        text = f"there is no file {path}: 'fsw.py history report' writes it\n"
+        return PlainTextResponse(text, status_code=404)
+    headers = {"Content-Security-Policy": _REPORT_POLICY}
+    return FileResponse(path, headers=headers, media_type="text/html")

@@ -28,7 +28,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from fsw_analysis.rule_book import default
 from fsw_control.cause import Cause
 from fsw_control.sensors import OPTIONAL
-from fsw_hmi import history_report
+from fsw_hmi import page_files
 from fsw_hmi.answers import DONE, REFUSED, Answer
 from fsw_hmi.control import Session
 from fsw_hmi.control_room import ControlRoom, Verdict
@@ -401,7 +401,7 @@ class FakeHmi:
         return Response(text, media_type="text/html")
 
     async def _all_welds(self, _: Request) -> Response:
-        return history_report.response(self.history_report)
+        return page_files.report(self.history_report)
 
     async def _bags(self, request: Request) -> Response:
         infos = [{key: value for key, value in bag.items() if key != "rows"} for bag in self.bags]
