@@ -52,6 +52,8 @@ OLDEST = (3, 11)
 DEFINITIONS = (".msg", ".srv", ".action")
 #: lock of the wheels of ROS 2
 ROS = "ros"
+#: lock of the page's server
+PAGE = "hmi"
 #: pure Python, for which its authors offer no wheel
 SOURCE_ONLY = "empy"
 #: first and last Python that there are wheels of ROS 2 for, and the oldest glibc
@@ -134,7 +136,7 @@ def ensure(dev=False, oldest=False, extras=()):
     names = (*names, *(f"{extra}.lock" for extra in extras))
     if not os.environ.get("CC") and not any(map(shutil.which, ("cc", "gcc", "clang"))):
         names = (*names, "compiler.lock")
-    if "hmi" in extras and not shutil.which("npm"):  # brings what draws the trends of the page
+    if "hmi" in extras and not shutil.which("npm"):  # gets what draws the trends of the page
         names = (*names, "node.lock")
     locks = [WORKSPACE / "requirements" / name for name in names]
     inside = Path(sys.prefix).resolve() == home.resolve()
@@ -273,6 +275,8 @@ def _stamp(lock):
         ]
         sources.append(_HERE / "_interfaces.py")
         parts += [path.read_text() for path in sorted(sources)]
+    if lock.stem == PAGE:
+        parts.append((SOURCES / "fsw_hmi" / "fsw_hmi" / "package-lock.json").read_text())
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
 
@@ -391,13 +395,15 @@ def _make(home, locks):
             ":all:",
         ]
         _run_with_progress([*pip, "--no-binary", SOURCE_ONLY, *names], lock.name)
-        if lock.stem != ROS:  # whose messages are still to be built
+        if lock.stem not in (ROS, PAGE):  # more than packages is still to be got
             _mark(home, lock)
     _install_from_source(home)
     if any(lock.stem == ROS for lock in locks[old:]):
         _build_interfaces(
             home
         )  # where it fails welds run in one process: the next start does not try again
+    if any(lock.stem == PAGE for lock in locks[old:]):  # it, too, does not try again
+        subprocess.run([_python(home), SOURCES / "fsw_hmi" / "npm_packages.py"])
     for lock in locks[old:]:
         _mark(home, lock)
 

@@ -31,6 +31,9 @@ def _copy_tree() -> None:
         if name and name.partition("/")[0] not in OTHERS and (WORKSPACE / name).is_file():
             (PLACE / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(WORKSPACE / name, PLACE / name)
+    uplot = Path("src", "fsw_hmi", "fsw_hmi", "page", "uplot")  # which git does not know
+    if (WORKSPACE / uplot).is_dir():
+        shutil.copytree(WORKSPACE / uplot, PLACE / uplot)
 
 
 def _copy_environment(home: Path) -> Path:

@@ -5,13 +5,11 @@ none that is new enough, that of the wheel in ``requirements/node.lock``. Where 
 a line says so and the lint is skipped.
 """
 
-import os
 import subprocess
 import sys
 
+import npm_packages as npm
 from _bootstrap import WORKSPACE
-
-from fsw_hmi import npm
 
 _NODE = (20, 19)  # what ESLint needs
 _LOCK = WORKSPACE / "requirements" / "node.lock"
@@ -33,15 +31,10 @@ def lint() -> int:
         ]
         subprocess.run([*pip, "-r", str(_LOCK)])
     try:
-        npm.install(npm.OWN, at_least=_NODE)
+        npm.install(npm.PACKAGE, at_least=_NODE)
     except npm.NpmError as error:
         print(f"SKIPPED, the page is not checked: {error}", flush=True)
         return 0
     found = npm.find(_NODE)
-    environment = {
-        **os.environ,
-        "PATH": os.pathsep.join([str(found.parent), os.environ.get("PATH", "")]),
-    }
-    return subprocess.run(
-        [str(found), "run", "--silent", "lint"], cwd=npm.OWN, env=environment
-    ).returncode
+    lint_page = [str(found), "run", "--silent", "lint"]
+    return subprocess.run(lint_page, cwd=npm.PACKAGE, env=npm.environment(found)).returncode

@@ -1,4 +1,4 @@
-"""Build hook of the wheel: compiles the kernels into it, and says for which machine they are.
+"""Build hook of the wheel: gets uPlot for the page, compiles the kernels, and says for which machine they are.
 
 ``FSW_WHEEL_PLATFORM``, e.g. ``manylinux_2_17_aarch64``, names another machine: then the ziglang
 wheel compiles. Where no C compiler is found, the wheel is made without libraries; they are
@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import subprocess
 import sys
 import sysconfig
 import tempfile
@@ -40,6 +41,7 @@ class CustomBuildHook(BuildHookInterface[Any]):
         if version == "editable":
             return
         sources = Path(self.root) / "src"
+        subprocess.run([sys.executable, sources / "fsw_hmi" / "npm_packages.py"])
         sys.path.insert(0, str(sources / "fsw_control"))
         from fsw_control.c_library import CLibrary, compiler
 

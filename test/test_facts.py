@@ -23,9 +23,7 @@ READS = {
 }
 MATCHES = {"search", "match", "fullmatch", "findall", "finditer"}
 #: texts that other software or a person wrote
-FOREIGN = {
-    "src/fsw_hmi/fsw_hmi/tls.py": "errors of OpenSSL",
-}
+FOREIGN = {}
 PYTHON = [
     path
     for top in ("src", "quality", "lab")

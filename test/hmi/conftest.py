@@ -3,10 +3,10 @@
 import re
 from functools import partial
 
+import npm_packages as npm
 import pytest
 from playwright.sync_api import expect
 
-from fsw_hmi import npm
 from fsw_test_support.browser import CHROMIUM, chromium
 from fsw_test_support.fake_hmi import FakeHmi, sample_bag
 from fsw_test_support.trends_library import uplot
@@ -22,7 +22,7 @@ expect.set_options(timeout=PATIENCE_MS)
 def axe():
     """The script of axe-core; without npm or its registry the tests that need it are skipped."""
     try:
-        return (npm.install(npm.OWN) / "axe-core" / "axe.min.js").read_text(encoding="utf-8")
+        return (npm.install(npm.PACKAGE) / "axe-core" / "axe.min.js").read_text(encoding="utf-8")
     except npm.NpmError as error:
         pytest.skip(f"axe-core: {error}")
 

@@ -33,6 +33,12 @@ _MOST = 300
 _RESTART_S = 5.0
 
 
+#: states in the order of the list, and what the page gets of an alarm and of its entry
+_PLACE = ("active", "acknowledged", "cleared", "shelved")
+_OF_ALARM = ("text", "what", "why", "cause", "consequence", "advice", "action", "priority")
+_OF_ENTRY = ("state", "count", "chatters", "first", "shelved")
+
+
 @dataclass(frozen=True, slots=True)
 class Alarm:
     """One cause, one consequence, one action."""
@@ -206,7 +212,7 @@ class AlarmList:
             self._number += 1
             entry.show_again(self._number)
             entry.show_if_high()
-            self.events.append(Event(name, AlarmChange.WORSENED, alarm, entry.count))
+            self._log(name, AlarmChange.WORSENED, entry)
         if alarm.trip and not before.trip:
             self._mark_first(name, entry, now_s)
         return True
@@ -230,9 +236,7 @@ class AlarmList:
         entry.chatters = (
             alarm.priority != "high" and len(times) == _CHATTERS and now_s - times[0] <= _CHATTER_S
         )
-        self.events.append(
-            Event(name, AlarmChange.RE_RAISED if again else AlarmChange.RAISED, alarm, entry.count)
-        )
+        self._log(name, AlarmChange.RE_RAISED if again else AlarmChange.RAISED, entry)
         if alarm.trip:
             self._mark_first(name, entry, now_s)
 
@@ -247,7 +251,7 @@ class AlarmList:
         if now_s - entry.absent_s < (_CHATTER_S if entry.chatters else entry.alarm.off_s):
             return False
         entry.present = entry.chatters = False
-        self.events.append(Event(name, AlarmChange.CLEARED, entry.alarm, entry.count))
+        self._log(name, AlarmChange.CLEARED, entry)
         if entry.acknowledged and entry.shelved_until_s is None:
             del self.entries[name]
         return True
@@ -264,11 +268,18 @@ class AlarmList:
                 and (one.present or now_s - (one.absent_s or 0.0) <= _JUST_GONE_S)
             )
         ]
-        for one in self.entries.values():
-            if one.led_to == name:
-                one.led_to = ""
+        self._unmark_first(name)
         first = min(led, key=lambda one: one.number)
         first.led_to, trip.first = name, first.alarm.text
+
+    def _unmark_first(self, trip: str) -> None:
+        for one in self.entries.values():
+            if one.led_to == trip:
+                one.led_to = ""
+
+    def _log(self, name: str, kind: AlarmChange, entry: Entry, *more: Any) -> None:
+        """Add a line of the journal; ``more`` is who asked for it, why and for how long."""
+        self.events.append(Event(name, kind, entry.alarm, entry.count, *more))
 
     # ---------------------------------------------------------------- what people do
 
@@ -281,12 +292,8 @@ class AlarmList:
                 continue
             count += 1
             entry.acknowledged, entry.first = True, ""
-            self.events.append(
-                Event(name, AlarmChange.ACKNOWLEDGED, entry.alarm, entry.count, who)
-            )
-            for one in self.entries.values():
-                if one.led_to == name:
-                    one.led_to = ""
+            self._log(name, AlarmChange.ACKNOWLEDGED, entry, who)
+            self._unmark_first(name)
             if not entry.present:
                 del self.entries[name]
         return count
@@ -307,9 +314,7 @@ class AlarmList:
         if entry.alarm.priority == "high":
             return Code.HIGH_PRIORITY.refused()
         entry.shelved_until_s, entry.shelved = now_s + 60.0 * minutes, f"{who}: {reason}"
-        self.events.append(
-            Event(name, AlarmChange.SHELVED, entry.alarm, entry.count, who, reason, 60.0 * minutes)
-        )
+        self._log(name, AlarmChange.SHELVED, entry, who, reason, 60.0 * minutes)
         return Code.SHELVED.done()
 
     def unshelve(self, name: str, who: str) -> Answer:
@@ -318,7 +323,7 @@ class AlarmList:
         if entry is None or entry.shelved_until_s is None:
             return Code.NOT_SHELVED.refused()
         entry.shelved_until_s, entry.shelved = None, ""
-        self.events.append(Event(name, AlarmChange.UNSHELVED, entry.alarm, entry.count, who))
+        self._log(name, AlarmChange.UNSHELVED, entry, who)
         if entry.present:
             self._number += 1
             entry.show_again(self._number)
@@ -327,11 +332,8 @@ class AlarmList:
         return Code.UNSHELVED.done()
 
     def _unshelve_expired(self, now_s: float) -> bool:
-        over = [
-            name
-            for name, one in self.entries.items()
-            if one.shelved_until_s is not None and now_s >= one.shelved_until_s
-        ]
+        until_s = {name: one.shelved_until_s for name, one in self.entries.items()}
+        over = [name for name, end_s in until_s.items() if end_s is not None and now_s >= end_s]
         for name in over:
             self.unshelve(name, "")
         return bool(over)
@@ -343,36 +345,26 @@ class AlarmList:
 
         What to do in a stop stands with the stop, so that it comes before what led to it.
         """
-        place = {"active": 0, "acknowledged": 1, "cleared": 2, "shelved": 3}
         listed = sorted(
             self.entries.items(),
             key=lambda item: (
-                place[item[1].state],
+                _PLACE.index(item[1].state),
                 RANK[item[1].alarm.priority],
                 item[0] != STOP_ID,
                 item[1].number,
             ),
         )
+        shift_s = wall_s - now_s
         return [
-            {
-                "id": name,
-                **{
-                    key: getattr(one.alarm, key)
-                    for key in (
-                        *("text", "what", "why", "cause"),
-                        *("consequence", "advice", "action", "priority"),
-                    )
-                },
-                **{
-                    key: getattr(one, key)
-                    for key in ("state", "count", "chatters", "first", "shelved")
-                },
+            {"id": name}
+            | {key: getattr(one.alarm, key) for key in _OF_ALARM}
+            | {key: getattr(one, key) for key in _OF_ENTRY}
+            | {
                 "number": one.newest,
                 "first_out": bool(one.led_to),
-                "first_s": round(wall_s + one.first_s - now_s, 3),
-                "raised_s": round(wall_s + one.raised_s - now_s, 3),
-                "shelved_until_s": one.shelved_until_s
-                and round(wall_s + one.shelved_until_s - now_s),
+                "first_s": round(one.first_s + shift_s, 3),
+                "raised_s": round(one.raised_s + shift_s, 3),
+                "shelved_until_s": one.shelved_until_s and round(one.shelved_until_s + shift_s),
             }
             for name, one in listed
         ]

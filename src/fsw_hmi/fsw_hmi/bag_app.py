@@ -19,8 +19,7 @@ from fsw_control.parameters import defaults
 from fsw_hmi.bag_view import BagView, load
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.parameters import HmiParameters
-from fsw_hmi.tls import context
-from fsw_hmi.web_server import address, application, listen, server
+from fsw_hmi.web_server import address, application, listen, server, tls_context
 from fsw_recorder.errors import BagError
 
 
@@ -59,7 +58,7 @@ def serve(
     standard = defaults(HmiParameters)
     host, port = host or standard["host"], standard["port"] if port is None else port
     try:
-        files, encrypted = PageFiles("bag"), context(*tls)
+        files, encrypted = PageFiles("bag"), tls_context(*tls)
         views = load(bags, lambda path: print(f"reading {path}", flush=True))
         listening = listen(host, port)
     except (BagError, ValueError) as error:

@@ -2,6 +2,7 @@
 import js from "@eslint/js";
 
 export default [
+  { ignores: ["page/uplot"] },
   js.configs.recommended,
   {
     linterOptions: { reportUnusedDisableDirectives: "error" },

@@ -31,7 +31,7 @@ from fsw_control.stop import StopCause, StopRegister
 from fsw_control.stop_ros import StopHolder
 from fsw_control.topics_ros import LATCHED
 from fsw_control.units import NANOSECONDS
-from fsw_hmi import history_report, tls, users
+from fsw_hmi import users
 from fsw_hmi.alarm_desk_ros import AlarmDesk
 from fsw_hmi.alarm_rules import NO_PROGRAMME_S, NO_REPORT_S, UNDER_WAY
 from fsw_hmi.answers import Answer, Ended
@@ -42,7 +42,7 @@ from fsw_hmi.keeper import Keeper, Kept
 from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, limits, reference, safe_state
 from fsw_hmi.live_weld import LiveWeld
 from fsw_hmi.orders_ros import Orders
-from fsw_hmi.page_files import PageFiles
+from fsw_hmi.page_files import PageFiles, report_routes
 from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.recording import Recording
 from fsw_hmi.refusals import why_not
@@ -51,7 +51,7 @@ from fsw_hmi.standing import flags_now
 from fsw_hmi.stop_progress import StopProgress
 from fsw_hmi.watch_ros import Watch
 from fsw_hmi.web import LivePage
-from fsw_hmi.web_server import WebThread, address, application, is_local, listen
+from fsw_hmi.web_server import WebThread, address, application, is_local, listen, tls_context
 from fsw_hmi.weld_view import Row
 from fsw_msgs.msg import OperatorAction
 from fsw_recorder.signature import Purpose, signer_of
@@ -81,7 +81,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._settings = ParameterValues(self, HmiParameters)
         values = self._settings.values
         key, told = _key(values["users_file"], values["token_file"], self.get_logger().error)
-        encrypted = tls.context(values["tls_cert"], values["tls_key"])
+        encrypted = tls_context(values["tls_cert"], values["tls_key"])
         files = PageFiles("live")
         listening = listen(values["host"], values["port"], values["patience_s"])
         self._received: deque[Order] = deque()
@@ -120,7 +120,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             max_pages=values["max_pages"],
             know=listening.gate.know,
         )
-        routes = [*self._page.routes(), *history_report.routes(values["history_report"])]
+        routes = [*self._page.routes(), *report_routes(values["history_report"])]
         app = application(routes, [values["host"], *values["allow_hosts"]], listening.gate)
         self._web = WebThread(self._page, app, listening, encrypted)
         self._restore(

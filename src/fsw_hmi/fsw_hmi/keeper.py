@@ -74,11 +74,8 @@ class Keeper:
         return state, rows
 
     def _rows(self, path: Path) -> list[str]:
-        lines = (
-            path.read_text(encoding="utf-8", errors="replace").splitlines()
-            if path.exists()
-            else []
-        )
+        text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+        lines = text.splitlines()
         rows = [line for line in lines if _is_row(line)]
         if len(rows) < len(lines):
             self._warn(f"{path}: {len(lines) - len(rows)} damaged lines, left out")

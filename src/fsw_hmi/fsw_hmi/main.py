@@ -33,21 +33,11 @@ def parser() -> argparse.ArgumentParser:
     for name in _OPTIONS:
         default = f" (default: {specs[name].default})" if specs[name].default else ""
         default = "; several times" if name == "allow_hosts" else default
-        flag = f"--{name.removesuffix('s').replace('_', '-')}"
-        whole.add_argument(
-            flag,
-            dest=name,
-            metavar="VALUE",
-            help=specs[name].description + default,
-            **kinds.get(name, {}),
-        )
-    whole.add_argument(
-        "--bag",
-        action="append",
-        type=Path,
-        metavar="BAG",
-        help="show this recorded weld; twice: compare two",
-    )
+        flag, text = f"--{name.removesuffix('s').replace('_', '-')}", specs[name].description
+        kind = kinds.get(name, {})
+        whole.add_argument(flag, dest=name, metavar="VALUE", help=text + default, **kind)
+    text = "show this recorded weld; twice: compare two"
+    whole.add_argument("--bag", action="append", type=Path, metavar="BAG", help=text)
     return whole
 
 
@@ -80,15 +70,9 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _overrides(parsed: argparse.Namespace) -> list[str]:
     """Options as parameters of the node; JSON is YAML that needs no quotes."""
-    given = {
-        name: json.dumps(value)
-        for name in _OPTIONS
-        if (value := getattr(parsed, name)) is not None
-    }
-    return [
-        "--ros-args",
-        *(word for name, value in given.items() for word in ("-p", f"{name}:={value}")),
-    ]
+    values = {name: getattr(parsed, name) for name in _OPTIONS}
+    given = [f"{name}:={json.dumps(one)}" for name, one in values.items() if one is not None]
+    return ["--ros-args", *(word for text in given for word in ("-p", text))]
 
 
 if __name__ == "__main__":

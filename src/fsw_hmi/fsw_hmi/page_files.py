@@ -1,19 +1,14 @@
-"""Files of the page, read once at the start, and the library of its trends, which npm installs."""
+"""Files of the page, read once at the start, and the report on all welds, which it shows in a tab."""
 
 from __future__ import annotations
 
-import asyncio
 import hashlib
 import sys
-import threading
 from pathlib import Path
 
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Route
-
-from fsw_control.schema.files import user_cache
-from fsw_hmi import npm
 
 FOLDER = Path(__file__).with_name("page")
 _TYPES = {
@@ -23,50 +18,17 @@ _TYPES = {
     ".svg": "image/svg+xml",
     "": "text/plain; charset=utf-8",
 }
-
-#: files that a page requests
-FILES = ("uPlot.iife.min.js", "uPlot.min.css")
-_LOOK_S = 0.05
-
-
-def folder() -> Path:
-    """Folder of the installation for this user and version of the lock."""
-    lock = (npm.OWN / "package-lock.json").read_bytes()
-    return user_cache("fsw_hmi") / hashlib.sha256(lock).hexdigest()[:12]
-
-
-def install() -> Path:
-    """Install it if necessary; returns the folder of ``FILES``. Raises NpmError on failure."""
-    return npm.install(folder(), ["--omit=dev"]) / "uplot" / "dist"
-
-
-class Uplot:
-    """Files of uPlot once installed; without them the page lacks only its trends."""
-
-    def __init__(self) -> None:
-        self._files: dict[str, bytes] = {}
-        self._thread = threading.Thread(target=self._read, name="uplot", daemon=True)
-        self._thread.start()
-
-    async def file(self, name: str) -> bytes | None:
-        """A file; waits for the installation. None if it does not exist."""
-        while self._thread.is_alive():
-            await asyncio.sleep(_LOOK_S)
-        return self._files.get(name)
-
-    def _read(self) -> None:
-        try:
-            dist = install()
-            self._files = {name: (dist / name).read_bytes() for name in FILES}
-        except (npm.NpmError, OSError) as error:
-            print(
-                f"the page has no trends: {error}; then start it again, to install uPlot",
-                file=sys.stderr,
-            )
+#: for the report, which is one file with its style and its pictures inside, and has no scripts
+_REPORT_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; base-uri 'none'; "
+    "form-action 'none'"
+)
+#: what draws the trends; ``npm_packages.py`` gets it when the page is built
+_UPLOT = "uplot/uPlot.iife.min.js"
 
 
 class PageFiles:
-    """Routes of the page: ``/`` and ``/page/<file>``, among them uPlot as ``/page/uplot/<file>``.
+    """Routes of the page: ``/`` and ``/page/<file>``.
 
     ``source`` is what the page shows, ``live`` or ``bag``; it learns this from ``{{source}}`` in
     its index.html.
@@ -82,9 +44,13 @@ class PageFiles:
             path for path in folder.rglob("*") if path.is_file() and path.suffix in _TYPES
         )
         self._files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
-        self._uplot = Uplot()
         if "index.html" not in self._files:
             raise ValueError(f"the page is missing: there is no {folder / 'index.html'}")
+        if _UPLOT not in self._files:
+            print(
+                "the page has no trends: it was built without uPlot, see the how-to",
+                file=sys.stderr,
+            )
         content = hashlib.sha256()
         for name, data in self._files.items():
             content.update(f"{name} {len(data)}\n".encode() + data)
@@ -102,11 +68,25 @@ class PageFiles:
 
     async def _on_file(self, request: Request) -> Response:
         name = request.path_params["name"]
-        data = (
-            await self._uplot.file(name[6:])
-            if name.startswith("uplot/")
-            else self._files.get(name)
-        )
-        if data is None:
+        if name not in self._files:
             return PlainTextResponse("there is no such file\n", status_code=404)
-        return Response(data, media_type=_TYPES[Path(name).suffix])
+        return Response(self._files[name], media_type=_TYPES[Path(name).suffix])
+
+
+def report_routes(file: str) -> list[Route]:
+    """Route ``/all_welds`` with the report, read for every request; none without a file."""
+
+    async def answer(_: Request) -> Response:
+        return report(file)
+
+    return [Route("/all_welds", answer)] if file else []
+
+
+def report(file: str) -> Response:
+    """The report, or status 404 with a remedy."""
+    path = Path(file).expanduser()
+    if not path.is_file():
+        text = f"there is no file {path}: 'fsw.py history report' writes it\n"
+        return PlainTextResponse(text, status_code=404)
+    headers = {"Content-Security-Policy": _REPORT_POLICY}
+    return FileResponse(path, headers=headers, media_type="text/html")

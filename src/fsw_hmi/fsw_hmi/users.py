@@ -31,9 +31,9 @@ SHORTEST, LONGEST = 12, 128
 _LONGEST_BYTES = 1_000_000
 #: cost of scrypt as OWASP recommends it for 16 MiB: 2^14 blocks of 8 * 128 bytes, five times
 _LOG2_N, _R, _P = 14, 8, 5
-_MOST_MEMORY, _MOST_P = 256 * 2**20, 16
+#: at most 128 MiB
 _HASH = re.compile(
-    r"\$scrypt\$ln=(\d{1,2}),r=(\d{1,2}),p=(\d{1,2})\$([A-Za-z0-9+/]{22})\$([A-Za-z0-9+/]{43})"
+    rf"\$scrypt\$ln=([1-9]|1[0-7]),r={_R},p={_P}\$([A-Za-z0-9+/]{{22}})\$([A-Za-z0-9+/]{{43}})"
 )
 
 
@@ -51,9 +51,7 @@ def checked_name(name: str) -> str:
 
 
 def _checked_hash(text: str) -> str:
-    found = _HASH.fullmatch(text)
-    log2_n, r, p = (int(one) for one in found.group(1, 2, 3)) if found else (0, 0, 0)
-    if not log2_n or not 0 < 2**log2_n * r * 128 <= _MOST_MEMORY or not 0 < p <= _MOST_P:
+    if not _HASH.fullmatch(text):
         raise ValueError("is no hash of scrypt as 'fsw.py hmi user' writes it")
     return text
 
@@ -175,8 +173,7 @@ def new_user(name: str, role: Role, password: str, log2_n: int = _LOG2_N) -> Use
     if password.casefold() == name.casefold():
         raise InputError("the password must not be the name")
     salt = secrets.token_bytes(16)
-    digest = _scrypt(password, salt, log2_n, _R, _P)
-    hashed = f"$scrypt$ln={log2_n},r={_R},p={_P}${_b64(salt)}${_b64(digest)}"
+    hashed = _hash(log2_n, salt, _scrypt(password, salt, log2_n))
     return validate(User, {"name": name, "role": role, "password": hashed}, "user")
 
 
@@ -254,24 +251,22 @@ def _bytes(password: str) -> bytes:
     return unicodedata.normalize("NFC", password).encode("utf-8", "surrogatepass")
 
 
-def _scrypt(password: str, salt: bytes, log2_n: int, r: int, p: int) -> bytes:
-    return hashlib.scrypt(
-        _bytes(password), salt=salt, n=2**log2_n, r=r, p=p, maxmem=2 * _MOST_MEMORY, dklen=32
-    )
+def _scrypt(password: str, salt: bytes, log2_n: int) -> bytes:
+    given, n = _bytes(password), 2**log2_n
+    return hashlib.scrypt(given, salt=salt, n=n, r=_R, p=_P, maxmem=2**28, dklen=32)
+
+
+def _hash(log2_n: int, salt: bytes, digest: bytes) -> str:
+    salt_text, digest_text = (base64.b64encode(one).decode().rstrip("=") for one in (salt, digest))
+    return f"$scrypt$ln={log2_n},r={_R},p={_P}${salt_text}${digest_text}"
 
 
 def _fits(hashed: str, password: str) -> bool:
     found = _HASH.fullmatch(hashed)
     assert found is not None
-    digest = _scrypt(
-        password, base64.b64decode(found[4] + "=="), *(int(one) for one in found.group(1, 2, 3))
-    )
-    return hmac.compare_digest(digest, base64.b64decode(found[5] + "="))
-
-
-def _b64(data: bytes) -> str:
-    return base64.b64encode(data).decode().rstrip("=")
+    digest = _scrypt(password, base64.b64decode(found[2] + "=="), int(found[1]))
+    return hmac.compare_digest(digest, base64.b64decode(found[3] + "="))
 
 
 #: hash of no password, against which those of unknown names are checked
-_NOBODY = f"$scrypt$ln={_LOG2_N},r={_R},p={_P}${_b64(bytes(16))}${_b64(secrets.token_bytes(32))}"
+_NOBODY = _hash(_LOG2_N, bytes(16), secrets.token_bytes(32))

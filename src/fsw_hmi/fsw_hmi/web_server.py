@@ -1,4 +1,4 @@
-"""Web server of the page: listening socket and limits per client."""
+"""Web server of the page: listening socket, TLS and limits per client."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import ssl
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import uvicorn
@@ -17,6 +18,7 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.routing import BaseRoute
 from starlette.types import ASGIApp
 
+from fsw_control.schema.files import read_private
 from fsw_hmi.gate import Gate
 from fsw_hmi.security import Security, is_loopback
 from fsw_hmi.web import LivePage
@@ -76,6 +78,30 @@ def listen(host: str, port: int, patience_s: float = 20.0) -> Listening:
             f"cannot listen on {host} port {port}: {error.strerror}; choose another port (0: any free one)"
         ) from None
     return one
+
+
+def tls_context(certificate: str, key: str) -> ssl.SSLContext | None:
+    """TLS context of the server; None without files.
+
+    Raises
+    ------
+    ValueError
+        When others may read the key, or OpenSSL cannot use the two; the message has the reason.
+    """
+    if not certificate and not key:
+        return None
+    if not certificate or not key:
+        raise ValueError("tls_cert, tls_key: give both or neither")
+    files = Path(certificate).expanduser(), Path(key).expanduser()
+    read_private("tls_key", files[1])
+    made = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    made.minimum_version = ssl.TLSVersion.TLSv1_2  # the default of some builds is older
+    try:
+        made.load_cert_chain(*files, password=lambda: "")
+    except OSError as error:
+        why = getattr(error, "reason", None) or error.strerror
+        raise ValueError(f"tls_cert: {files[0]} with tls_key {files[1]}: {why}") from None
+    return made
 
 
 def address(listening: socket.socket, encrypted: bool = False) -> str:

@@ -8,11 +8,10 @@ from functools import partial
 
 import pytest
 
-from fsw_hmi import history_report
 from fsw_hmi.answers import Answer
 from fsw_hmi.control_room import ControlRoom
 from fsw_hmi.gate import Gate
-from fsw_hmi.page_files import PageFiles
+from fsw_hmi.page_files import PageFiles, report_routes
 from fsw_hmi.web import LivePage
 from fsw_hmi.web_server import WebThread, address, application, listen
 from fsw_test_support.page_client import Page
@@ -37,7 +36,7 @@ class Server:
         } | options
         self.room = room = ControlRoom(settings.pop("key", TOKEN), **settings.pop("rules", {}))
         encrypted = settings.pop("encrypted", None)
-        report = history_report.routes(settings.pop("history_report", ""))
+        report = report_routes(settings.pop("history_report", ""))
         listening = listen("127.0.0.1", 0, settings["patience_s"])
         self.gate = listening.gate = Gate(request_s=PATIENCE_S)
         self.page = LivePage(self.files, room, self._take, know=self.gate.know, **settings)

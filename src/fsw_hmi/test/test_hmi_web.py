@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import shutil
 import socket
 import time
 from functools import partial
@@ -12,6 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from fsw_hmi.page_files import PageFiles
 from fsw_hmi.security import HEADERS
 from fsw_hmi.web_server import listen
 from fsw_test_support.waiting import wait_until
@@ -44,15 +46,21 @@ def test_page_and_its_files(server):
     assert get(server, "/page/sub/LICENSE")[1] == b"MIT"
 
 
-def test_uplot_is_served_once_it_is_installed(server, uplot):
+def test_uplot_is_served_if_the_page_was_built_with_it(make_server, folder, uplot, capsys):
+    shutil.copytree(uplot, folder / "uplot")
+    server = make_server()
     response, content = get(server, "/page/uplot/uPlot.iife.min.js")
     assert response.getheader("content-type") == "text/javascript; charset=utf-8"
     assert content == (uplot / "uPlot.iife.min.js").read_bytes()
-    assert (
-        get(server, "/page/uplot/uPlot.min.css")[0].getheader("content-type")
-        == "text/css; charset=utf-8"
-    )
-    assert get(server, "/page/uplot/uPlot.esm.js")[0].status == 404
+    response, _ = get(server, "/page/uplot/uPlot.min.css")
+    assert response.getheader("content-type") == "text/css; charset=utf-8"
+    assert get(server, "/page/uplot/package-lock.json")[0].status == 404
+    assert capsys.readouterr().err == ""
+
+
+def test_page_that_was_built_without_uplot_says_so(folder, capsys):
+    PageFiles("live", folder)
+    assert "no trends" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

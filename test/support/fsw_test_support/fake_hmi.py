@@ -28,14 +28,13 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from fsw_analysis.rule_book import default
 from fsw_control.cause import Cause
 from fsw_control.sensors import OPTIONAL
-from fsw_hmi import history_report
+from fsw_hmi import page_files
 from fsw_hmi.answers import DONE, REFUSED, Answer
 from fsw_hmi.control import Session
 from fsw_hmi.control_room import ControlRoom, Verdict
 from fsw_hmi.frames import COLUMNS
 from fsw_hmi.headline import Now, headline
 from fsw_hmi.limits import EMULATOR, limits, reference
-from fsw_hmi.page_files import Uplot
 from fsw_hmi.security import Security
 from fsw_hmi.standing import flags_now
 from fsw_hmi.stop_progress import StopProgress
@@ -136,7 +135,6 @@ class FakeHmi:
         self._flags: dict[str, dict[str, str]] = {}
         self._stopping = StopProgress()
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._uplot = Uplot()
         app = Starlette(
             routes=[
                 Route("/", self._index),
@@ -144,7 +142,6 @@ class FakeHmi:
                 Route("/all_welds", self._all_welds),
                 Route("/bags/{n:int}", self._bag),
                 WebSocketRoute("/ws", self._socket),
-                Route("/page/uplot/{name}", self._uplot_file),
                 Mount("/page", StaticFiles(directory=PAGE)),
             ],
             lifespan=self._run_ticks,
@@ -403,13 +400,8 @@ class FakeHmi:
         text = text.replace("{{build}}", BUILD).replace("{{source}}", self.source)
         return Response(text, media_type="text/html")
 
-    async def _uplot_file(self, request: Request) -> Response:
-        name = request.path_params["name"]
-        kind = "text/css" if name.endswith(".css") else "text/javascript"
-        return Response(await self._uplot.file(name), media_type=kind)
-
     async def _all_welds(self, _: Request) -> Response:
-        return history_report.response(self.history_report)
+        return page_files.report(self.history_report)
 
     async def _bags(self, request: Request) -> Response:
         infos = [{key: value for key, value in bag.items() if key != "rows"} for bag in self.bags]

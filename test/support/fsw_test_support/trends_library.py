@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import npm_packages
 import pytest
-
-from fsw_hmi import npm, page_files
 
 
 @pytest.fixture(scope="session")
 def uplot() -> Path:
     """The folder of uPlot's files."""
-    try:
-        return page_files.install()
-    except npm.NpmError as error:
-        pytest.skip(f"uPlot: {error}")
+    if npm_packages.main():
+        pytest.skip("uPlot cannot be had")
+    return npm_packages.UPLOT

@@ -9,7 +9,7 @@ const BAND = "#7b848a66";
 const DASHED = [6, 4];
 const GAP_S = 0.55; // this long without a tick is drawn as a gap
 
-/** Resolves when uPlot is there: the server may still be installing it, which delays nothing else. */
+/** Resolves when uPlot is there; nothing else waits for it. */
 export const uPlotReady = new Promise((resolve, reject) => {
   const [css, script] = ["uPlot.min.css", "uPlot.iife.min.js"].map((name) => new URL(`uplot/${name}`, import.meta.url).href);
   document.head.append(el("link", { rel: "stylesheet", href: css }), el("script", { src: script, onload: resolve, onerror: reject }));
@@ -55,7 +55,7 @@ export class Trends {
     this.resizer = new ResizeObserver(() => this.charts.forEach(fit));
     this.#named();
     root.addEventListener("keydown", (event) => this.#pan(event));
-    uPlotReady.then(() => this.#begin(), () => root.append(el("p", { className: "panel" }, "No trends: the server could not install uPlot, which draws them. What to do is in its log.")));
+    uPlotReady.then(() => this.#begin(), () => root.append(el("p", { className: "panel" }, "No trends: this page was built without uPlot, which draws them. What to do is in the server's log.")));
   }
 
   #begin() {
