@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
 import fsw
-from fsw.bags import read_weld
+from fsw.bags import print_notes, read_weld
 from fsw.command import FORCE, command, file, number, option, repeated, switch
 from fsw.console import ProgressBar, print_table
 from fsw.errors import CommandError
@@ -178,5 +179,9 @@ def _model(file: Path | None) -> ModelParameters:
 
 def _weld(bag: Path, columns: Mapping[str, str]) -> Weld:
     if bag.suffix.lower() in TABLES:
-        return weld_of(bag, columns)
+        with warnings.catch_warnings(record=True) as remarks:
+            warnings.simplefilter("always")
+            log = weld_of(bag, columns)
+        print_notes(f"{bag}: {remark.message}" for remark in remarks)
+        return log
     return Weld(bag.name, cut_to_scenario(read_weld(bag)))
