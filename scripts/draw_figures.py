@@ -28,11 +28,13 @@ import concept_figures
 import depth
 import history
 import solvers
+from canister import figures as canisters
 from realistic import report as realistic
 
 from controller_comparison import command, figures
 from fsw_analysis import phase_kpi
 from fsw_analysis.figures import draw_whole_weld
+from fsw_campaign.figures import ratios
 from fsw_quality import monitor_figure
 from fsw_quality.monitor import Monitor
 from fsw_quality.monitor_run import watch
@@ -67,6 +69,19 @@ def depth_sensors() -> None:
 def realistic_welds() -> None:
     """``realistic``, from the numbers of its page."""
     realistic.draw(_recorded("realistic_tables"), RESULTS / "realistic.png")
+
+
+def canister() -> None:
+    """``canister`` and ``canister-verdict``, from the numbers of their pages."""
+    canisters.draw(_recorded("canister_tables"), RESULTS / "canister.png")
+    canisters.draw_shares(_recorded("canister-verdict_tables"), RESULTS / "canister-verdict.png")
+
+
+def campaign() -> None:
+    """``campaign_ratios``, from the numbers of its page."""
+    recorded = _recorded("campaign_tables")
+    first = recorded["figures of merit"][0][1]
+    (RESULTS / "campaign_ratios.png").write_bytes(ratios(recorded["ratios"], first))
 
 
 def corridors() -> None:
@@ -116,6 +131,8 @@ DRAWN: tuple[Callable[[], None], ...] = (
     rival_solvers,
     depth_sensors,
     realistic_welds,
+    canister,
+    campaign,
     corridors,
     reference_tracking,
     canister_weld,

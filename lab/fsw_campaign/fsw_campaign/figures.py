@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from math import ceil
 
 import numpy as np
@@ -13,18 +13,11 @@ from fsw_analysis.figure_style import Look, legend_below, looks_of, png, sheet
 from fsw_analysis.kpi_table import ROWS
 from fsw_campaign.statistics import MAIN, Results, Vector
 
-_RATIOS = (
-    *MAIN,
-    "overshoot_depth_mm",
-    "overshoot_temperature_c",
-    "total_variation_force_kn",
-    "total_variation_speed_rpm",
-)
+#: ratios of a figure of merit: 5 % quantile, median, 95 % quantile, share below 1 [%]
+Spread = tuple[float, float, float, float]
 _COLUMNS = 3
 #: times outside are drawn up to this multiple of what is allowed, or up to this share of the welds
 _WIDEST, _SHOWN_SHARE = 2.0, 0.98
-#: ratios beyond these are not drawn
-_SHOWN = (0.1, 10.0)
 _DPI = 110
 
 
@@ -45,33 +38,35 @@ def _steps(axes: Axes, values: Vector, label: str, look: Look) -> None:
         axes.step(np.sort(values), shares, where="post", label=label, **look.line)
 
 
-def ratios(results: Results) -> bytes | None:
-    """Distributions of ratios to the first controller's figures; None with one controller."""
-    keys = [key for key in _RATIOS if key in results.figures]
-    first, *others = results.labels
-    if not others or not keys:
-        return None
-
-    looks = dict(zip(results.labels, looks_of(results.labels), strict=True))
-
-    def draw(axes: Axes, i: int) -> None:
-        for label in others:
-            _steps(axes, results.ratio(keys[i], label), label, looks[label])
+def ratios(spreads: Mapping[str, Mapping[str, Spread]], first: str) -> bytes:
+    """Ratios to the first controller's figures: median, and 5 to 95 % of the plants."""
+    labels = list(dict.fromkeys(label for of in spreads.values() for label in of))
+    with sheet(8.0, 1.2 + 0.42 * len(spreads)) as figure:
+        axes = figure.subplots()
+        for i, (label, look) in enumerate(zip(labels, looks_of(labels), strict=True)):
+            rows = [row for row, of in enumerate(spreads.values()) if label in of]
+            quantiles = np.array([of[label][:3] for of in spreads.values() if label in of])
+            low, middle, high = quantiles.T
+            axes.errorbar(
+                middle,
+                np.add(rows, 0.22 * (i - 0.5 * (len(labels) - 1))),
+                xerr=(middle - low, high - middle),
+                label=label,
+                capsize=2.0,
+                **look.point | {"linestyle": "none", "markersize": 5.0},
+            )
         axes.axvline(1.0, color="0.4", lw=0.8)
+        axes.set_yticks(range(len(spreads)), list(spreads))
         axes.set(
             xscale="log",
-            title=ROWS[keys[i]][0],
-            xlabel=f"ratio to {first}",
-            ylabel="welds up to [%]",
+            xlabel=f"ratio to {first} on the same plant",
+            ylim=(len(spreads) - 0.5, -0.5),
         )
-        axes.title.set_fontsize("medium")
-        low, high = axes.get_xlim()
-        axes.set_xlim(max(low, _SHOWN[0]), min(high, _SHOWN[1]))
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=8))
         axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axes.xaxis.set_minor_formatter(NullFormatter())
-
-    return _panels(len(keys), draw)
+        legend_below(figure)
+        return png(figure, _DPI)
 
 
 def times_outside(results: Results) -> bytes | None:

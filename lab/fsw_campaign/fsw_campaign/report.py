@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,7 +19,7 @@ from fsw_campaign import figures
 from fsw_campaign.dataset import load
 from fsw_campaign.definition import Bounds, Limit
 from fsw_campaign.distributions import Distribution
-from fsw_campaign.statistics import MAIN, Results
+from fsw_campaign.statistics import MAIN, Results, Vector
 from fsw_campaign.welds import DIVERGED, ERROR, OK
 from fsw_control.schema.models import InputError, Many, Model, content_of, read_text, validate
 
@@ -96,7 +96,8 @@ def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
         )
     requirements = requirements_of(limits, results.columns)
     whole = target.suffix == ".html"
-    drawn = {"ratios": figures.ratios(results)}
+    ratios = _ratios(results)
+    drawn = {"ratios": figures.ratios(ratios, results.labels[0]) if ratios else None}
     if whole:
         drawn["outside"] = figures.times_outside(results)
         drawn["parameters"] = figures.sensitivities(results)
@@ -104,6 +105,7 @@ def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
         f"{target.stem}_{name}.png": image for name, image in drawn.items() if image is not None
     }
     content = _content(results, requirements) | {
+        "ratios": [["", *results.labels[1:]], *_ratio_rows(ratios, results.labels[1:])],
         "stem": target.stem,
         "figures": {name for name, image in drawn.items() if image is not None},
         "worst_page": "" if whole else f"{target.stem}_worst.md",
@@ -117,7 +119,7 @@ def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
         else:
             target.with_name(content["worst_page"]).write_text(worst, encoding="utf-8")
             target.with_name(f"{target.stem}_tables.json").write_text(
-                numbers(content["tables"]), encoding="utf-8"
+                numbers(content["tables"] | {"ratios": ratios}), encoding="utf-8"
             )
             for name, image in images.items():
                 target.with_name(name).write_bytes(image)
@@ -147,7 +149,7 @@ def _content(results: Results, requirements: Sequence[Requirement]) -> dict[str,
     distributions = [
         (path, _words(drawn)) for path, drawn in results.campaign.distributions.items()
     ]
-    inside, merit, ratios = _inside(results), _figures_of_merit(results), _ratios(results)
+    inside, merit = _inside(results), _figures_of_merit(results)
     one_by_one = _one_by_one(results, requirements)
     return {
         "tables": {
@@ -155,7 +157,6 @@ def _content(results: Results, requirements: Sequence[Requirement]) -> dict[str,
             "welds inside the limits": [_INSIDE, *inside],
             "limits one by one": [["limit", *labels], *one_by_one],
             "figures of merit": [["", *labels], *merit],
-            "ratios": [["", *labels[1:]], *ratios],
         },
         "losses": _losses(results),
         "campaign": results.campaign,
@@ -309,21 +310,28 @@ def _losses(results: Results) -> list[tuple[str, str, float]]:
     return losses
 
 
-def _ratios(results: Results) -> list[list[str]]:
-    rows = []
+def _ratios(results: Results) -> dict[str, dict[str, figures.Spread]]:
+    """Spread of the ratios to the first controller, by figure of merit and controller."""
+    spreads = {}
     for key in results.figures:
         if ROWS[key][1] in ("", "%"):  # counts and shares
             continue
-        cells = []
-        for label in results.labels[1:]:
-            values = results.ratio(key, label)
-            if not values.size:
-                cells.append("–")
-                continue
-            low, middle, high = np.quantile(values, (0.05, 0.5, 0.95))
-            cells.append(
-                f"{middle:.2f} [{low:.2f}, {high:.2f}], {100 * np.mean(values < 1.0):.1f} %"
-            )
-        if any(cell != "–" for cell in cells):
-            rows.append([ROWS[key][0], *cells])
-    return rows
+        ratios = {label: results.ratio(key, label) for label in results.labels[1:]}
+        if own := {label: _spread(values) for label, values in ratios.items() if values.size}:
+            spreads[ROWS[key][0]] = own
+    return spreads
+
+
+def _spread(values: Vector) -> figures.Spread:
+    low, middle, high = (float(np.quantile(values, share)) for share in (0.05, 0.5, 0.95))
+    return low, middle, high, 100.0 * float(np.mean(values < 1.0))
+
+
+def _ratio_rows(
+    ratios: Mapping[str, Mapping[str, figures.Spread]], labels: Sequence[str]
+) -> list[list[str]]:
+    cell = "{1:.2f} [{0:.2f}, {2:.2f}], {3:.1f} %"
+    return [
+        [title, *(cell.format(*of[label]) if label in of else "–" for label in labels)]
+        for title, of in ratios.items()
+    ]

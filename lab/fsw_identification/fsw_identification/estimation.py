@@ -175,6 +175,12 @@ def identify(
 
     try:
         return _identify(segments, start or ModelParameters(), count, steady)
+    except InputError as error:
+        if not error.problems:  # else a parameter is outside its range
+            raise
+        raise InputError(
+            f"no process in the model's range fits ({error}); are the units of the log right?"
+        ) from None
     except np.linalg.LinAlgError as error:
         raise InputError(
             f"the estimate broke down ({error}); start nearer to the process (--model), "

@@ -112,7 +112,7 @@ def verify(arguments: argparse.Namespace) -> int:
     parameter("parameter of the controller, instead of the recorded one or the default"),
     file("--out", "folder for the new bag (default: <bag>_shadow_<controller>)", "DIR"),
     file("--json", "also write the differences as JSON"),
-    switch("--force", "replace the file of --json; the bag has a new folder"),
+    switch("--force", "replace the file of --json; a bag is never replaced"),
     description="Replay the measurements, set-points and commands of a bag "
     "to a controller in shadow, record its "
     "proposals and compare them with the commands applied in the weld.",

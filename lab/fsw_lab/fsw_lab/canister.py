@@ -84,7 +84,7 @@ def canister(arguments: argparse.Namespace) -> int:
         weld = programmed(arguments.scenario or _SCENARIO, arguments.canister, arguments.power)
     moments_s = _moments(arguments, weld)
     if arguments.vtk is not None:
-        new_folder(arguments.vtk, "canister", "--vtk")
+        new_folder(arguments.vtk, "canister", "--vtk", arguments.force)
     history, probes, step_us = _computed(arguments, weld)
     table = arguments.csv or default_folder("canister") / "heat.csv"
     _write_table(table, history, probes)

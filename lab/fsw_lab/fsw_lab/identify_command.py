@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
 import fsw
-from fsw.bags import read_weld
-from fsw.command import command, file, number, option, repeated, switch
+from fsw.bags import print_notes, read_weld
+from fsw.command import FORCE, command, file, number, option, repeated, switch
 from fsw.console import ProgressBar, print_table
 from fsw.errors import CommandError
 from fsw.outputs import check_new, new_folder, write_text
@@ -64,7 +65,7 @@ DRIVE_LAG = number(
         f"of the proposed experiment, {_EXPERIMENT_S} (default {_DURATION_S:g})",
     ),
     switch("--open-loop", "propose steps of force and speed, without controller"),
-    switch("--force", "replace the files of --out and --covariance; a report has a new folder"),
+    FORCE,
     description="Estimate the parameters of the process model from one or more recorded welds of one process, in "
     "open or closed loop, with standard deviations, and write them as a model file. With --design, propose an "
     "experiment instead.",
@@ -84,7 +85,7 @@ def identify(arguments: argparse.Namespace) -> int:
         parents=True, exist_ok=True
     )  # now, because the fit may take minutes
     if arguments.report is not None:
-        new_folder(arguments.report, "", "--report")
+        new_folder(arguments.report, "", "--report", arguments.force)
     welds = [_weld(bag, columns) for bag in arguments.bag]
     validate, air = (
         None if bag is None else _weld(bag, columns) for bag in (arguments.validate, arguments.air)
@@ -178,5 +179,9 @@ def _model(file: Path | None) -> ModelParameters:
 
 def _weld(bag: Path, columns: Mapping[str, str]) -> Weld:
     if bag.suffix.lower() in TABLES:
-        return weld_of(bag, columns)
+        with warnings.catch_warnings(record=True) as remarks:
+            warnings.simplefilter("always")
+            log = weld_of(bag, columns)
+        print_notes(f"{bag}: {remark.message}" for remark in remarks)
+        return log
     return Weld(bag.name, cut_to_scenario(read_weld(bag)))

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import yaml
 
 import fsw
-from fsw.command import FORMAT, command, file, number, switch
+from fsw.command import FORCE, FORMAT, command, file, number, switch
 from fsw.console import ProgressBar, print_table
-from fsw.outputs import new_folder
+from fsw.outputs import listed, new_folder
 from fsw_control.schema.ranges import Range
 from fsw_model import ModelParameters
 from fsw_tuning import margins
@@ -52,6 +52,7 @@ EVALUATIONS = 3000
         "slow the NMPC's temperature until its margins are at least those of decentral:tight",
     ),
     FORMAT,
+    FORCE,
     switch("--no-sweep", "without the figure of processes that differ from the model"),
     description="Search for the tunings of the decentralized controller for a model, derive that of the NMPC by "
     "rule, measure the margins of all, plot their performance on processes that differ from the model, and write "
@@ -59,7 +60,7 @@ EVALUATIONS = 3000
 )
 def tune(arguments: argparse.Namespace) -> int:
     model = ModelParameters.from_file(arguments.model)
-    folder = new_folder(arguments.out, "tuning").resolve()
+    folder = new_folder(arguments.out, "tuning", force=arguments.force).resolve()
     tunings = write_tunings(
         arguments.model, folder, arguments.evaluations, matched=arguments.matched
     )
@@ -68,9 +69,9 @@ def tune(arguments: argparse.Namespace) -> int:
     if not arguments.no_sweep:
         plants = {name: plant_factors(model.scaled(**factors)) for name, factors in _SWEEP.items()}
         with ProgressBar("processes that differ from the model") as bar:
-            target = folder / f"sweep.{arguments.format}"
+            target = folder / f"sweep.{arguments.format or 'png'}"
             draw_sweep(sweep(tunings.parameters, plants, bar), target)
-    print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
+    print(listed(folder))
     return 0
 
 

@@ -29,46 +29,53 @@ _LINES: dict[str, dict[str, Any]] = {
 }
 
 
-def draw(data: Mapping[str, Any], path: Path) -> None:
-    """Steps, the needed power over the weld, and the error of the reduction."""
-    validation = data["validation"]
+def draw(content: Mapping[str, Any], path: Path) -> None:
+    """Steps, the needed power over the weld, and the error of the reduction by phase."""
     with sheet(9.0, 8.5, path) as figure:
         steps, power, wrong = figure.subplots(3, 1, height_ratios=(1.3, 1.0, 0.7))
-        _draw_steps(steps, validation["steps"])
-        weld, reduced = validation["weld"], validation["reduced"]
-        power.plot(np.arange(len(weld["minutes_kw"])) + 0.5, weld["minutes_kw"], "k.-")
-        power.axhline(nominal().operating_power_kw, color="grey", linestyle=":")
-        power.annotate(
-            "paper's operating point", (10.0, nominal().operating_power_kw), **_SMALL, va="bottom"
+        _draw_steps(steps, content["steps_c"])
+        _draw_power(power, content["weld"])
+        largest_c = content["reduced"]["phases_c"]
+        bars = wrong.bar(
+            [name.replace("_", " ") for name in largest_c], largest_c.values(), 0.5, color="0.4"
         )
-        power.set(title="needed power, mean of each minute", ylabel="kW")
-        wrong.plot(reduced["minutes"], reduced["wrong_c"], color="black", linewidth=0.8)
+        wrong.bar_label(bars, fmt="%.2f", fontsize=8)
         wrong.set(
-            title="reduced model less all finite elements, stir zone",
-            xlabel="time of the weld [min]",
+            title="reduced model less all finite elements, stir zone: largest by phase",
+            ylabel="°C",
+            ylim=(0.0, 1.25 * max(largest_c.values())),
         )
-        wrong.set(ylabel="°C", ylim=(-0.55, 0.55))
-        for axis in (power, wrong):
-            axis.set_xlim(min(reduced["minutes"]) - 0.5, max(reduced["minutes"]) + 0.5)
-        shade_phases(
-            (power, wrong),
-            [(begin / 60.0, end / 60.0) for begin, end in weld["phases_s"].values()],
-        )
-        for name, (begin, end) in weld["phases_s"].items():
-            if end - begin > _NAMED_S:
-                power.annotate(
-                    name.replace("_", " "),
-                    (begin / 60.0 + 0.1, min(weld["minutes_kw"])),
-                    **_SMALL,
-                    rotation=90,
-                )
+        wrong.grid(axis="x", visible=False)
 
 
-def draw_shares(data: Mapping[str, Any], path: Path) -> None:
+def draw_shares(content: Mapping[str, Any], path: Path) -> None:
     """The verdict by phase."""
     with sheet(9.0, 3.2, path) as figure:
-        _draw_shares(figure.subplots(), data["verdict"])
-        legend_below(figure, most=5)
+        _draw_shares(figure.subplots(), content)
+        legend_below(figure)
+
+
+def _draw_power(axis: Any, weld: Mapping[str, Any]) -> None:
+    means_kw = weld["minutes_kw"]
+    axis.plot(np.arange(len(means_kw)) + 0.5, means_kw, "k.-")
+    axis.axhline(nominal().operating_power_kw, color="grey", linestyle=":")
+    axis.annotate(
+        "paper's operating point", (10.0, nominal().operating_power_kw), **_SMALL, va="bottom"
+    )
+    axis.set(
+        title="needed power, mean of each minute", ylabel="kW", xlabel="time of the weld [min]"
+    )
+    axis.set_xlim(-0.5, len(means_kw) + 0.5)
+    phases_s = weld["phases_s"]
+    shade_phases((axis,), [(begin / 60.0, end / 60.0) for begin, end in phases_s.values()])
+    for name, (begin, end) in phases_s.items():
+        if end - begin > _NAMED_S:
+            axis.annotate(
+                name.replace("_", " "),
+                (begin / 60.0 + 0.1, min(means_kw)),
+                **_SMALL,
+                rotation=90,
+            )
 
 
 def _draw_steps(axis: Any, steps: Mapping[str, Any]) -> None:
@@ -77,10 +84,8 @@ def _draw_steps(axis: Any, steps: Mapping[str, Any]) -> None:
         name: {**look.line, "marker": look.marker}
         for name, look in zip(names, OTHERS, strict=False)
     } | _LINES
-    for name, of in steps.items():
-        axis.plot(
-            STEP_TIMES_S, list(of["rise_c"].values()), markersize=4.0, label=name, **styles[name]
-        )
+    for name, rises_c in steps.items():
+        axis.plot(STEP_TIMES_S, list(rises_c.values()), markersize=4.0, label=name, **styles[name])
     axis.set(
         xscale="log",
         xlabel="time after the step [s]",
@@ -92,14 +97,11 @@ def _draw_steps(axis: Any, steps: Mapping[str, Any]) -> None:
     axis.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
-def _draw_shares(axis: Any, verdict: Mapping[str, Any]) -> None:
-    phases, names = verdict["phases"], tuple(verdict["welds"])
+def _draw_shares(axis: Any, content: Mapping[str, Any]) -> None:
+    phases, names = content["inside_percent"], tuple(content["welds"])
     width = 0.8 / len(names)
     for i, (controller, look) in enumerate(zip(names, looks_of(names), strict=True)):
-        shares = [
-            100.0 * of[controller]["share_good"] if controller in of else np.nan
-            for of in phases.values()
-        ]
+        shares = [of.get(controller, np.nan) for of in phases.values()]
         places = np.arange(len(phases)) + (i - 0.5 * (len(names) - 1)) * width
         axis.bar(places, shares, 0.9 * width, label=controller, **look.bar)
         for place, share in zip(places, shares, strict=True):

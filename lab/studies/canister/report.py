@@ -149,13 +149,9 @@ def _saturated(rows: Sequence[Row]) -> dict[int, dict[str, Any]]:
 
 
 def shares(verdict: Mapping[str, Any]) -> list[list[str]]:
-    """Share of welds inside the limits, by phase and for the whole weld."""
+    """Share of welds inside the limits in all phases."""
     names = list(verdict["welds"])
     rows = [["phase", *(f"`{name}`" for name in names)]]
-    for phase, of in verdict["phases"].items():
-        rows.append(
-            [phase, *(f"{100 * of[c]['share_good']:.0f} %" if c in of else "-" for c in names)]
-        )
     welds = verdict["welds"].values()
     rows.append(["**all phases**", *(_counted(count["good"], count["welds"]) for count in welds)])
     rows.append(
@@ -262,12 +258,12 @@ def identified(estimates: Mapping[str, Any]) -> list[list[str]]:
     return rows
 
 
-def responses(steps: Mapping[str, Any]) -> list[list[str]]:
+def responses(steps: Mapping[str, Mapping[str, float]]) -> list[list[str]]:
     """Step responses at some times."""
     rows = [["rise after 1 kW more [°C]", *(f"{t:g} s" for t in STEP_TIMES_S)]]
     return rows + [
-        [name, *(f"{of['rise_c'][f'{t:g}']:.2f}" for t in STEP_TIMES_S)]
-        for name, of in steps.items()
+        [name, *(f"{rises_c[f'{t:g}']:.2f}" for t in STEP_TIMES_S)]
+        for name, rises_c in steps.items()
     ]
 
 
@@ -311,24 +307,9 @@ def worst_copper(copper: Mapping[str, Any], model: str, phase: str) -> list[floa
     return [float(wrong.min()), float(wrong.max())]
 
 
-def differences(reduced: Mapping[str, Any]) -> list[list[str]]:
-    """Largest difference of the reduced model by phase."""
-    phases = reduced["phases_c"]
-    header = ["largest difference [°C]", *(name.replace("_", " ") for name in phases)]
-    return [header, ["stir zone", *(f"{value:.2f}" for value in phases.values())]]
-
-
-def powers(weld: Mapping[str, Any]) -> list[list[str]]:
-    """Mean power of each phase."""
-    phases = weld["phases_kw"]
-    header = ["needed power [kW]", *(name.replace("_", " ") for name in phases)]
-    return [header, ["mean", *(f"{value:.1f}" for value in phases.values())]]
-
-
 def summary_rows(verdict: Mapping[str, Any]) -> list[list[str]]:
     """Welds inside all limits; errors where heat changes fastest and over most of the weld."""
-    header, *of_phases = shares(verdict)
-    rows = [header, *of_phases[-3:]]
+    rows = shares(verdict)
     for phase in ("downward", "joint_line"):
         named = {row[0]: row[1:] for row in figures(verdict, phase)}
         for name in ("temperature_sigma_c", "moved_rpm"):
@@ -349,6 +330,10 @@ def verdict_content(verdict: Mapping[str, Any]) -> dict[str, Any]:
     best = {name: best_of(verdict, "temperature_sigma_c", name) for name in verdict["welds"]}
     return {
         "welds": {name: of["welds"] for name, of in verdict["welds"].items()},
+        "inside_percent": {
+            phase: {name: round(100.0 * of[name]["share_good"]) for name in of}
+            for phase, of in phases.items()
+        },
         "stopped": sum(verdict["stopped"].values()),
         "long_phases_c": round(max(long), 1),
         "power_kw": [round(phases[name][own]["power_kw"]) for name in ("downward", "overlap")],
@@ -368,7 +353,6 @@ def verdict_content(verdict: Mapping[str, Any]) -> dict[str, Any]:
         "software": verdict["software"],
         "tables": {
             "summary": summary_rows(verdict),
-            "inside the limits": shares(verdict),
             **{
                 name.replace("_", " "): figures(verdict, name)
                 for name in ("downward", "joint_line")
@@ -385,7 +369,14 @@ def plant_content(validation: Mapping[str, Any], copper: Mapping[str, Any]) -> d
     named = ("states", "element_mm", "modes", "largest_c", "rms_c", "fine_states", "from_fine_c")
     return {
         "lid": {"gain_c_per_kw": round(gain, 1), "lag_s": round(lag_s, 1)},
-        "reduced": {name: round(reduced[name], 2) for name in named},
+        "reduced": {name: round(reduced[name], 2) for name in named}
+        | {"phases_c": _rounded(reduced["phases_c"], 2)},
+        "steps_c": {name: _rounded(of["rise_c"], 2) for name, of in validation["steps"].items()},
+        "weld": {
+            "minutes_kw": [round(mean_kw, 2) for mean_kw in weld["minutes_kw"]],
+            "phases_kw": _rounded(weld["phases_kw"], 1),
+            "phases_s": weld["phases_s"],
+        },
         "copper": {
             "minutes": round(copper["at_s"][-1] / 60.0),
             "power_kw": round(copper["power_kw"]),
@@ -395,16 +386,16 @@ def plant_content(validation: Mapping[str, Any], copper: Mapping[str, Any]) -> d
                 for model in ("kirchhoff", "constant")
             },
         },
-        "joint_line_kw": {f"{minute}": round(weld["minutes_kw"][minute], 1) for minute in (6, 40)},
         "tables": {
-            "steps": responses(validation["steps"]),
-            "reduced model": differences(reduced),
             "number of states": compacts(validation["compact"]),
             "copper as it is": coppers(copper),
             "identification": identified(validation["identified"]),
-            "needed power": powers(weld),
         },
     }
+
+
+def _rounded(values: Mapping[str, float], digits: int) -> dict[str, float]:
+    return {name: round(value, digits) for name, value in values.items()}
 
 
 def page(name: str, content: Mapping[str, Any]) -> str:
@@ -417,7 +408,9 @@ def page(name: str, content: Mapping[str, Any]) -> str:
         "longer_s": _LONGER_S,
     }
     template = templates(Path(__file__).parent).get_template(f"{name}.md.j2")
-    return template.render(content, limits=limits, tolerance_k=TOLERANCE_K).rstrip("\n") + "\n"
+    steps = responses(content.get("steps_c", {}))
+    text = template.render(content, limits=limits, tolerance_k=TOLERANCE_K, steps=steps)
+    return text.rstrip("\n") + "\n"
 
 
 def write(data: Mapping[str, Any], folder: Path) -> list[Path]:
@@ -435,6 +428,6 @@ def write(data: Mapping[str, Any], folder: Path) -> list[Path]:
         texts = {f"{name}.md": page(name, content), f"{name}_tables.json": numbers(content)}
         for file, text in texts.items():
             (folder / file).write_text(text, encoding="utf-8")
-        picture(data, folder / f"{name}.png")
+        picture(content, folder / f"{name}.png")
         written += [folder / f"{name}.md", folder / f"{name}.png"]
     return written

@@ -38,7 +38,9 @@ def draw(watched: Watched, title: str, file: Path) -> None:
         axes[3].plot(
             minutes, watched.trends, color=_GREY, linewidth=1.0, label="to none, for trends"
         )
-        axes[3].legend(loc="upper left", fontsize=8.0)
+        axes[3].legend(
+            loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, fontsize=8.0, frameon=False
+        )
         for level, word, color in ((TREND, "trend", _GREY), (ALARM, "alarm", BLUE)):
             axes[3].axhline(level, color=color, linestyle="--", linewidth=1.0)
             axes[3].annotate(

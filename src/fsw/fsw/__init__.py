@@ -48,6 +48,18 @@ _PLACES = {
 }
 MODULE_OF = {name: module for module, names in _PLACES.items() for name in names}
 __all__ = sorted(MODULE_OF)
+#: public names of our other distributions
+ELSEWHERE = {
+    "fsw-lab": ("Identified", "campaign", "export_c", "export_fmu", "identify", "tune"),
+    "fsw-quality": ("record",),
+}
+
+
+def missing(distribution: str) -> str:
+    """Name a distribution of ours that is not installed, and how to install it."""
+    return (
+        f"{distribution}, which is not installed: pip install --find-links out/dist {distribution}"
+    )
 
 
 def __getattr__(name: str) -> Any:
@@ -60,7 +72,10 @@ def __getattr__(name: str) -> Any:
             else import_module("fsw_control.schema.extensions").loaded("fsw.api", name)
         )
     if value is None:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        where = [
+            f"; it is in {missing(dist)}" for dist, names in ELSEWHERE.items() if name in names
+        ]
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{''.join(where)}")
     globals()[name] = value
     return value
 

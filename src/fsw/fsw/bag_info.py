@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 from datetime import UTC, datetime
 from typing import Any
 
 from fsw.bags import DAMAGED_TOO, bag_argument
-from fsw.command import command, switch
+from fsw.command import FORCE, command, file
 from fsw.console import ProgressBar, print_table
+from fsw.outputs import check_new, write_json
 from fsw_analysis.tick_gaps import TickCounter
 from fsw_control.units import NANOSECONDS
 from fsw_recorder.bag_reader import BagInfo, BagReader
@@ -21,16 +21,16 @@ _KIB = 1024
     "bag info",
     "contents of a bag, counted message by message",
     bag_argument(DAMAGED_TOO),
-    switch("--json", "print JSON"),
+    file("--json", "also write it as JSON"),
+    FORCE,
 )
 def info(arguments: argparse.Namespace) -> int:
+    check_new([arguments.json], arguments.force)
     ticks = TickCounter()
     with BagReader(arguments.bag) as reader, ProgressBar(f"reading {arguments.bag}") as bar:
         info = reader.info(bar, ticks.note)
-    if arguments.json:
-        print(json.dumps(_info_values(info, ticks), indent=2, ensure_ascii=False))
-    else:
-        _print(info, ticks)
+    _print(info, ticks)
+    write_json(arguments.json, _info_values(info, ticks))
     return 0
 
 

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from fsw.bags import bag_argument, print_notes, welds_of
-from fsw.command import FORCE, PICTURES, command, file, option
+from fsw.command import FORCE, FORMAT, PICTURES, command, file, option
 from fsw.errors import CommandError
 from fsw.outputs import check_new
 from fsw_analysis.figures import Run, draw, page
@@ -35,11 +35,7 @@ _OTHER_PICTURES = (".jpg", ".jpeg", ".gif", ".bmp", ".tif", ".tiff", ".webp", ".
         choices=range(4, 10),
         help="figures 4 to 9 (default: the scenario's)",
     ),
-    option(
-        "--format",
-        choices=[ending[1:] for ending in PICTURES],
-        help="of the figures in the folder (default png)",
-    ),
+    FORMAT,
     FORCE,
 )
 def plot(arguments: argparse.Namespace) -> int:

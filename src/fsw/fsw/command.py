@@ -95,8 +95,7 @@ PICTURES = (".png", ".svg", ".pdf")
 FORMAT = option(
     "--format",
     choices=[ending[1:] for ending in PICTURES],
-    default="png",
-    help="of the figures in the folder (default %(default)s)",
+    help="of the figures in the folder (default png)",
 )
 
 
@@ -183,7 +182,7 @@ def parameters_by_node(
     return parameters
 
 
-FORCE = switch("--force", "replace results that exist")
+FORCE = switch("--force", "replace results that exist, also a whole folder of an earlier run")
 #: options of all commands that use the graph
 GRAPH = (
     number(

@@ -33,11 +33,16 @@ class Controller:
     >>> weld = fsw.simulate("quick", controller=DepthOnly())
     >>> weld.kpi["iae_depth_mm_s"] < 2.0
     True
+    >>> weld.controller
+    <DepthOnly depth_only>
     """
 
     name = "own"
     tolerated_sensors: tuple[str, ...] = ()
     limits = Limits()
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.name}>"
 
     def command(self, measurement: Measurement, reference: Reference, applied: Command) -> Command:
         """Force and speed for this tick; ``applied`` was in force during the last one."""

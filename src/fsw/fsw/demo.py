@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
-from fsw.command import FORMAT, command, file, option, switch
+from fsw.command import FORCE, FORMAT, command, file, option, switch
 from fsw.console import ProgressBar
 from fsw.errors import CommandError, exit_code
 from fsw.middleware import HOW, middleware_is_here
@@ -109,6 +109,7 @@ def run_side_by_side(graphs: Sequence[WeldGraph], at_a_time: int) -> None:
     file("--model", "with --live: model of the NMPC (YAML), e.g. that of the heat profile"),
     option("--out", type=Path, help="folder for the results (default: out/<date>)"),
     FORMAT,
+    FORCE,
     description="Run welds in closed loop over DDS; "
     "plant, controllers, supervisor, recorder and player are "
     "processes. Leaves bags, figures of merit and figures.",
@@ -155,7 +156,7 @@ def _live(parsed: argparse.Namespace) -> int:
         raise CommandError(f"--live needs ROS 2: {HOW}")
     EXTRA.need("--live")
     prepare(PlantConfig.from_values(scenario.plant))
-    folder = new_folder(parsed.out, "live")
+    folder = new_folder(parsed.out, "live", force=parsed.force)
     others = () if scenario.open_loop else tuple(controllers)
     graph = WeldGraph(
         scenario,
@@ -191,8 +192,8 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
         raise CommandError(f"--realtime needs ROS 2: {HOW}")
     for scenario in scenarios:
         prepare(PlantConfig.from_values(scenario.plant))
-    began = time.monotonic()
-    folder = new_folder(parsed.out, "demo")
+    began, ending = time.monotonic(), parsed.format or "png"
+    folder = new_folder(parsed.out, "demo", force=parsed.force)
     if not middleware_is_here():
         print(
             f"no ROS 2 here: welds in one process, without bags; results go to {folder}",
@@ -201,7 +202,7 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
         written = [
             path
             for name in names
-            for path in _without_middleware(name, controllers, folder, parsed.format)
+            for path in _without_middleware(name, controllers, folder, ending)
         ]
         return _print_end(began, written)
     pace = (
@@ -219,7 +220,7 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
     written = []
     for scenario in scenarios:
         place = folder / scenario.name
-        written += _results(scenario, welds[scenario.name], place, parsed.format)
+        written += _results(scenario, welds[scenario.name], place, ending)
     return _print_end(began, written)
 
 

@@ -9,7 +9,7 @@ from difflib import get_close_matches
 from types import ModuleType
 from typing import Any
 
-from fsw import __version__
+from fsw import __version__, missing
 from fsw.command import Command, as_typed
 from fsw.console import program
 from fsw.errors import exit_code
@@ -19,6 +19,16 @@ from fsw_control.schema.models import InputError
 #: entry points: modules that declare commands, by their first word; a suffix after a dot only
 #: distinguishes them
 GROUP = "fsw.commands"
+#: commands of our other distributions
+ELSEWHERE = {
+    "fsw-lab": (
+        *("bag shadow", "bag verify", "campaign", "canister", "commission", "export"),
+        *("identify", "learn", "model", "tune"),
+    ),
+    "fsw-quality": (
+        *("bag attest", "bag verify-evidence", "history", "monitor", "procedure", "record"),
+    ),
+}
 
 
 def parser(name: str = "fsw.py", word: str = "") -> argparse.ArgumentParser:
@@ -81,7 +91,8 @@ class _Parser(argparse.ArgumentParser):
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if isinstance(action, argparse._SubParsersAction) and value not in action.choices:
-            self.error(f"unknown command {value}{_nearest(value, action.choices)}")
+            group = self.prog.removeprefix(program()).strip()
+            self.error(_unknown(group, value, action.choices))
         super()._check_value(action, value)
 
 
@@ -102,7 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         commands = {name.partition(".")[0] for name in extensions(GROUP)}
         if word and word[0] != "-" and word not in commands:
             short = argparse.ArgumentParser(prog=program(), usage="%(prog)s COMMAND ...")
-            short.error(f"unknown command {word}{_nearest(word, commands)}")
+            short.error(_unknown("", word, commands))
         parsed, surplus = parser(program(), word).parse_known_args(words)
         if surplus:
             known = parsed.parser._option_string_actions
@@ -114,10 +125,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return exit_code(run)
 
 
+def _unknown(group: str, word: str, known: Iterable[str]) -> str:
+    """Error of an unknown command: what to install, or what may have been meant."""
+    name = f"{group} {word}".strip()
+    for distribution, names in ELSEWHERE.items():
+        if name in names:
+            return f"{name} is a command of {missing(distribution)}"
+    return f"unknown command {word}{_nearest(word, known)}"
+
+
 def _nearest(word: str, known: Iterable[str]) -> str:
     """Which known word may have been meant, as a continuation of an error message."""
-    likely = get_close_matches(word, known, 1)
-    return f"; did you mean {likely[0]}?" if likely else ""
+    names = {name.lstrip("-"): name for name in known}
+    likely = get_close_matches(word.lstrip("-"), names, 1)
+    return f"; did you mean {names[likely[0]]}?" if likely else ""
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -10,6 +11,9 @@ from typing import Any
 
 from fsw.errors import CommandError
 from fsw_control.schema import files
+
+#: marks a folder that a command has filled: --force replaces no other
+_MARK = ".fsw_results"
 
 
 def check_new(wanted: Iterable[Path | None], force: bool) -> None:
@@ -45,19 +49,38 @@ def write_json(file: Path | None, values: Any) -> None:
         write_text(file, json.dumps(values, indent=2, allow_nan=False) + "\n")
 
 
-def new_folder(wanted: Path | None, name: str, option: str = "--out") -> Path:
-    """Create a folder for results; CommandError if it is not empty or cannot be created."""
+def new_folder(wanted: Path | None, name: str, option: str = "--out", force: bool = False) -> Path:
+    """Create a folder for results; with ``force``, in place of that of an earlier run.
+
+    Raises
+    ------
+    CommandError
+        If it holds something else or cannot be created.
+    """
     folder = wanted or default_folder(name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
+        ours = (folder / _MARK).is_file()
+        if any(folder.iterdir()) and not (force and ours):
+            again = ", or give --force to replace it" if ours else ""
             raise CommandError(
-                f"folder {folder} exists and is not empty; "
-                f"nothing is overwritten, choose another {option}"
+                f"folder {folder} exists and is not empty; choose another {option}{again}"
             )
+        for path in folder.iterdir():
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            else:
+                path.unlink()
+        (folder / _MARK).touch()
     except OSError as error:
         raise CommandError(f"cannot make folder {folder}: {error.strerror}") from None
     return folder
+
+
+def listed(folder: Path) -> str:
+    """Line that names a folder and the results in it."""
+    names = sorted(path.name for path in folder.iterdir() if path.name != _MARK)
+    return f"in {folder}: {', '.join(names)}"
 
 
 def default_folder(name: str) -> Path:

@@ -9,6 +9,7 @@ from typing import Any
 
 from fsw.bags import print_notes
 from fsw.command import (
+    FORCE,
     FORMAT,
     command,
     file,
@@ -22,7 +23,7 @@ from fsw.console import ProgressBar, print_table
 from fsw.errors import CommandError
 from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED
 from fsw.middleware import HOW, middleware_is_here
-from fsw.outputs import new_folder
+from fsw.outputs import listed, new_folder
 from fsw.simulation import closed_loop
 from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_analysis.export import export_weld
@@ -89,6 +90,7 @@ from fsw_scenario.weld_programme import spans
     ),
     switch("--no-figures", "figures of merit only"),
     FORMAT,
+    FORCE,
     switch("--list", "list the shipped scenarios and exit"),
     description="Run a scenario in this process, without middleware: "
     "plant emulator and controllers at full speed.",
@@ -122,7 +124,7 @@ def simulate(arguments: argparse.Namespace) -> int:
         raise CommandError(f"simulate: --bag needs ROS 2: {HOW}")
     parameters = _parameters(arguments, scenario, overrides)
     loops = _loops(arguments, scenario, overrides, parameters)
-    folder = new_folder(arguments.out, scenario.name)
+    folder = new_folder(arguments.out, scenario.name, force=arguments.force)
     runs: list[Run] = []
     for title, (label, loop) in loops.items():
         with ProgressBar(f"{scenario.name}, {title}") as bar:
@@ -140,9 +142,9 @@ def simulate(arguments: argparse.Namespace) -> int:
                 identity,
                 arguments.heat,
             )
-    ending = None if arguments.no_figures else arguments.format
+    ending = None if arguments.no_figures else arguments.format or "png"
     write_results(scenario, runs, folder, ending)
-    print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
+    print(listed(folder))
     return 0
 
 

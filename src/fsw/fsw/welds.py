@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
@@ -425,7 +426,7 @@ def read_table(
     those that act, unless ``drives_force_kn`` and ``drives_speed_rpm`` are there, too, as in
     :meth:`Weld.to_csv`. Columns are known by name and unit, e.g. ``force_kn``, ``Axial force [N]``
     or ``Spindle speed (rad/s)``; a file may have decimal commas and times such as
-    2026-05-01T10:00:00.
+    2026-05-01T10:00:00. A warning names columns whose values are unusual for their unit.
 
     Parameters
     ----------
@@ -452,4 +453,6 @@ def read_table(
     <Weld table: 600 ticks, 59.9 s>
     """
     signals = table_signals(source, columns)
+    for problem in signals.problems:
+        warnings.warn(problem, stacklevel=3)  # beyond the check of the arguments
     return Weld(label or signals.path.stem, signals)

@@ -12,9 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from fsw.command import picture
+import fsw
+from fsw.command import Command, picture
 from fsw.errors import CommandError, exit_code
-from fsw.main import parser
+from fsw.main import ELSEWHERE, GROUP, parser
+from fsw_control.schema.extensions import extensions, loaded
 from fsw_test_support.command_line import replaces_nothing, run
 from fsw_test_support.sample_weld import write_sample_weld
 
@@ -35,7 +37,7 @@ def test_simulate_writes_results(capsys, tmp_path):
     )
     assert code == 0
     assert "IAE depth" in printed
-    assert {path.name for path in out.iterdir()} == {
+    assert {path.name for path in out.glob("[!.]*")} == {
         "kpi.json",
         "kpi.md",
         "overview.png",
@@ -66,6 +68,19 @@ def test_nothing_is_overwritten(capsys, tmp_path):
     assert code == 1
     assert "not empty" in error
     assert [path.name for path in tmp_path.iterdir()] == ["precious"]
+
+
+def test_force_replaces_the_folder_of_an_earlier_run(capsys, tmp_path):
+    out = tmp_path / "out"
+    again = ("simulate", "quick", "--no-figures", "--out", str(out))
+    assert run(capsys, *again)[0] == 0
+    (out / "notes").mkdir()
+    assert run(capsys, *again)[0] == 1 and (out / "notes").exists()
+    assert run(capsys, *again, "--force")[0] == 0
+    assert not (out / "notes").exists() and (out / "signals_decentral.csv").exists()
+    (tmp_path / "precious").write_text("x")
+    assert run(capsys, *again[:-1], str(tmp_path), "--force")[0] == 1
+    assert (tmp_path / "precious").exists() and out.exists()
 
 
 @pytest.mark.parametrize(
@@ -175,6 +190,44 @@ def test_wrong_arguments_tell_the_usage(capsys, arguments):
 def test_what_may_have_been_meant_is_said(capsys, arguments, meant):
     code, _, error = run(capsys, *arguments)
     assert code == 2 and meant in error.split("usage:")[-1].splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    "words", [("identify", "weld"), ("bag", "verify", "weld"), ("record", "--help")]
+)
+def test_missing_command_names_its_distribution(capsys, monkeypatch, words):
+    core = {name: at for name, at in extensions(GROUP).items() if at.value.startswith("fsw.")}
+    monkeypatch.setattr("fsw.main.extensions", lambda group: core)
+    code, _, error = run(capsys, *words)
+    assert code == 2 and ("fsw-quality" if words[0] == "record" else "fsw-lab") in error
+
+
+def test_missing_api_name_names_its_distribution(monkeypatch):
+    monkeypatch.delitem(vars(fsw), "identify", raising=False)
+    monkeypatch.setattr("fsw_control.schema.extensions.extensions", lambda group: {})
+    with pytest.raises(AttributeError, match="fsw-lab"):
+        assert fsw.identify
+
+
+@pytest.mark.parametrize("distribution", ["fsw-lab", "fsw-quality"])
+def test_commands_and_names_of_other_distributions_are_listed(distribution):
+    package = distribution.replace("-", "_")
+    commands = {
+        command.name if command.name.startswith("bag ") else command.name.split()[0]
+        for name, point in extensions(GROUP).items()
+        if point.value.startswith(package)
+        for command in vars(loaded(GROUP, name)).values()
+        if isinstance(command, Command)
+    }
+    if not commands:
+        pytest.skip(f"{distribution} is not installed")
+    assert commands == set(ELSEWHERE[distribution])
+    names = {n for n, point in extensions("fsw.api").items() if point.value.startswith(package)}
+    assert names == set(fsw.ELSEWHERE[distribution])
+
+
+def test_dashes_alone_suggest_nothing(capsys):
+    assert "did you mean" not in run(capsys, "bag", "plot", "x", "--set", "a=1")[2]
 
 
 def test_help_is_a_command_too(capsys):

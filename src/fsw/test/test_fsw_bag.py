@@ -24,9 +24,11 @@ def test_info(genuine_bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert re.search("Messages +177", out) and "/demo/latched" in out and "Problem" not in out
 
 
-def test_info_as_json(weld_bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("info", "--json", str(weld_bag)) == 0
-    values = json.loads(capsys.readouterr().out)
+def test_info_as_json(weld_bag: Path, tmp_path: Path) -> None:
+    file = tmp_path / "info.json"
+    assert run("info", "--json", str(file), str(weld_bag)) == 0
+    assert run("info", "--json", str(file), str(weld_bag)) == 1  # without --force
+    values = json.loads(file.read_text(encoding="utf-8"))
     assert values["messages"] == 3361 and values["attachments"] == {"scenario.yaml": 19}
     assert {one["name"]: one["count"] for one in values["topics"]}["/fsw/depth"] == 300
     assert values["last_stamp_ns"] - values["first_stamp_ns"] == 299 * TICK_NS

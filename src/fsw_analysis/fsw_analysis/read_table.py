@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from fsw_analysis.weld_signals import DriveSignals, FloatArray, WeldSignals
 from fsw_control.schema.models import InputError
+from fsw_control.schema.ranges import Range
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_NS, TICK_S
 
@@ -44,6 +45,15 @@ _SURE = {
     "torque": {"spindle", "motor", "tool", "measured", "actual"},
     "force": {"axial", "plunge", "measured", "actual"},
     "speed": {"spindle", "rotational", "measured", "actual"},
+}
+#: in which the median of a weld lies; outside, the column may have another unit than its name says
+#: (chosen: temperatures up to copper's melting point; metres, newtons and rad/s are far outside)
+_USUAL = {
+    "depth": Range(0.1, 20.0, "mm"),
+    "temperature": Range(100.0, 1085.0, "°C"),
+    "torque": Range(5.0, 5000.0, "N·m"),
+    "force": Range(0.5, 500.0, "kN"),
+    "speed": Range(50.0, 5000.0, "rpm"),
 }
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 
@@ -72,7 +82,24 @@ def read_table(
         quantity: table.numbers(name, header, quantity, unit)
         for quantity, (header, unit) in chosen.items()
     }
-    return _signals(name, numbers, table)
+    for quantity, (header, _) in chosen.items():
+        if quantity in _USUAL and not np.isfinite(numbers[quantity]).any():
+            raise InputError(f"{name}: column {header!r} has no number")
+    signals = _signals(name, numbers, table)
+    signals.problems.extend(_dubious(numbers, chosen))
+    return signals
+
+
+def _dubious(
+    numbers: Mapping[str, FloatArray], chosen: Mapping[str, tuple[str, str]]
+) -> Iterator[str]:
+    """Columns whose values are unusual for their unit."""
+    for quantity, usual in _USUAL.items():
+        values = numbers[quantity]
+        median = float(np.median(values[np.isfinite(values)]))
+        if 0.0 < median < usual.low or median > usual.high:  # in air depth and force are none
+            header = chosen[quantity][0]
+            yield f"column {header!r}: median {median:.4g}, usual are {usual}; check its unit"
 
 
 class _Table:
@@ -167,6 +194,8 @@ def _file(path: Path) -> _Table:
         raw = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    if b"\0" in raw:
+        raise InputError(f"{path}: is no text file")
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -256,7 +285,7 @@ def _is_surely(name: str, quantity: str) -> bool:
 
 def _complaint(quantity: str, known: Sequence[str], parsed: Mapping[str, tuple[str, str]]) -> str:
     unit = next(iter(_UNITS[_kind(quantity)]))
-    advice = f"give columns={{'{quantity}_{unit}': NAME}}"
+    advice = f"give columns={{'{quantity}_{unit}': NAME}}, or --column {quantity}_{unit}=NAME"
     if known:
         return f"several columns may be the {quantity}: {', '.join(known)}; {advice}"
     units = ", ".join(_UNITS[_kind(quantity)])
@@ -265,7 +294,7 @@ def _complaint(quantity: str, known: Sequence[str], parsed: Mapping[str, tuple[s
         return f"column {without[0]!r} has no unit that a {quantity} can have ({units}); {advice}"
     if like:
         return f"the {quantity} of the weld may be another one than {', '.join(like)}; {advice}"
-    return f"no column is the {quantity}, as {quantity}_{unit} or '{quantity} [{unit}]'; {advice}; there are {', '.join(parsed)}"
+    return f"no column is the {quantity}; {advice}; there are {', '.join(parsed)}"
 
 
 def _signals(name: str, numbers: Mapping[str, FloatArray], table: _Table) -> WeldSignals:

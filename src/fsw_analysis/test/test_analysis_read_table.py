@@ -193,3 +193,29 @@ def test_errors_in_arrays_and_arguments_are_named(source, columns, facts):
     with pytest.raises(InputError) as raised:
         read_table(source, columns)
     assert [fact for fact in facts if fact not in str(raised.value)] == []
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "offset"),
+    [
+        ("depth_mm", 1e-3, 0.0),
+        ("force_kn", 1e3, 0.0),
+        ("speed_rpm", np.pi / 30.0, 0.0),
+        ("temperature_c", 1.0, 273.15),
+    ],
+)
+def test_values_unusual_for_their_unit_are_reported(column, factor, offset):
+    signals = read_table(changed(**{column: factor * LOG[column] + offset}))
+    [problem] = signals.problems
+    assert column in problem and not read_table(LOG).problems
+
+
+@pytest.mark.parametrize("nothing", [np.nan, np.inf])
+def test_a_column_without_numbers_is_refused(nothing):
+    with pytest.raises(InputError, match="depth_mm"):
+        read_table(changed(depth_mm=np.full(N, nothing)))
+
+
+def test_a_log_in_air_is_usual():
+    zero = np.zeros(N)
+    assert not read_table(changed(depth_mm=zero - 5.0, force_kn=zero)).problems

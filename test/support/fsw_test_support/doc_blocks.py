@@ -40,8 +40,13 @@ class Block:
     language: str  #: ``python``, ``console`` or, of a file, its own
     code: str  #: what to run; a shell's prompts and the output shown are left out
     file: str  #: name of the file that the block is
-    shown_error: str  #: the error that the page shows as the output; empty: the command succeeds
+    shown: tuple[str, ...]  #: lines of output that the page shows after prompts
     mark: str  #: why it does not run, or ``takes minutes``
+
+    @property
+    def fails(self) -> bool:
+        """Whether the page shows that the command fails."""
+        return any(line.startswith("error: ") for line in self.shown)
 
     @property
     def not_run(self) -> bool:
@@ -59,6 +64,19 @@ def _commands(text: str) -> str:
     return "\n".join(prompted or [line for line in lines if _COMMAND.match(line)])
 
 
+def _shown(text: str) -> tuple[str, ...]:
+    """Lines of output below a prompt; ``…`` stands for others, or for words that differ."""
+    lines = text.replace("\\\n", " ").splitlines()
+    after = next((i for i, line in enumerate(lines) if line.startswith("$ ")), len(lines))
+    output = (line.strip() for line in lines[after:] if not line.startswith("$ "))
+    return tuple(line for line in output if line not in ("", "…"))
+
+
+def _printed(line: str, output: str) -> bool:
+    parts = (re.escape(part) for part in line.split("…"))
+    return re.search(".*".join(parts), output) is not None
+
+
 def blocks(path: Path) -> list[Block]:
     """Those of a page, in its order."""
     text = path.read_text("utf-8")
@@ -67,7 +85,6 @@ def blocks(path: Path) -> list[Block]:
         language = match["language"] or "console"
         code = _commands(match["text"]) if language == "console" else match["text"]
         if code and (match["file"] or language in ("python", "console")):
-            error = re.search(r"^error: .*", match["text"], re.MULTILINE)
             result.append(
                 Block(
                     path=path,
@@ -75,7 +92,7 @@ def blocks(path: Path) -> list[Block]:
                     language=language,
                     code="\n".join(filter(None, (match["before"], code))),
                     file=match["file"] or "",
-                    shown_error=error[0] if error and language == "console" else "",
+                    shown=_shown(match["text"]) if language == "console" else (),
                     mark=match["mark"] or "",
                 )
             )
@@ -129,5 +146,6 @@ class Page:
             timeout=_LONGEST_S,
             check=False,
         )
-        as_shown = (done.returncode != 0) == bool(block.shown_error)
-        return "" if as_shown and block.shown_error in done.stdout else done.stdout[-2000:] or "?"
+        as_shown = (done.returncode != 0) == block.fails
+        missing = [line for line in block.shown if not _printed(line, done.stdout)]
+        return "" if as_shown and not missing else f"{missing}: {done.stdout[-2000:]}"
