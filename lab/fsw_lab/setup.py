@@ -8,7 +8,7 @@ setup(
     name=package_name,
     version="0.3.0",
     packages=find_packages(exclude=["test"]),
-    package_data={package_name: ["events/*.yaml", "py.typed"]},
+    package_data={package_name: ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
@@ -23,7 +23,6 @@ setup(
             "export = fsw_lab.export_command",
             "identify = fsw_lab.identify_command",
             "learn = fsw_lab.learn_command",
-            "model = fsw_lab.model_command",
             "tune = fsw_lab.tune_command",
         ],
         "fsw.api": [

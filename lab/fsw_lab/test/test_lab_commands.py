@@ -11,7 +11,6 @@ from fsw_test_support.command_line import replaces_nothing, run
         ["tune", "--model", "/usr/bin/env", "--out", "/nowhere/at/all"],
         ["tune", "--model", "/dev/null", "--out", "/nowhere/at/all"],
         ["identify", "--design", "--model", "/usr/bin/env"],
-        ["model", "--events", "fig4", "--csv", "a.png", "--figure", "a.png"],
     ],
 )
 def test_bad_input_is_one_line_and_a_bad_exit_code(capsys, arguments):
@@ -48,8 +47,6 @@ def test_zsh_completes_the_file_of_a_figure(capsys):
 OVERWRITING = [
     ["campaign", "report", "{folder}", "--out", "{file}.md"],
     ["identify", "{bag}", "--out", "{file}"],
-    ["model", "--events", "fig4", "--csv", "{file}"],
-    ["model", "--events", "fig4", "--csv", "{new}.csv", "--figure", "{file}.png"],
     ["bag", "shadow", "{bag}", "--controller", "decentral", "--json", "{file}"],
 ]
 

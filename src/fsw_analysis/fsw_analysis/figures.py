@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -133,7 +133,6 @@ _OUTPUTS = (_DEPTH, _DEPTH_ERROR, _TEMPERATURE, _TEMPERATURE_ERROR)
 _INPUTS = (_FORCE, _SPEED, _POWER)
 #: as the paper draws open-loop experiments: the response above, force and speed below
 _OPEN_LOOP = (_FREE_DEPTH, _TORQUE, _POWER, _FREE_TEMPERATURE, _FORCE, _SPEED)
-_OPEN_LOOP_LOOKS = looks_of(["open loop", "input"])
 _FIGURES: dict[int, tuple[str, tuple[_Panel, ...]]] = {
     4: ("Fig. 4: axial force steps, open loop", _OPEN_LOOP),
     5: ("Fig. 5: axial force and spindle speed steps, open loop", _OPEN_LOOP),
@@ -213,25 +212,6 @@ def _draw_page(
             _mark_swaps(axes, runs[0].signals)
         _mark_phases(axes, phases)
     return figure
-
-
-def draw_open_loop(columns: Mapping[str, FloatArray], title: str, path: Path) -> None:
-    """Plot the process alone in open loop like the paper's Figs. 4 and 5.
-
-    ``columns`` are ``time_s`` and, by the names of a weld's signals, what the panels show, each
-    (n,).
-    """
-    with _page(title, _OPEN_LOOP, 1, path) as (_, axes):
-        for axis, panel in zip(axes, _OPEN_LOOP, strict=True):
-            values = columns[panel.quantity]
-            _line(
-                axis,
-                panel,
-                columns["time_s"],
-                values,
-                **_OPEN_LOOP_LOOKS[int(panel.is_input)].line,
-            )
-            _scale(axis, replace(panel, limits=None), [values])
 
 
 @contextmanager

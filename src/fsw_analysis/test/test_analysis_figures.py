@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fsw_analysis.figure_style import CONTROLLERS, OTHERS, looks_of, sheet
-from fsw_analysis.figures import Run, draw, draw_open_loop, draw_whole_weld, page
+from fsw_analysis.figures import Run, draw, draw_whole_weld, page
 from fsw_analysis.signals import load_weld
 
 
@@ -57,23 +57,6 @@ def test_a_weld_in_phases_is_one_page(weld, tmp_path):
         tmp_path / "weld.png",
     )
     assert is_png(tmp_path / "weld.png")
-
-
-def test_open_loop(tmp_path):
-    names = (
-        "depth_mm",
-        "motor_torque_nm",
-        "process_power_kw",
-        "temperature_c",
-        "force_kn",
-        "speed_rpm",
-    )
-    draw_open_loop(
-        {"time_s": np.arange(3.0), **{name: np.arange(3.0) for name in names}},
-        "title",
-        tmp_path / "a.png",
-    )
-    assert is_png(tmp_path / "a.png")
 
 
 def test_a_controller_has_one_look_wherever_it_stands(weld):
