@@ -25,7 +25,7 @@ from fsw_hmi.main import parser as hmi_parser
 from fsw_model import nominal
 from fsw_nmpc.tuning import ApproachTuning, EstimatorTuning, Tuning
 from fsw_quality.attestation import Attestation
-from fsw_recorder.findings import Code
+from fsw_recorder.findings import Code, Unchecked
 from fsw_recorder.manifest import Manifest
 from fsw_recorder.signature import PREDICATE_TYPE, KeyList, Purpose
 from fsw_scenario import scenario_file
@@ -342,7 +342,7 @@ def evidence() -> dict[str, str]:
         "",
         "Codes of findings: [a page of their own](evidence-codes.md).",
     ]
-    codes = table(("code", "words"), [(f"`{code}`", code.words) for code in Code])
+    codes = table(("code", "words"), [(f"`{code}`", code.words) for code in (*Code, *Unchecked)])
     return {
         "evidence": page("Evidence files", *lines),
         "evidence-codes": page("Codes of findings", "Each with its words.", "", *codes),

@@ -75,6 +75,7 @@ MAY_IMPORT = {
     "fsw_quality": {
         "fsw_analysis",
         "fsw_control",
+        "fsw_hmi",
         "fsw_model",
         "fsw_recorder",
         "fsw_scenario",

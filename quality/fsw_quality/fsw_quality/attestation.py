@@ -8,23 +8,26 @@ chain has a copy of each by its number, so that a weld that is removed later lea
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 from pydantic import AwareDatetime, Strict
 
 from fsw_control.schema.models import InputError, Many, Model, validate
 from fsw_recorder.bag_metadata import IDENTITY
 from fsw_recorder.bag_reader import SUFFIXES
+from fsw_recorder.errors import BagError
 from fsw_recorder.findings import Code, Finding, finding
 from fsw_recorder.manifest import Manifest, sha256
 from fsw_recorder.signature import Purpose, Signer, TrustedKey, open_envelope, read_file
 from fsw_scenario.procedure import Identity
 
+T = TypeVar("T")
 #: clocks of two computers may differ by so much (chosen)
 CLOCKS = timedelta(seconds=60)
 
@@ -85,9 +88,13 @@ def opened(
     return Signed(path, data, signed.sha256, content, signed.signer, before)
 
 
-def read_signed(path: Path, trusted: Sequence[TrustedKey]) -> Signed:
-    """As `opened`; also where the file cannot be read."""
-    return opened(path, read_file(path), trusted)
+def tried(findings: list[Finding], file: object, check: Callable[[], T]) -> T | None:
+    """Result of a check; None where it fails, which is among the findings then."""
+    try:
+        return check()
+    except (BagError, InputError, OSError) as error:  # that of an EvidenceError has findings
+        findings += getattr(error, "findings", [finding(Code.UNREADABLE, file, reason=error)])
+        return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,14 +117,10 @@ def read_chain(folder: Path, trusted: Sequence[TrustedKey]) -> Chain:
     findings: list[Finding] = []
     before: str | None = None
     for path in sorted(path for path in folder.glob("*.json") if path.stem.isdecimal()):
-        try:
-            data = read_file(path)
-            place, before = before, sha256(data)
-            entries.append(opened(path, data, trusted, place))
-        except InputError as error:  # that of an EvidenceError has findings
-            findings += getattr(
-                error, "findings", [finding(Code.UNREADABLE, path.name, reason=error)]
-            )
+        if (data := tried(findings, path.name, partial(read_file, path))) is not None:
+            entry = tried(findings, path.name, partial(opened, path, data, trusted, before))
+            entries += [entry] if entry else []
+            before = sha256(data)
     return Chain(folder, tuple(entries), (*findings, *chain_findings(entries)), before)
 
 

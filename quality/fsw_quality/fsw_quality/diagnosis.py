@@ -106,9 +106,9 @@ class Finding:
         return self.fact.words
 
     @property
-    def advice(self) -> str:
-        """What to do."""
-        return _TEXTS[self.cause.word].advice
+    def action(self) -> str:
+        """Code of what to do, in ``ACTIONS``."""
+        return _TEXTS[self.cause.word].action
 
     @property
     def si(self) -> tuple[float, float]:
@@ -120,7 +120,7 @@ class Finding:
 class _Text(Model):
     name: str
     cause: str
-    advice: str
+    action: str
     factor: float = 1.0
     """from the paper's unit, per second, to that of the text"""
     si: float = 1.0

@@ -162,7 +162,7 @@ class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types 
             likelihood = (
                 {"log likelihood ratio": f"{one.log_likelihood:.1f}"} if cause.of_process else {}
             )
-            lines.append(Report(cause.word, WARN, one.fact, {"advice": one.advice, **likelihood}))
+            lines.append(Report(cause.word, WARN, one.fact, {"action": one.action, **likelihood}))
         self._diagnostics.publish(lines)
 
 

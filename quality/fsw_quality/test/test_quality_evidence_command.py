@@ -97,24 +97,6 @@ def test_keys_expire(tmp_path: Path, config: Path, capsys: pytest.CaptureFixture
     assert "signed by quality" in capsys.readouterr().out
 
 
-def test_evidence_of_an_earlier_version_is_refused_as_such(
-    tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    bag, chain = weld(tmp_path / "C-1"), tmp_path / "chain"
-    old = json.dumps({"format": "fsw_weld_attestation", "version": 2})
-    chain.mkdir()
-    for path in (bag / "attestation.json", chain / "000001.json"):
-        path.write_text(old)
-    make_key(config / "evidence_key")
-    assert run("attest", bag, "--chain", chain) == 1
-    words = ("--chain", chain, "--json", tmp_path / "found.json")
-    assert run("verify-evidence", bag, *words) == 1
-    content = json.loads((tmp_path / "found.json").read_text())
-    codes = [entry["code"] for entry in (*content["chain"], *content["bags"][0]["findings"])]
-    assert codes == ["earlier_format", "earlier_format"]
-    assert "Traceback" not in capsys.readouterr().err
-
-
 def test_damage_is_located_and_what_is_proven_recovered(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -175,10 +157,6 @@ def test_what_is_wrong_is_said_in_one_line(
         (("attest", bag, "--chain", chain, "--key", key, "--require-signed"), "manifest: "),
         (("verify-evidence",), "give bags, or --chain, or both"),
         (("verify-evidence", bag), "evidence_key.pub: No such file"),
-        (
-            ("verify-evidence", bag, bag, "--with", "x", "--trusted", f"{key}.pub"),
-            "--with needs exactly one bag",
-        ),
         (
             ("recover", bag / "C-1_0.mcap", tmp_path / "new", "--proven"),
             "nothing can be proven without manifest.json",

@@ -112,7 +112,7 @@ def test_it_waits_for_a_weld_then_publishes_code_and_words_until_the_fault_is_ov
     fact = graph.code("torque_stuck")
     assert (fact["code"], fact["code: cause"]) == (Judged.ALARM, "torque_stuck")
     assert float(fact["code: cause: size"]) >= 1.0
-    assert {pair.key: pair.value for pair in graph.parts[STUCK].values}["advice"]
+    assert {pair.key: pair.value for pair in graph.parts[STUCK].values}["action"]
     graph.weld_until(lambda: graph.level(STUCK) == DiagnosticStatus.OK)
 
 

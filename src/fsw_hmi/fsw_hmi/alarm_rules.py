@@ -15,6 +15,7 @@ from fsw_control.readiness import Lack, Readiness
 from fsw_control.sensors import OPTIONAL, REQUIRED
 from fsw_control.stop import StopCause
 from fsw_hmi.alarm_texts import (
+    ACTIONS,
     TEXTS,
     alarm,
     alarm_id,
@@ -74,7 +75,7 @@ class Part:
     level: str
     text: str
     permissive: bool | None = None
-    advice: str = ""  #: of the monitor, what to do
+    action: str = ""  #: of the monitor: code of what to do
     code: str = ""  #: of what it says
     names: str = ""  #: what it is about, where one code stands for several
 
@@ -473,6 +474,5 @@ def _watch(parts: Mapping[str, Part], found: dict[str, Alarm]) -> None:
                 "watch",
                 what,
                 cause=part.text,
-                advice=part.advice,
-                action="monitor" if part.advice else "see_trends",
+                action=part.action if part.action in ACTIONS else "see_trends",
             )

@@ -226,10 +226,10 @@ class Watch:
             level = _LEVELS[min(int.from_bytes(status.level, "little"), 3)]
             values = {pair.key: pair.value for pair in status.values}
             permissive = None if "permissive" not in values else values["permissive"] == "True"
-            advice = readable(values.get("advice", ""))
+            action = readable(values.get("action", ""), 100)
             text, code = readable(status.message), readable(values.get(CODE, ""), 100)
             names = readable(values.get(f"{CODE}: names", ""))
-            parts[what] = Part(level, text, permissive, advice, code, names), now_s
+            parts[what] = Part(level, text, permissive, action, code, names), now_s
             if what == RECORDING:
                 self.recording = values
             if name == "fsw_supervisor: process":

@@ -577,13 +577,17 @@ def test_set_point_out_of_reach_is_raised_when_it_lasts_and_goes_by_itself(rules
 def test_what_the_monitor_tells_is_an_alarm_with_its_cause_and_advice(rules):
     parts = {
         "fsw_monitor": {
-            "thermocouple_drift": Part("warn", "It drifts", advice="Replace it", code="alarm"),
+            "thermocouple_drift": Part(
+                "warn", "It drifts", action="replace_thermocouple", code="alarm"
+            ),
+            "later": Part("warn", "It is new", action="of_a_later_version"),
             "watch": Part("ok", ""),
         }
     }
     found = rules.present(situation(parts=parts), 0.0)
-    assert {name: (one.text, one.advice, one.cause) for name, one in found.items()} == {
-        "watch:thermocouple_drift": ("It drifts", "Replace it", "thermocouple_drift")
+    assert {name: (one.text, one.action, one.cause) for name, one in found.items()} == {
+        "watch:thermocouple_drift": ("It drifts", "replace_thermocouple", "thermocouple_drift"),
+        "watch:later": ("It is new", "see_trends", "later"),
     }
 
 

@@ -33,13 +33,11 @@ class Code(Worded):
         "recovered",
         "is of a copy that 'bag recover' made of {source}; what was lost is not known",
     )
-    BAG_DAMAGED = "bag_damaged", "{problem}; what was lost is not known"
     # signatures and keys
     NOT_SIGNED = "not_signed", "has no signature"
-    SIGNATURE_DAMAGED = "signature_damaged", "the signature is damaged, or not one of this kind"
-    EARLIER_FORMAT = (
-        "earlier_format",
-        "was signed by an earlier version of this software; verify it with that, or sign it again",
+    SIGNATURE_DAMAGED = (
+        "signature_damaged",
+        "the signature is damaged, of another kind, or by an earlier version of this software",
     )
     CONTENT_CHANGED = (
         "content_changed",
@@ -58,12 +56,8 @@ class Code(Worded):
     )
     KEY_REVOKED = (
         "key_revoked",
-        "signed by {name} at {signed_at}, but the key {key} is revoked since {limit}",
-    )
-    KEY_REVOKED_BEFORE_SHOWN = (
-        "key_revoked_before_shown",
-        "signed by {name}, who states {signed_at}, but the first signature of another "
-        "key that covers it is of {shown_at}, and the key {key} is revoked since {limit}",
+        "signed by {name}, who states {signed_at}, but no other signature shows that it was "
+        "before {limit}, from when on the key {key} is revoked",
     )
     # files signed together must be of one weld
     RECORD_OTHER_WELD = "record_other_weld", "is the record of another weld: other {fields}"
@@ -112,25 +106,7 @@ class Code(Worded):
     ATTESTED_TWICE = "attested_twice", "is a second attestation of weld {number} ({bag})"
     CANISTER_TWICE = "canister_twice", "{identity} was welded as weld {number}, too"
     EMPTY = "empty", "there is no attested weld in it"
-    # limits of a verification
-    NO_CHAIN = "no_chain", "no chain given: whether welds are missing was not checked"
-    CHAIN_END = (
-        "chain_end",
-        "welds removed from its end cannot be seen; compare weld {number} and {sha256} with notes",
-    )
-    ALL_KEYS = (
-        "all_keys",
-        "no trusted key has dates: neither validity nor revocations were checked",
-    )
-    FILES_NOT_CHECKED = (
-        "files_not_checked",
-        "files, documents and other signatures: there is no valid attestation that lists them",
-    )
-    REVOCATION_BY_OWN_CLOCK = (
-        "revocation_by_own_clock",
-        "signed by {name} at {signed_at} by the signer's own clock alone; the key {key} is "
-        "revoked since {limit}: whether it was signed before was not checked",
-    )
+    # not demanded by every policy
     MANIFEST_UNSIGNED = (
         "manifest_unsigned",
         f"the recorder did not sign it: until it was attested, {_BEFORE}",
@@ -140,29 +116,53 @@ class Code(Worded):
         "the procedure of the weld was attested without a signature",
     )
     PROCEDURE_ABSENT = "procedure_absent", "no procedure was attested with the bag"
+
+
+class Unchecked(Worded):
+    """What a check does not cover; no fault."""
+
+    BAG_DAMAGED = "bag_damaged", "{problem}; what was lost is not known"
+    CLOCK_UNKNOWN = (
+        "clock_unknown",
+        "times are as stated: the recorder's clock was not known to be synchronized",
+    )
     PROCEDURE_NOT_RECORDED = (
         "procedure_not_recorded",
         "whether the weld ran by procedure {id} is not in the bag",
-    )
-    DOCUMENT_ABSENT = (
-        "document_absent",
-        "was attested with the bag and is not here; give it by --with",
     )
     DOCUMENT_FOREIGN = (
         "document_foreign",
         "was attested as it was; nothing links its content to the bag",
     )
-    NOT_JUDGED_AGAIN = (
-        "not_judged_again",
-        "was compared with the bag when it was attested, not now",
+    DOCUMENT_ABSENT = (
+        "document_absent",
+        "was attested with the bag and is not here",
     )
     NOT_COMPARED = (
         "not_compared",
         "its comparison with earlier welds was not checked against their records",
     )
-    CLOCK_UNKNOWN = (
-        "clock_unknown",
-        "times are as stated: the recorder's clock was not known to be synchronized",
+    NOT_JUDGED_AGAIN = (
+        "not_judged_again",
+        "documents were compared with the bag when they were attested, not now",
+    )
+    REVOCATION_BY_OWN_CLOCK = (
+        "revocation_by_own_clock",
+        "signed by {name} at {signed_at} by the signer's own clock alone; the key {key} is now "
+        "revoked: whether it was signed before was not checked",
+    )
+    NO_CHAIN = "no_chain", "no chain given: whether welds are missing was not checked"
+    ALL_KEYS = (
+        "all_keys",
+        "no trusted key has dates: neither validity nor revocations were checked",
+    )
+    FILES_NOT_CHECKED = (
+        "files_not_checked",
+        "files, documents and other signatures: there is no valid attestation that lists them",
+    )
+    CHAIN_END = (
+        "chain_end",
+        "welds removed from its end cannot be seen; compare weld {number} and {sha256} with notes",
     )
 
 
@@ -192,7 +192,7 @@ class Place(Model):
 class Finding(Model):
     """Result of a check of a file: a code with its fields; ``pieces`` index the manifest's."""
 
-    code: Annotated[Code, Strict(False)]
+    code: Annotated[Code, Strict(False)] | Annotated[Unchecked, Strict(False)]
     file: str
     data: dict[str, Any] = Field(default_factory=dict)
     pieces: Many[int] = ()
@@ -210,7 +210,7 @@ class Finding(Model):
         return f"{self.file}: {text}"
 
 
-def finding(code: Code, file: object, **data: Any) -> Finding:
+def finding(code: Code | Unchecked, file: object, **data: Any) -> Finding:
     """Create a finding with the fields of its code."""
     plain = {key: value if isinstance(value, int) else str(value) for key, value in data.items()}
     return Finding(code=code, file=str(file), data=plain)

@@ -32,7 +32,7 @@ from fsw_control.schema.models import (
     read_text,
     validate,
 )
-from fsw_recorder.findings import Code, EvidenceError, Finding, finding
+from fsw_recorder.findings import Code, EvidenceError, finding
 
 if TYPE_CHECKING:  # from the extra signing
     from securesystemslib.signer import CryptoSigner, SSlibKey
@@ -43,8 +43,6 @@ _EXTRA = Extra("fsw-control", "signing", ("cryptography", "securesystemslib"))
 PAYLOAD_TYPE = "application/vnd.in-toto+json"
 #: before the purpose: type of a statement's predicate, with its version
 PREDICATE_TYPE = "urn:fsw-control:v3:"
-#: parts of the signatures and attestations of earlier versions
-_EARLIER = (b"vnd.fsw-control.statement", b"fsw_weld_attestation", b"BEGIN SSH SIGNATURE")
 
 
 class Purpose(StrEnum):
@@ -216,9 +214,7 @@ def open_envelope(
         signer = Signer.model_validate({"key": fingerprint(line), "signed_at": signed_at})
         signed_for = (signed.payload_type, content["predicateType"])
     except Exception:  # of JSON, base64, pydantic, securesystemslib and cryptography
-        is_earlier = any(part in data for part in _EARLIER)
-        code = Code.EARLIER_FORMAT if is_earlier else Code.SIGNATURE_DAMAGED
-        raise EvidenceError(finding(code, name)) from None
+        raise EvidenceError(finding(Code.SIGNATURE_DAMAGED, name)) from None
     if signed_for != (PAYLOAD_TYPE, PREDICATE_TYPE + purpose):
         signed_as = " ".join(signed_for)
         raise EvidenceError(finding(Code.OTHER_PURPOSE, name, signed=signed_as, needed=purpose))
@@ -266,45 +262,35 @@ def read_file(path: Path) -> bytes:
 
 
 def check_trust(
-    signer: Signer, purpose: Purpose, trusted: Sequence[TrustedKey], name: object
+    signer: Signer,
+    purpose: Purpose,
+    trusted: Sequence[TrustedKey],
+    name: object,
+    shown_at: datetime | None = None,
 ) -> Signer:
-    """The signer with its owner's name; EvidenceError if the key is not valid for this use."""
+    """The signer with its owner's name; EvidenceError if the key is not valid for this use.
+
+    A thief of the key can state any time. So a signature by a key that is revoked now must also
+    have been ``shown_at`` a time before: when others signed first for something that contains it.
+    """
     known = {fingerprint(entry.key): entry for entry in trusted}
     if signer.key not in known:
         listed = ", ".join(sorted(known)) or "none is given"
         raise EvidenceError(finding(Code.KEY_UNKNOWN, name, key=signer.key, trusted=listed))
-    entry, day = known[signer.key], signer.signed_at.astimezone(UTC).date()
+    entry, stated = known[signer.key], signer.signed_at
+    day = stated.astimezone(UTC).date()
+    shown = max(stated, shown_at or stated).astimezone(UTC).date()
     first, last, revoked = entry.valid_from, entry.valid_until, entry.revoked
     signer = signer.changed(name=entry.name)
     for code, limit, broken in (
         (Code.KEY_PURPOSE, purpose, purpose not in entry.purposes),
         (Code.KEY_EARLY, first, first is not None and day < first),
         (Code.KEY_EXPIRED, last, last is not None and day > last),
-        (Code.KEY_REVOKED, revoked, revoked is not None and day >= revoked),
+        (Code.KEY_REVOKED, revoked, revoked is not None and shown >= revoked),
     ):
         if broken:
             raise EvidenceError(finding(code, name, **dict(signer), limit=limit))
     return signer
-
-
-def check_revocation(
-    signer: Signer, shown_at: Sequence[datetime], trusted: Sequence[TrustedKey], name: object
-) -> Finding | None:
-    """What there is to say of a signature by a key that was revoked later than the signer states.
-
-    Who stole the key can state any time. So the first of ``shown_at`` counts: when others signed
-    for something that contains this signature. Without any, it cannot be decided.
-    """
-    limit = {fingerprint(entry.key): entry.revoked for entry in trusted}.get(signer.key)
-    if limit is None:
-        return None
-    if not shown_at:
-        return finding(Code.REVOCATION_BY_OWN_CLOCK, name, **dict(signer), limit=limit)
-    first = min(shown_at).astimezone(UTC)
-    if first.date() < limit:
-        return None
-    shown = {"limit": limit, "shown_at": first.isoformat(timespec="seconds")}
-    return finding(Code.KEY_REVOKED_BEFORE_SHOWN, name, **dict(signer), **shown)
 
 
 def _library_key(line: str) -> SSlibKey:

@@ -13,7 +13,7 @@ class WeldEnd(Worded):
     """Why a weld ended, or never began, and what in it was not as its scenario has it."""
 
     OVER = "over", "{scenario} is over after {time_s:g} s"
-    CANCELLED = "cancelled", "{answer}"
+    CANCELLED = "cancelled", "cancelled; the supervisor is in safe_stop ({answer})"
     STOPPED = "stopped", "safe stop by the supervisor: {why}"
     NO_CONTROLLER = "no_controller", "{absent}; start it, or name another one"
     SILENT = "silent", "{missing} for {time_s:g} s; is the graph running, on the same domain?"

@@ -62,7 +62,7 @@ class SafeStop:
         if self._asked is not None and self._asked.done():
             answer = self._asked.result()
             if answer is not None and answer.ok:
-                self.answer = Fact.of(WeldEnd.CANCELLED, answer=answer.message)
+                self.answer = Fact.of(WeldEnd.CANCELLED, answer=answer.code)
                 return
             self._asked = None
         if self._asked is None and self._set_mode.service_is_ready():

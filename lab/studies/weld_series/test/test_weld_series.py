@@ -112,13 +112,7 @@ def test_a_short_series_has_bags_records_chain_and_history_and_goes_on_where_it_
     chain = attestation.read_chain(folder / "chain", trusted)
     for name in ("C001", "C002"):
         place = folder / "welds" / name
-        result = verify_bag(
-            place / "bag",
-            Policy(trusted),
-            datetime.now(UTC),
-            chain,
-            [place / "record" / "record.json"],
-        )
+        result = verify_bag(place / "bag", Policy(trusted), datetime.now(UTC), chain)
         assert not result.findings and result.attested.identity["canister"] == name
         made = json.loads((place / "record" / "record.json").read_text())
         assert made["verdict"] == "accept" and made["identity"]["tool"] == "T1"

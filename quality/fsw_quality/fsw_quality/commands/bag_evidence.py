@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from fsw.bags import bag_argument, print_notes
-from fsw.command import FORCE, Option, command, file, option, repeated, switch
+from fsw.command import FORCE, command, file, option, repeated, switch
 from fsw.console import ProgressBar
 from fsw.errors import CommandError
 from fsw.keys import PRIVATE_KEY, REQUIRE_SIGNED, TRUSTED, private_key, trusted_keys
@@ -16,12 +16,8 @@ from fsw.outputs import check_new, write_json
 from fsw_quality.attestation import Chain, read_chain
 from fsw_quality.evidence import Policy, Subject, Verification, attest, verify_bag
 from fsw_recorder import after_recording
-from fsw_recorder.findings import Code, Finding, finding
+from fsw_recorder.findings import Code, Finding, Unchecked, finding
 from fsw_scenario.procedure import load, shipped, signer_of
-
-
-def _with(text: str) -> Option:
-    return repeated("--with", "FILE", text, type=Path, dest="documents")
 
 
 @command(
@@ -33,7 +29,13 @@ def _with(text: str) -> Option:
         "--procedure",
         help=f"procedure of the weld: YAML file, or one of {', '.join(shipped())} (default: that in the bag)",
     ),
-    _with("also sign for this file, e.g. the record of the weld"),
+    repeated(
+        "--with",
+        "FILE",
+        "also sign for this file, e.g. the record of the weld",
+        type=Path,
+        dest="documents",
+    ),
     PRIVATE_KEY,
     TRUSTED,
     REQUIRE_SIGNED,
@@ -63,7 +65,6 @@ def attested(arguments: argparse.Namespace) -> int:
     "whether bags are what was recorded and signed, to the chunk",
     bag_argument("folder of an attested bag; none: only the chain", "*"),
     file("--chain", "folder of the chain of welds; left out: it is not checked", "DIR"),
-    _with("an attested file that is not where it was when it was attested"),
     TRUSTED,
     REQUIRE_SIGNED,
     file("--json", "also write what was found"),
@@ -75,13 +76,11 @@ def verified(arguments: argparse.Namespace) -> int:
     check_new([arguments.json], arguments.force)
     if not arguments.bag and arguments.chain is None:
         raise CommandError("verify-evidence: give bags, or --chain, or both")
-    if arguments.documents and len(arguments.bag) != 1:
-        raise CommandError("verify-evidence: --with needs exactly one bag")
     policy = Policy(trusted_keys(arguments, own=not arguments.trusted), arguments.require_signed)
     chain = read_chain(arguments.chain, policy.trusted) if arguments.chain else None
     broken = _print_chain(chain) if chain else []
     now = datetime.now(UTC)
-    results = [verify_bag(bag, policy, now, chain, arguments.documents) for bag in arguments.bag]
+    results = [verify_bag(bag, policy, now, chain) for bag in arguments.bag]
     for result in results:
         _print(result)
     content = {
@@ -94,30 +93,30 @@ def verified(arguments: argparse.Namespace) -> int:
 
 def _print_chain(chain: Chain) -> Sequence[Finding]:
     """Print the state of a chain; returns what is wrong."""
-    number, wrong = len(chain.entries), chain.findings
-    if not number and not wrong:
-        wrong = (finding(Code.EMPTY, chain.folder),)
-    print(f"{chain.folder}: {'not ' if wrong else ''}intact, {number} weld{'s' * (number != 1)}")
-    for entry in wrong:
-        print(f"  {entry.line}")
-    if number:
-        end = finding(Code.CHAIN_END, chain.folder, number=number, sha256=chain.last_sha256)
-        print(f"  not checked: {end.line}")
+    number, folder = len(chain.entries), chain.folder
+    wrong = chain.findings or (() if number else (finding(Code.EMPTY, folder),))
+    print(f"{folder}: {'not ' if wrong else ''}intact, {number} weld{'s' * (number != 1)}")
+    end = finding(Unchecked.CHAIN_END, folder, number=number, sha256=chain.last_sha256)
+    _print_lines(wrong, [end] if number else [])
     return wrong
 
 
 def _print(result: Verification) -> None:
     made, parts = result.attested, list[str]()
     if made is not None:
-        parts = [f"weld {made.number}", *(f"{key} {made.identity[key]}" for key in made.identity)]
+        parts += [f"weld {made.number}", *(f"{key} {made.identity[key]}" for key in made.identity)]
         parts += [f"{len(made.documents)} documents"] if made.documents else []
         by = made.procedure
         parts += [f"procedure {by.id} revision {by.revision}"] if by else []
     state = "not proven" if result.findings else "proven"
     print(f"{result.bag}: {': '.join(filter(None, [state, ', '.join(parts)]))}")
-    for entry in result.findings:
-        print(f"  {entry.line}")
     for purpose, signer in result.signers.items():
         print(f"  {purpose} signed by {signer.words}")
-    for entry in result.not_checked:
+    _print_lines(result.findings, result.not_checked)
+
+
+def _print_lines(wrong: Sequence[Finding], not_checked: Sequence[Finding]) -> None:
+    for entry in wrong:
+        print(f"  {entry.line}")
+    for entry in not_checked:
         print(f"  not checked: {entry.line}")

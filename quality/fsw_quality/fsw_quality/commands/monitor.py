@@ -10,6 +10,7 @@ from fsw.bags import DAMAGED_TOO, read_weld
 from fsw.command import FORCE, command, file, option, picture
 from fsw.console import ProgressBar, print_table
 from fsw.outputs import check_new, write_json
+from fsw_hmi.alarm_texts import ACTIONS
 from fsw_model import ModelParameters
 from fsw_quality.likelihood import covariance_from
 from fsw_quality.monitor import PROCESSES, Monitor
@@ -81,7 +82,7 @@ def _print(watched: Watched, process: str) -> None:
         print(f"{title}: {len(intervals) or 'none'} in {len(watched.time_s)} s, process {process}")
         if intervals:
             rows = [
-                (f"{a.begin_s:.0f}", f"{a.end_s:.0f}", a.finding.text, a.finding.advice)
+                (f"{a.begin_s:.0f}", f"{a.end_s:.0f}", a.finding.text, ACTIONS[a.finding.action])
                 for a in intervals
             ]
             print_table(rows, ("from [s]", "to [s]", "cause", "advice"))
