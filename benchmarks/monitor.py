@@ -3,8 +3,8 @@
 
 usage: monitor.py [--quick] [--json FILE] [--page FILE] [--calibrate]
 
-With ``--calibrate`` it computes the level of an alarm instead, from other seeds. Nothing in the
-monitor was set by those of the page. ``monitor_welds.py`` says how the plants are drawn.
+With ``--calibrate`` it computes the levels of alarms and trends instead, from other seeds. Nothing
+in the monitor was set by those of the page. ``monitor_welds.py`` says how the plants are drawn.
 """
 
 import os
@@ -31,7 +31,7 @@ from fsw_analysis.report import templates, wilson
 from fsw_control.weld import TICK_S
 from fsw_quality.diagnosis import WatchCause
 from fsw_quality.monitor import ALARM, SMOOTHED_S, TREND, Monitor
-from fsw_quality.monitor_run import samples, watch
+from fsw_quality.monitor_run import watch
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "monitor.md"
 #: seeds of the welds without a fault, of each fault, and of one that an aim is for by its size
@@ -42,9 +42,10 @@ KNOWN = HEALTHY[:20]
 LONG, LONG_S = range(7500, 7506), 2700.0
 #: lengths of welds without a fault
 HEALTHY_S = {"none": DURATION_S, "identified": DURATION_S, "long": LONG_S}
-#: seeds of whole healthy welds that calibrate the level of an alarm, and share of them with a false
-#: alarm that is allowed
-CALIBRATING, FALSE_ALARMS = range(5500, 5516), 0.01
+#: seeds of whole healthy welds that calibrate the levels of alarms and trends, and by kind the
+#: shipped level and the share of such welds that may exceed it
+CALIBRATING = range(5500, 5516)
+LEVELS = {"alarm": (ALARM, 0.01), "trend": (TREND, 0.1)}
 #: what a fault must be named within [s] (of gains: after the set-point that shows it has moved)
 AIMS_S = {
     **dict.fromkeys(("depth stuck", "torque stuck", "thermocouple stuck"), 3.0),
@@ -145,20 +146,17 @@ def judged(process, case, seed, model):
 
 
 def largest(process, seed):
-    """Largest smoothed log likelihood ratio of any fault in a whole healthy weld; None without an equilibrium."""
+    """Largest smoothed log likelihood ratios of any fault in a whole healthy weld, by kind of ``LEVELS``; None without an equilibrium."""
     try:
         signals, *_ = weld(process, seed, "none", LONG_S)
     except ValueError:
         return None
-    monitor, ratios = Monitor(process), []
-    for sample in samples(signals):
-        monitor.step(sample)
-        ratios.append(monitor.process.ratio)
-    return max(ratios)
+    watched = watch(Monitor(process), signals)
+    return max(watched.ratios), max(watched.trends)
 
 
 def calibrate():
-    """Level that the largest ratio of a weld exceeds in the share that is allowed, by a Gumbel distribution.
+    """Levels that the largest ratio of a weld exceeds in the share that is allowed, by Gumbel distributions.
 
     It is the largest of all causes, onsets and times of a weld, so that the share is that of all of
     them together; maxima of many dependent values tend to such a distribution (Gumbel, Statistics of
@@ -166,18 +164,21 @@ def calibrate():
     """
     with ProcessPoolExecutor(min(2, len(os.sched_getaffinity(0)))) as pool:
         welds = list(pool.map(largest, *zip(*product(PROCESSES, CALIBRATING), strict=True)))
-    maxima = [one for one in welds if one is not None]
-    fitted = scipy.stats.gumbel_r.fit(maxima)
-    return {
-        "welds": len(maxima),
-        "largest": max(maxima),
-        "second_largest": sorted(maxima)[-2],
-        "median": float(np.median(maxima)),
-        "level": float(scipy.stats.gumbel_r.isf(FALSE_ALARMS, *fitted)),
-        "shipped": ALARM,
-        "false_alarms_percent_at_shipped": 100.0 * float(scipy.stats.gumbel_r.sf(ALARM, *fitted)),
-        "welds_over_shipped": sum(one >= ALARM for one in maxima),
-    }
+    figures = {}
+    by_kind = zip(*(one for one in welds if one is not None), strict=True)
+    for (kind, (level, share)), maxima in zip(LEVELS.items(), by_kind, strict=True):
+        fitted = scipy.stats.gumbel_r(*scipy.stats.gumbel_r.fit(maxima))
+        figures |= {
+            f"{kind}_welds": len(maxima),
+            f"{kind}_largest": max(maxima),
+            f"{kind}_second_largest": sorted(maxima)[-2],
+            f"{kind}_median": float(np.median(maxima)),
+            f"{kind}_level": float(fitted.isf(share)),
+            f"{kind}_shipped": level,
+            f"{kind}_percent_at_shipped": 100.0 * float(fitted.sf(level)),
+            f"{kind}_welds_over_shipped": sum(one >= level for one in maxima),
+        }
+    return figures
 
 
 def summary(rows, process, case, model):
@@ -211,6 +212,7 @@ def summary(rows, process, case, model):
         if sized
         else None,
         "shown": len(shown),
+        "shown_in_time": None if aim_s is None else sum(one <= aim_s for one in shown),
         "shown_median_s": float(np.median(shown)) if shown else None,
         "shown_worst_s": max(shown, default=None),
         "first": ", ".join(sorted({row["first"] for row in own if row["first"]})),
@@ -265,7 +267,7 @@ def main():
     arguments = parser(__doc__, "few welds, no page")
     arguments.add_argument("--page", type=Path, default=PAGE, help="page of the results")
     arguments.add_argument(
-        "--calibrate", action="store_true", help="compute the level of an alarm; no page"
+        "--calibrate", action="store_true", help="compute the levels of alarms and trends; no page"
     )
     chosen = arguments.parse_args()
     if chosen.calibrate:
@@ -313,8 +315,7 @@ def main():
             identified=IDENTIFIED,
             of_heat=OF_HEAT,
             clairvoyant=CLAIRVOYANT,
-            level=ALARM,
-            trend=TREND,
+            levels=LEVELS,
             smoothed_s=SMOOTHED_S,
             calibrating=len(PROCESSES) * len(CALIBRATING),
         )

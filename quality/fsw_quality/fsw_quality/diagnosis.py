@@ -75,8 +75,8 @@ class Finding:
     alarm: bool = True
     size: float = nan  #: in paper's units and seconds, see ``monitor_texts.yaml``
     error: float = nan  #: standard error of the size
-    #: smoothed log likelihood ratio of this cause (of the process, else NaN): of an alarm to the
-    #: largest that is harmless, of a trend to none
+    #: smoothed log likelihood ratio of this cause (of the process, else NaN) to the largest of it that
+    #: is no alarm, of a trend to the largest that is none
     log_likelihood: float = nan
     #: causes that explain the same nearly as well, the likeliest first
     others: tuple[WatchCause, ...] = ()

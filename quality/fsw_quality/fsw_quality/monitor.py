@@ -51,12 +51,12 @@ _ONSETS, _EVERY_S = 30, 10
 #: (Roberts, Technometrics 1, 1959, 239-250): a fault stands, an excursion of a healthy weld does
 #: not, and what is far beyond the level is an alarm within seconds
 SMOOTHED_S = 20.0
-#: level of an alarm: the largest smoothed ratio of any cause exceeds it in one healthy weld of 45
-#: minutes in a hundred, causes and times together (``benchmarks/monitor.py --calibrate``)
-ALARM = 9.0
-#: of a trend, 2.8 standard errors; by which the likeliest cause leads those that are named beside
-#: it (chosen: 20 to 1)
-TREND, _BESIDE = 4.0, 3.0
+#: levels of an alarm and of a trend: the largest smoothed ratio of any cause exceeds them in one
+#: healthy weld of 45 minutes in a hundred and in ten, causes and times together
+#: (``benchmarks/monitor.py --calibrate``)
+ALARM, TREND = 9.0, 6.5
+#: by which the likeliest cause leads those that are named beside it (chosen: 20 to 1)
+_BESIDE = 3.0
 #: model and signatures are inexact by this share: of what moves within a second, and of a
 #: likelihood ratio, so that causes that are nearer cannot be distinguished, either (chosen)
 _INEXACT = 0.1
@@ -90,8 +90,10 @@ class ProcessWatch:
         self._p = parameters
         self._faults = list(SIZES)
         self._judged = np.array([known_heat or one not in OF_HEAT for one in self._faults])
-        self._harmless, self._largest = np.array([SIZES[one] for one in self._faults]).T
-        self._shown = np.array([SHOWN[one] for one in self._faults])
+        harmless, self._largest = np.array([SIZES[one] for one in self._faults]).T
+        shown = [SHOWN[one] for one in self._faults]
+        # largest sizes that are no alarm, and no trend; the last is no fault
+        self._small = np.append([harmless, shown], np.zeros((2, 1)), axis=1)[:, None]
         self.residuals = ModelResiduals(parameters, known_heat)
         self.healthy = Healthy(parameters, covariance, known_heat)
         self._begin_again()
@@ -106,9 +108,8 @@ class ProcessWatch:
         self._traces = Traces(_ONSETS, len(self._faults) + 1)
         self._onsets: list[Onset] = []
         self._pinned = -1
-        # smoothed log likelihood ratios by fault: to the largest that is harmless, and to none of
-        # those that are large enough to be shown
-        self._ratios, self._trends = np.zeros((2, len(self._faults)))
+        # smoothed log likelihood ratios by fault: to the largest that is no alarm, and no trend
+        self._ratios = np.zeros((2, len(self._faults)))
 
     def tick(self, values: Values, usable: list[bool]) -> None:
         """Take the values of a tick; those that are not usable have been replaced."""
@@ -208,12 +209,12 @@ class ProcessWatch:
     @property
     def ratio(self) -> float:
         """Smoothed log likelihood ratio of the likeliest harmful fault: what an alarm is decided by."""
-        return float(self._ratios.max())
+        return float(self._ratios[0].max())
 
     @property
     def trend(self) -> float:
-        """Smoothed log likelihood ratio of the likeliest fault to none: what a trend is decided by."""
-        return float(self._trends.max())
+        """Likewise of the likeliest fault that is worth showing: what a trend is decided by."""
+        return float(self._ratios[1].max())
 
     def findings(self, sick: bool) -> list[Finding]:
         """The likeliest fault, if any is likely: an alarm, or while that is not sure or a sensor is sick a trend."""
@@ -227,15 +228,13 @@ class ProcessWatch:
         likeliest = onsets, np.arange(len(self._faults))
         best = ratios[likeliest] - in_heat * heating.max()
         best[~self._judged] = 0.0
-        harmless = np.append(self._harmless, 0.0)
-        small = self._traces.ratios(np.clip(sizes, -harmless, harmless))
-        harmful = np.minimum(best, (ratios - small)[likeliest])
-        shown = best * (np.abs(sizes[likeliest]) > self._shown)
-        self._ratios += (np.maximum(harmful, 0.0) * (not sick) - self._ratios) / SMOOTHED_S
-        self._trends += (np.maximum(shown, 0.0) - self._trends) / SMOOTHED_S
+        small = self._traces.ratios(np.clip(sizes, -self._small, self._small))
+        beyond = np.clip((ratios - small)[:, *likeliest], 0.0, np.maximum(best, 0.0))
+        beyond[0] *= not sick
+        self._ratios += (beyond - self._ratios) / SMOOTHED_S
         # an alarm that is there stays for longer
         alarm = not sick and self.ratio >= (0.5 if self._pinned >= 0 else 1.0) * ALARM
-        decides = self._ratios if alarm else self._trends
+        decides = self._ratios[0 if alarm else 1]
         cause = int(np.argmax(decides))
         onset = int(onsets[cause])
         self._pinned = onset if alarm else -1

@@ -71,10 +71,13 @@ def later(weld: list[Sample], **changes: Callable[[int, Sample], float]) -> list
         },
     ],
 )
-def test_healthy_weld_has_no_alarm(
+def test_healthy_weld_has_neither_alarm_nor_trend(
     process: str, correlation_s: float, factors: dict[str, float]
 ) -> None:
-    assert not alarms(samples(correlation_s=correlation_s, **factors), process)
+    monitor = Monitor(process)
+    for one in samples(correlation_s=correlation_s, **factors):
+        monitor.step(one)
+        assert not any(each.alarm or each.cause.of_process for each in monitor.findings)
 
 
 @pytest.mark.parametrize(
