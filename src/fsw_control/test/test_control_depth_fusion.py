@@ -348,13 +348,26 @@ def test_a_dead_torque_sensor_and_figures_without_bound_do_no_harm():
 
 
 def test_a_footprint_makes_the_depth_surer():
-    bias = {"sensor": "depth", "bias_mm": (0.1,)}
+    bias = {"sensor": "depth", "bias_mm": (0.1,), "deviation_mm": (0.005,)}
     listed = {"weld": "w", "sha256": "0" * 64, "angle_deg": (0.0,), "depth_mm": (2.6,)}
     footprint = Footprint(**listed, deviation_mm=0.01, sensors=(SensorBias(**bias),))
     values = dict.fromkeys(ALL, 2.7)
     estimates = [DepthFusion(footprint=one).update(0.1, values) for one in (None, footprint)]
     assert estimates[0].deviation_mm > estimates[1].deviation_mm
-    assert estimates[0].depth_mm - estimates[1].depth_mm == pytest.approx(0.1)
+    taken_off = estimates[0].depth_mm - estimates[1].depth_mm
+    assert taken_off == pytest.approx(estimates[1].footprint_mm)
+    assert 0.07 < taken_off < 0.1
+
+
+def test_a_footprint_counts_by_its_error():
+    """A poor one changes nothing, nor does the deviation fall."""
+    listed = {"weld": "w", "sha256": "0" * 64, "angle_deg": (0.0,), "depth_mm": (2.6,)}
+    bias = SensorBias(sensor="depth", bias_mm=(0.1,), deviation_mm=(1.0,))
+    poor = Footprint(**listed, deviation_mm=1.0, sensors=(bias,))
+    values = dict.fromkeys(ALL, 2.7)
+    without, with_it = (DepthFusion(footprint=one).update(0.1, values) for one in (None, poor))
+    assert with_it.depth_mm == pytest.approx(without.depth_mm, abs=1e-3)
+    assert with_it.deviation_mm == pytest.approx(without.deviation_mm, rel=0.01)
 
 
 def test_missing_samples_and_repeated_ticks():
