@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import make_smoothing_spline
 
 from fsw.bags import data_sha256, read_weld
 from fsw.command import FORCE, command, file, number, option, repeated
@@ -15,12 +14,15 @@ from fsw.errors import CommandError
 from fsw.outputs import check_new, write_json
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_control.depth_channels import CHANNELS, SENSOR, ChannelHealth, DepthFusionSettings
-from fsw_control.depth_footprint import Footprint, SensorBias, biases, measured_depths
+from fsw_control.depth_footprint import (
+    Footprint,
+    SensorBias,
+    biases,
+    measured_depths,
+    smoothed,
+)
 from fsw_control.schema.ranges import Range
 from fsw_control.sensors import DEPTH, SENSORS
-
-#: measured places that a spline needs; fewer say nothing of its smoothness
-_FOR_SPLINE = 10
 
 
 @command(
@@ -81,8 +83,11 @@ def footprint_of(
         own = bias[known]
         ok = np.isfinite(own)
         if ok.any() and name not in without:
-            filled = smoothed(at_deg[ok], own[ok], at_deg)
-            sensors.append(SensorBias(sensor=name, bias_mm=tuple(filled.round(5).tolist())))
+            mean, deviation = (
+                tuple(values.round(5).tolist())
+                for values in smoothed(at_deg[ok], own[ok], deviation_mm, at_deg)
+            )
+            sensors.append(SensorBias(sensor=name, bias_mm=mean, deviation_mm=deviation))
     return Footprint(
         weld=source[0],
         sha256=source[1],
@@ -91,17 +96,6 @@ def footprint_of(
         deviation_mm=deviation_mm,
         sensors=tuple(sensors),
     )
-
-
-def smoothed(at_deg: FloatArray, bias_mm: FloatArray, where_deg: FloatArray) -> FloatArray:
-    """Biases without the errors of the measurement, which would be the next weld's.
-
-    A smoothing spline, as smooth as generalised cross-validation finds it; through few points, or
-    outside them, the values as they are.
-    """
-    if at_deg.size >= _FOR_SPLINE:
-        bias_mm = make_smoothing_spline(at_deg, bias_mm)(at_deg)
-    return np.interp(where_deg, at_deg, bias_mm)
 
 
 def _samples(signals: WeldSignals) -> dict[str, FloatArray]:

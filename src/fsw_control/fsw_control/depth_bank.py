@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 DEPTH, RATE, GROWTH, FIRST = range(4)
 #: edges of the surface that may be near the tool at a time (``depth_edges.py``)
 EDGES = 2
-#: weights of a tick in means over 1 s and 3 s
-SECOND, THREE_SECONDS = TICK_S / 1.0, TICK_S / 3.0
+#: weights of a tick in means over 1 s, 3 s and 5 s
+SECOND, THREE_SECONDS, FIVE_SECONDS = TICK_S / 1.0, TICK_S / 3.0, TICK_S / 5.0
 #: lengths of ticks for which the steps are kept
 _MOST_STEPS = 100
 #: variance of the depth before the first sample [mm2]
@@ -192,6 +192,15 @@ class DepthBank:
         state = self._edges[slot]
         self.x[:, state] = self.p[:, state] = self.p[:, :, state] = 0.0
         self.edge_shares[:, slot] = 0.0
+
+    def doubt(self, channel: int, step_mm: float) -> None:
+        """Let the bias of a channel be uncertain as after touch-off: it has changed.
+
+        To the filter without the channel it is still the prior, and the step.
+        """
+        state, variances = self._biases[channel], np.full(len(self.p), self.prior[channel])
+        variances[channel + 1] = step_mm**2
+        self.p[:, state, state] += variances
 
     def trust(self, left_out: int) -> None:
         """Continue with the filter that leaves out a channel, in place of all others.

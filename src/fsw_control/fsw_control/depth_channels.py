@@ -46,7 +46,7 @@ _WORDS = {
     ChannelHealth.DRIFT: "drifts from the others",
     ChannelHealth.DUST: "noisy or interrupted",
     ChannelHealth.SUSPECT: "disagrees with another channel, unknown which is wrong",
-    ChannelHealth.STEPPED: "stepped: has slipped, or sees an edge ahead of the tool",
+    ChannelHealth.STEPPED: "moved from the others: watched until it is clear why",
     ChannelHealth.UNKNOWN: "unknown",
 }
 

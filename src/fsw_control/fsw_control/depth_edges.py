@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw_control.depth_bank import EDGES, Array, DepthBank
+from fsw_control.depth_bank import EDGES, SECOND, Array, DepthBank, averaged
 from fsw_control.depth_channels import DepthChannel
 
 Mask = NDArray[np.bool_]
@@ -30,6 +30,9 @@ TOLERANCE_MM, SLOW_TOLERANCE_MM = 2.0, 6.0
 _CONFIRMED, _SHARE, _ARRIVED = 15.0, 3.0, 8.0
 #: share of an edge's height, and noise, within which what another channel shows must agree
 _ALIKE, _DEVIATIONS = 0.5, 4.0
+#: steps from this height on are seen by a channel of which the filters are sure enough [mm], and
+#: deviations that they must exceed
+_SEEN_MM, _SEEN_DEVIATIONS = 0.05, 6.0
 #: samples of which the height of a pending step is the median
 _SAMPLES = 15
 #: standard deviation of an edge's height when it is first taken into the filters: of a jump, and
@@ -45,6 +48,7 @@ class _Edge:
     tolerance_mm: float
     heights_mm: deque[float]  #: as the first channel showed it; of a known one the filters know it
     passed: Mask  #: by channel, and of the tool at last, whether the edge has reached it
+    in_bias: Mask  #: by channel, whether its bias has held the edge since the filters began
     score: Array  #: by channel, cumulative sum of log-likelihood ratios that it has
     slot: int = -1  #: state of the filters; -1: not confirmed
 
@@ -63,6 +67,8 @@ class SurfaceEdges:
         self._leads = np.array([*(row.lead_mm if row.rides else -math.inf for row in rows), 0.0])
         self._noise = np.array([row.noise_mm for row in rows])
         self._travel_mm, self._moves = math.nan, False
+        #: place from which on each channel has watched the surface without a gap
+        self._watched_mm = np.full(len(self._noise), math.inf)
         self._known: list[_Edge] = []
         self._pending: dict[int, _Edge] = {}  #: by the channel that has stepped
 
@@ -72,17 +78,22 @@ class SurfaceEdges:
         self._travel_mm = travel_mm
 
     def suspect(self, channel: int, height_mm: float, usable: Mask, slow: bool) -> bool:
-        """Whether a step of a channel may be an edge: no other could have seen it before."""
+        """Whether a step of a channel may be an edge: no other has watched the place before."""
         lead = self._leads[channel]
-        ahead = usable & (self._leads[:-1] > lead)
+        place_mm = self._travel_mm + lead
+        tolerance_mm = SLOW_TOLERANCE_MM if slow else TOLERANCE_MM
+        further = self._leads[:-1] > lead
+        has_watched = self._watched_mm < place_mm - tolerance_mm
+        ahead = usable & further & has_watched
         free = len(self._known) + len(self._pending) < EDGES
         if not (self._moves and lead > 0.0 and free) or ahead.any():
             return False
         self._pending[channel] = _Edge(
-            self._travel_mm + lead,
-            SLOW_TOLERANCE_MM if slow else TOLERANCE_MM,
+            place_mm,
+            tolerance_mm,
             deque([height_mm], _SAMPLES),
             self._leads >= lead,
+            further & ~has_watched,
             np.zeros(len(self._noise)),
         )
         return True
@@ -90,6 +101,10 @@ class SurfaceEdges:
     def expects(self, channel: int) -> bool:
         """Whether a pending step may now have reached a channel."""
         return any(self._is_near(edge)[channel] for edge in self._pending.values())
+
+    def is_pending(self, channel: int) -> bool:
+        """Whether a channel has stepped, and it is not decided what that was."""
+        return channel in self._pending
 
     def doubtful(self, z: Array) -> Mask:
         """Channels that may just show a pending step as an edge: it is not known yet."""
@@ -139,6 +154,7 @@ class SurfaceEdges:
         The places are known to within the tolerance; there the samples decide.
         """
         z, changed = bank.z[0], False
+        self._watch(bank, usable)
         for edge in list(self._known):
             height_mm = bank.edge_mm(edge.slot)
             near, beyond = self._is_near(edge), self._beyond(edge) > edge.tolerance_mm
@@ -155,6 +171,14 @@ class SurfaceEdges:
                 bank.end_edge(edge.slot)
                 self._known.remove(edge)
         return changed
+
+    def _watch(self, bank: DepthBank, usable: Mask) -> None:
+        """Note where each channel began to see steps: not while its bias is not known yet."""
+        variance = np.diagonal(bank.s[0]) + self._noise**2 * averaged(SECOND)
+        sees = usable & (variance * _SEEN_DEVIATIONS**2 < _SEEN_MM**2)
+        here_mm = self._travel_mm + self._leads[:-1]
+        sees &= self._watched_mm <= here_mm
+        self._watched_mm = np.where(sees, self._watched_mm, here_mm)
 
     def _accept(self, channel: int, reached: int, bank: DepthBank) -> list[int]:
         """Make a pending step an edge that has also reached another channel, or the tool.
@@ -201,4 +225,5 @@ class SurfaceEdges:
 
     @staticmethod
     def _share(edge: _Edge, bank: DepthBank) -> None:
-        bank.edge_shares[:, edge.slot] = edge.passed[:-1].astype(float) - edge.passed[-1]
+        bank.edge_shares[:, edge.slot] = (edge.passed[:-1] & ~edge.in_bias).astype(float)
+        bank.edge_shares[:, edge.slot] -= edge.passed[-1]

@@ -6,6 +6,7 @@ Only here is visible what all sensors share. The next weld on the machine takes 
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Mapping
 from io import StringIO
 from itertools import pairwise
@@ -33,6 +34,11 @@ COLUMNS = ("angle_deg", "depth_mm")
 _LEAST_TICKS = 5
 #: extent of a place where only one angle is measured [deg]
 _LONE_DEG = 2.0
+#: prior of a bias along the weld: standard deviation of its mean, the candidates for that of its
+#: variation, and the angle within which that is similar (chosen) [mm, mm, deg]
+_MEAN_MM, _VARIATIONS_MM, _SIMILAR_DEG = 0.1, (0.0, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2), 20.0
+#: deviation below which a measurement is exact [mm]
+_EXACT_MM = 1e-4
 
 
 class SensorBias(Model):
@@ -42,6 +48,8 @@ class SensorBias(Model):
     """name in the table of sensors; `depth`: the value that control used"""
     bias_mm: Many[float]
     """at each angle, beyond the deflection that the estimator expects of it"""
+    deviation_mm: Many[float]
+    """standard deviation of that at each angle, by the errors of the measurement"""
 
 
 class Footprint(Model):
@@ -66,6 +74,7 @@ class Footprint(Model):
         for name, values in (
             ("depth_mm", self.depth_mm),
             *((f"sensors.{one.sensor}", one.bias_mm) for one in self.sensors),
+            *((f"sensors.{one.sensor}", one.deviation_mm) for one in self.sensors),
         ):
             if len(values) != len(self.angle_deg):
                 raise problem("needs a value for each angle", name)
@@ -77,14 +86,21 @@ class Footprint(Model):
         text = read_text(path, "footprint")
         return validate(cls, json_content_of(text, str(path)), str(path))
 
-    def bias_mm(self, sensor: str, angle_deg: float) -> float:
-        """Bias of a sensor at an angle, NaN: its mean; 0 of a sensor that is not in it."""
-        for one in self.sensors:
-            if one.sensor == sensor:
-                if angle_deg != angle_deg:
-                    return float(np.mean(one.bias_mm))
-                return float(np.interp(angle_deg, self.angle_deg, one.bias_mm))
-        return 0.0
+    def bias_mm(self, sensor: str, angle_deg: float) -> tuple[float, float]:
+        """Bias of a sensor at an angle, and its standard deviation; NaN: their means.
+
+        A sensor that is not in the footprint has a bias of 0 and an infinite deviation.
+        """
+        for entry in self.sensors:
+            if entry.sensor == sensor:
+                bias, deviation = (
+                    np.mean(values)
+                    if angle_deg != angle_deg
+                    else np.interp(angle_deg, self.angle_deg, values)
+                    for values in (entry.bias_mm, entry.deviation_mm)
+                )
+                return float(bias), float(deviation)
+        return 0.0, math.inf
 
 
 def measured_depths(path: Path) -> tuple[Array, Array]:
@@ -143,3 +159,35 @@ def biases(
         np.divide(total, count, out=mean, where=count >= _LEAST_TICKS)
         result[name] = mean - depth_mm
     return result
+
+
+def smoothed(
+    at_deg: Array, bias_mm: Array, deviation_mm: float, where_deg: Array
+) -> tuple[Array, Array]:
+    """Bias at angles without the errors of its measurement, and its standard deviation.
+
+    Regression with a Gaussian process of Matern 3/2 (Rasmussen and Williams, "Gaussian Processes
+    for Machine Learning", 2006, 2.2 and 5.2), averaged over its variation by their likelihoods.
+    The errors are known, so a constant bias stays constant; cross-validation, which does not know
+    them, makes them part of the bias where few angles are measured.
+    """
+
+    def alike(first: Array, second: Array) -> Array:
+        distance = np.sqrt(3.0) * np.abs(first[:, None] - second) / _SIMILAR_DEG
+        return np.asarray((1.0 + distance) * np.exp(-distance))
+
+    errors = max(deviation_mm, _EXACT_MM) ** 2 * np.eye(at_deg.size)
+    likelihood, means, squares = [], [], []
+    for variation_mm in _VARIATIONS_MM:
+        prior = _MEAN_MM**2 + variation_mm**2 * alike(at_deg, at_deg)
+        root = np.linalg.cholesky(prior + errors)
+        white = np.linalg.solve(root, bias_mm)
+        likelihood.append(-0.5 * white @ white - np.log(np.diagonal(root)).sum())
+        shared = _MEAN_MM**2 + variation_mm**2 * alike(at_deg, where_deg)
+        gains = np.linalg.solve(root, shared)
+        means.append(gains.T @ white)
+        squares.append(_MEAN_MM**2 + variation_mm**2 - (gains**2).sum(0) + means[-1] ** 2)
+    weights = np.exp(np.array(likelihood) - max(likelihood))
+    weights /= weights.sum()
+    mean = weights @ np.array(means)
+    return mean, np.sqrt(np.maximum(weights @ np.array(squares) - mean**2, 0.0))

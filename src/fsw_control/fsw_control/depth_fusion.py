@@ -38,6 +38,7 @@ class DepthEstimate:
     deviation_mm: float  #: standard deviation, with what all channels share; NaN as the depth
     health: Mapping[str, ChannelHealth]  #: by channel
     used: tuple[str, ...]  #: channels that the depth of this tick rests on
+    footprint_mm: float = 0.0  #: taken off the depth, by the footprint of an earlier weld
 
 
 class DepthFusion:
@@ -52,8 +53,7 @@ class DepthFusion:
         Torque at a force, a depth and a speed. Its changes decide between channels that have no
         majority; without it the one that jumped is wrong.
     footprint : Footprint, optional
-        Of an earlier weld: what its channels shared, the bias of their fused depth, is taken off
-        all. What they do not share is found while welding.
+        Of an earlier weld: its bias of the fused depth is one more measurement of this one's.
     """
 
     def __init__(
@@ -65,9 +65,6 @@ class DepthFusion:
     ) -> None:
         self.settings = settings or DepthFusionSettings()
         self.channels, self._footprint = dict(channels), footprint
-        if footprint is not None:
-            shared_mm = math.hypot(footprint.deviation_mm, self.settings.repeat_mm)
-            self.settings = self.settings.changed(shared_deviation_mm=shared_mm)
         self._torque_model = torque_model
         self.reset()
 
@@ -112,13 +109,11 @@ class DepthFusion:
         raw = [_number(channels_mm.get(name)) for name in self.channels]
         values, health = self._tests.screen(raw)
         values -= [row.shown(pushed) for row in self.channels.values()]
-        if self._footprint is not None:
-            values -= self._footprint.bias_mm("depth", angle_deg)
         bank = self._bank
         if math.isinf(self._used_s):
             present = sorted(value for value in values if value == value)
             if not present:
-                return self._result(time_s, (), health, math.nan)
+                return self._result(time_s, (), health, math.nan, 0.0)
             bank.start(float(present[len(present) // 2]))
         else:
             bank.predict(time_s - self._time_s, power_kw)
@@ -139,10 +134,27 @@ class DepthFusion:
         names = tuple(
             name for name, used in zip(self.channels, judgement.used, strict=True) if used
         )
-        variance = float(bank.p[0, DEPTH, DEPTH]) + judgement.spread_mm**2
+        variance = float(bank.p[0, DEPTH, DEPTH])
         variance += self.settings.shared_deviation_mm**2
         variance += (self.settings.shared_deflection_mm_per_kn * pushed) ** 2
-        return self._result(time_s, names, judgement.health, math.sqrt(max(variance, 0.0)))
+        footprint_mm, variance = self._by_footprint(variance, angle_deg)
+        deviation = math.sqrt(max(variance + judgement.spread_mm**2, 0.0))
+        return self._result(time_s, names, judgement.health, deviation, footprint_mm)
+
+    def _by_footprint(self, variance: float, angle_deg: float) -> tuple[float, float]:
+        """What the footprint takes off the depth, and the variance of the depth with it.
+
+        It measured the bias of an earlier weld, with its own error; this weld's differs by what
+        does not repeat. So it corrects the output like a sample; the filters cannot observe it.
+        """
+        if self._footprint is None:
+            return 0.0, variance
+        bias_mm, deviation_mm = self._footprint.bias_mm("depth", angle_deg)
+        if math.isinf(deviation_mm):
+            return 0.0, variance
+        error = deviation_mm**2 + self.settings.repeat_mm**2
+        gain = variance / (variance + error)
+        return gain * bias_mm, gain * error
 
     def _isolate(self, channels: tuple[int, ...], used_mm: Array) -> None:
         """Continue without what channels that are wrong have done to the filters."""
@@ -155,15 +167,21 @@ class DepthFusion:
             self._tests.restart()
 
     def _result(
-        self, time_s: float, used: tuple[str, ...], health: list[ChannelHealth], deviation: float
+        self,
+        time_s: float,
+        used: tuple[str, ...],
+        health: list[ChannelHealth],
+        deviation: float,
+        footprint_mm: float,
     ) -> DepthEstimate:
         blind = not time_s - self._used_s <= self.settings.hold_s + 1e-9
         self._time_s = time_s
         self._estimate = DepthEstimate(
-            math.nan if blind else float(self._bank.x[0, DEPTH]),
+            math.nan if blind else float(self._bank.x[0, DEPTH]) - footprint_mm,
             math.nan if blind else deviation,
             dict(zip(self.channels, health, strict=True)),
             used,
+            footprint_mm,
         )
         return self._estimate
 

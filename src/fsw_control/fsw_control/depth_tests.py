@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw_control.depth_bank import SECOND, THREE_SECONDS, Array, DepthBank, averaged
+from fsw_control.depth_bank import FIVE_SECONDS, SECOND, THREE_SECONDS, Array, DepthBank, averaged
 from fsw_control.depth_channels import ChannelHealth, DepthChannel, DepthFusionSettings
 from fsw_control.depth_edges import SurfaceEdges
 from fsw_control.validity import Frozen
@@ -32,6 +32,11 @@ AGREE, MARGIN = 16.0, 15.0
 NEAR, FAR = 9.0, 25.0
 #: squared distance of a channel from its prior, in variances, from which it counts as drifting
 OFF_PRIOR = 16.0
+#: samples for which a channel that seems to drift is watched, and of the means at both ends
+WATCHED, ENDS = 150, 30
+#: movement within that time below which it has stepped and not drifted, and the largest such step
+#: that is no fault: the surface is not even, and a bias may change [mm]
+STILL_MM, STEP_MM = 0.012, 0.06
 #: distance of a slipped channel from where it was below which it is back [mm]
 BACK_MM = 0.02
 #: range of spikes in a row, in their mean, below which they are a slip
@@ -46,6 +51,8 @@ CLIPPED = 16.0
 INTERRUPTED = 0.3
 #: weight of no channel, so that nothing is divided by 0 [1/mm2]
 _TINY = 1e-12
+#: of a tick, in the means of what is left of the innovations
+_WEIGHTS = np.array([SECOND, FIVE_SECONDS])[:, None, None]
 
 
 class Judgement(NamedTuple):
@@ -83,9 +90,12 @@ class ChannelTests:
         self._frozen = [Frozen() for _ in self._rows]
         #: spikes in a row
         self._spikes = [deque[float](maxlen=settings.confirm_samples) for _ in self._rows]
-        self._mean = np.zeros((count + 1, count))  #: over a second, by filter, without common part
+        #: over a second, and over five; by filter and channel, without the common part
+        self._means = np.zeros((2, count + 1, count))
         self._off = np.zeros(count)  #: from the prior, over three seconds
-        self._before = np.zeros(count)  #: the same, ahead of a slip; NaN: a drift
+        self._before = np.zeros(count)  #: the same, ahead of a slip
+        #: distance from the others since a channel seemed to drift
+        self._watch: dict[int, list[float]] = {}
         self._roughness, self._absent = np.ones(count), np.zeros(count)
         self._last = np.full(count, np.nan)
         self._dusty = np.zeros(count, bool)
@@ -143,13 +153,36 @@ class ChannelTests:
             self.latched[i] = ChannelHealth.GOOD
             if not np.isnan(values[i]):
                 health[i] = ChannelHealth.GOOD
-            self._off[i] = np.nan_to_num(self._before[i])
-            self._mean[:] = 0.0
+            self._off[i] = self._before[i]
+            self._watch.pop(i, None)
+            self._means[:] = 0.0
         for i in slips:
-            is_slow = np.isnan(self._before[i])
-            self.latched[i] = health[i] = ChannelHealth.DRIFT if is_slow else ChannelHealth.SLIP
-            self._purged.append(i)
+            if i not in self._watch:  # else decided there
+                self.latched[i] = health[i] = ChannelHealth.SLIP
+                self._purged.append(i)
+        self._look(bank, health, ~np.isnan(values))
         return changed or bool(edges)
+
+    def _look(self, bank: DepthBank, health: list[ChannelHealth], sampled: Mask) -> None:
+        """Decide whether channels that seemed to drift do, or have made a small step.
+
+        Such a step is a change of the bias: the filters then find it like that after touch-off.
+        """
+        for i, distances in list(self._watch.items()):
+            if sampled[i]:
+                distances.append(float(bank.z[i + 1, i]))
+            if len(distances) < WATCHED or self._edges.is_pending(i):
+                continue
+            del self._watch[i]
+            first_mm, last_mm = float(np.mean(distances[:ENDS])), float(np.mean(distances[-ENDS:]))
+            step_mm = abs(last_mm - self._before[i])
+            if abs(last_mm - first_mm) < STILL_MM and step_mm < STEP_MM:
+                self.latched[i] = health[i] = ChannelHealth.GOOD
+                bank.doubt(i, step_mm if step_mm > STILL_MM else 0.0)
+                self._means[:] = 0.0
+            else:
+                self.latched[i] = health[i] = ChannelHealth.DRIFT
+                self._purged.append(i)
 
     def judge(
         self,
@@ -168,7 +201,13 @@ class ChannelTests:
         usable = np.array([not flaw for flaw in health])
         filters = len(bank.z)
         inverses, taken = bank.weigh(usable)
-        chi, common, weights = parity(np.stack((bank.z, self._mean[:filters])), inverses, taken)
+        # innovations are white: means over longer than the filters need to follow are, too
+        means = self._means[:, :filters]
+        chi, common, weights = parity(
+            np.stack((bank.z, *means)),
+            np.stack((*inverses, inverses[0] / averaged(FIVE_SECONDS))),
+            taken,
+        )
         wrong, spread = self._wrong(chi[0], usable, bank, witness)
         wrong = wrong or ()  # without a verdict all stay in use; the deviation shows it
         isolated = self._confirm(wrong, usable, bank, health)
@@ -178,12 +217,12 @@ class ChannelTests:
         used[list(wrong)] = False
         if not wrong:  # else the common part is wrong, too
             apart = bank.z - common[0][:, None]
-            self._mean[:filters] += np.where(used, (apart - self._mean[:filters]) * SECOND, 0.0)
+            means += np.where(used, (apart - means) * _WEIGHTS, 0.0)
         self._follow_priors(bank, used, ~np.isnan(values))
         if self._quiet:
             self._quiet -= 1
         elif not wrong and not spread:
-            drifting, spread = self._slow(chi[1], used, bank, health)
+            drifting, spread = self._slow(chi[1:], used, bank, health)
             isolated += drifting
         self._suspect(spread, used, health)
         used &= np.array([not flaw for flaw in self.latched])
@@ -194,13 +233,13 @@ class ChannelTests:
     def trust(self, left_out: int, bank: DepthBank) -> None:
         """Compare with the filter that left out a channel, from now on."""
         if len(bank.z) > 1:
-            self._mean[:] = 0.0
+            self._means[:] = 0.0
             self._off = bank.z[left_out + 1].copy()
         self._quiet = round(1.0 / SECOND)
 
     def restart(self) -> None:
         """Compare with filters that have begun again, from now on."""
-        self._mean[:] = 0.0
+        self._means[:] = 0.0
         self._off[:] = 0.0
         self._quiet = round(1.0 / SECOND)
 
@@ -284,16 +323,19 @@ class ChannelTests:
 
         A jump that may be an edge is not in the filters yet: they need no replacement.
         """
-        isolated, slow = [], flaw is ChannelHealth.DRIFT
+        isolated, slow = [], flaw is ChannelHealth.STEPPED
         for i in channels:
             if self._edges.expects(i):  # decided there
                 continue
-            height_mm = float(self._mean[0, i] if slow else np.mean(self._spikes[i]))
+            height_mm = float(self._means[0, 0, i] if slow else np.mean(self._spikes[i]))
             self._spikes[i].clear()
-            self._agreed[i], self._before[i] = 0, np.nan if slow else self._off[i]
-            stepped = self._edges.suspect(i, height_mm, usable, slow)
+            self._agreed[i], self._before[i] = 0, self._off[i]
+            if slow:
+                self._watch[i] = []
+            drifts = flaw is ChannelHealth.DRIFT
+            stepped = not drifts and self._edges.suspect(i, height_mm, usable, slow)
             health[i] = self.latched[i] = ChannelHealth.STEPPED if stepped else flaw
-            if slow or not stepped:
+            if not (slow or stepped):
                 isolated.append(i)
         return tuple(isolated)
 
@@ -307,32 +349,35 @@ class ChannelTests:
     def _slow(
         self, chi: Array, used: Mask, bank: DepthBank, health: list[ChannelHealth]
     ) -> tuple[tuple[int, ...], float]:
-        """Channels that have just been found to drift."""
+        """Channels that have just been found to drift; those that seem to are watched."""
         count = np.count_nonzero(used)
         if count < 2:
             return (), 0.0
         drifting: int | None = None
-        if chi[0] > DISAGREE:
-            drifting = self._odd(chi, used) if count > 2 else None
+        flaw = ChannelHealth.STEPPED
+        if chi[0, 0] > DISAGREE:
+            drifting = self._odd(chi[0], used) if count > 2 else None
             if drifting is None:
-                return (), _spread(self._mean[0][used])
-        elif count > 2:
+                return (), _spread(self._means[0, 0][used])
+        elif count > 2 and chi[1, 0] > DISAGREE:
+            drifting = self._odd(chi[1], used)
+        elif count > 2 and ChannelHealth.STEPPED not in self.latched:  # is in the other filters
             variance = np.diagonal(np.diagonal(bank.s[1:], axis1=1, axis2=2))
             squared = np.where(
                 used, self._off**2 / (variance + self._noise * averaged(THREE_SECONDS)), 0.0
             )
             second, best = np.partition(squared, -2)[-2:]
             if best > OFF_PRIOR and second < RIVAL * best:
-                drifting = int(np.argmax(squared))
+                drifting, flaw = int(np.argmax(squared)), ChannelHealth.DRIFT
         if drifting is None:
             return (), 0.0
-        return self._latch((drifting,), ChannelHealth.DRIFT, used, health), 0.0
+        return self._latch((drifting,), flaw, used, health), 0.0
 
     def _readmit(self, sampled: Mask) -> None:
         """Use a slipped channel again that has been back where it was for long enough."""
         ticks = round(self._settings.readmit_s / TICK_S)
         for i, flaw in enumerate(self.latched):
-            if flaw in (ChannelHealth.SLIP, ChannelHealth.STEPPED):
+            if flaw in (ChannelHealth.SLIP, ChannelHealth.STEPPED) and i not in self._watch:
                 moved_mm = abs(self._off[i] - self._before[i])
                 is_back = moved_mm < BACK_MM and sampled[i]
                 self._agreed[i] = self._agreed[i] + 1 if is_back else 0

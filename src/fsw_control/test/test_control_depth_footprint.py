@@ -1,12 +1,19 @@
 """Biases of the depth sensors by the footprint, and what the next weld makes of them."""
 
 import json
+from itertools import product
 
 import numpy as np
 import pytest
 
 from fsw_control.depth_channels import CHANNELS
-from fsw_control.depth_footprint import Footprint, SensorBias, biases, measured_depths
+from fsw_control.depth_footprint import (
+    Footprint,
+    SensorBias,
+    biases,
+    measured_depths,
+    smoothed,
+)
 from fsw_control.depth_fusion import DepthFusion
 from fsw_control.schema.models import InputError
 
@@ -17,7 +24,8 @@ FOOTPRINT = Footprint(
     depth_mm=(2.6, 2.7),
     deviation_mm=0.01,
     sensors=tuple(
-        SensorBias(sensor=name, bias_mm=(0.1, 0.3)) for name in ("depth", "depth_laser")
+        SensorBias(sensor=name, bias_mm=(0.1, 0.3), deviation_mm=(0.0, 0.01))
+        for name in ("depth", "depth_laser")
     ),
 )
 
@@ -33,13 +41,13 @@ def test_bias_is_the_mean_over_the_ticks_nearest_to_an_angle():
 
 
 def test_bias_at_an_angle():
-    assert FOOTPRINT.bias_mm("depth_laser", 5.0) == pytest.approx(0.2)
-    assert FOOTPRINT.bias_mm("depth_laser", 99.0) == 0.3
-    assert FOOTPRINT.bias_mm("depth_laser", np.nan) == pytest.approx(0.2)
-    assert FOOTPRINT.bias_mm("depth_axial", 5.0) == 0.0
+    assert FOOTPRINT.bias_mm("depth_laser", 5.0) == pytest.approx((0.2, 0.005))
+    assert FOOTPRINT.bias_mm("depth_laser", 99.0) == (0.3, 0.01)
+    assert FOOTPRINT.bias_mm("depth_laser", np.nan) == pytest.approx((0.2, 0.005))
+    assert FOOTPRINT.bias_mm("depth_axial", 5.0) == (0.0, np.inf)
 
 
-def test_next_weld_takes_off_what_all_channels_share():
+def test_next_weld_takes_off_what_the_footprint_shows_but_for_what_does_not_repeat():
     rows = {name: CHANNELS[name] for name in ("laser", "lvdt_lead")}
     with_prior = DepthFusion(channels=rows, footprint=FOOTPRINT)
     without = DepthFusion(channels=rows)
@@ -47,9 +55,22 @@ def test_next_weld_takes_off_what_all_channels_share():
         shown = dict.fromkeys(rows, 2.66 + 0.2)
         estimate = with_prior.update(0.1 * tick, shown, 78.4, angle_deg=5.0)
         plain = without.update(0.1 * tick, shown, 78.4, angle_deg=5.0)
-    assert estimate.depth_mm == pytest.approx(2.66, abs=1e-3)
     assert plain.depth_mm == pytest.approx(2.86, abs=1e-3)
+    assert 0.7 < (plain.depth_mm - estimate.depth_mm) / 0.2 < 1.0
     assert estimate.deviation_mm < plain.deviation_mm
+
+
+@pytest.mark.parametrize(("seed", "wave_mm"), list(product(range(4), (0.0, 0.02))))
+def test_errors_of_the_measurement_are_smoothed(seed, wave_mm):
+    """Also where few angles are measured; what is left is as large as the deviation says."""
+    at_deg = np.arange(0.0, 48.0, 2.0)
+    bias = 0.1 + wave_mm * np.sin(np.radians(4.0 * at_deg))
+    measured = bias + np.random.default_rng(seed).normal(0.0, 0.01, at_deg.size)
+    mean, deviation = smoothed(at_deg, measured, 0.01, at_deg)
+    assert np.abs(mean - bias).max() < (0.015 if wave_mm else 0.008)
+    assert np.sqrt(np.mean(((mean - bias) / deviation) ** 2)) < 2.0
+    exact, _ = smoothed(at_deg[:2], measured[:2], 0.0, at_deg[:2])
+    assert exact == pytest.approx(measured[:2], abs=1e-3)
 
 
 def test_file_is_read_back(tmp_path):

@@ -19,10 +19,10 @@ ALL = tuple(CHANNELS)
 #: by name, what a fault makes of a sample after a time, and what it may be called
 FAULTS = {
     "slip": (lambda y, since_s, r: y + 0.3, {SPIKE, SLIP}),
-    "small slip": (lambda y, since_s, r: y - 0.06, {SPIKE, SLIP, DRIFT}),
-    "drift": (lambda y, since_s, r: y + 0.03 * since_s, {SPIKE, SLIP, DRIFT}),
+    "small slip": (lambda y, since_s, r: y - 0.06, {SPIKE, SLIP, DRIFT, STEPPED}),
+    "drift": (lambda y, since_s, r: y + 0.03 * since_s, {SPIKE, SLIP, DRIFT, STEPPED}),
     "spike": (lambda y, since_s, r: y + (round(10 * since_s) % 10 == 0), {SPIKE}),
-    "stuck": (lambda y, since_s, r: 2.6543, {SPIKE, SLIP, STUCK, DRIFT}),
+    "stuck": (lambda y, since_s, r: 2.6543, {SPIKE, SLIP, STUCK, DRIFT, STEPPED}),
     "dust": (
         lambda y, since_s, r: y + 0.1 * r.normal() if r.random() < 0.8 else math.nan,
         {SPIKE, DUST, MISSING},
@@ -121,6 +121,21 @@ def test_a_wrong_channel_is_named_and_does_no_harm(fault, channel):
 
 
 @pytest.mark.parametrize("channel", ALL)
+def test_slow_drift_is_found_and_a_step_as_large_is_forgiven(channel):
+    """Both are watched at first; the bias is then found again."""
+    drift = Weld(3, fault={channel: lambda y, since_s, r: y + 0.002 * since_s})
+    step = Weld(3, fault={channel: lambda y, since_s, r: y + 0.03})
+    for w in (drift, step):
+        w.run(AT_S + 15.0)
+        before = np.mean(w.errors_mm[-250:-150])
+        assert STEPPED in w.seen(channel)
+        w.run(25.0)
+        assert np.abs(np.array(w.errors_mm[-400:]) - before).max() < 0.03
+    assert drift.estimates[-1].health[channel] is DRIFT
+    assert step.estimates[-1].used == ALL
+
+
+@pytest.mark.parametrize("channel", ALL)
 def test_a_channel_that_has_stood_still_since_the_start_is_stuck(channel):
     """The noise of the others shows it; without any noise, nothing does."""
     w, frozen = Weld(3), Weld(3, fault={channel: lambda y, since_s, r: 2.7})
@@ -187,6 +202,25 @@ def test_an_edge_is_no_slip_and_does_not_shift_the_depth(height_mm, out):
     for name in set(ALL) - {out}:
         assert w.seen(name) <= {GOOD, SPIKE, STEPPED}
         assert w.estimates[-1].health[name] is GOOD
+
+
+def test_an_edge_that_the_foremost_channel_could_not_see_is_no_slip_of_the_next():
+    """It had passed the foremost at the touch-off."""
+    w = Weld(7, edges={54.0: 0.1})
+    w.bias["lvdt_lead"] -= 0.1
+    w.run(40.0)
+    assert STEPPED in w.seen("laser")
+    assert {health for name in ALL for health in w.seen(name)} <= {GOOD, SPIKE, STEPPED}
+    assert w.estimates[-1].used == ALL
+
+
+@pytest.mark.parametrize("height_mm", [0.02, -0.03])
+def test_no_channel_is_blamed_for_a_small_edge(height_mm):
+    """Whichever notices it."""
+    for at_mm in (65.0, 80.0):
+        w = Weld(8, edges={at_mm: height_mm}).run(90.0)
+        assert {health for name in ALL for health in w.seen(name)} <= {GOOD, SPIKE, STEPPED}
+        assert w.estimates[-1].used == ALL
 
 
 @pytest.mark.parametrize("slip_mm", [0.1, 1.0])
@@ -314,13 +348,26 @@ def test_a_dead_torque_sensor_and_figures_without_bound_do_no_harm():
 
 
 def test_a_footprint_makes_the_depth_surer():
-    bias = {"sensor": "depth", "bias_mm": (0.1,)}
+    bias = {"sensor": "depth", "bias_mm": (0.1,), "deviation_mm": (0.005,)}
     listed = {"weld": "w", "sha256": "0" * 64, "angle_deg": (0.0,), "depth_mm": (2.6,)}
     footprint = Footprint(**listed, deviation_mm=0.01, sensors=(SensorBias(**bias),))
     values = dict.fromkeys(ALL, 2.7)
     estimates = [DepthFusion(footprint=one).update(0.1, values) for one in (None, footprint)]
     assert estimates[0].deviation_mm > estimates[1].deviation_mm
-    assert estimates[0].depth_mm - estimates[1].depth_mm == pytest.approx(0.1)
+    taken_off = estimates[0].depth_mm - estimates[1].depth_mm
+    assert taken_off == pytest.approx(estimates[1].footprint_mm)
+    assert 0.07 < taken_off < 0.1
+
+
+def test_a_footprint_counts_by_its_error():
+    """A poor one changes nothing, nor does the deviation fall."""
+    listed = {"weld": "w", "sha256": "0" * 64, "angle_deg": (0.0,), "depth_mm": (2.6,)}
+    bias = SensorBias(sensor="depth", bias_mm=(0.1,), deviation_mm=(1.0,))
+    poor = Footprint(**listed, deviation_mm=1.0, sensors=(bias,))
+    values = dict.fromkeys(ALL, 2.7)
+    without, with_it = (DepthFusion(footprint=one).update(0.1, values) for one in (None, poor))
+    assert with_it.depth_mm == pytest.approx(without.depth_mm, abs=1e-3)
+    assert with_it.deviation_mm == pytest.approx(without.deviation_mm, rel=0.01)
 
 
 def test_missing_samples_and_repeated_ticks():

@@ -207,9 +207,9 @@ class PlantEmulator:
         shown = dict(zip(self.core.sensors, self.core.measure(), strict=True))
         angle_deg = self.core.angle_deg
         bias_mm = 0.0
-        if self.config.footprint is not None:
-            bias_mm = self.config.footprint.bias_mm("depth", angle_deg)
-            shown["depth"] -= bias_mm  # the fusion does so itself
+        if self.config.footprint is not None and self._fusion is None:
+            bias_mm, _ = self.config.footprint.bias_mm("depth", angle_deg)
+            shown["depth"] -= bias_mm
         fused = None
         samples = {
             name: self._sent(name, value, stamp)
@@ -221,6 +221,7 @@ class PlantEmulator:
             fused = self._fusion.update(
                 stamp * 1e-9, values, self._acting, angle_deg, self.core.travel_mm
             )
+            bias_mm = fused.footprint_mm
             samples = {"depth": self._sent("depth", fused.depth_mm, stamp), **samples}
         self._reading = Reading(self.tick, stamp, samples, self._acting, fused, bias_mm)
         return self._reading
