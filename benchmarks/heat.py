@@ -50,6 +50,12 @@ OF_TYPE = (
     "plant.factors.dead_time_s",
     "plant.actuators.lag_s",
 )
+#: what the drawing of a type says, and its discretisation: all that a weld that is computed before
+#: the first one has of it; copper, losses, machine and tool are nominal
+DRAWN = tuple(
+    f"plant.canister.{name}"
+    for name in ("wall_mm", "rim_mm", "lid_mm", "lid_from_mm", "element_mm", "modes")
+)
 #: welds of the campaign that have all else (copper, losses, ambient, process, noise): those that
 #: teach and those that are measured
 TAUGHT, MEASURED = range(100, 104), range(500, 505)
@@ -63,7 +69,7 @@ WHOLE = (
 PHASES = ("start", "downward", "joint_line", "overlap", "parking")
 #: controllers without and with the machine's model, and with what they know of the heat
 RIVALS = ("decentral:tight", "nmpc:default")
-CONTROLLERS = (*RIVALS, "model", *(f"learned from {n}" for n in LEARNED))
+CONTROLLERS = (*RIVALS, "model", "computed", *(f"learned from {n}" for n in LEARNED))
 MOST_COST = 1.1  #: that a wrong profile may have
 
 
@@ -71,7 +77,7 @@ class Task(NamedTuple):
     """A weld to be measured."""
 
     kind: int  #: index of its type
-    canister: int
+    canister: int | None  #: weld of the campaign; none: computed from the drawing
     label: str
     end_deg: float = SHORT_DEG
     model: str = ""  #: model file; none: the paper's
@@ -86,14 +92,15 @@ def campaign():
 
 def scenario_of(kind, canister, end_deg, controller):
     """A weld of a canister, its joint line cut short."""
-    values = campaign().parameters(canister)
+    values = {} if canister is None else campaign().parameters(canister)
     of_type = campaign().parameters(TYPES[kind])
     content = scenario_file.content_of(scenario_file.text_of("canister_weld_heat"), "heat")
     for phase in content["phases"]:
         if phase["name"] in ("joint_line", "overlap", "parking"):
             phase["to_deg"] += end_deg - WHOLE_DEG
     content["events"] = [one for one in content["events"] if one.get("at_deg", 0.0) <= end_deg]
-    changes = values | {name: of_type[name] for name in OF_TYPE} | {"controller": controller}
+    known = DRAWN if canister is None else OF_TYPE
+    changes = values | {name: of_type[name] for name in known} | {"controller": controller}
     for path, value in changes.items():
         scenario_file.put(content, path, value, "heat")
     return scenario_file.read(content, "heat")
@@ -144,6 +151,7 @@ def tasks_of(kind, canister, profiles, models):
     model, own = models[kind], profiles[kind, LEARNED[-1]]
     yield from (Task(kind, canister, label) for label in RIVALS)
     yield Task(kind, canister, "model", SHORT_DEG, model)
+    yield Task(kind, canister, "computed", SHORT_DEG, model, profiles[kind, "computed"])
     for n in LEARNED:
         yield Task(kind, canister, f"learned from {n}", SHORT_DEG, model, profiles[kind, n])
     others = [profiles[other, LEARNED[-1]] for other in models if other != kind]
@@ -160,21 +168,29 @@ def whole_tasks(profiles, models):
 
 def profiles_of(pool, kinds, whole, folder):
     """Profiles by type and number of welds, and each type's model file, from its first weld."""
-    tasks = [Task(kind, canister, "nmpc:default") for kind in kinds for canister in TAUGHT]
+    chosen = (None, *TAUGHT)
+    tasks = [Task(kind, canister, "nmpc:default") for kind in kinds for canister in chosen]
     tasks += [Task(0, TAUGHT[0], "nmpc:default", WHOLE_DEG)] if whole else []
     signals = list(pool.map(taught, tasks))
     known = partial(learn, drive_lag_s=Actuators().lag_s)
     profiles, models = {}, {}
     for i, kind in enumerate(kinds):
-        of_kind = signals[i * len(TAUGHT) : (i + 1) * len(TAUGHT)]
+        drawn, *of_kind = signals[i * len(chosen) : (i + 1) * len(chosen)]
         welds = [(str(k), f"{k:064d}", one) for k, one in enumerate(of_kind)]
         first = known(welds[:1], f"type_{kind}", nominal())
         models[kind] = str(folder / f"type_{kind}.model.yaml")
         Path(models[kind]).write_text(model_text(first), encoding="utf-8")
-        learned = {n: welds[:n] for n in LEARNED}
+        learned = {"computed": [("computed", "0" * 64, drawn)]}
+        learned |= {n: welds[:n] for n in LEARNED}
         learned |= {"whole": [("whole", "0" * 64, signals[-1])]} if whole and kind == 0 else {}
-        for n, chosen in learned.items():
-            made = known(chosen, f"type_{kind}", model=first.model, keep_model=True)
+        for n, each in learned.items():
+            made = known(
+                each,
+                f"type_{kind}",
+                model=first.model,
+                keep_model=True,
+                computed=n == "computed",
+            )
             profiles[kind, n] = made.profile
     return profiles, models
 

@@ -16,8 +16,8 @@ from fsw_model.heat_profile import CORRELATION_MM, HeatProfile, HeatSource, Ther
 #: distance of two places of a profile
 GRID_MM = 2.0
 #: what welds of a type differ by before any of them has been seen [kW], and as how many welds that
-#: counts; chosen
-_EXPECTED_KW, _EXPECTED_WELDS = 0.15, 2.0
+#: counts; of welds that were computed with nominal copper it is more; chosen
+_EXPECTED_KW, _COMPUTED_KW, _EXPECTED_WELDS = 0.15, 0.3, 2.0
 
 
 class Learned(NamedTuple):
@@ -34,6 +34,7 @@ def learn(
     model: ModelParameters,
     drive_lag_s: float,
     keep_model: bool = False,
+    computed: bool = False,
     progress: Callable[[float], None] = lambda _: None,
 ) -> Learned:
     """Learn from welds.
@@ -50,6 +51,8 @@ def learn(
     keep_model : bool
         Keep gain, lags and dead time, too; else they are those of the fast part of the copper's
         response, from these welds.
+    computed : bool
+        The welds are simulated, with nominal copper.
     progress : callable, optional
         Called with the share done, 0 to 1.
 
@@ -76,16 +79,17 @@ def learn(
     progress(1.0)
     by_weld, variances = np.array(heats), np.array(own)
     sources = [
-        HeatSource(weld=name, sha256=digest, left_out_kw=_left_out(by_weld, i))
+        HeatSource(weld=name, sha256=digest, left_out_kw=_left_out(by_weld, i), computed=computed)
         for i, (name, digest, _) in enumerate(welds)
     ]
+    expected_kw = _COMPUTED_KW if computed else _EXPECTED_KW
     profile = HeatProfile(
         type=type_name,
         model=ThermalModel.of(used),
         welds=tuple(sources),
         travel_mm=_rounded(travel_mm),
         heat_kw=_rounded(_common(by_weld)),
-        deviation_kw=_rounded(_deviation(by_weld, variances)),
+        deviation_kw=_rounded(_deviation(by_weld, variances, expected_kw)),
     )
     return Learned(profile, used, walk)
 
@@ -123,7 +127,7 @@ def _left_out(by_weld: FloatArray, i: int) -> float | None:
     return round(float(np.std(lacks)), 4)
 
 
-def _deviation(by_weld: FloatArray, variances: FloatArray) -> FloatArray:
+def _deviation(by_weld: FloatArray, variances: FloatArray, expected_kw: float) -> FloatArray:
     """Standard deviation of a weld about the profile, by place: expected and observed."""
     n = len(by_weld)
     lacks = by_weld - _common(by_weld)
@@ -131,6 +135,6 @@ def _deviation(by_weld: FloatArray, variances: FloatArray) -> FloatArray:
     width = max(1, round(CORRELATION_MM / GRID_MM))
     counts = np.convolve(np.ones(by_weld.shape[1]), np.ones(width), "same")
     seen = np.convolve((lacks**2).sum(axis=0), np.ones(width), "same")
-    between = (_EXPECTED_WELDS * _EXPECTED_KW**2 + seen / counts) / (_EXPECTED_WELDS + n - 1.0)
+    between = (_EXPECTED_WELDS * expected_kw**2 + seen / counts) / (_EXPECTED_WELDS + n - 1.0)
     # the mean of n welds is itself uncertain by what they differ and by what each one's heat is
     return np.sqrt(between * (1.0 + 1.0 / n) + variances.mean(axis=0) / n)

@@ -87,17 +87,27 @@ def _path(weld: WeldSignals) -> list[tuple[float, float, float]]:
 
 
 def check_heat(before: HeatProfile, after: HeatProfile) -> None:
-    """Refuse a profile whose last weld is further from the others than the profile expects."""
+    """Refuse a profile whose last weld is further from the others than the profile expects.
+
+    Of the first weld, from what was computed.
+    """
     weld, expected_kw = after.welds[-1], sqrt(float(np.mean(np.square(before.deviation_kw))))
-    lacks_kw = weld.left_out_kw or 0.0
+    lacks_kw = weld.left_out_kw
+    if lacks_kw is None:
+        computed_kw = np.interp(after.travel_mm, before.travel_mm, before.heat_kw)
+        lacks_kw = float(np.std(np.subtract(after.heat_kw, computed_kw)))
     if lacks_kw > _STRANGE * expected_kw:
         detail = f"{lacks_kw:.2f} kW of the others', expected {expected_kw:.2f}"
         raise RefusedWeldError(weld.weld, Refusal.HEAT, detail)
 
 
 def earlier_bags(profile: HeatProfile, folder: Path, most: int) -> Mapping[str, Path]:
-    """The bags of the profile's last welds, by their data's hash; InputError if one is missing."""
-    bags = {source: folder / source.weld for source in profile.welds[-most:]}
+    """The bags of the profile's last welds, by their data's hash; InputError if one is missing.
+
+    Without those that were computed.
+    """
+    made = [source for source in profile.welds if not source.computed]
+    bags = {source: folder / source.weld for source in made[-most:]}
     lost = [
         source.weld
         for source, bag in bags.items()

@@ -35,6 +35,10 @@ MOST_WELDS = 8
     file("--model-out", "model file that belongs to it (YAML; default NAME.model.yaml)"),
     file("--model", "model of the process (default: the paper's)"),
     switch("--keep-model", "keep gain, lags and dead time of the model"),
+    switch(
+        "--computed",
+        "the bags are of simulated welds, before the first weld of the type, which replaces them",
+    ),
     DRIVE_LAG,
     FORCE,
     description="Find the heat into the copper beyond the spindle's power in each weld, by place, and write its "
@@ -43,6 +47,8 @@ MOST_WELDS = 8
 def learn_type(arguments: argparse.Namespace) -> int:
     if (arguments.type is None) == (arguments.update is None):
         raise CommandError("learn: give --type, or the profile of one by --update")
+    if arguments.computed and arguments.update is not None:
+        raise CommandError("learn --update: adds a weld that was made, so --computed goes without")
     return _learn(arguments) if arguments.update is None else _update(arguments)
 
 
@@ -60,7 +66,13 @@ def _learn(arguments: argparse.Namespace) -> int:
     ]
     with ProgressBar("learning") as bar:
         learned = learn(
-            welds, arguments.type, model, arguments.drive_lag, arguments.keep_model, bar
+            welds,
+            arguments.type,
+            model,
+            arguments.drive_lag,
+            arguments.keep_model,
+            arguments.computed,
+            bar,
         )
     _print(learned)
     write_text(out, learned.profile.text)
@@ -86,7 +98,9 @@ def _update(arguments: argparse.Namespace) -> int:
         else ModelParameters.from_file(arguments.model)
     )
     with ProgressBar("learning") as bar:
-        learned = learn(welds, profile.type, model, arguments.drive_lag, True, bar)
+        learned = learn(
+            welds, profile.type, model, arguments.drive_lag, keep_model=True, progress=bar
+        )
     _print(learned)
     check_heat(profile, learned.profile)
     write_text(arguments.out or file, learned.profile.text)

@@ -25,16 +25,16 @@ from fsw_model.heat_profile import HeatProfile, HeatSource, ThermalModel
 WAY = {"name": "way", "phases": [{"name": "start", "to_deg": 2.0, "length_mm": 20.0}]}
 
 
-def profile(*welds, lacks=None):
+def profile(*welds, lacks=None, rise_kw=1.0, **source):
     """A profile of welds, names with what their bags hold; ``lacks``: the last one's."""
-    sources = [HeatSource(weld=name, sha256=digest(data)) for name, data in welds]
+    sources = [HeatSource(weld=name, sha256=digest(data), **source) for name, data in welds]
     sources[-1] = sources[-1].changed(left_out_kw=lacks)
     return HeatProfile(
         type="lid",
         model=ThermalModel.of(nominal()),
         welds=tuple(sources),
         travel_mm=(0.0, 10.0),
-        heat_kw=(0.0, 1.0),
+        heat_kw=(0.0, rise_kw),
         deviation_kw=(0.2, 0.2),
     )
 
@@ -118,6 +118,15 @@ def test_a_weld_whose_heat_is_far_from_the_others_is_refused():
     check_heat(before, profile(("C001", b"one"), ("C002", b"two"), lacks=0.39))
     after = profile(("C001", b"one"), ("C002", b"two"), lacks=0.41)
     assert refusal_of(check_heat, before, after) is Refusal.HEAT
+
+
+def test_what_was_computed_is_replaced_by_the_first_weld(tmp_path):
+    """Which is of another type if its heat rises by far more than 0.4 kW on both sides allow."""
+    computed = profile(("drawn", b"drawn"), computed=True)
+    assert not earlier_bags(computed, tmp_path, 7)
+    check_heat(computed, profile(("C001", b"one"), rise_kw=1.7))
+    other = profile(("C001", b"one"), rise_kw=1.9)
+    assert refusal_of(check_heat, computed, other) is Refusal.HEAT
 
 
 def test_the_last_welds_bags_are_needed_unchanged(tmp_path):

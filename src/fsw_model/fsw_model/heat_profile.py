@@ -30,6 +30,8 @@ class HeatSource(Model):
     """of the bag's data"""
     left_out_kw: NonNegativeFloat | None = None
     """RMS of this weld's changes of heat that the other welds' profile lacks; of one weld: none"""
+    computed: bool = False
+    """simulated from the drawing, before the first weld of the type, which replaces it"""
 
 
 class ThermalModel(Model):
