@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """What the graph of processes costs: ticks per second in lockstep, and at 10 Hz delay, processor, memory and start.
 
-usage: graph.py [--quick] [--json FILE]
+usage: graph.py [--quick] [--whole-weld] [--json FILE] [--out FOLDER]
 
-The delay is from the last sensor of a tick to its command, by the times of their publication in
-the bag.
+``--whole-weld`` is the soak test: 45 minutes in real time, with the growth of every process. The
+delay is from a tick's measurement to its command, as the bag has it.
 """
 
 import os
@@ -21,18 +21,18 @@ sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
 if __name__ == "__main__":
     from _bootstrap import ensure
 
-    ensure()
+    ensure(extras=("hmi",))
 
 import numpy as np
 import rclpy
 from processes import memory_mib, processor_s
 from report import parser, save, show
 
-from fsw_analysis.messages import SENSOR_TOPICS
+from fsw.console import ProgressBar
+from fsw_analysis.signals import load_weld
 from fsw_control.fast_dds import stay_on_this_machine
 from fsw_control.free_domain import free_domain
-from fsw_recorder.bag_reader import BagReader
-from fsw_recorder.weld_clock import stamp_ns
+from fsw_control.weld import TICK_S
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
 from fsw_scenario.graph import WeldGraph
@@ -40,7 +40,10 @@ from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario_file import load
 
 AIMS = {"offline_steps_per_s": 20_000, "graph_with_nmpc_steps_per_s": 200}
-SENSORS = set(SENSOR_TOPICS.values())
+#: between two looks at the processes
+EVERY_S = 2.0
+#: memory is judged from here on, as a share of the weld; before, caches fill
+SETTLED = 0.2
 #: of nodes whose start is timed by itself
 NODES = ("plant", "decentral", "nmpc", "supervisor", "recorder")
 
@@ -73,55 +76,73 @@ def graph_steps_per_s(name, controllers, repetitions):
     return statistics.median(rates), statistics.median(starts)
 
 
-def ten_hertz(name):
-    """Eight nodes at 10 Hz: time to the first tick, delay of the commands, processor and memory of each node."""
+def ten_hertz(name, folder, with_page=False):
+    """All nodes at 10 Hz: start, lost ticks, delay of the commands, processor and memory of each node."""
+    graph = WeldGraph(
+        load(name, ["controller=nmpc"]),
+        folder,
+        ("decentral",),
+        realtime=True,
+        standby=True,
+        companions=["monitor"],
+    )
+    began_s, samples = time.perf_counter(), []
     with (
-        tempfile.TemporaryDirectory() as folder,
         free_domain() as domain,
-        Launcher(Path(folder) / "log", domain) as launcher,
+        Launcher(folder / "log", domain) as launcher,
+        ProgressBar(name) as bar,
     ):
-        place, controllers = Path(folder) / "weld", ("nmpc", "decentral")
-        graph = WeldGraph(
-            load(name), place, controllers, True, standby=True, companions=["monitor"]
-        )
-        began_s, spent = time.perf_counter(), []
 
-        def note(_):
-            pids = {
-                name: child.process.pid
-                for name, child in launcher.children.items()
-                if child.running
-            }
-            used = {name: (processor_s(pid), memory_mib(pid)) for name, pid in pids.items()}
-            spent.append((time.perf_counter(), used))
+        def note(share):
+            bar(share)
+            now_s = time.perf_counter()
+            if not samples or now_s >= samples[-1][0] + EVERY_S:
+                running = {name: one for name, one in launcher.children.items() if one.running}
+                pids = {name: child.process.pid for name, child in running.items()}
+                used = {name: (processor_s(pid), memory_mib(pid)) for name, pid in pids.items()}
+                samples.append((now_s, used))
 
+        if with_page:
+            launcher.start("hmi", "fsw_hmi.main", ["--port", "0"])
         graph.run(launcher, note)
-        (first_s, first), (last_s, last) = (
-            spent[0],
-            next(row for row in reversed(spent) if "scenario" in row[1]),
-        )
-        figures = {"nodes": len(first), "start_of_graph_s": first_s - began_s} | delays_ms(
-            graph.bag
-        )
-        for node in first:
-            cpu_s = last[node][0] - first[node][0]
-            figures[f"{node}_cpu_percent"] = 100.0 * cpu_s / (last_s - first_s)
-            figures[f"{node}_mib"] = max(used[node][1] for _, used in spent if node in used)
-        return figures
+    figures = {"nodes": len(samples[0][1]), "start_of_graph_s": samples[0][0] - began_s}
+    return figures | ticks_of(load_weld(graph.bag)) | used_by(samples)
 
 
-def delays_ms(bag):
-    """From the last sensor of a tick to its command."""
-    sensed, answered = {}, {}
-    with BagReader(bag) as reader:
-        for record in reader.records():
-            stamp = stamp_ns(record.data)
-            if record.topic in SENSORS:
-                sensed[stamp] = max(sensed.get(stamp, 0), record.publish_time_ns)
-            elif record.topic == "/fsw/command":
-                answered.setdefault(stamp, record.publish_time_ns)
-    delays = [(answered[stamp] - sensed[stamp]) * 1e-6 for stamp in answered if stamp in sensed]
-    return {f"delay_p{share}_ms": float(np.percentile(delays, share)) for share in (50, 99, 100)}
+def ticks_of(weld):
+    """What came of the ticks of a weld."""
+    source, latency_ms = weld.command_source[:-1], 1e3 * weld.command_latency_s
+    known = latency_ms[np.isfinite(latency_ms)]
+    expected = 1 + round((weld.stamp_ns[-1] - weld.stamp_ns[0]) * 1e-9 / TICK_S)
+    return {
+        "ticks": weld.n_ticks,
+        "ticks_lost": expected - weld.n_ticks,
+        "ticks_on_hold": int(np.sum(source == "hold")),
+        "ticks_without_command": int(np.sum(source == "")),
+        "ticks_late": int(np.sum(known > 80.0)),
+        "changes_of_source": int(np.sum(source[1:] != source[:-1])),
+        "bag_problems": len(weld.problems),
+        **{f"delay_p{share}_ms": float(np.percentile(known, share)) for share in (50, 99, 100)},
+    }
+
+
+def used_by(samples):
+    """Processor and memory of each process that ran from the first sample to nearly the last.
+
+    The growth of the memory is the slope of a line through what follows once caches are filled.
+    """
+    figures = {}
+    for name in samples[0][1]:
+        times_s, cpu_s, mib = np.array(
+            [(at_s, *used[name]) for at_s, used in samples if name in used]
+        ).T
+        settled = slice(int(SETTLED * times_s.size), None)
+        figures[f"{name}_cpu_percent"] = 100.0 * np.ptp(cpu_s) / np.ptp(times_s)
+        figures[f"{name}_mib"] = mib.max()
+        figures[f"{name}_growth_mib_per_min"] = (
+            60.0 * np.polyfit(times_s[settled] - times_s[-1], mib[settled], 1)[0]
+        )
+    return {name: float(value) for name, value in figures.items()}
 
 
 def starts_s(repetitions):
@@ -160,7 +181,14 @@ def starts_s(repetitions):
 
 def main():
     """Measure, print a table, write JSON."""
-    arguments = parser(__doc__, "shorter scenario, fewer repetitions").parse_args()
+    options = parser(__doc__, "shorter scenario, fewer repetitions")
+    options.add_argument(
+        "--whole-weld",
+        action="store_true",
+        help="instead, 45 minutes in real time with the operator's page",
+    )
+    options.add_argument("--out", type=Path, help="keep bag and logs in this new folder")
+    arguments = options.parse_args()
     name, repetitions = ("quick", 1) if arguments.quick else ("reference_tracking", 3)
     result = {
         "scenario": name,
@@ -168,12 +196,21 @@ def main():
         "cpus": os.cpu_count(),
         "python": platform.python_version(),
     }
-    result["offline_steps_per_s"] = offline_steps_per_s(name, 3 * repetitions)
-    result["graph_steps_per_s"], result["graph_start_and_stop_s"] = graph_steps_per_s(
-        name, (), repetitions
-    )
-    result["graph_with_nmpc_steps_per_s"], _ = graph_steps_per_s(name, ("nmpc",), repetitions)
-    result |= starts_s(repetitions) | ten_hertz("quick")
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = arguments.out or Path(scratch) / "weld"
+        folder.mkdir(parents=True)
+        if arguments.whole_weld:
+            name = "reference_tracking" if arguments.quick else "canister_weld"
+            result = ten_hertz(name, folder, with_page=True)
+        else:
+            result["offline_steps_per_s"] = offline_steps_per_s(name, 3 * repetitions)
+            result["graph_steps_per_s"], result["graph_start_and_stop_s"] = graph_steps_per_s(
+                name, (), repetitions
+            )
+            result["graph_with_nmpc_steps_per_s"], _ = graph_steps_per_s(
+                name, ("nmpc",), repetitions
+            )
+            result |= starts_s(repetitions) | ten_hertz("quick", folder)
     show(result, AIMS)
     save(result, arguments.json)
 

@@ -9,7 +9,6 @@ weld, compared with the paper's? And on plants with other sensors than the model
 is correlated or a thermocouple that lags.
 
 usage: identification.py [--quick] [--foreign | --sensors [KIND ...] | --short | --whole COUNT]
-[--keep FILE]
                          [--json FILE]
 """
 
@@ -76,8 +75,6 @@ BIASED = 3.0
 #: noise of the method's colour, and a disturbance of the process or a sensor with it
 DISTURBED = "correlated 1 s, disturbed"
 KINDS = (*SENSING, *MIXED, DISTURBED)
-#: what Ctrl-C interrupted: nothing is begun after that
-INTERRUPTED = []
 
 
 def one(job):
@@ -119,55 +116,20 @@ def errors_of(fit, factors):
     return errors, {name: fit.std[name] / getattr(fit.parameters, name) for name in fit.free}
 
 
-def results_of(name, function, jobs, keep=None):
-    """Results of all jobs, on all cores; those in the file ``keep`` are there already, and others get there.
-
-    After Ctrl-C, also in an earlier call, they are fewer than the jobs.
-    """
-    runs = kept(name, keep)
-    left = [job for job in enumerate(jobs) if job[0] not in runs and not INTERRUPTED]
-    try:
-        for (index, _), run in zip(
-            left, on_all_cores(function, [job for _, job in left]), strict=True
-        ):
-            runs[index] = run
-            print(f"{name}: {len(runs)} of {len(jobs)}", file=sys.stderr, flush=True)
-            if keep is not None:
-                with keep.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps([name, index, run]) + "\n")
-    except KeyboardInterrupt:
-        INTERRUPTED.append(name)
-        print(f"{name}: interrupted, {len(runs)} of {len(jobs)} only", file=sys.stderr)
-    return [runs[index] for index in range(len(jobs)) if index in runs]
+def results_of(name, function, jobs):
+    """Results of all jobs, on all cores, with the progress."""
+    runs = []
+    for run in on_all_cores(function, jobs):
+        runs.append(run)
+        print(f"{name}: {len(runs)} of {len(jobs)}", file=sys.stderr, flush=True)
+    return runs
 
 
-def kept(name, keep):
-    """Results of this name in the file ``keep``, by index; a line that was cut off at its end does not count."""
-    if keep is None or not keep.exists():
-        return {}
-    text = keep.read_text(encoding="utf-8")
-    if text and not text.endswith("\n"):
-        text = text[: text.rfind("\n") + 1]
-        keep.write_text(text, encoding="utf-8")
-    try:
-        lines = [json.loads(line) for line in text.splitlines()]
-        return {index: run for of, index, run in lines if of == name}
-    except (TypeError, ValueError):
-        raise SystemExit(
-            f"{keep}: not the results of this benchmark; name another file with --keep"
-        ) from None
-
-
-def of_undisturbed(drawn, keep=None):
+def of_undisturbed(drawn):
     """Errors and coverage of all intervals on undisturbed welds of five minutes."""
     runs = results_of(
-        "undisturbed",
-        one,
-        [(i, factors, None, EXPERIMENT) for i, factors in enumerate(drawn)],
-        keep,
+        "undisturbed", one, [(i, factors, None, EXPERIMENT) for i, factors in enumerate(drawn)]
     )
-    if not runs:
-        return {}
     result = {"plants": len(runs), "cpus": os.cpu_count()}
     names = list(dict.fromkeys(name for errors, *_ in runs for name in errors))
     inside = []
@@ -194,16 +156,14 @@ def of_undisturbed(drawn, keep=None):
     return result
 
 
-def of_disturbed(drawn, keep=None):
+def of_disturbed(drawn):
     """How many disturbed welds bias a parameter, and how many without a word."""
     events = [disturbance(index) for index in range(len(drawn))]
     runs = results_of(
-        "disturbed", one, [(i, drawn[i], events[i], EXPERIMENT) for i in range(len(drawn))], keep
+        "disturbed", one, [(i, drawn[i], events[i], EXPERIMENT) for i in range(len(drawn))]
     )
-    if not runs:
-        return {}
     biased, silent, gross, largest = 0, 0, 0, []
-    for (errors, deviations, *_, told, _), event in zip(runs, events, strict=False):
+    for (errors, deviations, *_, told, _), event in zip(runs, events, strict=True):
         off = {name: abs(errors[name]) / deviations[name] for name in AIMS if name in errors}
         worst = max(off, key=off.get)
         largest.append(max(abs(errors[name]) for name in AIMS if name in errors))
@@ -233,16 +193,11 @@ def deviations_of(runs):
     return off
 
 
-def of_whole_welds(drawn, keep=None):
+def of_whole_welds(drawn):
     """Coverage of all intervals and errors of the depth gain on welds of 45 minutes."""
     runs = results_of(
-        "whole weld",
-        one,
-        [(i, factors, None, WHOLE_WELD) for i, factors in enumerate(drawn)],
-        keep,
+        "whole weld", one, [(i, factors, None, WHOLE_WELD) for i, factors in enumerate(drawn)]
     )
-    if not runs:
-        return {}
     off = deviations_of(runs)
     every = [one for values in off.values() for one in values]
     gain = [
@@ -267,11 +222,9 @@ def of_whole_welds(drawn, keep=None):
     }
 
 
-def of_foreign(count, keep=None):
+def of_foreign(count):
     """On how many canisters the identified model predicts better than the paper's, and ratios of the errors (RMS)."""
-    runs = results_of("canister", foreign, range(count), keep)
-    if not runs:
-        return {}
+    runs = results_of("canister", foreign, range(count))
     result = {"foreign_canisters": len(runs)}
     for key in runs[0]:
         ratios = sorted(run[key] for run in runs)
@@ -311,16 +264,12 @@ def over_the_papers(judged, fit, settled):
     return {key: own[key] / papers[key] for key in own}
 
 
-def of_sensors(drawn, kinds=KINDS, keep=None):
+def of_sensors(drawn, kinds=KINDS):
     """Coverage of all intervals with other sensors, and errors of predictions over those of the paper's model."""
     result = {}
     for kind in kinds:
         sensors = SENSING.get(kind, {})
-        runs = results_of(
-            kind, sensed, [(i, factors, kind) for i, factors in enumerate(drawn)], keep
-        )
-        if not runs:
-            continue
+        runs = results_of(kind, sensed, [(i, factors, kind) for i, factors in enumerate(drawn)])
         off = deviations_of(runs)
         every = [one for values in off.values() for one in values]
         found = {
@@ -417,7 +366,7 @@ def prediction_errors(segments, model, settled, lag_s=0.0):
 
 
 def main():
-    """Measure, print a table, write JSON; returns the exit code."""
+    """Measure, print a table, write JSON."""
     options = parser(
         __doc__,
         "8 plants instead of 100, and of 60 that are disturbed; 2 of 12 whole welds and canisters",
@@ -434,36 +383,21 @@ def main():
         "--sensors", nargs="*", choices=KINDS, metavar="KIND", help="only the other sensors"
     )
     options.add_argument("--whole", type=int, metavar="COUNT", help="only whole welds, so many")
-    options.add_argument(
-        "--keep",
-        type=Path,
-        metavar="FILE",
-        help="lines of JSON, one for each weld, to go on with after Ctrl-C",
-    )
     arguments = options.parse_args()
-    few, keep = 2 if arguments.quick else 12, arguments.keep
-    only = None
-    if arguments.foreign:
-        only = of_foreign(few, keep) | of_sensors(random_factors(few, SPANS), keep=keep)
-    elif arguments.sensors is not None:
-        only = of_sensors(random_factors(few, SPANS), arguments.sensors or KINDS, keep)
-    elif arguments.whole is not None:
-        only = of_whole_welds(random_factors(arguments.whole, SPANS), keep)
-    if only is not None:
-        if only:
-            show(only)
-            save(only, arguments.json)
-        return 0 if only else 130
+    few = 2 if arguments.quick else 12
+    if arguments.foreign or arguments.sensors is not None or arguments.whole is not None:
+        if arguments.whole is not None:
+            result = of_whole_welds(random_factors(arguments.whole, SPANS))
+        else:
+            result = of_foreign(few) if arguments.foreign else {}
+            result |= of_sensors(random_factors(few, SPANS), arguments.sensors or KINDS)
+        show(result)
+        save(result, arguments.json)
+        return
     drawn = random_factors(8 if arguments.quick else 100, SPANS)
-    if not (result := of_undisturbed(drawn, keep)):
-        return 130
-    result |= of_disturbed(drawn[: 8 if arguments.quick else 60], keep)
+    result = of_undisturbed(drawn) | of_disturbed(drawn[: 8 if arguments.quick else 60])
     if not arguments.short:
-        result |= (
-            of_whole_welds(drawn[:few], keep)
-            | of_foreign(few, keep)
-            | of_sensors(drawn[:few], keep=keep)
-        )
+        result |= of_whole_welds(drawn[:few]) | of_foreign(few) | of_sensors(drawn[:few])
     show(result)
     for name, aim in AIMS.items():
         found = next(value for key, value in result.items() if key.startswith(f"{name}_median"))
@@ -474,8 +408,7 @@ def main():
         f"{'inside the 95 % intervals':<26} {result['inside_95_percent']:.1f} %  aim: 90 to 98 %"
     )
     save(result, arguments.json)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -113,7 +113,7 @@ def _outside(found: Mapping[str, list[float]], published: Sequence[float]) -> li
     return names
 
 
-def share_of(rows: Sequence[Row], label: str, seed: int = 1) -> dict[str, list[float]]:
+def share_of(rows: Sequence[Row], label: str) -> dict[str, list[float]]:
     """A controller's sigma and range as a share of the cascade's on the same welds, with intervals.
 
     The groups of eight are the same welds for both.
@@ -123,9 +123,7 @@ def share_of(rows: Sequence[Row], label: str, seed: int = 1) -> dict[str, list[f
         for name in (label, CASCADE)
     ]
     common = sorted(set(by_controller[0]) & set(by_controller[1]))
-    own, rival = (
-        welds.groups([of[index] for index in common], GROUP, seed) for of in by_controller
-    )
+    own, rival = (welds.groups([of[index] for index in common], GROUP) for of in by_controller)
     ranges = [found[:, 3] - found[:, 2] for found in (own, rival)]
     return {
         name: [float(value) for value in np.percentile(share, (2.5, 50.0, 97.5))]

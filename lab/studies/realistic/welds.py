@@ -154,11 +154,11 @@ def pooled(figures: Figures) -> Figures:
     return np.stack([mean, sigma, figures[..., 2].min(-1), figures[..., 3].max(-1)], -1)
 
 
-def groups(rows: Sequence[Row], size: int, seed: int = 1) -> Figures:
+def groups(rows: Sequence[Row], size: int) -> Figures:
     """Statistics of :data:`GROUPS` groups that are drawn from the welds with replacement."""
     names = ("mean_c", "square_c2", "min_c", "max_c")
     figures = np.array([[row[name] for name in names] for row in rows])
-    drawn = np.random.default_rng(seed).integers(len(rows), size=(GROUPS, size))
+    drawn = np.random.default_rng(1).integers(len(rows), size=(GROUPS, size))
     return pooled(figures[drawn])
 
 

@@ -51,9 +51,7 @@ ALARM: dict[str, Kind] = {
     "who": "text",
     "reason": "text",
 }
-#: what the monitor found, by kind; and words, which some versions of the message have
-HEALTH: dict[str, Kind] = {"kinds": "texts"}
-HEALTH_WORDS: dict[str, Kind] = {"causes": "texts"}
+HEALTH: dict[str, Kind] = {"findings": "texts"}  # as messages
 #: what became of the alarm, in older bags by its name, and for how long it was shelved
 ALARM_CHANGE: dict[str, Kind] = {"kind": "number", "event": "text", "shelved_for": "number"}
 #: changes of the alarm journal that are shown; the others follow from them
@@ -167,14 +165,21 @@ def of_alarms(times_s: FloatArray, journal: Table) -> Iterator[WeldEvent]:
 
 
 def of_health(times_s: FloatArray, health: Table) -> Iterator[WeldEvent]:
-    """What the monitor found and no longer found, each once, by its kind."""
-    present: dict[str, str] = {}
-    for time_s, (kinds, causes) in _in_order(times_s, health, *HEALTH, *HEALTH_WORDS):
-        now = dict.fromkeys(kinds, "") | dict(zip(kinds, causes, strict=False))
-        for kind in [*(now.keys() - present.keys()), *(present.keys() - now.keys())]:
-            words = now.get(kind, present.get(kind, "")) or kind.replace("_", " ")
-            yield WeldEvent(time_s, "finding", kind, is_over=kind in present, detail=words)
+    """What the monitor found and no longer found, each once, by the name of its cause."""
+    present: set[str] = set()
+    for time_s, findings in _in_order(times_s, health, *HEALTH):
+        now = {_cause(finding) for finding in findings}
+        for cause in sorted(now ^ present):
+            words = cause.replace("_", " ")
+            yield WeldEvent(time_s, "finding", cause, is_over=cause in present, detail=words)
         present = now
+
+
+def _cause(finding: Any) -> str:
+    """Name of a recorded finding's cause, which its message type has as a constant."""
+    constants = vars(type(finding)).items()
+    names = (name for name, value in constants if name.isupper() and value == finding.cause)
+    return next(names, "UNKNOWN").lower()
 
 
 def _in_order(times_s: FloatArray, table: Table, *paths: str) -> list[tuple[float, Any]]:

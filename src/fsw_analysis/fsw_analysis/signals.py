@@ -219,7 +219,7 @@ def _add_course(weld: WeldSignals, messages: WeldMessages, ticks: _Ticks) -> Non
     weld.events += events.of_alarms(ticks.times_s(journal), journal)
     progress = messages.table("/fsw/weld_progress", events.PROGRESS)
     actions = messages.table("/fsw/operator_action", events.ACTION, events.ACTION_ADDED)
-    health = messages.table("/fsw/monitor/health", events.HEALTH, events.HEALTH_WORDS)
+    health = messages.table("/fsw/monitor/health", {}, events.HEALTH)
     weld.events += events.of_health(ticks.times_s(health), health)
     times_s = ticks.times_s(progress)
     weld.phases = events.phases(times_s, progress)

@@ -15,6 +15,7 @@ from fsw_analysis.weld_signals import FloatArray
 from fsw_control.cause import Cause, Severity
 from fsw_control.journal import AlarmChange, RequestKind
 from fsw_control.reason import Reason, ReasonCode
+from fsw_recorder.definitions import Definitions, interface_definition
 
 ANNA = "anna (3f2a)"
 #: time and interlocks of bags before ``Interlock.msg``
@@ -39,6 +40,14 @@ def table(names: Sequence[str], *rows: tuple[Any, ...]) -> tuple[FloatArray, Tab
             columns[name][at] = value
     times = np.array([row[0] for row in rows], float)
     return times, Table([(0, 0, 0)] * len(rows), columns)
+
+
+def finding(cause: int) -> Any:
+    """A finding of the monitor as it is read from a bag."""
+    kind, definitions = "fsw_msgs/msg/WeldFinding", Definitions()
+    definition = interface_definition(kind)
+    data = definitions.encode(kind, definition, {"cause": cause})
+    return definitions.decode(kind, definition, data)
 
 
 def told(found: Any) -> list[tuple[Any, ...]]:
@@ -234,19 +243,19 @@ def test_alarms_that_came_and_were_shelved(is_old: bool) -> None:
 
 def test_what_the_monitor_found_is_told_once_and_when_it_is_over() -> None:
     times, health = table(
-        [*events.HEALTH, *events.HEALTH_WORDS],
-        (1.0, [], []),
-        (2.0, ["thermocouple"], ["it drifts"]),
-        (3.0, ["thermocouple"], ["it drifts, 98 %"]),
-        (4.0, ["tool_wear"], []),
+        list(events.HEALTH),
+        (1.0, []),
+        (2.0, [finding(40)]),
+        (3.0, [finding(40)]),
+        (4.0, [finding(45)]),
     )
     found = list(events.of_health(times, health))
     assert {(one.time_s, one.subject, one.is_over) for one in found} == {
-        (2.0, "thermocouple", False),
+        (2.0, "thermocouple_drift", False),
         (4.0, "tool_wear", False),
-        (4.0, "thermocouple", True),
+        (4.0, "thermocouple_drift", True),
     }
-    assert [one.text for one in found[:2]] == ["monitor: it drifts", "monitor: tool wear"]
+    assert found[0].text == "monitor: thermocouple drift"
 
 
 def test_nothing_happens_where_nothing_was_recorded() -> None:
@@ -256,6 +265,6 @@ def test_nothing_happens_where_nothing_was_recorded() -> None:
         (events.PROGRESS, events.of_progress),
         state,
         journal,
-        (events.HEALTH | events.HEALTH_WORDS, events.of_health),
+        (events.HEALTH, events.of_health),
     ):
         assert told(of(*table(list(names)))) == []

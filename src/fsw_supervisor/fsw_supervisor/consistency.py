@@ -190,20 +190,14 @@ class TemperatureMovement:
 class Consistency:
     """All three residuals, tick by tick."""
 
-    def __init__(self, model: ModelParameters | None = None) -> None:
-        model = nominal() if model is None else model
-        self._torque = TorqueRatio(model)
-        self._depth, self._temperature = DepthMovement(model), TemperatureMovement(model)
-        self._model = model
-        self._last_s = nan
+    def __init__(self) -> None:
+        self._torque = TorqueRatio(nominal())
+        self.forget_time()
 
     def forget_time(self) -> None:
         """Restart the movements after the clock went back; the learnt ratio is kept."""
         self._last_s = nan
-        self._depth, self._temperature = (
-            DepthMovement(self._model),
-            TemperatureMovement(self._model),
-        )
+        self._depth, self._temperature = DepthMovement(nominal()), TemperatureMovement(nominal())
 
     def update(self, m: Measurement) -> Residuals:
         """Take the measurement of a tick; held values count as missing."""
