@@ -391,8 +391,8 @@ def command_line() -> dict[str, str]:
         "",
         *lines,
         "",
-        "Exit codes: 0 done, 1 not possible (one line says why), 2 wrong arguments, 130 interrupted; others "
-        "are with their command. `--out` is where results are written, and results that exist are replaced only "
+        "Exit codes: 0 done, 1 not possible or a wrong value (one line says why), 2 an unknown or missing command or "
+        "option, 130 interrupted; others are with their command. `--out` is where results are written, and results that exist are replaced only "
         "with `--force`; `--set` replaces a value of a scenario, `--parameter` one of a node that computes.",
         "",
         "Nodes (`scripts/run_*.py`) take `--ros-args` with `-p`, `-r`, `--params-file` and `--log-level`; `--help` "

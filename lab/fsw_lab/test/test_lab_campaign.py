@@ -112,7 +112,10 @@ def test_reports(folder, tmp_path, capsys):
     assert figures == {"page_ratios.png"}
     assert all(f"]({name})" in page.read_text() for name in figures)
     tables = json.loads((tmp_path / "page_tables.json").read_text(encoding="utf-8"))
+    ratios = tables.pop("ratios")
     assert {len(rows[0]) for rows in tables.values()} == {2, 3, 7}
+    spreads = [spread for of in ratios.values() for spread in of.values()]
+    assert spreads and all(low <= middle <= high for low, middle, high, _ in spreads)
     capsys.readouterr()
     report.write(folder, tmp_path / "again.md")
     assert (tmp_path / "again.md").read_text() == re.sub(

@@ -91,7 +91,7 @@ def test_identify(
     found = ModelParameters.from_file(out)
     assert found.thermal_gain_c_per_kw == pytest.approx(1.3 * 18.1, rel=0.03)
     assert found.depth_gain_mm_per_kn_s == pytest.approx(0.8 * 0.0016, rel=0.05)
-    assert {path.name for path in folder.iterdir()} == {"report.html", "report.png"}
+    assert {path.name for path in folder.glob("[!.]*")} == {"report.html", "report.png"}
     names = "geometry_factor, contact_radius_m, geometry_offset_m3: "
     assert f"{names}not identifiable" in capsys.readouterr().out
     before = out.read_text()

@@ -182,7 +182,7 @@ def parameters_by_node(
     return parameters
 
 
-FORCE = switch("--force", "replace results that exist, also a whole folder of an earlier run")
+FORCE = switch("--force", "replace results that exist")
 #: options of all commands that use the graph
 GRAPH = (
     number(

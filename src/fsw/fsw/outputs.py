@@ -49,8 +49,12 @@ def write_json(file: Path | None, values: Any) -> None:
         write_text(file, json.dumps(values, indent=2, allow_nan=False) + "\n")
 
 
-def new_folder(wanted: Path | None, name: str, option: str = "--out", force: bool = False) -> Path:
+def new_folder(
+    wanted: Path | None, name: str, option: str = "--out", force: bool | None = None
+) -> Path:
     """Create a folder for results; with ``force``, in place of that of an earlier run.
+
+    None: of a command that has no ``--force``, so that none replaces its folder.
 
     Raises
     ------
@@ -71,7 +75,8 @@ def new_folder(wanted: Path | None, name: str, option: str = "--out", force: boo
                 shutil.rmtree(path)
             else:
                 path.unlink()
-        (folder / _MARK).touch()
+        if force is not None:
+            (folder / _MARK).touch()
     except OSError as error:
         raise CommandError(f"cannot make folder {folder}: {error.strerror}") from None
     return folder
