@@ -230,12 +230,14 @@ class ChannelTests:
         present = np.array([not flaw for flaw in health])
         self._listen(bank.z[0], present, health)
         usable = np.array([not flaw for flaw in health])
-        filters = len(bank.z)
+        tested = min(len(bank.z), len(self._rows) + 1)  # none without a pair
+        z = bank.z[:tested]
         inverses, taken = bank.weigh(usable)
+        inverses, taken = inverses[:, :tested], taken[:tested]
         # innovations are white: means over longer than the filters need to follow are, too
-        means = self._means[:, :filters]
+        means = self._means[:, :tested]
         chi, common, weights = parity(
-            np.stack((bank.z, *means)),
+            np.stack((z, *means)),
             np.stack((*inverses, inverses[0] / averaged(FIVE_SECONDS))),
             taken,
         )
@@ -247,7 +249,7 @@ class ChannelTests:
         used = usable.copy()
         used[list(wrong)] = False
         if not wrong:  # else the common part is wrong, too
-            apart = bank.z - common[0][:, None]
+            apart = z - common[0][:, None]
             means += np.where(used, (apart - means) * _WEIGHTS, 0.0)
         self._follow_priors(bank, used, ~np.isnan(values))
         if self._quiet:
