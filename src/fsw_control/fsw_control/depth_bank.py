@@ -52,11 +52,11 @@ class DepthBank:
         self.noise = np.array([row.noise_mm**2 for row in rows])
         self.prior = np.array([row.bias_deviation_mm**2 for row in rows])
         self._wander = np.array([2.0 * row.wander_mm**2 / row.wander_s for row in rows])
-        most = min(2, self.count - 1)
+        self.most_left_out = min(2, self.count - 1)  #: channels that a filter is without
         #: by filter, the channels that it leaves out
         self._left_out = [
             frozenset(some)
-            for size in range(most + 1)
+            for size in range(self.most_left_out + 1)
             for some in combinations(range(self.count), size)
         ]
         filters = len(self._left_out)
