@@ -1,16 +1,17 @@
-"""A bank of Kalman filters for the depth: one that uses every channel, and one without each.
+"""A bank of Kalman filters for the depth: with all channels, without each, without each pair.
 
 The states are depth, its rate, thermal growth per power that has soaked in, of each channel the
 error of its deflection and its bias, and the heights of edges of the surface. If a channel turns
-out to be wrong, the filter that never used it replaces all others, so that nothing of the fault
-stays in the estimates. (Multiple models: Bar-Shalom, Li, Kirubarajan, "Estimation with
-Applications to Tracking and Navigation", 2001, 11.6.)
+out to be wrong, the filters that never used it replace all others, so that nothing of the fault
+stays in the estimates, nor of another one that is found later. (Multiple models: Bar-Shalom, Li,
+Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, 11.6.)
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,9 @@ def averaged(weight: float) -> float:
 
 
 class DepthBank:
-    """Filters by index: 0 uses all channels, i + 1 all but channel i; of a single channel only 0.
+    """Filters by index: 0 uses all channels, i + 1 all but channel i, the last all but two.
+
+    Of two channels there is no pair to leave out, of a single one there is only filter 0.
 
     ``x`` and ``p`` are their states and covariances.
     """
@@ -49,7 +52,14 @@ class DepthBank:
         self.noise = np.array([row.noise_mm**2 for row in rows])
         self.prior = np.array([row.bias_deviation_mm**2 for row in rows])
         self._wander = np.array([2.0 * row.wander_mm**2 / row.wander_s for row in rows])
-        filters = self.count + 1 if self.count > 1 else 1
+        self.most_left_out = min(2, self.count - 1)  #: channels that a filter is without
+        #: by filter, the channels that it leaves out
+        self._left_out = [
+            frozenset(some)
+            for size in range(self.most_left_out + 1)
+            for some in combinations(range(self.count), size)
+        ]
+        filters = len(self._left_out)
         size = FIRST + 2 * self.count + EDGES
         deflection = np.array([row.deflection_deviation_mm_per_kn**2 for row in rows])
         self._deflections = np.arange(FIRST, FIRST + self.count)
@@ -69,8 +79,9 @@ class DepthBank:
         self._diagonal = np.arange(self.count)
         self._h[self._diagonal, self._biases] = 1.0
         #: by filter and channel, 1 where the filter uses it
-        self.takes = np.ones((filters, self.count))
-        self.takes[1:] -= np.eye(self.count)[: filters - 1]
+        self.takes = np.array(
+            [[float(i not in some) for i in range(self.count)] for some in self._left_out]
+        )
         self._steps: dict[float, tuple[Array, Array]] = {}
         self._masks: dict[bytes, tuple[Array, Array, Array]] = {}
         self._weighed: bytes | None = None  #: channels for which ``_inverse`` is made
@@ -196,19 +207,28 @@ class DepthBank:
     def doubt(self, channel: int, step_mm: float) -> None:
         """Let the bias of a channel be uncertain as after touch-off: it has changed.
 
-        To the filter without the channel it is still the prior, and the step.
+        To the filters without the channel it is still the prior, and the step.
         """
-        state, variances = self._biases[channel], np.full(len(self.p), self.prior[channel])
-        variances[channel + 1] = step_mm**2
-        self.p[:, state, state] += variances
+        state = self._biases[channel]
+        uses = self.takes[:, channel] > 0.0
+        self.p[:, state, state] += np.where(uses, self.prior[channel], step_mm**2)
 
     def trust(self, left_out: int) -> None:
-        """Continue with the filter that leaves out a channel, in place of all others.
+        """Continue with the filters that leave out a channel, in place of the others.
 
-        A filter knows the channel that it leaves out by its prior only.
+        Where none leaves out three, the one that has used the third takes over; it knows that by
+        its prior only.
         """
         if len(self.x) == 1:
             return
-        self.x[:], self.p[:] = self.x[left_out + 1], self.p[left_out + 1]
-        own = np.arange(1, len(self.x))
-        self.p[own, self._biases, self._biases] += self.prior
+        sources = []
+        for some in self._left_out:
+            without = some | {left_out}
+            if without not in self._left_out:
+                without = frozenset({left_out, min(some)} if len(some) > 1 else {left_out})
+            sources.append(self._left_out.index(without))
+        self.x, self.p = self.x[sources], self.p[sources]
+        for row, (some, source) in enumerate(zip(self._left_out, sources, strict=True)):
+            for channel in some - self._left_out[source]:
+                state = self._biases[channel]
+                self.p[row, state, state] += self.prior[channel]

@@ -177,17 +177,19 @@ def smoothed(
         return np.asarray((1.0 + distance) * np.exp(-distance))
 
     errors = max(deviation_mm, _EXACT_MM) ** 2 * np.eye(at_deg.size)
-    likelihood, means, squares = [], [], []
+    likelihoods: list[float] = []
+    means: list[Array] = []
+    squares: list[Array] = []
     for variation_mm in _VARIATIONS_MM:
         prior = _MEAN_MM**2 + variation_mm**2 * alike(at_deg, at_deg)
         root = np.linalg.cholesky(prior + errors)
         white = np.linalg.solve(root, bias_mm)
-        likelihood.append(-0.5 * white @ white - np.log(np.diagonal(root)).sum())
+        likelihoods.append(float(-0.5 * white @ white - np.log(np.diagonal(root)).sum()))
         shared = _MEAN_MM**2 + variation_mm**2 * alike(at_deg, where_deg)
         gains = np.linalg.solve(root, shared)
         means.append(gains.T @ white)
         squares.append(_MEAN_MM**2 + variation_mm**2 - (gains**2).sum(0) + means[-1] ** 2)
-    weights = np.exp(np.array(likelihood) - max(likelihood))
+    weights = np.exp(np.array(likelihoods) - max(likelihoods))
     weights /= weights.sum()
     mean = weights @ np.array(means)
     return mean, np.sqrt(np.maximum(weights @ np.array(squares) - mean**2, 0.0))

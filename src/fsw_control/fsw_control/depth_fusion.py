@@ -22,7 +22,7 @@ from fsw_control.depth_channels import (
 )
 from fsw_control.depth_edges import SurfaceEdges
 from fsw_control.depth_footprint import Footprint
-from fsw_control.depth_tests import DISAGREE, ChannelTests
+from fsw_control.depth_tests import DISAGREE, ChannelTests, Mask
 
 #: torque of process and motor at a force [kN], a depth [mm] and a speed [rpm]
 TorqueModel = Callable[[float, float, float], float]
@@ -124,8 +124,7 @@ class DepthFusion:
         witness = self._witness(force_kn, torque_nm, speed_rpm)
         judgement = self._tests.judge(bank, values, health, witness)
         if judgement.isolated:
-            self._isolate(judgement.isolated, values[judgement.used])
-            bank.innovate(values, pushed)
+            self._isolate(judgement.isolated, values, pushed, judgement.used)
         if judgement.common > DISAGREE:
             bank.loosen(judgement.common_mm**2)
         bank.correct(judgement.used)
@@ -156,15 +155,21 @@ class DepthFusion:
         gain = variance / (variance + error)
         return gain * bias_mm, gain * error
 
-    def _isolate(self, channels: tuple[int, ...], used_mm: Array) -> None:
+    def _isolate(
+        self, channels: tuple[int, ...], values_mm: Array, pushed_kn: float, used: Mask
+    ) -> None:
         """Continue without what channels that are wrong have done to the filters."""
         bank = self._bank
-        if len(channels) == 1:
-            self._tests.trust(channels[0], bank)
-            bank.trust(channels[0])
-        else:  # every filter has used one of them
-            bank.start(float(np.median(used_mm) if len(used_mm) else bank.x[0, DEPTH]))
+        if len(channels) > max(1, bank.most_left_out):  # every filter has used one of them
+            known_mm = values_mm[used]
+            bank.start(float(np.median(known_mm) if len(known_mm) else bank.x[0, DEPTH]))
             self._tests.restart()
+            bank.innovate(values_mm, pushed_kn)
+            return
+        for channel in channels:
+            self._tests.trust(channel, bank)
+            bank.trust(channel)
+            bank.innovate(values_mm, pushed_kn)
 
     def _result(
         self,

@@ -74,6 +74,41 @@ def parity(z: Array, inverse: Array, taken: Array) -> tuple[Array, Array, Array]
     return (z * taken * weighted).sum(-1) - common**2 * weights, common, weights
 
 
+class DriftWatch:
+    """Watches channels that seem to drift: a small step that stands is a change of the bias."""
+
+    def __init__(self) -> None:
+        #: by channel, its distance from the others before, and since then
+        self._distances: dict[int, tuple[float, list[float]]] = {}
+
+    def __contains__(self, channel: int) -> bool:
+        return channel in self._distances
+
+    def begin(self, channel: int, before_mm: float) -> None:
+        """Watch a channel that was this far from the others."""
+        self._distances[channel] = before_mm, []
+
+    def end(self, channel: int) -> None:
+        """Watch a channel no longer."""
+        self._distances.pop(channel, None)
+
+    def verdicts(self, own_mm: Array, known: Mask) -> dict[int, float | None]:
+        """Steps of channels that were watched for long enough; None: it drifts.
+
+        ``own_mm`` is how far each channel is from the others; ``known``, whether it was sampled.
+        """
+        steps: dict[int, float | None] = {}
+        for i, (before_mm, distances) in self._distances.items():
+            if known[i]:
+                distances.append(float(own_mm[i]))
+            if len(distances) >= WATCHED:
+                first_mm, last_mm = np.mean(distances[:ENDS]), np.mean(distances[-ENDS:])
+                step_mm = float(abs(last_mm - before_mm))
+                is_still = abs(last_mm - first_mm) < STILL_MM and step_mm < STEP_MM
+                steps[i] = step_mm if is_still else None
+        return steps
+
+
 class ChannelTests:
     """Tests of all channels of a weld, tick by tick."""
 
@@ -94,8 +129,7 @@ class ChannelTests:
         self._means = np.zeros((2, count + 1, count))
         self._off = np.zeros(count)  #: from the prior, over three seconds
         self._before = np.zeros(count)  #: the same, ahead of a slip
-        #: distance from the others since a channel seemed to drift
-        self._watch: dict[int, list[float]] = {}
+        self._watch = DriftWatch()
         self._roughness, self._absent = np.ones(count), np.zeros(count)
         self._last = np.full(count, np.nan)
         self._dusty = np.zeros(count, bool)
@@ -154,7 +188,7 @@ class ChannelTests:
             if not np.isnan(values[i]):
                 health[i] = ChannelHealth.GOOD
             self._off[i] = self._before[i]
-            self._watch.pop(i, None)
+            self._watch.end(i)
             self._means[:] = 0.0
         for i in slips:
             if i not in self._watch:  # else decided there
@@ -168,21 +202,18 @@ class ChannelTests:
 
         Such a step is a change of the bias: the filters then find it like that after touch-off.
         """
-        for i, distances in list(self._watch.items()):
-            if sampled[i]:
-                distances.append(float(bank.z[i + 1, i]))
-            if len(distances) < WATCHED or self._edges.is_pending(i):
+        own_mm = np.diagonal(bank.z[1:])
+        for i, step_mm in self._watch.verdicts(own_mm, sampled).items():
+            if self._edges.is_pending(i):
                 continue
-            del self._watch[i]
-            first_mm, last_mm = float(np.mean(distances[:ENDS])), float(np.mean(distances[-ENDS:]))
-            step_mm = abs(last_mm - self._before[i])
-            if abs(last_mm - first_mm) < STILL_MM and step_mm < STEP_MM:
+            self._watch.end(i)
+            if step_mm is None:
+                self.latched[i] = health[i] = ChannelHealth.DRIFT
+                self._purged.append(i)
+            else:
                 self.latched[i] = health[i] = ChannelHealth.GOOD
                 bank.doubt(i, step_mm if step_mm > STILL_MM else 0.0)
                 self._means[:] = 0.0
-            else:
-                self.latched[i] = health[i] = ChannelHealth.DRIFT
-                self._purged.append(i)
 
     def judge(
         self,
@@ -199,12 +230,14 @@ class ChannelTests:
         present = np.array([not flaw for flaw in health])
         self._listen(bank.z[0], present, health)
         usable = np.array([not flaw for flaw in health])
-        filters = len(bank.z)
+        tested = min(len(bank.z), len(self._rows) + 1)  # none without a pair
+        z = bank.z[:tested]
         inverses, taken = bank.weigh(usable)
+        inverses, taken = inverses[:, :tested], taken[:tested]
         # innovations are white: means over longer than the filters need to follow are, too
-        means = self._means[:, :filters]
+        means = self._means[:, :tested]
         chi, common, weights = parity(
-            np.stack((bank.z, *means)),
+            np.stack((z, *means)),
             np.stack((*inverses, inverses[0] / averaged(FIVE_SECONDS))),
             taken,
         )
@@ -216,7 +249,7 @@ class ChannelTests:
         used = usable.copy()
         used[list(wrong)] = False
         if not wrong:  # else the common part is wrong, too
-            apart = bank.z - common[0][:, None]
+            apart = z - common[0][:, None]
             means += np.where(used, (apart - means) * _WEIGHTS, 0.0)
         self._follow_priors(bank, used, ~np.isnan(values))
         if self._quiet:
@@ -264,7 +297,7 @@ class ChannelTests:
         if count == 0 or (chi[0] <= DISAGREE and count > 1):
             return (), 0.0
         if count > 2:
-            wrong = self._odd(chi, usable)
+            wrong = _odd(chi, usable)
             if wrong is not None:
                 return (wrong,), 0.0
         # too few channels for a majority: the torque, or that depth does not jump
@@ -278,15 +311,6 @@ class ChannelTests:
         if count > 1 and far[usable].all():
             return None, _spread(z[usable])
         return _indices(far), 0.0
-
-    @staticmethod
-    def _odd(chi: Array, usable: Mask) -> int | None:
-        """The only channel without which the others agree."""
-        without = np.where(usable, chi[1:], np.inf)
-        best, second = np.partition(without, 1)[:2]
-        if best <= AGREE and second - best > MARGIN:
-            return int(np.argmin(without))
-        return None
 
     def _confirm(
         self, wrong: tuple[int, ...], usable: Mask, bank: DepthBank, health: list[ChannelHealth]
@@ -331,7 +355,7 @@ class ChannelTests:
             self._spikes[i].clear()
             self._agreed[i], self._before[i] = 0, self._off[i]
             if slow:
-                self._watch[i] = []
+                self._watch.begin(i, self._off[i])
             drifts = flaw is ChannelHealth.DRIFT
             stepped = not drifts and self._edges.suspect(i, height_mm, usable, slow)
             health[i] = self.latched[i] = ChannelHealth.STEPPED if stepped else flaw
@@ -356,11 +380,11 @@ class ChannelTests:
         drifting: int | None = None
         flaw = ChannelHealth.STEPPED
         if chi[0, 0] > DISAGREE:
-            drifting = self._odd(chi[0], used) if count > 2 else None
+            drifting = _odd(chi[0], used) if count > 2 else None
             if drifting is None:
                 return (), _spread(self._means[0, 0][used])
         elif count > 2 and chi[1, 0] > DISAGREE:
-            drifting = self._odd(chi[1], used)
+            drifting = _odd(chi[1], used)
         elif count > 2 and ChannelHealth.STEPPED not in self.latched:  # is in the other filters
             variance = np.diagonal(np.diagonal(bank.s[1:], axis1=1, axis2=2))
             squared = np.where(
@@ -384,6 +408,15 @@ class ChannelTests:
                 if self._agreed[i] > ticks:
                     self.latched[i] = ChannelHealth.GOOD
                     self._edges.drop(i)
+
+
+def _odd(chi: Array, usable: Mask) -> int | None:
+    """The only channel without which the others agree."""
+    without = np.where(usable, chi[1:], np.inf)
+    best, second = np.partition(without, 1)[:2]
+    if best <= AGREE and second - best > MARGIN:
+        return int(np.argmin(without))
+    return None
 
 
 def _spread(z: Array) -> float:

@@ -161,8 +161,27 @@ def test_of_two_channels_that_are_wrong_since_the_start_nothing_stays(wrong):
         w.run(6.0)
     last = stuck.estimates[-1], without.estimates[-1]
     assert {last[0].health[name] for name in wrong} == {STUCK}
-    assert last[0].depth_mm == pytest.approx(last[1].depth_mm, abs=0.005)
-    assert last[0].deviation_mm == pytest.approx(last[1].deviation_mm, rel=0.05)
+    assert last[0].depth_mm == pytest.approx(last[1].depth_mm, abs=1e-4)
+    assert last[0].deviation_mm == pytest.approx(last[1].deviation_mm, rel=1e-3)
+
+
+@pytest.mark.parametrize("wrong", [("lvdt_lead", "laser"), ("lvdt_trail", "axial")])
+def test_of_two_channels_found_one_after_the_other_nothing_stays(wrong):
+    """A filter has been without both."""
+    drifts = {
+        name: lambda y, since_s, r, rate=rate: y + rate * since_s
+        for name, rate in zip(wrong, (0.02, 0.005), strict=True)
+    }
+    both, without = Weld(3, fault=drifts), Weld(3)
+    samples = without.samples
+    without.samples = lambda: {
+        name: None if name in wrong else value for name, value in samples().items()
+    }
+    for w in (both, without):
+        w.run(AT_S + 40.0)
+    health = both.estimates[-1].health
+    assert all(health[name] in (SLIP, DRIFT) for name in wrong)
+    assert both.estimates[-1].depth_mm == pytest.approx(without.estimates[-1].depth_mm, abs=0.002)
 
 
 def test_a_bank_that_begins_again_still_knows_the_edges():

@@ -189,7 +189,7 @@ def test_a_machine_with_an_uneven_path_follows_the_programme(changes, follows):
 
 def test_a_reset_is_a_touch_off():
     """A channel that drifted is used again, and growth and deviation begin as at the start."""
-    plant = emulator(tool_growth_mm_per_kw=0.005, tool_growth_s=60.0)
+    plant = emulator(tool_growth_mm_per_kw=0.005, tool_growth_s=150.0)
     first = plant.measure()
     plant.begin(fault("depth_laser", "drift", 0.02))
     welded(plant, 300)
