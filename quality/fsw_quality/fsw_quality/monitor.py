@@ -54,7 +54,7 @@ SMOOTHED_S = 20.0
 #: levels of an alarm and of a trend: the largest smoothed ratio of any cause exceeds them in one
 #: healthy weld of 45 minutes in a hundred and in ten, causes and times together
 #: (``benchmarks/monitor.py --calibrate``)
-ALARM, TREND = 9.0, 6.5
+ALARM, TREND = 9.0, 6.0
 #: by which the likeliest cause leads those that are named beside it (chosen: 20 to 1)
 _BESIDE = 3.0
 #: model and signatures are inexact by this share: of what moves within a second, and of a
