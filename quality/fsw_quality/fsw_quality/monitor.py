@@ -93,7 +93,7 @@ class ProcessWatch:
         harmless, self._largest = np.array([SIZES[one] for one in self._faults]).T
         shown = [SHOWN[one] for one in self._faults]
         # largest sizes that are no alarm, and no trend; the last is no fault
-        self._small = np.append([harmless, shown], np.zeros((2, 1)), axis=1)[:, None]
+        self._small = np.pad(np.array([harmless, shown]), ((0, 0), (0, 1)))[:, None]
         self.residuals = ModelResiduals(parameters, known_heat)
         self.healthy = Healthy(parameters, covariance, known_heat)
         self._begin_again()
