@@ -54,7 +54,7 @@ SMOOTHED_S = 20.0
 #: levels of an alarm and of a trend: the largest smoothed ratio of any cause exceeds them in one
 #: healthy weld of 45 minutes in a hundred and in ten, causes and times together
 #: (``benchmarks/monitor.py --calibrate``)
-ALARM, TREND = 9.0, 6.5
+ALARM, TREND = 9.0, 6.0
 #: by which the likeliest cause leads those that are named beside it (chosen: 20 to 1)
 _BESIDE = 3.0
 #: model and signatures are inexact by this share: of what moves within a second, and of a
@@ -93,7 +93,7 @@ class ProcessWatch:
         harmless, self._largest = np.array([SIZES[one] for one in self._faults]).T
         shown = [SHOWN[one] for one in self._faults]
         # largest sizes that are no alarm, and no trend; the last is no fault
-        self._small = np.append([harmless, shown], np.zeros((2, 1)), axis=1)[:, None]
+        self._small = np.pad(np.array([harmless, shown]), ((0, 0), (0, 1)))[:, None]
         self.residuals = ModelResiduals(parameters, known_heat)
         self.healthy = Healthy(parameters, covariance, known_heat)
         self._begin_again()
