@@ -199,8 +199,7 @@ def test_a_recorded_weld_is_attested_with_the_record_that_was_written_by_itself(
         result["attested"]["procedure"]["sha256"] == procedure.load(with_changes(tmp_path)).sha256
     )
     assert result["attested"]["documents"] == [f"record/{name}" for name in report.files()]
-    codes = {(one["code"], one["file"]) for one in result["not_checked"]}
-    assert ("not_judged_again", "record/record.json") in codes
+    assert "not_judged_again" in {entry["code"] for entry in result["not_checked"]}
 
 
 @pytest.mark.slow
