@@ -187,6 +187,8 @@ class Record(Model):
     """canister, lid, tool and machine, as far as the recorder was told"""
     weld_data: WeldData | None = None
     """of ISO 25239-4 and -5, by procedure and recorder, e.g. operator's qualification, material heat"""
+    afterwards: WeldData | None = None
+    """stated by who wrote the record, e.g. NDT, nonconformance, disposition; the bag does not prove it"""
     extra: dict[str, str | float | bool] = Field(default_factory=dict)
     """what else procedure and recorder say of the weld"""
     judged_with: dict[str, str] = Field(default_factory=dict)

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 import yaml
 
+from fsw_analysis.procedure import WeldData
 from fsw_quality import evidence, record, report
 from fsw_quality.attestation import read_chain
 from fsw_quality.evidence import Policy, Subject, attest, verify_bag
@@ -200,14 +201,16 @@ def test_a_record_of_an_earlier_version_is_refused_as_such(shop: Path) -> None:
     assert codes(shop, signed_for(shop, names=("record.json",))) == [Code.RECORD_OTHER_VERSION]
 
 
-def test_a_comparison_with_earlier_welds_is_noted_as_not_checked(shop: Path) -> None:
+def test_what_the_bag_does_not_give_is_noted_as_not_checked(shop: Path) -> None:
     path = shop / "weld_1" / "record" / "record.json"
     stated = Record.model_validate_json(path.read_bytes())
-    compared = stated.changed(comparison=Comparison(welds=("weld_0",), figures=()))
-    path.write_bytes(report.record_bytes(compared))
+    compared = Comparison(welds=("weld_0",), figures=())
+    more = stated.changed(comparison=compared, afterwards=WeldData(ndt="UT 5"))
+    path.write_bytes(report.record_bytes(more))
     subject = signed_for(shop, names=("record.json",))
     made = attest(subject, shop / "chain", load_private(shop / "key"), NOW, own(shop))
-    assert Unchecked.NOT_COMPARED in [note.code for note in made.notes]
+    codes = {note.code for note in made.notes}
+    assert {Unchecked.NOT_COMPARED, Unchecked.STATED_AFTERWARDS} <= codes
 
 
 def test_a_procedure_that_the_weld_did_not_run_by(shop: Path, welded_by: Procedure) -> None:

@@ -320,12 +320,15 @@ def test_a_record_is_not_replaced_unasked(
     assert "record.json exists; " in capsys.readouterr().err
     assert run(tmp_path / "weld", *arguments, "--force") == 1
     assert "given twice" in capsys.readouterr().err
-    assert run(*arguments, "--force") == 0
+    assert run(*arguments, "--force", "--data", "colour=red") == 1
+    assert "colour" in capsys.readouterr().err
+    data = ("--data", "ndt=UT 5", "--data", "disposition=use as is")
+    assert run(*arguments, "--force", *data) == 0
     assert "REJECT" in capsys.readouterr().out
-    operators = json.loads((tmp_path / "out" / "record.json").read_text(encoding="utf-8"))[
-        "operators"
-    ]
-    assert operators == ["anna (3f2a)"]
+    made = json.loads((tmp_path / "out" / "record.json").read_text(encoding="utf-8"))
+    assert made["operators"] == ["anna (3f2a)"]
+    assert made["afterwards"] == {"ndt": "UT 5", "disposition": "use as is"}
+    assert "UT 5" in (tmp_path / "out" / "record.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(("lines", "pages"), [(84, 1), (90, 2)])
