@@ -72,9 +72,9 @@ def _check_record(
         yield finding(Code.NO_PROCEDURE, name)
     else:
         stated = validate(Record, content, name)
-        for key, code in _BESIDE.items():
-            if code and getattr(stated, key) is not None:
-                yield finding(code, name)
+        for key, note in _BESIDE.items():
+            if note and getattr(stated, key) is not None:
+                yield finding(note, name)
         # All else follows from bag and procedure, so what was edited differs from what is made
         # again; no list of fields or sentences to check can be incomplete.
         made, course = make(bag, procedure, progress)

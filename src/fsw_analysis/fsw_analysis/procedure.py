@@ -132,37 +132,39 @@ class Identity(Model):
 class WeldData(Model):
     """What ISO 25239-4 and -5 ask for beside figures; all of it is optional, and printed in the record."""
 
-    wpqr: Text | None = Field(None, title="WPQR")
+    wpqr: Text | None = Field(default=None, title="WPQR")
     """number of the welding procedure qualification record"""
-    operator_qualification: Text | None = Field(None, title="operator's qualification")
+    operator_qualification: Text | None = Field(default=None, title="operator's qualification")
     """certificate of the welding operator (ISO 25239-3)"""
-    material_heat: Text | None = Field(None, title="material heat")
+    material_heat: Text | None = Field(default=None, title="material heat")
     """heat or batch of the copper, with its certificate"""
-    joint_preparation: Text | None = Field(None, title="joint preparation")
-    clamping: Text | None = Field(None, title="clamping")
+    joint_preparation: Text | None = Field(default=None, title="joint preparation")
+    clamping: Text | None = Field(default=None, title="clamping")
     tilt_deg: Annotated[float, _TILT, _OF_TEXT] | None = Field(
-        None, title="tilt of the tool [deg]"
+        default=None, title="tilt of the tool [deg]"
     )
     plunge_mm_per_min: Annotated[float, _PLUNGE, _OF_TEXT] | None = Field(
-        None, title="plunge speed [mm/min]"
+        default=None, title="plunge speed [mm/min]"
     )
-    dwell_s: Annotated[float, _DWELL, _OF_TEXT] | None = Field(None, title="dwell [s]")
+    dwell_s: Annotated[float, _DWELL, _OF_TEXT] | None = Field(default=None, title="dwell [s]")
     rotation: Literal["clockwise", "counterclockwise"] | None = Field(
-        None, title="sense of rotation"
+        default=None, title="sense of rotation"
     )
     """of the tool, seen from the spindle"""
-    preheat_c: Annotated[float, _PREHEAT, _OF_TEXT] | None = Field(None, title="preheat [°C]")
-    calibration_certificates: Text | None = Field(None, title="calibration certificates")
+    preheat_c: Annotated[float, _PREHEAT, _OF_TEXT] | None = Field(
+        default=None, title="preheat [°C]"
+    )
+    calibration_certificates: Text | None = Field(default=None, title="calibration certificates")
     tool_used_mm: Annotated[float, _USED, _OF_TEXT] | None = Field(
-        None, title="tool's use before this weld [mm]"
+        default=None, title="tool's use before this weld [mm]"
     )
     """length welded with it; compared with the life of the tool"""
-    ndt: Text | None = Field(None, title="non-destructive testing")
+    ndt: Text | None = Field(default=None, title="non-destructive testing")
     """methods, reports and results"""
-    nonconformance: Text | None = Field(None, title="nonconformance")
+    nonconformance: Text | None = Field(default=None, title="nonconformance")
     """number of its report"""
     disposition: Literal["use as is", "rework", "repair", "reject", "scrap"] | None = Field(
-        None, title="disposition"
+        default=None, title="disposition"
     )
     """what was decided of a nonconforming weld"""
 
