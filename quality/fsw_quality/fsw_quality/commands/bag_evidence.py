@@ -106,7 +106,9 @@ def _print(result: Verification) -> None:
     made, parts = result.attested, list[str]()
     if made is not None:
         parts = [f"weld {made.number}", *(f"{key} {made.identity[key]}" for key in made.identity)]
-        parts += [f"{len(made.documents)} documents"] if made.documents else []
+        absent = sum(one.code is Unchecked.DOCUMENT_ABSENT for one in result.not_checked)
+        of = len(made.documents)
+        parts += [f"{of - absent} of {of} documents"] if of else []
         by = made.procedure
         parts += [f"procedure {by.id} revision {by.revision}"] if by else []
     state = "not proven" if result.findings else "proven"
