@@ -175,7 +175,7 @@ def assemble(
         proof=tuple(proof),
         identity={key: custom[key] for key in IDENTITY if key in custom},
         weld_data=weld_data,
-        extra=dict(procedure.extra) | rest,
+        extra={**procedure.extra, **rest},
         judged_with=judged_with(),
         start_ns=int(signals.stamp_ns[0]),
         simulated_time=evidence.stamp_ns is None,
