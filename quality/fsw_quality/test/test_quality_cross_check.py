@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from fsw_analysis.procedure import WeldData
-from fsw_quality import evidence, record, report
+from fsw_quality import record, report
 from fsw_quality.attestation import read_chain
 from fsw_quality.evidence import Policy, Subject, attest, verify_bag
 from fsw_quality.record_content import Comparison, Record
@@ -106,28 +106,6 @@ def test_what_fits_together_is_attested_and_verified(shop: Path, welded_by: Proc
     (shop / "weld_1" / "record" / "record.pdf").write_bytes(b"%PDF-1.4 other")
     changed = verify_bag(shop / "weld_1", Policy(trusted), NOW)
     assert [entry.code for entry in changed.findings] == [Code.CHANGED_SINCE]
-
-
-@pytest.mark.parametrize("steps", [1, 2])
-def test_a_crash_while_a_record_is_attested_is_mended_by_the_same_call(
-    shop: Path, steps: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The record says that the bag was not attested when it was written, which is still so."""
-    write, written = evidence.write_whole, list[Path]()
-
-    def dying(path: Path, text: str, **options: bool) -> None:
-        written.append(path)
-        if len(written) == steps:
-            raise KeyboardInterrupt
-        write(path, text, **options)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(evidence, "write_whole", dying)
-        with pytest.raises(KeyboardInterrupt):
-            codes(shop, signed_for(shop))
-    assert codes(shop, signed_for(shop)) == []
-    trusted = load_trusted([shop / "key.pub"])
-    assert verify_bag(shop / "weld_1", Policy(trusted), NOW).findings == ()
 
 
 def test_the_record_of_another_weld(shop: Path) -> None:
