@@ -265,6 +265,8 @@ def allowed(value: dict[str, Any]) -> str:
     if "$ref" in value:
         name = title(value["$ref"].rpartition("/")[2])
         return f"[{name.lower()}](#{name.lower().replace(' ', '-')})"
+    if "anyOf" in value:
+        return " or ".join(map(allowed, value["anyOf"]))
     if value.get("type") == "array":
         return f"list: {allowed(value['items'])}"
     if "enum" in value or "const" in value:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from fsw.arguments import validated
 from fsw.welds import Progress
+from fsw_analysis.procedure import WeldData
+from fsw_control.schema.models import validate
 from fsw_quality.comparison import accepted_before, compare
 from fsw_quality.record_content import Record
 from fsw_scenario import procedure as procedures
@@ -20,6 +22,7 @@ def record(
     folder: str | Path | None = None,
     *,
     compare_with: str | Path | None = None,
+    afterwards: Mapping[str, str] | None = None,
     progress: Progress | None = None,
     note: Callable[[str], object] = warnings.warn,
 ) -> Record:
@@ -34,6 +37,8 @@ def record(
         Where ``record.html``, ``record.json`` and, with extra ``pdf``, ``record.pdf`` are written.
     compare_with : str or Path, optional
         Folder with records of earlier welds: the last accepted ones of the procedure are compared.
+    afterwards : mapping, optional
+        What is known only after the weld, with the keys of a procedure's ``weld_data``, e.g. ``ndt``.
     progress : callable, optional
         Called with the share read, 0 to 1.
     note : callable, optional
@@ -57,10 +62,12 @@ def record(
     from fsw_quality import report
 
     judged_by = procedures.load(procedure)
+    stated = validate(WeldData, dict(afterwards), "weld data") if afterwards else None
     found, course = records.make(Path(bag), judged_by, progress)
     if compare_with is not None:
         others = accepted_before(Path(compare_with), found, note)
         found = found.changed(comparison=compare(found, others))
+    found = found.changed(afterwards=stated)
     if folder is not None:
         Path(folder).mkdir(parents=True, exist_ok=True)
         report.write(found, course, judged_by, Path(folder))

@@ -16,6 +16,12 @@ from fsw_recorder.manifest import sha256
 from fsw_scenario.procedure import Procedure
 
 _RECORD = ("format", Record.model_fields["format"].default)
+#: fields of a record that the bag alone does not give, and what is noted of them
+_BESIDE: dict[str, Unchecked | None] = {
+    "bag": None,
+    "comparison": Unchecked.NOT_COMPARED,
+    "afterwards": Unchecked.STATED_AFTERWARDS,
+}
 #: fields that differ where a record is not merely edited, but of something else
 _OTHER = {
     "files": Code.RECORD_OTHER_WELD,
@@ -66,12 +72,13 @@ def _check_record(
         yield finding(Code.NO_PROCEDURE, name)
     else:
         stated = validate(Record, content, name)
-        if stated.comparison is not None:
-            yield finding(Unchecked.NOT_COMPARED, name)
+        for key, note in _BESIDE.items():
+            if note and getattr(stated, key) is not None:
+                yield finding(note, name)
         # All else follows from bag and procedure, so what was edited differs from what is made
         # again; no list of fields or sentences to check can be incomplete.
         made, course = make(bag, procedure, progress)
-        made = made.changed(bag=stated.bag, comparison=stated.comparison)
+        made = made.changed(**{key: getattr(stated, key) for key in _BESIDE})
         if data != record_bytes(made):
             said, real = (entry.model_dump(mode="json") for entry in (stated, made))
             # bytes: e.g. a key that is given twice, of which other software may read the first

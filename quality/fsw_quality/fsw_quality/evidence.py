@@ -131,8 +131,11 @@ def _draft(
         ran_by = attached({entry.name: entry.data for entry in reader.attachments()})
     procedure = subject.procedure or (ran_by[0] if len(ran_by) == 1 else None)
     if procedure and procedure.sha256 not in {entry.sha256 for entry in ran_by}:
-        code = Code.OTHER_PROCEDURE if ran_by else Unchecked.PROCEDURE_NOT_RECORDED
-        found.append(finding(code, METADATA_NAME, **dict(procedure.identity)))
+        by = dict(procedure.identity)
+        if ran_by:
+            found.append(finding(Code.OTHER_PROCEDURE, METADATA_NAME, **by))
+        else:
+            found.append(finding(Unchecked.PROCEDURE_NOT_RECORDED, METADATA_NAME, **by))
     signers = {Purpose.ATTESTATION: own} | ({Purpose.PROCEDURE: signer} if signer else {})
     found += _check_signers(bag, manifest, procedure, signers, policy)
     if not any(map(policy.is_fault, found)):  # else no document can be compared

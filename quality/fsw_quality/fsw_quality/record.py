@@ -15,7 +15,7 @@ from fsw_analysis.course import SENSOR_SIGNALS, Course
 from fsw_analysis.exceedances import beyond
 from fsw_analysis.judgement import Evidence, judge
 from fsw_analysis.phase_kpi import ErrorStatistics
-from fsw_analysis.procedure import Procedure, attached
+from fsw_analysis.procedure import Procedure, attached, weld_data_of
 from fsw_analysis.rules import Fact, FactCode
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_events import WeldEvent
@@ -162,6 +162,9 @@ def assemble(
         *((name, ticks) for name, ticks in course.spans() if name),
         ("whole weld", slice(None)),
     ]
+    weld_data, rest = weld_data_of(
+        procedure.weld_data, {key: custom[key] for key in custom if key not in _KNOWN}
+    )
     record = Record(
         verdict=account.verdict,
         deciding=account.deciding,
@@ -171,8 +174,8 @@ def assemble(
         files=files,
         proof=tuple(proof),
         identity={key: custom[key] for key in IDENTITY if key in custom},
-        extra=dict(procedure.extra)
-        | {key: value for key, value in custom.items() if key not in _KNOWN},
+        weld_data=weld_data,
+        extra={**procedure.extra, **rest},
         judged_with=judged_with(),
         start_ns=int(signals.stamp_ns[0]),
         simulated_time=evidence.stamp_ns is None,

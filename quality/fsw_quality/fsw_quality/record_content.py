@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, Strict
 
 from fsw_analysis.exceedances import Exceedance, Pair, Rounded
-from fsw_analysis.procedure import Identity
+from fsw_analysis.procedure import Identity, WeldData
 from fsw_analysis.rules import Fact, Rule, Verdict
 from fsw_control.schema.models import Many, Model, json_content_of
 from fsw_recorder.bag_metadata import METADATA_NAME
@@ -185,8 +185,12 @@ class Record(Model):
     """whether the bag is as its manifest has it, and who signed that"""
     identity: dict[str, str]
     """canister, lid, tool and machine, as far as the recorder was told"""
+    weld_data: WeldData | None = None
+    """of ISO 25239-4 and -5, by procedure and recorder, e.g. operator's qualification, material heat"""
+    afterwards: WeldData | None = None
+    """stated by who wrote the record, e.g. NDT, nonconformance, disposition; the bag does not prove it"""
     extra: dict[str, str | float | bool] = Field(default_factory=dict)
-    """what else procedure and recorder say of the weld, e.g. operator's qualification, material heat, certificates"""
+    """what else procedure and recorder say of the weld"""
     judged_with: dict[str, str] = Field(default_factory=dict)
     """versions of this product and of the packages that computed the record"""
     start_ns: int

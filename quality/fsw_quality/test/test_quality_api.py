@@ -15,5 +15,5 @@ def test_the_examples_in_the_docstrings(example):
 
 
 def test_an_argument_of_a_wrong_type_is_named_in_one_line():
-    with pytest.raises(InputError, match=r"record: bag is 3.* path"):
+    with pytest.raises(InputError, match=r"bag is 3\b"):
         fsw.record(3, "copper_lid")

@@ -74,14 +74,12 @@ def test_a_record_of_an_earlier_version_is_left_out_and_named(tmp_path: Path) ->
 
 def test_two_records_of_one_weld_are_told(tmp_path: Path) -> None:
     keep(tmp_path, record(1, sha="a" * 64), record(2, sha="a" * 64))
-    with pytest.raises(
-        InputError, match=r"weld_2/record\.json: is a second record of the weld of .*weld_1"
-    ):
+    with pytest.raises(InputError, match=r"weld_2/record\.json: .*weld_1/record\.json"):
         accepted_before(tmp_path, record(9), pytest.fail)
 
 
 def test_what_is_no_record_is_told(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="there is no record to compare with"):
+    with pytest.raises(InputError, match=str(tmp_path)):
         accepted_before(tmp_path, record(9), pytest.fail)
     (tmp_path / "record.json").write_text("{}")
     with pytest.raises(InputError, match=r"record\.json: lacks verdict"):

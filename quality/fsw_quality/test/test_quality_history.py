@@ -39,7 +39,7 @@ def test_welds_are_added_and_read_in_order_also_once_files_are_joined(
 def test_a_weld_twice_is_refused_and_nothing_is_added(tmp_path: Path) -> None:
     made = rows(6)
     history.add(tmp_path, made[:5])
-    with pytest.raises(InputError, match="W00003 would be in the history twice"):
+    with pytest.raises(InputError, match="W00003"):
         history.add(tmp_path, [made[5], made[3]])
     assert history.load(tmp_path).num_rows == 5
 
@@ -48,9 +48,9 @@ def test_a_weld_under_another_name_is_refused_and_nothing_is_added(tmp_path: Pat
     made = rows(6)
     made[1]["files_sha256"] += ",a1"
     history.add(tmp_path, made[:5])
-    with pytest.raises(InputError, match="two records of one weld: again has the files of W00001"):
+    with pytest.raises(InputError, match=r"again .* W00001"):
         history.add(tmp_path, [made[5], made[0] | {"weld": "again", "files_sha256": "a1"}])
-    with pytest.raises(InputError, match="two records of one weld: B has the files of A"):
+    with pytest.raises(InputError, match=r"\bB .*\bA\b"):
         history.add(tmp_path, [made[5] | {"weld": "A"}, made[5] | {"weld": "B"}])
     assert history.load(tmp_path).num_rows == 5
     # of a weld whose files are not known, as in a history that was begun before they were noted,
@@ -140,9 +140,7 @@ def test_what_changed_between_two_welds_is_told_and_what_did_not_is_not(tmp_path
     assert [one[0] for one in found] == ["tool", "swaps", history.NUMBERS["torque_nm"]]
     assert found[-1][3] > 10.0
     assert history.difference(history.load(tmp_path), "W00010", "W00010") == []
-    with pytest.raises(
-        InputError, match=r"weld W99999 is not in the history; it has .* and others before"
-    ):
+    with pytest.raises(InputError, match=r"W99999 .*W000"):
         history.difference(history.load(tmp_path), "W00010", "W99999")
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from fsw.main import main
+from fsw_recorder.signature import fingerprint, load_trusted
 from fsw_scenario import procedure
 from fsw_test_support.keys import make_key
 
@@ -26,7 +27,7 @@ def test_diff(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     )
     assert main(["procedure", "diff", "copper_lid", str(other)]) == 1
     said = capsys.readouterr()
-    assert "essential[torque_nm].max" in said.out and "both are copper_lid revision B" in said.err
+    assert "essential[torque_nm].max" in said.out and "copper_lid revision B" in said.err
     assert main(["procedure", "diff", "copper_lid", str(SHIPPED)]) == 0
 
 
@@ -49,7 +50,7 @@ def test_limits_that_the_drives_cannot_keep_are_refused(
     )
     assert main(["procedure", "check", str(other)]) == 1
     error = capsys.readouterr().err
-    assert "force_kn leave nothing of what the drives can do" in error and error.count("\n") == 1
+    assert "force_kn" in error and error.count("\n") == 1
 
 
 @pytest.mark.parametrize(
@@ -112,19 +113,18 @@ def test_a_signed_revision_is_not_edited_unnoticed(
     assert run("procedure", "sign", mine, "--key", key)[0] == 0
     assert "signed by key SHA256:" in run("procedure", "check", mine)[1]
     assert run("procedure", "check", mine, "--trusted", f"{key}.pub", "--require-signed")[0] == 0
-    assert (
-        "which is not a trusted one"
-        in run("procedure", "check", mine, "--trusted", f"{other}.pub")[1]
-    )
-    assert (
-        "exists; choose another name, or give --force"
-        in run("procedure", "sign", mine, "--key", key)[1]
-    )
+    untrusted = run("procedure", "check", mine, "--trusted", f"{other}.pub")
+    (public,) = load_trusted([Path(f"{key}.pub")])
+    assert untrusted[0] == 1 and fingerprint(public.key) in untrusted[1]
+    again = run("procedure", "sign", mine, "--key", key)
+    assert again[0] == 1 and "--force" in again[1]
     mine.write_text(
         mine.read_text(encoding="utf-8").replace("max: 910.0", "max: 911.0"), encoding="utf-8"
     )
     for words in (("check", mine), ("show", mine), ("diff", "copper_lid", mine)):
         code, said = run("procedure", *words)
-        assert code == 1 and "changed after it was signed" in said and said.count("\n") == 1
+        assert (
+            code == 1 and "mine.yaml: " in said and "signature" in said and said.count("\n") == 1
+        )
     assert run("procedure", "sign", mine, "--key", key, "--force")[0] == 0  # a new revision
     assert run("procedure", "check", mine)[0] == 0

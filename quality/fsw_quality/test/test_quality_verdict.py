@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_analysis.course import course_of
+from fsw_analysis.procedure import WeldData
 from fsw_analysis.rules import Fact, FactCode, Verdict
 from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import DriveSignals, FusedSignals, WeldSignals
@@ -537,11 +538,16 @@ def test_tool_and_machine_are_compared_with_the_weld(
 
 
 def test_what_else_is_known_of_a_weld_is_in_its_record() -> None:
-    procedure = short_procedure(extra={"wpqr": "17-3", "tilt_deg": 0.0})
-    record = judged(
-        good_weld(), procedure, COMPLETE | {"material_heat": "H42", "canister": "C001"}
+    procedure = short_procedure(extra={"shift": 2.0}, weld_data={"wpqr": "17-3", "tilt_deg": 0.0})
+    custom = {"material_heat": "H42", "tool_used_mm": "80", "dwell_s": "long", "canister": "C001"}
+    record = judged(good_weld(), procedure, COMPLETE | custom)
+    assert record.extra == {"shift": 2.0, "dwell_s": "long"}
+    assert record.weld_data == WeldData(
+        wpqr="17-3", tilt_deg=0.0, material_heat="H42", tool_used_mm=80.0
     )
-    assert record.extra == {"wpqr": "17-3", "tilt_deg": 0.0, "material_heat": "H42"}
+    assert record.weld_data is not None and ("WPQR", "17-3") in record.weld_data.labelled
+    with pytest.raises(ValueError, match="tilt"):
+        short_procedure(weld_data={"tilt": 0.0})
     assert record.identity == {"canister": "C001"} and record.judged_with.keys() >= {
         "fsw-control",
         "numpy",

@@ -9,7 +9,7 @@ from contextlib import suppress
 from datetime import date
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field, PositiveFloat, Strict, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PositiveFloat, Strict, model_validator
 
 from fsw_analysis.rule_book import RuleBook, Sourced, Text, default
 from fsw_control.parameters import CONTENT_SHA256
@@ -40,6 +40,17 @@ def _hash(text: str) -> str:
 #: also as YAML has it without quotes
 Date = Annotated[date, Strict(False)]
 Hash = Annotated[str, AfterValidator(_hash)]
+
+
+def _number(value: Any) -> Any:
+    """Number of a text, which a recorder's data are."""
+    return float(value) if isinstance(value, str) else value
+
+
+_OF_TEXT = BeforeValidator(_number)
+_TILT, _PLUNGE = Range(-10.0, 10.0, "deg"), Range(0.1, 1000.0, "mm/min")
+_DWELL, _PREHEAT = Range(0.0, 3600.0, "s"), Range(0.0, 1000.0, "degC")
+_USED = Range(0.0, 1e9, "mm")
 
 
 class Material(Sourced):
@@ -118,6 +129,66 @@ class Identity(Model):
     sha256: str
 
 
+class WeldData(Model):
+    """What ISO 25239-4 and -5 ask for beside figures; all of it is optional, and printed in the record."""
+
+    wpqr: Text | None = Field(default=None, title="WPQR")
+    """number of the welding procedure qualification record"""
+    operator_qualification: Text | None = Field(default=None, title="operator's qualification")
+    """certificate of the welding operator (ISO 25239-3)"""
+    material_heat: Text | None = Field(default=None, title="material heat")
+    """heat or batch of the copper, with its certificate"""
+    joint_preparation: Text | None = Field(default=None, title="joint preparation")
+    clamping: Text | None = Field(default=None, title="clamping")
+    tilt_deg: Annotated[float, _TILT, _OF_TEXT] | None = Field(
+        default=None, title="tilt of the tool [deg]"
+    )
+    plunge_mm_per_min: Annotated[float, _PLUNGE, _OF_TEXT] | None = Field(
+        default=None, title="plunge speed [mm/min]"
+    )
+    dwell_s: Annotated[float, _DWELL, _OF_TEXT] | None = Field(default=None, title="dwell [s]")
+    rotation: Literal["clockwise", "counterclockwise"] | None = Field(
+        default=None, title="sense of rotation"
+    )
+    """of the tool, seen from the spindle"""
+    preheat_c: Annotated[float, _PREHEAT, _OF_TEXT] | None = Field(
+        default=None, title="preheat [°C]"
+    )
+    calibration_certificates: Text | None = Field(default=None, title="calibration certificates")
+    tool_used_mm: Annotated[float, _USED, _OF_TEXT] | None = Field(
+        default=None, title="tool's use before this weld [mm]"
+    )
+    """length welded with it; compared with the life of the tool"""
+    ndt: Text | None = Field(default=None, title="non-destructive testing")
+    """methods, reports and results"""
+    nonconformance: Text | None = Field(default=None, title="nonconformance")
+    """number of its report"""
+    disposition: Literal["use as is", "rework", "repair", "reject", "scrap"] | None = Field(
+        default=None, title="disposition"
+    )
+    """what was decided of a nonconforming weld"""
+
+    @property
+    def labelled(self) -> list[tuple[str, str]]:
+        """Label and value of what is given."""
+        fields = type(self).model_fields.items()
+        values = ((field.title, getattr(self, name)) for name, field in fields)
+        return [(str(label), str(value)) for label, value in values if value is not None]
+
+
+def weld_data_of(
+    given: WeldData | None, custom: Mapping[str, str]
+) -> tuple[WeldData | None, dict[str, str]]:
+    """Data of procedure and recorder together, and what of the recorder's is none of them, or invalid."""
+    data, rest = given or WeldData(), dict[str, str]()
+    for key, value in custom.items():
+        try:
+            data = validate(WeldData, dict(data) | {key: value}, key)
+        except InputError:
+            rest[key] = value
+    return data if data.labelled else None, rest
+
+
 class Procedure(RuleBook):
     """Content of a procedure file."""
 
@@ -135,8 +206,10 @@ class Procedure(RuleBook):
     """in their order"""
     controllers: Annotated[Many[Controller], Field(min_length=1)]
     sensors: Annotated[Many[Sensor], Field(min_length=1)]
+    weld_data: WeldData | None = None
+    """of ISO 25239-4 and -5, as far as it holds for each weld, e.g. WPQR, tilt"""
     extra: dict[Text, str | float | bool] = Field(default_factory=dict)
-    """what else a quality engineer asks for, e.g. of ISO 25239-4: WPQR, joint preparation, clamping, tilt; printed"""
+    """what else a quality engineer asks for; printed in the record"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -161,7 +234,8 @@ class Procedure(RuleBook):
     @property
     def sha256(self) -> str:
         """Hash of everything that it says; comments and order of keys do not count."""
-        return digest(self.model_dump(mode="json"))
+        absent = {"weld_data"} if self.weld_data is None else None  # as before it was a key
+        return digest(self.model_dump(mode="json", exclude=absent))
 
     @property
     def identity(self) -> Identity:

@@ -142,6 +142,10 @@ class Unchecked(Worded):
         "not_compared",
         "its comparison with earlier welds was not checked against their records",
     )
+    STATED_AFTERWARDS = (
+        "stated_afterwards",
+        "what was stated after the weld was attested as it was; the bag does not prove it",
+    )
     NOT_JUDGED_AGAIN = (
         "not_judged_again",
         "documents were compared with the bag when they were attested, not now",

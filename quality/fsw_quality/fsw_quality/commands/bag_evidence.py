@@ -96,27 +96,29 @@ def _print_chain(chain: Chain) -> Sequence[Finding]:
     number, folder = len(chain.entries), chain.folder
     wrong = chain.findings or (() if number else (finding(Code.EMPTY, folder),))
     print(f"{folder}: {'not ' if wrong else ''}intact, {number} weld{'s' * (number != 1)}")
+    _print_lines("", wrong)
     end = finding(Unchecked.CHAIN_END, folder, number=number, sha256=chain.last_sha256)
-    _print_lines(wrong, [end] if number else [])
+    _print_lines("not checked: ", [end] if number else [])
     return wrong
 
 
 def _print(result: Verification) -> None:
     made, parts = result.attested, list[str]()
     if made is not None:
-        parts += [f"weld {made.number}", *(f"{key} {made.identity[key]}" for key in made.identity)]
-        parts += [f"{len(made.documents)} documents"] if made.documents else []
+        parts = [f"weld {made.number}", *(f"{key} {made.identity[key]}" for key in made.identity)]
+        absent = sum(one.code is Unchecked.DOCUMENT_ABSENT for one in result.not_checked)
+        of = len(made.documents)
+        parts += [f"{of - absent} of {of} documents"] if of else []
         by = made.procedure
         parts += [f"procedure {by.id} revision {by.revision}"] if by else []
     state = "not proven" if result.findings else "proven"
     print(f"{result.bag}: {': '.join(filter(None, [state, ', '.join(parts)]))}")
+    _print_lines("", result.findings)
     for purpose, signer in result.signers.items():
         print(f"  {purpose} signed by {signer.words}")
-    _print_lines(result.findings, result.not_checked)
+    _print_lines("not checked: ", result.not_checked)
 
 
-def _print_lines(wrong: Sequence[Finding], not_checked: Sequence[Finding]) -> None:
-    for entry in wrong:
-        print(f"  {entry.line}")
-    for entry in not_checked:
-        print(f"  not checked: {entry.line}")
+def _print_lines(head: str, findings: Sequence[Finding]) -> None:
+    for entry in findings:
+        print(f"  {head}{entry.line}")

@@ -119,6 +119,8 @@ def show(arguments: argparse.Namespace) -> int:
         ("sensor", one.name, f"calibration due {one.calibration_due or 'not given'}")
         for one in procedure.sensors
     ]
+    data = procedure.weld_data
+    rows += [("weld data", *row) for row in data.labelled] if data else []
     accepted = procedure.acceptance
     swaps = "swaps on request allowed" if accepted.swaps_allowed else "a swap is for review"
     rows.append(("acceptance", f"tolerated {accepted.tolerated_s:g} s; {swaps}", accepted.source))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import fsw
 from fsw.bags import DAMAGED_TOO, print_notes
-from fsw.command import FORCE, command, file, option
+from fsw.command import FORCE, command, file, option, repeated
 from fsw.console import ProgressBar
 from fsw.errors import CommandError
 from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED
@@ -30,6 +30,11 @@ from fsw_scenario.procedure import check_signed, load, shipped
         "folder with records of earlier welds: compare with the last accepted ones of the procedure",
         "DIR",
     ),
+    repeated(
+        "--data",
+        "KEY=VALUE",
+        "what is known only after the weld, e.g. ndt, nonconformance, disposition: keys of weld_data",
+    ),
     TRUSTED,
     REQUIRE_SIGNED_PROCEDURE,
     FORCE,
@@ -43,6 +48,8 @@ def record(arguments: argparse.Namespace) -> int:
     bags = dict(zip(labels(arguments.bag), arguments.bag, strict=True))
     if len({bag.resolve() for bag in arguments.bag}) < len(arguments.bag):
         raise CommandError("record: one of the bags is given twice")
+    if arguments.data and len(bags) > 1:
+        raise CommandError("record: --data needs exactly one bag")
     for bag in arguments.bag:
         after_recording.wait(bag, lambda text: print_notes([text]))
     several = len(bags) > 1
@@ -72,6 +79,7 @@ def record(arguments: argparse.Namespace) -> int:
                 arguments.procedure,
                 folders[name],
                 compare_with=arguments.compare,
+                afterwards=dict(text.partition("=")[::2] for text in arguments.data),
                 progress=bar,
                 note=notes.append,
             )
