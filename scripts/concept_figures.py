@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fsw_analysis.figure_style import CONTROLLERS, label_time, legend_below, sheet
+from fsw_analysis.figure_style import CONTROLLERS, OTHERS, label_time, legend_below, sheet
 from fsw_analysis.figures import Run, draw_outputs
+from fsw_analysis.weld_signals import WeldSignals
+from fsw_campaign.programme_signals import with_programme
 from fsw_control.contract import Command, Measurement, Proposal, Reference
+from fsw_identification.heat_learning import learn
+from fsw_lab.learn_command import model_text
+from fsw_model import nominal
+from fsw_model.heat_profile import HeatProfile
 from fsw_nmpc import NmpcController
+from fsw_plant.parameters import Actuators
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all
-from fsw_scenario.scenario_file import load
+from fsw_scenario.scenario_file import content_of, load, put, read, text_of
 
 _BAND: dict[str, Any] = {"color": "black", "alpha": 0.15, "linewidth": 0.0, "label": "± 2 σ"}
 _DOTTED: dict[str, Any] = {"color": "black", "linestyle": (0, (1, 1))}
@@ -110,3 +118,55 @@ def pi_tunings(file: Path) -> None:
     labels = [f"decentral:{name}" for name in ("conservative", "tight", "smith")]
     runs = [weld("reference_tracking", label) for label in labels]
     draw_outputs(runs, "Set-point steps with the decentralized controller", file)
+
+
+#: copper, losses and noise of the canisters of the figure of known heat: of the weld that teaches,
+#: and of the one that is shown (chosen)
+_TAUGHT = {"conductivity_w_per_m_k": 355.0, "heat_capacity_j_per_kg_k": 430.0, "ambient_c": 25.0}
+_SHOWN = {"conductivity_w_per_m_k": 370.0, "heat_capacity_j_per_kg_k": 440.0, "ambient_c": 12.0}
+
+
+def _down_and_along(
+    canister: dict[str, float], seed: int, model: str = "", heat: HeatProfile | None = None
+) -> WeldSignals:
+    """A weld from the lid down and a few degrees along the joint line, with the tool's path."""
+    content = content_of(text_of("canister_weld_heat"), "heat")
+    del content["phases"][4:], content["events"][2:]
+    content["phases"][3]["to_deg"] = 35.0
+    content["plant"]["canister"] |= {"element_mm": 12.0, "modes": 64} | canister
+    put(content, "plant.seed", seed)
+    scenario = read(content | {"controller": "nmpc"}, "heat")
+    controllers = make_all(scenario, "nmpc", {"nmpc": {"model_file": model}} if model else {})
+    return with_programme(ClosedLoop(scenario, controllers, heat).run(), scenario)
+
+
+def known_heat(file: Path) -> None:
+    """Heat computed and learned beforehand, and the temperature with it and without."""
+    lag_s, digest = Actuators().lag_s, "0" * 64
+    taught, drawn = (_down_and_along(one, seed) for one, seed in ((_TAUGHT, 1), ({}, 2)))
+    learned = learn([("taught", digest, taught)], "lid", nominal(), lag_s)
+    computed = learn([("drawn", digest, drawn)], "lid", learned.model, lag_s, True, True).profile
+    known = (
+        ("nothing known", None, OTHERS[3]),
+        ("computed", computed, OTHERS[0]),
+        ("learned from one weld", learned.profile, CONTROLLERS["nmpc"]),
+    )
+    with tempfile.TemporaryDirectory() as folder, sheet(9.0, 5.5, file) as figure:
+        model = Path(folder) / "model.yaml"
+        model.write_text(model_text(learned), encoding="utf-8")
+        upper, lower = figure.subplots(2, 1, sharex=True)
+        for name, profile, look in known:
+            if profile is not None:
+                heat_kw = np.array(profile.heat_kw) - profile.heat_kw[0]
+                spread, places = 2.0 * np.array(profile.deviation_kw), profile.travel_mm
+                upper.fill_between(places, heat_kw - spread, heat_kw + spread, **_BAND)
+                upper.plot(places, heat_kw, **look.line, label=name)
+            signals = _down_and_along(_SHOWN, 3, str(model), profile)
+            moving = signals.travel_mm > 0.0
+            wrong_c = signals.truth.temperature_c - signals.reference_temperature_c
+            lower.plot(signals.travel_mm[moving], wrong_c[moving], **look.line, label=name)
+        upper.set_ylabel("heat since the start [kW]")
+        lower.set_ylabel("temperature error [°C]")
+        lower.set_xlabel("travelled path [mm]")
+        figure.align_ylabels()
+        legend_below(figure)

@@ -20,7 +20,7 @@ from typing import Any
 from _bootstrap import WORKSPACE, ensure
 
 if __name__ == "__main__":
-    ensure(extras=("history",))
+    ensure(extras=("history", "canister"))
 
 sys.path.append(str(WORKSPACE / "benchmarks"))
 
@@ -119,6 +119,11 @@ def control_charts() -> None:
     history.draw(welds, history.FIGURE)
 
 
+def known_heat() -> None:
+    """``nmpc_known_heat``: the first minutes of five welds on canisters that conduct heat."""
+    concept_figures.known_heat(FIGURES / "nmpc_known_heat.png")
+
+
 def concepts() -> None:
     """``nmpc_plan``, ``nmpc_estimates`` and ``pi_tunings``: five welds."""
     concept_figures.nmpc_plan(FIGURES / "nmpc_plan.png")
@@ -138,6 +143,7 @@ DRAWN: tuple[Callable[[], None], ...] = (
     canister_weld,
     monitor,
     control_charts,
+    known_heat,
     concepts,
 )
 

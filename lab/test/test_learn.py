@@ -104,6 +104,20 @@ def test_an_accepted_weld_is_added_and_one_with_other_heat_is_not(folder, capsys
     assert (folder / "way.heat.yaml").read_text(encoding="utf-8") == updated
 
 
+@pytest.mark.slow
+def test_what_was_computed_holds_until_the_first_weld(folder):
+    drawn, first = (weld_to_bag(folder, seed) for seed in (1, 2))
+    assert main(["learn", str(drawn), "--type", "way", "--computed"]) == 0
+    before = HeatProfile.from_file(folder / "way.heat.yaml")
+    accept(first)
+    assert main(["learn", "--update", "way.heat.yaml", str(first)]) == 0
+    after = HeatProfile.from_file(folder / "way.heat.yaml")
+    sources = [(one.weld, one.computed) for profile in (before, after) for one in profile.welds]
+    assert sources == [("C1", True), ("C2", False)]
+    assert max(after.deviation_kw) < min(before.deviation_kw)
+    assert after.model == before.model
+
+
 def test_a_weld_without_a_way_teaches_nothing(folder, capsys):
     assert main(["learn", str(GOLDEN / "reference_tracking"), "--type", "way"]) == 1
     assert "path" in capsys.readouterr().err
