@@ -46,7 +46,6 @@ class Session:
     idle: bool = False  #: nobody has touched the page for so long that only a safe stop is left
     checking: bool = False  #: its password is being checked
     active_s: float = 0.0  #: when somebody who has logged in has last asked for something
-    touched_s: float | None = None  #: when anybody has; None: never
     note: Fact | None = None  #: what happened to its control, for its page
     known: dict[str, Any] = field(default_factory=dict)  #: what its page has been told of control
     offences: int = 0

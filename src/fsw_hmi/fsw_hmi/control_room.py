@@ -230,10 +230,9 @@ class ControlRoom:
         if do == "login":
             return self._login(session, number, message, now_s)
         if not session.authenticated:
-            session.touched_s = now_s
             code = Code.LOG_IN_AGAIN if session.idle else Code.LOG_IN
             return Verdict(number, code.refused())
-        session.active_s = session.touched_s = now_s
+        session.active_s = now_s
         if do == "active":
             return Verdict(number, Code.ACTIVE.done())
         if do in _CONTROL:
@@ -324,7 +323,7 @@ class ControlRoom:
             # what one person has, another does not get by a login
             self._free(session, Fact.of(Loss.OTHER_LOGIN, user=name))
         session.name, session.role, session.idle, session.note = name, role, False, None
-        session.active_s = session.touched_s = now_s
+        session.active_s = now_s
         answer = Code.LOGGED_IN.done(name=name, role=role)
         return Verdict(number, answer, kind=RequestKind.LOGIN, asked="log in")
 

@@ -117,8 +117,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self._deliver,
             request_timeout_s=values["request_timeout_s"],
             patience_s=values["patience_s"],
-            max_pages=values["max_pages"],
-            know=listening.gate.know,
+            touch=listening.gate.touch,
         )
         routes = [*self._page.routes(), *report_routes(values["history_report"])]
         app = application(routes, [values["host"], *values["allow_hosts"]], listening.gate)
