@@ -92,9 +92,8 @@ class Situation:
     programme_age_s: float = 0.0
     tick_age_s: float | None = None
     command_age_s: float | None = None
-    sample_age_s: Mapping[str, float] = field(
-        default_factory=dict
-    )  #: of the last finite one by sensor
+    #: of the last finite one by sensor
+    sample_age_s: Mapping[str, float] = field(default_factory=dict)
     #: what the supervisor says of each sensor, ``good`` if nothing is wrong
     sensor_states: Mapping[str, str] = field(default_factory=dict)
     #: health of each channel of a fused depth, by sensor
@@ -103,9 +102,8 @@ class Situation:
     #: unknown
     values: Mapping[str, float] = field(default_factory=dict)
     phase: str = ""  #: of the programme
-    attainable: Reference | None = (
-        None  #: the set-points that the controller which commands goes for
-    )
+    #: the set-points that the controller which commands goes for
+    attainable: Reference | None = None
     parts: Mapping[str, Mapping[str, Part]] = field(default_factory=dict)  #: by node and part
     pages: int = 1  #: servers of an operator's page in the graph
     leader: str = ""  #: identity of the supervisor that leads
@@ -124,9 +122,8 @@ class AlarmRules:
 
     def __init__(self, setting: Callable[[str], float], book: RuleBook) -> None:
         self._setting, self._book = setting, book
-        self.replaced: Reference | None = (
-            None  #: what stands in for set-points that are out of reach
-        )
+        #: what stands in for set-points that are out of reach
+        self.replaced: Reference | None = None
         self._outside: set[str] = set()
         self._mute_since_s: float | None = None
         self._failed = "", ""
@@ -214,9 +211,8 @@ class AlarmRules:
             if state == "good":
                 self._faults.pop(name, None)
                 continue
-            if (
-                state not in _AFTERWARDS or name not in self._faults
-            ):  # the alarm tells what it began with
+            # the alarm tells what it began with
+            if state not in _AFTERWARDS or name not in self._faults:
                 self._faults[name] = state
             fault = self._faults[name]
             why = TEXTS.sensors.get(fault, fault)
@@ -331,9 +327,8 @@ class AlarmRules:
         )
         quantity = check.variable.partition("_")[0]
         if outside and not any(one.startswith(f"interlock:{quantity}") for one in found):
-            slow = (
-                check.variable == "temperature_error_c"
-            )  # a step of the set-point takes its time
+            # a step of the set-point takes its time
+            slow = check.variable == "temperature_error_c"
             persistence = "deviation_persistence_s" if slow else "quality_persistence_s"
             found[name] = self._lasting(of_limit(check), persistence)
 

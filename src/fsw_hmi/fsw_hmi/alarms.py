@@ -160,9 +160,8 @@ class AlarmList:
         changed = self._unshelve_expired(now_s)
         self._coming_s = {name: self._coming_s.get(name, now_s) for name in present}
         listed = self._without_flood(present, now_s)
-        for name, alarm in sorted(
-            listed.items(), key=lambda item: item[1].trip
-        ):  # what led to a trip before it
+        # what led to a trip before it
+        for name, alarm in sorted(listed.items(), key=lambda item: item[1].trip):
             changed = self._take(name, alarm, now_s) or changed
         for name, entry in [*self.entries.items()]:
             if name not in listed and entry.present:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,25 +12,8 @@ from fsw_hmi.answers import Answer, Code, Note
 #: how long control may be taken that was asked for in vain; then it has to be asked for again
 #: (chosen)
 _LAPSE_S = 60.0
-#: requests of a session in a second; safe stops do not count
-_RATE_PER_S = 10.0
-
-
-class Bucket:
-    """Token bucket: limits the rate of requests and their burst."""
-
-    def __init__(self, per_s: float) -> None:
-        self._per_s = self._left = per_s
-        self._then_s = 0.0
-
-    def take(self, now_s: float) -> bool:
-        """Whether another request may pass."""
-        self._left = min(self._per_s, self._left + max(0.0, now_s - self._then_s) * self._per_s)
-        self._then_s = now_s
-        if self._left < 1.0:
-            return False
-        self._left -= 1.0
-        return True
+#: requests of a session in any second; safe stops do not count
+_MOST_REQUESTS = 10
 
 
 @dataclass(slots=True, eq=False)
@@ -49,7 +33,14 @@ class Session:
     note: Fact | None = None  #: what happened to its control, for its page
     known: dict[str, Any] = field(default_factory=dict)  #: what its page has been told of control
     offences: int = 0
-    requests: Bucket = field(default_factory=lambda: Bucket(_RATE_PER_S))
+    asked_s: deque[float] = field(default_factory=lambda: deque(maxlen=_MOST_REQUESTS))
+
+    def may_ask(self, now_s: float) -> bool:
+        """Whether another request may pass, which then counts."""
+        if len(self.asked_s) == _MOST_REQUESTS and now_s - self.asked_s[0] < 1.0:
+            return False
+        self.asked_s.append(now_s)
+        return True
 
     @property
     def who(self) -> str:

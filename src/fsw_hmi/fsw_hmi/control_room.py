@@ -223,7 +223,7 @@ class ControlRoom:
             return Verdict(
                 number, action=SafeStop(), kind=RequestKind.SAFE_STOP, asked=str(SafeStop())
             )
-        if not session.requests.take(now_s):
+        if not session.may_ask(now_s):
             return self._offence(session, number, Code.TOO_MANY)
         if not isinstance(do, str):
             return self._offence(session, number, Code.NAMELESS)

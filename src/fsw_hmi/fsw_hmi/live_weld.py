@@ -38,9 +38,8 @@ class LiveWeld:
     def forget(self) -> None:
         """Another weld begins."""
         self._stamps_ns: list[int] = []
-        self._rows: list[
-            tuple[float, ...]
-        ] = []  #: of ``COLUMNS`` after the time, then what the programme has
+        #: of ``COLUMNS`` after the time, then what the programme has
+        self._rows: list[tuple[float, ...]] = []
         self._texts: list[tuple[str, str, str]] = []  #: source, controller, mode
         self._phases: list[tuple[int, str]] = []
         self._states: list[tuple[int, Any]] = []
@@ -131,9 +130,8 @@ class LiveWeld:
         names = (*COLUMNS[1:], "programme_depth_mm", "programme_temperature_c", "travel_mm")
         columns = dict(zip(names, np.array(self._rows).T, strict=True))
         source, controller, mode = np.array(self._texts, object).T
-        without = ~np.isfinite(
-            columns["programme_depth_mm"]
-        )  # no programme reports: the set-points in force
+        # no programme reports: the set-points in force
+        without = ~np.isfinite(columns["programme_depth_mm"])
 
         def at(entries: list[tuple[int, Any]]) -> list[tuple[float, Any]]:
             return [(stamp / NANOSECONDS - shift_s, value) for stamp, value in entries]

@@ -82,11 +82,8 @@ class LoginChecks:
         try:
             async with self._turns.setdefault(client, asyncio.Lock()):
                 return await asyncio.get_running_loop().run_in_executor(self._pool, check)
-        except (
-            MemoryError,
-            ValueError,
-            RuntimeError,
-        ) as error:  # for want of memory, or at the server's end
+        # for want of memory, or at the server's end
+        except (MemoryError, ValueError, RuntimeError) as error:
             raise BusyError from error
         finally:
             self._counts[client] -= 1

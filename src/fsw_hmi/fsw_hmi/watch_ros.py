@@ -82,13 +82,8 @@ class Watch:
         on_state: Callable[[], None],
         on_heat: Callable[[dict[str, Any]], None],
     ) -> None:
-        self._node, self._on_rows, self._on_prediction, self._show_state = (
-            node,
-            on_rows,
-            on_prediction,
-            on_state,
-        )
-        self._on_heat = on_heat
+        self._node, self._on_rows, self._on_prediction = node, on_rows, on_prediction
+        self._show_state, self._on_heat = on_state, on_heat
         self._known_heat_share = nan  # that the controller which commands uses
         self.references = reference_queue(node)
         self.view = WeldView(self.references.at)
@@ -99,18 +94,16 @@ class Watch:
         self.leader = ""  #: identity of the leading supervisor
         self.sensor_states: dict[str, str] = {}  #: what the supervisor says of each sensor
         self.channels: dict[str, ChannelHealth] = {}  #: of a fused depth, by sensor
-        self.attainable: Reference | None = (
-            None  #: set-points that the controller which commands goes for, if it tells
-        )
+        #: set-points that the controller which commands goes for, if it tells
+        self.attainable: Reference | None = None
         self._goes_for = ""  # the controller that told it
         self.recording: dict[str, str] = {}  #: what the recorder has reported last
         self.values: dict[str, float] = {}  #: the newest row by column; empty before the first
         self._parts: dict[str, dict[str, tuple[Part, float]]] = {}
         self._sensors: list[Subscription] = []
         self._controllers: dict[str, float] = {}
-        subscribe_references(
-            node, self.references
-        )  # what is refused, the supervisor and every controller report
+        # what is refused, the supervisor and every controller report
+        subscribe_references(node, self.references)
         subscribe_drives(node, self._on_drives)
         node.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         node.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_state, LATEST)
@@ -141,9 +134,8 @@ class Watch:
             self._sensors.append(
                 self._node.create_subscription(ShoulderDepth, depth, self._on_depth, STREAM)
             )
-            self.view.good_s = dict.fromkeys(
-                REQUIRED, now_s + _SILENT_S
-            )  # they have time to be found
+            # they have time to be found
+            self.view.good_s = dict.fromkeys(REQUIRED, now_s + _SILENT_S)
         self._take(*self.view.on_drives(stamp_ns, acting, now_s))
 
     def _on_depth(self, message: ShoulderDepth) -> None:
