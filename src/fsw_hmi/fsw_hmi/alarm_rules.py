@@ -202,11 +202,7 @@ class AlarmRules:
         )
         for name in (*REQUIRED, *there):
             state = now.sensor_states.get(name, "good")
-            if (
-                name in now.sample_age_s
-                and now.sample_age_s[name] > _NO_SAMPLE_S
-                and state == "good"
-            ):
+            if state == "good" and now.sample_age_s.get(name, 0.0) > _NO_SAMPLE_S:
                 state = "unusable"
             if state == "good":
                 self._faults.pop(name, None)
@@ -232,10 +228,8 @@ class AlarmRules:
             measuring and not starts and (now.command_age_s or 0.0) > self._setting("silence_s")
         )
         if never or silent or (age_s is not None and age_s > NO_REPORT_S):
-            ready = any(
-                "standby" in parts and parts["standby"].level == "ok"
-                for parts in now.parts.values()
-            )
+            standbys = [parts["standby"] for parts in now.parts.values() if "standby" in parts]
+            ready = any(part.level == "ok" for part in standbys)
             one = alarm("supervisor")
             found["supervisor"] = replace(one, on_s=_TAKEOVER_S) if ready else one
         if state is None or (age_s is not None and age_s > NO_REPORT_S):
@@ -258,16 +252,14 @@ class AlarmRules:
             why = f"asked for by {state['by']}" if asked else tripped(state) or why
             action = "choose_auto" if state["acknowledged"] else "retract_and_acknowledge"
             cause = next((one.name.lower() for one in StopCause if one == state["stop_cause"]), "")
-            found[STOP_ID] = replace(
-                alarm("safe_stop", cause, why=why, action=action), trip=not asked
-            )
+            one = alarm("safe_stop", cause, why=why, action=action)
+            found[STOP_ID] = replace(one, trip=not asked)
         elif mode == "hold" and target_mode != "hold" and not state["cause"].at_start:
             found["hold"] = alarm("hold", state["cause"], why=why)
         elif mode == "auto" and actual and target and actual != target:
             lacks = (one["why"] for one in state["controllers"] if one["name"] == target)
-            return self._failover(
-                actual, target, next(lacks, Readiness(Lack.UNKNOWN).why) or NO_REASON, found
-            )
+            why = next(lacks, Readiness(Lack.UNKNOWN).why) or NO_REASON
+            return self._failover(actual, target, why, found)
         if mode != "hold":
             self._failed = "", ""
         self._nominal = actual if mode == "auto" else ""
@@ -277,9 +269,8 @@ class AlarmRules:
         """Somebody commands in place of whom was selected; one selected just now may need its time."""
         if actual == self._nominal:
             why = "it was asked for, and is not ready"
-            found["failover"] = replace(
-                alarm("failover", actual=actual, target=target, why=why), on_s=_SWAP_S
-            )
+            one = alarm("failover", actual=actual, target=target, why=why)
+            found["failover"] = replace(one, on_s=_SWAP_S)
             return None
         self._nominal = ""
         if self._failed[0] != target:  # why it was left, not what has happened since
@@ -291,22 +282,16 @@ class AlarmRules:
 
     def _programme(self, now: Situation, found: dict[str, Alarm]) -> None:
         """A programme that is under way says so; it cannot while nothing is measured."""
-        if (
-            now.programme in UNDER_WAY
-            and now.programme_age_s > NO_PROGRAMME_S
-            and self._measures(now)
-        ):
+        silent = now.programme in UNDER_WAY and now.programme_age_s > NO_PROGRAMME_S
+        if silent and self._measures(now):
             found["programme"] = alarm("programme")
 
     def _values(self, now: Situation, found: dict[str, Alarm]) -> None:
         if not self._measures(now):
             return
         for value, (aim, limit, what) in TEXTS.drives.items():
-            name, off, most = (
-                f"deviation:{value}",
-                now.value(value) - now.value(aim),
-                self._setting(limit),
-            )
+            name, most = f"deviation:{value}", self._setting(limit)
+            off = now.value(value) - now.value(aim)
             if self._is_outside(name, off, -most, most, _BACK * most):
                 found[name] = self._lasting(alarm("drive", what=what), "deviation_persistence_s")
         for check in self._book.checks():
@@ -315,16 +300,13 @@ class AlarmRules:
 
     def _limit(self, check: Check, now: Situation, found: dict[str, Alarm]) -> None:
         """A limit by which the weld is judged; an interlock on the same quantity says more."""
-        low, high = (
-            -inf if check.min is None else check.min,
-            inf if check.max is None else check.max,
-        )
+        low = -inf if check.min is None else check.min
+        high = inf if check.max is None else check.max
         is_error = "_error_" in check.variable
         back = _BACK * max(-low, high) if is_error else _BACK_RANGE * (high - low)
         name = f"{check.kind}:{check.variable}"
-        outside = self._is_outside(
-            name, now.value(check.variable), low, high, back if isfinite(back) else 0.0
-        )
+        back = back if isfinite(back) else 0.0
+        outside = self._is_outside(name, now.value(check.variable), low, high, back)
         quantity = check.variable.partition("_")[0]
         if outside and not any(one.startswith(f"interlock:{quantity}") for one in found):
             # a step of the set-point takes its time

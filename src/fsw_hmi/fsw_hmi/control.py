@@ -78,15 +78,9 @@ class Control:
         """Session in control and session that requests it, as another session sees them."""
         holder, asker, left_s = self.holder, self.asker, round(self.left_s(now_s), 1)
         return {
-            "holder": holder and {"name": holder.name, "session": holder.id},
+            "holder": holder and _of(holder),
             "you": holder is session,
-            "request": asker
-            and {
-                "name": asker.name,
-                "session": asker.id,
-                "left_s": left_s,
-                "you": asker is session,
-            },
+            "request": asker and _of(asker) | {"left_s": left_s, "you": asker is session},
         }
 
     def take(
@@ -179,3 +173,7 @@ class Control:
         if self.asker is not None and self.asker is not session:
             self.asker.note = Fact.of(Note.OTHER, name=session.name)
         self.holder, self.asker, session.note = session, None, None
+
+
+def _of(session: Session) -> dict[str, Any]:
+    return {"name": session.name, "session": session.id}

@@ -144,13 +144,9 @@ class ControlRoom:
             if session.lost_s is not None and now_s - session.lost_s > _RESUME_S:
                 self.leave(session, Fact.of(Loss.NOT_CONNECTED, limit_s=_RESUME_S))
         limit_s = self._idle_timeout_s
-        for session in self._sessions.values():
-            if (
-                limit_s
-                and session.authenticated
-                and not session.checking
-                and now_s - session.active_s > limit_s
-            ):
+        for session in self._sessions.values() if limit_s else ():
+            idle = session.authenticated and not session.checking
+            if idle and now_s - session.active_s > limit_s:
                 self._shut(session, Fact.of(Loss.UNTOUCHED, limit_min=limit_s / 60.0))
         self._control.lapse(now_s)
         records, self._records = self._records, []
@@ -220,9 +216,8 @@ class ControlRoom:
             return self._offence(session, None, Code.MALFORMED)
         number, do, message = request.id, request.do, request.model_extra or {}
         if do == "safe_stop" and session.may_stop:  # before every limit
-            return Verdict(
-                number, action=SafeStop(), kind=RequestKind.SAFE_STOP, asked=str(SafeStop())
-            )
+            stop = SafeStop()
+            return Verdict(number, action=stop, kind=RequestKind.SAFE_STOP, asked=str(stop))
         if not session.may_ask(now_s):
             return self._offence(session, number, Code.TOO_MANY)
         if not isinstance(do, str):
@@ -290,9 +285,8 @@ class ControlRoom:
         """Judge a login after its password has been checked; ``user`` owns the password."""
         session.checking = False
         if user is None:
-            return self._wrong_login(
-                session, number, credentials[0], "\0".join(credentials), now_s
-            )
+            given = "\0".join(credentials)
+            return self._wrong_login(session, number, credentials[0], given, now_s)
         return self._logged_in(session, number, user.name, user.role, now_s)
 
     def on_busy(self, session: Session, number: int) -> Verdict:

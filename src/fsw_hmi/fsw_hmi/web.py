@@ -247,18 +247,12 @@ class LivePage:
                     under_way.ids.append(request)  # the graph is asked once
                     return
         self._orders += 1
-        order = Order(
-            page.session.who, verdict.kind, verdict.asked, action=action, number=self._orders
-        )
-        wait_s = (
-            self._request_timeout_s
-            + _MARGIN_S
-            + (action.wait_s if isinstance(action, Switch) else 0.0)
-        )
-        timer = asyncio.get_running_loop().call_later(
-            wait_s,
-            partial(self.on_outcome, order.number, Code.NO_ANSWER.timed_out(wait_s=wait_s)),
-        )
+        who, number = page.session.who, self._orders
+        order = Order(who, verdict.kind, verdict.asked, action=action, number=number)
+        wait_s = self._request_timeout_s + _MARGIN_S
+        wait_s += action.wait_s if isinstance(action, Switch) else 0.0
+        timed_out = partial(self.on_outcome, order.number, Code.NO_ANSWER.timed_out(wait_s=wait_s))
+        timer = asyncio.get_running_loop().call_later(wait_s, timed_out)
         self._pending[order.number] = _Pending(page, [request], order, timer)
         self._hand_on(order)
 
