@@ -179,10 +179,8 @@ class AlarmRules:
         if now.command_age_s is None or now.tick_age_s is None:
             return {"ok": None, "text": "No commands yet"}
         gates = [parts["machine"] for parts in now.parts.values() if "machine" in parts]
-        return {
-            "ok": True,
-            "text": "Commands reach the machine" + (", it permits them" if gates else ""),
-        }
+        text = "Commands reach the machine" + (", it permits them" if gates else "")
+        return {"ok": True, "text": text}
 
     # ---------------------------------------------------------------- measurements and commands
 
@@ -343,12 +341,8 @@ class AlarmRules:
         """Errors of parts, one alarm for each node, and nodes of which no part reports any longer."""
         known = {one["name"] for one in now.state["controllers"]} if now.state else set()
         told = [node for name, nodes in _TOLD.items() if name in found for node in nodes]
-        told += [
-            node
-            for name in known
-            if alarm_id("controller", name) in found
-            for node in (name, f"fsw_{name}")
-        ]
+        failed = [name for name in known if alarm_id("controller", name) in found]
+        told += [*failed, *(f"fsw_{name}" for name in failed)]
         for node, parts in now.parts.items():
             if parts and all(part.level == "stale" for part in parts.values()):
                 if RECORDING in parts:
@@ -371,13 +365,10 @@ class AlarmRules:
                 found["procedure"] = alarm("procedure", left.names or left.code, why=left.text)
             covered = (*_OTHER_RULES, *(_GATEWAY if "machine" in parts else ()))
             covered += (DEVIATIONS,) if node == PROCEDURE else ()
-            errors = [
-                (what, part)
-                for what, part in parts.items()
-                if part.level == "error" and not what.startswith(covered)
-            ]
+            bad = {what: part.text for what, part in parts.items() if part.level == "error"}
+            errors = [(what, text) for what, text in bad.items() if not what.startswith(covered)]
             if errors:
-                one = of_errors(node, [(what, part.text) for what, part in errors])
+                one = of_errors(node, errors)
                 own = node.startswith("fsw_") or node in known
                 found[alarm_id("part", node)] = one if own else replace(one, priority="low")
 
@@ -391,11 +382,8 @@ def _channels(
 
     An alarm says what it began with, which is kept in ``flaws``.
     """
-    bad = {
-        name: flaws.setdefault(name, health)
-        for name, health in channels.items()
-        if health is not ChannelHealth.GOOD
-    }
+    flawed = {name: one for name, one in channels.items() if one is not ChannelHealth.GOOD}
+    bad = {name: flaws.setdefault(name, health) for name, health in flawed.items()}
     for name in flaws.keys() - bad.keys():
         del flaws[name]
     suspect = [name for name in bad if channels[name] is ChannelHealth.SUSPECT]
@@ -446,10 +434,6 @@ def _watch(parts: Mapping[str, Part], found: dict[str, Alarm]) -> None:
     """What the monitor tells; its parts are named by their causes."""
     for what, part in parts.items():
         if part.level == "warn":
-            found[alarm_id("watch", what)] = alarm(
-                "watch",
-                what,
-                cause=part.text,
-                advice=part.advice,
-                action="monitor" if part.advice else "see_trends",
-            )
+            texts = {"cause": part.text, "advice": part.advice}
+            action = "monitor" if part.advice else "see_trends"
+            found[alarm_id("watch", what)] = alarm("watch", what, action=action, **texts)

@@ -299,11 +299,8 @@ class AlarmList:
 
     def waiting(self, up_to: int) -> list[str]:
         """Alarms to be acknowledged that were raised before a person has seen the list, by its newest number."""
-        return [
-            name
-            for name, one in self.entries.items()
-            if one.newest <= up_to and one.state in ("active", "cleared")
-        ]
+        seen = {name: one.state for name, one in self.entries.items() if one.newest <= up_to}
+        return [name for name, state in seen.items() if state in ("active", "cleared")]
 
     def shelve(self, name: str, minutes: float, who: str, reason: str, now_s: float) -> Answer:
         """Shelve an alarm for some time."""

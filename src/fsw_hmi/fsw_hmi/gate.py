@@ -86,16 +86,11 @@ class Gate:
                 self._close(address)
 
     def _make_room(self, client: str, newest: Any) -> None:
-        self._peers = {
-            key: peer for key, peer in self._peers.items() if peer.connection.fileno() >= 0
-        }
-        of_client = {
-            key: peer
-            for key, peer in self._peers.items()
-            if peer.client == client and not peer.known
-        }
-        of_client.pop(newest, None)
-        self._close(min(of_client, key=lambda key: of_client[key].rank, default=newest))
+        peers = {key: one for key, one in self._peers.items() if one.connection.fileno() >= 0}
+        self._peers = peers
+        others = [key for key, one in peers.items() if one.client == client and not one.known]
+        others = [key for key in others if key != newest]
+        self._close(min(others, key=lambda key: peers[key].rank, default=newest))
 
     def _close(self, address: Any) -> None:
         peer = self._peers.pop(address)

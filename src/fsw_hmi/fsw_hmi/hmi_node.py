@@ -106,14 +106,9 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._stop = StopHolder(self, self._register, self._register.merge)
         self._wake = self.create_guard_condition(self._on_orders)
         self._room = ControlRoom(key, **{name: values[name] for name in _CONTROL})
-        self._page = LivePage(
-            files,
-            self._room,
-            self._deliver,
-            request_timeout_s=values["request_timeout_s"],
-            patience_s=values["patience_s"],
-            touch=listening.gate.touch,
-        )
+        times = {name: values[name] for name in ("request_timeout_s", "patience_s")}
+        touch = listening.gate.touch
+        self._page = LivePage(files, self._room, self._deliver, touch=touch, **times)
         routes = [*self._page.routes(), *report_routes(values["history_report"])]
         app = application(routes, [values["host"], *values["allow_hosts"]], listening.gate)
         self._web = WebThread(self._page, app, listening, encrypted)
@@ -275,11 +270,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         response = future.result()
         if response is None:
             return
-        found = {
-            name: value.double_value
-            for name, value in zip(PARAMETERS, response.values, strict=False)
-            if value.type == 3  # a double
-        }
+        values = zip(PARAMETERS, response.values, strict=False)
+        found = {name: one.double_value for name, one in values if one.type == 3}  # a double
         if found != self._interlocks:
             self._interlocks = found
             self._say_hello()

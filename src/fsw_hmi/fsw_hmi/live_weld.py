@@ -23,6 +23,7 @@ from fsw_hmi.hub import KEPT
 from fsw_hmi.standing import programme_aims
 from fsw_hmi.weld_view import Row
 
+_STATE = ("actual_controller", "actual_mode", "reason", "cause", "by")
 _UNSEEN = "the begin of the weld was before this page ran"
 
 
@@ -49,14 +50,9 @@ class LiveWeld:
 
     def on_state(self, leader: str, state: Mapping[str, Any]) -> None:
         """Take what the supervisor reports, as the page gets it, and its identity."""
-        names = ("reason", "cause", "by")
-        self._state = (
-            state["actual_controller"],
-            state["actual_mode"],
-            leader,
-            tuple((one["name"], one["level"]) for one in state["interlocks"]),
-            *(state[name] for name in names),
-        )
+        controller, mode, *rest = (state[name] for name in _STATE)
+        interlocks = tuple((one["name"], one["level"]) for one in state["interlocks"])
+        self._state = controller, mode, leader, interlocks, *rest
 
     def on_progress(self, progress: Mapping[str, Any]) -> None:
         """Take what the programme reports."""
@@ -101,13 +97,9 @@ class LiveWeld:
         """The judgement of the weld so far; None before the first tick."""
         if not self._rows:
             return None
-        return judge(
-            self._signals(),
-            self.book,
-            running=(self._progress or {}).get("state") not in OVER,
-            recorded=False,
-            unusable=self._unusable,
-        )
+        running, unusable = (self._progress or {}).get("state") not in OVER, self._unusable
+        signals = self._signals()
+        return judge(signals, self.book, running=running, recorded=False, unusable=unusable)
 
     def frame(self, gaps: Sequence[tuple[float, float]] = ()) -> dict[str, Any] | None:
         """The judgement as the page gets it, with the gaps of the recording marked on the weld."""

@@ -98,8 +98,5 @@ class LoginChecks:
 def _step_back() -> None:
     """Lower this thread's priority, so that control goes first; Linux has priorities by thread."""
     with contextlib.suppress(OSError):
-        os.setpriority(
-            os.PRIO_PROCESS,
-            threading.get_native_id(),
-            min(19, os.getpriority(os.PRIO_PROCESS, 0) + _NICE),
-        )
+        nice = min(19, os.getpriority(os.PRIO_PROCESS, 0) + _NICE)
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), nice)

@@ -237,12 +237,8 @@ class Watch:
     def _is_full(self, node: str) -> bool:
         """Whether no more parts are kept; a flood of others leaves this software's own nodes their room."""
         own = node.startswith("fsw_")
-        return (
-            sum(
-                len(parts) for name, parts in self._parts.items() if name.startswith("fsw_") == own
-            )
-            >= _MOST_PARTS
-        )
+        kept = [one for name, one in self._parts.items() if name.startswith("fsw_") == own]
+        return sum(map(len, kept)) >= _MOST_PARTS
 
     def state_frame(self) -> dict[str, Any]:
         """Content of the frame ``state`` but for the parts; not ``known`` is a state of a supervisor that is silent."""
@@ -264,12 +260,11 @@ class Watch:
     def parts(self) -> dict[str, dict[str, Part]]:
         """Diagnostics by node and part."""
         now_s = time.monotonic()
-        for parts in self._parts.values():
-            for what in [
-                what for what, (_, heard_s) in parts.items() if now_s - heard_s > _FORGET_S
-            ]:
-                del parts[what]
-        self._parts = {node: parts for node, parts in self._parts.items() if parts}
+        recent = {
+            node: {what: one for what, one in parts.items() if now_s - one[1] <= _FORGET_S}
+            for node, parts in self._parts.items()
+        }
+        self._parts = {node: parts for node, parts in recent.items() if parts}
         return {
             node: {
                 what: part if now_s - heard_s <= NO_REPORT_S else replace(part, level="stale")

@@ -149,10 +149,8 @@ class LivePage:
         page = Page(session, socket.client)
         self._pages.add(page)
         self._begin(page)
-        jobs = [
-            asyncio.create_task(job)
-            for job in (_send(socket, page), self._listen(socket, page), page.given_up.wait())
-        ]
+        ends = _send(socket, page), self._listen(socket, page), page.given_up.wait()
+        jobs = [asyncio.create_task(job) for job in ends]
         try:
             await asyncio.wait(jobs, return_when=asyncio.FIRST_COMPLETED)
         finally:
