@@ -100,8 +100,8 @@ def limits(
 
 def safe_state(parameters: Mapping[str, Any]) -> dict[str, float] | None:
     """Target and rate of a safe stop; None until the supervisor has reported them."""
-    known = {name.removeprefix("safe_"): parameters.get(name) for name in _SAFE}
-    return None if None in known.values() else known
+    known = {name.removeprefix("safe_"): parameters[name] for name in _SAFE if name in parameters}
+    return known if len(known) == len(_SAFE) else None
 
 
 def reference(parameters: Mapping[str, Any]) -> dict[str, Any]:
