@@ -93,9 +93,8 @@ class Situation:
     programme_age_s: float = 0.0
     tick_age_s: float | None = None
     command_age_s: float | None = None
-    sample_age_s: Mapping[str, float] = field(
-        default_factory=dict
-    )  #: of the last finite one by sensor
+    #: of the last finite one by sensor
+    sample_age_s: Mapping[str, float] = field(default_factory=dict)
     #: what the supervisor says of each sensor, ``good`` if nothing is wrong
     sensor_states: Mapping[str, str] = field(default_factory=dict)
     #: health of each channel of a fused depth, by sensor
@@ -104,9 +103,8 @@ class Situation:
     #: unknown
     values: Mapping[str, float] = field(default_factory=dict)
     phase: str = ""  #: of the programme
-    attainable: Reference | None = (
-        None  #: the set-points that the controller which commands goes for
-    )
+    #: the set-points that the controller which commands goes for
+    attainable: Reference | None = None
     parts: Mapping[str, Mapping[str, Part]] = field(default_factory=dict)  #: by node and part
     pages: int = 1  #: servers of an operator's page in the graph
     leader: str = ""  #: identity of the supervisor that leads
@@ -125,9 +123,8 @@ class AlarmRules:
 
     def __init__(self, setting: Callable[[str], float], book: RuleBook) -> None:
         self._setting, self._book = setting, book
-        self.replaced: Reference | None = (
-            None  #: what stands in for set-points that are out of reach
-        )
+        #: what stands in for set-points that are out of reach
+        self.replaced: Reference | None = None
         self._outside: set[str] = set()
         self._mute_since_s: float | None = None
         self._failed = "", ""
@@ -183,10 +180,8 @@ class AlarmRules:
         if now.command_age_s is None or now.tick_age_s is None:
             return {"ok": None, "text": "No commands yet"}
         gates = [parts["machine"] for parts in now.parts.values() if "machine" in parts]
-        return {
-            "ok": True,
-            "text": "Commands reach the machine" + (", it permits them" if gates else ""),
-        }
+        text = "Commands reach the machine" + (", it permits them" if gates else "")
+        return {"ok": True, "text": text}
 
     # ---------------------------------------------------------------- measurements and commands
 
@@ -206,18 +201,13 @@ class AlarmRules:
         )
         for name in (*REQUIRED, *there):
             state = now.sensor_states.get(name, "good")
-            if (
-                name in now.sample_age_s
-                and now.sample_age_s[name] > _NO_SAMPLE_S
-                and state == "good"
-            ):
+            if state == "good" and now.sample_age_s.get(name, 0.0) > _NO_SAMPLE_S:
                 state = "unusable"
             if state == "good":
                 self._faults.pop(name, None)
                 continue
-            if (
-                state not in _AFTERWARDS or name not in self._faults
-            ):  # the alarm tells what it began with
+            # the alarm tells what it began with
+            if state not in _AFTERWARDS or name not in self._faults:
                 self._faults[name] = state
             fault = self._faults[name]
             why = TEXTS.sensors.get(fault, fault)
@@ -237,10 +227,8 @@ class AlarmRules:
             measuring and not starts and (now.command_age_s or 0.0) > self._setting("silence_s")
         )
         if never or silent or (age_s is not None and age_s > NO_REPORT_S):
-            ready = any(
-                "standby" in parts and parts["standby"].level == "ok"
-                for parts in now.parts.values()
-            )
+            standbys = [parts["standby"] for parts in now.parts.values() if "standby" in parts]
+            ready = any(part.level == "ok" for part in standbys)
             one = alarm("supervisor")
             found["supervisor"] = replace(one, on_s=_TAKEOVER_S) if ready else one
         if state is None or (age_s is not None and age_s > NO_REPORT_S):
@@ -263,16 +251,14 @@ class AlarmRules:
             why = f"asked for by {state['by']}" if asked else tripped(state) or why
             action = "choose_auto" if state["acknowledged"] else "retract_and_acknowledge"
             cause = next((one.name.lower() for one in StopCause if one == state["stop_cause"]), "")
-            found[STOP_ID] = replace(
-                alarm("safe_stop", cause, why=why, action=action), trip=not asked
-            )
+            one = alarm("safe_stop", cause, why=why, action=action)
+            found[STOP_ID] = replace(one, trip=not asked)
         elif mode == "hold" and target_mode != "hold" and not state["cause"].at_start:
             found["hold"] = alarm("hold", state["cause"], why=why)
         elif mode == "auto" and actual and target and actual != target:
             lacks = (one["why"] for one in state["controllers"] if one["name"] == target)
-            return self._failover(
-                actual, target, next(lacks, Readiness(Lack.UNKNOWN).why) or NO_REASON, found
-            )
+            why = next(lacks, Readiness(Lack.UNKNOWN).why) or NO_REASON
+            return self._failover(actual, target, why, found)
         if mode != "hold":
             self._failed = "", ""
         self._nominal = actual if mode == "auto" else ""
@@ -282,9 +268,8 @@ class AlarmRules:
         """Somebody commands in place of whom was selected; one selected just now may need its time."""
         if actual == self._nominal:
             why = "it was asked for, and is not ready"
-            found["failover"] = replace(
-                alarm("failover", actual=actual, target=target, why=why), on_s=_SWAP_S
-            )
+            one = alarm("failover", actual=actual, target=target, why=why)
+            found["failover"] = replace(one, on_s=_SWAP_S)
             return None
         self._nominal = ""
         if self._failed[0] != target:  # why it was left, not what has happened since
@@ -296,22 +281,16 @@ class AlarmRules:
 
     def _programme(self, now: Situation, found: dict[str, Alarm]) -> None:
         """A programme that is under way says so; it cannot while nothing is measured."""
-        if (
-            now.programme in UNDER_WAY
-            and now.programme_age_s > NO_PROGRAMME_S
-            and self._measures(now)
-        ):
+        silent = now.programme in UNDER_WAY and now.programme_age_s > NO_PROGRAMME_S
+        if silent and self._measures(now):
             found["programme"] = alarm("programme")
 
     def _values(self, now: Situation, found: dict[str, Alarm]) -> None:
         if not self._measures(now):
             return
         for value, (aim, limit, what) in TEXTS.drives.items():
-            name, off, most = (
-                f"deviation:{value}",
-                now.value(value) - now.value(aim),
-                self._setting(limit),
-            )
+            name, most = f"deviation:{value}", self._setting(limit)
+            off = now.value(value) - now.value(aim)
             if self._is_outside(name, off, -most, most, _BACK * most):
                 found[name] = self._lasting(alarm("drive", what=what), "deviation_persistence_s")
         for check in self._book.checks():
@@ -320,21 +299,17 @@ class AlarmRules:
 
     def _limit(self, check: Check, now: Situation, found: dict[str, Alarm]) -> None:
         """A limit by which the weld is judged; an interlock on the same quantity says more."""
-        low, high = (
-            -inf if check.min is None else check.min,
-            inf if check.max is None else check.max,
-        )
+        low = -inf if check.min is None else check.min
+        high = inf if check.max is None else check.max
         is_error = "_error_" in check.variable
         back = _BACK * max(-low, high) if is_error else _BACK_RANGE * (high - low)
         name = f"{check.kind}:{check.variable}"
-        outside = self._is_outside(
-            name, now.value(check.variable), low, high, back if isfinite(back) else 0.0
-        )
+        back = back if isfinite(back) else 0.0
+        outside = self._is_outside(name, now.value(check.variable), low, high, back)
         quantity = check.variable.partition("_")[0]
         if outside and not any(one.startswith(f"interlock:{quantity}") for one in found):
-            slow = (
-                check.variable == "temperature_error_c"
-            )  # a step of the set-point takes its time
+            # a step of the set-point takes its time
+            slow = check.variable == "temperature_error_c"
             persistence = "deviation_persistence_s" if slow else "quality_persistence_s"
             found[name] = self._lasting(of_limit(check), persistence)
 
@@ -367,12 +342,8 @@ class AlarmRules:
         """Errors of parts, one alarm for each node, and nodes of which no part reports any longer."""
         known = {one["name"] for one in now.state["controllers"]} if now.state else set()
         told = [node for name, nodes in _TOLD.items() if name in found for node in nodes]
-        told += [
-            node
-            for name in known
-            if alarm_id("controller", name) in found
-            for node in (name, f"fsw_{name}")
-        ]
+        failed = [name for name in known if alarm_id("controller", name) in found]
+        told += [*failed, *(f"fsw_{name}" for name in failed)]
         for node, parts in now.parts.items():
             if parts and all(part.level == "stale" for part in parts.values()):
                 if RECORDING in parts:
@@ -395,13 +366,10 @@ class AlarmRules:
                 found["procedure"] = alarm("procedure", left.names or left.code, why=left.text)
             covered = (*_OTHER_RULES, *(_GATEWAY if "machine" in parts else ()))
             covered += (DEVIATIONS,) if node == PROCEDURE else ()
-            errors = [
-                (what, part)
-                for what, part in parts.items()
-                if part.level == "error" and not what.startswith(covered)
-            ]
+            bad = {what: part.text for what, part in parts.items() if part.level == "error"}
+            errors = [(what, text) for what, text in bad.items() if not what.startswith(covered)]
             if errors:
-                one = of_errors(node, [(what, part.text) for what, part in errors])
+                one = of_errors(node, errors)
                 own = node.startswith("fsw_") or node in known
                 found[alarm_id("part", node)] = one if own else replace(one, priority="low")
 
@@ -415,11 +383,8 @@ def _channels(
 
     An alarm says what it began with, which is kept in ``flaws``.
     """
-    bad = {
-        name: flaws.setdefault(name, health)
-        for name, health in channels.items()
-        if health is not ChannelHealth.GOOD
-    }
+    flawed = {name: one for name, one in channels.items() if one is not ChannelHealth.GOOD}
+    bad = {name: flaws.setdefault(name, health) for name, health in flawed.items()}
     for name in flaws.keys() - bad.keys():
         del flaws[name]
     suspect = [name for name in bad if channels[name] is ChannelHealth.SUSPECT]
@@ -470,9 +435,5 @@ def _watch(parts: Mapping[str, Part], found: dict[str, Alarm]) -> None:
     """What the monitor tells; its parts are named by their causes."""
     for what, part in parts.items():
         if part.level == "warn":
-            found[alarm_id("watch", what)] = alarm(
-                "watch",
-                what,
-                cause=part.text,
-                action=part.action if part.action in ACTIONS else "see_trends",
-            )
+            action = part.action if part.action in ACTIONS else "see_trends"
+            found[alarm_id("watch", what)] = alarm("watch", what, cause=part.text, action=action)

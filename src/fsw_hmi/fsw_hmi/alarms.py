@@ -160,9 +160,8 @@ class AlarmList:
         changed = self._unshelve_expired(now_s)
         self._coming_s = {name: self._coming_s.get(name, now_s) for name in present}
         listed = self._without_flood(present, now_s)
-        for name, alarm in sorted(
-            listed.items(), key=lambda item: item[1].trip
-        ):  # what led to a trip before it
+        # what led to a trip before it
+        for name, alarm in sorted(listed.items(), key=lambda item: item[1].trip):
             changed = self._take(name, alarm, now_s) or changed
         for name, entry in [*self.entries.items()]:
             if name not in listed and entry.present:
@@ -300,11 +299,8 @@ class AlarmList:
 
     def waiting(self, up_to: int) -> list[str]:
         """Alarms to be acknowledged that were raised before a person has seen the list, by its newest number."""
-        return [
-            name
-            for name, one in self.entries.items()
-            if one.newest <= up_to and one.state in ("active", "cleared")
-        ]
+        seen = {name: one.state for name, one in self.entries.items() if one.newest <= up_to}
+        return [name for name, state in seen.items() if state in ("active", "cleared")]
 
     def shelve(self, name: str, minutes: float, who: str, reason: str, now_s: float) -> Answer:
         """Shelve an alarm for some time."""

@@ -109,11 +109,10 @@ def _phases(signals: WeldSignals, name: str) -> list[dict[str, Any]]:
 
 def _errors(figures: phase_kpi.PhaseFigures) -> dict[str, Any]:
     errors = {"temperature_error_c": figures.temperature_c, "depth_error_mm": figures.depth_mm}
-    plain = {
-        name: one and {key: short(value) for key, value in asdict(one).items()}
-        for name, one in errors.items()
-    }
-    return plain | {"power_kw": None if figures.power_kw is None else short(figures.power_kw)}
+    plain: dict[str, Any] = {"power_kw": figures.power_kw and short(figures.power_kw)}
+    for name, one in errors.items():
+        plain[name] = one and {key: short(value) for key, value in asdict(one).items()}
+    return plain
 
 
 def _kpis(signals: WeldSignals, problems: list[str]) -> list[dict[str, Any]]:

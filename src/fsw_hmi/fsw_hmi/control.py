@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,25 +12,8 @@ from fsw_hmi.answers import Answer, Code, Note
 #: how long control may be taken that was asked for in vain; then it has to be asked for again
 #: (chosen)
 _LAPSE_S = 60.0
-#: requests of a session in a second; safe stops do not count
-_RATE_PER_S = 10.0
-
-
-class Bucket:
-    """Token bucket: limits the rate of requests and their burst."""
-
-    def __init__(self, per_s: float) -> None:
-        self._per_s = self._left = per_s
-        self._then_s = 0.0
-
-    def take(self, now_s: float) -> bool:
-        """Whether another request may pass."""
-        self._left = min(self._per_s, self._left + max(0.0, now_s - self._then_s) * self._per_s)
-        self._then_s = now_s
-        if self._left < 1.0:
-            return False
-        self._left -= 1.0
-        return True
+#: requests of a session in any second; safe stops do not count
+_MOST_REQUESTS = 10
 
 
 @dataclass(slots=True, eq=False)
@@ -46,11 +30,17 @@ class Session:
     idle: bool = False  #: nobody has touched the page for so long that only a safe stop is left
     checking: bool = False  #: its password is being checked
     active_s: float = 0.0  #: when somebody who has logged in has last asked for something
-    touched_s: float | None = None  #: when anybody has; None: never
     note: Fact | None = None  #: what happened to its control, for its page
     known: dict[str, Any] = field(default_factory=dict)  #: what its page has been told of control
     offences: int = 0
-    requests: Bucket = field(default_factory=lambda: Bucket(_RATE_PER_S))
+    asked_s: deque[float] = field(default_factory=lambda: deque(maxlen=_MOST_REQUESTS))
+
+    def may_ask(self, now_s: float) -> bool:
+        """Whether another request may pass, which then counts."""
+        if len(self.asked_s) == _MOST_REQUESTS and now_s - self.asked_s[0] < 1.0:
+            return False
+        self.asked_s.append(now_s)
+        return True
 
     @property
     def who(self) -> str:
@@ -88,15 +78,9 @@ class Control:
         """Session in control and session that requests it, as another session sees them."""
         holder, asker, left_s = self.holder, self.asker, round(self.left_s(now_s), 1)
         return {
-            "holder": holder and {"name": holder.name, "session": holder.id},
+            "holder": holder and _of(holder),
             "you": holder is session,
-            "request": asker
-            and {
-                "name": asker.name,
-                "session": asker.id,
-                "left_s": left_s,
-                "you": asker is session,
-            },
+            "request": asker and _of(asker) | {"left_s": left_s, "you": asker is session},
         }
 
     def take(
@@ -189,3 +173,7 @@ class Control:
         if self.asker is not None and self.asker is not session:
             self.asker.note = Fact.of(Note.OTHER, name=session.name)
         self.holder, self.asker, session.note = session, None, None
+
+
+def _of(session: Session) -> dict[str, Any]:
+    return {"name": session.name, "session": session.id}

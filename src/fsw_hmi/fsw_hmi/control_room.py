@@ -144,13 +144,9 @@ class ControlRoom:
             if session.lost_s is not None and now_s - session.lost_s > _RESUME_S:
                 self.leave(session, Fact.of(Loss.NOT_CONNECTED, limit_s=_RESUME_S))
         limit_s = self._idle_timeout_s
-        for session in self._sessions.values():
-            if (
-                limit_s
-                and session.authenticated
-                and not session.checking
-                and now_s - session.active_s > limit_s
-            ):
+        for session in self._sessions.values() if limit_s else ():
+            idle = session.authenticated and not session.checking
+            if idle and now_s - session.active_s > limit_s:
                 self._shut(session, Fact.of(Loss.UNTOUCHED, limit_min=limit_s / 60.0))
         self._control.lapse(now_s)
         records, self._records = self._records, []
@@ -220,20 +216,18 @@ class ControlRoom:
             return self._offence(session, None, Code.MALFORMED)
         number, do, message = request.id, request.do, request.model_extra or {}
         if do == "safe_stop" and session.may_stop:  # before every limit
-            return Verdict(
-                number, action=SafeStop(), kind=RequestKind.SAFE_STOP, asked=str(SafeStop())
-            )
-        if not session.requests.take(now_s):
+            stop = SafeStop()
+            return Verdict(number, action=stop, kind=RequestKind.SAFE_STOP, asked=str(stop))
+        if not session.may_ask(now_s):
             return self._offence(session, number, Code.TOO_MANY)
         if not isinstance(do, str):
             return self._offence(session, number, Code.NAMELESS)
         if do == "login":
             return self._login(session, number, message, now_s)
         if not session.authenticated:
-            session.touched_s = now_s
             code = Code.LOG_IN_AGAIN if session.idle else Code.LOG_IN
             return Verdict(number, code.refused())
-        session.active_s = session.touched_s = now_s
+        session.active_s = now_s
         if do == "active":
             return Verdict(number, Code.ACTIVE.done())
         if do in _CONTROL:
@@ -291,9 +285,8 @@ class ControlRoom:
         """Judge a login after its password has been checked; ``user`` owns the password."""
         session.checking = False
         if user is None:
-            return self._wrong_login(
-                session, number, credentials[0], "\0".join(credentials), now_s
-            )
+            given = "\0".join(credentials)
+            return self._wrong_login(session, number, credentials[0], given, now_s)
         return self._logged_in(session, number, user.name, user.role, now_s)
 
     def on_busy(self, session: Session, number: int) -> Verdict:
@@ -324,7 +317,7 @@ class ControlRoom:
             # what one person has, another does not get by a login
             self._free(session, Fact.of(Loss.OTHER_LOGIN, user=name))
         session.name, session.role, session.idle, session.note = name, role, False, None
-        session.active_s = session.touched_s = now_s
+        session.active_s = now_s
         answer = Code.LOGGED_IN.done(name=name, role=role)
         return Verdict(number, answer, kind=RequestKind.LOGIN, asked="log in")
 

@@ -24,19 +24,20 @@ class _Peer:
     client: str
     since_s: float  #: when it came, or when its last request ended
     requests: int = 0  #: that it has under way; an open page is one
+    touched_s: float = 0.0  #: when somebody has last asked for something on its page
     known: bool = False
 
     @property
-    def rank(self) -> tuple[bool, float]:
-        """Eviction order: idle connections first, then the oldest."""
-        return self.requests > 0, self.since_s
+    def rank(self) -> tuple[bool, float, float]:
+        """Eviction order: idle connections, then pages never touched, each from the oldest on; then by the last touch."""
+        return self.requests > 0, self.touched_s, self.since_s
 
 
 class Gate:
     """Limits the open connections.
 
     Beyond the limit, the client with the most connections loses the oldest one that only waits,
-    then the oldest page of a stranger. Pages of users who are logged in stay; if there are no
+    then the page of a stranger that nobody has touched for longest. Pages of users who are logged in stay; if there are no
     others, the new connection is closed. A connection that takes longer than ``request_s`` for a
     whole request is closed.
     """
@@ -71,11 +72,11 @@ class Gate:
             peer.requests -= 1
             peer.since_s = time.monotonic()
 
-    def know(self, address: Any) -> None:
-        """Mark the connection as that of a user who has logged in."""
+    def touch(self, address: Any, known: bool) -> None:
+        """Note that somebody has asked for something on a page; ``known``: a user who has logged in."""
         peer = self._peers.get(address and tuple(address))
         if peer is not None:
-            peer.known = True
+            peer.touched_s, peer.known = time.monotonic(), known
 
     def sweep(self, now_s: float) -> None:
         """Forget connections that are closed, and close those that have waited too long."""
@@ -85,16 +86,11 @@ class Gate:
                 self._close(address)
 
     def _make_room(self, client: str, newest: Any) -> None:
-        self._peers = {
-            key: peer for key, peer in self._peers.items() if peer.connection.fileno() >= 0
-        }
-        of_client = {
-            key: peer
-            for key, peer in self._peers.items()
-            if peer.client == client and not peer.known
-        }
-        of_client.pop(newest, None)
-        self._close(min(of_client, key=lambda key: of_client[key].rank, default=newest))
+        peers = {key: one for key, one in self._peers.items() if one.connection.fileno() >= 0}
+        self._peers = peers
+        others = [key for key, one in peers.items() if one.client == client and not one.known]
+        others = [key for key in others if key != newest]
+        self._close(min(others, key=lambda key: peers[key].rank, default=newest))
 
     def _close(self, address: Any) -> None:
         peer = self._peers.pop(address)

@@ -100,15 +100,9 @@ def _urgent(alarms: Sequence[Mapping[str, Any]]) -> dict[str, str] | None:
 def _of_alarms(
     alarms: Sequence[Mapping[str, Any]], priority: str, new: bool = False
 ) -> dict[str, str] | None:
-    present = [one for one in alarms if one["state"] not in ("cleared", "shelved")]
-    first = next(
-        (
-            one
-            for one in present
-            if one["priority"] == priority and (one["state"] == "active" or not new)
-        ),
-        None,
-    )
+    states = ("active",) if new else ("active", "acknowledged")
+    of_state = [one for one in alarms if one["state"] in states]
+    first = next((one for one in of_state if one["priority"] == priority), None)
     if first is None:
         return None
     about = {"code": first["cause"], "alarm": first["id"]}
@@ -117,14 +111,11 @@ def _of_alarms(
 
 
 def _of_flags(flags: Mapping[str, Mapping[str, str]]) -> dict[str, str] | None:
-    first = next(
-        (name for level in ("high", "medium") for name in flags if flags[name]["level"] == level),
-        None,
-    )
-    if first is None:
+    if not flags:
         return None
-    text = f"{VARIABLES[first].capitalize()}: {flags[first]['text']}"
-    return _line(flags[first]["level"], Code.FLAG, "check_control", text)
+    name = min(flags, key=lambda one: flags[one]["level"] != "high")
+    text = f"{VARIABLES[name].capitalize()}: {flags[name]['text']}"
+    return _line(flags[name]["level"], Code.FLAG, "check_control", text)
 
 
 def _of_state(state: Mapping[str, Any]) -> dict[str, str] | None:

@@ -33,7 +33,7 @@ from fsw_control.topics_ros import LATCHED
 from fsw_control.units import NANOSECONDS
 from fsw_hmi import users
 from fsw_hmi.alarm_desk_ros import AlarmDesk
-from fsw_hmi.alarm_rules import NO_PROGRAMME_S, NO_REPORT_S, UNDER_WAY
+from fsw_hmi.alarm_rules import NO_PROGRAMME_S, NO_REPORT_S
 from fsw_hmi.answers import Answer, Ended
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import frame, readable, row
@@ -92,13 +92,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._emulator = False
         self._actions = self.create_publisher(OperatorAction, "fsw/operator_action", LATCHED)
         self._get_parameters = self.create_client(GetParameters, "fsw_supervisor/get_parameters")
-        self._watch = Watch(
-            self,
-            self._on_rows,
-            self._on_prediction,
-            self._show_state,
-            partial(self._show, "heat"),
-        )
+        to_pages = self._on_rows, self._on_prediction, self._show_state
+        self._watch = Watch(self, *to_pages, partial(self._show, "heat"))
         self._book = book_of(values["procedure"])
         self._desk = AlarmDesk(self, self._watch, self._setting, self._book)
         self._weld = LiveWeld(self._book)
@@ -111,15 +106,9 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._stop = StopHolder(self, self._register, self._register.merge)
         self._wake = self.create_guard_condition(self._on_orders)
         self._room = ControlRoom(key, **{name: values[name] for name in _CONTROL})
-        self._page = LivePage(
-            files,
-            self._room,
-            self._deliver,
-            request_timeout_s=values["request_timeout_s"],
-            patience_s=values["patience_s"],
-            max_pages=values["max_pages"],
-            know=listening.gate.know,
-        )
+        times = {name: values[name] for name in ("request_timeout_s", "patience_s")}
+        touch = listening.gate.touch
+        self._page = LivePage(files, self._room, self._deliver, touch=touch, **times)
         routes = [*self._page.routes(), *report_routes(values["history_report"])]
         app = application(routes, [values["host"], *values["allow_hosts"]], listening.gate)
         self._web = WebThread(self._page, app, listening, encrypted)
@@ -218,22 +207,14 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._show("state", self._watch.state_frame() | {"parts": self._watch.parts_frame()})
 
     def _show_headline(self) -> None:
-        watch, tick_s = self._watch, self._watch.view.tick_s
-        age_s = self._desk.age_s(tick_s)
-        found = headline(
-            Now(
-                age_s,
-                self._desk.frame()["alarms"],
-                self._flags,
-                watch.state_frame(),
-                self._account,
-                watch.progress["state"] if watch.progress else "",
-                self._recording.state,
-            )
-        )
-        if found != self._headline:
-            self._headline = found
-            self._show("headline", found)
+        watch, desk = self._watch, self._desk
+        programme = watch.progress["state"] if watch.progress else ""
+        age_s, alarms = desk.age_s(watch.view.tick_s), desk.frame()["alarms"]
+        seen = self._flags, watch.state_frame(), self._account, programme, self._recording.state
+        line = headline(Now(age_s, alarms, *seen))
+        if line != self._headline:
+            self._headline = line
+            self._show("headline", line)
 
     def _limits(self) -> dict[str, dict[str, Any]]:
         return limits(
@@ -265,11 +246,9 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             raise RuntimeError("the page's server has ended")
         self._show_state()
         if watch.progress is not None:
-            silent = (
-                watch.progress["state"] in UNDER_WAY
-                and time.monotonic() - watch.progress_s > NO_PROGRAMME_S
-            )
-            self._show("progress", watch.progress | ({"state": "silent"} if silent else {}))
+            old = time.monotonic() - watch.progress_s > NO_PROGRAMME_S
+            silent = {"state": "silent"} if old and watch.programme() else {}
+            self._show("progress", watch.progress | silent)
         newest_s = (watch.view.newest_ns or 0) / NANOSECONDS
         self._recording.look(watch.recording_level(), watch.recording, newest_s)
         self._show("recording", self._recording.frame())
@@ -277,11 +256,10 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         if self._account is not None:
             self._show("account", self._account)
         self._keep()
-        is_old = (
-            watch.leader != self._asked_leader or time.monotonic() - self._asked_s > _ASK_AGAIN_S
-        )
+        now_s = time.monotonic()
+        is_old = watch.leader != self._asked_leader or now_s - self._asked_s > _ASK_AGAIN_S
         if watch.leader and is_old and self._get_parameters.service_is_ready():
-            self._asked_leader, self._asked_s = watch.leader, time.monotonic()
+            self._asked_leader, self._asked_s = watch.leader, now_s
             future = self._get_parameters.call_async(GetParameters.Request(names=list(PARAMETERS)))
             future.add_done_callback(self._on_parameters)
         if self._orders.emulator != self._emulator:
@@ -292,11 +270,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         response = future.result()
         if response is None:
             return
-        found = {
-            name: value.double_value
-            for name, value in zip(PARAMETERS, response.values, strict=False)
-            if value.type == 3  # a double
-        }
+        values = zip(PARAMETERS, response.values, strict=False)
+        found = {name: one.double_value for name, one in values if one.type == 3}  # a double
         if found != self._interlocks:
             self._interlocks = found
             self._say_hello()

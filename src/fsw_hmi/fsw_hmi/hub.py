@@ -47,13 +47,11 @@ class Page:
     """One open page with the frames that it still has to get, the most urgent first.
 
     A slow page gets the newest ticks, the latest frame of every other kind, and all answers.
-    ``peer`` is address and port of its browser, ``number`` its place in the order of
-    opening.
+    ``peer`` is address and port of its browser.
     """
 
-    def __init__(self, session: Session, peer: Any, number: int) -> None:
-        self.session, self.peer, self.number = session, peer, number
-        self.evicted = False  #: to make room
+    def __init__(self, session: Session, peer: Any) -> None:
+        self.session, self.peer = session, peer
         self.closed = False  #: by the person, not cut off
         self.superseded = False  #: another connection has resumed its session
         self.given_up = asyncio.Event()  #: nothing more is to be sent

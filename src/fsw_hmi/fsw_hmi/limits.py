@@ -51,18 +51,10 @@ _QUANTITIES: dict[str, tuple[Range, dict[str, Any], str, str]] = {
 _LEVELS = ("warn", "trip")
 #: smallest steps in which set-points are typed in, chosen
 _STEPS = {"depth_mm": 0.01, "temperature_c": 0.1}
+_NAMES = [name for one in _QUANTITIES.values() for name in one[2:] if name]
+_SAFE = ("safe_force_kn", "safe_rate_kn_per_s")
 #: the supervisor's parameters that are used
-PARAMETERS = (
-    *(
-        f"interlocks.{name}.{level}"
-        for one in _QUANTITIES.values()
-        for name in one[2:]
-        if name
-        for level in _LEVELS
-    ),
-    "safe_force_kn",
-    "safe_rate_kn_per_s",
-)
+PARAMETERS = (*(f"interlocks.{name}.{level}" for name in _NAMES for level in _LEVELS), *_SAFE)
 
 
 #: the page's parameters for the tolerated deviation of a drive from its command
@@ -99,22 +91,17 @@ def limits(
         ]
         if kept:
             found[quantity]["kept"] = kept
-        others = [
-            row for row in SENSORS.values() if not row.required and row.quantity.signal == quantity
-        ]
+        rows = (row for row in SENSORS.values() if row.quantity.signal == quantity)
+        others = [{"key": row.signal, "name": row.title} for row in rows if not row.required]
         if others:
-            found[quantity]["others"] = [{"key": row.signal, "name": row.title} for row in others]
+            found[quantity]["others"] = others
     return found
 
 
 def safe_state(parameters: Mapping[str, Any]) -> dict[str, float] | None:
     """Target and rate of a safe stop; None until the supervisor has reported them."""
-    if not {"safe_force_kn", "safe_rate_kn_per_s"} <= parameters.keys():
-        return None
-    return {
-        "force_kn": parameters["safe_force_kn"],
-        "rate_kn_per_s": parameters["safe_rate_kn_per_s"],
-    }
+    known = {name.removeprefix("safe_"): parameters[name] for name in _SAFE if name in parameters}
+    return known if len(known) == len(_SAFE) else None
 
 
 def reference(parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -134,11 +121,8 @@ def reference(parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _range(allowed: Range) -> dict[str, Any]:
-    return {
-        "unit": readable(allowed.unit).replace("N m", "N·m"),
-        "min": allowed.low,
-        "max": allowed.high,
-    }
+    unit = readable(allowed.unit).replace("N m", "N·m")
+    return {"unit": unit, "min": allowed.low, "max": allowed.high}
 
 
 #: requests to the emulated plant

@@ -23,6 +23,7 @@ from fsw_hmi.hub import KEPT
 from fsw_hmi.standing import programme_aims
 from fsw_hmi.weld_view import Row
 
+_STATE = ("actual_controller", "actual_mode", "reason", "cause", "by")
 _UNSEEN = "the begin of the weld was before this page ran"
 
 
@@ -38,9 +39,8 @@ class LiveWeld:
     def forget(self) -> None:
         """Another weld begins."""
         self._stamps_ns: list[int] = []
-        self._rows: list[
-            tuple[float, ...]
-        ] = []  #: of ``COLUMNS`` after the time, then what the programme has
+        #: of ``COLUMNS`` after the time, then what the programme has
+        self._rows: list[tuple[float, ...]] = []
         self._texts: list[tuple[str, str, str]] = []  #: source, controller, mode
         self._phases: list[tuple[int, str]] = []
         self._states: list[tuple[int, Any]] = []
@@ -50,14 +50,9 @@ class LiveWeld:
 
     def on_state(self, leader: str, state: Mapping[str, Any]) -> None:
         """Take what the supervisor reports, as the page gets it, and its identity."""
-        names = ("reason", "cause", "by")
-        self._state = (
-            state["actual_controller"],
-            state["actual_mode"],
-            leader,
-            tuple((one["name"], one["level"]) for one in state["interlocks"]),
-            *(state[name] for name in names),
-        )
+        controller, mode, *rest = (state[name] for name in _STATE)
+        interlocks = tuple((one["name"], one["level"]) for one in state["interlocks"])
+        self._state = controller, mode, leader, interlocks, *rest
 
     def on_progress(self, progress: Mapping[str, Any]) -> None:
         """Take what the programme reports."""
@@ -102,13 +97,9 @@ class LiveWeld:
         """The judgement of the weld so far; None before the first tick."""
         if not self._rows:
             return None
-        return judge(
-            self._signals(),
-            self.book,
-            running=(self._progress or {}).get("state") not in OVER,
-            recorded=False,
-            unusable=self._unusable,
-        )
+        running, unusable = (self._progress or {}).get("state") not in OVER, self._unusable
+        signals = self._signals()
+        return judge(signals, self.book, running=running, recorded=False, unusable=unusable)
 
     def frame(self, gaps: Sequence[tuple[float, float]] = ()) -> dict[str, Any] | None:
         """The judgement as the page gets it, with the gaps of the recording marked on the weld."""
@@ -131,9 +122,8 @@ class LiveWeld:
         names = (*COLUMNS[1:], "programme_depth_mm", "programme_temperature_c", "travel_mm")
         columns = dict(zip(names, np.array(self._rows).T, strict=True))
         source, controller, mode = np.array(self._texts, object).T
-        without = ~np.isfinite(
-            columns["programme_depth_mm"]
-        )  # no programme reports: the set-points in force
+        # no programme reports: the set-points in force
+        without = ~np.isfinite(columns["programme_depth_mm"])
 
         def at(entries: list[tuple[int, Any]]) -> list[tuple[float, Any]]:
             return [(stamp / NANOSECONDS - shift_s, value) for stamp, value in entries]

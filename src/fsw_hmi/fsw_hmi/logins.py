@@ -82,11 +82,8 @@ class LoginChecks:
         try:
             async with self._turns.setdefault(client, asyncio.Lock()):
                 return await asyncio.get_running_loop().run_in_executor(self._pool, check)
-        except (
-            MemoryError,
-            ValueError,
-            RuntimeError,
-        ) as error:  # for want of memory, or at the server's end
+        # for want of memory, or at the server's end
+        except (MemoryError, ValueError, RuntimeError) as error:
             raise BusyError from error
         finally:
             self._counts[client] -= 1
@@ -101,8 +98,5 @@ class LoginChecks:
 def _step_back() -> None:
     """Lower this thread's priority, so that control goes first; Linux has priorities by thread."""
     with contextlib.suppress(OSError):
-        os.setpriority(
-            os.PRIO_PROCESS,
-            threading.get_native_id(),
-            min(19, os.getpriority(os.PRIO_PROCESS, 0) + _NICE),
-        )
+        nice = min(19, os.getpriority(os.PRIO_PROCESS, 0) + _NICE)
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), nice)

@@ -51,10 +51,8 @@ def main(args: Sequence[str] | None = None) -> int:
         return 0
     parsed = parser().parse_args(argv[1:split])
     if missing := EXTRA.missing():
-        print(
-            f"hmi: {', '.join(missing)} missing: pip install {' '.join(EXTRA.modules)}",
-            file=sys.stderr,
-        )
+        remedy = f"pip install {' '.join(EXTRA.modules)}"
+        print(f"hmi: {', '.join(missing)} missing: {remedy}", file=sys.stderr)
         return 2
     if parsed.bag:
         from fsw_hmi.bag_app import serve

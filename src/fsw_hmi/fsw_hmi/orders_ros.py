@@ -83,9 +83,8 @@ class Orders:
         """
         client, offered_by, request = self._request(action)
         repeat = isinstance(request, srv.SetMode.Request) and request.mode == SAFE_STOP
-        due_s = (
-            time.monotonic() + timeout_s + (action.wait_s if isinstance(action, Switch) else 0.0)
-        )
+        wait_s = action.wait_s if isinstance(action, Switch) else 0.0
+        due_s = time.monotonic() + timeout_s + wait_s
         self._calls.append(_Call(client, offered_by, request, answer, due_s, repeat))
         self.look()
 
@@ -100,16 +99,11 @@ class Orders:
             case AcknowledgeStop():
                 return self._acknowledge, "supervisor", srv.OperatorRequest.Request()
             case Switch():
-                return (
-                    self._switch,
-                    "supervisor",
-                    convert.switch_request(action.controller, action.wait_s),
-                )
+                request = convert.switch_request(action.controller, action.wait_s)
+                return self._switch, "supervisor", request
             case SetReference():
-                wanted = convert.set_reference_request(
-                    action.depth_mm, action.temperature_c, action.ramp
-                )
-                return self._set_reference, "supervisor", wanted
+                values = action.depth_mm, action.temperature_c, action.ramp
+                return self._set_reference, "supervisor", convert.set_reference_request(*values)
             case Programme(action="abort"):
                 return self._cancel, "programme", CancelGoal.Request()  # whichever goal there is
             case Programme():

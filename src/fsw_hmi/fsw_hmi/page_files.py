@@ -47,10 +47,7 @@ class PageFiles:
         if "index.html" not in self._files:
             raise ValueError(f"the page is missing: there is no {folder / 'index.html'}")
         if _UPLOT not in self._files:
-            print(
-                "the page has no trends: it was built without uPlot, see the how-to",
-                file=sys.stderr,
-            )
+            print("the page has no trends: it was built without uPlot", file=sys.stderr)
         content = hashlib.sha256()
         for name, data in self._files.items():
             content.update(f"{name} {len(data)}\n".encode() + data)

@@ -38,9 +38,6 @@ class HmiParameters(NodeParameters):
     this computer serves others."""
     allow_hosts: Annotated[Many[str], AT_START] = ()
     """Further names and addresses under which browsers ask for the page."""
-    max_pages: Annotated[Whole, Range(2, 1000, ""), AT_START] = 200
-    """Number of pages that one client may have open at a time; one more closes the idlest, never
-    the one in control (chosen)."""
     patience_s: Annotated[float, Range(0.5, 600.0, "s"), AT_START] = 10.0
     """Time after which a page that takes nothing is given up (chosen)."""
     request_timeout_s: Annotated[float, Range(0.1, 60.0, "s")] = 3.0

@@ -26,11 +26,10 @@ def why_not(
     """
     if isinstance(action, SetReference):
         wanted = action.depth_mm, action.temperature_c
-        if in_force and all(
-            abs(one - other) <= _SAME for one, other in zip(wanted, in_force, strict=True)
-        ):
+        pairs = zip(wanted, in_force or (), strict=False)
+        if in_force and all(abs(one - other) <= _SAME for one, other in pairs):
             return Code.IN_FORCE.refused()
-        why = beyond_trip(action.depth_mm, action.temperature_c, interlocks)
+        why = beyond_trip(*wanted, interlocks)
         return Answer(REFUSED, why.code, why.words) if why else None
     if state is None:
         return None

@@ -63,14 +63,10 @@ def variables(
 
 def programme_aims(progress: Mapping[str, Any] | None) -> dict[str, float]:
     """Set-points of depth and temperature that the programme reports; none at depth 0."""
-    told = progress or {}
-    if not told.get("depth_mm"):
+    if not progress or not progress.get("depth_mm"):
         return {}
-    return {
-        name: float(told[name])
-        for name, error in QUANTITIES.items()
-        if error and told.get(name) is not None
-    }
+    aims = {name: progress.get(name) for name, error in QUANTITIES.items() if error}
+    return {name: float(aim) for name, aim in aims.items() if aim is not None}
 
 
 def holds(check: Check, phase: str) -> bool:

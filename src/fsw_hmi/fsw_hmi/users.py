@@ -10,7 +10,7 @@ import secrets
 import unicodedata
 from collections.abc import Callable, Iterable, Sequence, Set
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import yaml
 from pydantic import AfterValidator
@@ -239,10 +239,8 @@ def read(path: Path) -> list[User]:
 
 def write(path: Path, users: Sequence[User]) -> None:
     """Write the file atomically, readable only by its owner."""
-    lines = (
-        yaml.safe_dump([one.model_dump()], sort_keys=False, default_flow_style=None, width=1000)
-        for one in users
-    )
+    style: dict[str, Any] = {"sort_keys": False, "default_flow_style": None, "width": 1000}
+    lines = (yaml.safe_dump([one.model_dump()], **style) for one in users)
     write_whole(path, "".join(lines), 0o600, durable=True)
 
 

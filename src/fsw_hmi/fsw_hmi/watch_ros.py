@@ -82,13 +82,8 @@ class Watch:
         on_state: Callable[[], None],
         on_heat: Callable[[dict[str, Any]], None],
     ) -> None:
-        self._node, self._on_rows, self._on_prediction, self._show_state = (
-            node,
-            on_rows,
-            on_prediction,
-            on_state,
-        )
-        self._on_heat = on_heat
+        self._node, self._on_rows, self._on_prediction = node, on_rows, on_prediction
+        self._show_state, self._on_heat = on_state, on_heat
         self._known_heat_share = nan  # that the controller which commands uses
         self.references = reference_queue(node)
         self.view = WeldView(self.references.at)
@@ -99,18 +94,16 @@ class Watch:
         self.leader = ""  #: identity of the leading supervisor
         self.sensor_states: dict[str, str] = {}  #: what the supervisor says of each sensor
         self.channels: dict[str, ChannelHealth] = {}  #: of a fused depth, by sensor
-        self.attainable: Reference | None = (
-            None  #: set-points that the controller which commands goes for, if it tells
-        )
+        #: set-points that the controller which commands goes for, if it tells
+        self.attainable: Reference | None = None
         self._goes_for = ""  # the controller that told it
         self.recording: dict[str, str] = {}  #: what the recorder has reported last
         self.values: dict[str, float] = {}  #: the newest row by column; empty before the first
         self._parts: dict[str, dict[str, tuple[Part, float]]] = {}
         self._sensors: list[Subscription] = []
         self._controllers: dict[str, float] = {}
-        subscribe_references(
-            node, self.references
-        )  # what is refused, the supervisor and every controller report
+        # what is refused, the supervisor and every controller report
+        subscribe_references(node, self.references)
         subscribe_drives(node, self._on_drives)
         node.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         node.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_state, LATEST)
@@ -141,9 +134,8 @@ class Watch:
             self._sensors.append(
                 self._node.create_subscription(ShoulderDepth, depth, self._on_depth, STREAM)
             )
-            self.view.good_s = dict.fromkeys(
-                REQUIRED, now_s + _SILENT_S
-            )  # they have time to be found
+            # they have time to be found
+            self.view.good_s = dict.fromkeys(REQUIRED, now_s + _SILENT_S)
         self._take(*self.view.on_drives(stamp_ns, acting, now_s))
 
     def _on_depth(self, message: ShoulderDepth) -> None:
@@ -245,12 +237,8 @@ class Watch:
     def _is_full(self, node: str) -> bool:
         """Whether no more parts are kept; a flood of others leaves this software's own nodes their room."""
         own = node.startswith("fsw_")
-        return (
-            sum(
-                len(parts) for name, parts in self._parts.items() if name.startswith("fsw_") == own
-            )
-            >= _MOST_PARTS
-        )
+        kept = [one for name, one in self._parts.items() if name.startswith("fsw_") == own]
+        return sum(map(len, kept)) >= _MOST_PARTS
 
     def state_frame(self) -> dict[str, Any]:
         """Content of the frame ``state`` but for the parts; not ``known`` is a state of a supervisor that is silent."""
@@ -272,12 +260,11 @@ class Watch:
     def parts(self) -> dict[str, dict[str, Part]]:
         """Diagnostics by node and part."""
         now_s = time.monotonic()
-        for parts in self._parts.values():
-            for what in [
-                what for what, (_, heard_s) in parts.items() if now_s - heard_s > _FORGET_S
-            ]:
-                del parts[what]
-        self._parts = {node: parts for node, parts in self._parts.items() if parts}
+        recent = {
+            node: {what: one for what, one in parts.items() if now_s - one[1] <= _FORGET_S}
+            for node, parts in self._parts.items()
+        }
+        self._parts = {node: parts for node, parts in recent.items() if parts}
         return {
             node: {
                 what: part if now_s - heard_s <= NO_REPORT_S else replace(part, level="stale")

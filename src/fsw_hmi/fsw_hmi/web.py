@@ -26,7 +26,7 @@ from fsw_hmi.requests import Action, SafeStop, Switch
 _MARGIN_S = 2.0
 #: kinds of frames that do not belong to one weld
 _LASTING = ("state", "alarms", "actions")
-_STALE, _POLICY, _TRY_LATER = 4001, 1008, 1013
+_STALE, _POLICY = 4001, 1008
 #: codes of a page that is closed or left; any other is a connection that was lost
 _CLOSED = (1000, 1001)
 
@@ -42,8 +42,8 @@ class _Pending:
 class LivePage:
     """The page over a running weld. All methods but the constructor belong to the server's loop.
 
-    ``deliver`` takes an :class:`Order`, in the server's thread; ``know`` address and port of a
-    connection by which a user has logged in. The numbers are parameters of the node, which
+    ``deliver`` takes an :class:`Order`, in the server's thread; ``touch`` address and port of a
+    page on which somebody has asked for something, and whether a user has logged in there. The numbers are parameters of the node, which
     ``parameters.py`` describes.
     """
 
@@ -54,23 +54,18 @@ class LivePage:
         deliver: Callable[[Order], None],
         request_timeout_s: float,
         patience_s: float,
-        max_pages: int,
-        know: Callable[[Any], None] = lambda _: None,
+        touch: Callable[[Any, bool], None] = lambda _peer, _known: None,
     ) -> None:
-        self._files, self._room, self._deliver, self._know = files, room, deliver, know
+        self._files, self._room, self._deliver, self._touch = files, room, deliver, touch
         self._logins = LoginChecks()
         self._checks: set[asyncio.Task[None]] = set()
-        self._request_timeout_s, self._patience_s, self._max_pages = (
-            request_timeout_s,
-            patience_s,
-            max_pages,
-        )
+        self._request_timeout_s, self._patience_s = request_timeout_s, patience_s
         self._pages: set[Page] = set()
         self._history = History()
         self._latest: dict[str, str] = {}  # frames for a new page, by kind
         self._hello: dict[str, Any] = {}
         self._pending: dict[int, _Pending] = {}
-        self._orders = self._opened = 0
+        self._orders = 0
         self._tick_s: float | None = None
         self._closed = False
 
@@ -145,42 +140,17 @@ class LivePage:
             else:
                 await self._serve(socket, socket.client.host if socket.client else "")
 
-    def _make_room(self, client: str) -> None:
-        """Close the idlest page of a client, if it has too many.
-
-        The order: pages never touched, the oldest first; pages without a login, by idle time;
-        pages with a login. The page in control is never closed.
-        """
-        pages = [
-            page
-            for page in self._pages
-            if page.session.client == client and not (page.evicted or page.superseded)
-        ]
-        if len(pages) < self._max_pages:
-            return
-        idle = [page for page in pages if page.session is not self._room.holder]
-        first = min(
-            idle,
-            key=lambda one: (bool(one.session.name), one.session.touched_s or 0.0, one.number),
-        )
-        first.evicted = True
-        first.given_up.set()
-
     async def _serve(self, socket: WebSocket, address: str) -> None:
         session = self._room.join(address, socket.query_params.get("resume", ""))
         for before in self._pages:  # the end of its connection has not been noticed yet
             if before.session is session:
                 before.superseded = True
                 before.given_up.set()
-        self._make_room(session.client)
-        self._opened += 1
-        page = Page(session, socket.client, self._opened)
+        page = Page(session, socket.client)
         self._pages.add(page)
         self._begin(page)
-        jobs = [
-            asyncio.create_task(job)
-            for job in (_send(socket, page), self._listen(socket, page), page.given_up.wait())
-        ]
+        ends = _send(socket, page), self._listen(socket, page), page.given_up.wait()
+        jobs = [asyncio.create_task(job) for job in ends]
         try:
             await asyncio.wait(jobs, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -190,16 +160,12 @@ class LivePage:
             self._pages.discard(page)  # only now: until here its session may be resumed
             if page.superseded:
                 pass  # the session is another page's now, whatever became of this one
-            elif self._closed or page.closed or page.evicted:
+            elif self._closed or page.closed:
                 code = Loss.SERVER_ENDED if self._closed else Loss.PAGE_CLOSED
                 self._room.leave(page.session, Fact.of(code))
             else:
                 self._room.lose(page.session, time.monotonic())
             self._show_control()
-            if page.evicted:
-                await socket.close(
-                    _TRY_LATER, f"more than {self._max_pages} pages are open on this computer"
-                )
 
     def _begin(self, *pages: Page) -> None:
         for page in pages:
@@ -262,8 +228,7 @@ class LivePage:
 
     def _carry_out(self, page: Page, verdict: Verdict) -> None:
         session = page.session
-        if session.name:
-            self._know(page.peer)
+        self._touch(page.peer, bool(session.name))
         self._show_control()
         if verdict.action is not None and verdict.id is not None:
             self._order(page, verdict.id, verdict.action, verdict)
@@ -280,18 +245,12 @@ class LivePage:
                     under_way.ids.append(request)  # the graph is asked once
                     return
         self._orders += 1
-        order = Order(
-            page.session.who, verdict.kind, verdict.asked, action=action, number=self._orders
-        )
-        wait_s = (
-            self._request_timeout_s
-            + _MARGIN_S
-            + (action.wait_s if isinstance(action, Switch) else 0.0)
-        )
-        timer = asyncio.get_running_loop().call_later(
-            wait_s,
-            partial(self.on_outcome, order.number, Code.NO_ANSWER.timed_out(wait_s=wait_s)),
-        )
+        who, number = page.session.who, self._orders
+        order = Order(who, verdict.kind, verdict.asked, action=action, number=number)
+        wait_s = self._request_timeout_s + _MARGIN_S
+        wait_s += action.wait_s if isinstance(action, Switch) else 0.0
+        timed_out = partial(self.on_outcome, order.number, Code.NO_ANSWER.timed_out(wait_s=wait_s))
+        timer = asyncio.get_running_loop().call_later(wait_s, timed_out)
         self._pending[order.number] = _Pending(page, [request], order, timer)
         self._hand_on(order)
 

@@ -34,9 +34,8 @@ class WeldView:
 
     def __init__(self, reference_at: Callable[[int], Reference | None]) -> None:
         self._reference_at = reference_at
-        self.good_s: dict[
-            str, float
-        ] = {}  #: when the last finite sample of each sensor came, on a steady clock
+        #: when the last finite sample of each sensor came, on a steady clock
+        self.good_s: dict[str, float] = {}
         self.tick_s: float | None = None  #: when the newest tick came
         self.newest_ns: int | None = None  #: its stamp
         self._begin()

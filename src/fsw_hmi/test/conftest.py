@@ -32,14 +32,13 @@ class Server:
         settings = {
             "request_timeout_s": PATIENCE_S,
             "patience_s": PATIENCE_S,
-            "max_pages": 100,
         } | options
         self.room = room = ControlRoom(settings.pop("key", TOKEN), **settings.pop("rules", {}))
         encrypted = settings.pop("encrypted", None)
         report = report_routes(settings.pop("history_report", ""))
         listening = listen("127.0.0.1", 0, settings["patience_s"])
-        self.gate = listening.gate = Gate(request_s=PATIENCE_S)
-        self.page = LivePage(self.files, room, self._take, know=self.gate.know, **settings)
+        self.gate = listening.gate = Gate(request_s=PATIENCE_S, **settings.pop("limits", {}))
+        self.page = LivePage(self.files, room, self._take, touch=self.gate.touch, **settings)
         self.url = address(listening, encrypted is not None)
         self.port = listening.getsockname()[1]
         routes = [*self.page.routes(), *report]

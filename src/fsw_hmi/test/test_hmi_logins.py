@@ -111,7 +111,7 @@ def test_check_that_fails_ends_neither_the_line_nor_the_page():
 @pytest.mark.slow
 @pytest.mark.requirement("S30")
 def test_flood_of_logins_delays_no_safe_stop_and_no_frame(make_server, users):
-    server = make_server(key=users, max_pages=100)
+    server = make_server(key=users)
     with contextlib.ExitStack() as stack:
         otto = stack.enter_context(server.open())
         number = otto.send("login", name="otto", password=PASSWORD)

@@ -10,9 +10,6 @@ const AGAIN_MS = 1000;
 const ANSWER_MS = 15_000;
 const STALE_CODE = 4001;
 const LOST_CODE = 4002;
-/** The server has no room for this page: to ask again at once would take it from another. */
-const NO_ROOM_CODE = 1013;
-const NO_ROOM_MS = 10_000;
 
 export class Connection {
   #build;
@@ -66,16 +63,14 @@ export class Connection {
     socket.onclose = (event) => socket === this.#socket && this.#closed(event);
   }
 
-  #closed(/** @type {{code: number, reason?: string}} */ event) {
+  #closed(/** @type {{code: number}} */ event) {
     this.#socket = null;
     for (const id of [...this.#pending.keys()]) {
       this.#answer({ id, outcome: "timed_out", message: "the connection was lost before the answer" });
     }
     if (event.code === STALE_CODE) return this.#become("stale", "The page is out of date: reload it");
-    const noRoom = event.code === NO_ROOM_CODE;
-    this.#become("lost", noRoom ? `Not served: ${event.reason}` : `Disconnected since ${this.#since()}`);
-    const wait = noRoom ? NO_ROOM_MS : AGAIN_MS;
-    this.#retry = setTimeout(() => this.#open(), wait * (0.8 + 0.4 * Math.random()));
+    this.#become("lost", `Disconnected since ${this.#since()}`);
+    this.#retry = setTimeout(() => this.#open(), AGAIN_MS * (0.8 + 0.4 * Math.random()));
   }
 
   #receive(/** @type {any} */ frame) {
