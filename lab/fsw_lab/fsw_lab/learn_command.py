@@ -35,10 +35,7 @@ MOST_WELDS = 8
     file("--model-out", "model file that belongs to it (YAML; default NAME.model.yaml)"),
     file("--model", "model of the process (default: the paper's)"),
     switch("--keep-model", "keep gain, lags and dead time of the model"),
-    switch(
-        "--computed",
-        "the bags are of simulated welds, before the first weld of the type, which replaces them",
-    ),
+    switch("--computed", "bags of simulated welds"),
     DRIVE_LAG,
     FORCE,
     description="Find the heat into the copper beyond the spindle's power in each weld, by place, and write its "
