@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import nan
+from math import isnan, nan
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,7 @@ class LiveWeld:
         self._programme: list[tuple[int, Any]] = []
         self._problems: list[str] = []
         self._unusable = UnusableSamples()
+        self._first = True
 
     def on_state(self, leader: str, state: Mapping[str, Any]) -> None:
         """Take what the supervisor reports, as the page gets it, and its identity."""
@@ -67,6 +68,10 @@ class LiveWeld:
     def add(self, row: Row, source: str) -> None:
         """Take a tick, with whose command answered it."""
         stamp_ns, values = row.stamp_ns, dict(zip(COLUMNS[1:], row.values, strict=True))
+        first, self._first = self._first, False
+        # the page subscribes to the sensors when it hears the first tick, whose samples it may miss
+        if first and any(isnan(values[SENSORS[name].signal]) for name in REQUIRED):
+            return
         progress: Mapping[str, Any] = self._progress or {}
         aims, length_mm = programme_aims(progress), progress.get("length_mm")
         travel_mm = nan if length_mm is None else float(length_mm)
