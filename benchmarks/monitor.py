@@ -83,10 +83,7 @@ MODELS = "nominal", "identified"
 
 def judged(process, case, seed, model):
     """One weld, watched by one of ``MODELS``; its row."""
-    try:
-        signals, moved_s, controller = weld(process, seed, case, HEALTHY_S.get(case, DURATION_S))
-    except ValueError as error:  # no equilibrium to start from
-        return {"no_weld": str(error)}
+    signals, moved_s, controller = weld(process, seed, case, HEALTHY_S.get(case, DURATION_S))
     known = identified(process, seed) if model == "identified" else ()
     monitor, durations, expected = Monitor(process, *known), [], []
     step, begin_s, faulty = monitor.step, max(FAULT_S, moved_s or 0.0), case in CASES
@@ -146,11 +143,8 @@ def judged(process, case, seed, model):
 
 
 def largest(process, seed):
-    """Largest smoothed log likelihood ratios of any fault in a whole healthy weld, by kind of ``LEVELS``; None without an equilibrium."""
-    try:
-        signals, *_ = weld(process, seed, "none", LONG_S)
-    except ValueError:
-        return None
+    """Largest smoothed log likelihood ratios of any fault in a whole healthy weld, by kind of ``LEVELS``."""
+    signals, *_ = weld(process, seed, "none", LONG_S)
     watched = watch(Monitor(process), signals)
     return max(watched.ratios), max(watched.trends)
 
@@ -165,7 +159,7 @@ def calibrate():
     with ProcessPoolExecutor(min(2, len(os.sched_getaffinity(0)))) as pool:
         welds = list(pool.map(largest, *zip(*product(PROCESSES, CALIBRATING), strict=True)))
     figures = {}
-    by_kind = zip(*(one for one in welds if one is not None), strict=True)
+    by_kind = zip(*welds, strict=True)
     for (kind, (level, share)), maxima in zip(LEVELS.items(), by_kind, strict=True):
         fitted = scipy.stats.gumbel_r(*scipy.stats.gumbel_r.fit(maxima))
         figures |= {
@@ -281,8 +275,6 @@ def main():
             rows.append(row)
             print(f"\r{len(rows)} of {len(tasks)} welds", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
-    lost = [row for row in rows if "no_weld" in row]
-    rows = [row for row in rows if "no_weld" not in row]
     tables = {
         process: {case: summary(rows, process, case, "nominal") for case in CASES}
         for process in PROCESSES
@@ -292,7 +284,7 @@ def main():
         for process, case, model in product(PROCESSES, AIMS_S, MODELS)
         if (row := summary(rows, process, case, model))["aim_s"] is not None and row["welds"]
     }
-    figures = overall(rows) | {"draws_without_weld": len(lost)}
+    figures = overall(rows)
     flat = {
         f"{process}: {case}: {name}": value
         for process, table in tables.items()

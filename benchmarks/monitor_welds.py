@@ -138,7 +138,7 @@ CASES = {
     "tool wear 6 N·m/min": (wear(6.0), None, ("tool_wear",), ""),
     "torque gain +20 %": (
         None,
-        changed(factors__sliding_friction=1.2, model__sticking_stress_pa=1.2),
+        changed(factors__sliding_friction=1.2, factors__sticking_stress_pa=1.2),
         ("torque_gain",),
         "",
     ),
