@@ -10,7 +10,7 @@ separately, as the power of the steps that it spans.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from math import ceil, exp, pi
 from types import SimpleNamespace
 from typing import Any, cast
@@ -255,28 +255,30 @@ def step_function(p: ModelParameters) -> ca.Function:
     first order in the jump.
     """
     matrices = {name: ca.sparsify(ca.DM(m)) for name, m in thermal_numbers(p).items()}
-    return _step(p, mode_numbers(p) | matrices)
-
-
-def _step(p: ModelParameters, numbers: Mapping[str, Any], *more: ca.SX) -> ca.Function:
+    numbers = mode_numbers(p) | matrices
     x = ca.SX.sym("x", N_STATES)
     older, newer = ca.SX.sym("older_kw", N_POWER), ca.SX.sym("newer_kw", N_POWER)
     force, speed = ca.SX.sym("force_kn"), ca.SX.sym("speed_rpm")
-
-    def thermal(name: str) -> tuple[ca.SX, ca.SX]:
-        later = numbers[f"kept_{name}"] @ ca.vertcat(x[COPPER], x[TOOL])
-        later = later + numbers[f"older_{name}"] @ older + numbers[f"newer_{name}"] @ newer
-        return later[0], later[1]
-
-    x_next, power, depth = _stepped(p, numbers, x, force, speed, thermal)
-    names = ["x", "older_kw", "newer_kw", "force_kn", "speed_rpm", *(["numbers"] * len(more))]
+    warm = _warmed(numbers, x, older, newer)
+    x_next, power, depth = _stepped(p, numbers, x, warm, force, speed)
+    names = ["x", "older_kw", "newer_kw", "force_kn", "speed_rpm"]
     return ca.Function(
         "process_step",
-        [x, older, newer, force, speed, *more],
+        [x, older, newer, force, speed],
         [x_next, power, depth],
         names,
         ["x_next", "power_kw", "depth_mm"],
     )
+
+
+def _warmed(numbers: Mapping[str, Any], x: ca.SX, older: ca.SX, newer: ca.SX) -> ca.SX:
+    """Tool in the middle of a step, copper and tool at its end, by (16)."""
+
+    def later(name: str) -> ca.SX:
+        kept = numbers[f"kept_{name}"] @ ca.vertcat(x[COPPER], x[TOOL])
+        return kept + numbers[f"older_{name}"] @ older + numbers[f"newer_{name}"] @ newer
+
+    return ca.vertcat(later("half")[1], later("whole"))
 
 
 def numbers_of(p: ModelParameters) -> Matrix:
@@ -287,7 +289,14 @@ def numbers_of(p: ModelParameters) -> Matrix:
 
 
 def general_functions() -> tuple[ca.Function, ...]:
-    """Step, step with another model's copper, and outputs; last argument: :func:`numbers_of`."""
+    """Temperatures after a step, by two models; the step; outputs.
+
+    The last argument of each is :func:`numbers_of`. The temperatures are (tool in the middle,
+    copper and tool at the end): by (16), from the powers of two past steps, or by the tool's lag
+    alone, from another model's copper at start and end as the tool meets it. That includes the
+    dead time and is linear within the step, which the lag follows exactly; the copper in ``x`` is
+    not changed. The step also gives its mean power.
+    """
     p = nominal()
     vector = ca.SX.sym("numbers", len(numbers_of(p)))
     given = iter(ca.vertsplit(vector))
@@ -300,61 +309,54 @@ def general_functions() -> tuple[ca.Function, ...]:
         numbers[name] = ca.vertcat(
             *(ca.horzcat(*(next(given) for _ in range(columns))) for _ in range(rows))
         )
-    steps = (make(fields, numbers, vector) for make in (_step, _driven))
-    return (*steps, _outputs(fields, vector))
-
-
-def _driven(p: ModelParameters, numbers: Mapping[str, Any], vector: ca.SX) -> ca.Function:
-    """One step of a process whose copper is another model's.
-
-    (x, copper at start and end as the tool meets it, force, speed) -> (x next, mean power, depth).
-    The copper's temperature replaces the first lag of (16): it includes the dead time and is
-    linear within the step, which the tool's lag follows exactly. The copper in ``x`` is not
-    changed.
-    """
-    x = ca.SX.sym("x", N_STATES)
-    copper = ca.SX.sym("copper_c", 2)
-    force, speed = ca.SX.sym("force_kn"), ca.SX.sym("speed_rpm")
-    rate, lag = (copper[1] - copper[0]) / STEP_S, p.tool_lag_s
-
-    def thermal(name: str) -> tuple[ca.SX, ca.SX]:
-        span_s = _SPANS_S[name]
-        behind = x[TOOL] - copper[0] + rate * lag
-        return x[COPPER], copper[0] + rate * (span_s - lag) + behind * ca.exp(-span_s / lag)
-
-    x_next, power, depth = _stepped(p, numbers, x, force, speed, thermal)
-    faded = p.motor_lag_s / STEP_S * (1.0 - numbers["motor_kept"])
-    mean = p.operating_power_kw + power[0] + power[1] / 2.0 + power[2] / 3.0 + power[3] * faded
-    return ca.Function("process_driven", [x, copper, force, speed, vector], [x_next, mean, depth])
+    x, warm = ca.SX.sym("x", N_STATES), ca.SX.sym("warm_c", 3)
+    past, copper = [ca.SX.sym(name, N_POWER) for name in ("older", "newer")], ca.SX.sym("met_c", 2)
+    inputs = [ca.SX.sym("force_kn"), ca.SX.sym("speed_rpm")]
+    rate, lag = (copper[1] - copper[0]) / STEP_S, fields.tool_lag_s
+    behind = x[TOOL] - copper[0] + rate * lag
+    middle, end = (
+        copper[0] + rate * (span_s - lag) + behind * ca.exp(-span_s / lag)
+        for span_s in _SPANS_S.values()
+    )
+    x_next, power, depth = _stepped(fields, numbers, x, warm, *inputs)
+    faded = fields.motor_lag_s / STEP_S * (1.0 - numbers["motor_kept"])
+    mean = (
+        fields.operating_power_kw + power[0] + power[1] / 2.0 + power[2] / 3.0 + power[3] * faded
+    )
+    parts: dict[str, tuple[list[ca.SX], list[ca.SX]]] = {
+        "process_heat": ([x, *past], [_warmed(numbers, x, *past)]),
+        "process_met": ([x, copper], [ca.vertcat(middle, x[COPPER], end)]),
+        "process_step": ([x, warm, *inputs], [x_next, power, depth, mean]),
+    }
+    made = (ca.Function(name, [*of, vector], ca.cse(to)) for name, (of, to) in parts.items())
+    return (*made, _outputs(fields, vector))
 
 
 def _stepped(
     p: ModelParameters,
     numbers: Mapping[str, Any],
     x: ca.SX,
+    warm: ca.SX,
     force: ca.SX,
     speed: ca.SX,
-    thermal: Callable[[str], tuple[ca.SX, ca.SX]],
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """State and depth after a step, and power in it.
 
-    ``numbers`` are :func:`mode_numbers`; ``thermal`` gives copper and tool after a time of
-    ``_SPANS_S``.
+    ``numbers`` are :func:`mode_numbers`; ``warm`` is the tool in the middle, then copper and tool
+    at the end.
     """
     creep, slow, fast, _, tool, motor = ca.vertsplit(x)
     pushed = force - p.operating_force_kn  # (25)
     settled = numbers["settled_mm_per_kn"] * pushed  # steady state of the fast mode
 
-    def later(name: str) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Modes creep and slow, copper, tool, and the depth after the fast mode has settled."""
+    def later(name: str, tool_then: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Modes creep and slow, and the depth after the fast mode has settled."""
         slow_then = numbers[f"slow_kept_{name}"] * slow + numbers[f"slow_{name}"] * pushed
         creep_then = creep + numbers[f"creep_{name}"] * pushed
-        copper_then, tool_then = thermal(name)
-        depth = depth_mm(p, creep_then, slow_then, settled, tool_then)
-        return creep_then, slow_then, copper_then, tool_then, depth
+        return creep_then, slow_then, depth_mm(p, creep_then, slow_then, settled, tool_then)
 
-    *_, depth_middle = later("half")
-    creep_end, slow_end, copper_end, tool_end, depth_end = later("whole")
+    *_, depth_middle = later("half", warm[0])
+    creep_end, slow_end, depth_end = later("whole", warm[2])
     depth_start = depth_mm(p, creep, slow, settled, tool)
     start, middle, end = (
         process_torque_nm(p, force, d) for d in (depth_start, depth_middle, depth_end)
@@ -379,7 +381,7 @@ def _stepped(
     power = power_kw(ca.vertcat(q0 - friction, q1, q2, rest), speed)
     power[0] -= p.operating_power_kw  # (24)
     return (
-        ca.vertcat(creep_end, slow_end, fast_end, copper_end, tool_end, motor_end),
+        ca.vertcat(creep_end, slow_end, fast_end, warm[1:], motor_end),
         power,
         depth_end,
     )

@@ -41,7 +41,7 @@ def torque_function() -> ca.Function:
 def generate() -> str:
     """The C99 text of the torque function."""
     return plain_c(
-        "fsw_model/equations.py", "fsw_nmpc/kernel_codegen.py", "torque.h", torque_function()
+        "fsw_model/equations.py", "fsw_nmpc/kernel_codegen.py", "internal.h", torque_function()
     )
 
 

@@ -98,10 +98,10 @@ def test_known_heat_is_part_of_the_prediction(library, rng):
     start.heat_ahead_kw[0:n] = [1.5] * n
     _, ahead, _, _ = predict(library, start, moves)
     start.heat_ahead_kw[0:n] = [0.0] * n
-    start.heat_offset_kw += 1.5
+    start.x[HEAT] += 1.5
     _, offset, _, _ = predict(library, start, moves)
     assert ahead == pytest.approx(offset, rel=1e-12)
-    start.heat_offset_kw -= 1.5
+    start.x[HEAT] -= 1.5
     start.heat_ahead_kw[0:n] = np.where(
         np.cumsum(library.horizon.step_length_s) > 2.05, 1.5, 0.0
     ).tolist()

@@ -7,7 +7,7 @@ import pytest
 from fsw_model import ProcessModel, nominal
 from fsw_nmpc import kernel_codegen
 from fsw_nmpc.horizon import PAPER_GRID_S, horizon_of
-from fsw_nmpc.library import KERNEL
+from fsw_nmpc.library import KERNEL, State
 from fsw_test_support.nmpc_prediction import n_start, prediction_function, start_vector
 from fsw_test_support.nmpc_problems import make_library, predict, random_moves, random_start
 
@@ -19,7 +19,7 @@ def start_from(state, force_kn, speed_rpm):
     creep, slow, _, copper, tool, motor = state.x
     x = (creep, slow, copper, tool, motor)
     start = KERNEL.new("fsw_start", x=x, force_kn=force_kn, speed_rpm=speed_rpm)
-    start.torque_scale = start.depth_gain = 1.0
+    start.x[State.SCALE] = start.x[State.DEPTH_GAIN] = 1.0
     history = np.array([(p0, p1 + p2, p3) for p0, p1, p2, p3 in state.power])
     start.history[0 : history.size] = history.ravel().tolist()
     return start

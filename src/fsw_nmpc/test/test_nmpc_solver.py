@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from fsw_control import Command, Measurement, Reference, weld
 from fsw_model import STEP_S, ProcessModel, nominal
 from fsw_nmpc.controller import NmpcController
-from fsw_nmpc.library import KERNEL, SolveStatus
+from fsw_nmpc.library import KERNEL, SolveStatus, State
 from fsw_nmpc.tuning import Tuning
 from fsw_test_support.nmpc_ipopt import ReferenceSolver, cumulation, input_bounds, objective
 from fsw_test_support.nmpc_problems import (
@@ -138,7 +138,7 @@ def test_bad_numbers_are_refused_and_leave_no_trace(library20, rng, bad, where):
     elif where == "start":
         moves[3] = bad
     elif where == "scale":
-        problem.start.torque_scale = bad
+        problem.start.x[State.SCALE] = bad
     else:
         problem.start.force_kn = bad
     status, _, _, _ = solve(library20, problem, moves)
@@ -171,7 +171,7 @@ def test_iterations_are_capped(rng):
 
 
 def test_memory_is_one_static_struct(library):
-    assert library.lib.fsw_nmpc_bytes() < 512 * 1024
+    assert KERNEL.ffi.sizeof("fsw_nmpc") < 512 * 1024
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import numpy as np
 from fsw_model import ModelParameters
 from fsw_model.equations import depth_modes, friction_torque_nm, power_kw, process_torque_nm
 from fsw_nmpc.horizon import Horizon
-from fsw_nmpc.library import Vector
+from fsw_nmpc.library import State, Vector
 
 #: Length of the vector that holds everything a prediction starts from, apart from the drifts and
 #: the power history.
@@ -25,17 +25,11 @@ def n_start(horizon: Horizon) -> int:
 def start_vector(start: Any, horizon: Horizon) -> Vector:
     """The ``start`` of :func:`prediction_function`, shape (n_start(horizon),)."""
     s = start
-    offsets = [
-        s.force_offset_kn,
-        s.heat_offset_kw,
-        s.torque_scale,
-        s.depth_offset_mm,
-        s.temp_offset_c,
-        s.speed_offset_rpm,
-        s.depth_gain,
-    ]
+    x, estimated = list(s.x), (State.FORCE, State.HEAT, State.SCALE)
+    offsets = [x[i] for i in (*estimated, State.DEPTH_OFFSET, State.TEMP_OFFSET)]
+    offsets += [s.speed_offset_rpm, x[State.DEPTH_GAIN]]
     drifts = [float(s.drift[q][i]) for q in range(2) for i in range(horizon.n_out)]
-    return np.array([*s.x, s.force_kn, s.speed_rpm, *offsets, *drifts])
+    return np.array([*x[:5], s.force_kn, s.speed_rpm, *offsets, *drifts])
 
 
 def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Function:

@@ -11,7 +11,7 @@ from fsw_control import Limits
 from fsw_model import ModelParameters, nominal
 from fsw_nmpc import NmpcController
 from fsw_nmpc.horizon import Horizon, horizon_of
-from fsw_nmpc.library import KERNEL, Library, SolveStatus, pointer, tuning_of
+from fsw_nmpc.library import KERNEL, Library, SolveStatus, State, pointer, tuning_of
 from fsw_nmpc.settings import Settings
 from fsw_nmpc.tuning import PAPER, Tuning
 
@@ -72,18 +72,18 @@ def predict(library: Library, start: Any, moves: Vector) -> tuple[Vector, Vector
     FloatingPointError
         If the prediction is not finite.
     """
-    n = library.horizon.n_out
-    found = (
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros((n, 2 * library.horizon.n_blocks)),
-        np.zeros((n, len(moves))),
-    )
+    h, w, model = library.horizon, library.state.workspace, library.state.model
+    at = KERNEL.ffi.addressof
     if library.lib.fsw_predict(
-        library.state, start, *(pointer(a) for a in (np.ascontiguousarray(moves), *found))
+        at(library.state, "model"), start, pointer(np.ascontiguousarray(moves)), at(w)
     ):
         raise FloatingPointError("the prediction is not finite")
-    return found
+    outputs, by = (np.frombuffer(KERNEL.ffi.buffer(part)) for part in (w.output, w.by))
+    outputs = outputs[: 2 * h.n_out].reshape(2, -1).copy()
+    widths = np.array([*model.depth_width[0 : h.n_out], *model.temperature_width[0 : h.n_out]])
+    rows = by.reshape(len(w.by), -1)[: 2 * h.n_out, : 2 * h.n_blocks]
+    within = np.arange(2 * h.n_blocks) < widths[:, np.newaxis]
+    return *outputs, *np.where(within, rows, 0.0).reshape(2, h.n_out, -1)
 
 
 def solve(library: Library, problem: Any, moves: Vector) -> tuple[int, Vector, Vector, Vector]:
@@ -137,14 +137,12 @@ def random_start(rng: np.random.Generator, horizon: Horizon, parameters: ModelPa
         ),
         force_kn=rng.uniform(LIMITS.force_min_kn, LIMITS.force_max_kn),
         speed_rpm=rng.uniform(LIMITS.speed_min_rpm, LIMITS.speed_max_rpm),
-        force_offset_kn=rng.normal(0.0, 0.5),
-        heat_offset_kw=rng.normal(),
-        torque_scale=rng.uniform(0.85, 1.15),
-        depth_offset_mm=rng.normal(0.0, 0.05),
-        temp_offset_c=rng.normal(0.0, 3.0),
-        speed_offset_rpm=rng.normal(0.0, 2.0),
-        depth_gain=rng.uniform(0.7, 1.4),
     )
+    start.x[State.FORCE], start.x[State.HEAT] = rng.normal(0.0, 0.5), rng.normal()
+    start.x[State.SCALE] = rng.uniform(0.85, 1.15)
+    start.x[State.DEPTH_OFFSET], start.x[State.TEMP_OFFSET] = rng.normal(0.0, (0.05, 3.0))
+    start.speed_offset_rpm = rng.normal(0.0, 2.0)
+    start.x[State.DEPTH_GAIN] = rng.uniform(0.7, 1.4)
     for q, rate in enumerate(rng.normal(0.0, (2e-3, 0.2))):
         start.drift[q][0 : horizon.n_out] = (
             30.0 * rate * -np.expm1(-horizon.time_s / 30.0)
@@ -167,9 +165,10 @@ def random_problem(
     )
     start = random_start(rng, h, p)
     problem = KERNEL.new("fsw_problem", start=start[0])
-    temperature = p.operating_temperature_c + start.x[3] + start.temp_offset_c
+    temperature = p.operating_temperature_c + start.x[3] + start.x[State.TEMP_OFFSET]
     softening = 1.0 + p.softening_per_c * start.x[3]
-    depth = (p.operating_depth_mm + start.x[0] + start.x[1]) * softening + start.depth_offset_mm
+    depth = (p.operating_depth_mm + start.x[0] + start.x[1]) * softening
+    depth += start.x[State.DEPTH_OFFSET]
     small = rng.random() < 0.3
     set_points = (
         (depth + rng.normal(0.0, 1e-3) if small else rng.uniform(2.2, 3.1)),

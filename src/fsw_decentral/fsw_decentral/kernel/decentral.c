@@ -7,6 +7,7 @@
  * An applied command outside the bounds is clipped before anything uses it. */
 #include <limits.h>
 #include <math.h>
+#include <stddef.h>
 
 #include "fsw_decentral.h"
 
@@ -22,8 +23,6 @@
 #define MOST_WANTED 1e6
 /* Lower bound of the torque: without contact there is no power, and the feedforward divides by it */
 #define LEAST_TORQUE_NM 100.0
-
-int fsw_decentral_bytes(void) { return (int)sizeof(fsw_decentral); }
 
 #ifndef FSW_DECENTRAL_ID
 #define FSW_DECENTRAL_ID "unknown"
@@ -78,12 +77,6 @@ static void loop_start(fsw_decentral_loop *l, double measured, double reference,
   l->integrator = output - l->gain * (l->weight * l->reference - measured);
   l->output = output;
   l->started = 1;
-}
-
-/* Hold `output` while there is no measurement; the loop must be started again afterwards. */
-static void loop_pause(fsw_decentral_loop *l, double output) {
-  l->started = 0;
-  l->output = output;
 }
 
 /* Take the difference between the applied and the last output, due to limits or another source. */
@@ -205,26 +198,20 @@ static double power_step(fsw_decentral_power *p, double reference_kw, double spe
 
 /* ---- the controller */
 
-static int is_amount(double x) { return x >= 0.0 && is_finite(x); }
-static int is_positive(double x) { return x > 0.0 && is_finite(x); }
-
 int fsw_decentral_is_usable(const fsw_decentral_tuning *t) {
-  return is_amount(t->depth_gain) && is_positive(t->depth_integral_time) && is_amount(t->depth_derivative_time) &&
-         is_amount(t->depth_filter) && is_amount(t->depth_weight) && is_amount(t->depth_reference_filter) &&
-         is_positive(t->depth_tracking_time) && is_amount(t->temperature_gain) &&
-         is_positive(t->temperature_integral_time) && is_amount(t->temperature_derivative_time) &&
-         is_amount(t->temperature_filter) && is_amount(t->temperature_weight) &&
-         is_amount(t->temperature_reference_filter) && is_positive(t->temperature_tracking_time) &&
-         is_amount(t->power_gain) && is_positive(t->power_integral_time) && is_amount(t->power_filter) &&
-         is_positive(t->power_tracking_time) && is_amount(t->feedforward_filter) && is_amount(t->decoupling_torque) &&
-         is_amount(t->decoupling_lag) && is_amount(t->predictor_gain) && is_amount(t->predictor_copper_lag) &&
-         is_amount(t->predictor_tool_lag) && is_amount(t->predictor_dead_time) &&
-         t->predictor_dead_time <= FSW_DECENTRAL_LONGEST_DEAD_TIME_S && is_finite(t->force_min_kn) &&
-         is_finite(t->force_max_kn) && t->force_min_kn < t->force_max_kn && is_finite(t->speed_min_rpm) &&
-         is_finite(t->speed_max_rpm) && t->speed_min_rpm < t->speed_max_rpm && is_amount(t->force_step_kn) &&
-         is_amount(t->speed_step_rpm) && is_finite(t->friction[0]) && is_finite(t->friction[1]) &&
-         is_finite(t->friction[2]) && is_amount(t->spindle_inertia_kgm2) && is_positive(t->nominal_torque_nm) &&
-         is_amount(t->blind_limit_s);
+  const double *numbers = (const double *)t; /* it consists of nothing else */
+  const double positive[] = {t->depth_integral_time, t->temperature_integral_time, t->power_integral_time,
+                             t->depth_tracking_time, t->temperature_tracking_time, t->power_tracking_time,
+                             t->nominal_torque_nm};
+  for (size_t k = 0; k < sizeof *t / sizeof *numbers; k++) {
+    const double *x = &numbers[k];
+    const int may_be_negative = (x >= &t->force_min_kn && x <= &t->speed_max_rpm) || (x >= t->friction && x < t->friction + 3);
+    if (!is_finite(*x) || (*x < 0.0 && !may_be_negative)) return 0;
+  }
+  for (size_t k = 0; k < sizeof positive / sizeof *positive; k++)
+    if (!(positive[k] > 0.0)) return 0;
+  return t->predictor_dead_time <= FSW_DECENTRAL_LONGEST_DEAD_TIME_S && t->force_min_kn < t->force_max_kn &&
+         t->speed_min_rpm < t->speed_max_rpm;
 }
 
 static void configure_loops(fsw_decentral *c) {
@@ -294,8 +281,8 @@ void fsw_decentral_reset(fsw_decentral *c, double force_kn, double speed_rpm) {
 static double wanted_force_kn(fsw_decentral *c, const fsw_decentral_input *in, double applied_kn) {
   fsw_decentral_loop *l = &c->depth;
   if (!(in->depth_valid && is_finite(in->depth_mm) && is_finite(c->reference_depth_mm))) {
-    loop_pause(l, applied_kn);
-    return applied_kn;
+    l->started = 0; /* the force is held */
+    return l->output = applied_kn;
   }
   if (!l->started) {
     loop_start(l, in->depth_mm, c->reference_depth_mm, applied_kn);
@@ -356,7 +343,7 @@ static double wanted_speed_rpm(fsw_decentral *c, const fsw_decentral_input *in, 
     loop_step(l, predicted_c, c->reference_temperature_c);
   } else {
     c->blind_temperature_s += c->dt_s;
-    loop_pause(l, l->output);
+    l->started = 0; /* the power is held */
   }
   return power_step(&c->power, l->output, applied_rpm, force_kn);
 }

@@ -122,8 +122,6 @@ typedef struct {
   int bad_cycles;
 } fsw_decentral;
 
-int fsw_decentral_bytes(void);
-
 /* Digest of the sources, as passed in by the build. */
 const char *fsw_decentral_id(void);
 

@@ -20,8 +20,8 @@
  * would exceed the tick. */
 #define FAR 0.5
 #define SHORT_SOLVE 12
-
-int fsw_nmpc_bytes(void) { return (int)sizeof(fsw_nmpc); }
+/* where the numbers of a model begin, which are its last members */
+#define NUMBERS offsetof(fsw_nmpc_model, ahead_mode)
 
 #ifndef FSW_NMPC_ID
 #define FSW_NMPC_ID "unknown"
@@ -56,12 +56,6 @@ static int fits(const fsw_nmpc_model *m) {
   return 1;
 }
 
-/* Accumulate sum and minimum, to check many values at once. */
-static void add(double value, double *sum, double *least) {
-  *sum += value;
-  if (value < *least) *least = value;
-}
-
 /* Sum of a table; not finite if one of its values is not. */
 static double total(const double *values, int n) {
   double sum = 0.0;
@@ -71,11 +65,8 @@ static double total(const double *values, int n) {
 
 /* Whether a model of valid sizes has finite values and a finite horizon. */
 static int is_finite_model(const fsw_nmpc_model *m) {
-  const double any[10] = {m->slow_pole,          m->fast_gain,          m->softening_per_c,         m->inertia_nm_s_per_rpm,
-                          m->operating_force_kn, m->operating_depth_mm, m->operating_temperature_c, m->operating_power_kw,
-                          m->depth_gain[0],      m->depth_gain[1]};
   const double positive[4] = {m->thermal_gain_c_per_kw, m->copper_lag_s, m->tool_lag_s, m->dead_time_s};
-  double sum = total(any, 10) + total(positive, 4) + total(m->friction, 3) + total(m->ahead_mode, FSW_MODES);
+  double sum = total((const double *)((const char *)m + NUMBERS), (int)((sizeof *m - NUMBERS) / sizeof(double)));
   sum += total(m->torque_par, 6) + total(m->modes, m->n_steps * FSW_MODES) + total(m->weight, 6 * m->n_weights);
   sum += total(m->ahead_power, 6 * m->n_history) + total(m->block_reach, m->n_blocks) + total(m->interval_ticks, m->n_out);
   for (int i = 0; i < 4; i++)
@@ -91,12 +82,11 @@ static int is_finite_model(const fsw_nmpc_model *m) {
 
 /* Whether a tuning makes sense: finite, non-negative, and its choices known. */
 static int is_usable(const fsw_nmpc_tuning *t) {
-  double sum = 0.0, least = 0.0, largest_share = 0.0;
   const double *numbers = (const double *)t; /* the struct begins with all its numbers, without padding */
-  for (size_t k = 0; k < offsetof(fsw_nmpc_tuning, trajectory) / sizeof(double); k++) add(numbers[k], &sum, &least);
-#define COMPARE(share) largest_share = t->share > largest_share ? t->share : largest_share;
+  for (size_t k = 0; k < offsetof(fsw_nmpc_tuning, trajectory) / sizeof(double); k++)
+    if (!(numbers[k] >= 0.0 && fsw_is_finite(numbers[k]))) return 0;
+#define COMPARE(share) if (t->share > 1.0) return 0;
   FSW_EACH_SHARE(COMPARE)
-  if (!fsw_is_finite(sum) || least < 0.0 || largest_share > 1.0) return 0;
   for (int q = 0; q < 2; q++)
     if (!(fsw_reach(t, q) > 0.0) || !(fsw_least(t, q) < fsw_most(t, q))) return 0;
   if (!(t->approach.force_time_s > 0.0 && t->approach.power_time_s > 0.0)) return 0;
@@ -169,12 +159,10 @@ static double limited(const fsw_nmpc *c, int q, double wanted) {
 /* NAN and 0 mean "not given", so that a caller who sets only what is known does not command by
  * leftovers of the last tick. */
 void fsw_nmpc_input_clear(fsw_nmpc_input *in) {
+  *in = (fsw_nmpc_input){0};
   in->depth_mm = in->torque_nm = in->temperature_c = in->force_kn = in->speed_rpm = NAN;
   in->applied_force_kn = in->applied_speed_rpm = in->reference_depth_mm = in->reference_temperature_c = NAN;
-  in->depth_fresh = in->torque_fresh = in->temperature_fresh = in->n_changes = 0;
   in->dt_s = FSW_TICK_S;
-  in->known_rise_kw = in->known_deviation_kw = 0.0;
-  for (int k = 0; k < FSW_MAX_STEPS; k++) in->known_ahead_kw[k] = 0.0;
   for (int i = 0; i < FSW_MAX_CHANGES; i++) in->change[i].at_s = in->change[i].depth_mm = in->change[i].temperature_c = NAN;
 }
 
@@ -234,17 +222,12 @@ static void take_drifts(fsw_nmpc *c) {
 static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
   fsw_start *s = &c->problem.start;
   const double *x = c->estimator.x;
-  for (int i = 0; i < 5; i++) s->x[i] = x[i];
+  for (int i = 0; i < FSW_STATES; i++) s->x[i] = x[i];
   for (int k = 0; k < 3 * c->model.n_history; k++) s->history[k] = c->estimator.history[k];
   s->force_kn = c->applied[0];
   s->speed_rpm = c->applied[1];
-  s->force_offset_kn = x[FSW_FORCE] + c->estimator.offset[0];
+  s->x[FSW_FORCE] += c->estimator.offset[0];
   s->speed_offset_rpm = c->estimator.offset[1];
-  s->depth_gain = x[FSW_DEPTH_GAIN];
-  s->heat_offset_kw = x[FSW_HEAT];
-  s->torque_scale = x[FSW_SCALE];
-  s->depth_offset_mm = x[FSW_DEPTH_OFFSET];
-  s->temp_offset_c = x[FSW_TEMP_OFFSET];
   take_drifts(c);
   fsw_known_heat_ahead(c, in);
   fsw_trajectories(c, in);
@@ -269,21 +252,15 @@ int fsw_nmpc_begin(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out) 
     c->reference[1] = in->reference_temperature_c;
     c->has_reference = 1;
   }
+  *out = (fsw_nmpc_output){0};
   out->force_kn = limited(c, 0, c->applied[0]);
   out->speed_rpm = limited(c, 1, c->applied[1]);
-  out->healthy = out->blind = out->has_plan = 0;
   out->solve_status = FSW_NOT_SOLVED;
-  out->iterations = 0;
   out->bad_cycles = c->bad_cycles;
   out->bad_in_a_row = c->bad_in_a_row;
-  out->gap = out->primal_residual = out->dual_residual = out->cost = 0.0;
-  for (int q = 0; q < 2; q++) out->attainable[q] = c->reference[q];
-  if (!estimate(c, in)) {
-    out->depth_mm = out->temperature_c = out->torque_nm = out->copper_c = 0.0;
-    for (int i = 0; i < FSW_ESTIMATES; i++) out->disturbance[i] = out->deviation[i] = 0.0;
-    out->reason = FSW_WAITING_FOR_SENSORS;
-    return 0;
-  }
+  for (int q = 0; q < 2; q++) out->attainable[q] = c->attainable[q] = c->reference[q];
+  out->reason = FSW_WAITING_FOR_SENSORS;
+  if (!estimate(c, in)) return 0;
   tell_estimates(c, out);
   out->reason = FSW_WAITING_FOR_REFERENCE;
   if (!c->has_reference) return 0;
@@ -326,8 +303,7 @@ static void shift_outputs(fsw_nmpc *c) {
   const int n = c->model.n_out;
   for (int q = 0; q < 2; q++) {
     double *y = c->plan.output[q];
-    for (int i = 0; i < n; i++) { /* in place: each point only needs its right neighbour */
-      if (i + 1 == n) break;
+    for (int i = 0; i + 1 < n; i++) { /* in place: each point only needs its right neighbour */
       const double share = FSW_TICK_S / (time_s[i + 1] - time_s[i]);
       y[i] += (y[i + 1] - y[i]) * (share < 1.0 ? share : 1.0);
     }
@@ -340,12 +316,8 @@ static void shift_outputs(fsw_nmpc *c) {
 static void shift_plan(fsw_nmpc *c) {
   const fsw_nmpc_model *m = &c->model;
   fsw_plan *p = &c->plan;
-  double sum[FSW_MAX_VARS];
-  int size[FSW_MAX_BLOCKS];
-  for (int b = 0; b < m->n_blocks; b++) {
-    sum[2 * b] = sum[2 * b + 1] = 0.0;
-    size[b] = 0;
-  }
+  double sum[FSW_MAX_VARS] = {0.0};
+  int size[FSW_MAX_BLOCKS] = {0};
   for (int i = 0; i < m->n_out; i++) {
     const int b = m->interval_block[i], next = i + 1 < m->n_out ? m->interval_block[i + 1] : b;
     const double gone = 1.0 / m->interval_ticks[i], come = i + 1 < m->n_out ? 1.0 / m->interval_ticks[i + 1] : 0.0;
@@ -381,7 +353,6 @@ void fsw_nmpc_end(fsw_nmpc *c, const double *moves, const double *depth, const d
   const fsw_nmpc_model *m = &c->model;
   fsw_plan *p = &c->plan;
   out->solve_status = status == FSW_OK ? judge(c, moves, depth, temp) : status;
-  out->healthy = 1;
   out->reason = FSW_PROPOSING;
   if (out->solve_status == FSW_OK) {
     for (int j = 0; j < 2 * m->n_blocks; j++) p->moves[j] = moves[j];
@@ -397,18 +368,13 @@ void fsw_nmpc_end(fsw_nmpc *c, const double *moves, const double *depth, const d
     if (c->bad_in_a_row < INT_MAX) c->bad_in_a_row++;
     if (c->bad_cycles < INT_MAX) c->bad_cycles++;
     out->reason = FSW_SOLVER_FAILED;
-    out->healthy = p->has_outputs && c->bad_in_a_row <= c->tuning.plan_reuse;
   }
   for (int s = 0; s < 3; s++)
     if (c->estimator.blind_s[s] > c->tuning.blind_limit_s + 1e-9) out->blind |= 1 << s;
-  if (out->blind) {
-    out->healthy = 0;
-    out->reason = FSW_BLIND;
-  }
-  if (is_out_of_bounds(c)) {
-    out->healthy = 0;
-    out->reason = FSW_OUT_OF_BOUNDS;
-  }
+  if (out->blind) out->reason = FSW_BLIND;
+  if (is_out_of_bounds(c)) out->reason = FSW_OUT_OF_BOUNDS;
+  const int is_reused = p->has_outputs && c->bad_in_a_row <= c->tuning.plan_reuse;
+  out->healthy = out->reason == FSW_PROPOSING || (out->reason == FSW_SOLVER_FAILED && is_reused);
   out->bad_cycles = c->bad_cycles;
   out->bad_in_a_row = c->bad_in_a_row;
   out->force_kn = limited(c, 0, c->applied[0] + p->moves[0]);

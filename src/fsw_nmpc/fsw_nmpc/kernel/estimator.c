@@ -23,7 +23,6 @@
 #include <math.h>
 
 #include "internal.h"
-#include "torque.h"
 
 #define N FSW_STATES
 
@@ -32,12 +31,12 @@
 
 enum { DEPTH, TORQUE, TEMPERATURE };
 
-fsw_torque fsw_torque_at(const fsw_nmpc_model *m, double force_kn, double depth_mm) {
+fsw_torque fsw_torque_at(const fsw_nmpc_model *m, double scale, double force_kn, double depth_mm) {
   double out[3];
   const double *arg[3] = {&force_kn, &depth_mm, m->torque_par};
   double *res[1] = {out};
   fsw_torque_casadi(arg, res);
-  fsw_torque t = {out[0], out[1], out[2]};
+  fsw_torque t = {scale * out[0], scale * out[1], scale * out[2]};
   return t;
 }
 
@@ -116,13 +115,13 @@ static int is_sound(const fsw_estimator *e, const fsw_nmpc_model *m, const fsw_e
 int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t, const fsw_nmpc_input *in) {
   const double rise_c = in->temperature_c - m->operating_temperature_c;
   if (!in->depth_fresh || !in->temperature_fresh || !plausible_depth(t, in->depth_mm) || !plausible_rise(t, rise_c)) return 0;
+  *e = (fsw_estimator){0};
   for (int k = 0; k < FSW_LATEST; k++) {
     e->command[0][k] = in->applied_force_kn;
     e->command[1][k] = in->applied_speed_rpm;
   }
-  e->offset[0] = e->offset[1] = 0.0;
   take_inputs(e, t, in);
-  const double torque = fsw_torque_at(m, e->acting_force_kn, in->depth_mm).value;
+  const double torque = fsw_torque_at(m, 1.0, e->acting_force_kn, in->depth_mm).value;
   const double friction = fsw_friction(m, e->acting_speed_rpm);
   double scale = 1.0;
   if (in->torque_fresh && fsw_is_finite(in->torque_nm))
@@ -132,32 +131,15 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_est
   double *x = e->x, walk[N];
   fsw_estimator_walk(t, walk);
   x[FSW_CREEP] = in->depth_mm / (1.0 + m->softening_per_c * rise_c) - m->operating_depth_mm - m->fast_gain * pushed;
-  x[FSW_SLOW] = 0.0;
   x[FSW_COPPER] = x[FSW_TOOL] = rise_c;
   x[FSW_MOTOR] = scale * torque + friction;
-  x[FSW_FORCE] = x[FSW_DEPTH_OFFSET] = x[FSW_TEMP_OFFSET] = 0.0;
-  x[FSW_DEPTH_RATE] = x[FSW_TEMP_RATE] = 0.0;
   x[FSW_DEPTH_GAIN] = 1.0;
   x[FSW_HEAT] = rise_c / m->thermal_gain_c_per_kw - power;
   x[FSW_SCALE] = scale;
-  for (int i = 0; i < N; i++) {
-    for (int j = 0; j < N; j++) e->p[i][j] = 0.0;
-    /* disturbances and gains only if they may change */
-    const int is_estimated = i < FSW_FORCE || walk[i] > 0.0;
-    if (is_estimated) e->p[i][i] = t->start_deviation[i] * t->start_deviation[i];
-  }
-  for (int k = 0; k < m->n_history; k++) {
-    e->history[3 * k] = power;
-    e->history[3 * k + 1] = e->history[3 * k + 2] = 0.0;
-  }
-  for (int s = 0; s < 3; s++) {
-    e->blind_s[s] = e->innovation[s] = e->expected[s] = 0.0;
-  }
-  e->last_speed_rpm = e->acting_speed_rpm;
-  e->recent = 0.0;
-  fsw_known_heat_start(e);
-  fsw_known_heat_unsettle(e, m, t, in);
-  e->is_excited = 0;
+  for (int i = 0; i < N; i++) /* disturbances and gains only if they may change */
+    if (i < FSW_FORCE || walk[i] > 0.0) e->p[i][i] = t->start_deviation[i] * t->start_deviation[i];
+  for (int k = 0; k < m->n_history; k++) e->history[3 * k] = power;
+  fsw_known_heat_start(e, m, t, in);
   return e->started = is_sound(e, m, t);
 }
 
@@ -215,7 +197,7 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimat
   fsw_known_heat_rise(e, t, in);
   linear_rows(e, m, t);
   const double before = fsw_contact_depth(e, m, left_row);
-  const fsw_torque left = fsw_torque_at(m, force, deeper_than_zero(before));
+  const fsw_torque left = fsw_torque_at(m, 1.0, force, deeper_than_zero(before));
   for (int i = 0; i < N; i++) left_row[i] *= scale * left.by_depth;
   left_row[FSW_FORCE] += scale * left.by_force;
   left_row[FSW_SCALE] = left.value;
@@ -233,7 +215,7 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimat
   x[FSW_COPPER] = copper;
   x[FSW_TOOL] = tool;
   const double soft = 1.0 + m->softening_per_c * tool, moved = settled + x[FSW_CREEP] + x[FSW_SLOW];
-  const fsw_torque right = fsw_torque_at(m, force, deeper_than_zero(soft * moved));
+  const fsw_torque right = fsw_torque_at(m, 1.0, force, deeper_than_zero(soft * moved));
   for (int i = 0; i < N; i++)
     right_row[i] = scale * right.by_depth *
                    (soft * (e->a[FSW_CREEP][i] + e->a[FSW_SLOW][i]) + m->softening_per_c * moved * e->a[FSW_TOOL][i]);
@@ -311,31 +293,26 @@ static void widen_rate(fsw_estimator *e, const fsw_estimator_tuning *t) {
   e->recent = 0.0;
 }
 
-static void clear_row(double row[N]) {
-  for (int i = 0; i < N; i++) row[i] = 0.0;
-}
-
 static int seen(fsw_estimator *e, int sensor, int is_valid) {
   e->blind_s[sensor] = is_valid ? 0.0 : e->blind_s[sensor] + FSW_TICK_S;
   return is_valid;
 }
 
-static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t, const fsw_nmpc_input *in) {
-  double row[N], jumping[N];
+static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t, const fsw_nmpc_input *in,
+                    double last_rpm) {
   for (int s = 0; s < 3; s++) e->innovation[s] = e->expected[s] = 0.0;
 
-  const double peak = m->inertia_nm_s_per_rpm * (e->acting_speed_rpm - e->last_speed_rpm) / FSW_TICK_S;
+  const double peak = m->inertia_nm_s_per_rpm * (e->acting_speed_rpm - last_rpm) / FSW_TICK_S;
   const double torque = in->torque_nm - peak, expected = e->x[FSW_MOTOR];
   if (seen(e, TORQUE, in->torque_fresh && torque > expected / t->torque_outlier_factor && torque < expected * t->torque_outlier_factor)) {
-    clear_row(row);
-    clear_row(jumping);
+    double row[N] = {0.0}, jumping[N] = {0.0};
     row[FSW_MOTOR] = 1.0;
     jumping[FSW_SCALE] = 1.0 / (expected > t->torque_min_nm ? expected : t->torque_min_nm);
     update(e, t, TORQUE, row, torque - expected, t->torque_noise_nm + t->torque_peak_noise_share * fabs(peak), jumping);
   }
   if (seen(e, DEPTH, in->depth_fresh && plausible_depth(t, in->depth_mm))) {
+    double row[N], jumping[N] = {0.0};
     const double shown = fsw_contact_depth(e, m, row) + e->x[FSW_DEPTH_OFFSET];
-    clear_row(jumping);
     row[FSW_DEPTH_OFFSET] = 1.0;
     jumping[FSW_DEPTH_OFFSET] = sqrt(t->jump_offset_share);
     jumping[FSW_CREEP] = sqrt(1.0 - t->jump_offset_share);
@@ -344,13 +321,10 @@ static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimat
   }
   const double rise_c = in->temperature_c - m->operating_temperature_c;
   if (seen(e, TEMPERATURE, in->temperature_fresh && plausible_rise(t, rise_c))) {
-    clear_row(row);
-    clear_row(jumping);
+    double row[N] = {0.0}, jumping[N] = {0.0};
     row[FSW_TOOL] = row[FSW_TEMP_OFFSET] = jumping[FSW_TEMP_OFFSET] = 1.0;
-    const double by_known = e->by_known[FSW_TOOL] + e->by_known[FSW_TEMP_OFFSET];
-    const double by_used = e->by_used[FSW_TOOL] + e->by_used[FSW_TEMP_OFFSET];
     update(e, t, TEMPERATURE, row, rise_c - e->x[FSW_TOOL] - e->x[FSW_TEMP_OFFSET], t->temperature_noise_c, jumping);
-    fsw_known_heat_judge(e, t, by_known, by_used);
+    fsw_known_heat_judge(e, t);
   }
   e->x[FSW_DEPTH_GAIN] = fsw_clip(e->x[FSW_DEPTH_GAIN], t->depth_gain_min, t->depth_gain_max);
   e->x[FSW_SCALE] = fsw_clip(e->x[FSW_SCALE], t->torque_scale_min, t->torque_scale_max);
@@ -359,9 +333,9 @@ static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimat
 /* Advance one tick: predict with the inputs that acted during it, correct with the sensors at its
  * end. Returns whether the estimate is sound; otherwise it has ended and must be started again. */
 int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t, const fsw_nmpc_input *in) {
+  const double last_rpm = e->acting_speed_rpm;
   take_inputs(e, t, in);
   predict(e, m, t, in);
-  correct(e, m, t, in);
-  e->last_speed_rpm = e->acting_speed_rpm;
+  correct(e, m, t, in, last_rpm);
   return e->started = is_sound(e, m, t);
 }

@@ -65,8 +65,8 @@ typedef struct {
   const int *weight_segment; /* power segment, history first */
   const double *weight;    /* 6 per entry: copper, then tool, by the 3 coefficients of the power */
   const double *ahead_power; /* [2 * 3 n_history] copper, tool after the dead time, by power */
-  double ahead_mode[FSW_MODES];/* as modes, for one step over the dead time */
   const double *torque_par; /* [6] parameters of the torque function */
+  double ahead_mode[FSW_MODES];/* as modes, for one step over the dead time; from here on only doubles */
   double friction[3];      /* (23) */
   double depth_gain[2];    /* of creep and slow, mm/(kN s) */
   double slow_pole;        /* 1/s */
@@ -147,14 +147,12 @@ typedef struct {
 
 /* Start of a prediction. */
 typedef struct {
-  double x[5];                        /* creep, slow; copper, tool (deviations); motor torque */
+  double x[FSW_STATES];               /* the estimator's; in FSW_FORCE with what the drive is off by */
   double history[3 * FSW_MAX_HISTORY]; /* power P0, P1, P2 per tick (predict.c), oldest first */
   double force_kn, speed_rpm;         /* inputs until now */
-  double force_offset_kn, heat_offset_kw, torque_scale, depth_offset_mm, temp_offset_c;
   double speed_offset_rpm;
-  double depth_gain;                       /* factor on the model's */
   double drift[2][FSW_MAX_OUT];            /* how far the two offsets move until each output point */
-  double heat_ahead_kw[FSW_MAX_STEPS];     /* known heat over each step, beyond heat_offset_kw */
+  double heat_ahead_kw[FSW_MAX_STEPS];     /* known heat over each step, beyond that of the state */
 } fsw_start;
 
 /* Problem of one tick: start, dead-bands about the trajectories. */
@@ -166,7 +164,7 @@ typedef struct {
 typedef struct {
   double x[FSW_STATES], p[FSW_STATES][FSW_STATES], a[FSW_STATES][FSW_STATES];
   double history[3 * FSW_MAX_HISTORY];
-  double acting_force_kn, acting_speed_rpm, last_speed_rpm;
+  double acting_force_kn, acting_speed_rpm;
   double command[2][FSW_LATEST];     /* commands of the last ticks, newest first */
   double offset[2];                  /* drive feedback minus command */
   double blind_s[3];
@@ -176,8 +174,9 @@ typedef struct {
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
   double known_weight;                     /* share of the known heat that is used, see known_heat.c */
   double known_evidence;                   /* for it: fading logarithm of the likelihoods' ratio */
-  double by_known[FSW_STATES];             /* what the known heat would do to the states if all of it were used ... */
-  double by_used[FSW_STATES];              /* ... and what the share in use does */
+  /* what the known heat would do to the states if all of it were used, and what the share in use does; both
+   * to the last measurement's expectation */
+  double by_known[2][FSW_STATES], shown[2];
 } fsw_estimator;
 
 typedef struct {
@@ -202,8 +201,6 @@ typedef struct {
   int bad_in_a_row, bad_cycles;
   fsw_workspace workspace;
 } fsw_nmpc;
-
-int fsw_nmpc_bytes(void);
 
 /* Digest of the sources, as passed in by the build. */
 const char *fsw_nmpc_id(void);
@@ -238,10 +235,9 @@ void fsw_nmpc_end(fsw_nmpc *c, const double *moves, const double *depth, const d
 /* Random walk of each state per tick. */
 void fsw_estimator_walk(const fsw_estimator_tuning *t, double walk[FSW_STATES]);
 
-/* Predict along the moves v [2 n_blocks]; fills the outputs [n_out] and, unless by_depth is NULL,
- * the sensitivities [n_out * 2 n_blocks], row by row. Returns FSW_OK, or FSW_NOT_FINITE. */
-int fsw_predict(fsw_nmpc *c, const fsw_start *start, const double *v, double *depth, double *temp, double *by_depth,
-                double *by_temp);
+/* Predict along the moves v [2 n_blocks]: outputs into w->output, and their sensitivities into as much
+ * of w->by as the model's widths say. Returns FSW_OK, or FSW_NOT_FINITE. */
+int fsw_predict(const fsw_nmpc_model *m, const fsw_start *start, const double *v, fsw_workspace *w);
 
 /* One real-time iteration about the moves in v, which receive the solution. */
 int fsw_solve(fsw_nmpc *c, const fsw_problem *problem, double *v, double *depth, double *temp, fsw_nmpc_output *out);

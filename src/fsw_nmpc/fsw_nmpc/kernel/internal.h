@@ -14,12 +14,14 @@ static inline double fsw_least(const fsw_nmpc_tuning *t, int q) { return q ? t->
 static inline double fsw_most(const fsw_nmpc_tuning *t, int q) { return q ? t->speed_max_rpm : t->force_max_kn; }
 static inline double fsw_reach(const fsw_nmpc_tuning *t, int q) { return q ? t->speed_step_rpm : t->force_step_kn; }
 
-/* torque.c, through torque.h */
-typedef struct { double value, by_force, by_depth; } fsw_torque;
-fsw_torque fsw_torque_at(const fsw_nmpc_model *m, double force_kn, double depth_mm);
-double fsw_friction(const fsw_nmpc_model *m, double speed_rpm);
+/* torque.c: of force, depth, parameters */
+int fsw_torque_casadi(const double **arg, double **res);
 
 /* estimator.c */
+typedef struct { double value, by_force, by_depth; } fsw_torque;
+/* the scale is the estimated one, which absorbs an error of the torque's level */
+fsw_torque fsw_torque_at(const fsw_nmpc_model *m, double scale, double force_kn, double depth_mm);
+double fsw_friction(const fsw_nmpc_model *m, double speed_rpm);
 int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t,
                         const fsw_nmpc_input *in);
 int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t,
@@ -27,20 +29,16 @@ int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_esti
 double fsw_contact_depth(const fsw_estimator *e, const fsw_nmpc_model *m, double row[FSW_STATES]);
 
 /* known_heat.c */
-void fsw_known_heat_start(fsw_estimator *e);
-void fsw_known_heat_unsettle(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t,
-                             const fsw_nmpc_input *in);
+void fsw_known_heat_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t,
+                          const fsw_nmpc_input *in);
 void fsw_known_heat_rise(fsw_estimator *e, const fsw_estimator_tuning *t, const fsw_nmpc_input *in);
 void fsw_known_heat_predict(fsw_estimator *e);
 void fsw_known_heat_correct(fsw_estimator *e, const double row[FSW_STATES], const double gain[FSW_STATES]);
-void fsw_known_heat_judge(fsw_estimator *e, const fsw_estimator_tuning *t, double by_known, double by_used);
+void fsw_known_heat_judge(fsw_estimator *e, const fsw_estimator_tuning *t);
 void fsw_known_heat_ahead(fsw_nmpc *c, const fsw_nmpc_input *in);
 
 /* trajectory.c */
 void fsw_trajectories(fsw_nmpc *c, const fsw_nmpc_input *in);
-
-/* predict.c */
-int fsw_predict_into(const fsw_nmpc_model *m, const fsw_start *s, const double *v, fsw_workspace *w);
 
 /* rows.c */
 double fsw_dot(const double *a, const double *b, int n);

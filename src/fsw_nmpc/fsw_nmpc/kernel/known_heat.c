@@ -11,17 +11,13 @@
 #define N FSW_STATES
 
 enum { TEMPERATURE = 2 };
-
-void fsw_known_heat_start(fsw_estimator *e) {
-  e->known_weight = 1.0;
-  e->known_evidence = 0.0;
-  for (int i = 0; i < N; i++) e->by_known[i] = e->by_used[i] = 0.0;
-}
+enum { ALL, USED };
 
 /* At the start of a weld whose heat is known: the tool need not be at rest but warms or cools, at a rate that tells how much
  * heat there is, and by which the copper is ahead of it. */
-void fsw_known_heat_unsettle(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t,
-                             const fsw_nmpc_input *in) {
+void fsw_known_heat_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t,
+                          const fsw_nmpc_input *in) {
+  e->known_weight = 1.0;
   if (!(in->known_deviation_kw > 0.0)) return;
   const double heat = t->known_heat_start_kw, rate = heat * m->thermal_gain_c_per_kw / m->copper_lag_s;
   const double copper = rate * m->tool_lag_s;
@@ -37,41 +33,31 @@ void fsw_known_heat_rise(fsw_estimator *e, const fsw_estimator_tuning *t, const 
   if (!fsw_is_finite(rise + deviation)) return;
   e->x[FSW_HEAT] += e->known_weight * rise;
   e->p[FSW_HEAT][FSW_HEAT] += deviation * deviation;
-  e->by_known[FSW_HEAT] += rise;
-  e->by_used[FSW_HEAT] += e->known_weight * rise;
-}
-
-static void advance(const fsw_estimator *e, double by[N]) {
-  double before[N];
-  for (int i = 0; i < N; i++) before[i] = by[i];
-  for (int i = 0; i < N; i++) {
-    double sum = 0.0;
-    for (int j = 0; j < N; j++) sum += e->a[i][j] * before[j];
-    by[i] = sum;
-  }
+  e->by_known[ALL][FSW_HEAT] += rise;
+  e->by_known[USED][FSW_HEAT] += e->known_weight * rise;
 }
 
 void fsw_known_heat_predict(fsw_estimator *e) {
-  advance(e, e->by_known);
-  advance(e, e->by_used);
+  for (int k = 0; k < 2; k++) {
+    double next[N] = {0.0};
+    for (int i = 0; i < N; i++)
+      for (int j = 0; j < N; j++) next[i] += e->a[i][j] * e->by_known[k][j];
+    for (int i = 0; i < N; i++) e->by_known[k][i] = next[i];
+  }
 }
 
 /* An update of the states with a gain. */
 void fsw_known_heat_correct(fsw_estimator *e, const double row[N], const double gain[N]) {
-  double known = 0.0, used = 0.0;
-  for (int i = 0; i < N; i++) {
-    known += row[i] * e->by_known[i];
-    used += row[i] * e->by_used[i];
-  }
-  for (int i = 0; i < N; i++) {
-    e->by_known[i] -= gain[i] * known;
-    e->by_used[i] -= gain[i] * used;
+  for (int k = 0; k < 2; k++) {
+    e->shown[k] = 0.0;
+    for (int i = 0; i < N; i++) e->shown[k] += row[i] * e->by_known[k][i];
+    for (int i = 0; i < N; i++) e->by_known[k][i] -= gain[i] * e->shown[k];
   }
 }
 
-/* After an update of the temperature, before which its expectation had these parts of the known heat. */
-void fsw_known_heat_judge(fsw_estimator *e, const fsw_estimator_tuning *t, double by_known, double by_used) {
-  const double none = e->innovation[TEMPERATURE] + by_used, all = none - by_known;
+/* After an update of the temperature. */
+void fsw_known_heat_judge(fsw_estimator *e, const fsw_estimator_tuning *t) {
+  const double none = e->innovation[TEMPERATURE] + e->shown[USED], all = none - e->shown[ALL];
   const double more = 0.5 * (none * none - all * all) / e->expected[TEMPERATURE];
   const double most = t->known_heat_evidence, evidence = t->known_heat_keep * e->known_evidence + fsw_clip(more, -1.0, 1.0);
   e->known_evidence = fsw_clip(evidence, -t->known_heat_counter_evidence, most);

@@ -6,12 +6,6 @@
  * paper's tool uses an implicit first-order scheme instead. */
 #include "internal.h"
 
-/* Torque (19)-(22) times the estimated scale, which absorbs an error of its level. */
-static fsw_torque scaled_torque(const fsw_nmpc_model *m, double scale, double force, double depth) {
-  const fsw_torque t = fsw_torque_at(m, force, depth), s = {scale * t.value, scale * t.by_force, scale * t.by_depth};
-  return s;
-}
-
 /* Row of sensitivities of a torque: directly by the force (count of moved intervals), and by
  * depth. */
 static void torque_row(fsw_torque t, const double *count, const double *dz, int width, double *restrict row) {
@@ -50,7 +44,7 @@ static void step_depth(const double *mode, double gain, double pushed, int width
 
 /* Copper and tool (16), driven by the power of one dead time ago. */
 static void step_heat(const fsw_nmpc_model *m, const fsw_start *s, int k, int width, fsw_point *z, fsw_path *p) {
-  const double *mode = m->modes + k * FSW_MODES, heat = s->heat_offset_kw + s->heat_ahead_kw[k];
+  const double *mode = m->modes + k * FSW_MODES, heat = s->x[FSW_HEAT] + s->heat_ahead_kw[k];
   z->tool = mode[6] * z->copper + mode[7] * z->tool + mode[9] * heat;
   z->copper = mode[5] * z->copper + mode[8] * heat;
   for (int j = 0; j < width; j++) {
@@ -100,9 +94,10 @@ static void step_power(const fsw_nmpc_model *m, const fsw_start *s, int k, doubl
 
 /* One pass over the steps: states and their derivatives by all moves together (forward mode). A move
  * acts from its interval on, so a step has only `width` nonzero columns. */
-int fsw_predict_into(const fsw_nmpc_model *m, const fsw_start *s, const double *v, fsw_workspace *w) {
+int fsw_predict(const fsw_nmpc_model *m, const fsw_start *s, const double *v, fsw_workspace *w) {
   fsw_path *p = &w->scratch.path;
   fsw_point z = {s->x[0], s->x[1], s->x[2], s->x[3], s->x[4], s->force_kn, s->speed_rpm};
+  const double scale = s->x[FSW_SCALE], gain = s->x[FSW_DEPTH_GAIN];
   double sum = 0.0;
   int interval = -1, out = 0;
   for (int j = 0; j < 2 * m->n_blocks; j++) {
@@ -118,43 +113,25 @@ int fsw_predict_into(const fsw_nmpc_model *m, const fsw_start *s, const double *
       z.speed += v[2 * block + 1];
     }
     const int width = p->width[k] = 2 * (m->interval_block[interval] + 1);
-    const double acting = z.force + s->force_offset_kn, pushed = acting - m->operating_force_kn;
+    const double acting = z.force + s->x[FSW_FORCE], pushed = acting - m->operating_force_kn;
     /* the torque at both ends of the step, since depth and softening change within it */
-    const fsw_torque left = scaled_torque(m, s->torque_scale, acting, depth_of(m, s->depth_gain, &z, pushed, width, p));
+    const fsw_torque left = fsw_torque_at(m, scale, acting, depth_of(m, gain, &z, pushed, width, p));
     torque_row(left, p->count, p->d_depth, width, p->d_left);
-    step_depth(m->modes + k * FSW_MODES, s->depth_gain, pushed, width, &z, p);
+    step_depth(m->modes + k * FSW_MODES, gain, pushed, width, &z, p);
     step_heat(m, s, k, width, &z, p);
-    const double depth = depth_of(m, s->depth_gain, &z, pushed, width, p);
-    const fsw_torque right = scaled_torque(m, s->torque_scale, acting, depth);
+    const double depth = depth_of(m, gain, &z, pushed, width, p);
+    const fsw_torque right = fsw_torque_at(m, scale, acting, depth);
     torque_row(right, p->count, p->d_depth, width, p->d_right);
     step_power(m, s, k, left.value, right.value, &z, p);
     sum += depth + z.tool + z.motor + p->power[k][0] + p->power[k][1] + p->power[k][2];
     while (out < m->n_out && m->out_step[out] == k) {
       const int below = m->n_out + out;
-      w->output[out] = depth + s->depth_offset_mm + s->drift[0][out];
-      w->output[below] = m->operating_temperature_c + z.tool + s->temp_offset_c + s->drift[1][out];
+      w->output[out] = depth + s->x[FSW_DEPTH_OFFSET] + s->drift[0][out];
+      w->output[below] = m->operating_temperature_c + z.tool + s->x[FSW_TEMP_OFFSET] + s->drift[1][out];
       for (int j = 0; j < m->depth_width[out]; j++) w->by[out][j] = p->d_depth[j];
       for (int j = 0; j < m->temperature_width[out]; j++) w->by[below][j] = p->d_tool[j];
       out++;
     }
   }
   return fsw_is_finite(sum) ? FSW_OK : FSW_NOT_FINITE;
-}
-
-int fsw_predict(fsw_nmpc *c, const fsw_start *start, const double *v, double *depth, double *temp, double *by_depth,
-                double *by_temp) {
-  const fsw_nmpc_model *m = &c->model;
-  fsw_workspace *w = &c->workspace;
-  const int nv = 2 * m->n_blocks;
-  const int status = fsw_predict_into(m, start, v, w);
-  for (int i = 0; i < m->n_out; i++) {
-    depth[i] = w->output[i];
-    temp[i] = w->output[m->n_out + i];
-    if (by_depth == 0 || by_temp == 0) continue;
-    for (int j = 0; j < nv; j++) {
-      by_depth[i * nv + j] = j < m->depth_width[i] ? w->by[i][j] : 0.0;
-      by_temp[i * nv + j] = j < m->temperature_width[i] ? w->by[m->n_out + i][j] : 0.0;
-    }
-  }
-  return status;
 }

@@ -25,9 +25,8 @@ static int padded(int n) { return (n + FSW_PAD - 1) / FSW_PAD * FSW_PAD; }
 static void build_variables(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_start *s, const double *v,
                             fsw_workspace *w) {
   const int nv = w->nv = 2 * m->n_blocks;
-  double intervals[FSW_MAX_BLOCKS], reach[2] = {0.0, 0.0};
+  double intervals[FSW_MAX_BLOCKS] = {0.0}, reach[2] = {0.0, 0.0};
   const double now[2] = {s->force_kn, s->speed_rpm}, move_weight[2] = {t->move_force_per_kn, t->move_speed_per_rpm};
-  for (int b = 0; b < m->n_blocks; b++) intervals[b] = 0.0;
   for (int i = 0; i < m->n_out; i++) intervals[m->interval_block[i]] += 1.0;
   w->n_moves = 0;
   for (int j = 0; j < nv; j++) {
@@ -41,10 +40,7 @@ static void build_variables(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, c
     /* L1 cost of a move: weight |z| = 2 weight max(0, z) - weight z, one soft side, not two */
     const double weight = move_weight[q] * w->size[j];
     w->gradient[j] = -weight;
-    if (weight > 0.0) {
-      w->soft.weight[w->n_moves] = 2.0 * weight; /* moved behind the rows' sides below */
-      w->move[w->n_moves++] = j;
-    }
+    if (weight > 0.0) w->move[w->n_moves++] = j;
     /* an input outside its bounds must return as fast as it may */
     reach[q] += FSW_RETURN_PERCENT / 100.0 * w->size[j];
     const double low = fsw_least(t, q) - now[q], high = fsw_most(t, q) - now[q];
@@ -59,7 +55,6 @@ static double inverse_square(double scale) { return scale > 0.0 ? 1.0 / (scale *
 void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_problem *problem, const double *v,
                fsw_workspace *w) {
   const int n_out = m->n_out;
-  double weight[FSW_MAX_ROWS];
   const double l1[2] = {t->weight_depth_per_mm, t->weight_temperature_per_c};
   const double square[2] = {inverse_square(t->depth_scale_mm), inverse_square(t->temperature_scale_c)};
   int n = 0;
@@ -81,17 +76,14 @@ void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_prob
     w->low[n] = problem->low[q][i] - at_zero;
     w->high[n] = problem->high[q][i] - at_zero;
     w->square[n] = square[q] > 0.0 ? square[q] : 0.0;
-    if (l1[q] > 0.0) {
-      weight[w->n_soft_rows] = l1[q];
-      w->soft_row[w->n_soft_rows++] = n;
-    }
+    if (l1[q] > 0.0) w->soft_row[w->n_soft_rows++] = n;
     n++;
     if (!q) w->n_depth = n;
   }
   w->n_rows = n;
   const int k_rows = w->n_soft_rows;
-  for (int k = w->n_moves - 1; k >= 0; k--) w->soft.weight[2 * k_rows + k] = w->soft.weight[k];
-  for (int k = 0; k < k_rows; k++) w->soft.weight[k] = w->soft.weight[k_rows + k] = weight[k];
+  for (int k = 0; k < k_rows; k++) w->soft.weight[k] = w->soft.weight[k_rows + k] = l1[w->soft_row[k] >= w->n_depth];
+  for (int k = 0; k < w->n_moves; k++) w->soft.weight[2 * k_rows + k] = -2.0 * w->gradient[w->move[k]];
 }
 
 /* value[] = a'z of every row in use, input[] = change of the block-end inputs */

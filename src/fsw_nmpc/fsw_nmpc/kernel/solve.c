@@ -41,17 +41,13 @@ static double largest_of(const double *x, int n) {
   for (; k + 4 <= n; k += 4)
     for (int i = 0; i < 4; i++) top[i] = x[k + i] > top[i] ? x[k + i] : top[i];
   for (; k < n; k++) top[0] = x[k] > top[0] ? x[k] : top[0];
-  top[0] = top[0] > top[1] ? top[0] : top[1];
-  top[2] = top[2] > top[3] ? top[2] : top[3];
-  return top[0] > top[2] ? top[0] : top[2];
+  for (int i = 1; i < 4; i++) top[0] = top[i] > top[0] ? top[i] : top[0];
+  return top[0];
 }
 
 static double largest_size(const double *x, int n) {
   double top = 0.0;
-  for (int k = 0; k < n; k++) {
-    const double size = fabs(x[k]);
-    top = size > top ? size : top;
-  }
+  for (int k = 0; k < n; k++) top = fabs(x[k]) > top ? fabs(x[k]) : top;
   return top;
 }
 
@@ -288,19 +284,18 @@ int fsw_solve(fsw_nmpc *c, const fsw_problem *problem, double *v, double *depth,
   const fsw_nmpc_tuning *t = &c->tuning;
   fsw_workspace *w = &c->workspace;
   int status = FSW_ITERATION_CAP, n = 0;
-  double gap = 0.0, primal = 0.0, dual = 0.0, cost = 0.0;
   out->iterations = 0;
-  if (fsw_predict_into(m, &problem->start, v, w) != FSW_OK) return FSW_NOT_FINITE;
+  if (fsw_predict(m, &problem->start, v, w) != FSW_OK) return FSW_NOT_FINITE;
   fsw_build(m, t, problem, v, w);
   start(w);
   const double pairs = 2.0 * n_soft(w) + 4.0 * w->nv;
   for (;; n++) {
-    gap = residuals(w, &primal, &dual);
-    cost = cost_of(w);
+    const double gap = out->gap = residuals(w, &out->primal_residual, &out->dual_residual), cost = out->cost = cost_of(w);
     if (!fsw_is_finite(gap + cost)) { status = FSW_NOT_FINITE; break; }
     /* |z| <= 1, so a stationarity residual changes the cost by at most nv times its size */
     const double loss = t->tolerance * (1.0 + fabs(cost)), stationary = loss / w->nv;
-    if (gap <= loss && primal <= PRIMAL_TOLERANCE && dual <= (stationary > DUAL_TOLERANCE ? stationary : DUAL_TOLERANCE)) {
+    if (gap <= loss && out->primal_residual <= PRIMAL_TOLERANCE &&
+        out->dual_residual <= (stationary > DUAL_TOLERANCE ? stationary : DUAL_TOLERANCE)) {
       status = FSW_OK;
       break;
     }
@@ -319,9 +314,5 @@ int fsw_solve(fsw_nmpc *c, const fsw_problem *problem, double *v, double *depth,
     outputs(m, w, depth, temp);
   }
   out->iterations = n;
-  out->gap = gap;
-  out->primal_residual = primal;
-  out->dual_residual = dual;
-  out->cost = cost;
   return status;
 }

@@ -1,6 +1,6 @@
 /* Generated from fsw_model/equations.py by fsw_nmpc/kernel_codegen.py; do not edit. */
 /* Written by CasADi 3.8.2. */
-#include "torque.h"
+#include "internal.h"
 
 static double casadi_sq(double x) { return x*x;}
 

@@ -107,7 +107,7 @@ static double rate_gain(const fsw_nmpc *c) {
 static fsw_torque held_torque(const fsw_nmpc *c, double depth_mm) {
   const fsw_nmpc_model *m = &c->model;
   const double *x = c->estimator.x, force = m->operating_force_kn - m->slow_pole * x[FSW_SLOW] / rate_gain(c);
-  return fsw_torque_at(m, force, depth_mm - x[FSW_DEPTH_OFFSET]);
+  return fsw_torque_at(m, 1.0, force, depth_mm - x[FSW_DEPTH_OFFSET]);
 }
 
 /* Measured temperature that a speed bound (0: lowest, 1: highest) holds at a measured depth. */
@@ -196,7 +196,7 @@ static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, appro
   const fsw_nmpc_model *m = &c->model;
   const fsw_nmpc_tuning *t = &c->tuning;
   const double *x = c->estimator.x;
-  const fsw_torque at = fsw_torque_at(m, m->operating_force_kn, fsw_contact_depth(&c->estimator, m, 0));
+  const fsw_torque at = fsw_torque_at(m, 1.0, m->operating_force_kn, fsw_contact_depth(&c->estimator, m, 0));
   const double torque = x[FSW_SCALE] * at.value, by_force = x[FSW_SCALE] * at.by_force;
   /* power that holds the temperature */
   double power = m->operating_power_kw + x[FSW_TOOL] / m->thermal_gain_c_per_kw - x[FSW_HEAT];
@@ -339,7 +339,6 @@ void fsw_trajectories(fsw_nmpc *c, const fsw_nmpc_input *in) {
   } else {
     const double *x = c->estimator.x;
     double copper_c;
-    for (int q = 0; q < 2; q++) c->attainable[q] = c->reference[q];
     corridor(c, 0, 0.0, fsw_contact_depth(&c->estimator, &c->model, 0) + x[FSW_DEPTH_OFFSET], path[0]);
     if (c->tuning.trajectory == FSW_RECENTRED_AHEAD)
       corridor(c, 1, c->model.dead_time_s, temperature_ahead(c, &copper_c).output, path[1]);

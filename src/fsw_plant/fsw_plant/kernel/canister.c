@@ -133,11 +133,13 @@ void fsw_plant_meet(const fsw_plant_field *f, const fsw_plant_model *m, double *
 /* The step of all but the copper */
 static void driven(const fsw_plant_field *f, const fsw_plant_model *m, const double *x, double force_kn,
                    double speed_rpm, double *next, double *mean_kw, double *depth_mm) {
-  double met[2];
-  const double *arg[] = {x, met, &force_kn, &speed_rpm, m->numbers};
-  double *res[] = {next, mean_kw, depth_mm};
+  double met[2], power[FSW_PLANT_POWER], warm[3], *temperatures = warm;
+  const double *past[] = {x, met, m->numbers};
+  const double *arg[] = {x, warm, &force_kn, &speed_rpm, m->numbers};
+  double *res[] = {next, power, depth_mm, mean_kw};
   fsw_plant_meet(f, m, met);
-  process_driven(arg, res);
+  process_met(past, &temperatures);
+  process_step(arg, res);
 }
 
 int fsw_plant_canister_advance(fsw_plant *p, const fsw_plant_model *m, const fsw_plant_inputs *u) {

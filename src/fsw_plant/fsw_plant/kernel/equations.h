@@ -4,8 +4,9 @@
 
 #include <math.h>
 
+int process_heat(const double **arg, double **res);
+int process_met(const double **arg, double **res);
 int process_step(const double **arg, double **res);
-int process_driven(const double **arg, double **res);
 int process_outputs(const double **arg, double **res);
 
 #endif

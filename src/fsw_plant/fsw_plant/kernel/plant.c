@@ -18,12 +18,17 @@ const char *fsw_plant_id(void) { return FSW_PLANT_ID; }
 static double lag_left(double lag_s) { return lag_s > 0.0 ? exp(-STEP_S / lag_s) : 0.0; }
 static double lag_mean(double lag_s) { return lag_s / STEP_S * (1.0 - lag_left(lag_s)); }
 
+/* Another length of a queue, the oldest first, which new ones repeat. */
+static void resize(double *queue, int before, int after, double oldest) {
+  const int more = after - before;
+  if (more > 0) memmove(queue + more, queue, (size_t)before * sizeof *queue);
+  else memmove(queue, queue - more, (size_t)after * sizeof *queue);
+  for (int k = 0; k < more; k++) queue[k] = oldest;
+}
+
 void fsw_plant_drive_configure(fsw_plant_drive *d, double largest_step, double lag_s,
                                int dead_ticks) {
-  const int more = dead_ticks - d->dead_ticks;
-  if (more > 0) memmove(d->on_the_way + more, d->on_the_way, (size_t)d->dead_ticks * sizeof(double));
-  else memmove(d->on_the_way, d->on_the_way - more, (size_t)dead_ticks * sizeof(double));
-  for (int k = 0; k < more; k++) d->on_the_way[k] = d->setpoint;
+  resize(d->on_the_way, d->dead_ticks, dead_ticks, d->setpoint);
   d->dead_ticks = dead_ticks;
   d->largest_step = largest_step;
   d->left = lag_left(lag_s), d->mean = lag_mean(lag_s);
@@ -168,14 +173,7 @@ void fsw_plant_refit(fsw_plant *p, int before, int after) {
   }
   memcpy(p->power, kept, (size_t)after * sizeof kept[0]);
   p->oldest = 0;
-  if (p->field) {
-    double *copper = p->field->copper;
-    const double oldest = copper[0];
-    const int more = after - before;
-    if (more > 0) memmove(copper + more, copper, (size_t)(before + 1) * sizeof *copper);
-    else memmove(copper, copper - more, (size_t)(after + 1) * sizeof *copper);
-    for (int k = 0; k < more; k++) copper[k] = oldest;
-  }
+  if (p->field) resize(p->field->copper, before + 1, after + 1, p->field->copper[0]);
 }
 
 void fsw_plant_show(fsw_plant *p, const fsw_plant_disturbance *d, double *shown) {
@@ -218,11 +216,12 @@ int fsw_plant_leave(fsw_plant *p, double depth_mm, const fsw_plant_inputs *u) {
 
 /* One step of the paper's process with an added torque; not 0 if it leaves the model: nothing is changed then. */
 static int advance(fsw_plant *p, const fsw_plant_model *m, const fsw_plant_inputs *u) {
-  double x[FSW_PLANT_STATES], power[FSW_PLANT_POWER], depth_mm;
+  double x[FSW_PLANT_STATES], power[FSW_PLANT_POWER], depth_mm, mean_kw, warm[3], *temperatures = warm;
   const int newer = (p->oldest + 1) % m->delay_steps;
-  const double *arg[] = {p->x,        p->power[p->oldest], p->power[newer], &u->copper_kn,
-                         &u->mean[SPEED], m->numbers};
-  double *res[] = {x, power, &depth_mm};
+  const double *past[] = {p->x, p->power[p->oldest], p->power[newer], m->numbers};
+  const double *arg[] = {p->x, warm, &u->copper_kn, &u->mean[SPEED], m->numbers};
+  double *res[] = {x, power, &depth_mm, &mean_kw};
+  process_heat(past, &temperatures);
   process_step(arg, res);
   if (!(depth_mm > 0.0 && isfinite(power[0]))) return fsw_plant_leave(p, depth_mm, u); /* NaN, too */
   /* what is added rises within the step as 1 - exp(-s / lag), the first and the last function */
