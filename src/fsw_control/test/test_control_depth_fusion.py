@@ -253,6 +253,30 @@ def test_a_slip_of_the_foremost_channel_is_one_where_no_other_sees_an_edge(slip_
     assert w.estimates[-1].health["lvdt_lead"] is SLIP
 
 
+@pytest.mark.parametrize(
+    ("channel", "ahead_mm"),
+    [
+        ("lvdt_lead", -8.0),
+        ("lvdt_lead", -1.2),
+        ("lvdt_lead", 8.0),
+        ("laser", 1.0),
+        ("axial", 45.5),
+    ],
+)
+def test_only_the_channel_that_slips_while_an_edge_is_undecided_is_blamed(channel, ahead_mm):
+    """Whether it has met the edge before or meets it after the slip."""
+    at_mm = AT_S * MM_PER_S + CHANNELS[channel].lead_mm + ahead_mm
+    fault = {channel: lambda y, since_s, r: y - 0.1}
+    w = Weld(7, fault=fault, edges={at_mm: 0.15}).run(AT_S)
+    before = np.mean(w.errors_mm[-100:])
+    w.run(45.0)
+    assert np.abs(np.array(w.errors_mm[-450:]) - before).max() < 0.03
+    assert w.estimates[-1].health[channel] in {SLIP, DRIFT}
+    for name in set(ALL) - {channel}:
+        assert w.seen(name) <= {GOOD, SPIKE, STEPPED}
+        assert w.estimates[-1].health[name] is GOOD
+
+
 def test_a_missing_sample_is_not_used_in_the_tick_in_which_its_step_becomes_an_edge():
     edges = {AT_S * MM_PER_S + 80.0: 0.1}
     whole = Weld(7, edges=edges).run(AT_S + 20.0)
