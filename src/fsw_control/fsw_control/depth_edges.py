@@ -12,6 +12,7 @@ others when the tool is there, step by as much at the known distance; else it is
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -35,7 +36,8 @@ _SEEN_MM, _SEEN_DEVIATIONS = 0.05, 6.0
 #: mean squared innovation over a second, in variances, below which a channel has not moved, and
 #: the largest that counts
 _STILL, _CLIPPED = 4.0, 16.0
-#: first samples of a pending step, of which its height is the median: its channel may slip later
+#: samples of which the height of a pending step is the median: the first of a jump, as its channel
+#: may slip later; the last of a step found by means, as it may still grow
 _SAMPLES = 15
 #: standard deviation of an edge's height when it is first taken into the filters: of a jump, and
 #: of one found by means, for which the filters have forgotten the bias of the channel [mm]
@@ -48,7 +50,7 @@ class _Edge:
 
     place_mm: float
     tolerance_mm: float
-    heights_mm: list[float]  #: as the first channel showed it; of a known one the filters know it
+    heights_mm: deque[float]  #: as the first channel showed it; of a known one the filters know it
     passed: Mask  #: by channel, and of the tool at last, whether the edge has reached it
     in_bias: Mask  #: by channel, whether its bias has held the edge since the filters began
     score: Array  #: by channel, cumulative sum of log-likelihood ratios that it has
@@ -59,6 +61,11 @@ class _Edge:
     def height_mm(self) -> float:
         """Height of a pending step."""
         return float(np.median(self.heights_mm))
+
+    @property
+    def is_slow(self) -> bool:
+        """Whether it was found by means, not by a jump."""
+        return self.tolerance_mm == SLOW_TOLERANCE_MM
 
 
 class SurfaceEdges:
@@ -99,7 +106,7 @@ class SurfaceEdges:
         self._pending[channel] = _Edge(
             place_mm,
             tolerance_mm,
-            [height_mm],
+            deque([height_mm], _SAMPLES),
             self._leads >= lead,
             further & ~has_watched,
             np.zeros(len(self._noise)),
@@ -136,7 +143,8 @@ class SurfaceEdges:
         for channel, edge in list(self._pending.items()):
             if channel not in self._pending:  # the same edge as another
                 continue
-            if len(edge.heights_mm) < _SAMPLES and not math.isnan(values[channel]):
+            open_ended = edge.is_slow or len(edge.heights_mm) < _SAMPLES
+            if open_ended and not math.isnan(values[channel]):
                 edge.heights_mm.append(float(z[channel]))
             square = np.where(usable, np.minimum((z / self._noise) ** 2, _CLIPPED), edge.squares)
             edge.squares += (square - edge.squares) * SECOND
@@ -200,8 +208,7 @@ class SurfaceEdges:
         edge.slot = min(set(range(EDGES)) - {one.slot for one in self._known})
         edge.passed |= self._leads >= self._leads[reached]
         self._known.append(edge)
-        is_slow = edge.tolerance_mm == SLOW_TOLERANCE_MM
-        deviation_mm = _SLOW_HEIGHT_MM if is_slow else _HEIGHT_MM
+        deviation_mm = _SLOW_HEIGHT_MM if edge.is_slow else _HEIGHT_MM
         bank.begin_edge(edge.slot, edge.height_mm, deviation_mm)
         self._share(edge, bank)
         same = [
