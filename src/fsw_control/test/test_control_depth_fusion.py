@@ -9,6 +9,7 @@ import pytest
 from fsw_control import weld
 from fsw_control.depth_bank import DepthBank
 from fsw_control.depth_channels import CHANNELS, ChannelHealth, DepthChannel, DepthFusionSettings
+from fsw_control.depth_edges import SurfaceEdges
 from fsw_control.depth_footprint import Footprint, SensorBias
 from fsw_control.depth_fusion import DepthFusion
 
@@ -275,6 +276,23 @@ def test_only_the_channel_that_slips_while_an_edge_is_undecided_is_blamed(channe
     for name in set(ALL) - {channel}:
         assert w.seen(name) <= {GOOD, SPIKE, STEPPED}
         assert w.estimates[-1].health[name] is GOOD
+
+
+@pytest.mark.parametrize("slow", [False, True])
+def test_a_jump_keeps_its_height_and_a_slow_step_may_grow(slow):
+    """At the tool, the others shift by the height that the laser showed at first: of a jump only."""
+    bank, edges = DepthBank(DepthFusionSettings(), CHANNELS), SurfaceEdges(CHANNELS)
+    usable = np.array([name != "laser" for name in ALL])
+    edges.move(0.0)
+    edges.move(1.0)
+    assert edges.suspect(0, 0.1, usable, slow, since_mm=1.0)
+    for laser_mm in [0.1] * 20 + [0.4] * 20:
+        bank.innovate(np.where(usable, 0.0, laser_mm), 0.0)
+        assert edges.review(bank, np.zeros(len(ALL)), usable, usable) == ([], [])
+    edges.move(1.0 + CHANNELS["laser"].lead_mm)
+    bank.innovate(np.where(usable, -0.1, 0.3), 0.0)
+    accepted, _ = edges.review(bank, np.zeros(len(ALL)), usable, usable)
+    assert accepted == ([] if slow else [0])
 
 
 def test_a_missing_sample_is_not_used_in_the_tick_in_which_its_step_becomes_an_edge():
