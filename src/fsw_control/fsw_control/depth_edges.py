@@ -122,13 +122,14 @@ class SurfaceEdges:
         """Whether a channel has stepped, and it is not decided what that was."""
         return channel in self._pending
 
-    def doubtful(self, z: Array) -> Mask:
-        """Channels that may just show a pending step as an edge: it is not known yet."""
-        mask = np.zeros(len(z), bool)
+    def shown_mm(self, z: Array) -> Array:
+        """By channel, the height of a pending step that it may just show as an edge, else 0."""
+        heights_mm = np.zeros(len(z))
         for edge in self._pending.values():
             shown = z * np.sign(edge.height_mm) > _ALIKE * abs(edge.height_mm)
-            mask |= self._is_near(edge)[:-1] & shown & self._is_alike(z, edge.height_mm)
-        return mask
+            shown &= self._is_near(edge)[:-1] & self._is_alike(z, edge.height_mm)
+            heights_mm[shown] = edge.height_mm
+        return heights_mm
 
     def review(
         self, bank: DepthBank, values: Array, usable: Mask, clear: Mask

@@ -182,8 +182,9 @@ class ChannelTests:
         changed = self._edges.arrive(bank, usable)
         clear = usable & ~(self._dusty | (self._absent > INTERRUPTED))
         edges, slips = self._edges.review(bank, values, usable, clear)
-        for i in _indices(self._edges.doubtful(bank.z[0]) & usable):
-            values[i], health[i], changed = np.nan, ChannelHealth.SPIKE, True
+        shown_mm = np.where(usable, self._edges.shown_mm(bank.z[0]), 0.0)
+        values -= shown_mm  # so that the channel still has its say on the others
+        changed |= bool(shown_mm.any())
         for i in edges:  # the filters know it now
             self.latched[i] = ChannelHealth.GOOD
             if not np.isnan(values[i]):
@@ -314,9 +315,9 @@ class ChannelTests:
         self, wrong: tuple[int, ...], usable: Mask, bank: DepthBank, health: list[ChannelHealth]
     ) -> tuple[int, ...]:
         """Mark spikes; those that last and resemble each other are a slip, or show an edge."""
-        for i, flaw in enumerate(health):  # a spike by then is one that may show an edge
-            if i not in wrong and flaw is not ChannelHealth.SPIKE:
-                self._spikes[i].clear()
+        for i, spikes in enumerate(self._spikes):
+            if i not in wrong:
+                spikes.clear()
         slipped = []
         for i in wrong:
             health[i] = ChannelHealth.SPIKE

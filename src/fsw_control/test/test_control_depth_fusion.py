@@ -295,6 +295,20 @@ def test_a_jump_keeps_its_height_and_a_slow_step_may_grow(slow):
     assert accepted == ([] if slow else [0])
 
 
+def test_a_channel_found_wrong_stays_so_when_the_majority_is_lost():
+    """The one that decided drops out before the slip is confirmed."""
+    fault = {
+        "axial": lambda y, since_s, r: y - 0.1,
+        "laser": lambda y, since_s, r: None if since_s > 0.15 else y,
+    }
+    w = Weld(7, names=("laser", "lvdt_trail", "axial"), fault=fault).run(AT_S)
+    before = np.mean(w.errors_mm[-100:])
+    w.run(5.0)
+    assert w.estimates[-1].health["axial"] is SLIP
+    assert w.seen("lvdt_trail") == {GOOD}
+    assert np.abs(np.array(w.errors_mm[-50:]) - before).max() < 0.03
+
+
 def test_a_missing_sample_is_not_used_in_the_tick_in_which_its_step_becomes_an_edge():
     edges = {AT_S * MM_PER_S + 80.0: 0.1}
     whole = Weld(7, edges=edges).run(AT_S + 20.0)
