@@ -144,8 +144,10 @@ class SurfaceEdges:
         for channel, edge in list(self._pending.items()):
             if channel not in self._pending:  # the same edge as another
                 continue
-            open_ended = edge.is_slow or len(edge.heights_mm) < _SAMPLES
-            if open_ended and not math.isnan(values[channel]):
+            moved_mm = abs(z[channel] - edge.height_mm)
+            is_first = len(edge.heights_mm) < _SAMPLES
+            is_first &= bool(moved_mm < _DEVIATIONS * self._noise[channel])
+            if (edge.is_slow or is_first) and not math.isnan(values[channel]):
                 edge.heights_mm.append(float(z[channel]))
             square = np.where(usable, np.minimum((z / self._noise) ** 2, _CLIPPED), edge.squares)
             edge.squares += (square - edge.squares) * SECOND
