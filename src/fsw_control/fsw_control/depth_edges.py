@@ -6,7 +6,9 @@ modelled as piecewise constant: each known edge has its height as a state of the
 share in a channel is 1 once the edge has reached the channel, less 1 once it has reached the tool.
 
 A step of the foremost sensor may be an edge or a slip. It is an edge if the next sensor, or all
-others when the tool is there, step by as much at the known distance; else it is a slip.
+others when the tool is there, step by as much at the known distance; else it is a slip. A sensor
+that steps by another height there is no witness; the tool decides. Height and place are those at
+the begin of the step, as a channel that shows an edge may slip before it is decided.
 """
 
 from __future__ import annotations
