@@ -6,7 +6,9 @@ modelled as piecewise constant: each known edge has its height as a state of the
 share in a channel is 1 once the edge has reached the channel, less 1 once it has reached the tool.
 
 A step of the foremost sensor may be an edge or a slip. It is an edge if the next sensor, or all
-others when the tool is there, step by as much at the known distance; else it is a slip.
+others when the tool is there, step by as much at the known distance; else it is a slip. A sensor
+that steps by another height there is no witness; the tool decides. Height and place are those at
+the begin of the step, as a channel that shows an edge may slip before it is decided.
 """
 
 from __future__ import annotations
@@ -33,7 +35,11 @@ _ALIKE, _DEVIATIONS = 0.5, 4.0
 #: steps from this height on are seen by a channel of which the filters are sure enough [mm], and
 #: deviations that they must exceed
 _SEEN_MM, _SEEN_DEVIATIONS = 0.05, 6.0
-#: samples of which the height of a pending step is the median
+#: mean squared innovation over a second, in variances, below which a channel has not moved, and
+#: the largest that counts
+_STILL, _CLIPPED = 4.0, 16.0
+#: samples of which the height of a pending step is the median: the first of a jump, as its channel
+#: may slip later; the last of a step found by means, as it may still grow
 _SAMPLES = 15
 #: standard deviation of an edge's height when it is first taken into the filters: of a jump, and
 #: of one found by means, for which the filters have forgotten the bias of the channel [mm]
@@ -50,12 +56,18 @@ class _Edge:
     passed: Mask  #: by channel, and of the tool at last, whether the edge has reached it
     in_bias: Mask  #: by channel, whether its bias has held the edge since the filters began
     score: Array  #: by channel, cumulative sum of log-likelihood ratios that it has
+    squares: Array  #: by channel, mean squared innovation over a second, in variances
     slot: int = -1  #: state of the filters; -1: not confirmed
 
     @property
     def height_mm(self) -> float:
         """Height of a pending step."""
         return float(np.median(self.heights_mm))
+
+    @property
+    def is_slow(self) -> bool:
+        """Whether it was found by means, not by a jump."""
+        return self.tolerance_mm == SLOW_TOLERANCE_MM
 
 
 class SurfaceEdges:
@@ -66,7 +78,7 @@ class SurfaceEdges:
         #: of each channel and of the tool; one that does not ride on the surface meets no edge
         self._leads = np.array([*(row.lead_mm if row.rides else -math.inf for row in rows), 0.0])
         self._noise = np.array([row.noise_mm for row in rows])
-        self._travel_mm, self._moves = math.nan, False
+        self.travel_mm, self._moves = math.nan, False
         #: place from which on each channel has watched the surface without a gap
         self._watched_mm = np.full(len(self._noise), math.inf)
         self._known: list[_Edge] = []
@@ -74,13 +86,18 @@ class SurfaceEdges:
 
     def move(self, travel_mm: float) -> None:
         """Take the distance that the tool has travelled along its path; NaN: unknown."""
-        self._moves = travel_mm > self._travel_mm
-        self._travel_mm = travel_mm
+        self._moves = travel_mm > self.travel_mm
+        self.travel_mm = travel_mm
 
-    def suspect(self, channel: int, height_mm: float, usable: Mask, slow: bool) -> bool:
-        """Whether a step of a channel may be an edge: no other has watched the place before."""
+    def suspect(
+        self, channel: int, height_mm: float, usable: Mask, slow: bool, since_mm: float
+    ) -> bool:
+        """Whether a step of a channel may be an edge: no other has watched the place before.
+
+        ``since_mm`` is what the tool had travelled when the channel stepped.
+        """
         lead = self._leads[channel]
-        place_mm = self._travel_mm + lead
+        place_mm = since_mm + lead
         tolerance_mm = SLOW_TOLERANCE_MM if slow else TOLERANCE_MM
         further = self._leads[:-1] > lead
         has_watched = self._watched_mm < place_mm - tolerance_mm
@@ -95,6 +112,7 @@ class SurfaceEdges:
             self._leads >= lead,
             further & ~has_watched,
             np.zeros(len(self._noise)),
+            np.ones(len(self._noise)),
         )
         return True
 
@@ -106,13 +124,14 @@ class SurfaceEdges:
         """Whether a channel has stepped, and it is not decided what that was."""
         return channel in self._pending
 
-    def doubtful(self, z: Array) -> Mask:
-        """Channels that may just show a pending step as an edge: it is not known yet."""
-        mask = np.zeros(len(z), bool)
+    def shown_mm(self, z: Array) -> Array:
+        """By channel, the height of a pending step that it may just show as an edge, else 0."""
+        heights_mm = np.zeros(len(z))
         for edge in self._pending.values():
             shown = z * np.sign(edge.height_mm) > _ALIKE * abs(edge.height_mm)
-            mask |= self._is_near(edge)[:-1] & shown & self._is_alike(z, edge.height_mm)
-        return mask
+            shown &= self._is_near(edge)[:-1] & self._is_alike(z, edge.height_mm)
+            heights_mm[shown] = edge.height_mm
+        return heights_mm
 
     def review(
         self, bank: DepthBank, values: Array, usable: Mask, clear: Mask
@@ -127,8 +146,13 @@ class SurfaceEdges:
         for channel, edge in list(self._pending.items()):
             if channel not in self._pending:  # the same edge as another
                 continue
-            if not math.isnan(values[channel]):
+            moved_mm = abs(z[channel] - edge.height_mm)
+            is_first = len(edge.heights_mm) < _SAMPLES
+            is_first &= bool(moved_mm < _DEVIATIONS * self._noise[channel])
+            if (edge.is_slow or is_first) and not math.isnan(values[channel]):
                 edge.heights_mm.append(float(z[channel]))
+            square = np.where(usable, np.minimum((z / self._noise) ** 2, _CLIPPED), edge.squares)
+            edge.squares += (square - edge.squares) * SECOND
             height_mm, near = edge.height_mm, self._is_near(edge)
             gain = np.minimum(self._gain(z, height_mm), _SHARE)
             gain = np.where(self._is_alike(z, height_mm), gain, -_SHARE)
@@ -139,7 +163,7 @@ class SurfaceEdges:
                 edges += self._accept(channel, -1, bank)
             elif edge.score.max() >= _CONFIRMED:
                 edges += self._accept(channel, int(np.argmax(edge.score)), bank)
-            elif self._has_missed(edge, np.append(clear, True)) or math.isnan(self._travel_mm):
+            elif self._has_missed(edge, z, clear) or math.isnan(self.travel_mm):
                 del self._pending[channel]
                 slips.append(channel)
         return edges, slips
@@ -176,7 +200,7 @@ class SurfaceEdges:
         """Note where each channel began to see steps: not while its bias is not known yet."""
         variance = np.diagonal(bank.s[0]) + self._noise**2 * averaged(SECOND)
         sees = usable & (variance * _SEEN_DEVIATIONS**2 < _SEEN_MM**2)
-        here_mm = self._travel_mm + self._leads[:-1]
+        here_mm = self.travel_mm + self._leads[:-1]
         sees &= self._watched_mm <= here_mm
         self._watched_mm = np.where(sees, self._watched_mm, here_mm)
 
@@ -189,14 +213,14 @@ class SurfaceEdges:
         edge.slot = min(set(range(EDGES)) - {one.slot for one in self._known})
         edge.passed |= self._leads >= self._leads[reached]
         self._known.append(edge)
-        is_slow = edge.tolerance_mm == SLOW_TOLERANCE_MM
-        deviation_mm = _SLOW_HEIGHT_MM if is_slow else _HEIGHT_MM
+        deviation_mm = _SLOW_HEIGHT_MM if edge.is_slow else _HEIGHT_MM
         bank.begin_edge(edge.slot, edge.height_mm, deviation_mm)
         self._share(edge, bank)
         same = [
             other
             for other, step in self._pending.items()
             if abs(step.place_mm - edge.place_mm) <= edge.tolerance_mm + step.tolerance_mm
+            and abs(step.height_mm - edge.height_mm) < _ALIKE * abs(edge.height_mm)
         ]
         for other in same:
             del self._pending[other]
@@ -204,15 +228,19 @@ class SurfaceEdges:
 
     def _beyond(self, edge: _Edge) -> Array:
         """How far each channel, and the tool, is past the place of an edge."""
-        return np.asarray(self._travel_mm + self._leads - edge.place_mm)
+        return np.asarray(self.travel_mm + self._leads - edge.place_mm)
 
     def _is_near(self, edge: _Edge) -> Mask:
         """Channels, and the tool, that the edge may reach now."""
         return ~edge.passed & (abs(self._beyond(edge)) <= edge.tolerance_mm)
 
-    def _has_missed(self, edge: _Edge, could_see: Mask) -> bool:
-        """Whether a channel, or the tool, is past the place of an edge and has not shown it."""
-        due = could_see & ~edge.passed & (self._leads >= 0.0)
+    def _has_missed(self, edge: _Edge, z: Array, clear: Mask) -> bool:
+        """Whether a channel, or the tool, is past the place of an edge and shows none.
+
+        A channel that has moved by another height is no witness: either may have slipped.
+        """
+        is_still = (edge.squares < _STILL) & (abs(z) < _ALIKE * abs(edge.height_mm))
+        due = np.append(clear & is_still, True) & ~edge.passed & (self._leads >= 0.0)
         return bool((due & (self._beyond(edge) > edge.tolerance_mm)).any())
 
     def _gain(self, z: Array, height_mm: float) -> Array:

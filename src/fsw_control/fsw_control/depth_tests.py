@@ -125,6 +125,7 @@ class ChannelTests:
         self._frozen = [Frozen() for _ in self._rows]
         #: spikes in a row
         self._spikes = [deque[float](maxlen=settings.confirm_samples) for _ in self._rows]
+        self._since_mm = np.full(count, np.nan)  #: travel of the tool when they began
         #: over a second, and over five; by filter and channel, without the common part
         self._means = np.zeros((2, count + 1, count))
         self._off = np.zeros(count)  #: from the prior, over three seconds
@@ -181,8 +182,9 @@ class ChannelTests:
         changed = self._edges.arrive(bank, usable)
         clear = usable & ~(self._dusty | (self._absent > INTERRUPTED))
         edges, slips = self._edges.review(bank, values, usable, clear)
-        for i in _indices(self._edges.doubtful(bank.z[0]) & usable):
-            values[i], health[i], changed = np.nan, ChannelHealth.SPIKE, True
+        shown_mm = np.where(usable, self._edges.shown_mm(bank.z[0]), 0.0)
+        values -= shown_mm  # so that the channel still has its say on the others
+        changed |= bool(shown_mm.any())
         for i in edges:  # the filters know it now
             self.latched[i] = ChannelHealth.GOOD
             if not np.isnan(values[i]):
@@ -241,7 +243,10 @@ class ChannelTests:
             np.stack((*inverses, inverses[0] / averaged(FIVE_SECONDS))),
             taken,
         )
-        wrong, spread = self._wrong(chi[0], usable, bank, witness)
+        wrong, spread = _wrong(chi[0], usable, bank, witness)
+        if wrong is None:
+            wrong = self._still_wrong(usable, bank, witness)
+            spread = 0.0 if wrong else spread
         wrong = wrong or ()  # without a verdict all stay in use; the deviation shows it
         isolated = self._confirm(wrong, usable, bank, health)
         isolated += tuple(sorted(set(self._purged)))
@@ -260,7 +265,7 @@ class ChannelTests:
         self._suspect(spread, used, health)
         used &= np.array([not flaw for flaw in self.latched])
         self._readmit(~np.isnan(values))
-        squared = 0.0 if wrong or isolated else float(common[0, 0] ** 2 * weights[0, 0])
+        squared = 0.0 if wrong or isolated or spread else float(common[0, 0] ** 2 * weights[0, 0])
         return Judgement(used, health, isolated, spread, squared, float(common[0, 0]))
 
     def trust(self, left_out: int, bank: DepthBank) -> None:
@@ -289,40 +294,36 @@ class ChannelTests:
             if health[i] is ChannelHealth.GOOD:
                 health[i] = ChannelHealth.DUST
 
-    def _wrong(
-        self, chi: Array, usable: Mask, bank: DepthBank, witness: tuple[float, float]
-    ) -> tuple[tuple[int, ...] | None, float]:
-        """Channels that contradict the others; None: some do, unknown which."""
-        count = np.count_nonzero(usable)
-        if count == 0 or (chi[0] <= DISAGREE and count > 1):
-            return (), 0.0
-        if count > 2:
-            wrong = _odd(chi, usable)
-            if wrong is not None:
-                return (wrong,), 0.0
-        # too few channels for a majority: the torque, or that depth does not jump
-        z, shift = bank.z[0], witness[0]
-        distance = (z - shift) ** 2 / (np.diagonal(bank.s[0]) + self._noise + witness[1])
-        far = usable & (distance > FAR)
-        if not far.any():
-            return ((), 0.0) if count == 1 else (None, _spread(z[usable]))
-        if count > 1 and not (far | (distance < NEAR))[usable].all():
-            return None, _spread(z[usable])
-        if count > 1 and far[usable].all():
-            return None, _spread(z[usable])
-        return _indices(far), 0.0
+    def _still_wrong(
+        self, usable: Mask, bank: DepthBank, witness: tuple[float, float]
+    ) -> tuple[int, ...] | None:
+        """Channels that were wrong in the tick before, and those that contradict the rest.
+
+        For where all that are usable now do not decide; None: these do not either.
+        """
+        before = usable & np.array([len(spikes) > 0 for spikes in self._spikes])
+        if not before.any():
+            return None
+        rest = usable & ~before
+        inverses, taken = bank.weigh(rest)
+        tested = len(self._rows) + 1
+        chi = parity(bank.z[:tested], inverses[0, :tested], taken[:tested])[0]
+        more, _ = _wrong(chi, rest, bank, witness)
+        return None if more is None else (*_indices(before), *more)
 
     def _confirm(
         self, wrong: tuple[int, ...], usable: Mask, bank: DepthBank, health: list[ChannelHealth]
     ) -> tuple[int, ...]:
         """Mark spikes; those that last and resemble each other are a slip, or show an edge."""
-        for i in _indices(usable):
+        for i, spikes in enumerate(self._spikes):
             if i not in wrong:
-                self._spikes[i].clear()
+                spikes.clear()
         slipped = []
         for i in wrong:
             health[i] = ChannelHealth.SPIKE
             spikes = self._spikes[i]
+            if not spikes:
+                self._since_mm[i] = self._edges.travel_mm
             spikes.append(float(bank.z[0, i]))
             alike = max(spikes) - min(spikes) < ALIKE * abs(sum(spikes)) / len(spikes)
             if len(spikes) == self._settings.confirm_samples and alike:
@@ -357,7 +358,8 @@ class ChannelTests:
             if slow:
                 self._watch.begin(i, self._off[i])
             drifts = flaw is ChannelHealth.DRIFT
-            stepped = not drifts and self._edges.suspect(i, height_mm, usable, slow)
+            since_mm = self._edges.travel_mm if slow else float(self._since_mm[i])
+            stepped = not drifts and self._edges.suspect(i, height_mm, usable, slow, since_mm)
             health[i] = self.latched[i] = ChannelHealth.STEPPED if stepped else flaw
             if not (slow or stepped):
                 isolated.append(i)
@@ -408,6 +410,30 @@ class ChannelTests:
                 if self._agreed[i] > ticks:
                     self.latched[i] = ChannelHealth.GOOD
                     self._edges.drop(i)
+
+
+def _wrong(
+    chi: Array, usable: Mask, bank: DepthBank, witness: tuple[float, float]
+) -> tuple[tuple[int, ...] | None, float]:
+    """Channels that contradict the others; None: some do, unknown which."""
+    count = np.count_nonzero(usable)
+    if count == 0 or (chi[0] <= DISAGREE and count > 1):
+        return (), 0.0
+    if count > 2:
+        wrong = _odd(chi, usable)
+        if wrong is not None:
+            return (wrong,), 0.0
+    # too few channels for a majority: the torque, or that depth does not jump
+    z, shift = bank.z[0], witness[0]
+    distance = (z - shift) ** 2 / (np.diagonal(bank.s[0]) + bank.noise + witness[1])
+    far = usable & (distance > FAR)
+    if not far.any():
+        return ((), 0.0) if count == 1 else (None, _spread(z[usable]))
+    if count > 1 and not (far | (distance < NEAR))[usable].all():
+        return None, _spread(z[usable])
+    if count > 1 and far[usable].all():
+        return None, _spread(z[usable])
+    return _indices(far), 0.0
 
 
 def _odd(chi: Array, usable: Mask) -> int | None:

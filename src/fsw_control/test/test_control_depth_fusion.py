@@ -9,6 +9,7 @@ import pytest
 from fsw_control import weld
 from fsw_control.depth_bank import DepthBank
 from fsw_control.depth_channels import CHANNELS, ChannelHealth, DepthChannel, DepthFusionSettings
+from fsw_control.depth_edges import SurfaceEdges
 from fsw_control.depth_footprint import Footprint, SensorBias
 from fsw_control.depth_fusion import DepthFusion
 
@@ -251,6 +252,61 @@ def test_a_slip_of_the_foremost_channel_is_one_where_no_other_sees_an_edge(slip_
     assert "lvdt_lead" not in w.estimates[-1].used
     w.run((60.0 - 45.0) / MM_PER_S + 2.0)
     assert w.estimates[-1].health["lvdt_lead"] is SLIP
+
+
+@pytest.mark.parametrize(
+    ("channel", "ahead_mm"),
+    [
+        ("lvdt_lead", -8.0),
+        ("lvdt_lead", -1.2),
+        ("lvdt_lead", 8.0),
+        ("laser", 1.0),
+        ("axial", 45.5),
+    ],
+)
+def test_only_the_channel_that_slips_while_an_edge_is_undecided_is_blamed(channel, ahead_mm):
+    """Whether it has met the edge before or meets it after the slip."""
+    at_mm = AT_S * MM_PER_S + CHANNELS[channel].lead_mm + ahead_mm
+    fault = {channel: lambda y, since_s, r: y - 0.1}
+    w = Weld(7, fault=fault, edges={at_mm: 0.15}).run(AT_S)
+    before = np.mean(w.errors_mm[-100:])
+    w.run(45.0)
+    assert np.abs(np.array(w.errors_mm[-450:]) - before).max() < 0.03
+    assert w.estimates[-1].health[channel] in {SLIP, DRIFT}
+    for name in set(ALL) - {channel}:
+        assert w.seen(name) <= {GOOD, SPIKE, STEPPED}
+        assert w.estimates[-1].health[name] is GOOD
+
+
+@pytest.mark.parametrize("slow", [False, True])
+def test_a_jump_keeps_its_height_and_a_slow_step_may_grow(slow):
+    """At the tool, the others shift by the height that the laser showed at first: of a jump only."""
+    bank, edges = DepthBank(DepthFusionSettings(), CHANNELS), SurfaceEdges(CHANNELS)
+    usable = np.array([name != "laser" for name in ALL])
+    edges.move(0.0)
+    edges.move(1.0)
+    assert edges.suspect(0, 0.1, usable, slow, since_mm=1.0)
+    for laser_mm in [0.1] * 5 + [0.4] * 20:
+        bank.innovate(np.where(usable, 0.0, laser_mm), 0.0)
+        assert edges.review(bank, np.zeros(len(ALL)), usable, usable) == ([], [])
+    edges.move(1.0 + CHANNELS["laser"].lead_mm)
+    bank.innovate(np.where(usable, -0.1, 0.3), 0.0)
+    accepted, _ = edges.review(bank, np.zeros(len(ALL)), usable, usable)
+    assert accepted == ([] if slow else [0])
+
+
+def test_a_channel_found_wrong_stays_so_when_the_majority_is_lost():
+    """The one that decided drops out before the slip is confirmed."""
+    fault = {
+        "axial": lambda y, since_s, r: y - 0.1,
+        "laser": lambda y, since_s, r: None if since_s > 0.15 else y,
+    }
+    w = Weld(7, names=("laser", "lvdt_trail", "axial"), fault=fault).run(AT_S)
+    before = np.mean(w.errors_mm[-100:])
+    w.run(5.0)
+    assert w.estimates[-1].health["axial"] is SLIP
+    assert w.seen("lvdt_trail") == {GOOD}
+    assert np.abs(np.array(w.errors_mm[-50:]) - before).max() < 0.03
 
 
 def test_a_missing_sample_is_not_used_in_the_tick_in_which_its_step_becomes_an_edge():
