@@ -23,7 +23,7 @@ GROUP = "fsw.commands"
 ELSEWHERE = {
     "fsw-lab": (
         *("bag shadow", "bag verify", "campaign", "canister", "commission", "export"),
-        *("identify", "learn", "model", "tune"),
+        *("identify", "learn", "tune"),
     ),
     "fsw-quality": (
         *("bag attest", "bag verify-evidence", "history", "monitor", "procedure", "record"),
