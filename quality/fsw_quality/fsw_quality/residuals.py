@@ -1,16 +1,13 @@
 """Measured values minus those of the process model, and how each depends on the model's coefficients.
 
 The drives report the force and the speed that act, so each equation of the model connects measured
-values alone, whatever controller commands:
+values alone, whatever controller commands. The residuals compare:
 
-========== ================================================ =======================================================
-residual   equation                                         compares
-========== ================================================ =======================================================
-torque     (18)-(23) from force, depth and speed            measured torque with the model's
-depth      (17), (27) from force, depth and temperature     depth, temperature's share taken out, with what the force
-                                                            has pressed the shoulder in
-heat       (16), (24) from torque, speed and temperature    measured temperature with what the power has heated
-========== ================================================ =======================================================
+- torque, (18)-(23) from force, depth and speed: the measured torque with the model's;
+- depth, (17) and (27) from force, depth and temperature: the depth without the temperature's
+  share with what the force has pressed the shoulder in;
+- heat, (16) and (24) from torque, speed and temperature: the measured temperature with what the
+  power has heated.
 
 The model is stepped once with its coefficients and once for each coefficient that is uncertain, a
 little changed; the differences are the sensitivities.

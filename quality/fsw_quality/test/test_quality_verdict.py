@@ -540,8 +540,9 @@ def test_tool_and_machine_are_compared_with_the_weld(
 def test_what_else_is_known_of_a_weld_is_in_its_record() -> None:
     procedure = short_procedure(extra={"shift": 2.0}, weld_data={"wpqr": "17-3", "tilt_deg": 0.0})
     custom = {"material_heat": "H42", "tool_used_mm": "80", "dwell_s": "long", "canister": "C001"}
+    custom |= {"wpqr": "18-1", "tilt_deg": "0.0"}  # the procedure has another, and the same
     record = judged(good_weld(), procedure, COMPLETE | custom)
-    assert record.extra == {"shift": 2.0, "dwell_s": "long"}
+    assert record.extra == {"shift": 2.0, "dwell_s": "long", "wpqr": "18-1"}
     assert record.weld_data == WeldData(
         wpqr="17-3", tilt_deg=0.0, material_heat="H42", tool_used_mm=80.0
     )

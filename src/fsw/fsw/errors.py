@@ -35,6 +35,10 @@ SHOWN = (
 )
 
 
+#: what is left to do when a command has ended, in whatever way
+AT_END: list[Callable[[], None]] = []
+
+
 def _said(error: BaseException) -> str:
     """Text of an error in one line; commands in it get the program name typed by the user."""
     return " ".join(str(error).split()).replace("fsw.py ", f"{program()} ")
@@ -93,3 +97,6 @@ def exit_code(action: Callable[[], int]) -> int:
         where = f"cannot read or write {error.filename}: " if error.filename else where
         print(f"error: {where}{error.strerror or error}", file=sys.stderr)
         return 1
+    finally:
+        while AT_END:
+            AT_END.pop()()

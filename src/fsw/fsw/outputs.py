@@ -6,13 +6,15 @@ import json
 import shutil
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fsw.errors import CommandError
+from fsw.errors import AT_END, CommandError
 from fsw_control.schema import files
 
-#: marks a folder that a command has filled: --force replaces no other
+#: lists what a command has put into a folder: --force replaces a folder with nothing else in it
 _MARK = ".fsw_results"
 
 
@@ -64,9 +66,16 @@ def new_folder(
     folder = wanted or default_folder(name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        ours = (folder / _MARK).is_file()
-        if any(folder.iterdir()) and not (force and ours):
-            again = ", or give --force to replace it" if ours else ""
+        mark = folder / _MARK
+        ours = (
+            set(mark.read_text("utf-8", "surrogateescape").splitlines())
+            if mark.is_file()
+            else None
+        )
+        others = [] if ours is None else sorted(_content(folder) - ours)
+        if any(folder.iterdir()) and (not force or ours is None or others):
+            again = "" if ours is None else ", or give --force to replace it"
+            again = f"; --force does not delete {others[0]}" if others else again
             raise CommandError(
                 f"folder {folder} exists and is not empty; choose another {option}{again}"
             )
@@ -75,11 +84,24 @@ def new_folder(
                 shutil.rmtree(path)
             else:
                 path.unlink()
-        if force is not None:
-            (folder / _MARK).touch()
     except OSError as error:
         raise CommandError(f"cannot make folder {folder}: {error.strerror}") from None
+    if force is not None:
+        AT_END.append(partial(_mark_filled, folder.resolve()))
     return folder
+
+
+def _content(folder: Path) -> set[str]:
+    """What is in a folder, but for the mark, also deep inside."""
+    return {str(path.relative_to(folder)) for path in folder.rglob("*")} - {_MARK}
+
+
+def _mark_filled(folder: Path) -> None:
+    """At the end of a command: list what it has put into the folder."""
+    with suppress(OSError):
+        (folder / _MARK).write_text(
+            "\n".join(sorted(_content(folder))), "utf-8", "surrogateescape"
+        )
 
 
 def listed(folder: Path) -> str:

@@ -74,13 +74,22 @@ def test_force_replaces_the_folder_of_an_earlier_run(capsys, tmp_path):
     out = tmp_path / "out"
     again = ("simulate", "quick", "--no-figures", "--out", str(out))
     assert run(capsys, *again)[0] == 0
-    (out / "notes").mkdir()
-    assert run(capsys, *again)[0] == 1 and (out / "notes").exists()
+    (out / "signals_decentral.csv").write_text("")
+    assert run(capsys, *again)[0] == 1
     assert run(capsys, *again, "--force")[0] == 0
-    assert not (out / "notes").exists() and (out / "signals_decentral.csv").exists()
+    assert (out / "signals_decentral.csv").stat().st_size
     (tmp_path / "precious").write_text("x")
     assert run(capsys, *again[:-1], str(tmp_path), "--force")[0] == 1
     assert (tmp_path / "precious").exists() and out.exists()
+
+
+def test_force_does_not_delete_what_was_put_into_the_folder_later(capsys, tmp_path):
+    again = ("simulate", "quick", "--no-figures", "--out", str(tmp_path))
+    assert run(capsys, *again)[0] == 0
+    (tmp_path / ".git").mkdir()
+    (tmp_path / ".git" / "HEAD").write_text("x")
+    assert run(capsys, *again, "--force")[0] == 1
+    assert (tmp_path / ".git" / "HEAD").exists()
 
 
 @pytest.mark.parametrize(

@@ -179,12 +179,20 @@ class WeldData(Model):
 def weld_data_of(
     given: WeldData | None, custom: Mapping[str, str]
 ) -> tuple[WeldData | None, dict[str, str]]:
-    """Data of procedure and recorder together, and what of the recorder's is none of them, or invalid."""
+    """Data of procedure and recorder together, and what of the recorder's is none of them, or invalid.
+
+    Where both differ the procedure holds, which may be signed; what the recorder has is kept, too.
+    """
     data, rest = given or WeldData(), dict[str, str]()
     for key, value in custom.items():
         try:
-            data = validate(WeldData, dict(data) | {key: value}, key)
+            both = validate(WeldData, dict(data) | {key: value}, key)
         except InputError:
+            rest[key] = value
+            continue
+        if getattr(data, key) in (None, getattr(both, key)):
+            data = both
+        else:
             rest[key] = value
     return data if data.labelled else None, rest
 

@@ -435,5 +435,7 @@ def _watch(parts: Mapping[str, Part], found: dict[str, Alarm]) -> None:
     """What the monitor tells; its parts are named by their causes."""
     for what, part in parts.items():
         if part.level == "warn":
-            action = part.action if part.action in ACTIONS else "see_trends"
+            # a text with fields is of another alarm, which has their values
+            is_known = part.action in ACTIONS and "{" not in ACTIONS[part.action]
+            action = part.action if is_known else "see_trends"
             found[alarm_id("watch", what)] = alarm("watch", what, cause=part.text, action=action)

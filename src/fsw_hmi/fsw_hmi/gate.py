@@ -29,7 +29,10 @@ class _Peer:
 
     @property
     def rank(self) -> tuple[bool, float, float]:
-        """Eviction order: idle connections, then pages never touched, each from the oldest on; then by the last touch."""
+        """Eviction order: idle connections, then pages never touched, then the others.
+
+        The oldest goes first, of touched pages the one whose last touch is longest ago.
+        """
         return self.requests > 0, self.touched_s, self.since_s
 
 
@@ -37,9 +40,9 @@ class Gate:
     """Limits the open connections.
 
     Beyond the limit, the client with the most connections loses the oldest one that only waits,
-    then the page of a stranger that nobody has touched for longest. Pages of users who are logged in stay; if there are no
-    others, the new connection is closed. A connection that takes longer than ``request_s`` for a
-    whole request is closed.
+    then the page of a stranger that nobody has touched for longest. Pages of users who are logged
+    in stay; if there are no others, the new connection is closed. A connection that takes longer
+    than ``request_s`` for a whole request is closed.
     """
 
     def __init__(
@@ -73,7 +76,10 @@ class Gate:
             peer.since_s = time.monotonic()
 
     def touch(self, address: Any, known: bool) -> None:
-        """Note that somebody has asked for something on a page; ``known``: a user who has logged in."""
+        """Note that somebody has asked for something on a page.
+
+        ``known`` is whether a user has logged in there.
+        """
         peer = self._peers.get(address and tuple(address))
         if peer is not None:
             peer.touched_s, peer.known = time.monotonic(), known

@@ -43,8 +43,8 @@ class LivePage:
     """The page over a running weld. All methods but the constructor belong to the server's loop.
 
     ``deliver`` takes an :class:`Order`, in the server's thread; ``touch`` address and port of a
-    page on which somebody has asked for something, and whether a user has logged in there. The numbers are parameters of the node, which
-    ``parameters.py`` describes.
+    page on which somebody has asked for something, and whether a user has logged in there. The
+    numbers are parameters of the node, which ``parameters.py`` describes.
     """
 
     def __init__(
@@ -147,6 +147,8 @@ class LivePage:
                 before.superseded = True
                 before.given_up.set()
         page = Page(session, socket.client)
+        if session.name:  # a user's page that was cut off: the new connection is a user's, too
+            self._touch(page.peer, True)
         self._pages.add(page)
         self._begin(page)
         ends = _send(socket, page), self._listen(socket, page), page.given_up.wait()

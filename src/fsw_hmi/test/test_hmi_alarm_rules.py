@@ -581,6 +581,7 @@ def test_what_the_monitor_tells_is_an_alarm_with_its_cause_and_advice(rules):
                 "warn", "It drifts", action="replace_thermocouple", code="alarm"
             ),
             "later": Part("warn", "It is new", action="of_a_later_version"),
+            "foreign": Part("warn", "It is odd", action="swap_back"),
             "watch": Part("ok", ""),
         }
     }
@@ -588,6 +589,7 @@ def test_what_the_monitor_tells_is_an_alarm_with_its_cause_and_advice(rules):
     assert {name: (one.text, one.action, one.cause) for name, one in found.items()} == {
         "watch:thermocouple_drift": ("It drifts", "replace_thermocouple", "thermocouple_drift"),
         "watch:later": ("It is new", "see_trends", "later"),
+        "watch:foreign": ("It is odd", "see_trends", "foreign"),
     }
 
 

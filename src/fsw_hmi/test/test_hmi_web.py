@@ -237,6 +237,20 @@ def test_page_of_a_user_is_not_pushed_out_by_new_ones(make_server):
         assert operator.ask("active")["outcome"] == "done"
 
 
+@pytest.mark.requirement("S18")
+def test_page_that_resumes_is_not_pushed_out_before_it_asks_for_something(make_server):
+    server = make_server(limits={"of_client": 3})
+    with contextlib.ExitStack() as stack:
+        operator = server.open().command(TOKEN)
+        operator.socket.close(4002)
+        wait_until(lambda: server.room.holder.lost_s is not None, "the loss of the connection")
+        again = stack.enter_context(server.open(resume=operator.frames["hello"]["resume"]))
+        assert again.seen("control")["you"]
+        for _ in range(5):
+            stack.enter_context(server.open()).until("control")
+        assert again.ask("active")["outcome"] == "done"
+
+
 @pytest.mark.requirement("S30")
 def test_page_that_somebody_touches_is_not_pushed_out_by_idle_ones(make_server):
     server = make_server(limits={"of_client": 20})
