@@ -306,7 +306,6 @@ def main():
             aims=aims,
             identified=IDENTIFIED,
             of_heat=OF_HEAT,
-            clairvoyant=CLAIRVOYANT,
             levels=LEVELS,
             smoothed_s=SMOOTHED_S,
             calibrating=len(PROCESSES) * len(CALIBRATING),
