@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any
 
-from pydantic import Field, Strict
+from pydantic import BeforeValidator, Field
 
 from fsw_control.coded import Worded
 from fsw_control.schema.models import InputError, Many, Model
@@ -193,10 +193,18 @@ class Place(Model):
         return f"{' and '.join(self.parts)} (bytes {self.begin} to {self.end}{when})"
 
 
+_CODES = {code.value: code for codes in (Code, Unchecked) for code in codes}
+
+
+def _coded(value: Any) -> Any:
+    """Code of a value in JSON; older pydantic does not find it in a union of strict enums."""
+    return _CODES.get(value, value) if isinstance(value, str) else value
+
+
 class Finding(Model):
     """Result of a check of a file: a code with its fields; ``pieces`` index the manifest's."""
 
-    code: Annotated[Code, Strict(False)] | Annotated[Unchecked, Strict(False)]
+    code: Annotated[Code | Unchecked, BeforeValidator(_coded)]
     file: str
     data: dict[str, Any] = Field(default_factory=dict)
     pieces: Many[int] = ()
