@@ -384,6 +384,15 @@ def test_the_reference_has_all_messages_parameters_and_commands(generated: dict[
     assert [verb for verb in verbs if f"## {verb}\n" not in commands] == []
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_files_named_in_a_text_are_there(page: Path) -> None:
+    named = re.findall(
+        r"`((?:src|lab|quality|test|scripts|benchmarks)/[\w./-]+\.\w+)`",
+        page.read_text(encoding="utf-8"),
+    )
+    assert [one for one in named if "NAME" not in one and not (WORKSPACE / one).exists()] == []
+
+
 @pytest.mark.parametrize(
     "page",
     [
