@@ -178,7 +178,7 @@ class ChannelTests:
 
         Returns whether the innovations are no longer those of this tick.
         """
-        usable = ~np.isnan(values) & np.array([not flaw for flaw in health])
+        usable = ~np.isnan(values) & _sound(health)
         changed = self._edges.arrive(bank, usable)
         clear = usable & ~(self._dusty | (self._absent > INTERRUPTED))
         edges, slips = self._edges.review(bank, values, usable, clear)
@@ -229,9 +229,9 @@ class ChannelTests:
         ``values`` are the samples after :meth:`screen`. ``witness`` is what depth has gained on
         its prediction according to the torque, and the variance of that.
         """
-        present = np.array([not flaw for flaw in health])
+        present = _sound(health)
         self._listen(bank.z[0], present, health)
-        usable = np.array([not flaw for flaw in health])
+        usable = _sound(health)
         tested = min(len(bank.z), len(self._rows) + 1)  # none without a pair
         z = bank.z[:tested]
         inverses, taken = bank.weigh(usable)
@@ -263,7 +263,7 @@ class ChannelTests:
             drifting, spread = self._slow(chi[1:], used, bank, health)
             isolated += drifting
         self._suspect(spread, used, health)
-        used &= np.array([not flaw for flaw in self.latched])
+        used &= _sound(self.latched)
         self._readmit(~np.isnan(values))
         squared = 0.0 if wrong or isolated or spread else float(common[0, 0] ** 2 * weights[0, 0])
         return Judgement(used, health, isolated, spread, squared, float(common[0, 0]))
@@ -443,6 +443,10 @@ def _odd(chi: Array, usable: Mask) -> int | None:
     if best <= AGREE and second - best > MARGIN:
         return int(np.argmin(without))
     return None
+
+
+def _sound(health: Sequence[ChannelHealth]) -> Mask:
+    return np.array([not flaw for flaw in health])
 
 
 def _spread(z: Array) -> float:
