@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import argparse
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
 import fsw
 from fsw.bags import print_notes, read_weld
-from fsw.command import FORCE, command, file, number, option, repeated, switch
+from fsw.command import FORCE, assigned, command, file, number, option, repeated, switch
 from fsw.console import ProgressBar, print_table
 from fsw.errors import CommandError
 from fsw.outputs import check_new, new_folder, write_text
 from fsw.welds import Weld
 from fsw_analysis.changes import cut_to_scenario
+from fsw_analysis.read_table import read_table
 from fsw_control.schema.models import range_of
 from fsw_control.schema.ranges import Range
 from fsw_identification import report, summary
-from fsw_lab.identify import TABLES, weld_of
+from fsw_lab.identify import TABLES
 from fsw_model import ModelParameters, ParameterCovariance
 from fsw_plant.parameters import Actuators
 from fsw_tuning.identification_design import SAFE_C, SAFE_MM, propose
@@ -120,12 +120,7 @@ def identify(arguments: argparse.Namespace) -> int:
 
 def _columns(arguments: argparse.Namespace) -> dict[str, str]:
     """Names of a log's columns by quantity and unit; texts, whatever they would be in YAML."""
-    columns = {}
-    for text in arguments.column:
-        quantity, equals, header = text.partition("=")
-        if not (quantity and equals and header):
-            raise CommandError(f"--column {text}: write QUANTITY=NAME")
-        columns[quantity.strip()] = header.strip()
+    columns = assigned("--column", arguments.column, "QUANTITY=NAME")
     sources = [*arguments.bag, *filter(None, (arguments.validate, arguments.air))]
     if columns and not any(source.suffix.lower() in TABLES for source in sources):
         raise CommandError(
@@ -179,9 +174,7 @@ def _model(file: Path | None) -> ModelParameters:
 
 def _weld(bag: Path, columns: Mapping[str, str]) -> Weld:
     if bag.suffix.lower() in TABLES:
-        with warnings.catch_warnings(record=True) as remarks:
-            warnings.simplefilter("always")
-            log = weld_of(bag, columns)
-        print_notes(f"{bag}: {remark.message}" for remark in remarks)
-        return log
+        signals = read_table(bag, columns)
+        print_notes(f"{bag}: {problem}" for problem in signals.problems)
+        return Weld(signals.path.stem, signals)
     return Weld(bag.name, cut_to_scenario(read_weld(bag)))

@@ -321,6 +321,7 @@ def test_a_record_is_not_replaced_unasked(
     assert run(tmp_path / "weld", *arguments, "--force") == 1
     assert "given twice" in capsys.readouterr().err
     assert run(*arguments, "--force", "--data", "colour=red") == 1
+    assert run(*arguments, "--force", "--data", "ndt=UT 5", "--data", "ndt=none") == 1
     assert "colour" in capsys.readouterr().err
     data = ("--data", "ndt=UT 5", "--data", "disposition=use as is")
     assert run(*arguments, "--force", *data) == 0

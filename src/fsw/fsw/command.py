@@ -155,6 +155,18 @@ def assignment(option: str, text: str) -> tuple[str, Any]:
         return name.strip(), value
 
 
+def assigned(option: str, texts: Sequence[str], form: str = "NAME=VALUE") -> dict[str, str]:
+    """Texts by name of an option's arguments NAME=TEXT; ``form`` says how to write them."""
+    found: dict[str, str] = {}
+    for text in texts:
+        name, _, value = (part.strip() for part in text.partition("="))
+        if not (name and value):
+            raise CommandError(f"{option} {text}: write {form}")
+        if found.setdefault(name, value) != value:
+            raise CommandError(f"{option}: {name} is given twice")
+    return found
+
+
 def parameter(text: str) -> Option:
     """``--parameter``, of a node that computes in a command; see :func:`parameters_by_node`."""
     return repeated("--parameter", "[NODE.]NAME=VALUE", text)

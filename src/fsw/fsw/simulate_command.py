@@ -11,6 +11,7 @@ from fsw.bags import print_notes
 from fsw.command import (
     FORCE,
     FORMAT,
+    assigned,
     command,
     file,
     option,
@@ -249,15 +250,11 @@ def _identity(arguments: argparse.Namespace) -> list[str]:
     """Identity of the welded parts from the options, as parameters of the recorder."""
     if arguments.identity and not arguments.bag:
         raise CommandError("simulate: --identity needs --bag: it is noted in the bag")
-    found: dict[str, str] = {}
-    for text in arguments.identity:
-        key, _, value = (part.strip() for part in text.partition("="))
-        if key not in IDENTITY or not value:
-            raise CommandError(
-                f"simulate: --identity {text}: write KEY=VALUE with one of {', '.join(IDENTITY)}"
-            )
-        if found.setdefault(key, value) != value:
-            raise CommandError(f"simulate: --identity: {key} is given twice")
+    form = f"KEY=VALUE with one of {', '.join(IDENTITY)}"
+    found = assigned("simulate: --identity", arguments.identity, form)
+    for key, value in found.items():
+        if key not in IDENTITY:
+            raise CommandError(f"simulate: --identity {key}={value}: write {form}")
     return [f"{key}={value}" for key, value in found.items()]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import fsw
 from fsw.bags import DAMAGED_TOO, print_notes
-from fsw.command import FORCE, command, file, option, repeated
+from fsw.command import FORCE, assigned, command, file, option, repeated
 from fsw.console import ProgressBar
 from fsw.errors import CommandError
 from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED
@@ -50,6 +50,7 @@ def record(arguments: argparse.Namespace) -> int:
         raise CommandError("record: one of the bags is given twice")
     if arguments.data and len(bags) > 1:
         raise CommandError("record: --data needs exactly one bag")
+    afterwards = assigned("record: --data", arguments.data, "KEY=VALUE")
     for bag in arguments.bag:
         after_recording.wait(bag, lambda text: print_notes([text]))
     several = len(bags) > 1
@@ -79,7 +80,7 @@ def record(arguments: argparse.Namespace) -> int:
                 arguments.procedure,
                 folders[name],
                 compare_with=arguments.compare,
-                afterwards=dict(text.partition("=")[::2] for text in arguments.data),
+                afterwards=afterwards,
                 progress=bar,
                 note=notes.append,
             )
