@@ -60,7 +60,6 @@ MODULES = {
         "in_force",
         "operator_requests",
         "safety_monitor",
-        "settings",
         "start_up",
         "state_machine",
         "tick",

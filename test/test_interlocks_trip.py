@@ -6,7 +6,7 @@ from fsw_control import weld
 from fsw_control.cause import Severity
 from fsw_plant import PlantConfig, PlantEmulator
 from fsw_plant.event_schema import disturbance, fault
-from fsw_supervisor import Arbiter, ArbiterSettings, ProposalInput
+from fsw_supervisor import Arbiter, ProposalInput, SupervisorParameters
 from fsw_supervisor.state_machine import Mode
 
 #: by interlock: disturbances and sensor faults of the plant that lead to it, and no other one
@@ -25,7 +25,7 @@ class Loop:
 
     def __init__(self):
         self.plant = PlantEmulator(PlantConfig.from_values({"noise": False}))
-        self.arbiter = Arbiter(ArbiterSettings.from_values({}))
+        self.arbiter = Arbiter(SupervisorParameters.from_values({}))
         self.start = self.plant.applied
         self.now_s = 100.0
 

@@ -16,8 +16,7 @@ from fsw_machine.gateway import Gateway
 from fsw_machine.machine_file import MachineFile
 from fsw_machine.parameters import GatewayParameters
 from fsw_machine.samples import CycleRead, RawValue
-from fsw_supervisor import Arbiter, ArbiterSettings, ProposalInput
-from fsw_supervisor.parameters import SupervisorParameters
+from fsw_supervisor import Arbiter, ProposalInput, SupervisorParameters
 from fsw_supervisor.state_machine import Mode
 from fsw_test_support.short_times import any_residual
 
@@ -49,11 +48,8 @@ class Loop:
             defaults(GatewayParameters),
         )
         self.gateway.on_connected()
-        self.arbiter = Arbiter(ArbiterSettings.from_values({}))
-        parameters = defaults(SupervisorParameters)
-        self.arbiter.safety.configure(
-            parameters | any_residual("depth")
-        )  # this depth does not follow the force
+        # this depth does not follow the force
+        self.arbiter = Arbiter(SupervisorParameters.from_values(any_residual("depth")))
         self.in_force, self.push, self.late = Command(78.4, 407.5), Command(0.0, 0.0), False
         self.counter, self.silent, self.first = 100, 0, []
 

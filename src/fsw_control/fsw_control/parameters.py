@@ -22,7 +22,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
-from typing import Annotated, Any, Literal, get_args, get_origin
+from typing import Annotated, Any, Literal, Self, get_args, get_origin
 
 from fsw_control.schema import models
 from fsw_control.schema.errors import InputError
@@ -43,6 +43,25 @@ _TYPES = {bool: "bool", int: "int", float: "double"}
 
 class NodeParameters(Model):
     """Base of the parameters of a node; all have defaults."""
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any]) -> Self:
+        """Parameters from their flat mapping, as :func:`validate`; missing ones have defaults."""
+        require_known(defaults(cls), values)
+        nested: dict[str, Any] = {}
+        for name, value in values.items():
+            if value is None:  # a model would take its default
+                raise InputError(f"parameters: {name} has no value")
+            *groups, own = name.split(".")
+            inside = nested
+            for group in groups:
+                inside = inside.setdefault(group, {})
+            inside[own] = value
+        return models.validate(cls, nested, "parameters")
+
+    def flat(self) -> dict[str, Any]:
+        """All values by name."""
+        return dict(_flat(self, ""))
 
 
 #: the model of a controller's or node's parameters; None: it has none
@@ -100,7 +119,7 @@ def _specs(group: Model, prefix: str, read_only: bool) -> Iterator[ParameterSpec
 
 def defaults(model: ParameterModel) -> dict[str, Any]:
     """Default value of every parameter; unlike :func:`describe` it reads no source file."""
-    return {} if model is None else dict(_flat(model(), ""))
+    return {} if model is None else model().flat()
 
 
 def validate(model: ParameterModel, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -112,19 +131,10 @@ def validate(model: ParameterModel, values: Mapping[str, Any]) -> dict[str, Any]
         When a name is unknown, a value does not fit, or values contradict each other; the message
         names parameter, value and what is allowed.
     """
-    require_known(defaults(model), values)
     if model is None:
+        require_known((), values)
         return {}
-    nested: dict[str, Any] = {}
-    for name, value in values.items():
-        if value is None:  # a model would take its default
-            raise InputError(f"parameters: {name} has no value")
-        *groups, own = name.split(".")
-        inside = nested
-        for group in groups:
-            inside = inside.setdefault(group, {})
-        inside[own] = value
-    return dict(_flat(models.validate(model, nested, "parameters"), ""))
+    return model.from_values(values).flat()
 
 
 def _flat(group: Model, prefix: str) -> Iterator[tuple[str, Any]]:

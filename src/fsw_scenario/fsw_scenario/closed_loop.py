@@ -41,8 +41,7 @@ from fsw_scenario.scenario import Scenario, start_reference
 from fsw_scenario.timeline import SWITCH_TIMEOUT_S, OpenLoopController, references, switches
 from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine
 from fsw_scenario.weld_programme_course import Course
-from fsw_supervisor import Arbiter, ArbiterSettings, Decision, ProposalInput
-from fsw_supervisor.parameters import SupervisorParameters
+from fsw_supervisor import Arbiter, Decision, ProposalInput, SupervisorParameters
 
 #: ticks between progress reports
 _PROGRESS_TICKS = 100
@@ -58,7 +57,7 @@ class OfflineSupervisor:
     def __init__(self, controllers: Mapping[str, Controller], selected: str) -> None:
         values = defaults(SupervisorParameters)
         fallbacks = dict.fromkeys([*values["fallbacks"], *controllers])
-        settings = ArbiterSettings.from_values(
+        settings = SupervisorParameters.from_values(
             values | {"controller": selected, "fallbacks": list(fallbacks)}
         )
         self._arbiter = Arbiter(settings, lockstep=True)

@@ -20,7 +20,6 @@ Invariants:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from fsw_control.cause import Cause
 from fsw_control.command_check import refusal
@@ -33,9 +32,8 @@ from fsw_supervisor.controller_registry import ControllerRegistry
 from fsw_supervisor.facts import Code, Fact
 from fsw_supervisor.in_force import CommandInForce, CommandWatch
 from fsw_supervisor.operator_requests import OperatorRequests
-from fsw_supervisor.parameters import may_be_controller
+from fsw_supervisor.parameters import SupervisorParameters, may_be_controller
 from fsw_supervisor.safety_monitor import SafetyMonitor
-from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.start_up import StartUp
 from fsw_supervisor.state_machine import OPERATOR_TRIGGERS, Level, Machine, Mode, Standing
 from fsw_supervisor.tick import Decision, ProposalInput
@@ -48,7 +46,7 @@ class Arbiter:
     In lockstep the plant waits for the command, so the wall clock is only a guard.
     """
 
-    def __init__(self, settings: ArbiterSettings, lockstep: bool = False) -> None:
+    def __init__(self, settings: SupervisorParameters, lockstep: bool = False) -> None:
         self.lockstep = lockstep
         self.machine = Machine(settings)  #: mode, active controller, target, reasons, events
         self.safety = SafetyMonitor(self.machine)  #: sensors and interlocks
@@ -76,13 +74,13 @@ class Arbiter:
             )
         )
 
-    def configure(self, values: Mapping[str, Any]) -> None:
-        """Apply new parameters of the node, keeping the state."""
-        self.machine.settings = ArbiterSettings.from_values(values)
-        self.safety.configure(values)
+    def configure(self, settings: SupervisorParameters) -> None:
+        """Apply new settings, keeping the state."""
+        self.machine.settings = settings
+        self.safety.configure(settings)
 
     @property
-    def settings(self) -> ArbiterSettings:
+    def settings(self) -> SupervisorParameters:
         """The settings at present."""
         return self.machine.settings
 
@@ -124,7 +122,7 @@ class Arbiter:
         """
         self._end_restarted, before = False, self.in_force.applied or self.in_force.seen
         acting = self.in_force.commanded(feedback)
-        if before is not None and refusal(acting, self.settings.limits, before) is not None:
+        if before is not None and refusal(acting, self.settings.drive_limits, before) is not None:
             self.machine.stop_for_plant(stamp_ns)
 
     def on_proposal(self, name: str, proposal: ProposalInput, now_s: float) -> list[Decision]:
@@ -214,7 +212,7 @@ class Arbiter:
 
     def follow(self, stamp_ns: int, source: str, command: Command) -> None:
         """On standby: adopt the leader's command."""
-        applied = self.settings.limits.clip(command, None)
+        applied = self.settings.drive_limits.clip(command, None)
         self.in_force.on_sent(applied)
         self.ticks.last, self.ticks.commanded_s = (
             Decision(stamp_ns, applied, source),

@@ -304,7 +304,7 @@ class ControllerRegistry:
             )
 
     def _check(self, record: ControllerRecord, proposal: ProposalInput, tick: Tick) -> Candidate:
-        return check(record.name, proposal, tick.previous, self._machine.settings.limits)
+        return check(record.name, proposal, tick.previous, self._machine.settings.drive_limits)
 
     def _count(self, record: ControllerRecord, candidate: Candidate) -> None:
         """Update a controller's counts with a candidate command."""

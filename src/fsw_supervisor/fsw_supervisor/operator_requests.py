@@ -128,7 +128,7 @@ class OperatorRequests:
             return Answer.refused(Code.ACKNOWLEDGE_FIRST)
         if requested is Mode.MANUAL:
             manual = manual or Command(nan, nan)
-            refused = refusal(manual, machine.settings.limits)
+            refused = refusal(manual, machine.settings.drive_limits)
             if refused is not None:
                 return Answer.refused(Code.BAD_VALUES, refusal=refused)
             self.manual = manual

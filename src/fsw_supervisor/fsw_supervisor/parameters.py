@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import re
+from functools import cached_property
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import create_model, model_validator
 
 from fsw_control import weld
 from fsw_control.common_parameters import SUPERVISOR_VALIDITY, DriveLimits, fields_of, numbers
-from fsw_control.contract import BUILT_IN_SOURCES
+from fsw_control.contract import BUILT_IN_SOURCES, Limits
 from fsw_control.fence import UNKNOWN
 from fsw_control.parameters import AT_START, NodeParameters
 from fsw_control.schema.models import Many, Model, Whole
 from fsw_control.schema.ranges import Range
 
+#: share of the time from the deadline to the next measurement after which a tick counts as
+#: unanswered: 95 ms (chosen)
+_UNANSWERED_SHARE = 0.75
 #: names of controllers, and those that none may have: of other sources, and of the supervisor's
 #: topics
 NAME, RESERVED = "[A-Za-z][A-Za-z0-9_]*", (*BUILT_IN_SOURCES, "supervisor", UNKNOWN)
@@ -202,7 +206,7 @@ INTERLOCKS = create_model(
 
 
 class SupervisorParameters(NodeParameters):
-    """Parameters of the supervisor."""
+    """Parameters of the supervisor, and the settings of its arbiter."""
 
     controller: Annotated[str, AT_START] = "decentral"
     """Controller to start with."""
@@ -323,3 +327,14 @@ class SupervisorParameters(NodeParameters):
                     f"controller, fallbacks: {name!r} cannot be the name of a controller"
                 )
         return self
+
+    @cached_property
+    def drive_limits(self) -> Limits:
+        """The limits of every command."""
+        return Limits(**dict(self.limits))
+
+    def takeover_s(self, lockstep: bool) -> float:
+        """Time after a measurement at which a standby counts it as unanswered by the leader."""
+        if lockstep:
+            return 2.0 * self.lockstep_deadline_s
+        return self.deadline_s + _UNANSWERED_SHARE * (self.tick_period_s - self.deadline_s)

@@ -16,14 +16,14 @@ from fsw_msgs.msg import ControllerHealth, Interlock, SupervisorState, WeldComma
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.controller_registry import ControllerRecord
 from fsw_supervisor.facts import Code
-from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.state_machine import Level, Mode
 from fsw_supervisor.tick import Decision
 
 #: severity of an event as a diagnostic level
 LEVELS = {Level.INFO: OK, Level.WARN: WARN, Level.ERROR: ERROR}
 #: default fallbacks, which need not all run
-_SHIPPED = frozenset(ArbiterSettings.from_values({}).fallbacks)
+_SHIPPED = frozenset(SupervisorParameters().fallbacks)
 
 
 class Note(Worded):

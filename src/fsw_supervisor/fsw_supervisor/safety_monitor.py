@@ -19,7 +19,6 @@ from typing import Any
 from fsw_control import weld
 from fsw_control.cause import Cause, Severity
 from fsw_control.contract import Command
-from fsw_control.parameters import defaults
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_control.stop import StopCause
@@ -151,7 +150,7 @@ class SafetyMonitor:
         self._consistency = Consistency()
         self._blindness = Blindness()
         self._standing: dict[str, Fact] = {}  # jumps and blindness that are there
-        self.configure(defaults(SupervisorParameters))
+        self.configure(machine.settings)
         self._levels = dict.fromkeys(QUANTITIES, Severity.OK)
         self._runs = {name: {level: Persistence() for level in _ORDER} for name in QUANTITIES}
         self._leaving = {name: Persistence() for name in QUANTITIES}
@@ -162,8 +161,9 @@ class SafetyMonitor:
         self._free = {name: Persistence() for name in _CONSEQUENCES}
         self._was_free: set[str] = set()
 
-    def configure(self, values: Mapping[str, Any]) -> None:
-        """Apply new parameters of the node, keeping the state."""
+    def configure(self, settings: SupervisorParameters) -> None:
+        """Apply new settings, keeping the state."""
+        values = settings.flat()
         self.hold_s = values["validity.hold"]
         self._guard.configure(sensor_limits(values))
         self._blindness.limit_s = values["blind_limit_s"]

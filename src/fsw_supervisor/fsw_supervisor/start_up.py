@@ -99,7 +99,7 @@ class StartUp:
         return True
 
     def _begin_from(self, tick: Tick, command: Command, origin: Code, **data: str) -> Command:
-        applied = tick.previous = self._machine.settings.limits.clip(command, None)
+        applied = tick.previous = self._machine.settings.drive_limits.clip(command, None)
         self._in_force.begin_from(applied)
         # Proposals that arrived before were checked without a rate limit.
         self._registry.check_again(tick)
@@ -199,7 +199,7 @@ class StartUp:
         ):
             return
         limits, proposed, force_kn = (
-            self._machine.settings.limits,
+            self._machine.settings.drive_limits,
             candidate.command,
             applied.force_kn,
         )

@@ -18,7 +18,7 @@ from fsw_control.reason import Reason, ReasonCode
 from fsw_control.stop import Stop, StopCause, StopRegister
 from fsw_control.units import NANOSECONDS
 from fsw_supervisor.facts import Code, Fact
-from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.parameters import SupervisorParameters
 
 
 class Mode(StrEnum):
@@ -150,7 +150,7 @@ class Machine:
     requested ones.
     """
 
-    def __init__(self, settings: ArbiterSettings) -> None:
+    def __init__(self, settings: SupervisorParameters) -> None:
         self.settings = settings  #: may be replaced at any time
         self.mode = Mode.START
         self.target_mode = Mode.AUTO

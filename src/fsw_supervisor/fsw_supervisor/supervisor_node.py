@@ -32,7 +32,6 @@ from fsw_supervisor.failover import Failover, Role
 from fsw_supervisor.leadership_ros import Leadership
 from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.services_ros import OperatorServices
-from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode, Standing
 from fsw_supervisor.tick import Decision, ProposalInput
 
@@ -55,13 +54,14 @@ class SupervisorNode(LightNode, Node):
         values = self._values.values
         lockstep = values["lockstep"]
         self._arbiter = Arbiter(
-            ArbiterSettings.from_values(values),
+            SupervisorParameters.from_values(values),
             lockstep=bool(self.get_parameter("use_sim_time").value)
             if lockstep == "auto"
             else lockstep == "on",
         )
-        self._arbiter.configure(values)
-        self._values.on_change(self._arbiter.configure)
+        self._values.on_change(
+            lambda changed: self._arbiter.configure(SupervisorParameters.from_values(changed))
+        )
         self._failover = Failover(
             self._arbiter, uuid.uuid4().hex[:12], values["standby"], time.monotonic()
         )

@@ -218,7 +218,7 @@ class Ticks:
         self._registry.close(tick)
         if not self._arbitration.watch.seen_lately(self.now_s):
             # Not earlier, so that the arrival order of the tick's messages does not matter.
-            self._in_force.learn_offsets(tick, self._machine.settings.limits)
+            self._in_force.learn_offsets(tick, self._machine.settings.drive_limits)
 
     def interrupt(self, reason: Reason) -> None:
         """Determine the command in force again: the plant or this process was suspended."""

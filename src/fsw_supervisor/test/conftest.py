@@ -12,7 +12,7 @@ from fsw_control.contract import Command
 from fsw_control.fence import Fence
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.failover import LISTEN_S, Failover
-from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.state_machine import Machine
 from fsw_supervisor.tick import Decision, ProposalInput
 from fsw_test_support.ros_graph import domain_id
@@ -48,9 +48,11 @@ class Rig:
         start's force, and follows the force that acts.
     """
 
-    def __init__(self, settings: ArbiterSettings | None = None, lockstep: bool = False) -> None:
+    def __init__(
+        self, settings: SupervisorParameters | None = None, lockstep: bool = False
+    ) -> None:
         self.arbiter = Arbiter(
-            settings if settings is not None else ArbiterSettings.from_values({}),
+            settings if settings is not None else SupervisorParameters.from_values({}),
             lockstep=lockstep,
         )
         self.names = ["decentral", "nmpc"]
@@ -116,7 +118,7 @@ class Rig:
         for decision in out:
             arbiter.on_command(decision.stamp_ns, decision.source, decision.command)
         if before is not None and out:
-            limits = arbiter.settings.limits
+            limits = arbiter.settings.drive_limits
             assert abs(out[-1].command.force_kn - before.force_kn) <= limits.force_step_kn + 1e-9
             assert (
                 abs(out[-1].command.speed_rpm - before.speed_rpm) <= limits.speed_step_rpm + 1e-9
@@ -173,7 +175,7 @@ class Leader:
 
     def __init__(self, standby: bool = False, lockstep: bool = False, **values: object) -> None:
         self.now_s, self.stamp_ns = 100.0, 10**12
-        self.arbiter = Arbiter(ArbiterSettings.from_values(values), lockstep)
+        self.arbiter = Arbiter(SupervisorParameters.from_values(values), lockstep)
         self.failover = Failover(self.arbiter, "m", standby, self.now_s)
         self.drives: Command | None = Command(80.0, 410.0)
         self.wish = Command(80.0, 410.0)
@@ -218,7 +220,7 @@ class Leader:
             self.call(self.arbiter.on_sample(sensor, self.stamp_ns, value, self.now_s))
         for name in ("decentral", "nmpc"):
             before = self.arbiter.applied or self.drives or self.wish
-            command = self.arbiter.settings.limits.clip(self.wish, before)
+            command = self.arbiter.settings.drive_limits.clip(self.wish, before)
             self.call(
                 self.arbiter.on_proposal(
                     name, ProposalInput(self.stamp_ns, name, command), self.now_s

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 
 from fsw_control.contract import Command
 from fsw_supervisor.arbiter import Arbiter
-from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import ProposalInput
 
@@ -21,7 +21,7 @@ class Stream:
     """Measurements every 0.1 s with any stamps into an arbiter; a controller answers each tick."""
 
     def __init__(self):
-        self.arbiter, self.now_s = Arbiter(ArbiterSettings.from_values({})), 100.0
+        self.arbiter, self.now_s = Arbiter(SupervisorParameters.from_values({})), 100.0
         self.answers = []  #: time on the steady clock, and decision
 
     def take(self, decisions):

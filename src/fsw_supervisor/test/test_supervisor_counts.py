@@ -6,8 +6,8 @@ from fsw_control.contract import Command
 from fsw_control.readiness import Lack, Readiness
 from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor.controller_registry import LOCKSTEP_LAG, ControllerRegistry
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.safety_monitor import SafetyMonitor
-from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Machine
 from fsw_supervisor.tick import Decision, ProposalInput, Tick
 
@@ -19,7 +19,7 @@ class Counted:
     """A registry of controllers, fed tick by tick; ``a`` is the controller in question."""
 
     def __init__(self, lockstep=False, **values):
-        self.machine = Machine(ArbiterSettings.from_values(values))
+        self.machine = Machine(SupervisorParameters.from_values(values))
         self.registry = ControllerRegistry(self.machine, SafetyMonitor(self.machine), lockstep)
         self.now_s = 50.0
         self.ticks = []

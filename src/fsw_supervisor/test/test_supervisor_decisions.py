@@ -9,7 +9,7 @@ from fsw_control.contract import Command
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.sensors import REQUIRED
 from fsw_supervisor.facts import Code, Fact
-from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import ProposalInput
 
@@ -142,7 +142,7 @@ def test_in_lockstep_shadows_that_keep_up_are_waited_for_and_others_are_not(make
 
 def started(make_rig, **values):
     """A rig whose drives report nothing, at its first tick."""
-    rig = make_rig(ArbiterSettings.from_values(values))
+    rig = make_rig(SupervisorParameters.from_values(values))
     rig.drives = None
     return rig
 
@@ -212,7 +212,7 @@ def test_the_operators_values_are_a_start_when_nothing_else_is_known(make_rig):
 
 def test_the_controllers_are_given_time_to_tell_who_was_selected(make_rig):
     rig = make_rig(
-        ArbiterSettings.from_values({"takeover_wait_s": 0.25, "first_report_wait_s": 0.0})
+        SupervisorParameters.from_values({"takeover_wait_s": 0.25, "first_report_wait_s": 0.0})
     )
     for _ in range(3):
         Hand(rig).drives().samples().proposal().wait(0.099)
@@ -227,7 +227,7 @@ def test_drives_beyond_the_limits_are_no_start_beyond_them(make_rig):
     rig.names = []
     for _ in range(25):
         rig.tick()
-    limits = rig.arbiter.settings.limits
+    limits = rig.arbiter.settings.drive_limits
     first = next(tick[0] for tick in rig.ticks if tick)
     assert first.command == Command(limits.force_max_kn, limits.speed_min_rpm)
 
@@ -239,7 +239,7 @@ def test_a_fallback_replaces_the_configured_controller_after_so_many_good_propos
     make_rig, values, patience
 ):
     rig = make_rig(
-        ArbiterSettings.from_values(
+        SupervisorParameters.from_values(
             values
             | {"takeover_wait_s": 0.0, "first_report_wait_s": 0.0, "fallbacks": ("nobody", "nmpc")}
         )
@@ -255,7 +255,7 @@ def test_a_fallback_replaces_the_configured_controller_after_so_many_good_propos
 
 def test_at_a_start_a_sample_that_is_late_on_a_busy_machine_is_not_missing(make_rig):
     rig = make_rig(
-        ArbiterSettings.from_values({"takeover_wait_s": 0.0, "first_report_wait_s": 0.0})
+        SupervisorParameters.from_values({"takeover_wait_s": 0.0, "first_report_wait_s": 0.0})
     )
     hand = Hand(rig).drives().samples("depth", "torque").wait(0.03)
     hand.samples("thermocouple", after_s=0.04).proposal(after_s=0.05).status(after_s=0.05)
@@ -266,7 +266,7 @@ def test_at_a_start_a_sample_that_is_late_on_a_busy_machine_is_not_missing(make_
 
 def test_a_fallback_that_does_not_cope_with_a_lost_sensor_is_passed_over_at_a_start(make_rig):
     rig = make_rig(
-        ArbiterSettings.from_values({"readmit_ticks": 6, "fallbacks": ("nmpc", "third")})
+        SupervisorParameters.from_values({"readmit_ticks": 6, "fallbacks": ("nmpc", "third")})
     )
     rig.names = ["nmpc", "third"]
     rig.tolerated = {"third": ("torque",)}
@@ -278,7 +278,7 @@ def test_a_fallback_that_does_not_cope_with_a_lost_sensor_is_passed_over_at_a_st
 
 
 def test_who_was_active_is_waited_for_some_ticks(make_rig):
-    rig = make_rig(ArbiterSettings.from_values({"warm_ticks": 4})).run(20)
+    rig = make_rig(SupervisorParameters.from_values({"warm_ticks": 4})).run(20)
     rig.silent.add("decentral")
     rig.now_s += 5.0
     rig.stamp_ns += 50 * STEP_NS
@@ -394,7 +394,7 @@ def test_who_only_cannot_see_is_replaced_and_not_inhibited(rig, blind):
 
 @pytest.mark.requirement("S6")
 def test_a_fallback_that_refuses_or_is_missing_is_passed_over(make_rig):
-    rig = make_rig(ArbiterSettings.from_values({"fallbacks": ("nmpc", "third")}))
+    rig = make_rig(SupervisorParameters.from_values({"fallbacks": ("nmpc", "third")}))
     rig.names = ["decentral", "nmpc", "third"]
     rig.run(10)
     rig.spoil("decentral", healthy=False, reason=Reason.of("x"))
@@ -428,7 +428,9 @@ def test_in_lockstep_a_supervisor_that_was_held_up_itself_gives_no_more_time(mak
 
 def test_a_swap_storm_ends_when_the_swaps_are_long_ago(make_rig):
     rig = make_rig(
-        ArbiterSettings.from_values({"storm_swaps": 1, "storm_window_s": 3.0, "warm_ticks": 1})
+        SupervisorParameters.from_values(
+            {"storm_swaps": 1, "storm_window_s": 3.0, "warm_ticks": 1}
+        )
     ).run(5)
     rig.spoil("decentral", healthy=False, reason=Reason.of("x"))
     rig.run(1)
@@ -456,7 +458,7 @@ def test_a_swap_storm_ends_when_the_swaps_are_long_ago(make_rig):
 @pytest.mark.requirement("S12")
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_after_a_swap_force_and_speed_slew_to_the_new_controllers_values(make_rig, sign):
-    settings = ArbiterSettings.from_values(
+    settings = SupervisorParameters.from_values(
         {
             "force_transition_kn": 0.2,
             "speed_transition_rpm": 0.5,
@@ -485,7 +487,9 @@ def test_after_a_swap_force_and_speed_slew_to_the_new_controllers_values(make_ri
 
 @pytest.mark.requirement("S12")
 def test_the_slew_after_a_swap_ends_after_so_many_ticks(make_rig):
-    settings = ArbiterSettings.from_values({"force_transition_kn": 0.1, "transition_ticks": 3})
+    settings = SupervisorParameters.from_values(
+        {"force_transition_kn": 0.1, "transition_ticks": 3}
+    )
     rig = make_rig(settings).run(30)
     rig.edit["nmpc"] = lambda p: ProposalInput(
         p.stamp_ns,

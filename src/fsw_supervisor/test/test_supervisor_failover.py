@@ -9,8 +9,8 @@ from fsw_control.contract import Command
 from fsw_control.readiness import Lack
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.reports_ros import OK, WARN
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.reports_ros import diagnostics
-from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
 
 NAN = float("nan")
@@ -106,7 +106,7 @@ def test_a_stamp_from_the_future_answers_nothing(rig):
 
 @pytest.mark.requirement("S3", "S7")
 def test_no_controller_left_means_hold_then_safe_stop(make_rig):
-    rig = make_rig(ArbiterSettings.from_values({"hold_timeout_s": 2.0})).run(10)
+    rig = make_rig(SupervisorParameters.from_values({"hold_timeout_s": 2.0})).run(10)
     rig.silent |= {"decentral", "nmpc"}
     held = rig.arbiter.applied
     rig.run(1)
@@ -146,7 +146,7 @@ def test_the_failed_one_is_readmitted_after_good_shadow_ticks_and_not_before(rig
 
 
 def test_return_to_target_goes_back_by_itself_when_asked_for(make_rig):
-    rig = make_rig(ArbiterSettings.from_values({"return_to_target": True})).run(10)
+    rig = make_rig(SupervisorParameters.from_values({"return_to_target": True})).run(10)
     rig.silent.add("decentral")
     rig.run(1)
     rig.silent.clear()
@@ -175,7 +175,7 @@ def test_a_fallback_that_is_not_warm_is_not_taken(make_rig):
 
 
 def test_the_fallback_list_is_followed_in_order(make_rig):
-    rig = make_rig(ArbiterSettings.from_values({"fallbacks": ("third", "nmpc")}))
+    rig = make_rig(SupervisorParameters.from_values({"fallbacks": ("third", "nmpc")}))
     rig.names = ["decentral", "nmpc", "third"]
     rig.run(10)
     rig.silent.add("decentral")
@@ -192,7 +192,9 @@ def test_a_fallback_that_nobody_runs_is_told_unless_it_is_one_by_default(make_ri
     alone.run(5)
     status = diagnostics(alone.arbiter, 1, {}, (0.05, 0.1))[0]
     assert (status.level, status.code) == (OK, "several")
-    misspelt = make_rig(ArbiterSettings.from_values({"fallbacks": ("decentral", "nmcp")})).run(5)
+    misspelt = make_rig(
+        SupervisorParameters.from_values({"fallbacks": ("decentral", "nmcp")})
+    ).run(5)
     status = diagnostics(misspelt.arbiter, 1, {}, (0.05, 0.1))[0]
     assert status.level == WARN
     absent = next(one for one in status.what.data["facts"] if one.code == "absent")
@@ -200,7 +202,9 @@ def test_a_fallback_that_nobody_runs_is_told_unless_it_is_one_by_default(make_ri
 
 
 def test_switching_storms_end_in_hold(make_rig):
-    settings = ArbiterSettings.from_values({"storm_swaps": 3, "readmit_ticks": 1, "warm_ticks": 1})
+    settings = SupervisorParameters.from_values(
+        {"storm_swaps": 3, "readmit_ticks": 1, "warm_ticks": 1}
+    )
     rig = make_rig(settings).run(5)
     for count in range(4):
         failing = rig.arbiter.machine.active

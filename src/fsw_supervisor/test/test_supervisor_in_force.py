@@ -6,8 +6,8 @@ from fsw_control.contract import Command, Limits
 from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor.controller_registry import ControllerRegistry
 from fsw_supervisor.in_force import CommandInForce, CommandWatch, DriveOffset
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.safety_monitor import SafetyMonitor
-from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.start_up import StartUp
 from fsw_supervisor.state_machine import Machine
 from fsw_supervisor.tick import Decision, Outcome, ProposalInput, Tick, check, same
@@ -217,7 +217,9 @@ def test_where_the_command_or_the_drives_are_not_known_nothing_is_learnt(what):
 
 def new_start_up():
     """How control begins, with the command in force that it works on."""
-    settings = ArbiterSettings.from_values({"takeover_wait_s": 0.3, "first_report_wait_s": 1.5})
+    settings = SupervisorParameters.from_values(
+        {"takeover_wait_s": 0.3, "first_report_wait_s": 1.5}
+    )
     machine, in_force = Machine(settings), CommandInForce()
     registry = ControllerRegistry(machine, SafetyMonitor(machine), lockstep=False)
     registry.join("nmpc")

@@ -11,7 +11,6 @@ from fsw_supervisor.facts import Code, Fact
 from fsw_supervisor.in_force import CommandInForce
 from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.safety_monitor import Interlock, SafetyMonitor, interlocks_from
-from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Level, Machine, Mode
 from fsw_supervisor.tick import Tick
 
@@ -40,7 +39,7 @@ CASES = {
 @pytest.fixture
 def monitor():
     """A monitor with the default limits, which believes a level after 3 ticks."""
-    return SafetyMonitor(Machine(ArbiterSettings.from_values({})))
+    return SafetyMonitor(Machine(SupervisorParameters.from_values({})))
 
 
 def last_told(monitor):

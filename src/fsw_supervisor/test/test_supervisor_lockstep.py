@@ -3,7 +3,7 @@
 from fsw_control.contract import Command
 from fsw_control.readiness import Lack
 from fsw_supervisor.arbiter import Arbiter
-from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.tick import ProposalInput
 
 STEP_NS = 100_000_000
@@ -19,7 +19,7 @@ def begin(arbiter, stamp_ns, now_s):
 
 def started(settings=None):
     """An arbiter after its first tick, which waits for what the controllers tell."""
-    arbiter = Arbiter(settings or ArbiterSettings.from_values({}), lockstep=True)
+    arbiter = Arbiter(settings or SupervisorParameters.from_values({}), lockstep=True)
     begin(arbiter, STEP_NS, 9.0)
     assert (
         propose(arbiter, "nmpc", STEP_NS, 9.0) + propose(arbiter, "decentral", STEP_NS, 9.0) == []
@@ -36,7 +36,7 @@ def propose(arbiter, name, stamp_ns, now_s, change_kn=0.01):
 
 
 def test_a_slow_active_controller_is_waited_for():
-    arbiter = Arbiter(ArbiterSettings.from_values({}), lockstep=True)
+    arbiter = Arbiter(SupervisorParameters.from_values({}), lockstep=True)
     assert begin(arbiter, STEP_NS, 10.0) == []
     assert arbiter.on_time(11.0) == []
     assert [d.source for d in propose(arbiter, "decentral", STEP_NS, 11.3)] == ["decentral"]
@@ -104,7 +104,7 @@ def test_shadows_that_keep_up_are_waited_for_and_dead_ones_once():
 
 
 def test_with_no_shadow_wait_lagging_shadows_stay_warm():
-    arbiter = started(ArbiterSettings.from_values({"lockstep_shadow_wait_s": 0.0}))
+    arbiter = started(SupervisorParameters.from_values({"lockstep_shadow_wait_s": 0.0}))
     for count in range(2, 20):
         begin(arbiter, count * STEP_NS, 10.0)
         assert len(propose(arbiter, "decentral", count * STEP_NS, 10.0, change_kn=0.0)) == 1
@@ -117,7 +117,7 @@ def test_with_no_shadow_wait_lagging_shadows_stay_warm():
 def test_the_applied_commands_do_not_depend_on_the_shadows_timing():
     runs = []
     for delay in (0.0, 0.3, 0.9):
-        arbiter = Arbiter(ArbiterSettings.from_values({}), lockstep=True)
+        arbiter = Arbiter(SupervisorParameters.from_values({}), lockstep=True)
         commands = []
         for count in range(1, 30):
             now_s = 10.0 + 2.0 * count
@@ -143,7 +143,7 @@ def test_a_tick_that_the_plant_sends_again_is_answered_again():
 
 
 def test_simulated_time_that_starts_anew_is_followed():
-    arbiter = Arbiter(ArbiterSettings.from_values({}), lockstep=True)
+    arbiter = Arbiter(SupervisorParameters.from_values({}), lockstep=True)
     for count in (100, 101, 102, 1, 2, 3):
         begin(arbiter, count * STEP_NS, 10.0)
         out = propose(arbiter, "decentral", count * STEP_NS, 10.0) + arbiter.on_time(10.4)

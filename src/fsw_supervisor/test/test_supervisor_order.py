@@ -6,7 +6,7 @@ import pytest
 
 from fsw_control.contract import Command
 from fsw_supervisor.arbiter import Arbiter
-from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.tick import ProposalInput
 
 STEP_NS = 100_000_000
@@ -19,7 +19,7 @@ class Ticks:
 
     def __init__(self):
         self.arbiter = Arbiter(
-            ArbiterSettings.from_values(
+            SupervisorParameters.from_values(
                 {"warm_ticks": 3, "takeover_wait_s": 0.0, "first_report_wait_s": 0.0}
             )
         )

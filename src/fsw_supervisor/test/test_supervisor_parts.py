@@ -17,7 +17,6 @@ from fsw_supervisor.in_force import DriveOffset
 from fsw_supervisor.operator_requests import SwitchRequest
 from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.safety_monitor import SafetyMonitor
-from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import TRANSITIONS, Level, Machine, Mode, next_mode
 from fsw_supervisor.tick import ProposalInput, check
 
@@ -38,10 +37,10 @@ def drawing():
 
 
 def test_what_is_left_out_has_the_shipped_value():
-    shipped = ArbiterSettings.from_values(defaults(SupervisorParameters))
-    assert ArbiterSettings.from_values({"warm_ticks": 7}) == replace(shipped, warm_ticks=7)
+    shipped = SupervisorParameters.from_values(defaults(SupervisorParameters))
+    assert SupervisorParameters.from_values({"warm_ticks": 7}) == shipped.changed(warm_ticks=7)
     with pytest.raises(InputError, match="warm"):
-        ArbiterSettings.from_values({"warm": 7})
+        SupervisorParameters.from_values({"warm": 7})
 
 
 @pytest.mark.parametrize(
@@ -129,7 +128,7 @@ def test_the_diagram_needs_its_marks(drawing, tmp_path):
 
 
 def test_events_that_nobody_takes_do_not_fill_the_memory():
-    machine = Machine(ArbiterSettings.from_values({}))
+    machine = Machine(SupervisorParameters.from_values({}))
     for count in range(1000):
         machine.log(Level.INFO, "a", Code.STALLED, time_s=count)
     assert machine.events[-1].fact.data == {"time_s": 999}
@@ -147,14 +146,14 @@ def test_only_the_first_answer_to_a_request_counts():
 
 
 def test_new_interlock_limits_hold_at_once():
-    values = defaults(SupervisorParameters)
     changes = {
         "persistence_s": 0.2,
         "temperature_high.warn": 840.0,
         "temperature_high.trip": 845.0,
     }
-    safety = SafetyMonitor(Machine(ArbiterSettings.from_values({})))
-    safety.configure(values | {f"interlocks.{key}": value for key, value in changes.items()})
+    safety = SafetyMonitor(Machine(SupervisorParameters()))
+    values = {f"interlocks.{key}": value for key, value in changes.items()}
+    safety.configure(SupervisorParameters.from_values(values))
     for _ in range(2):
         safety.watch({"temperature_c": 850.0})
     assert safety.tripped == ("temperature_high",)

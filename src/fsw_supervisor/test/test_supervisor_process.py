@@ -7,8 +7,8 @@ import pytest
 
 from fsw_control.cause import Cause, Severity
 from fsw_control.reason import Reason, ReasonCode
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.safety_monitor import Interlock, SafetyMonitor
-from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Machine, Mode
 
 NAN = math.nan
@@ -48,7 +48,7 @@ def test_a_controller_that_does_not_cope_gives_way_to_one_that_does(make_rig, fa
 
 @pytest.mark.requirement("S7")
 def test_nobody_copes_means_hold_then_safe_stop(make_rig):
-    rig = make_rig(ArbiterSettings.from_values({"hold_timeout_s": 1.0})).run(10)
+    rig = make_rig(SupervisorParameters.from_values({"hold_timeout_s": 1.0})).run(10)
     rig.values["torque"] = NAN
     rig.run(6)
     assert rig.last.source == "hold"
@@ -153,7 +153,7 @@ def test_a_spike_trips_nothing(rig):
 @pytest.fixture
 def monitor():
     """A monitor with the default limits, which believes a level after 3 ticks."""
-    return SafetyMonitor(Machine(ArbiterSettings.from_values({})))
+    return SafetyMonitor(Machine(SupervisorParameters.from_values({})))
 
 
 def test_hysteresis_of_warning_and_trip(monitor):

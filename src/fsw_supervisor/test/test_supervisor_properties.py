@@ -11,13 +11,11 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from fsw_control.contract import Command
-from fsw_control.parameters import defaults
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.sensors import REQUIRED
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.facts import Code
 from fsw_supervisor.parameters import SupervisorParameters
-from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import Decision, ProposalInput
 
@@ -76,12 +74,10 @@ class ArbiterMachine(RuleBasedStateMachine):
     def start(self, transition, lockstep, returning, storm, warm, drives, persistence):
         """Make an arbiter with some settings."""
         drawn = {"force_transition_kn": transition, "return_to_target": returning}
-        self.settings = ArbiterSettings.from_values(
-            SETTINGS | drawn | {"storm_swaps": storm, "warm_ticks": warm}
-        )
+        drawn |= {"storm_swaps": storm, "warm_ticks": warm}
+        drawn["interlocks.persistence_s"] = persistence
+        self.settings = SupervisorParameters.from_values(SETTINGS | drawn)
         self.arbiter = Arbiter(self.settings, lockstep=lockstep)
-        values = defaults(SupervisorParameters)
-        self.arbiter.safety.configure(values | {"interlocks.persistence_s": persistence})
         self.drives = Command(78.4, 407.5) if drives else None
         self.now_s = 50.0
         self.stamp_ns = 10**12
@@ -190,7 +186,7 @@ class ArbiterMachine(RuleBasedStateMachine):
             self.arbiter.on_command(decision.stamp_ns, decision.source, decision.command)
 
     def _check(self, decision):
-        command, limits = decision.command, self.settings.limits
+        command, limits = decision.command, self.settings.drive_limits
         assert math.isfinite(command.force_kn)
         assert math.isfinite(command.speed_rpm)
         assert limits.force_min_kn <= command.force_kn <= limits.force_max_kn
@@ -224,7 +220,7 @@ class ArbiterMachine(RuleBasedStateMachine):
             )
 
     def _in_rate(self, command, start):
-        limits = self.settings.limits
+        limits = self.settings.drive_limits
         return (
             abs(command.force_kn - start.force_kn) <= limits.force_step_kn + 1e-9
             and abs(command.speed_rpm - start.speed_rpm) <= limits.speed_step_rpm + 1e-9

@@ -9,7 +9,7 @@ from fsw_control.command_check import Flaw
 from fsw_control.contract import Command
 from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor.facts import Answer, Code
-from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.state_machine import Mode
 
 
@@ -220,7 +220,7 @@ def test_a_strict_request_is_refused_at_the_tick_at_which_the_controller_is_not_
 
 @pytest.mark.parametrize("interval_s", [0.3, 0.6])
 def test_swaps_of_the_operator_keep_the_interval_that_is_set(make_rig, interval_s):
-    rig = make_rig(ArbiterSettings.from_values({"switch_interval_s": interval_s})).run(10)
+    rig = make_rig(SupervisorParameters.from_values({"switch_interval_s": interval_s})).run(10)
     assert not ask(rig).done
     rig.run(1)
     for elapsed in range(round(interval_s / 0.1)):

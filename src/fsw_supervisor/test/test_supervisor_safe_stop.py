@@ -6,12 +6,10 @@ import pytest
 
 from fsw_control.cause import Cause, Severity
 from fsw_control.contract import Command
-from fsw_control.parameters import defaults
 from fsw_control.reason import Reason
 from fsw_control.stop import StopCause
 from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.safety_monitor import SafetyMonitor
-from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import OPERATOR_TRIGGERS, Machine, Mode
 
 HOT, GOOD, NAN = 930.0, 850.0, math.nan
@@ -63,7 +61,7 @@ def test_no_mode_leads_out_while_the_cause_is_there(rig, mode):
 @pytest.mark.parametrize("mode", OUT)
 @pytest.mark.parametrize("why", ["interlock", "operator", "time-out"])
 def test_every_safe_stop_is_left_only_after_an_acknowledgement(make_rig, mode, why):
-    rig = make_rig(ArbiterSettings.from_values({"hold_timeout_s": 1.0})).run(10)
+    rig = make_rig(SupervisorParameters.from_values({"hold_timeout_s": 1.0})).run(10)
     if why == "interlock":
         cool(stop_by_heat(rig))
     elif why == "operator":
@@ -231,7 +229,7 @@ def test_a_standby_that_sees_a_cause_stays_in_the_safe_stop_whatever_the_leader_
 @pytest.mark.parametrize("mode", list(Mode))
 @pytest.mark.parametrize("trigger", list(Cause))
 def test_no_trigger_leads_out_of_a_safe_stop_that_is_not_acknowledged(mode, trigger):
-    machine = Machine(ArbiterSettings.from_values({}))
+    machine = Machine(SupervisorParameters.from_values({}))
     machine.mode = mode
     machine.register.stop(StopCause.OPERATOR, "operator", 0)
     machine.fire(Cause.OPERATOR_SAFE_STOP, Reason(), "operator")
@@ -246,7 +244,7 @@ def test_no_trigger_leads_out_of_a_safe_stop_that_is_not_acknowledged(mode, trig
 @pytest.mark.requirement("S27")
 def test_a_hold_of_the_operator_ends_in_a_safe_stop_unless_it_is_renewed(make_rig):
     rig = make_rig(
-        ArbiterSettings.from_values({"operator_hold_timeout_s": 2.0, "hold_timeout_s": 0.5})
+        SupervisorParameters.from_values({"operator_hold_timeout_s": 2.0, "hold_timeout_s": 0.5})
     ).run(10)
     ask(rig, "hold")
     rig.run(18)
@@ -259,7 +257,7 @@ def test_a_hold_of_the_operator_ends_in_a_safe_stop_unless_it_is_renewed(make_ri
 
 @pytest.mark.requirement("S27")
 def test_a_start_without_a_controller_ends_in_a_safe_stop(make_rig):
-    rig = make_rig(ArbiterSettings.from_values({"start_timeout_s": 2.0}))
+    rig = make_rig(SupervisorParameters.from_values({"start_timeout_s": 2.0}))
     rig.names = []
     for _ in range(19):
         rig.tick()
@@ -273,7 +271,7 @@ def test_a_start_without_a_controller_ends_in_a_safe_stop(make_rig):
 @pytest.fixture
 def monitor():
     """A monitor with the default limits, which believes a level after 3 ticks."""
-    return SafetyMonitor(Machine(ArbiterSettings.from_values({})))
+    return SafetyMonitor(Machine(SupervisorParameters.from_values({})))
 
 
 @pytest.mark.requirement("S26")
@@ -300,7 +298,7 @@ def test_a_level_is_believed_after_as_many_values_at_it_or_worse(monitor, values
 def test_more_persistence_clears_no_trip(monitor):
     for _ in range(3):
         monitor.watch({"temperature_c": 911.0})
-    monitor.configure(defaults(SupervisorParameters) | {"interlocks.persistence_s": 5.0})
+    monitor.configure(SupervisorParameters.from_values({"interlocks.persistence_s": 5.0}))
     monitor.watch({"temperature_c": 911.0})
     assert monitor.tripped == ("temperature_high",)
 
@@ -458,7 +456,7 @@ def test_what_others_have_seen_stops_nothing_once_a_command_was_sent(rig):
 @pytest.mark.requirement("S27")
 @pytest.mark.parametrize("sensor", ["depth", "torque", "thermocouple"])
 def test_a_blind_manual_mode_ends_in_a_safe_stop(make_rig, sensor):
-    rig = make_rig(ArbiterSettings.from_values({"operator_hold_timeout_s": 2.0})).run(10)
+    rig = make_rig(SupervisorParameters.from_values({"operator_hold_timeout_s": 2.0})).run(10)
     good = dict(rig.values)
     assert ask(rig, "manual")[0]
     rig.run(30)

@@ -13,7 +13,6 @@ from fsw_control.parameters import defaults
 from fsw_control.sensors import REQUIRED
 from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.safety_monitor import Blindness, SafetyMonitor
-from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Machine, Mode
 from fsw_supervisor.tick import Tick
 
@@ -71,7 +70,7 @@ def test_a_worse_value_stops_no_later(rig, sensor, value, interlock):
 @pytest.mark.requirement("S36")
 @given(st.floats(1600.0), st.lists(st.sampled_from([NAN, None]), min_size=0, max_size=2))
 def test_a_value_beyond_the_trip_stops_whatever_is_missing_between(value, between):
-    machine, count = Machine(ArbiterSettings.from_values({})), itertools.count(1)
+    machine, count = Machine(SupervisorParameters.from_values({})), itertools.count(1)
     monitor = SafetyMonitor(machine)
 
     def show(torque):

@@ -17,7 +17,7 @@ from fsw_control.reason import Reason
 from fsw_control.sensors import REQUIRED
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.failover import Failover, Role
-from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import ProposalInput
 
@@ -66,7 +66,7 @@ class World:
     """Plant with its fence, controllers and wires; obeys the first command of each stamp, as the plant does."""
 
     def __init__(self, settings=None):
-        self.settings = settings if settings is not None else ArbiterSettings.from_values({})
+        self.settings = settings if settings is not None else SupervisorParameters.from_values({})
         self.now_s = 100.0
         self.stamp_ns = 10**12
         self.acting = Command(78.4, 407.5)
@@ -464,7 +464,7 @@ steps = st.lists(
 @given(steps=steps, takeover_ticks=st.integers(1, 3))
 @hypothesis_settings(deadline=None)
 def test_whatever_stops_and_goes_on_one_leads_in_the_end_without_a_bump(steps, takeover_ticks):
-    world = World(ArbiterSettings.from_values({"takeover_ticks": takeover_ticks}))
+    world = World(SupervisorParameters.from_values({"takeover_ticks": takeover_ticks}))
     world.add("a")
     world.tick(3)
     world.add("b", standby=True)

@@ -6,7 +6,7 @@ from fsw_control.contract import Command
 from fsw_control.fence import ActuatorState
 from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor.arbiter import Arbiter
-from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import ProposalInput
 
@@ -264,7 +264,7 @@ def test_a_repeated_copy_of_an_own_command_is_foreign(rig):
 
 
 def test_a_babbling_graph_does_not_fill_the_memory():
-    arbiter = Arbiter(ArbiterSettings.from_values({}))
+    arbiter = Arbiter(SupervisorParameters.from_values({}))
     for count in range(1000):
         arbiter.on_proposal(f"c{count}", ProposalInput(0, f"c{count}", Command(78.0, 400.0)), 0.0)
     assert len(list(arbiter.registry)) == 32

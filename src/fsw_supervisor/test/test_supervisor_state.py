@@ -7,7 +7,7 @@ from fsw_control.contract import Command
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.stop import Stop
 from fsw_supervisor.facts import Code, Fact
-from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.state_machine import (
     TRANSITIONS,
     Event,
@@ -23,7 +23,7 @@ from fsw_supervisor.state_machine import (
 def machine():
     """A machine at tick 1, before its first transition."""
     machine = Machine(
-        ArbiterSettings.from_values(
+        SupervisorParameters.from_values(
             {"transition_ticks": 7, "storm_swaps": 2, "storm_window_s": 1.0}
         )
     )
@@ -38,7 +38,7 @@ def ticks(machine, count):
 
 
 def test_it_begins_in_start_with_what_is_configured():
-    machine = Machine(ArbiterSettings.from_values({"controller": "nmpc"}))
+    machine = Machine(SupervisorParameters.from_values({"controller": "nmpc"}))
     assert (machine.mode, machine.target_mode, machine.active, machine.target) == (
         Mode.START,
         Mode.AUTO,
@@ -155,7 +155,7 @@ def test_coming_back_from_hold_counts_as_an_automatic_swap_and_starting_does_not
 
 
 def test_without_a_limit_there_is_no_storm():
-    machine = Machine(ArbiterSettings.from_values({"storm_swaps": 0}))
+    machine = Machine(SupervisorParameters.from_values({"storm_swaps": 0}))
     machine.fire(Cause.READY, Reason(), "start", "a")
     assert not machine.storming()
     machine.swap("b", Cause.SWAP_FAILED, Reason(), "failover")
@@ -279,7 +279,7 @@ def test_takeovers_again_and_again_leave_the_reason_as_it_is(machine):
 )
 def test_settings_at_the_edge_of_what_makes_no_sense_are_refused(values, words):
     with pytest.raises(ValueError, match=words):
-        ArbiterSettings.from_values(values)
+        SupervisorParameters.from_values(values)
 
 
 @pytest.mark.parametrize(
@@ -292,7 +292,7 @@ def test_settings_at_the_edge_of_what_makes_no_sense_are_refused(values, words):
     ],
 )
 def test_settings_at_the_edge_of_what_makes_sense_are_taken(values):
-    settings = ArbiterSettings.from_values(values)
+    settings = SupervisorParameters.from_values(values)
     assert {name: getattr(settings, name) for name in values} == values
 
 
@@ -304,14 +304,14 @@ def test_limits_that_are_set_are_the_ones_that_hold():
         "speed_max_rpm": 490.0,
     }
     values |= {"force_step_kn": 2.0, "speed_step_rpm": 4.0}
-    limits = ArbiterSettings.from_values(
+    limits = SupervisorParameters.from_values(
         {f"limits.{name}": value for name, value in values.items()}
-    ).limits
+    ).drive_limits
     assert {name: getattr(limits, name) for name in values} == values
     assert limits.clip(Command(0.0, 0.0), None) == Command(61.0, 310.0)
 
 
 def test_a_leader_is_given_time_to_decide_before_its_tick_counts_as_unanswered():
-    settings = ArbiterSettings.from_values({"deadline_s": 0.06, "lockstep_deadline_s": 2.0})
+    settings = SupervisorParameters.from_values({"deadline_s": 0.06, "lockstep_deadline_s": 2.0})
     assert settings.takeover_s(lockstep=False) == pytest.approx(0.09)
     assert settings.takeover_s(lockstep=True) == pytest.approx(4.0)

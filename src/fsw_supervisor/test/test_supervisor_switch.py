@@ -10,7 +10,7 @@ from fsw_control.contract import Command
 from fsw_control.readiness import Lack, Readiness
 from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor.facts import Answer, Code, Fact
-from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.state_machine import Mode
 
 
@@ -159,7 +159,7 @@ def test_a_third_controller_that_joins_later_can_be_selected(rig):
 @pytest.mark.requirement("S12")
 def test_after_a_swap_the_output_slews_within_the_transition_limit(make_rig):
     rig = make_rig(
-        ArbiterSettings.from_values({"force_transition_kn": 0.1, "speed_transition_rpm": 0.5})
+        SupervisorParameters.from_values({"force_transition_kn": 0.1, "speed_transition_rpm": 0.5})
     ).run(10)
     rig.edit["nmpc"] = lambda p: replace(
         p, command=Command(min(p.command.force_kn + 0.8, 80.0), p.command.speed_rpm)

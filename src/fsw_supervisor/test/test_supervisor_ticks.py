@@ -11,7 +11,6 @@ from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor import ticks
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.parameters import SupervisorParameters
-from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import Decision, ProposalInput
 
@@ -32,9 +31,9 @@ def samples(rig, stamp_ns, now_s):
 
 
 def test_new_settings_hold_from_the_next_tick_on(rig):
-    shipped = defaults(SupervisorParameters)
-    rig.arbiter.configure(shipped | {"storm_swaps": 0, "interlocks.temperature_high.trip": 905.0})
-    assert rig.arbiter.settings == ArbiterSettings.from_values(shipped | {"storm_swaps": 0})
+    changed = {"storm_swaps": 0, "interlocks.temperature_high.trip": 905.0}
+    rig.arbiter.configure(SupervisorParameters.from_values(changed))
+    assert rig.arbiter.settings.storm_swaps == 0
     for rig.values["thermocouple"] in (880.0, 906.0):
         rig.run(10)
     assert rig.arbiter.safety.tripped == ("temperature_high",)
@@ -101,7 +100,7 @@ def test_that_no_measurement_comes_is_told_once_unless_the_plant_waits(make_rig,
 
 
 def test_before_the_first_measurement_nothing_is_measured_or_waited_for():
-    arbiter = Arbiter(ArbiterSettings.from_values({}))
+    arbiter = Arbiter(SupervisorParameters.from_values({}))
     assert arbiter.on_time(50.0) == []
     assert not arbiter.ticks.measuring
     assert arbiter.wakeup_s is None
@@ -195,7 +194,7 @@ def test_it_is_woken_at_the_end_of_the_grace_and_at_the_deadline(rig):
 
 def test_in_lockstep_it_is_woken_for_the_shadows_and_at_the_start_for_the_controllers(make_rig):
     rig = make_rig(
-        ArbiterSettings.from_values({"takeover_wait_s": 0.2, "first_report_wait_s": 0.0}),
+        SupervisorParameters.from_values({"takeover_wait_s": 0.2, "first_report_wait_s": 0.0}),
         lockstep=True,
     )
     begun_s, woken = rig.now_s, []
@@ -220,7 +219,7 @@ def test_each_time_out_is_told_with_the_mode_and_the_reason(make_rig, mode):
         "takeover_wait_s": 0.0,
         "first_report_wait_s": 0.0,
     }
-    rig = make_rig(ArbiterSettings.from_values(values))
+    rig = make_rig(SupervisorParameters.from_values(values))
     desk, machine = rig.arbiter.operator, rig.arbiter.machine
     if mode == "start":
         rig.names = []
@@ -264,7 +263,7 @@ def test_each_time_out_is_told_with_the_mode_and_the_reason(make_rig, mode):
 
 def test_auto_never_times_out(make_rig):
     rig = make_rig(
-        ArbiterSettings.from_values({"hold_timeout_s": 1.0, "start_timeout_s": 1.0})
+        SupervisorParameters.from_values({"hold_timeout_s": 1.0, "start_timeout_s": 1.0})
     ).run(50)
     assert rig.last.source == "decentral"
 
@@ -300,7 +299,7 @@ def test_the_target_is_not_returned_to_while_something_speaks_against_it(make_ri
         "storm_window_s": 5.0,
     }
     rig = make_rig(
-        ArbiterSettings.from_values(values | {"storm_swaps": 1 if why == "storm" else 0})
+        SupervisorParameters.from_values(values | {"storm_swaps": 1 if why == "storm" else 0})
     )
     rig.names.append("third")
     rig.run(10)
@@ -322,7 +321,7 @@ def test_the_target_is_not_returned_to_while_something_speaks_against_it(make_ri
 
 def test_the_return_to_the_target_is_told_and_counts_as_an_automatic_swap(make_rig):
     values = {"return_to_target": True, "readmit_ticks": 3, "warm_ticks": 2, "storm_swaps": 2}
-    rig = make_rig(ArbiterSettings.from_values(values)).run(10)
+    rig = make_rig(SupervisorParameters.from_values(values)).run(10)
     rig.silent.add("decentral")
     rig.run(1)
     rig.silent.clear()
@@ -368,14 +367,14 @@ def test_in_lockstep_a_measurement_that_is_not_answered_yet_is_answered_once(mak
 @pytest.fixture
 def standby():
     """A standby before its first measurement."""
-    arbiter = Arbiter(ArbiterSettings.from_values({}))
+    arbiter = Arbiter(SupervisorParameters.from_values({}))
     arbiter.ticks.leading = False
     return arbiter
 
 
 def test_a_standby_knows_what_the_leader_has_commanded_last(standby):
     standby.follow(STEP_NS, "nmpc", Command(200.0, 400.0))
-    limited = Command(standby.settings.limits.force_max_kn, 400.0)
+    limited = Command(standby.settings.drive_limits.force_max_kn, 400.0)
     assert standby.ticks.last == Decision(STEP_NS, limited, "nmpc")
     assert standby.applied == limited
     assert (standby.machine.mode, standby.machine.active) == (Mode.AUTO, "nmpc")
@@ -398,7 +397,7 @@ def test_an_answer_to_the_present_tick_settles_it_and_an_older_one_is_what_it_st
 
 
 def test_in_lockstep_a_standby_gives_slow_controllers_as_much_time_as_the_leader():
-    arbiter = Arbiter(ArbiterSettings.from_values({}), lockstep=True)
+    arbiter = Arbiter(SupervisorParameters.from_values({}), lockstep=True)
     arbiter.ticks.leading = False
     arbiter.on_drives(10**12, Command(80.0, 410.0), 50.0)
     for sensor, value in {"depth": 2.66, "torque": 1052.0, "thermocouple": 850.0}.items():

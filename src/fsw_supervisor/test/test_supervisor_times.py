@@ -7,8 +7,8 @@ import pytest
 from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_control.reason import Reason
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.safety_monitor import Persistence
-from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Machine, Mode
 
 SECOND_NS = 1_000_000_000
@@ -83,7 +83,7 @@ def test_hold_ends_after_its_time_limit(make_rig, period_s):
 @pytest.mark.requirement("S7")
 @pytest.mark.parametrize("period_s", PERIODS_S)
 def test_blind_manual_mode_ends_after_its_time_limit(make_rig, period_s):
-    rig = make_rig(ArbiterSettings.from_values({"operator_hold_timeout_s": 20.0})).run(10)
+    rig = make_rig(SupervisorParameters.from_values({"operator_hold_timeout_s": 20.0})).run(10)
     rig.arbiter.operator.ask_mode("manual", Command(78.4, 407.5), "operator")
     rig.values["depth"] = float("nan")
     machine = rig.arbiter.machine
@@ -96,7 +96,7 @@ def test_blind_manual_mode_ends_after_its_time_limit(make_rig, period_s):
 @pytest.mark.requirement("S7")
 @pytest.mark.parametrize("period_s", PERIODS_S)
 def test_start_without_a_controller_ends_after_its_time_limit(make_rig, period_s):
-    rig = make_rig(ArbiterSettings.from_values({"start_timeout_s": 20.0}))
+    rig = make_rig(SupervisorParameters.from_values({"start_timeout_s": 20.0}))
     rig.names = []
     machine, begin_s = rig.arbiter.machine, rig.now_s
     while machine.mode is Mode.START:
@@ -114,7 +114,7 @@ def test_safe_stop_ramps_at_its_rate_as_far_as_the_move_limit_permits(rig, perio
     assert seconds_until(rig, period_s, lambda: rig.last.command.force_kn <= 65.0) <= longest_s
     forces_kn = [decision.command.force_kn for tick in rig.ticks for decision in tick]
     moves_kn = [before - after for before, after in pairwise(forces_kn)]
-    assert max(moves_kn) <= rig.arbiter.settings.limits.force_step_kn + 1e-9
+    assert max(moves_kn) <= rig.arbiter.settings.drive_limits.force_step_kn + 1e-9
 
 
 def test_at_every_tick_the_ramp_moves_by_exactly_one_period(rig):
@@ -171,7 +171,7 @@ def test_persistence_is_a_time_in_at_least_two_values(elapsed_s, limit_s, values
 
 @pytest.mark.parametrize("period_s", PERIODS_S)
 def test_storm_window_is_a_time(period_s):
-    machine = Machine(ArbiterSettings.from_values({"storm_swaps": 1, "storm_window_s": 9.0}))
+    machine = Machine(SupervisorParameters.from_values({"storm_swaps": 1, "storm_window_s": 9.0}))
     machine.advance(1, 1 * SECOND_NS)
     machine.fire(Cause.READY, Reason(), "start", "a")
     machine.swap("b", Cause.SWAP_FAILED, Reason(), "failover")
@@ -185,7 +185,7 @@ def test_storm_window_is_a_time(period_s):
 
 @pytest.mark.parametrize("period_s", [0.3, 0.9])
 def test_interval_between_swaps_is_a_time(make_rig, period_s):
-    rig = make_rig(ArbiterSettings.from_values({"switch_interval_s": 1.8})).run(10)
+    rig = make_rig(SupervisorParameters.from_values({"switch_interval_s": 1.8})).run(10)
     rig.arbiter.operator.ask_switch("nmpc", True, 0.0, "operator", rig.now_s)
     slow_tick(rig, period_s)
     assert rig.last.source == "nmpc"
@@ -216,7 +216,7 @@ def test_time_outs_of_lockstep_do_not_depend_on_the_wall_clock(make_rig):
     """The same stamps at another pace lead to the same commands."""
     runs = []
     for pace_s in (0.0, 0.37, 3.1):
-        rig = make_rig(ArbiterSettings.from_values({"hold_timeout_s": 2.0}), lockstep=True)
+        rig = make_rig(SupervisorParameters.from_values({"hold_timeout_s": 2.0}), lockstep=True)
         commands = [lockstep_tick(rig, pace_s=pace_s) for _ in range(10)]
         rig.silent |= set(rig.names)
         commands += [lockstep_tick(rig, pace_s=pace_s) for _ in range(60)]
@@ -227,7 +227,7 @@ def test_time_outs_of_lockstep_do_not_depend_on_the_wall_clock(make_rig):
 
 @pytest.mark.requirement("S7")
 def test_a_hold_requested_in_a_pause_has_its_whole_time(make_rig):
-    rig = make_rig(ArbiterSettings.from_values({"operator_hold_timeout_s": 5.0})).run(10)
+    rig = make_rig(SupervisorParameters.from_values({"operator_hold_timeout_s": 5.0})).run(10)
     rig.now_s += 60.0
     rig.stamp_ns += 60 * SECOND_NS
     rig.arbiter.on_time(rig.now_s)

@@ -31,7 +31,7 @@ PLC_LINKS = ("well", "lost", "deaf", "mute", "slow")
 _FLIGHT_S, _SLOW_S, _TIMEOUT_S = 0.002, 0.15, 0.4
 #: what a machine moves by itself and is not noticed: within a move, or, by the gateway, within a
 #: node's rounding [kN]
-_MOVE_KN = SETTINGS.limits.force_step_kn
+_MOVE_KN = SETTINGS.drive_limits.force_step_kn
 _ROUNDED_KN = 0.6 * _MOVE_KN
 
 
@@ -80,7 +80,7 @@ class PlantEnd(ActuatorEnd):
     def begin(self) -> None:
         """Begin as a fresh process: force and speed stay as they are."""
         self.watchdog, self.stamps = Watchdog(CONFIG), TickStamps()
-        self.gate = CommandGate(SETTINGS.limits, 0.5)
+        self.gate = CommandGate(SETTINGS.drive_limits, 0.5)
         self._stamp_ns: int | None = None
         self._stepped_s = self.world.now_s
         self._restart(Fence())
@@ -121,7 +121,7 @@ class PlantEnd(ActuatorEnd):
         if not refused:
             refused = self.gate.check(command, stamp_ns, source, True, self._stamp_ns)
         if not refused:
-            before, self.applied = self.applied, SETTINGS.limits.clip(command, None)
+            before, self.applied = self.applied, SETTINGS.drive_limits.clip(command, None)
             self.watchdog.feed()
             self.fence.take(source, stamp_ns)
             late = round(((self._stamp_ns or stamp_ns) - stamp_ns) / TICK_NS)

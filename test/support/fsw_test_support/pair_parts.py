@@ -22,7 +22,7 @@ from fsw_supervisor.failover import Failover, Role
 from fsw_supervisor.state_machine import Mode, Standing
 from fsw_supervisor.tick import Decision, ProposalInput
 from fsw_test_support.pair_rules import SWITCH_S, Request
-from fsw_test_support.pair_settings import HOME, NAMES, SETTINGS, VALUES
+from fsw_test_support.pair_settings import HOME, NAMES, SETTINGS
 from fsw_test_support.supervisor_pair import SUPERVISORS, Process, World
 
 _HOUSEKEEPING_S, _REPEAT_S, _REPORT_S = 0.2, 1.0, 1.0
@@ -75,7 +75,6 @@ class Supervisor(Holder):
         """Begin as a fresh process with an identity of its own."""
         now_s = self.world.now_s
         self.arbiter = Arbiter(SETTINGS)
-        self.arbiter.configure(VALUES)
         self.identity = f"{self.name}{self.life}"
         self.failover = Failover(self.arbiter, self.identity, self._standby, now_s)
         self.register = self.arbiter.machine.register
@@ -339,7 +338,7 @@ class Controllers(Process):
     def propose(self, stamp_ns: int) -> None:
         """Send the proposals."""
         latest = self.applied.latest
-        command = SETTINGS.limits.clip(Command(self.wish_kn, HOME.speed_rpm), latest.command)
+        command = SETTINGS.drive_limits.clip(Command(self.wish_kn, HOME.speed_rpm), latest.command)
         for name in NAMES:
             self.world.broadcast(
                 self.name, SUPERVISORS, "on_proposal", name, stamp_ns, command, latest.source

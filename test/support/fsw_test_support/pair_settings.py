@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from fsw_control.parameters import defaults
 from fsw_plant.config import PlantConfig
 from fsw_supervisor.parameters import SupervisorParameters
-from fsw_supervisor.settings import ArbiterSettings
 from fsw_test_support.short_times import HOME, NAMES, SUPERVISOR, TORQUE_NM_PER_KN
 
 __all__ = [
@@ -16,7 +14,6 @@ __all__ = [
     "SETTINGS",
     "TORQUE_NM",
     "TORQUE_NM_PER_KN",
-    "VALUES",
 ]
 
 #: what the sensors show [mm, N m]; the temperature is the world's
@@ -29,6 +26,5 @@ _SUPERVISOR = SUPERVISOR | {
 _PLANT = {
     "watchdog": {"timeout_s": 0.5, "hold_s": 0.5, "safe_force_kn": 70.0, "safe_rate_kn_per_s": 4.0}
 }
-SETTINGS = ArbiterSettings.from_values(_SUPERVISOR)
-VALUES = defaults(SupervisorParameters) | _SUPERVISOR
+SETTINGS = SupervisorParameters.from_values(_SUPERVISOR)
 CONFIG = PlantConfig.from_values(_PLANT)

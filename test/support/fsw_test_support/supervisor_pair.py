@@ -103,7 +103,7 @@ class World:
         self.links: dict[tuple[str, str], str] = {}
         self.temperature_c = 885.0
         self.slowest_s = 0.0  #: time until control was back
-        self.rules = PairRules(SETTINGS.limits)
+        self.rules = PairRules(SETTINGS.drive_limits)
         self.answers: list[
             Any
         ] = []  #: requests of operators, in the order in which they were answered

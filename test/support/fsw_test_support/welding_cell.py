@@ -17,7 +17,6 @@ from fsw_control import weld
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command
 from fsw_control.fence import Signature
-from fsw_control.parameters import defaults
 from fsw_control.sensors import REQUIRED
 from fsw_control.units import NANOSECONDS
 from fsw_control.validity import Frozen, sensor_limits
@@ -27,7 +26,6 @@ from fsw_plant import PlantConfig
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.safety_monitor import interlocks_from
-from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import GAP_S, Decision, ProposalInput
 from fsw_test_support.plc import MACHINE, Plc, new_gateway
@@ -65,6 +63,7 @@ _SUPERVISOR = SUPERVISOR | {
     "operator_hold_timeout_s": 0.6,
     "storm_swaps": 3,
     "storm_window_s": 1.0,
+    "validity.frozen_samples": 0,
 }
 _PLANT = {
     "watchdog": {
@@ -74,21 +73,20 @@ _PLANT = {
         "safe_rate_kn_per_s": 20.0,
     }
 }
-SETTINGS = ArbiterSettings.from_values(_SUPERVISOR)
-_VALUES = defaults(SupervisorParameters) | _SUPERVISOR | {"validity.frozen_samples": 0}
+SETTINGS = SupervisorParameters.from_values(_SUPERVISOR)
 #: after this, to the nearest tick, a manual mode without a valid sensor ends
 _BLIND_S = SETTINGS.operator_hold_timeout_s - SETTINGS.tick_period_s / 2.0
 _BLIND_TICKS = round(SETTINGS.operator_hold_timeout_s / SETTINGS.tick_period_s)
 #: ticks after which a level of an interlock takes effect
-_LASTING_TICKS = round(_VALUES["interlocks.persistence_s"] / SETTINGS.tick_period_s)
+_LASTING_TICKS = round(SETTINGS.interlocks.persistence_s / SETTINGS.tick_period_s)
 _CONFIG = PlantConfig.from_values(_PLANT)
 _SHARED: list[Any] = [
     SETTINGS,
-    SETTINGS.limits,
+    SETTINGS.drive_limits,
     MACHINE,
     _CONFIG,
-    *sensor_limits(_VALUES).values(),
-    *interlocks_from(_VALUES),
+    *sensor_limits(SETTINGS.flat()).values(),
+    *interlocks_from(SETTINGS.flat()),
     nominal(),
 ]
 
@@ -306,7 +304,7 @@ class Cell:
             return Command(nan, nan)
         if kind == "jump":
             return self.followed._replace(force_kn=self.followed.force_kn - 1.5)
-        return SETTINGS.limits.clip(HOME, self.followed)
+        return SETTINGS.drive_limits.clip(HOME, self.followed)
 
     def _wait(self, until_s: float) -> list[Decision]:
         decisions = list[Decision]()
@@ -329,7 +327,6 @@ class Cell:
 
 def _new_arbiter() -> Arbiter:
     arbiter = Arbiter(SETTINGS)
-    arbiter.configure(_VALUES)
     for name in NAMES:
         arbiter.registry.join(name)
     return arbiter
@@ -395,7 +392,7 @@ class Rules:
         self._check_mode(mode, was_blind_for_long=False)
 
     def written(self, command: Command, in_force: Command) -> None:
-        wrong = refusal(command, SETTINGS.limits, in_force)
+        wrong = refusal(command, SETTINGS.drive_limits, in_force)
         if wrong is not None:
             self._broken(
                 "one move from what acts", f"the gateway writes {command}, in force is {in_force}"
@@ -437,7 +434,7 @@ class Rules:
         self._waiting = [(one, age + 1) for one, age in self._waiting if not one.done]
 
     def _check_command(self, one: Decision, cell: Cell) -> None:
-        if refusal(one.command, SETTINGS.limits) is not None:
+        if refusal(one.command, SETTINGS.drive_limits) is not None:
             self._broken("inside the bounds", f"{one.command}")
         near = [
             before for before in (self._command, cell.in_force, cell.acting) if before is not None
@@ -449,7 +446,7 @@ class Rules:
         # Of commands that do not arrive, only the actuator end can tell a fresh supervisor: see
         # supervisor_pair.py.
         arrives = cell.gateway is not None or cell.delivering
-        if arrives and all(refusal(one.command, SETTINGS.limits, before) for before in near):
+        if arrives and all(refusal(one.command, SETTINGS.drive_limits, before) for before in near):
             self._broken("one move from what acts", f"{one.source} {one.command}, before: {near}")
         if self.cause and one.source != "safe_stop":
             self._broken("a cause leads to the safe state", f"the command is of {one.source}")
@@ -468,7 +465,7 @@ class Rules:
         beyond = (
             value is not None
             and isfinite(value)
-            and value >= _VALUES["interlocks.temperature_high.trip"]
+            and value >= SETTINGS.interlocks.temperature_high.trip
         )
         if known or (measured and beyond):
             lasting = _LASTING_TICKS
