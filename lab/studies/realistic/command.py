@@ -10,7 +10,7 @@ from pathlib import Path
 from fsw.console import ProgressBar
 from fsw_control.schema.models import InputError
 from realistic import report, welds
-from realistic.fit import fit
+from realistic.fit import fit, trace
 
 _RESULTS = Path(__file__).resolve().parents[3] / "docs" / "results"
 
@@ -39,16 +39,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen.out.mkdir(parents=True, exist_ok=True)
     fitted, rows = chosen.out / "fit.json", chosen.out / "weld.jsonl"
 
-    def run(tasks: Sequence[welds.Task]) -> list[welds.Row]:
-        file = chosen.out / f"{chosen.part}.jsonl"
-        with ProgressBar(chosen.part, len(tasks)) as bar:
-            return welds.run(tasks, file, chosen.workers, bar)
-
     if chosen.part == "fit":
-        fitted.write_text(json.dumps(fit(run), indent=1), encoding="utf-8")
+
+        def traces(tasks: Sequence[welds.Task]) -> list[welds.Figures]:
+            with ProgressBar("fit", len(tasks)) as bar:
+                return list(welds.each(trace, tasks, chosen.workers, bar))
+
+        fitted.write_text(json.dumps(fit(traces), indent=1), encoding="utf-8")
         print(fitted.read_text(encoding="utf-8"))
     elif chosen.part == "weld":
-        run(report.tasks(chosen.share))
+        tasks = report.tasks(chosen.share)
+        with ProgressBar("weld", len(tasks)) as bar:
+            welds.run(tasks, rows, chosen.workers, bar)
     else:
         if not (fitted.exists() and rows.exists()):
             raise InputError(f"{chosen.out}: run the parts fit and weld first")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple
 from pathlib import Path
@@ -13,6 +14,7 @@ from fsw_analysis.figure_style import looks_of, sheet
 from fsw_analysis.phase_kpi import PUBLISHED
 from fsw_analysis.report import numbers, templates
 from realistic import welds
+from realistic.fit import CONVERGED
 from realistic.welds import CHOSEN, FITTED, GROUP, STATISTICS, Row, Task
 
 NMPC, CASCADE = "nmpc:default", "decentral"
@@ -22,27 +24,36 @@ EARLIER = {
     "demonstration series": "realistic.earlier:OftenByHand",
     "first controller": "realistic.earlier:SingleLoop",
 }
-#: welds of the campaign, none of which the fit uses: with the cascade, each other controller, and
-#: of each variation
-CASCADE_WELDS, OTHER_WELDS, VARIED_WELDS = range(100, 124), range(100, 112), range(100, 103)
+#: welds of the campaign, none of which the fit uses: with the cascade, the NMPC, each earlier
+#: control, and of each variation
+CASCADE_WELDS, NMPC_WELDS = range(16, 216), range(16, 64)
+EARLIER_WELDS, VARIED_WELDS = range(16, 24), range(16, 18)
 FACTORS = (0.5, 1.5)
+#: with which the earlier control is predicted, too: the cascade's mean may have another cause
+HALF_FALL = ((welds.FALL, 0.5),)
 #: welds with either controller that a variation must have, to be shown
 _FEWEST = 1
 WORDS = {
     welds.FALL: "fall of the needed power",
     welds.HEAT: "size of the random heat",
+    welds.HEAT_SCATTER: "random heat between welds",
     welds.HEAT_S: "time of the random heat",
     welds.TORQUE: "size of the random torque",
     welds.TORQUE_S: "time of the random torque",
-    "plant.canister.tool_share": "needed power between welds",
-    "plant.factors.sliding_friction": "friction between welds",
+    welds.TOOL_SCATTER: "needed power between welds",
+    welds.FRICTION_SCATTER: "friction between welds",
+    welds.FALL_SCATTER: "fall of the power between welds",
 }
 UNITS = {
     welds.FALL: "°C",
     welds.HEAT: "°C",
+    welds.HEAT_SCATTER: "°C",
     welds.HEAT_S: "s",
     welds.TORQUE: "N·m",
     welds.TORQUE_S: "s",
+    welds.TOOL_SCATTER: "",
+    welds.FRICTION_SCATTER: "",
+    welds.FALL_SCATTER: "°C",
 }
 
 
@@ -52,19 +63,22 @@ def tasks(share: float = 1.0) -> list[Task]:
     def some(indices: range) -> range:
         return indices[: max(2, round(share * len(indices)))]
 
-    rivals = (NMPC, *EARLIER.values())
-    most = some(CASCADE_WELDS)
-    made = [Task(label, i) for i in most[:2] for label in (CASCADE, *rivals)]
-    made += [Task(label, i) for i in most[2:GROUP] for label in (CASCADE, NMPC)]
+    made = [Task(label, i) for i in some(CASCADE_WELDS)[:GROUP] for label in (CASCADE, NMPC)]
+    made += [Task(CASCADE, i) for i in some(CASCADE_WELDS)]
+    made += [Task(NMPC, i) for i in some(NMPC_WELDS)[: len(NMPC_WELDS) // 2]]
+    made += [Task(label, i) for i in some(EARLIER_WELDS)[:4] for label in EARLIER.values()]
     made += [
-        Task(label, index, ((path, factor),))
+        Task(label, i, HALF_FALL) for i in some(EARLIER_WELDS)[:4] for label in EARLIER.values()
+    ]
+    made += [
+        Task(label, index, ((name, factor),))
         for index in some(VARIED_WELDS)
-        for path in CHOSEN
+        for name in CHOSEN
         for factor in FACTORS
         for label in (CASCADE, NMPC)
     ]
-    made += [Task(label, i) for i in some(OTHER_WELDS)[2:] for label in rivals]
-    made += [Task(CASCADE, i) for i in most]
+    made += [Task(label, i) for i in some(EARLIER_WELDS) for label in EARLIER.values()]
+    made += [Task(NMPC, i) for i in some(NMPC_WELDS)]
     return list(dict.fromkeys(made))
 
 
@@ -95,7 +109,8 @@ def content(rows: Sequence[Row], fitted: Mapping[str, Any]) -> dict[str, Any]:
         "series": series,
         "shares": {NMPC: share_of(plain, NMPC)},
         "varied": _varied(rows),
-        "values": welds.scenario_values(),
+        "half_fall": _half_fall(rows),
+        "values": welds.shipped_values(),
         "fit": dict(fitted),
         "software": sorted({row["software"] for row in rows}),
     }
@@ -116,36 +131,59 @@ def _outside(found: Mapping[str, list[float]], published: Sequence[float]) -> li
 def share_of(rows: Sequence[Row], label: str) -> dict[str, list[float]]:
     """A controller's sigma and range as a share of the cascade's on the same welds, with intervals.
 
-    The groups of eight are the same welds for both.
+    And the change of the mean [degC]. The groups of eight are the same welds for both.
     """
     by_controller = [
         {row["index"]: row for row in rows if row["controller"] == name}
         for name in (label, CASCADE)
     ]
     common = sorted(set(by_controller[0]) & set(by_controller[1]))
-    own, rival = (welds.groups([of[index] for index in common], GROUP) for of in by_controller)
-    ranges = [found[:, 3] - found[:, 2] for found in (own, rival)]
+    own, rival = (welds.groups([of[index] for index in common], GROUP).T for of in by_controller)
+    compared = {
+        "mean_change_c": own[0] - rival[0],
+        "sigma": own[1] / rival[1],
+        "range": (own[3] - own[2]) / (rival[3] - rival[2]),
+    }
     return {
-        name: [float(value) for value in np.percentile(share, (2.5, 50.0, 97.5))]
-        for name, share in (("sigma", own[:, 1] / rival[:, 1]), ("range", ranges[0] / ranges[1]))
+        name: [float(value) for value in np.percentile(values, (2.5, 50.0, 97.5))]
+        for name, values in compared.items()
+    }
+
+
+def _half_fall(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
+    """Medians of the earlier control's statistics if the power falls by half as much."""
+    changes = [list(change) for change in HALF_FALL]
+    of_all = {
+        name: [row for row in rows if row["controller"] == label and row["changes"] == changes]
+        for name, label in EARLIER.items()
+    }
+    return {
+        name: {
+            key: middle
+            for key, (_, middle, _) in welds.intervals(
+                welds.groups(own, PUBLISHED[name][0])
+            ).items()
+        }
+        for name, own in of_all.items()
+        if own
     }
 
 
 def _varied(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """By parameter and factor, the cascade's medians and the default NMPC's share of its sigma."""
     varied = []
-    for path in CHOSEN:
+    for name in CHOSEN:
         for factor in FACTORS:
-            own = [row for row in rows if row["changes"] == [[path, factor]]]
+            own = [row for row in rows if row["changes"] == [[name, factor]]]
             cascade = [row for row in own if row["controller"] == CASCADE]
             if min(len(cascade), len(own) - len(cascade)) >= _FEWEST:
                 found = welds.intervals(welds.groups(cascade, GROUP))
                 varied.append(
                     {
-                        "parameter": WORDS[path],
+                        "parameter": WORDS[name],
                         "factor": factor,
                         "welds": len(cascade),
-                        "cascade": {name: found[name][1] for name in STATISTICS},
+                        "cascade": {key: found[key][1] for key in STATISTICS},
                         "share": share_of(own, NMPC),
                     }
                 )
@@ -180,8 +218,9 @@ def _signless(cells: list[str]) -> list[str]:
 def page(data: Mapping[str, Any]) -> str:
     """The page."""
     template = templates(Path(__file__).parent).get_template("realistic.md.j2")
-    places = {"words": WORDS, "units": UNITS, "FITTED": FITTED, "CHOSEN": CHOSEN, "NMPC": NMPC}
-    text = template.render(data, rows=table(data), groups=welds.GROUPS, **places)
+    names = {"words": WORDS, "units": UNITS, "FITTED": FITTED, "CHOSEN": CHOSEN, "NMPC": NMPC}
+    figures = {"groups": welds.GROUPS, "GROUP": GROUP, "CONVERGED": CONVERGED}
+    text = template.render(data, rows=table(data), **names, **figures)
     return text.rstrip("\n") + "\n"
 
 
@@ -223,7 +262,8 @@ def draw(data: Mapping[str, Any], path: Path) -> None:
 
 def write(data: Mapping[str, Any], folder: Path) -> list[Path]:
     """Write the page, its figure and its numbers."""
-    texts = {"realistic.md": page(data), "realistic_tables.json": numbers(data)}
+    shown = numbers(data)  # rounded: the page follows from the file
+    texts = {"realistic.md": page(json.loads(shown)), "realistic_tables.json": shown}
     for file, text in texts.items():
         (folder / file).write_text(text, encoding="utf-8")
     draw(data, folder / "realistic.png")

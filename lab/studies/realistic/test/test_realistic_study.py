@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from realistic import report, welds
+from realistic import fit, report, welds
 from realistic.earlier import ByHand, OftenByHand, SingleLoop
 
 from fsw_control import Command, Measurement, Reference
@@ -28,10 +28,39 @@ def test_group_has_the_statistics_of_its_welds_joined() -> None:
 
 
 def test_scenario_has_the_fitted_values(numbers: dict) -> None:
-    shipped = welds.scenario_values()
+    shipped = welds.shipped_values()
     assert numbers["values"] == pytest.approx(shipped)
-    for path, value in numbers["fit"]["values"].items():
-        assert shipped[path] == pytest.approx(value, rel=0.02)
+    assert numbers["fit"]["converged"]
+    for name, value in numbers["fit"]["values"].items():
+        assert shipped[name] == pytest.approx(value, rel=0.02)
+    for path in (welds.FALL, welds.HEAT):
+        assert welds.at(welds.campaign().scenario, path) == welds.law_of(path).mean
+
+
+def emulated_trace(task: welds.Task, power: float = 1.1) -> welds.Figures:
+    """An error that falls and heat change as in a weld, but not quite linearly."""
+    factors, drawn = dict(task.changes), welds.campaign().parameters(task.index)
+    fall, heat = (drawn[path] / welds.law_of(path).mean for path in (welds.FALL, welds.HEAT))
+    size = factors[welds.HEAT] * heat
+    noise = np.random.default_rng(task.index).laplace(0.0, 0.9, 3000)
+    return 0.5 * (factors[welds.FALL] * fall) ** power + size**power * (noise - noise.mean())
+
+
+def test_fit_converges_to_the_published_statistics() -> None:
+    fitted = fit.fit(lambda tasks: [emulated_trace(task) for task in tasks])
+    wanted, (*_, last) = fitted["wanted"], fitted["rounds"]
+    assert fitted["converged"] and len(fitted["rounds"]) > 1
+    assert last["at_start"] == pytest.approx(last["expected"], abs=0.2)  # linear there
+    assert last["expected"][:2] == pytest.approx(wanted[:2], abs=0.05)
+    deviations = np.subtract(last["expected"], wanted) / last["scale"]
+    assert np.abs(deviations).max() < 1.0
+
+
+def test_welds_of_the_result_are_not_those_of_the_fit() -> None:
+    tasks = report.tasks()
+    assert len({task.key for task in tasks}) == len(tasks)
+    assert not {task.index for task in tasks} & set(fit.WELDS)
+    assert sum(task.controller == "decentral" and not task.changes for task in tasks) == 200
 
 
 def test_page_follows_from_its_numbers(numbers: dict) -> None:
@@ -40,11 +69,13 @@ def test_page_follows_from_its_numbers(numbers: dict) -> None:
 
 def test_tasks_change_only_what_they_name() -> None:
     plain = welds.scenario_of(welds.Task("decentral", 3))
-    varied = welds.scenario_of(welds.Task("decentral", 3, ((welds.HEAT, 0.5),)))
+    varied = welds.scenario_of(
+        welds.Task("decentral", 3, ((welds.HEAT_SCATTER, 0.0), (welds.HEAT, 0.5)))
+    )
     pairs = zip(plain.events, varied.events, strict=True)
     ((before, after),) = [pair for pair in pairs if pair[0] != pair[1]]
     assert before.disturbance and after.disturbance and before.disturbance.shape == "random"
-    assert after.disturbance.amplitude_c == 0.5 * before.disturbance.amplitude_c
+    assert after.disturbance.amplitude_c == 0.5 * welds.law_of(welds.HEAT).mean
     assert plain.phases[-1].name == welds.PHASE
 
 
