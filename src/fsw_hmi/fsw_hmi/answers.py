@@ -90,12 +90,7 @@ class Code(Worded):
     HANDED_OVER = "handed_over", "control handed over to {asker}"
     KEPT = "kept", "control not handed over to {asker}"
     RELEASED = "released", "control released"
-    # requests that are not sent, and answers of the graph
-    IN_FORCE = "in_force", "these set-points are in force already"
-    COMMANDS_ALREADY = "commands_already", "{controller} commands already"
-    AUTO_ALREADY = "auto_already", "the mode is auto already"
-    NO_STOP = "no_stop", "there is no safe stop to acknowledge"
-    STOP_ACKNOWLEDGED = "stop_acknowledged", "the safe stop is acknowledged already"
+    # answers of the graph
     NO_SERVICE = "no_service", "there is no {service} to ask"
     NO_SERVICE_YET = (
         "no_service_yet",

@@ -33,7 +33,7 @@ from fsw_control.topics_ros import LATCHED
 from fsw_control.units import NANOSECONDS
 from fsw_hmi import users
 from fsw_hmi.alarm_desk_ros import AlarmDesk
-from fsw_hmi.alarm_rules import NO_PROGRAMME_S, NO_REPORT_S
+from fsw_hmi.alarm_rules import NO_PROGRAMME_S
 from fsw_hmi.answers import Answer, Ended
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import frame, readable, row
@@ -45,8 +45,7 @@ from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles, report_routes
 from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.recording import Recording
-from fsw_hmi.refusals import why_not
-from fsw_hmi.requests import Acknowledge, Action, SafeStop, Shelve, Unshelve
+from fsw_hmi.requests import Acknowledge, SafeStop, Shelve, Unshelve
 from fsw_hmi.standing import flags_now
 from fsw_hmi.stop_progress import StopProgress
 from fsw_hmi.watch_ros import Watch
@@ -296,8 +295,6 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             done = self._desk.carry_out(action, order.who)
             self._show("alarms", self._desk.frame())
             answer(done)
-        elif why := self._why_not(action):
-            answer(why)
         else:
             if isinstance(action, SafeStop):
                 # Not only by the supervisor's service: the plant hears of it, too, if no
@@ -307,17 +304,6 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
                 )
                 self._stop.look()
             self._orders.carry_out(action, answer, self._settings["request_timeout_s"])
-
-    def _why_not(self, action: Action) -> Answer | None:
-        """Why a request is not even sent, by what is known now."""
-        watch, now_s = self._watch, time.monotonic()
-        known = watch.state if now_s - watch.state_s <= NO_REPORT_S else None
-        measured = watch.view.tick_s is not None and now_s - watch.view.tick_s <= NO_REPORT_S
-        stays = watch.values if measured and not watch.references.coming else {}
-        in_force = (
-            (stays["reference_depth_mm"], stays["reference_temperature_c"]) if stays else None
-        )
-        return why_not(action, known, in_force, self._interlocks)
 
     def _answer(self, order: Order, answer: Answer) -> None:
         answer = answer._replace(message=readable(answer.message))
