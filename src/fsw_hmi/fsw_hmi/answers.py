@@ -38,7 +38,6 @@ class Code(Worded):
     # the message
     ACTIVE = "active", ""
     MALFORMED = "malformed", "the message is no request"
-    NAMELESS = "nameless", "the message names no request"
     NO_REQUEST = "no_request", "{reason}"
     MISSING = "missing", "{reason}"
     OUTSIDE = "outside", "{reason}"
@@ -50,19 +49,10 @@ class Code(Worded):
     LOG_IN = "log_in", "log in first"
     LOG_IN_AGAIN = "log_in_again", "log in again"
     LOGGED_IN = "logged_in", "logged in as {name}, role {role}"
-    NAME_TAKEN = (
-        "name_taken",
-        "name: somebody is here whose name differs only in case; take another",
-    )
     WRONG_TOKEN = "wrong_token", "wrong token"
     WRONG_PASSWORD = "wrong_password", "wrong name or password"
-    LAST_WRONG = "last_wrong", "{what}, one of too many from your address: wait {wait_s:.0f} s"
     WRONG_FROM = "wrong_from", "{what}, from {address}"
-    LOCKED_OUT = (
-        "locked_out",
-        "too many wrong passwords from your address: wait {wait_s:.0f} s",
-    )
-    BEING_CHECKED = "being_checked", "your password is being checked"
+    LOCKED_OUT = "locked_out", "too many wrong logins from your address: wait {wait_s:.0f} s"
     TOO_LONG = "too_long", "password: at most {longest} characters"
     BUSY = "busy", "your password cannot be checked now: try again in some seconds"
     ROLE = "role", "your role is {role}: this needs the role {needed}"

@@ -252,7 +252,7 @@ def test_user_who_is_changed_loses_control_and_may_still_stop(file, told):
 
     for page, name in ((session, "anna"), (other, "Bert.2")):
         verdict = ask(page, "login", name=name, password=PASSWORD)
-        room.on_checked(page, 1, verdict.credentials, room.check(*verdict.credentials), 1.0)
+        room.on_checked(page, verdict.credentials, room.check(*verdict.credentials), 1.0)
     ask(session, "take_control", **{"from": None})
     changed(file, user("anna", "view"), users.read(file)[1])
     room.tick(1.0)

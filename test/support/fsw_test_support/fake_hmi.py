@@ -360,9 +360,7 @@ class FakeHmi:
         verdict = self._room.handle(session, json.dumps(request), now_s)
         if verdict.credentials:
             user = self._room.check(*verdict.credentials)
-            verdict = self._room.on_checked(
-                session, request["id"], verdict.credentials, user, now_s
-            )
+            verdict = self._room.on_checked(session, verdict.credentials, user, now_s)
         if verdict.action:
             self._act(what, request)
             verdict = Verdict(request["id"], Answer(DONE, "", ""), asked=verdict.asked)
