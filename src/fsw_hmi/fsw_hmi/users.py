@@ -8,16 +8,17 @@ import hmac
 import re
 import secrets
 import unicodedata
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence, Set
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import AfterValidator
+from pydantic import AfterValidator, TypeAdapter
 
 from fsw_control.coded import RefusedError, Worded
 from fsw_control.schema.files import read_private, write_whole
-from fsw_control.schema.models import InputError, Model, content_of, validate
+from fsw_control.schema.models import InputError, Many, Model, content_of, validate, validated_by
 
 #: each role includes those before it
 ROLES = ("view", "operate", "engineer")
@@ -63,6 +64,9 @@ class User(Model):
     role: Role
     password: Annotated[str, AfterValidator(_checked_hash)]
     """salted hash"""
+
+
+_USERS = TypeAdapter(Many[User])
 
 
 class Users:
@@ -227,33 +231,19 @@ def read(path: Path) -> list[User]:
     Raises
     ------
     ValueError
-        When the file cannot be read, others may read or change it, or a line is wrong; the message
-        says which and why.
+        When the file cannot be read, others may read or change it, or an entry is wrong; the
+        message says which and why.
     """
     where = f"users_file: {path}"
     try:
         text = read_private("users_file", path, _LONGEST_BYTES).decode()
     except UnicodeDecodeError:
         raise InputError(f"{where} is no text in UTF-8") from None
-    content = content_of(text, where)
-    if content is None:
-        return []
-    if not isinstance(content, list):
-        raise InputError(f"{where}: must be a list of users with name, role and password")
-    root = yaml.compose(text, yaml.SafeLoader)
-    lines = [node.start_mark.line + 1 for node in root.value] if root else []
-    found: dict[str, int] = {}
-    users = []
-    for entry, line in zip(content, lines, strict=True):
-        user = validate(User, entry, f"{where}, line {line}")
-        if user.name.casefold() in found:
-            before = found[user.name.casefold()]
-            raise InputError(
-                f"{where}, line {line}: {user.name!r} is in line {before} already (case does not count)"
-            )
-        found[user.name.casefold()] = line
-        users.append(user)
-    return users
+    users = validated_by(_USERS.validate_python, content_of(text, where) or [], where)
+    names = Counter(user.name.casefold() for user in users)
+    if twice := [user.name for user in users if names[user.name.casefold()] > 1]:
+        raise InputError(f"{where}: {' and '.join(twice)} are one name (case does not count)")
+    return list(users)
 
 
 def write(path: Path, users: Sequence[User]) -> None:
