@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -79,7 +79,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         super().__init__("fsw_hmi", **arguments)
         self._settings = ParameterValues(self, HmiParameters)
         values = self._settings.values
-        key, told = _key(values["users_file"], values["token_file"], self.get_logger().error)
+        key = users.of(values["users_file"], values["token_file"], self.get_logger().error)
         encrypted = tls_context(values["tls_cert"], values["tls_key"])
         files = PageFiles("live")
         listening = listen(values["host"], values["port"], values["patience_s"])
@@ -105,9 +105,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._stop = StopHolder(self, self._register, self._register.merge)
         self._wake = self.create_guard_condition(self._on_orders)
         self._room = ControlRoom(key, **{name: values[name] for name in _CONTROL})
-        times = {name: values[name] for name in ("request_timeout_s", "patience_s")}
-        touch = listening.gate.touch
-        self._page = LivePage(files, self._room, self._deliver, touch=touch, **times)
+        timeout_s, touch = values["request_timeout_s"], listening.gate.touch
+        self._page = LivePage(files, self._room, self._deliver, timeout_s, touch)
         routes = [*self._page.routes(), *report_routes(values["history_report"])]
         app = application(routes, [values["host"], *values["allow_hosts"]], listening.gate)
         self._web = WebThread(self._page, app, listening, encrypted)
@@ -123,7 +122,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self.get_logger().warning(
                 "the page can be reached from other computers, and nothing is encrypted"
             )
-        _announce(address(listening, encrypted is not None), str(key) if told else "")
+        _announce(address(listening, encrypted is not None), key.new)
 
     def _setting(self, name: str) -> float:
         value: float = self._settings[name]
@@ -334,16 +333,3 @@ def _announce(url: str, token: str) -> None:
     write_status(url=url)
     if token:
         print(f"token: {token}", flush=True)
-
-
-def _key(
-    users_file: str, token_file: str, warn: Callable[[str], object]
-) -> tuple[str | users.Users, bool]:
-    """What who commands must know, and whether it has to be told: users, the token in a file, or a new one."""
-    if users_file and token_file:
-        raise ValueError("users_file, token_file: give one of them")
-    if token_file:
-        return users.read_token(Path(token_file).expanduser()), False
-    if not users_file:
-        return users.new_token(), True
-    return users.UsersFile(Path(users_file).expanduser(), warn), False

@@ -132,7 +132,7 @@ class Unshelve(Action):
     alarm: _AlarmId
 
 
-class _Event(Action):
+class Event(Action):
     """An event of the emulated plant, which permits what a scenario may contain."""
 
     role = "engineer"
@@ -158,7 +158,7 @@ class _Event(Action):
         return super().__str__() + "".join(lasts)
 
 
-class Disturb(_Event):
+class Disturb(Event):
     """A disturbance; the amplitude has the paper's unit of the channel."""
 
     words = "disturb {channel} {shape} {amplitude:g}"
@@ -169,7 +169,7 @@ class Disturb(_Event):
     period_s: float = 0.0
 
 
-class Fail(_Event):
+class Fail(Event):
     """A fault of a sensor."""
 
     words = "fault {sensor} {kind} {magnitude:g}"

@@ -73,6 +73,7 @@ class Users:
     """All users. A correct password is cached, so that it is hashed only once."""
 
     kind = "password"  #: of what a user knows
+    new = ""  #: a token that was made for this run, to be printed
 
     def __init__(self, users: Iterable[User]) -> None:
         self._users = _by_name(users)
@@ -178,6 +179,19 @@ class UsersFile(Users):
 
 def _by_name(users: Iterable[User]) -> dict[str, User]:
     return {user.name.casefold(): user for user in users}
+
+
+def of(users_file: str, token_file: str, warn: Callable[[str], object]) -> Users:
+    """Whoever may command: users in a file, or who knows the token in a file or a new one."""
+    if users_file and token_file:
+        raise ValueError("users_file, token_file: give one of them")
+    if users_file:
+        return UsersFile(Path(users_file).expanduser(), warn)
+    if token_file:
+        return Token(read_token(Path(token_file).expanduser()))
+    made = Token(token := new_token())
+    made.new = token
+    return made
 
 
 def new_user(name: str, role: Role, password: str, log2_n: int = _LOG2_N) -> User:

@@ -56,14 +56,13 @@ class LivePage:
         room: ControlRoom,
         deliver: Callable[[Order], None],
         request_timeout_s: float,
-        patience_s: float,
         touch: Callable[[Any, bool], None] = lambda _peer, _known: None,
     ) -> None:
         self._files, self._room, self._deliver, self._touch = files, room, deliver, touch
         # one thread: a flood of logins takes no more of the processor
         self._logins = ThreadPoolExecutor(1, "login", _step_back)
         self._checks: set[asyncio.Task[None]] = set()
-        self._request_timeout_s, self._patience_s = request_timeout_s, patience_s
+        self._request_timeout_s = request_timeout_s
         self._pages: set[Page] = set()
         self._history = History()
         self._latest: dict[str, str] = {}  # frames for a new page, by kind
@@ -126,7 +125,6 @@ class LivePage:
         beat = frame("beat", {"server_s": _now_s(), "tick_age_s": age_s})
         for page in self._pages:
             page.show("beat", beat)
-            page.give_up_if_stuck(self._patience_s)
 
     def _look_at_control(self) -> None:
         for one in self._room.tick(time.monotonic()):
