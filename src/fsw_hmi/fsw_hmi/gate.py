@@ -46,22 +46,27 @@ class Gate:
     def admit(self, address: tuple[str, int], connection: socket.socket, now_s: float) -> None:
         """Let a connection in."""
         client = client_of(address[0])
-        self._peers = {
-            key: one for key, one in self._peers.items() if one.connection.fileno() >= 0
-        }
-        counts = Counter(peer.client for peer in self._peers.values())
+        if self._rivals(client):  # those that are closed no longer count
+            self._peers = {
+                key: one for key, one in self._peers.items() if one.connection.fileno() >= 0
+            }
+        if rivals := self._rivals(client):
+            counts = Counter(peer.client for peer in self._peers.values())
 
-        def rank(key: Any) -> tuple[bool, int, bool, float, float]:
-            peer = self._peers[key]
-            touched_s, since_s = peer.touched_s, peer.since_s
-            return peer.known, -counts[peer.client], peer.requests > 0, touched_s, since_s
+            def rank(key: Any) -> tuple[bool, int, bool, float, float]:
+                peer = self._peers[key]
+                touched_s, since_s = peer.touched_s, peer.since_s
+                return peer.known, -counts[peer.client], peer.requests > 0, touched_s, since_s
 
-        if counts[client] >= self._of_client:
-            own = (key for key, one in self._peers.items() if one.client == client)
-            self._close(min(own, key=rank))
-        elif len(self._peers) >= self._of_all:
-            self._close(min(self._peers, key=rank))
+            self._close(min(rivals, key=rank))
         self._peers[address] = _Peer(connection, client, now_s)
+
+    def _rivals(self, client: str) -> list[Any]:
+        """Connections of which one must go for a new one of a client; empty if there is room."""
+        own = [key for key, peer in self._peers.items() if peer.client == client]
+        if len(own) >= self._of_client:
+            return own
+        return [*self._peers] if len(self._peers) >= self._of_all else []
 
     @contextlib.contextmanager
     def request(self, address: Any) -> Iterator[None]:
