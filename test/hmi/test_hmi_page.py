@@ -552,5 +552,5 @@ def test_bag_is_scrubbed_played_zoomed_and_compared(bags, open_page, uplot):
     page.mouse.up()
     expect(page.get_by_role("button", name="Whole weld")).to_be_enabled()
     expect(page.locator("#map h2")).to_contain_text("57° welded")
-    expect(page.locator(".figures tbody tr").first).to_have_text("depth IAE [mm s]1.22.2")
+    expect(page.locator(".notes li")).to_have_text(["▲ weld_1: 3 ticks without a command"])
     shot(page, "bags")

@@ -93,7 +93,7 @@ def test_broken_or_open_file_is_told_and_not_touched(run, file):
     file.write_text("- {name: anna}\n")
     file.chmod(0o600)
     error = run("add", "bert", "--role", "view", stdin=PASSWORD)[2]
-    assert f"users_file: {file}, line 1: " in error
+    assert f"users_file: {file}: [0]" in error
     assert "lacks role" in error and "lacks password" in error
     file.chmod(0o644)
     assert f"chmod 600 {file}" in run("add", "bert", "--role", "view", stdin=PASSWORD)[2]

@@ -38,7 +38,6 @@ class Code(Worded):
     # the message
     ACTIVE = "active", ""
     MALFORMED = "malformed", "the message is no request"
-    NAMELESS = "nameless", "the message names no request"
     NO_REQUEST = "no_request", "{reason}"
     MISSING = "missing", "{reason}"
     OUTSIDE = "outside", "{reason}"
@@ -50,19 +49,10 @@ class Code(Worded):
     LOG_IN = "log_in", "log in first"
     LOG_IN_AGAIN = "log_in_again", "log in again"
     LOGGED_IN = "logged_in", "logged in as {name}, role {role}"
-    NAME_TAKEN = (
-        "name_taken",
-        "name: somebody is here whose name differs only in case; take another",
-    )
     WRONG_TOKEN = "wrong_token", "wrong token"
     WRONG_PASSWORD = "wrong_password", "wrong name or password"
-    LAST_WRONG = "last_wrong", "{what}, one of too many from your address: wait {wait_s:.0f} s"
     WRONG_FROM = "wrong_from", "{what}, from {address}"
-    LOCKED_OUT = (
-        "locked_out",
-        "too many wrong passwords from your address: wait {wait_s:.0f} s",
-    )
-    BEING_CHECKED = "being_checked", "your password is being checked"
+    LOCKED_OUT = "locked_out", "too many wrong logins from your address: wait {wait_s:.0f} s"
     TOO_LONG = "too_long", "password: at most {longest} characters"
     BUSY = "busy", "your password cannot be checked now: try again in some seconds"
     ROLE = "role", "your role is {role}: this needs the role {needed}"
@@ -90,12 +80,7 @@ class Code(Worded):
     HANDED_OVER = "handed_over", "control handed over to {asker}"
     KEPT = "kept", "control not handed over to {asker}"
     RELEASED = "released", "control released"
-    # requests that are not sent, and answers of the graph
-    IN_FORCE = "in_force", "these set-points are in force already"
-    COMMANDS_ALREADY = "commands_already", "{controller} commands already"
-    AUTO_ALREADY = "auto_already", "the mode is auto already"
-    NO_STOP = "no_stop", "there is no safe stop to acknowledge"
-    STOP_ACKNOWLEDGED = "stop_acknowledged", "the safe stop is acknowledged already"
+    # answers of the graph
     NO_SERVICE = "no_service", "there is no {service} to ask"
     NO_SERVICE_YET = (
         "no_service_yet",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import signal
 import sys
 from collections.abc import Sequence
@@ -12,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from fsw_control.parameters import defaults
@@ -23,28 +22,25 @@ from fsw_hmi.web_server import address, application, listen, server, tls_context
 from fsw_recorder.errors import BagError
 
 
-def _encoded(content: Any) -> bytes:
-    return json.dumps(content, separators=(",", ":"), allow_nan=False).encode()
-
-
 def routes(files: PageFiles, views: Sequence[BagView]) -> list[BaseRoute]:
     """Routes of the application: the page, and the bags that it shows."""
     listed = [{"n": n, **view.summary} for n, view in enumerate(views)]
-    bags = _encoded({"build": files.build, "bags": listed, "limits": views[0].limits})
-    rows = [_encoded({"columns": view.columns, "rows": view.rows}) for view in views]
+    contents: dict[str, Any] = {
+        "/bags": {"build": files.build, "bags": listed, "limits": views[0].limits}
+    }
+    for n, view in enumerate(views):
+        contents[f"/bags/{n}"] = {"columns": view.columns, "rows": view.rows}
+    return [*files.routes(), *(_route(path, content) for path, content in contents.items())]
 
-    async def on_bag(request: Request) -> Response:
-        n = int(request.path_params["n"])
-        if n >= len(rows):
-            return PlainTextResponse(
-                f"there is no bag {n}; /bags tells which there are\n", status_code=404
-            )
-        return Response(rows[n], media_type="application/json")
 
-    async def on_bags(_: Request) -> Response:
-        return Response(bags, media_type="application/json")
+def _route(path: str, content: Any) -> Route:
+    """A route with this content, which is encoded once; a response belongs to one request."""
+    body = JSONResponse(content).body
 
-    return [*files.routes(), Route("/bags", on_bags), Route("/bags/{n:int}", on_bag)]
+    async def answer(_: Request) -> Response:
+        return Response(body, media_type="application/json")
+
+    return Route(path, answer)
 
 
 def serve(

@@ -1,17 +1,15 @@
-"""A recorded weld for the page: columns, time line and figures of merit."""
+"""A recorded weld for the page: columns and time line."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_analysis.bag_labels import labels
-from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.headline import page_account
 from fsw_analysis.judgement import judge
 from fsw_analysis.procedure import rule_book
@@ -21,7 +19,7 @@ from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import SIMULATED_NS, FloatArray, WeldSignals
 from fsw_control.sensors import OPTIONAL, SENSORS
 from fsw_control.units import KW_PER_NM_RPM, NANOSECONDS
-from fsw_hmi.frames import COLUMNS, readable, short
+from fsw_hmi.frames import COLUMNS, short
 from fsw_hmi.limits import limits
 from fsw_hmi.standing import flags
 from fsw_recorder.errors import BagError
@@ -35,8 +33,14 @@ MOST_BAGS = 2
 class BagView:
     """A recorded weld in the page's format, ready for JSON."""
 
-    summary: dict[str, Any]  #: name, duration, phases, events, figures of merit and problems
-    columns: tuple[str, ...] = (*COLUMNS, "mode", "controller", "flags")  #: the last ones in words
+    summary: dict[str, Any]  #: name, duration, events, judgement and problems
+    columns: tuple[str, ...] = (
+        *COLUMNS,
+        "mode",
+        "controller",
+        "phase",
+        "flags",
+    )  #: the last ones in words
     #: one per tick, None where unknown; scenario time, with the first tick
     #: at 0.1 s
     rows: list[list[Any]] = field(default_factory=list)
@@ -80,53 +84,15 @@ def view(signals: WeldSignals, name: str) -> BagView:
         "duration_s": round(float(signals.time_s[-1]), 3),
         "start_s": None if start_ns < SIMULATED_NS else round(start_ns / NANOSECONDS, 3),
         "controllers": [one for one in dict.fromkeys(signals.command_source) if one],
-        "phases": _phases(signals, name),
         "events": [
             {"time_s": round(one.time_s, 3), "kind": one.kind, "text": one.text}
             for one in signals.events
         ],
         "account": page_account(judge(signals, book)),
-        "kpis": _kpis(signals, problems),
         "problems": problems,
     }
     found = limits(parameters, book)
     return BagView(summary, rows=_rows(signals, book, found), limits=found)
-
-
-def _phases(signals: WeldSignals, name: str) -> list[dict[str, Any]]:
-    """Phases with begin, end and error statistics; empty without a programme."""
-    spans = phase_kpi.recorded_spans(signals)
-    if not spans:
-        return []
-    figures = phase_kpi.compute(signals, name, spans)
-    spans += [("whole weld", 0.0, float(signals.time_s[-1]))]
-    return [
-        {"name": phase, "begin_s": round(float(begin_s), 3), "end_s": round(float(end_s), 3)}
-        | _errors(one)
-        for (phase, begin_s, end_s), one in zip(spans, figures, strict=True)
-    ]
-
-
-def _errors(figures: phase_kpi.PhaseFigures) -> dict[str, Any]:
-    errors = {"temperature_error_c": figures.temperature_c, "depth_error_mm": figures.depth_mm}
-    plain: dict[str, Any] = {"power_kw": figures.power_kw and short(figures.power_kw)}
-    for name, one in errors.items():
-        plain[name] = one and {key: short(value) for key, value in asdict(one).items()}
-    return plain
-
-
-def _kpis(signals: WeldSignals, problems: list[str]) -> list[dict[str, Any]]:
-    """Figures of merit of this weld, with the names of ``fsw.py bag kpi``."""
-    try:
-        values = kpi.compute(cut_to_scenario(signals))
-    except kpi.KpiError as error:
-        problems.append(str(error))
-        return []
-    return [
-        {"name": readable(name), "unit": readable(unit), "value": short(values[key] * factor)}
-        for key, (name, unit, factor) in kpi_table.ROWS.items()
-        if values.get(key) is not None
-    ]
 
 
 def _rows(
@@ -158,11 +124,10 @@ def _rows(
     }
     numbers = [map(short, columns[name].tolist()) for name in COLUMNS[1:]]
     time_s = np.round(signals.time_s, 3).tolist()
-    wrong = flags(columns | _errors_of(signals), signals.phase_names(), book, limits)
-    rows = zip(
-        time_s, *numbers, signals.actual_mode, signals.actual_controller, wrong, strict=True
-    )
-    return list(map(list, rows))
+    phases = signals.phase_names()
+    wrong = flags(columns | _errors_of(signals), phases, book, limits)
+    texts = signals.actual_mode, signals.actual_controller, phases
+    return list(map(list, zip(time_s, *numbers, *texts, wrong, strict=True)))
 
 
 def _errors_of(signals: WeldSignals) -> dict[str, FloatArray]:

@@ -28,7 +28,6 @@ class Session:
     name: str = ""  #: of the person; empty before the login
     role: str = ""
     idle: bool = False  #: nobody has touched the page for so long that only a safe stop is left
-    checking: bool = False  #: its password is being checked
     active_s: float = 0.0  #: when somebody who has logged in has last asked for something
     note: Fact | None = None  #: what happened to its control, for its page
     known: dict[str, Any] = field(default_factory=dict)  #: what its page has been told of control

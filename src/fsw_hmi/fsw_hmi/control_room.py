@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hmac
 import secrets
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -17,10 +17,12 @@ from fsw_hmi.answers import DONE, REFUSED, Answer, Code, Ended, Loss, Note, inva
 from fsw_hmi.control import Control, Session
 from fsw_hmi.logins import WrongLogins
 from fsw_hmi.requests import ACTIONS, Action, SafeStop, read
-from fsw_hmi.users import LONGEST, ROLES, User, Users, checked_name
+from fsw_hmi.users import LONGEST, ROLES, Token, User, Users, checked_name
 
 #: after so many malformed or hasty requests a page is shut out
 _MOST_OFFENCES = 20
+#: passwords that are checked or wait for it, at most; of one client one (chosen)
+_MOST_CHECKS = 64
 #: not answered here
 UNDECIDED = Answer("", "", "")
 #: a page that was cut off may resume its session for so long (chosen: a stall, or a short loss of
@@ -60,7 +62,7 @@ class _Request(BaseModel):
     model_config = ConfigDict(extra="allow", strict=True)
 
     id: Annotated[int, Field(ge=-(2**53), le=2**53)]
-    do: Any = None
+    do: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,10 +92,8 @@ class ControlRoom:
         idle_timeout_s: float = 900.0,
         handover_timeout_s: float = 30.0,
     ) -> None:
-        if not key:
-            raise ValueError("the token is empty")
-        self._users = key if isinstance(key, Users) else None
-        self._token = key.encode() if isinstance(key, str) else b""
+        self._users = key if isinstance(key, Users) else Token(key)
+        self._checked: set[str] = set()  # clients of which a password is being checked
         self._local_stop, self._idle_timeout_s = local_stop, idle_timeout_s
         self._sessions: dict[str, Session] = {}
         self._control = Control(handover_timeout_s)
@@ -105,7 +105,7 @@ class ControlRoom:
     @property
     def login(self) -> str:
         """Kind of credentials: ``token`` or ``password``."""
-        return "password" if self._users else "token"
+        return self._users.kind
 
     # ---------------------------------------------------------------- sessions
 
@@ -145,8 +145,7 @@ class ControlRoom:
                 self.leave(session, Fact.of(Loss.NOT_CONNECTED, limit_s=_RESUME_S))
         limit_s = self._idle_timeout_s
         for session in self._sessions.values() if limit_s else ():
-            idle = session.authenticated and not session.checking
-            if idle and now_s - session.active_s > limit_s:
+            if session.authenticated and now_s - session.active_s > limit_s:
                 self._shut(session, Fact.of(Loss.UNTOUCHED, limit_min=limit_s / 60.0))
         self._control.lapse(now_s)
         records, self._records = self._records, []
@@ -163,7 +162,7 @@ class ControlRoom:
 
     def _look_at_users(self) -> None:
         """Require a new login, except for a safe stop, from users whose entry has changed."""
-        changed = self._users.look() if self._users else ()
+        changed = self._users.look()
         for session in self._sessions.values():
             if session.authenticated and session.name.casefold() in changed:
                 self._shut(session, Fact.of(Loss.USER_CHANGED, user=session.name))
@@ -213,135 +212,116 @@ class ControlRoom:
         try:
             request = _Request.model_validate(json_content_of(text or "", "request"))
         except ValueError:
-            return self._offence(session, None, Code.MALFORMED)
-        number, do, message = request.id, request.do, request.model_extra or {}
+            return self._offence(session, Code.MALFORMED)
+        return replace(self._judge(session, request, now_s), id=request.id)
+
+    def _judge(self, session: Session, request: _Request, now_s: float) -> Verdict:
+        do, message = request.do, request.model_extra or {}
         if do == "safe_stop" and session.may_stop:  # before every limit
-            stop = SafeStop()
-            return Verdict(number, action=stop, kind=RequestKind.SAFE_STOP, asked=str(stop))
+            return _order(do, SafeStop())
         if not session.may_ask(now_s):
-            return self._offence(session, number, Code.TOO_MANY)
-        if not isinstance(do, str):
-            return self._offence(session, number, Code.NAMELESS)
+            return self._offence(session, Code.TOO_MANY)
         if do == "login":
-            return self._login(session, number, message, now_s)
+            return self._login(session, message, now_s)
         if not session.authenticated:
-            code = Code.LOG_IN_AGAIN if session.idle else Code.LOG_IN
-            return Verdict(number, code.refused())
+            return Verdict(answer=(Code.LOG_IN_AGAIN if session.idle else Code.LOG_IN).refused())
         session.active_s = now_s
         if do == "active":
-            return Verdict(number, Code.ACTIVE.done())
+            return Verdict(answer=Code.ACTIVE.done())
         if do in _CONTROL:
-            return self._change_control(session, number, do, message, now_s)
-        return self._command(session, number, do, message)
+            return self._change_control(session, do, message, now_s)
+        return self._command(session, do, message)
 
-    def _offence(self, session: Session, number: int | None, why: Code) -> Verdict:
+    def _offence(self, session: Session, why: Code) -> Verdict:
         session.offences += 1
-        return Verdict(number, why.refused(), close=session.offences > _MOST_OFFENCES)
+        return Verdict(answer=why.refused(), close=session.offences > _MOST_OFFENCES)
 
     # ---------------------------------------------------------------- login
 
-    def _login(
-        self, session: Session, number: int, message: dict[str, Any], now_s: float
-    ) -> Verdict:
-        name, given = message.get("name"), message.get(self.login)
+    def _login(self, session: Session, message: dict[str, Any], now_s: float) -> Verdict:
+        name, given = (
+            value if isinstance(value := message.get(key), str) else ""
+            for key in ("name", self.login)
+        )
         self._look_at_users()
         try:
-            name = checked_name(name.strip() if isinstance(name, str) else "")
+            name = checked_name(name.strip())
         except RefusedError as error:
-            return Verdict(number, Answer(REFUSED, error.fact.code, error.fact.words))
-        given = given if isinstance(given, str) else ""
-        if self._users is None:
-            if not hmac.compare_digest(_bytes(given), self._token):
-                return self._wrong_login(session, number, "", given, now_s)
-            others = [one.name for one in self._sessions.values() if one is not session]
-            if any(one.casefold() == name.casefold() and one != name for one in others):
-                return Verdict(number, Code.NAME_TAKEN.refused())
-            return self._logged_in(session, number, name, ROLES[-1], now_s)
-        user = self._users.remembered(name, given)
+            return Verdict(answer=Answer(REFUSED, error.fact.code, error.fact.words))
+        user, client = self._users.remembered(name, given), session.client
         if user is not None:
-            return self._logged_in(session, number, user.name, user.role, now_s)
-        wait_s = self._wrong.left_s(session.client, now_s)
-        if wait_s:
-            return Verdict(number, Code.LOCKED_OUT.refused(wait_s=wait_s), close=True)
-        if session.checking:
-            return Verdict(number, Code.BEING_CHECKED.refused())
+            return self._logged_in(session, user, now_s)
+        if wait_s := self._wrong.left_s(client, now_s):
+            return Verdict(answer=Code.LOCKED_OUT.refused(wait_s=wait_s), close=True)
+        if isinstance(self._users, Token):
+            return self._wrong_login(session, "", given, now_s)
+        if client in self._checked or len(self._checked) >= _MOST_CHECKS:
+            return Verdict(answer=Code.BUSY.timed_out())
         if len(given) > LONGEST:
-            return Verdict(number, Code.TOO_LONG.refused(longest=LONGEST))
-        session.checking = True
-        return Verdict(number, credentials=(name, given))
+            return Verdict(answer=Code.TOO_LONG.refused(longest=LONGEST))
+        self._checked.add(client)
+        return Verdict(credentials=(name, given))
 
     def check(self, name: str, password: str) -> User | None:
         """Check name and password and return their user; slow, may run in any thread."""
-        return self._users.check(name, password) if self._users else None
+        return self._users.check(name, password)
 
     def on_checked(
-        self,
-        session: Session,
-        number: int,
-        credentials: tuple[str, str],
-        user: User | None,
-        now_s: float,
+        self, session: Session, credentials: tuple[str, str], user: User | None, now_s: float
     ) -> Verdict:
         """Judge a login after its password has been checked; ``user`` owns the password."""
-        session.checking = False
+        self._checked.discard(session.client)
         if user is None:
-            given = "\0".join(credentials)
-            return self._wrong_login(session, number, credentials[0], given, now_s)
-        return self._logged_in(session, number, user.name, user.role, now_s)
+            return self._wrong_login(session, credentials[0], "\0".join(credentials), now_s)
+        return self._logged_in(session, user, now_s)
 
-    def on_busy(self, session: Session, number: int) -> Verdict:
+    def on_busy(self, session: Session) -> Verdict:
         """Judge a login whose password could not be checked."""
-        session.checking = False
-        return Verdict(number, Code.BUSY.timed_out())
+        self._checked.discard(session.client)
+        return Verdict(answer=Code.BUSY.timed_out())
 
-    def _wrong_login(
-        self, session: Session, number: int, name: str, given: str, now_s: float
-    ) -> Verdict:
-        known = self._wrong.knows(session.client, _bytes(given), now_s)
-        wait_s = self._wrong.add(session.client, _bytes(given), now_s)
-        wrong = (Code.WRONG_TOKEN if self._users is None else Code.WRONG_PASSWORD).refused()
-        if not wait_s and not known:  # what was typed in as a name may be a password
-            who = self._users.name(name) if self._users else ""
+    def _wrong_login(self, session: Session, name: str, given: str, now_s: float) -> Verdict:
+        wrong = Code[f"WRONG_{self.login.upper()}"].refused()
+        if self._wrong.add(session.client, _bytes(given), now_s):
+            # what was typed in as a name may be a password
+            who = f"{self._users.name(name) or 'unknown name'} ({session.id})"
             address = session.client or "an unknown address"
             answer = Code.WRONG_FROM.refused(what=wrong.message, address=address)
-            name = f"{who or 'unknown name'} ({session.id})"
-            self._records.append(Order(name, RequestKind.LOGIN, "log in", answer))
-        if wait_s:
-            wrong = Code.LAST_WRONG.refused(what=wrong.message, wait_s=wait_s)
-        return Verdict(number, wrong, close=bool(wait_s))
+            self._records.append(Order(who, RequestKind.LOGIN, "log in", answer))
+        return Verdict(answer=wrong)
 
-    def _logged_in(
-        self, session: Session, number: int, name: str, role: str, now_s: float
-    ) -> Verdict:
-        if (session.name, session.role) != (name, role):
+    def _logged_in(self, session: Session, user: User, now_s: float) -> Verdict:
+        if (session.name, session.role) != (user.name, user.role):
             # what one person has, another does not get by a login
-            self._free(session, Fact.of(Loss.OTHER_LOGIN, user=name))
-        session.name, session.role, session.idle, session.note = name, role, False, None
+            self._free(session, Fact.of(Loss.OTHER_LOGIN, user=user.name))
+        session.name, session.role, session.idle, session.note = user.name, user.role, False, None
         session.active_s = now_s
-        answer = Code.LOGGED_IN.done(name=name, role=role)
-        return Verdict(number, answer, kind=RequestKind.LOGIN, asked="log in")
+        answer = Code.LOGGED_IN.done(name=user.name, role=user.role)
+        return Verdict(answer=answer, kind=RequestKind.LOGIN, asked="log in")
 
     # ---------------------------------------------------------------- control and commands
 
     def _change_control(
-        self, session: Session, number: int, do: str, message: dict[str, Any], now_s: float
+        self, session: Session, do: str, message: dict[str, Any], now_s: float
     ) -> Verdict:
-        kind, asked = RequestKind.of(do), _CONTROL[do]
-        if session.role == ROLES[0]:
-            return Verdict(number, _needs(session, "operate"), kind=kind, asked=asked)
         if do == "take_control" and self.holder is session:
-            return Verdict(number, Code.HAVE_CONTROL.done())
-        answer = self._ask_control(session, do, message, now_s)
+            return Verdict(answer=Code.HAVE_CONTROL.done())
+        if session.role == ROLES[0]:
+            answer = _needs(session, "operate")
+        else:
+            answer = self._ask_control(session, do, message, now_s)
         if answer.outcome == DONE:
             self.ended = None
-        return Verdict(number, answer, kind=kind, asked=asked)
+        return Verdict(answer=answer, kind=RequestKind.of(do), asked=_CONTROL[do])
 
     def _ask_control(
         self, session: Session, do: str, message: dict[str, Any], now_s: float
     ) -> Answer:
         control, holder = self._control, self.holder
         if do == "take_control":
-            same = self._users is not None and holder is not None and holder.name == session.name
+            # a name that came with a password proves who it is
+            proven = not isinstance(self._users, Token)
+            same = proven and holder is not None and holder.name == session.name
             return control.take(session, message.get("from"), now_s, same)
         if do == "request_control":
             return control.request(session, now_s)
@@ -351,20 +331,23 @@ class ControlRoom:
             return control.give_back(session)
         return control.answer(session, message.get("to"), do == "hand_over_control")
 
-    def _command(self, session: Session, number: int, do: str, message: dict[str, Any]) -> Verdict:
+    def _command(self, session: Session, do: str, message: dict[str, Any]) -> Verdict:
         known, kind = ACTIONS.get(do), RequestKind.of(do)
         if known is not None and ROLES.index(session.role) < ROLES.index(known.role):
-            return Verdict(number, _needs(session, known.role), kind=kind, asked=do)
+            return Verdict(answer=_needs(session, known.role), kind=kind, asked=do)
         try:
             action = read(do, message)
         except InputError as error:
             asked = do if known else "unknown request"
-            answer = invalid(error)
-            return Verdict(number, answer, kind=kind, asked=asked)
+            return Verdict(answer=invalid(error), kind=kind, asked=asked)
+        order = _order(do, action)
         if self.holder is not session:
-            answer = Code.TAKE_FIRST.refused()
-            return Verdict(number, answer, kind=kind, asked=str(action))
-        return Verdict(number, action=action, kind=kind, asked=str(action))
+            return replace(order, action=None, answer=Code.TAKE_FIRST.refused())
+        return order
+
+
+def _order(do: str, action: Action) -> Verdict:
+    return Verdict(action=action, kind=RequestKind.of(do), asked=str(action))
 
 
 def _needs(session: Session, role: str) -> Answer:

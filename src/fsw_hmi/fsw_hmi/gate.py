@@ -25,23 +25,15 @@ class _Peer:
     since_s: float  #: when it came, or when its last request ended
     requests: int = 0  #: that it has under way; an open page is one
     touched_s: float = 0.0  #: when somebody has last asked for something on its page
-    known: bool = False
-
-    @property
-    def rank(self) -> tuple[bool, float, float]:
-        """Eviction order: idle connections, then pages never touched, then the others.
-
-        The oldest goes first, of touched pages the one whose last touch is longest ago.
-        """
-        return self.requests > 0, self.touched_s, self.since_s
+    known: bool = False  #: whether a user has logged in there
 
 
 class Gate:
     """Limits the open connections.
 
-    Beyond the limit, the client with the most connections loses the oldest one that only waits,
-    then the page of a stranger that nobody has touched for longest. Pages of users who are logged
-    in stay; if there are no others, the new connection is closed. A connection that takes longer
+    Beyond the limit of a client, or of all, one connection is closed for each new one: of
+    strangers first, then of the client with the most connections, then one that only waits, then
+    the page that nobody has touched for longest, then the oldest. A connection that takes longer
     than ``request_s`` for a whole request is closed.
     """
 
@@ -54,12 +46,27 @@ class Gate:
     def admit(self, address: tuple[str, int], connection: socket.socket, now_s: float) -> None:
         """Let a connection in."""
         client = client_of(address[0])
+        if self._rivals(client):  # those that are closed no longer count
+            self._peers = {
+                key: one for key, one in self._peers.items() if one.connection.fileno() >= 0
+            }
+        if rivals := self._rivals(client):
+            counts = Counter(peer.client for peer in self._peers.values())
+
+            def rank(key: Any) -> tuple[bool, int, bool, float, float]:
+                peer = self._peers[key]
+                touched_s, since_s = peer.touched_s, peer.since_s
+                return peer.known, -counts[peer.client], peer.requests > 0, touched_s, since_s
+
+            self._close(min(rivals, key=rank))
         self._peers[address] = _Peer(connection, client, now_s)
-        counts = Counter(peer.client for peer in self._peers.values())
-        if counts[client] > self._of_client:
-            self._make_room(client, address)
-        elif len(self._peers) > self._of_all:
-            self._make_room(counts.most_common(1)[0][0], address)
+
+    def _rivals(self, client: str) -> list[Any]:
+        """Connections of which one must go for a new one of a client; empty if there is room."""
+        own = [key for key, peer in self._peers.items() if peer.client == client]
+        if len(own) >= self._of_client:
+            return own
+        return [*self._peers] if len(self._peers) >= self._of_all else []
 
     @contextlib.contextmanager
     def request(self, address: Any) -> Iterator[None]:
@@ -90,13 +97,6 @@ class Gate:
             late = not peer.requests and now_s - peer.since_s > self._request_s
             if late or peer.connection.fileno() < 0:
                 self._close(address)
-
-    def _make_room(self, client: str, newest: Any) -> None:
-        peers = {key: one for key, one in self._peers.items() if one.connection.fileno() >= 0}
-        self._peers = peers
-        others = [key for key, one in peers.items() if one.client == client and not one.known]
-        others = [key for key in others if key != newest]
-        self._close(min(others, key=lambda key: peers[key].rank, default=newest))
 
     def _close(self, address: Any) -> None:
         peer = self._peers.pop(address)

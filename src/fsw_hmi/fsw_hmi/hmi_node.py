@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,7 @@ from fsw_control.topics_ros import LATCHED
 from fsw_control.units import NANOSECONDS
 from fsw_hmi import users
 from fsw_hmi.alarm_desk_ros import AlarmDesk
-from fsw_hmi.alarm_rules import NO_PROGRAMME_S, NO_REPORT_S
+from fsw_hmi.alarm_rules import NO_PROGRAMME_S
 from fsw_hmi.answers import Answer, Ended
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import frame, readable, row
@@ -45,8 +45,7 @@ from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles, report_routes
 from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.recording import Recording
-from fsw_hmi.refusals import why_not
-from fsw_hmi.requests import Acknowledge, Action, SafeStop, Shelve, Unshelve
+from fsw_hmi.requests import Acknowledge, SafeStop, Shelve, Unshelve
 from fsw_hmi.standing import flags_now
 from fsw_hmi.stop_progress import StopProgress
 from fsw_hmi.watch_ros import Watch
@@ -80,7 +79,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         super().__init__("fsw_hmi", **arguments)
         self._settings = ParameterValues(self, HmiParameters)
         values = self._settings.values
-        key, told = _key(values["users_file"], values["token_file"], self.get_logger().error)
+        key = users.of(values["users_file"], values["token_file"], self.get_logger().error)
         encrypted = tls_context(values["tls_cert"], values["tls_key"])
         files = PageFiles("live")
         listening = listen(values["host"], values["port"], values["patience_s"])
@@ -106,9 +105,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._stop = StopHolder(self, self._register, self._register.merge)
         self._wake = self.create_guard_condition(self._on_orders)
         self._room = ControlRoom(key, **{name: values[name] for name in _CONTROL})
-        times = {name: values[name] for name in ("request_timeout_s", "patience_s")}
-        touch = listening.gate.touch
-        self._page = LivePage(files, self._room, self._deliver, touch=touch, **times)
+        timeout_s, touch = values["request_timeout_s"], listening.gate.touch
+        self._page = LivePage(files, self._room, self._deliver, timeout_s, touch)
         routes = [*self._page.routes(), *report_routes(values["history_report"])]
         app = application(routes, [values["host"], *values["allow_hosts"]], listening.gate)
         self._web = WebThread(self._page, app, listening, encrypted)
@@ -124,7 +122,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self.get_logger().warning(
                 "the page can be reached from other computers, and nothing is encrypted"
             )
-        _announce(address(listening, encrypted is not None), str(key) if told else "")
+        _announce(address(listening, encrypted is not None), key.new)
 
     def _setting(self, name: str) -> float:
         value: float = self._settings[name]
@@ -296,8 +294,6 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             done = self._desk.carry_out(action, order.who)
             self._show("alarms", self._desk.frame())
             answer(done)
-        elif why := self._why_not(action):
-            answer(why)
         else:
             if isinstance(action, SafeStop):
                 # Not only by the supervisor's service: the plant hears of it, too, if no
@@ -307,17 +303,6 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
                 )
                 self._stop.look()
             self._orders.carry_out(action, answer, self._settings["request_timeout_s"])
-
-    def _why_not(self, action: Action) -> Answer | None:
-        """Why a request is not even sent, by what is known now."""
-        watch, now_s = self._watch, time.monotonic()
-        known = watch.state if now_s - watch.state_s <= NO_REPORT_S else None
-        measured = watch.view.tick_s is not None and now_s - watch.view.tick_s <= NO_REPORT_S
-        stays = watch.values if measured and not watch.references.coming else {}
-        in_force = (
-            (stays["reference_depth_mm"], stays["reference_temperature_c"]) if stays else None
-        )
-        return why_not(action, known, in_force, self._interlocks)
 
     def _answer(self, order: Order, answer: Answer) -> None:
         answer = answer._replace(message=readable(answer.message))
@@ -348,16 +333,3 @@ def _announce(url: str, token: str) -> None:
     write_status(url=url)
     if token:
         print(f"token: {token}", flush=True)
-
-
-def _key(
-    users_file: str, token_file: str, warn: Callable[[str], object]
-) -> tuple[str | users.Users, bool]:
-    """What who commands must know, and whether it has to be told: users, the token in a file, or a new one."""
-    if users_file and token_file:
-        raise ValueError("users_file, token_file: give one of them")
-    if token_file:
-        return users.read_token(Path(token_file).expanduser()), False
-    if not users_file:
-        return users.new_token(), True
-    return users.UsersFile(Path(users_file).expanduser(), warn), False

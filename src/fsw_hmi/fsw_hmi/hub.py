@@ -60,7 +60,6 @@ class Page:
         self._latest: dict[str, str] = {}
         self._ticks: deque[str] = deque(maxlen=_TICKS)
         self._history: deque[str] = deque()
-        self._sending_since_s: float | None = None
 
     def begin(self, hello: str, latest: dict[str, str], history: list[str]) -> None:
         """Start, or restart, with all known frames."""
@@ -88,28 +87,15 @@ class Page:
 
     async def next(self) -> str:
         """The next frame to send."""
-        self._sending_since_s = None
         while True:
             if self._urgent:
-                frame = self._urgent.popleft()
-            elif self._latest:
-                frame = self._latest.pop(next(iter(self._latest)))
-            elif self._ticks:
-                frame = self._ticks.popleft()
-            elif self._history:
-                frame = self._history.popleft()
-            else:
-                self._wake.clear()
-                await self._wake.wait()
-                continue
-            self._sending_since_s = asyncio.get_running_loop().time()
-            return frame
-
-    def give_up_if_stuck(self, patience_s: float) -> None:
-        """Drop the page if it has not taken a frame for this long."""
-        since_s = self._sending_since_s
-        if since_s is not None and asyncio.get_running_loop().time() - since_s > patience_s:
-            self.given_up.set()
+                return self._urgent.popleft()
+            if self._latest:
+                return self._latest.pop(next(iter(self._latest)))
+            if self._ticks or self._history:
+                return (self._ticks or self._history).popleft()
+            self._wake.clear()
+            await self._wake.wait()
 
 
 def _frame(rows: list[str]) -> str:

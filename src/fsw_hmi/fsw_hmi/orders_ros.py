@@ -20,7 +20,7 @@ from fsw_hmi.requests import (
     Action,
     ChangeMode,
     Disturb,
-    Fail,
+    Event,
     Programme,
     SafeStop,
     SetReference,
@@ -94,21 +94,19 @@ class Orders:
             case SafeStop():
                 return self._set_mode, "supervisor", convert.mode_request(SAFE_STOP)
             case ChangeMode():
-                request = convert.mode_request(action.mode, action.force_kn, action.speed_rpm)
-                return self._set_mode, "supervisor", request
+                return self._set_mode, "supervisor", convert.mode_request(**dict(action))
             case AcknowledgeStop():
                 return self._acknowledge, "supervisor", srv.OperatorRequest.Request()
             case Switch():
-                request = convert.switch_request(action.controller, action.wait_s)
-                return self._switch, "supervisor", request
+                return self._switch, "supervisor", convert.switch_request(**dict(action))
             case SetReference():
-                values = action.depth_mm, action.temperature_c, action.ramp
-                return self._set_reference, "supervisor", convert.set_reference_request(*values)
+                request = convert.set_reference_request(**dict(action))
+                return self._set_reference, "supervisor", request
             case Programme(action="abort"):
                 return self._cancel, "programme", CancelGoal.Request()  # whichever goal there is
             case Programme():
                 return self._weld[action.action], "programme", srv.OperatorRequest.Request()
-            case Disturb() | Fail():
+            case Event():
                 client = self._disturb if isinstance(action, Disturb) else self._fail
                 return client, "emulated plant", event_request(action.event)
         raise TypeError(f"{action!r} is not for the graph")

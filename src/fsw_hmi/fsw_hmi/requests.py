@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -18,7 +18,7 @@ from fsw_control.schema.models import InputError, Many, Model, Problem, validate
 from fsw_control.schema.ranges import Range
 from fsw_hmi.users import Role
 from fsw_plant.event_schema import disturbance, fault
-from fsw_plant.events import Disturbance, Fault
+from fsw_plant.events import PlantEvent
 
 _Name = Annotated[str, Field(pattern="^[A-Za-z0-9_]{1,100}$")]
 _AlarmId = Annotated[str, Field(pattern="^[ -~]{1,100}$")]
@@ -132,62 +132,51 @@ class Unshelve(Action):
     alarm: _AlarmId
 
 
-class Disturb(Action):
-    """A disturbance of the emulated plant; the amplitude has the paper's unit of the channel."""
+class Event(Action):
+    """An event of the emulated plant, which permits what a scenario may contain."""
 
     role = "engineer"
+    make: ClassVar[Callable[..., PlantEvent]]
 
+    duration_s: float = 0.0
+
+    @model_validator(mode="after")
+    def _check_event(self) -> Self:
+        assert self.event
+        return self
+
+    @property
+    def event(self) -> PlantEvent:
+        """The event; raises InputError if it is not permitted."""
+        return type(self).make(**dict(self))
+
+    def __str__(self) -> str:
+        times = {"duration_s": " for {:g} s", "period_s": ", period {:g} s"}
+        lasts = (
+            text.format(value) for key, text in times.items() if (value := dict(self).get(key))
+        )
+        return super().__str__() + "".join(lasts)
+
+
+class Disturb(Event):
+    """A disturbance; the amplitude has the paper's unit of the channel."""
+
+    words = "disturb {channel} {shape} {amplitude:g}"
+    make = staticmethod(disturbance)
     channel: str
     shape: str
     amplitude: float = 0.0
-    duration_s: float = 0.0
     period_s: float = 0.0
 
-    @model_validator(mode="after")
-    def _check_event(self) -> Disturb:
-        assert self.event
-        return self
 
-    @property
-    def event(self) -> Disturbance:
-        """The disturbance; raises InputError if it is not permitted."""
-        return disturbance(
-            self.channel, self.shape, self.amplitude, self.duration_s, self.period_s
-        )
+class Fail(Event):
+    """A fault of a sensor."""
 
-    def __str__(self) -> str:
-        return f"disturb {self.channel} {self.shape} {self.amplitude:g}{_times(self.duration_s, self.period_s)}"
-
-
-class Fail(Action):
-    """A fault of a sensor of the emulated plant."""
-
-    role = "engineer"
-
+    words = "fault {sensor} {kind} {magnitude:g}"
+    make = staticmethod(fault)
     sensor: str
     kind: str
     magnitude: float = 0.0
-    duration_s: float = 0.0
-
-    @model_validator(mode="after")
-    def _check_event(self) -> Fail:
-        assert self.event
-        return self
-
-    @property
-    def event(self) -> Fault:
-        """The fault; raises InputError if it is not permitted."""
-        return fault(self.sensor, self.kind, self.magnitude, self.duration_s)
-
-    def __str__(self) -> str:
-        return f"fault {self.sensor} {self.kind} {self.magnitude:g}{_times(self.duration_s)}"
-
-
-def _times(duration_s: float, period_s: float = 0.0) -> str:
-    """Duration and period, if any, for the record."""
-    return (f" for {duration_s:g} s" if duration_s else "") + (
-        f", period {period_s:g} s" if period_s else ""
-    )
 
 
 #: by the request's name

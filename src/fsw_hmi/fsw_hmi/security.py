@@ -37,13 +37,12 @@ class Security:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request, or pass it on."""
-        if scope["type"] in ("http", "websocket"):
-            with self._counted(scope.get("client")):
-                await self._answer(scope, receive, send)
-        else:
-            await self._app(scope, receive, send)
+        app = self._app
+        if scope["type"] == "websocket" and not _is_own(scope):
+            app = WebSocketClose()
+        elif scope["type"] == "http" and not _is_own(scope):
+            app = PlainTextResponse("the request comes from another page\n", 403)
 
-    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
@@ -51,25 +50,16 @@ class Security:
                     headers.setdefault(name, value)
             await send(message)
 
-        why_not = _refusal(Headers(scope=scope), scope["type"] == "websocket")
-        if not why_not:
-            await self._app(scope, receive, send_with_headers)
-        elif scope["type"] == "websocket":
-            await WebSocketClose(reason=why_not)(scope, receive, send)
-        else:
-            await PlainTextResponse(f"{why_not}\n", status_code=403)(
-                scope, receive, send_with_headers
-            )
+        with self._counted(scope.get("client")):
+            await app(scope, receive, send_with_headers)
 
 
-def _refusal(headers: Headers, websocket: bool) -> str:
-    """Reason for refusing a request; empty: answer it."""
+def _is_own(scope: Scope) -> bool:
+    """Whether a request comes from the page that this server serves, or from no page."""
+    headers = Headers(scope=scope)
     host, origins = headers.get("host", "").lower(), headers.getlist("origin")
-    if websocket and not origins:
-        return "a websocket needs an Origin"
-    if any(origin.lower() not in (f"http://{host}", f"https://{host}") for origin in origins):
-        return "the request comes from another page"
-    return ""
+    own = {f"http://{host}", f"https://{host}"}
+    return own.issuperset(map(str.lower, origins)) and bool(origins or scope["type"] == "http")
 
 
 def client_of(address: str) -> str:

@@ -316,10 +316,7 @@ interface Weld {
   start_s: Value;
   columns: string[];
   rows: any[][];
-  phases: { name: string; begin_s: number; end_s: number; temperature_error_c: Spread | null; depth_error_mm: Spread | null }[];
   events: { time_s: number; text: string }[];
-  kpis: { name: string; unit: string; value: number }[];
   account: Account;
   problems: string[];
 }
-type Spread = { mean: number; sigma: number };

@@ -8,16 +8,17 @@ import hmac
 import re
 import secrets
 import unicodedata
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence, Set
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import AfterValidator
+from pydantic import AfterValidator, TypeAdapter
 
 from fsw_control.coded import RefusedError, Worded
 from fsw_control.schema.files import read_private, write_whole
-from fsw_control.schema.models import InputError, Model, content_of, validate
+from fsw_control.schema.models import InputError, Many, Model, content_of, validate, validated_by
 
 #: each role includes those before it
 ROLES = ("view", "operate", "engineer")
@@ -65,8 +66,14 @@ class User(Model):
     """salted hash"""
 
 
+_USERS = TypeAdapter(Many[User])
+
+
 class Users:
     """All users. A correct password is cached, so that it is hashed only once."""
+
+    kind = "password"  #: of what a user knows
+    new = ""  #: a token that was made for this run, to be printed
 
     def __init__(self, users: Iterable[User]) -> None:
         self._users = _by_name(users)
@@ -103,6 +110,23 @@ class Users:
         return hmac.digest(
             self._key, name.casefold().encode() + b"\0" + _bytes(password), "sha256"
         )
+
+
+class Token(Users):
+    """A token for all: whoever knows it is an engineer, by any name."""
+
+    kind = "token"
+
+    def __init__(self, token: str) -> None:
+        if not token:
+            raise ValueError("the token is empty")
+        super().__init__(())
+        self._token = _bytes(token)
+
+    def remembered(self, name: str, password: str) -> User | None:
+        """See :meth:`Users.remembered`; a token needs no hash, so it is always checked here."""
+        right = hmac.compare_digest(_bytes(password), self._token)
+        return User.model_construct(name=name, role=ROLES[-1]) if right else None
 
 
 class UsersFile(Users):
@@ -157,6 +181,19 @@ def _by_name(users: Iterable[User]) -> dict[str, User]:
     return {user.name.casefold(): user for user in users}
 
 
+def of(users_file: str, token_file: str, warn: Callable[[str], object]) -> Users:
+    """Whoever may command: users in a file, or who knows the token in a file or a new one."""
+    if users_file and token_file:
+        raise ValueError("users_file, token_file: give one of them")
+    if users_file:
+        return UsersFile(Path(users_file).expanduser(), warn)
+    if token_file:
+        return Token(read_token(Path(token_file).expanduser()))
+    made = Token(token := new_token())
+    made.new = token
+    return made
+
+
 def new_user(name: str, role: Role, password: str, log2_n: int = _LOG2_N) -> User:
     """A user with a password.
 
@@ -208,33 +245,19 @@ def read(path: Path) -> list[User]:
     Raises
     ------
     ValueError
-        When the file cannot be read, others may read or change it, or a line is wrong; the message
-        says which and why.
+        When the file cannot be read, others may read or change it, or an entry is wrong; the
+        message says which and why.
     """
     where = f"users_file: {path}"
     try:
         text = read_private("users_file", path, _LONGEST_BYTES).decode()
     except UnicodeDecodeError:
         raise InputError(f"{where} is no text in UTF-8") from None
-    content = content_of(text, where)
-    if content is None:
-        return []
-    if not isinstance(content, list):
-        raise InputError(f"{where}: must be a list of users with name, role and password")
-    root = yaml.compose(text, yaml.SafeLoader)
-    lines = [node.start_mark.line + 1 for node in root.value] if root else []
-    found: dict[str, int] = {}
-    users = []
-    for entry, line in zip(content, lines, strict=True):
-        user = validate(User, entry, f"{where}, line {line}")
-        if user.name.casefold() in found:
-            before = found[user.name.casefold()]
-            raise InputError(
-                f"{where}, line {line}: {user.name!r} is in line {before} already (case does not count)"
-            )
-        found[user.name.casefold()] = line
-        users.append(user)
-    return users
+    users = validated_by(_USERS.validate_python, content_of(text, where) or [], where)
+    names = Counter(user.name.casefold() for user in users)
+    if twice := [user.name for user in users if names[user.name.casefold()] > 1]:
+        raise InputError(f"{where}: {' and '.join(twice)} are one name (case does not count)")
+    return list(users)
 
 
 def write(path: Path, users: Sequence[User]) -> None:

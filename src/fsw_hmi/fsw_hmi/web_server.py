@@ -55,17 +55,13 @@ def listen(host: str, port: int, patience_s: float = 20.0) -> Listening:
     ValueError
         When that is not possible; the message says what to do.
     """
+    one: Listening | None = None
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(
             host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
         )[0]
         one = Listening(family, kind, protocol)
         one.gate = Gate()
-    except OSError as error:
-        raise ValueError(
-            f"cannot listen on {host!r}: {error.strerror}; give an address of this computer"
-        ) from None
-    try:
         one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         one.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
         if hasattr(socket, "TCP_USER_TIMEOUT"):
@@ -73,9 +69,11 @@ def listen(host: str, port: int, patience_s: float = 20.0) -> Listening:
         one.bind(address)
         one.listen(128)
     except OSError as error:
-        one.close()
+        if one is not None:
+            one.close()
         raise ValueError(
-            f"cannot listen on {host} port {port}: {error.strerror}; choose another port (0: any free one)"
+            f"cannot listen on {host!r} port {port}: {error.strerror}; "
+            "give an address of this computer, and a free port (0: any)"
         ) from None
     return one
 

@@ -29,14 +29,11 @@ class Server:
     def __init__(self, folder, **options):
         self.files = PageFiles("live", folder)
         self.orders, self.logins = queue.Queue(), queue.Queue()
-        settings = {
-            "request_timeout_s": PATIENCE_S,
-            "patience_s": PATIENCE_S,
-        } | options
+        settings = {"request_timeout_s": PATIENCE_S} | options
         self.room = room = ControlRoom(settings.pop("key", TOKEN), **settings.pop("rules", {}))
         encrypted = settings.pop("encrypted", None)
         report = report_routes(settings.pop("history_report", ""))
-        listening = listen("127.0.0.1", 0, settings["patience_s"])
+        listening = listen("127.0.0.1", 0, settings.pop("patience_s", PATIENCE_S))
         self.gate = listening.gate = Gate(request_s=PATIENCE_S, **settings.pop("limits", {}))
         self.page = LivePage(self.files, room, self._take, touch=self.gate.touch, **settings)
         self.url = address(listening, encrypted is not None)

@@ -80,12 +80,23 @@ def test_page_that_was_touched_outlasts_those_that_were_not():
     assert door.open(HERE) == [1, 4, 6]
 
 
-def test_who_has_logged_in_stays_and_without_strangers_the_newest_goes():
+def test_without_strangers_the_page_of_a_user_that_is_untouched_for_longest_goes():
     door = Door(of_client=2)
     door.come(HERE, 1, asks=True, known=True)
     door.come(HERE, 2, asks=True, known=True)
-    door.come(HERE, 3)
-    assert door.open(HERE) == [1, 2]
+    door.gate.touch((HERE, 1), True)
+    door.come(HERE, 3, asks=True)
+    assert door.open(HERE) == [1, 3]
+    door.come(HERE, 4, asks=True)  # a stranger costs no second user the page
+    assert door.open(HERE) == [1, 4]
+
+
+def test_client_with_one_page_keeps_it_when_many_others_have_one_each():
+    door = Door(of_all=3)
+    door.come(HERE, 1, asks=True, known=True)
+    for host in range(9):
+        door.come(f"192.0.2.{host}", 1, asks=True)
+    assert door.open(HERE) == [1]
 
 
 def test_of_too_many_altogether_the_client_with_the_most_loses_one():
@@ -118,7 +129,8 @@ def test_closed_connections_do_not_count_and_may_be_unknown():
         door.come(HERE, port, asks=True)
         door.links[HERE, port].open = False
     door.come(HERE, 101)
-    assert door.open(HERE) == [101]
+    door.come(HERE, 102)
+    assert door.open(HERE) == [101, 102]
     door.gate.touch((HERE, 7), True)
     with door.gate.request(None), door.gate.request(("stranger", 1)):
         door.gate.touch(None, True)
@@ -132,17 +144,22 @@ def test_closed_connections_do_not_count_and_may_be_unknown():
     st.integers(1, 8),
     st.integers(1, 12),
 )
-def test_limits_hold_whoever_comes_and_no_client_loses_who_has_logged_in(
+def test_limits_hold_whoever_comes_and_users_lose_a_page_only_without_strangers(
     comers, of_client, of_all
 ):
     door = Door(of_client=of_client, of_all=of_all)
     known = set()
     for port, (host, asks, knows) in enumerate(comers):
+        before = {one for one, link in door.links.items() if link.open}
         door.come(host, port, asks)
-        if knows and door.links[host, port].open:
+        lost = [one for one in before if not door.links[one].open]
+        assert door.links[host, port].open and len(lost) <= 1
+        if lost and lost[0] in known:
+            own = {one for one in before if one[0] == host}
+            assert known >= (own if len(own) == of_client else before)
+        if knows:
             door.gate.touch((host, port), True)
             known.add((host, port))
-        assert all(door.links[one].open for one in known)
         assert sum(link.open for link in door.links.values()) <= of_all
         assert all(len(door.open(host)) <= of_client for host in (HERE, THERE, "192.0.2.1"))
 

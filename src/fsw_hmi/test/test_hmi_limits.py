@@ -2,7 +2,8 @@
 
 from fsw_analysis.rule_book import default
 from fsw_control.parameters import defaults
-from fsw_hmi.limits import PARAMETERS, limits, safe_state
+from fsw_control.ranges import REFERENCE_DEPTH_MM, beyond_trip
+from fsw_hmi.limits import PARAMETERS, limits, reference, safe_state
 from fsw_supervisor.parameters import SupervisorParameters
 
 
@@ -18,3 +19,15 @@ def test_every_parameter_that_is_asked_for_is_the_supervisors():
 
 def test_safe_state_is_unknown_until_all_of_it_is_told():
     assert safe_state({"safe_force_kn": 65.0}) is None
+
+
+def test_form_has_the_limits_by_which_the_supervisor_judges():
+    trips = defaults(SupervisorParameters)
+    whole, found = reference({}), reference(trips)
+    assert whole["depth_mm"] == [REFERENCE_DEPTH_MM.low, REFERENCE_DEPTH_MM.high]
+    assert (found["depth_mm"][1], found["temperature_c"]) == (
+        min(3.69, REFERENCE_DEPTH_MM.high),
+        [790.1, 909.9],
+    )
+    for depth_mm, temperature_c in zip(found["depth_mm"], found["temperature_c"], strict=True):
+        assert beyond_trip(depth_mm, temperature_c, trips) is None

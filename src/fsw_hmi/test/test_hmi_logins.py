@@ -1,17 +1,15 @@
 """Passwords are checked beside everything else: a flood of logins delays nothing."""
 
-import asyncio
 import contextlib
 import os
 import threading
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-from fsw_hmi.logins import BusyError, LoginChecks
 from fsw_hmi.users import Users, new_user
 from fsw_test_support.page_client import PATIENCE_S
+from fsw_test_support.waiting import wait_until
 
 PASSWORD = "correct horse battery"
 ROLES = {"vera": "view", "otto": "operate", "olga": "operate", "egon": "engineer"}
@@ -37,75 +35,20 @@ def users():
     return SlowUsers()
 
 
-def run(scenario):
-    """In a thread of its own: where a browser's tests have run, this one has a loop already."""
+@pytest.mark.slow
+def test_check_runs_in_a_thread_that_steps_back_and_may_fail(make_server, users, monkeypatch):
+    priorities = []
 
-    async def bounded():
-        await asyncio.wait_for(scenario(), PATIENCE_S)
-
-    with ThreadPoolExecutor(1) as own_thread:
-        own_thread.submit(asyncio.run, bounded()).result()
-
-
-def test_clients_take_turns_one_check_at_a_time_in_a_thread_that_steps_back():
-    async def scenario():
-        checks, order, running = LoginChecks(), [], []
-        gate = threading.Event()
-
-        def check(label):
-            running.append(label)
-            assert gate.wait(PATIENCE_S) and len(running) == 1
-            running.remove(label)
-            return label, os.getpriority(os.PRIO_PROCESS, 0)
-
-        async def ask(label):
-            order.append(await checks.run(label[0], lambda: check(label)))
-
-        asked = [asyncio.create_task(ask(label)) for label in ("a0", "a1", "a2", "a3", "b0", "c0")]
-        await asyncio.sleep(0)
-        assert order == []  # nobody waits for them
-        gate.set()
-        await asyncio.gather(*asked)
-        assert [label for label, _ in order] == ["a0", "b0", "c0", "a1", "a2", "a3"]
-        own = os.getpriority(os.PRIO_PROCESS, 0)
-        assert {priority for _, priority in order} == {min(19, own + 10)}
-        assert not checks._turns and not checks._counts
-        checks.close()
-
-    run(scenario)
-
-
-def test_line_of_a_client_and_of_all_is_bounded():
-    async def scenario():
-        checks, gate = LoginChecks(), threading.Event()
-        clients = ["a"] * 12 + [str(number) for number in range(100)]
-        asked = [
-            asyncio.create_task(checks.run(client, lambda: gate.wait(PATIENCE_S) and None))
-            for client in clients
-        ]
-        await asyncio.sleep(0)
-        gate.set()
-        answers = await asyncio.gather(*asked, return_exceptions=True)
-        busy = [number for number, one in enumerate(answers) if isinstance(one, BusyError)]
-        assert busy == [9, 10, 11, *range(12 + 56, 112)]
-        checks.close()
-
-    run(scenario)
-
-
-def test_check_that_fails_ends_neither_the_line_nor_the_page():
-    def too_large():
+    def too_large(name, password):
+        priorities.append(os.getpriority(os.PRIO_PROCESS, 0))
         raise MemoryError
 
-    async def scenario():
-        checks = LoginChecks()
-        answers = await asyncio.gather(
-            checks.run("a", too_large), checks.run("a", dict), return_exceptions=True
-        )
-        assert isinstance(answers[0], BusyError) and answers[1] == {}
-        checks.close()
-
-    run(scenario)
+    monkeypatch.setattr(users, "check", too_large)
+    server = make_server(key=users)
+    with server.open() as page:
+        for _ in range(2):
+            assert page.log_in(PASSWORD, "otto")["code"] == "busy"
+    assert priorities == [min(19, os.getpriority(os.PRIO_PROCESS, 0) + 10)] * 2
 
 
 @pytest.mark.slow
@@ -144,7 +87,7 @@ def test_page_that_leaves_while_its_password_is_checked_is_forgotten(make_server
         assert users.begun.acquire(timeout=PATIENCE_S)
     users.go_on.release(100)
     with server.open() as page:
-        assert page.log_in(PASSWORD, "olga")["outcome"] == "done"
+        wait_until(lambda: page.log_in(PASSWORD, "olga")["outcome"] == "done", "the first check")
         assert page.ask("take_control", **{"from": None})["outcome"] == "done"
 
 

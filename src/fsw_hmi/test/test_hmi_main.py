@@ -27,7 +27,7 @@ def broken(file):
 @pytest.mark.parametrize(
     ("change", "more", "text"),
     [
-        (broken, [], "users.yaml, line 1: role is 'boss'; one of view, operate or engineer"),
+        (broken, [], "users.yaml: [0].role is 'boss'; one of view, operate or engineer"),
         (lambda file: file.chmod(0o644), [], "others may read"),
         (
             lambda file: file.write_text("[]"),

@@ -66,9 +66,7 @@ class Place:
         if verdict.credentials is None:
             return verdict
         user = self.hall.room.check(*verdict.credentials)
-        return self.hall.room.on_checked(
-            self.session, verdict.id, verdict.credentials, user, self.hall.now_s
-        )
+        return self.hall.room.on_checked(self.session, verdict.credentials, user, self.hall.now_s)
 
     def take(self):
         holder = self.hall.room.holder
@@ -153,14 +151,26 @@ def test_wrong_passwords_shut_their_sender_out_but_for_who_was_right_before(hall
     assert not Place(hall).log_in("olga").close
 
 
-def test_only_one_password_of_a_page_is_checked_at_a_time_and_a_busy_check_is_no_refusal(hall):
-    place = Place(hall)
+@pytest.mark.requirement("S30")
+def test_one_password_of_a_client_is_checked_at_a_time_and_a_busy_check_is_no_refusal(hall):
+    place, near, far = Place(hall), Place(hall), Place(hall, address="192.0.2.9")
     first = place.ask("login", name="otto", password=PASSWORD)
     assert first.credentials == ("otto", PASSWORD)
-    assert place.ask("login", name="otto", password=PASSWORD).answer.code == "being_checked"
-    assert hall.room.on_busy(place.session, 7).answer.outcome == TIMED_OUT
-    assert place.log_in("otto").answer.outcome == DONE
+    for again in (place, near):
+        busy = again.ask("login", name="otto", password=PASSWORD)
+        assert (busy.credentials, busy.answer.code) == (None, "busy")
+    assert far.log_in("egon").answer.outcome == DONE
+    assert hall.room.on_busy(place.session).answer.outcome == TIMED_OUT
+    assert near.log_in("otto").answer.outcome == DONE
     assert Place(hall).ask("login", name="olga", password="x" * 129).credentials is None
+
+
+@pytest.mark.requirement("S30")
+def test_passwords_that_wait_for_their_check_are_bounded(hall):
+    places = [Place(hall, address=f"192.0.2.{number}") for number in range(100)]
+    asked = [one.ask("login", name="otto", password=PASSWORD) for one in places]
+    assert [number for number, one in enumerate(asked) if one.credentials] == [*range(64)]
+    assert {one.answer.code for one in asked[64:]} == {"busy"}
 
 
 def test_another_person_does_not_get_control_by_logging_in_at_the_same_page(hall):

@@ -43,20 +43,22 @@ def test_every_run_has_its_own_token():
 def test_different_wrong_tokens_of_one_client_within_a_minute_shut_it_out():
     wrong = logins.WrongLogins()
     for number in range(5):
-        assert wrong.add("a", b"%d" % number, 10.0 * number) == 0.0
-    for number in range(1000):
-        assert wrong.add("a", b"more %d" % number, 59.5) == 0.5
-    assert len(wrong._given_s["a"]) == 5
-    assert wrong.add("b", b"x", 59.5) == 0.0
-    assert wrong.add("a", b"x", 60.0) == 0.0  # the first is forgotten
-    assert wrong.add("a", b"y", 60.0) == 10.0
+        assert wrong.left_s("a", 10.0 * number) == 0.0
+        assert wrong.add("a", b"%d" % number, 10.0 * number)
+    assert wrong.left_s("a", 59.5) == 0.5
+    assert wrong.left_s("b", 59.5) == 0.0
+    assert wrong.left_s("a", 60.0) == 0.0  # the first is forgotten
+    assert wrong.add("a", b"x", 60.0)
+    assert wrong.left_s("a", 60.0) == 10.0
 
 
 def test_the_same_wrong_token_counts_once_and_a_wrong_one_now_and_then_not():
     wrong = logins.WrongLogins()
     for number in range(100):
-        assert wrong.add("pages that are out of date", b"old", 0.1 * number) == 0.0
-        assert wrong.add("a person", b"%d" % number, 20.0 * number) == 0.0
+        new = wrong.add("pages that are out of date", b"old", 0.1 * number)
+        assert (new, wrong.left_s("pages that are out of date", 10.0)) == (number == 0, 0.0)
+        assert wrong.add("a person", b"%d" % number, 20.0 * number)
+        assert wrong.left_s("a person", 20.0 * number) == 0.0
 
 
 def test_many_clients_take_no_more_memory_than_a_thousand():

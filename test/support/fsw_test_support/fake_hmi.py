@@ -360,9 +360,7 @@ class FakeHmi:
         verdict = self._room.handle(session, json.dumps(request), now_s)
         if verdict.credentials:
             user = self._room.check(*verdict.credentials)
-            verdict = self._room.on_checked(
-                session, request["id"], verdict.credentials, user, now_s
-            )
+            verdict = self._room.on_checked(session, verdict.credentials, user, now_s)
         if verdict.action:
             self._act(what, request)
             verdict = Verdict(request["id"], Answer(DONE, "", ""), asked=verdict.asked)
@@ -410,7 +408,7 @@ class FakeHmi:
     async def _bag(self, request: Request) -> Response:
         bag = self.bags[request.path_params["n"]]
         return JSONResponse(
-            {"columns": [*COLUMNS, "mode", "controller", "flags"], "rows": bag["rows"]}
+            {"columns": [*COLUMNS, "mode", "controller", "phase", "flags"], "rows": bag["rows"]}
         )
 
 
@@ -512,26 +510,20 @@ def sample_bag(n: int, duration_s: float = 240.0, shift_mm: float = 0.0) -> dict
                 *(exact(round(value, 4)) for value in row),
                 "auto",
                 "nmpc" if i * TICK_S > 60.0 else "decentral",
+                "joint_line" if i * TICK_S >= 60.0 else "start",
                 {},
             ]
         )
-    kpis = [
-        ("depth IAE", "mm s", 1.2 + n),
-        ("temperature IAE", "°C s", 80.0 - n),
-        ("missed ticks", "", 0.0),
-    ]
     return {
         "n": n,
         "name": f"weld_{n}",
         "duration_s": duration_s,
         "start_s": 1_790_000_000.0,
         "controllers": ["decentral", "nmpc"],
-        "phases": [_phase("start", 0.0, 60.0), _phase("joint_line", 60.0, 240.0)],
         "events": [
             {"time_s": 60.0, "text": "swap to nmpc"},
             {"time_s": 120.0, "text": "disturbance depth +0.1 mm"},
         ],
-        "kpis": [{"name": name, "unit": unit, "value": value} for name, unit, value in kpis],
         "account": good_account(),
         "problems": [] if n == 0 else ["3 ticks without a command"],
         "rows": rows,
@@ -561,17 +553,6 @@ def _alarm(
         "first_s": raised_s - 100.0,
         **{"shelved": "anna: it is being replaced", "shelved_until_s": None},
         **changed,
-    }
-
-
-def _phase(name: str, begin_s: float, end_s: float) -> dict[str, Any]:
-    error = {"mean": 0.1, "sigma": 0.3, "low": -1.0, "high": 0.9}
-    return {
-        "name": name,
-        "begin_s": begin_s,
-        "end_s": end_s,
-        "temperature_error_c": error,
-        "depth_error_mm": None,
     }
 
 

@@ -1,7 +1,7 @@
 // The page over recorded welds: scrub, play, zoom; two of them are drawn over each other.
 import { Bars } from "./bars.js";
 import { byId, el, panel, scroll, setText } from "./dom.js";
-import { clock, fixed, NONE, SIGN, span, words } from "./format.js";
+import { clock, NONE, SIGN, span, words } from "./format.js";
 import { Player } from "./player.js";
 import { drawTime, LINES, liveLines, Trends, uPlotReady, withNormal } from "./trends.js";
 import { WeldMap } from "./weld_map.js";
@@ -44,7 +44,7 @@ class BagPage {
     /** @type {[number, number]} */ this.range = [0, this.durationS];
     this.columns = overlaid(welds, limits);
     this.#head();
-    byId("side").append(this.#figures(), this.#phases(), this.#events());
+    byId("side").append(this.#problems(), this.#events());
     this.bars = new Bars(byId("values"), limits);
     this.#plots();
     const map = new WeldMap(byId("map"), this.first.columns, (timeS) => this.player?.seek(timeS));
@@ -68,27 +68,10 @@ class BagPage {
     );
   }
 
-  #figures() {
-    const names = [...new Set(this.welds.flatMap((weld) => weld.kpis.map((one) => one.name)))];
-    const head = el("tr", {}, ...["figure", ...this.welds.map((weld) => weld.name)].map((text) => el("th", { scope: "col" }, text)));
-    const rows = names.map((name) => {
-      const found = this.welds.map((weld) => weld.kpis.find((one) => one.name === name));
-      const unit = found.find(Boolean)?.unit;
-      return el("tr", {}, el("th", { scope: "row" }, `${name}${unit ? ` [${unit}]` : ""}`), ...found.map((one) => el("td", {}, one ? String(one.value).replace("-", "−") : NONE)));
-    });
-    const table = el("table", { className: "figures" }, el("thead", {}, head), el("tbody", {}, ...rows));
-    const problems = this.welds.flatMap((weld) => weld.problems.map((text) => el("li", {}, `▲ ${weld.name}: ${text}`)));
-    return panel("figures", "Figures of merit", scroll("Table of the figures", table, el("ul", { className: "notes" }, ...problems)));
-  }
-
-  #phases() {
-    const error = (/** @type {Spread?} */ one) => (one ? `${fixed(one.mean, 2)} ± ${fixed(one.sigma, 2)}` : NONE);
-    const rows = this.welds.flatMap((weld) =>
-      weld.phases.map((one) => el("tr", {}, el("th", { scope: "row" }, (this.welds.length > 1 ? `${weld.name}: ` : "") + words(one.name)), el("td", {}, span(one.begin_s)), el("td", {}, error(one.temperature_error_c)), el("td", {}, error(one.depth_error_mm)))),
-    );
-    const head = el("tr", {}, ...["phase", "from", "error °C", "error mm"].map((text) => el("th", { scope: "col" }, text)));
-    const made = panel("phases", "Phases, mean error ± σ", scroll("Table of the phases", el("table", {}, el("thead", {}, head), el("tbody", {}, ...rows))));
-    made.hidden = rows.length === 0;
+  #problems() {
+    const all = this.welds.flatMap((weld) => weld.problems.map((text) => el("li", {}, `▲ ${weld.name}: ${text}`)));
+    const made = panel("problems", "Problems", scroll("List of the problems", el("ul", { className: "notes" }, ...all)));
+    made.hidden = all.length === 0;
     return made;
   }
 
@@ -130,8 +113,7 @@ class BagPage {
     const values = Object.fromEntries(this.first.columns.map((name, i) => [name, row[i] ?? null]));
     this.bars?.update(values, /** @type {Flags} */ (row[this.first.columns.indexOf("flags")] ?? {}));
     setText(this.who, [values.controller, words(values.mode)].filter(Boolean).join(" · ") || NONE);
-    const phase = this.first.phases.find((one) => one.name !== "whole weld" && one.begin_s <= timeS && timeS < one.end_s);
-    setText(this.phase, words(phase?.name) || NONE);
+    setText(this.phase, words(values.phase) || NONE);
     setText(this.time, span(timeS));
     const [from, to] = this.range;
     if (timeS < from || timeS > to) this.#zoom([timeS, timeS + to - from]);
