@@ -203,12 +203,18 @@ def test_a_procedure_that_the_weld_did_not_run_by(shop: Path, welded_by: Procedu
 def test_a_record_without_any_procedure_cannot_be_judged(shop: Path) -> None:
     write_programme_weld(shop / "weld_3", 2, WriterOptions(manifest=True))
     found, course = record.make(shop / "weld_3", load("copper_lid"))
-    report.write(found, course, load("copper_lid"), shop / "weld_3")
-    record_folder = shop / "weld_3"
+    record_folder = shop / "records" / "weld_3"
+    record_folder.mkdir(parents=True)
+    report.write(found, course, load("copper_lid"), record_folder)
     assert codes(shop, Subject(shop / "weld_3", record=record_folder)) == [Code.NO_PROCEDURE]
     lid = load("copper_lid")
     assert codes(shop, Subject(shop / "weld_3", lid, record=shop / "weld_1")) == [Code.MISSING]
     assert codes(shop, Subject(shop / "weld_3", lid, record=record_folder)) == []
+    (record_folder / report.PAGE).write_text("edited")
+    wrong = verify_bag(shop / "weld_3", own(shop), NOW).findings
+    assert [(entry.code, entry.file) for entry in wrong] == [
+        (Code.CHANGED_SINCE, f"../records/weld_3/{report.PAGE}")
+    ]
 
 
 @pytest.mark.parametrize("name", [report.PAGE, report.PDF])
