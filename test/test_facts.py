@@ -72,6 +72,8 @@ def is_words(node: ast.AST) -> bool:
 
 
 def is_constant(node: ast.AST) -> bool:
+    if isinstance(node, ast.Attribute) and node.attr in PROSE:
+        return is_constant(node.value)  # the words of a constant
     return is_words(node) or (isinstance(node, ast.Name) and node.id.isupper())
 
 
@@ -143,6 +145,7 @@ def test_no_interlock_has_its_level_in_its_name():
         'state.reason == "operator"',
         're.split(" is trip", row["reason"])',
         "first_reason != NO_SET_POINT",
+        "words == NO_SET_POINT.words",
         "any(word in event.text for word in WORDS)",
         "pattern.fullmatch(str(event.text))",
         'any("not white" in line for line in remarks(summary))',

@@ -17,7 +17,7 @@ from fsw_control.schema.files import write_whole
 from fsw_control.schema.models import InputError
 from fsw_plant import PlantConfig
 from fsw_plant.process import prepare
-from fsw_quality import attestation, history, history_report, report
+from fsw_quality import attestation, history, history_report
 from fsw_quality.evidence import Policy, Subject, attest
 from fsw_quality.history_report import Kind, Remark
 from fsw_recorder import signature
@@ -83,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for one in history_report.tools(table):
         print(f"tool {one.tool}, {one.welds} welds: {one.words}")
     missed = _tell(said, table["weld"].to_pylist(), chosen.welds)
-    chain = attestation.read_chain(folder / "chain", _trusted(folder))
+    chain = attestation.Chain(folder / "chain", _trusted(folder))
     for entry in chain.findings:
         print(f"chain: {entry.line}")
     print(f"chain: {len(chain.entries)} welds, {'damaged' if chain.findings else 'intact'}")
@@ -166,14 +166,8 @@ def _weld(folder: Path, welds: int, workers: int, end_deg: float) -> list[histor
 def _sign(folder: Path, row: history.Row, key: Any, procedure: Any) -> None:
     """Attest a bag together with its record; one that is signed for already stays."""
     place = folder / "welds" / row["weld"]
-    bag, record = place / "bag", place / "record"
-    if not (bag / ATTESTATION_NAME).exists():
-        documents = [
-            record / name
-            for name in (report.JSON, report.PAGE, report.PDF)
-            if (record / name).exists()
-        ]
-        subject = Subject(bag, procedure, documents=documents)
+    if not (place / "bag" / ATTESTATION_NAME).exists():
+        subject = Subject(place / "bag", procedure, record=place / "record")
         attest(subject, folder / "chain", key, datetime.now(UTC), Policy(_trusted(folder)))
 
 

@@ -8,23 +8,19 @@ chain has a copy of each by its number, so that a weld that is removed later lea
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Any, TypeVar
 
-from pydantic import AwareDatetime, Strict
-
-from fsw_control.schema.models import InputError, Many, Model, validate
+from fsw_control.schema.models import InputError, Many
+from fsw_recorder import signature
 from fsw_recorder.bag_metadata import IDENTITY
 from fsw_recorder.bag_reader import SUFFIXES
 from fsw_recorder.errors import BagError
 from fsw_recorder.findings import Code, Finding, finding
 from fsw_recorder.manifest import Manifest, sha256
-from fsw_recorder.signature import Purpose, Signer, TrustedKey, open_envelope, read_file
 from fsw_scenario.procedure import Identity
 
 T = TypeVar("T")
@@ -32,27 +28,23 @@ T = TypeVar("T")
 CLOCKS = timedelta(seconds=60)
 
 
-class Attestation(Model):
+class Attestation(signature.Stated):
     """What is stated about a bag, its manifest and documents: the predicate of attestation.json."""
 
     number: int
     """place in the chain, from 1"""
     previous_sha256: str | None = None
     """of the attestation before it; the first has none"""
-    repeats: bool = False
-    """the signer allows that canister and lid were welded before"""
     bag: str
     """name of the folder, of one called ``bag`` with that of its parent"""
     identity: dict[str, str]
     """canister, lid, tool and machine, as they were given to the recorder"""
     procedure: Identity | None = None
-    procedure_signer: Signer | None = None
+    procedure_signer: signature.Signer | None = None
     documents: Many[str]
-    """names of the files that were attested together with the bag, e.g. the record of the weld"""
+    """record.json, page and PDF that were attested together with the bag: their paths from it"""
     notes: Many[Finding]
     """what was not as it should be when it was attested, or was not checked"""
-    signed_at: Annotated[AwareDatetime, Strict(False)]
-    """by the clock of the computer that signed"""
 
     @property
     def welded(self) -> str:
@@ -61,93 +53,54 @@ class Attestation(Model):
         return ", ".join(f"{key} {self.identity[key]}" for key in known if "canister" in known)
 
 
-@dataclass(frozen=True, slots=True)
-class Signed:
-    """An attestation as it was found; ``before`` is the hash of the file before it in its chain."""
-
-    path: Path
-    data: bytes
-    sha256: Mapping[str, str]
-    """of the files that it is about"""
-    content: Attestation
-    signer: Signer
-    before: str | None = None
-
-    @property
-    def data_sha256(self) -> set[str]:
-        """Hashes of the files with the messages."""
-        return {digest for name, digest in self.sha256.items() if name.endswith(SUFFIXES)}
-
-
-def opened(
-    path: Path, data: bytes, trusted: Sequence[TrustedKey], before: str | None = None
-) -> Signed:
-    """The attestation in a file, verified; EvidenceError as of `open_envelope`, InputError if it is none."""
-    signed = open_envelope(data, Purpose.ATTESTATION, trusted, path.name)
-    content = validate(Attestation, signed.predicate, path.name)
-    return Signed(path, data, signed.sha256, content, signed.signer, before)
-
-
-def tried(findings: list[Finding], file: object, check: Callable[[], T]) -> T | None:
+def tried(
+    findings: list[Finding], file: object, check: Callable[..., T], *arguments: Any
+) -> T | None:
     """Result of a check; None where it fails, which is among the findings then."""
     try:
-        return check()
+        return check(*arguments)
     except (BagError, InputError, OSError) as error:  # that of an EvidenceError has findings
         findings += getattr(error, "findings", [finding(Code.UNREADABLE, file, reason=error)])
         return None
 
 
-@dataclass(frozen=True, slots=True)
 class Chain:
-    """The attestations of a folder, in order, what is wrong with them, and the hash of the last."""
+    """The attestations of a folder, in order, what is wrong with them, and the hash of the last.
 
-    folder: Path
-    entries: tuple[Signed, ...]
-    findings: tuple[Finding, ...]
-    last_sha256: str | None
-
-
-def read_chain(folder: Path, trusted: Sequence[TrustedKey]) -> Chain:
-    """All attestations of a chain: their signatures, their order, whether one is missing or was exchanged.
-
-    A chain that was cut off at its end is intact in itself: compare its last number and hash with
-    what was noted.
+    Each states its number and the hash of the file before it: a hole, an exchange and another
+    order all break that link, and only at the place where it happened. A chain that was cut off at
+    its end is intact in itself: compare its last number and hash with what was noted.
     """
-    entries: list[Signed] = []
-    findings: list[Finding] = []
-    before: str | None = None
-    for path in sorted(path for path in folder.glob("*.json") if path.stem.isdecimal()):
-        if (data := tried(findings, path.name, partial(read_file, path))) is not None:
-            entry = tried(findings, path.name, partial(opened, path, data, trusted, before))
-            entries += [entry] if entry else []
-            before = sha256(data)
-    return Chain(folder, tuple(entries), (*findings, *chain_findings(entries)), before)
 
+    def __init__(self, folder: Path, trusted: Sequence[signature.TrustedKey]) -> None:
+        self.folder, self.trusted = folder, trusted
+        self.entries: list[signature.Statement[Attestation]] = []
+        self.findings: list[Finding] = []
+        self.last_sha256: str | None = None
+        self._seen: dict[str, Attestation] = {}
+        for path in sorted(path for path in folder.glob("*.json") if path.stem.isdecimal()):
+            tried(self.findings, path.name, self.add, path)
 
-def chain_findings(entries: Sequence[Signed]) -> Iterator[Finding]:
-    """What is wrong with the order of attestations, and which bags and canisters are there twice.
-
-    Each states the hash of the file before it: a hole, an exchange and another order all break
-    that link, whatever the files are called, and only at the place where it happened.
-    """
-    bags: dict[str, Attestation] = {}
-    canisters: dict[str, Attestation] = {}
-    for entry, previous in zip(entries, [None, *entries], strict=False):
-        file, content = entry.path.name, entry.content
-        if content.previous_sha256 != entry.before:
-            yield finding(Code.BROKEN_LINK, file, number=content.number)
-        times = (
-            {f"attestation of {previous.path.name}": previous.signer.signed_at} if previous else {}
-        )
-        yield from order_findings(file, {**times, "attested": entry.signer.signed_at})
-        earlier = next((bags[key] for key in entry.data_sha256 if key in bags), None)
-        if earlier is not None:
-            yield finding(Code.ATTESTED_TWICE, file, number=earlier.number, bag=earlier.bag)
-        elif content.welded in canisters and not content.repeats:
-            number = canisters[content.welded].number
-            yield finding(Code.CANISTER_TWICE, file, identity=content.welded, number=number)
-        bags |= dict.fromkeys(entry.data_sha256, content)
-        canisters |= {content.welded: content} if content.welded else {}
+    def add(self, path: Path, new: bytes | None = None) -> None:
+        """Check the next file, or the content of a ``new`` one; EvidenceError if it is no attestation."""
+        file, data = path.name, signature.read_file(path) if new is None else new
+        before, self.last_sha256 = self.last_sha256, sha256(data)
+        kind = signature.Purpose.ATTESTATION, Attestation, self.trusted, file
+        entry = signature.open_envelope(data, *kind)
+        stated, last = entry.predicate, self.entries[-1].signer.signed_at if self.entries else None
+        times = {"attestation before it": last, "attested": entry.signer.signed_at}
+        if (stated.previous_sha256, f"{stated.number:06d}.json") != (before, file):
+            self.findings.append(finding(Code.BROKEN_LINK, file, number=stated.number))
+        self.findings += order_findings(file, times)
+        hashes = [entry.sha256[name] for name in entry.sha256 if name.endswith(SUFFIXES)]
+        welded = [stated.welded] if stated.welded else []
+        for code, keys in ((Code.ATTESTED_TWICE, hashes), (Code.CANISTER_TWICE, welded)):
+            if known := [self._seen[key] for key in keys if key in self._seen]:
+                twice = {"identity": stated.welded, "number": known[0].number, "bag": known[0].bag}
+                self.findings.append(finding(code, file, **twice))
+                break  # a bag that is there twice has its canister twice, too
+        self._seen |= dict.fromkeys([*hashes, *welded], stated)
+        self.entries.append(entry)
 
 
 def order_findings(file: str, times: Mapping[str, datetime | None]) -> list[Finding]:

@@ -3,30 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import datetime
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from fsw_analysis.procedure import Procedure, attached
 from fsw_control.schema.files import locked, write_whole
-from fsw_control.schema.models import Many, Model
-from fsw_quality.attestation import (
-    Attestation,
-    Chain,
-    Signed,
-    chain_findings,
-    opened,
-    order_findings,
-    read_chain,
-    tried,
-    weld_times,
-)
-from fsw_quality.cross_check import check_documents
-from fsw_quality.record_content import bag_name
-from fsw_quality.report import json_sha256
+from fsw_control.schema.models import Many, Model, json_content_of, validate
+from fsw_quality import record_hook
+from fsw_quality.attestation import Attestation, Chain, order_findings, tried, weld_times
+from fsw_quality.record import make
+from fsw_quality.record_content import Record, bag_name, other_version
+from fsw_quality.report import JSON, PAGE, PDF, contents, json_sha256, record_bytes
 from fsw_recorder import signature
 from fsw_recorder.bag_metadata import ATTESTATION_NAME, IDENTITY, METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
@@ -34,45 +23,46 @@ from fsw_recorder.errors import BagError
 from fsw_recorder.findings import Code, EvidenceError, Finding, Unchecked, finding
 from fsw_recorder.manifest import MANIFEST_NAME, Manifest, mapped, read_manifest, sha256
 from fsw_recorder.manifest_check import check_file, check_files, is_read
-from fsw_recorder.signature import Purpose, Signer, TrustedKey, read_file
+from fsw_recorder.signature import Purpose, Signer, Statement, TrustedKey
 
 if TYPE_CHECKING:  # from the extra signing
     from securesystemslib.signer import CryptoSigner
 
-#: faults only where the recorder must answer for all of the bag
-_AFTERWARDS = {Code.NO_MANIFEST, Code.UNLISTED, Code.HASHED_AFTERWARDS, Code.RECOVERED}
 #: faults only where signatures are required
 _UNSIGNED = {Code.MANIFEST_UNSIGNED, Code.PROCEDURE_UNSIGNED, Code.PROCEDURE_ABSENT}
+#: fields of a record that the bag alone does not give, and what is noted of them
+_BESIDE: dict[str, Unchecked | None] = {
+    "bag": None,
+    "comparison": Unchecked.NOT_COMPARED,
+    "afterwards": Unchecked.STATED_AFTERWARDS,
+}
+#: fields that differ where a record is not merely edited, but of something else
+_OTHER = {
+    "files": Code.RECORD_OTHER_WELD,
+    "procedure": Code.RECORD_OTHER_PROCEDURE,
+    "identity": Code.RECORD_OTHER_IDENTITY,
+}
 
 
-@dataclass(frozen=True, slots=True)
-class Policy:
-    """What has to be, or may be, when a bag is attested or verified."""
+class Policy(NamedTuple):
+    """What has to be when a bag is attested or verified."""
 
     trusted: Sequence[TrustedKey]
-    require_signed: bool = False
-    """the manifest by the recorder, and the procedure"""
-    afterwards: bool = False
-    """also a bag whose recorder did not hash all of it"""
-    repeat: bool = False
-    """also a canister that was welded already"""
+    require_signed: bool = False  #: the manifest by the recorder, and the procedure
 
     def is_fault(self, entry: Finding) -> bool:
         """Whether a finding refuses a bag; else it is noted."""
-        is_noted = (self.afterwards and entry.code in _AFTERWARDS) or (
-            not self.require_signed and entry.code in _UNSIGNED
-        )
-        return isinstance(entry.code, Code) and not is_noted
+        noted = set() if self.require_signed else _UNSIGNED
+        return isinstance(entry.code, Code) and entry.code not in noted
 
 
-@dataclass(frozen=True, slots=True)
-class Subject:
-    """What is signed for: a bag, the procedure of its weld with its signer, and documents."""
+class Subject(NamedTuple):
+    """What is signed for: a bag, the procedure of its weld with its signer, and the record."""
 
     bag: Path
     procedure: Procedure | None = None
     procedure_signer: Signer | None = None
-    documents: Sequence[Path] = ()
+    record: Path | None = None  #: its folder; left out: ``record`` in that of the bag, if any
 
 
 def attest(
@@ -92,69 +82,54 @@ def attest(
     BagError
         There is no bag, or it cannot be read.
     """
-    own = Signer(
-        key=signature.fingerprint(key.public_key.keyid), signed_at=now.replace(microsecond=0)
-    )
-    hashes, draft = _draft(subject, own, policy, progress)
-    with locked(chain_folder):
-        chain = read_chain(chain_folder, policy.trusted)
-        number = len(chain.entries) + 1
-        made = draft.changed(number=number, previous_sha256=chain.last_sha256)
-        stated = made.model_dump(mode="json", exclude_none=True)
-        data = signature.envelope(hashes, Purpose.ATTESTATION, stated, key).encode()
-        path = chain_folder / f"{number:06d}.json"
-        entry = opened(path, data, policy.trusted, chain.last_sha256)
-        wrong = chain.findings or tuple(chain_findings([*chain.entries, entry]))
-        if wrong or path.exists():  # there is one where a file was renamed
-            raise EvidenceError(*wrong or [finding(Code.BROKEN_LINK, path.name, number=number)])
-        # The chain is written last: before that the same call makes the same attestation again.
-        for target in (subject.bag / ATTESTATION_NAME, path):
-            write_whole(target, data, durable=True)
-    return made
-
-
-def _draft(
-    subject: Subject, own: Signer, policy: Policy, progress: Callable[[float], None] | None
-) -> tuple[dict[str, str], Attestation]:
-    """Hashes and statement that are to be signed, but for the place in the chain; an EvidenceError as `attest`."""
-    bag, signer = subject.bag, subject.procedure_signer
+    bag, now, line = subject.bag, now.replace(microsecond=0), key.public_key.keyid
+    own = Signer(key=signature.fingerprint(line), signed_at=now)
     if not bag.is_dir():
         raise BagError(f"{bag}: is not the folder of a bag; only a folder can be attested")
-    # named by their path from the bag, so that no two of them have one name, also behind links
-    own_files = {path.resolve() for path in _files(bag)}
-    others = [path.resolve() for path in subject.documents if path.resolve() not in own_files]
-    paths = {Path(os.path.relpath(path, bag.resolve())).as_posix(): path for path in others}
-    documents = {name: bytes(mapped(path)) for name, path in paths.items()}
+    folder = os.path.relpath((subject.record or bag / "record").resolve(), bag.resolve())
+    names = [f"{folder}/{name}" for name in (JSON, PAGE, PDF) if (bag / folder / name).exists()]
+    documents = {name: bytes(mapped(bag / name)) for name in names}
     manifest = read_manifest(bag)
     with BagReader(bag) as reader:
         custom, found = reader.metadata.custom_data, [*_recorded(bag, manifest, reader)]
         ran_by = attached({entry.name: entry.data for entry in reader.attachments()})
     procedure = subject.procedure or (ran_by[0] if len(ran_by) == 1 else None)
     if procedure and procedure.sha256 not in {entry.sha256 for entry in ran_by}:
-        by = dict(procedure.identity)
-        if ran_by:
-            found.append(finding(Code.OTHER_PROCEDURE, METADATA_NAME, **by))
-        else:
-            found.append(finding(Unchecked.PROCEDURE_NOT_RECORDED, METADATA_NAME, **by))
-    signers = {Purpose.ATTESTATION: own} | ({Purpose.PROCEDURE: signer} if signer else {})
-    found += _check_signers(bag, manifest, procedure, signers, policy)
-    if not any(map(policy.is_fault, found)):  # else no document can be compared
-        found += check_documents(bag, procedure, documents, progress)
-    if faults := [*filter(policy.is_fault, found)]:
-        raise EvidenceError(*faults)
-    content = Attestation(
+        code = Code.OTHER_PROCEDURE if ran_by else Unchecked.PROCEDURE_NOT_RECORDED
+        found.append(finding(code, METADATA_NAME, **dict(procedure.identity)))
+    draft = Attestation(
+        signed_at=now,
         number=0,
-        repeats=policy.repeat,
         bag=bag_name(bag),
         identity={name: custom[name] for name in IDENTITY if name in custom},
         procedure=procedure.identity if procedure else None,
-        procedure_signer=signer,
+        procedure_signer=subject.procedure_signer,
         documents=tuple(documents),
-        notes=tuple(found),
-        signed_at=own.signed_at,
+        notes=(),
     )
+    _check_signers(found, bag, manifest, draft, own, policy)
+    if not documents:
+        absent = Code.MISSING if subject.record else Unchecked.NO_RECORD
+        found.append(finding(absent, f"{folder}/{JSON}"))
+    elif not any(map(policy.is_fault, found)):  # else they cannot be compared
+        found += _check_documents(bag, procedure, documents, progress)
+    if faults := [*filter(policy.is_fault, found)]:
+        raise EvidenceError(*faults)
     hashes = {path.name: sha256(mapped(path)) for path in _files(bag)}
-    return hashes | {name: sha256(data) for name, data in documents.items()}, content
+    hashes |= {name: sha256(data) for name, data in documents.items()}
+    with locked(chain_folder):
+        chain = Chain(chain_folder, policy.trusted)
+        number, before = len(chain.entries) + 1, chain.last_sha256
+        made = draft.changed(number=number, previous_sha256=before, notes=tuple(found))
+        data = signature.envelope(hashes, Purpose.ATTESTATION, made, key).encode()
+        path = chain_folder / f"{number:06d}.json"
+        chain.add(path, data)
+        if chain.findings:
+            raise EvidenceError(*chain.findings)
+        # The chain is written last: before that the same call makes the same attestation again.
+        for target in (bag / ATTESTATION_NAME, path):
+            write_whole(target, data, durable=True)
+    return made
 
 
 def _files(bag: Path) -> list[Path]:
@@ -179,37 +154,90 @@ def _recorded(bag: Path, manifest: Manifest | None, reader: BagReader) -> Iterat
         yield finding(Unchecked.BAG_DAMAGED, bag.name, problem=problem)
 
 
+def _check_documents(
+    bag: Path,
+    procedure: Procedure | None,
+    documents: Mapping[str, bytes],
+    progress: Callable[[float], None] | None = None,
+) -> Iterator[Finding]:
+    """Whether documents, first the record, then its pages, are what bag and procedure give; reads the whole bag for that.
+
+    Raises
+    ------
+    fsw_control.schema.models.InputError
+        A record cannot be read, or the PDF's extra is missing.
+    fsw_recorder.errors.BagError
+        The bag cannot be judged.
+    """
+    name, *pages = documents
+    if Path(name).name != JSON:
+        yield finding(Code.MISSING, JSON)
+        return
+    data = documents[name]
+    content = json_content_of(data.decode("utf-8", "replace"), name)
+    if wrong := other_version(content, name):
+        yield wrong
+        return
+    if procedure is None:
+        yield finding(Code.NO_PROCEDURE, name)
+        return
+    stated = validate(Record, content, name)
+    beside = {key: getattr(stated, key) for key in _BESIDE}
+    for key, note in _BESIDE.items():
+        if note and beside[key] is not None:
+            yield finding(note, name)
+    # All else follows from bag and procedure, so what was edited differs from what is made
+    # again; no list of fields or sentences to check can be incomplete.
+    made, course = make(bag, procedure, progress)
+    made = made.changed(**beside)
+    if data != record_bytes(made):
+        said, real = (entry.model_dump(mode="json") for entry in (stated, made))
+        # bytes: e.g. a key that is given twice, of which other software may read the first
+        fields = [key for key in real if real[key] != said[key]] or ["bytes"]
+        code = next((_OTHER[key] for key in _OTHER if key in fields), Code.RECORD_EDITED)
+        yield finding(code, name, fields=", ".join(fields))
+    if PDF in map(os.path.basename, pages):
+        record_hook.PDF.need("the PDF of a record")
+    again = contents(made, course, procedure).values() if pages else ()
+    for page in pages:
+        if documents[page] not in again:
+            is_edited = json_sha256(documents[page]) == sha256(data)
+            yield finding(Code.DOCUMENT_DIFFERS if is_edited else Code.OTHER_RECORD, page)
+
+
 def _check_signers(
+    found: list[Finding],
     bag: Path,
     manifest: Manifest | None,
-    procedure: object | None,
-    signers: dict[Purpose, Signer],
+    stated: Attestation,
+    attester: Signer,
     policy: Policy,
     later: Sequence[Signer] = (),
     now: datetime | None = None,
-) -> list[Finding]:
-    """Whether all signatures count, also those by a key that was revoked since, and were made in order.
+) -> dict[Purpose, Signer]:
+    """Signers; finds which signatures do not count, also by a key revoked since, or are not in order.
 
-    Adds the signer of the manifest. ``later`` signed attestations that follow this one.
+    ``later`` signed attestations that follow this one.
     """
-    found, at = list[Finding](), dict[Purpose, datetime]()
-    path, attester = bag / MANIFEST_NAME, signers[Purpose.ATTESTATION]
-    if by := tried(found, bag, lambda: signature.signer_of(path, Purpose.MANIFEST, None)):
-        signers[Purpose.MANIFEST] = by
-    else:
-        found.append(finding(Code.MANIFEST_UNSIGNED, Purpose.MANIFEST))
-    if Purpose.PROCEDURE not in signers:
-        code = Code.PROCEDURE_UNSIGNED if procedure else Code.PROCEDURE_ABSENT
-        found.append(finding(code, Purpose.PROCEDURE))
+    at, signers = dict[Purpose, datetime](), dict[Purpose, Signer]()
+    machine = tried(found, bag, signature.signer_of, bag / MANIFEST_NAME, Purpose.MANIFEST, None)
+    no_procedure = Code.PROCEDURE_UNSIGNED if stated.procedure else Code.PROCEDURE_ABSENT
     revoked = {signature.fingerprint(key.key) for key in policy.trusted if key.revoked}
-    for purpose, signer in signers.items():
+    for purpose, signer, unsigned in (
+        (Purpose.ATTESTATION, attester, Code.NOT_SIGNED),
+        (Purpose.MANIFEST, machine, Code.MANIFEST_UNSIGNED),
+        (Purpose.PROCEDURE, stated.procedure_signer, no_procedure),
+    ):
+        if signer is None:
+            found.append(finding(unsigned, purpose))
+            continue
         others = [other.signed_at for other in (attester, *later) if other.key != signer.key]
-        shown_at = min(others, default=None)
-        check = partial(signature.check_trust, signer, purpose, policy.trusted, purpose, shown_at)
-        if by := tried(found, bag, check):
-            signers[purpose], at[purpose] = by, by.signed_at
+        use = signer, purpose, policy.trusted, purpose, min(others, default=None)
+        if by := tried(found, bag, signature.check_trust, *use):
+            at[purpose] = by.signed_at
             if by.key in revoked and not others:
                 found.append(finding(Unchecked.REVOCATION_BY_OWN_CLOCK, purpose, **dict(by)))
+        signers[purpose] = by or signer
     begin, end = weld_times(manifest) if manifest else (None, None)
     times = {
         "procedure signed": at.get(Purpose.PROCEDURE),
@@ -219,7 +247,8 @@ def _check_signers(
         "attested": at.get(Purpose.ATTESTATION),
         "this verification": now,
     }
-    return found + order_findings(ATTESTATION_NAME, times)
+    found += order_findings(ATTESTATION_NAME, times)
+    return signers
 
 
 class Verification(Model):
@@ -236,51 +265,47 @@ def verify_bag(
     bag: Path, policy: Policy, now: datetime, chain: Chain | None = None
 ) -> Verification:
     """Whether a bag is what was recorded and signed, has its place in the ``chain``, and with it its documents."""
-    policy = replace(policy, afterwards=True)  # whether it was allowed, the attestation says
-    found: list[Finding] = []
-    path, signers, made = bag / ATTESTATION_NAME, dict[Purpose, Signer](), None
-    signed = tried(found, bag, lambda: opened(path, read_file(path), policy.trusted))
-    if signed is None:
-        found.append(finding(Unchecked.FILES_NOT_CHECKED, bag))
-    else:
-        made, signers[Purpose.ATTESTATION] = signed.content, signed.signer
-        if made.procedure_signer:
-            signers[Purpose.PROCEDURE] = made.procedure_signer
-        entries = chain.entries if chain else ()
-        later = [entry.signer for entry in entries if entry.content.number > made.number]
-        manifest = tried(found, bag, lambda: read_manifest(bag))
-        found += _check_signers(bag, manifest, made.procedure, signers, policy, later, now)
+    found, signers, made = list[Finding](), dict[Purpose, Signer](), None
+    data = tried(found, bag, signature.read_file, bag / ATTESTATION_NAME)
+    kind = Purpose.ATTESTATION, Attestation, policy.trusted, ATTESTATION_NAME
+    if data is not None and (signed := tried(found, bag, signature.open_envelope, data, *kind)):
+        made, entries = signed.predicate, chain.entries if chain else []
+        later = [entry.signer for entry in entries if entry.predicate.number > made.number]
+        manifest = tried(found, bag, read_manifest, bag)
+        by = bag, manifest, made, signed.signer, policy, later, now
+        signers = _check_signers(found, *by)
         for name in signed.sha256:
-            check = partial(_check_file, bag, name, signed, manifest)
-            found += tried(found, bag / name, check) or []
+            found += tried(found, bag / name, _check_file, bag, name, signed, manifest) or []
         others = [path for path in _files(bag) if path.name not in signed.sha256]
         found += [finding(Code.NOT_ATTESTED, path) for path in others]
         found += [note for note in made.notes if note not in found]
-        if made.documents:
-            found.append(finding(Unchecked.NOT_JUDGED_AGAIN, bag))
-        if chain is None:
-            found.append(finding(Unchecked.NO_CHAIN, ATTESTATION_NAME))
-        elif signed.data not in {entry.data for entry in entries}:
+        if chain and signed.data not in {entry.data for entry in entries}:
             found.append(finding(Code.NOT_IN_CHAIN, chain.folder, number=made.number))
-        if not any(key.valid_from or key.valid_until or key.revoked for key in policy.trusted):
-            found.append(finding(Unchecked.ALL_KEYS, ATTESTATION_NAME))
+    dated = any(key.valid_from or key.valid_until or key.revoked for key in policy.trusted)
+    for code, applies in (
+        (Unchecked.FILES_NOT_CHECKED, made is None),
+        (Unchecked.NOT_JUDGED_AGAIN, made and made.documents),
+        (Unchecked.NO_CHAIN, made and chain is None),
+        (Unchecked.ALL_KEYS, made and not dated),
+    ):
+        found += [finding(code, bag)] if applies else []
     faults = tuple(filter(policy.is_fault, found))
     rest = tuple(entry for entry in found if entry not in faults)
     return Verification(bag=bag, attested=made, signers=signers, findings=faults, not_checked=rest)
 
 
-def _check_file(bag: Path, name: str, signed: Signed, manifest: Manifest | None) -> list[Finding]:
-    """What of an attested file is not as it was: of one of the bag to the chunk, of a page also its record."""
-    path, digest, is_document = bag / name, signed.sha256[name], name in signed.content.documents
+def _check_file(
+    bag: Path, name: str, signed: Statement[Attestation], manifest: Manifest | None
+) -> list[Finding]:
+    """What of an attested file is not as it was: of one of the bag to the chunk."""
+    path, digest = bag / name, signed.sha256[name]
     if not path.is_file():
+        is_document = name in signed.predicate.documents
         return [finding(Unchecked.DOCUMENT_ABSENT if is_document else Code.MISSING, name)]
-    data = mapped(path)
-    if sha256(data) != digest:
-        # the manifest locates the change, if it is about the file that was attested
-        listed = [entry for entry in manifest.files if entry.name == name] if manifest else []
-        if listed and listed[0].sha256 == digest:
-            return check_file(path, listed[0])
-        return [finding(Code.CHANGED_SINCE, name)]
-    made_of = json_sha256(bytes(data)) if is_document else None
-    is_linked = made_of is None or made_of in signed.sha256.values()
-    return [] if is_linked else [finding(Code.OTHER_RECORD, name)]
+    if sha256(mapped(path)) == digest:
+        return []
+    # the manifest locates the change, if it is about the file that was attested
+    listed = [entry for entry in manifest.files if entry.name == name] if manifest else []
+    if listed and listed[0].sha256 == digest:
+        return check_file(path, listed[0])
+    return [finding(Code.CHANGED_SINCE, name)]

@@ -262,9 +262,10 @@ def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
                 welded(time_s, values.get("procedure", ""), values.get("revision", ""), now)
             )
             welded_by = now
-        told = line.level, {key: text for key, text in values.items() if key not in _IDENTIFIES}
+        facts = {key: text for key, text in values.items() if key not in _IDENTIFIES}
+        told = line.level, facts
         if told != before and (before or line.level):
-            found.append(WeldEvent(time_s, "deviation", detail=line.message))
+            found.append(WeldEvent(time_s, "deviation", detail=line.message, data=facts))
         before = told
     return found
 
@@ -360,10 +361,7 @@ def _events(signals: WeldSignals, course: Course) -> list[Event]:
     rows = sorted(
         zip(found, angles, strict=True), key=lambda row: (row[0].time_s, row[0].kind, row[0].text)
     )
-    return [
-        Event(time_s=one.time_s, kind=one.kind, text=one.text, angle_deg=angle)
-        for one, angle in rows
-    ]
+    return [Event.of(one, angle) for one, angle in rows]
 
 
 def _phase(course: Course, procedure: Procedure, name: str, ticks: slice) -> PhaseRecord:

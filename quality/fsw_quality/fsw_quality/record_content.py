@@ -11,6 +11,8 @@ from pydantic import Field, Strict
 from fsw_analysis.exceedances import Exceedance, Pair, Rounded
 from fsw_analysis.procedure import Identity, WeldData
 from fsw_analysis.rules import Fact, Rule, Verdict
+from fsw_analysis.weld_events import WeldEvent
+from fsw_control.cause import Cause
 from fsw_control.schema.models import Many, Model, json_content_of
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.findings import Code, Finding, finding
@@ -95,12 +97,44 @@ class TimeOfControl(Model):
 
 
 class Event(Model):
-    """Something that happened: phase, weld, swap, mode, interlock, alarm, operator, fault, deviation or finding."""
+    """Something that happened, as facts: those of a `WeldEvent`; what is empty is left out."""
 
     time_s: Rounded
     kind: str
-    text: str
+    """phase, weld, swap, mode, interlock, alarm, operator, fault, procedure, deviation or finding"""
+    subject: str | None = None
+    """the phase, controller, mode, interlock, request, alarm, fault or procedure"""
+    state: str | None = None
+    """of an interlock, an alarm or a request"""
+    is_over: bool | None = None
+    """an interlock, fault or finding ends"""
+    cause: str | None = None
+    """of a swap or a mode: name in ``SupervisorState.msg`` in small letters; left out: unknown"""
+    who: str | None = None
+    """the operator"""
+    detail: str | None = None
+    """words of the node that reported it"""
+    data: dict[str, str] | None = None
+    """more, by kind"""
     angle_deg: Rounded | None = None
+
+    @classmethod
+    def of(cls, event: WeldEvent, angle_deg: float | None) -> Event:
+        """Facts of an event, and where the tool was."""
+        cause = "" if event.cause is Cause.UNKNOWN else event.cause.word
+        facts = {name: getattr(event, name) or None for name in _FACTS} | {"cause": cause or None}
+        return cls(time_s=event.time_s, kind=event.kind, angle_deg=angle_deg, **facts)
+
+    @property
+    def text(self) -> str:
+        """The event in words."""
+        facts = {name: getattr(self, name) for name in _FACTS if getattr(self, name) is not None}
+        facts |= {"cause": Cause[self.cause.upper()]} if self.cause else {}
+        return WeldEvent(self.time_s, self.kind, **facts).text
+
+
+#: fields of an event that may be empty, but for the cause, which is written as a word
+_FACTS = ("subject", "state", "is_over", "who", "detail", "data")
 
 
 class Gap(Model):
@@ -172,7 +206,7 @@ class Record(Model):
     """Content of record.json."""
 
     format: Literal["fsw_weld_record"] = "fsw_weld_record"
-    version: Literal[4] = 4
+    version: Literal[5] = 5
     verdict: Annotated[Verdict, Strict(False)]
     deciding: Rule
     """the first rule that led to the verdict; of an accepted weld, that all are kept"""

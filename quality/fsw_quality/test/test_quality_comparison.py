@@ -115,6 +115,7 @@ def test_what_the_watch_tells_is_on_record_once_each(
 ) -> None:
     """Diagnostics come every second; what changes is an event, at the weld's time. Another weld's do not count."""
     identity = {"procedure": "p", "revision": "B", "SHA-256": "ab" * 32}
+    facts = {"code": "mode", "mode": "manual", "who": "a key that an event has, too"}
     types, kind = SampleTypes(), "diagnostic_msgs/msg/DiagnosticArray"
     weld = replace(good_weld(), namespace=home)
     with BagWriter(tmp_path / "bag") as writer:
@@ -130,8 +131,9 @@ def test_what_the_watch_tells_is_on_record_once_each(
                 name = f"{cell}/fsw_procedure: deviations".removeprefix("/")
                 status = {"name": name, "message": told, "level": 2 * (told != "no deviation")}
                 if cell == home and tick > 1:
+                    given = identity | (facts if status["level"] else {})
                     status["values"] = [
-                        {"key": key, "value": value} for key, value in identity.items()
+                        {"key": key, "value": value} for key, value in given.items()
                     ]
                 values = {
                     "header": {"stamp": stamp},
@@ -145,3 +147,4 @@ def test_what_the_watch_tells_is_on_record_once_each(
         (2.1, "deviation", "mode manual"),
         (4.1, "deviation", "no deviation"),
     ]
+    assert [one.data for one in found[1:]] == [facts, {}]

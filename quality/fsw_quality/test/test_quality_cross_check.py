@@ -14,7 +14,7 @@ import yaml
 
 from fsw_analysis.procedure import WeldData
 from fsw_quality import record, report
-from fsw_quality.attestation import read_chain
+from fsw_quality.attestation import Chain
 from fsw_quality.evidence import Policy, Subject, attest, verify_bag
 from fsw_quality.record_content import Comparison, Record
 from fsw_recorder.bag_writer import WriterOptions
@@ -70,8 +70,11 @@ def shop(made: Path, tmp_path: Path) -> Path:
 
 
 def signed_for(shop: Path, number: int = 1, names: tuple[str, ...] = ALL, **more: Any) -> Subject:
+    """A weld with these files of its record alone."""
     bag = shop / f"weld_{number}"
-    return Subject(bag, documents=[bag / "record" / name for name in names], **more)
+    for name in set(ALL) - set(names):
+        (bag / "record" / name).unlink(missing_ok=True)
+    return Subject(bag, **more)
 
 
 def own(shop: Path, **more: bool) -> Policy:
@@ -97,15 +100,17 @@ def edit(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
 def test_what_fits_together_is_attested_and_verified(shop: Path, welded_by: Procedure) -> None:
     assert codes(shop, signed_for(shop)) == []
     trusted = load_trusted([shop / "key.pub"])
-    result = verify_bag(shop / "weld_1", Policy(trusted), NOW, read_chain(shop / "chain", trusted))
+    result = verify_bag(shop / "weld_1", Policy(trusted), NOW, Chain(shop / "chain", trusted))
     assert result.findings == () and result.attested is not None
     assert result.attested.procedure == welded_by.identity and len(result.attested.documents) == 3
     assert result.attested.identity == {"canister": "C-1"}
     noted = {entry.code for entry in result.not_checked}
-    assert Unchecked.NOT_JUDGED_AGAIN in noted and Unchecked.DOCUMENT_FOREIGN not in noted
-    (shop / "weld_1" / "record" / "record.pdf").write_bytes(b"%PDF-1.4 other")
+    assert Unchecked.NOT_JUDGED_AGAIN in noted and Unchecked.NO_RECORD not in noted
+    (shop / "weld_1" / "record" / report.PAGE).unlink()
+    (shop / "weld_1" / "record" / report.PDF).write_bytes(b"%PDF-1.4 other")
     changed = verify_bag(shop / "weld_1", Policy(trusted), NOW)
     assert [entry.code for entry in changed.findings] == [Code.CHANGED_SINCE]
+    assert Unchecked.DOCUMENT_ABSENT in {entry.code for entry in changed.not_checked}
 
 
 def test_the_record_of_another_weld(shop: Path) -> None:
@@ -154,23 +159,20 @@ def test_an_edited_record(
 
 
 @pytest.mark.parametrize(
-    ("name", "old", "new"),
+    ("old", "new"),
     [
-        ("record.json", b"{", b'{"verdict": "accept",'),  # the last one is read
-        ("renamed.txt", b'"format": "', b'"format": "other", "format": "'),
-        ("renamed.txt", b"fsw_weld_record", rb"fsw\u005fweld_record"),
-        ("record.json", b"}", b', "comparison": null}'),
+        (b"{", b'{"verdict": "accept",'),  # the last one is read
+        (b"fsw_weld_record", rb"fsw\u005fweld_record"),
+        (b"}", b', "comparison": null}'),
     ],
 )
-def test_a_record_whose_bytes_say_something_else(
-    shop: Path, name: str, old: bytes, new: bytes
-) -> None:
+def test_a_record_whose_bytes_say_something_else(shop: Path, old: bytes, new: bytes) -> None:
     """What is read of it is what the bag gives."""
-    folder = shop / "weld_1" / "record"
-    data = (folder / "record.json").read_bytes()
+    path = shop / "weld_1" / "record" / "record.json"
+    data = path.read_bytes()
     head, _, tail = data.rpartition(old) if old == b"}" else data.partition(old)
-    (folder / name).write_bytes(head + new + tail)
-    assert codes(shop, signed_for(shop, names=(name,))) == [Code.RECORD_EDITED]
+    path.write_bytes(head + new + tail)
+    assert codes(shop, signed_for(shop, names=("record.json",))) == [Code.RECORD_EDITED]
 
 
 def test_a_record_of_an_earlier_version_is_refused_as_such(shop: Path) -> None:
@@ -201,10 +203,18 @@ def test_a_procedure_that_the_weld_did_not_run_by(shop: Path, welded_by: Procedu
 def test_a_record_without_any_procedure_cannot_be_judged(shop: Path) -> None:
     write_programme_weld(shop / "weld_3", 2, WriterOptions(manifest=True))
     found, course = record.make(shop / "weld_3", load("copper_lid"))
-    report.write(found, course, load("copper_lid"), shop / "weld_3")
-    documents = [shop / "weld_3" / name for name in ALL]
-    assert codes(shop, Subject(shop / "weld_3", documents=documents)) == [Code.NO_PROCEDURE]
-    assert codes(shop, Subject(shop / "weld_3", load("copper_lid"), documents=documents)) == []
+    record_folder = shop / "records" / "weld_3"
+    record_folder.mkdir(parents=True)
+    report.write(found, course, load("copper_lid"), record_folder)
+    assert codes(shop, Subject(shop / "weld_3", record=record_folder)) == [Code.NO_PROCEDURE]
+    lid = load("copper_lid")
+    assert codes(shop, Subject(shop / "weld_3", lid, record=shop / "weld_1")) == [Code.MISSING]
+    assert codes(shop, Subject(shop / "weld_3", lid, record=record_folder)) == []
+    (record_folder / report.PAGE).write_text("edited")
+    wrong = verify_bag(shop / "weld_3", own(shop), NOW).findings
+    assert [(entry.code, entry.file) for entry in wrong] == [
+        (Code.CHANGED_SINCE, f"../records/weld_3/{report.PAGE}")
+    ]
 
 
 @pytest.mark.parametrize("name", [report.PAGE, report.PDF])
@@ -217,6 +227,7 @@ def test_a_page_of_another_record(shop: Path, name: str) -> None:
     ):
         path.write_bytes(other)
         assert codes(shop, signed_for(shop)) == [Code.OTHER_RECORD]
+    assert codes(shop, signed_for(shop, names=(name,))) == [Code.MISSING], "its record"
 
 
 @pytest.mark.parametrize("name", [report.PAGE, report.PDF])

@@ -69,13 +69,13 @@ def test_from_key_to_proof(
         "manifest_unsigned",
         "procedure_absent",
         "clock_unknown",
+        "no_record",
         "all_keys",
     }
     again = weld(tmp_path / "more" / "C-1", 3)
     capsys.readouterr()
     assert run("attest", again, "--chain", chain) == 1
     assert "canister C-1 " in capsys.readouterr().err
-    assert run("attest", again, "--chain", chain, "--repeat") == 0
 
 
 def test_keys_expire(tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -151,8 +151,8 @@ def test_what_is_wrong_is_said_in_one_line(
             "cannot read procedure no_such",
         ),
         (
-            ("attest", bag, "--chain", chain, "--key", key, "--with", tmp_path / "none.json"),
-            "No such file",
+            ("attest", bag, "--chain", chain, "--key", key, "--record", tmp_path / "none"),
+            "none/record.json: is missing",
         ),
         (("attest", bag, "--chain", chain, "--key", key, "--require-signed"), "manifest: "),
         (("verify-evidence",), "give bags, or --chain, or both"),

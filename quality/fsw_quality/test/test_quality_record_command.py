@@ -175,10 +175,8 @@ def test_a_recorded_weld_is_attested_with_the_record_that_was_written_by_itself(
     )
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     bag = Path(shutil.copytree(recorded, tmp_path / "bag"))
-    written = [bag / "record" / name for name in report.files()]
-    words = [word for path in written for word in ("--with", str(path))]
     make_key(tmp_path / "config" / "fsw-control" / "evidence_key")
-    assert main(["bag", "attest", str(bag), "--chain", str(tmp_path / "chain"), *words]) == 0
+    assert main(["bag", "attest", str(bag), "--chain", str(tmp_path / "chain")]) == 0
     found = tmp_path / "found.json"
     assert (
         main(

@@ -420,6 +420,31 @@ def test_a_dwell_on_a_real_clock_may_lack_half_a_tick(lasts_s: float, complete: 
     assert (FactCode.LASTS not in [fact.code for fact in rule.facts]) == complete
 
 
+def test_events_of_a_record_are_facts_of_which_the_same_words_follow() -> None:
+    weld = good_weld()
+    weld.events.insert(1, WeldEvent(2.0, "swap", "nmpc", cause=Cause.SWAP_FAILED))
+    weld.events.insert(2, WeldEvent(3.0, "mode", "hold", cause=Cause.UNKNOWN))
+    weld.events.insert(3, WeldEvent(4.0, "interlock", "torque_high", "warn", is_over=True))
+    record = judged(weld)
+    read = Record.model_validate_json(record.model_dump_json(exclude_none=True))
+    assert read.events == record.events
+    swap = next(one for one in read.events if one.kind == "swap")
+    assert (swap.subject, swap.cause) == ("nmpc", "swap_failed")
+    assert [one.text for one in read.events] == [one.text for one in weld.events]
+
+
+@pytest.mark.parametrize(("ticks", "verdict"), [(3, Verdict.REVIEW), (4, Verdict.REJECT)])
+def test_an_exceedance_on_a_real_clock_is_as_long_as_its_ticks(
+    ticks: int, verdict: Verdict
+) -> None:
+    weld = good_weld()
+    weld.temperature_c[DWELL + 5 : DWELL + 5 + ticks] = 911.0  # tolerated: 0.3 s
+    weld.time_s[DWELL + 4 + ticks] += 0.02
+    record = judged(weld)
+    assert record.deciding.name == "essential" and record.verdict is verdict
+    assert record.exceedances[0].duration_s == pytest.approx(0.1 * ticks)
+
+
 def cut(weld: WeldSignals, begin: int, end: int) -> WeldSignals:
     """The weld without some ticks, on all topics."""
     kept = np.r_[0:begin, end:TICKS]

@@ -24,7 +24,6 @@ from fsw_analysis.weld_signals import (
     WeldSignals,
     experiment_time_s,
 )
-from fsw_control.host import NO_SET_POINT
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.references import OTHER_CLOCK_NS
 from fsw_control.sensors import DEPTH_CHANNELS, REQUIRED, SENSORS
@@ -49,7 +48,7 @@ def reasons(table: Table) -> list[Reason]:
     """The reason of each message; of older bags its words, as those of a controller of its own."""
     columns = (table.column(path).tolist() for path in FIELDS)
     return [
-        _old(words)
+        Reason.of(words)
         if code != code
         else Reason(
             ReasonCode(int(code)), tuple(sensors), limit_s, detail, subject, tuple(interlocks)
@@ -58,10 +57,6 @@ def reasons(table: Table) -> list[Reason]:
             *columns, strict=True
         )
     ]
-
-
-def _old(words: str) -> Reason:
-    return NO_SET_POINT if words == NO_SET_POINT.words else Reason.of(words)
 
 
 class _Ticks:

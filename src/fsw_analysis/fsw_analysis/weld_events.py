@@ -54,14 +54,14 @@ class WeldEvent:
         key = self.kind
         if self.is_over or self.state == "shelved":
             key = f"{self.kind} {'over' if self.is_over else 'shelved'}"
-        words = _WORDS[key].format(
-            subject=self.subject or "no controller",
-            state=self.state,
-            who=self.who,
-            detail=self.detail,
-            why=self._why(),
-            **self.data,
-        )
+        facts = {
+            "subject": self.subject or "no controller",
+            "state": self.state,
+            "who": self.who,
+            "detail": self.detail,
+            "why": self._why(),
+        }
+        words = _WORDS[key].format_map({**self.data, **facts})
         return f"{words}: {self.detail}" if self.kind == "operator" and self.detail else words
 
     def _why(self) -> str:

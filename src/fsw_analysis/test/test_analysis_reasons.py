@@ -23,7 +23,6 @@ FAILED = Reason(ReasonCode.FAILED, subject="nmpc")
         ((0.0, [], 0.0, "", "", [], ""), Reason()),
         ((99.0, [], 0.0, "", "", [], ""), Reason(ReasonCode.UNKNOWN)),
         ((np.nan, [], np.nan, "", "", [], ""), Reason()),
-        ((np.nan, [], np.nan, "", "", [], "no set-point yet"), Reason(ReasonCode.NO_SET_POINT)),
         (
             (np.nan, [], np.nan, "", "", [], "solver: late"),
             Reason(ReasonCode.OTHER, detail="solver: late"),

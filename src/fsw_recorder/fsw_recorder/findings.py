@@ -37,13 +37,12 @@ class Code(Worded):
     NOT_SIGNED = "not_signed", "has no signature"
     SIGNATURE_DAMAGED = (
         "signature_damaged",
-        "the signature is damaged, of another kind, or by an earlier version of this software",
+        "the signature is damaged, for another purpose, or by an earlier version of this software",
     )
     CONTENT_CHANGED = (
         "content_changed",
         "the signature does not fit: the file was changed after it was signed",
     )
-    OTHER_PURPOSE = "other_purpose", "was signed as {signed}, not as {needed}"
     KEY_UNKNOWN = "key_unknown", "signed by key {key}, which is not a trusted one ({trusted})"
     KEY_PURPOSE = "key_purpose", "signed by {name}, whose key {key} is not for {limit}"
     KEY_EARLY = (
@@ -74,10 +73,7 @@ class Code(Worded):
         "record_other_version",
         "is a record of version {version}, this software reads {read}: write it again",
     )
-    OTHER_RECORD = (
-        "other_record",
-        "was made of another record.json than the one that is attested with it",
-    )
+    OTHER_RECORD = "other_record", "was not made of the record.json that is attested with it"
     DOCUMENT_DIFFERS = "document_differs", "is not what its record.json gives"
     OTHER_PROCEDURE = (
         "other_procedure",
@@ -130,10 +126,7 @@ class Unchecked(Worded):
         "procedure_not_recorded",
         "whether the weld ran by procedure {id} is not in the bag",
     )
-    DOCUMENT_FOREIGN = (
-        "document_foreign",
-        "was attested as it was; nothing links its content to the bag",
-    )
+    NO_RECORD = "no_record", "no record was attested with the bag: its weld is not judged"
     DOCUMENT_ABSENT = (
         "document_absent",
         "was attested with the bag and is not here",

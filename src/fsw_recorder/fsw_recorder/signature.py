@@ -13,25 +13,16 @@ import hashlib
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Generic, Literal, NamedTuple, TypeVar
 
 from pydantic import AfterValidator, AwareDatetime, Field, Strict
 
 from fsw_control.schema.extensions import Extra
 from fsw_control.schema.files import read_private, read_regular
-from fsw_control.schema.models import (
-    InputError,
-    Many,
-    Model,
-    content_of,
-    json_content_of,
-    read_text,
-    validate,
-)
+from fsw_control.schema.models import InputError, Many, Model, content_of, read_text, validate
 from fsw_recorder.findings import Code, EvidenceError, finding
 
 if TYPE_CHECKING:  # from the extra signing
@@ -78,14 +69,20 @@ class KeyList(Model):
     keys: Annotated[Many[TrustedKey], Field(min_length=1)]
 
 
-class Signer(Model):
+class Stated(Model):
+    """What is stated about files: the predicate of their signature."""
+
+    signed_at: Annotated[AwareDatetime, Strict(False)]
+    """by the clock of the computer that signed"""
+
+
+class Signer(Stated):
     """Signer of a file, and the time."""
 
     name: str = ""
     """name in the list of trusted keys"""
     key: str
     """fingerprint as in ``ssh-keygen -l``"""
-    signed_at: Annotated[AwareDatetime, Strict(False)]
 
     @property
     def words(self) -> str:
@@ -94,12 +91,15 @@ class Signer(Model):
         return f"{owner} at {self.signed_at.isoformat(timespec='seconds')}"
 
 
-@dataclass(frozen=True, slots=True)
-class Statement:
-    """A verified statement: hashes of files by name, the predicate, and the signer."""
+S = TypeVar("S", bound=Stated)
 
+
+class Statement(NamedTuple, Generic[S]):
+    """A verified statement: its file, hashes of files by name, the predicate, and the signer."""
+
+    data: bytes
     sha256: dict[str, str]
-    predicate: dict[str, Any]
+    predicate: S
     signer: Signer
 
 
@@ -129,15 +129,16 @@ def load_private(path: Path) -> CryptoSigner:
         If it is missing, readable by others, or not an unencrypted key of OpenSSH.
     """
     _EXTRA.need("signatures")
-    from cryptography.hazmat.primitives.serialization import load_ssh_private_key
+    from cryptography.hazmat.primitives import serialization as ssh
     from securesystemslib.signer import CryptoSigner
 
     if not path.exists():
         make = f"mkdir -p {path.parent} && ssh-keygen -t ed25519 -N '' -f {path}"
         raise InputError(f"key {path}: there is none; make one with {make}")
     try:
-        key = load_ssh_private_key(read_private("key", path), password=None)
-        return CryptoSigner(key, _library_key(_line(key.public_key())))
+        key = ssh.load_ssh_private_key(read_private("key", path), password=None)
+        form = ssh.Encoding.OpenSSH, ssh.PublicFormat.OpenSSH
+        return CryptoSigner(key, _library_key(key.public_key().public_bytes(*form).decode()))
     except Exception as error:  # cryptography raises various kinds
         text = " ".join(str(error).split())[:150]
         raise InputError(f"key {path}: cannot be used: {text}") from None
@@ -156,10 +157,9 @@ def load_trusted(paths: Sequence[Path]) -> tuple[TrustedKey, ...]:
     keys: list[TrustedKey] = []
     for path in paths:
         text = read_text(path, "trusted key")
-        if text.startswith("ssh-"):
-            keys.append(validate(TrustedKey, {"name": path.stem, "key": text}, str(path)))
-        else:
-            keys += validate(KeyList, content_of(text, str(path)), str(path)).keys
+        alone = {"keys": [{"name": path.stem, "key": text}]}
+        content = alone if text.startswith("ssh-") else content_of(text, str(path))
+        keys += validate(KeyList, content, str(path)).keys
     return tuple(keys)
 
 
@@ -169,18 +169,17 @@ def fingerprint(line: str) -> str:
     return "SHA256:" + base64.b64encode(digest).decode().rstrip("=")
 
 
-def envelope(sha256: dict[str, str], purpose: Purpose, predicate: Any, key: CryptoSigner) -> str:
-    """Sign a statement about files with these hashes; returns the text of the envelope.
-
-    The ``predicate`` is a mapping for JSON, with ``signed_at``.
-    """
+def envelope(
+    sha256: dict[str, str], purpose: Purpose, predicate: Stated, key: CryptoSigner
+) -> str:
+    """Sign a statement about files with these hashes; returns the text of the envelope."""
     from securesystemslib.dsse import Envelope
 
     statement = {
         "_type": "https://in-toto.io/Statement/v1",
         "subject": [{"name": name, "digest": {"sha256": sha256[name]}} for name in sha256],
         "predicateType": PREDICATE_TYPE + purpose,
-        "predicate": predicate,
+        "predicate": predicate.model_dump(mode="json", exclude_none=True),
     }
     signed = Envelope(json.dumps(statement).encode(), PAYLOAD_TYPE, {})
     signed.sign(key)
@@ -188,44 +187,47 @@ def envelope(sha256: dict[str, str], purpose: Purpose, predicate: Any, key: Cryp
 
 
 def open_envelope(
-    data: bytes, purpose: Purpose, trusted: Sequence[TrustedKey] | None, name: object
-) -> Statement:
-    """Verify the signed statement in file ``name``.
+    data: bytes,
+    purpose: Purpose,
+    model: type[S],
+    trusted: Sequence[TrustedKey] | None,
+    name: object,
+) -> Statement[S]:
+    """Verify the signed statement in file ``name``, whose predicate is a ``model``.
 
     Without ``trusted`` any key is accepted, e.g. to detect changes of a file.
 
     Raises
     ------
     EvidenceError
-        If it is damaged, made for another purpose, or by a key that does not count for it.
+        If it is damaged, of another kind or purpose, or by a key that does not count for it.
     """
     _EXTRA.need("signatures")
     from securesystemslib.dsse import Envelope
 
     try:
-        signed = Envelope.from_dict(json_content_of(data.decode(), "signature"))
+        signed = Envelope.from_dict(json.loads(data))
         # The key id is the key itself, so the signature needs no other proof of whose it is:
         # the envelope is verified with the key that it names, and only then that key is trusted.
         (line,) = signed.signatures
         signed.verify([_library_key(line)], 1)
         content = json.loads(signed.payload)
+        kind = (signed.payload_type, content["predicateType"])
+        if kind != (PAYLOAD_TYPE, PREDICATE_TYPE + purpose):
+            raise ValueError(kind)
         sha256 = {entry["name"]: entry["digest"]["sha256"] for entry in content["subject"]}
-        signed_at = content["predicate"]["signed_at"]
-        signer = Signer.model_validate({"key": fingerprint(line), "signed_at": signed_at})
-        signed_for = (signed.payload_type, content["predicateType"])
+        predicate = model.model_validate(content["predicate"])
+        signer = Signer(key=fingerprint(line), signed_at=predicate.signed_at)
     except Exception:  # of JSON, base64, pydantic, securesystemslib and cryptography
         raise EvidenceError(finding(Code.SIGNATURE_DAMAGED, name)) from None
-    if signed_for != (PAYLOAD_TYPE, PREDICATE_TYPE + purpose):
-        signed_as = " ".join(signed_for)
-        raise EvidenceError(finding(Code.OTHER_PURPOSE, name, signed=signed_as, needed=purpose))
     signer = signer if trusted is None else check_trust(signer, purpose, trusted, name)
-    return Statement(sha256, content["predicate"], signer)
+    return Statement(data, sha256, predicate, signer)
 
 
 def sign(data: bytes, name: str, purpose: Purpose, key: CryptoSigner, now: datetime) -> str:
     """Sign the content of a file; returns the text of the signature file."""
-    predicate = {"signed_at": now.astimezone(UTC).isoformat()}
-    return envelope({name: hashlib.sha256(data).hexdigest()}, purpose, predicate, key)
+    hashes = {name: hashlib.sha256(data).hexdigest()}
+    return envelope(hashes, purpose, Stated(signed_at=now.astimezone(UTC)), key)
 
 
 def signer_of(
@@ -246,7 +248,7 @@ def signer_of(
             raise EvidenceError(finding(Code.NOT_SIGNED, path.name))
         return None
     keys = (trusted or ()) if required else trusted
-    statement = open_envelope(read_file(signature_path(path)), purpose, keys, path.name)
+    statement = open_envelope(read_file(signature_path(path)), purpose, Stated, keys, path.name)
     if hashlib.sha256(read_file(path)).hexdigest() not in statement.sha256.values():
         raise EvidenceError(finding(Code.CONTENT_CHANGED, path.name))
     return statement.signer
@@ -277,9 +279,8 @@ def check_trust(
     if signer.key not in known:
         listed = ", ".join(sorted(known)) or "none is given"
         raise EvidenceError(finding(Code.KEY_UNKNOWN, name, key=signer.key, trusted=listed))
-    entry, stated = known[signer.key], signer.signed_at
-    day = stated.astimezone(UTC).date()
-    shown = max(stated, shown_at or stated).astimezone(UTC).date()
+    entry, times = known[signer.key], (signer.signed_at, shown_at or signer.signed_at)
+    day, shown = (time.astimezone(UTC).date() for time in (times[0], max(times)))
     first, last, revoked = entry.valid_from, entry.valid_until, entry.revoked
     signer = signer.changed(name=entry.name)
     for code, limit, broken in (
@@ -303,9 +304,3 @@ def _library_key(line: str) -> SSlibKey:
         return SSlibKey.from_crypto(load_ssh_public_key(line.encode()), keyid=line)
     except Exception:  # cryptography raises various kinds
         raise ValueError(f"is {line[:20]!r}, not a line 'ssh-ed25519 AAAA...'") from None
-
-
-def _line(public: Any) -> str:
-    from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
-
-    return str(public.public_bytes(Encoding.OpenSSH, PublicFormat.OpenSSH).decode())

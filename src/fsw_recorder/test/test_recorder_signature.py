@@ -20,8 +20,10 @@ from hypothesis import strategies as st
 from fsw_control.schema.models import InputError
 from fsw_recorder.findings import Code, EvidenceError
 from fsw_recorder.signature import (
+    PAYLOAD_TYPE,
     Purpose,
     Signer,
+    Stated,
     TrustedKey,
     check_trust,
     envelope,
@@ -93,7 +95,7 @@ def test_a_signature_holds_for_its_content_its_purpose_and_its_key(
     other = load_trusted([tmp_path / "other.pub"])
     assert code_of(MESSAGE, signature) is code_of(MESSAGE, signature, (*other, *trusted)) is None
     assert code_of(MESSAGE + b" ", signature, trusted) is Code.CONTENT_CHANGED
-    assert code_of(MESSAGE, signature, trusted, Purpose.PROCEDURE) is Code.OTHER_PURPOSE
+    assert code_of(MESSAGE, signature, trusted, Purpose.PROCEDURE) is Code.SIGNATURE_DAMAGED
     assert (
         code_of(MESSAGE, signature, other) is code_of(MESSAGE, signature, ()) is Code.KEY_UNKNOWN
     )
@@ -198,20 +200,18 @@ def test_files_with_their_signatures(key: Path, tmp_path: Path) -> None:
 
 
 def test_another_statement_in_an_envelope_is_no_signature(key: Path) -> None:
-    """Of another type, or of another payload: a valid signature does not count for it."""
-    own, predicate = load_private(key), {"signed_at": NOW.isoformat()}
+    """Of another form, or of another payload: a valid signature does not count for it."""
+    own, stated = load_private(key), Stated(signed_at=NOW)
     hashes = {"message": hashlib.sha256(MESSAGE).hexdigest()}
-    assert code_of(MESSAGE, envelope(hashes, Purpose.MANIFEST, predicate, own)) is None
-    naive = {"signed_at": "2026-11-25T12:00:00"}
-    assert code_of(MESSAGE, envelope(hashes, Purpose.MANIFEST, naive, own)) is (
-        Code.SIGNATURE_DAMAGED
-    ), "a time without a zone"
-    content = base64.b64decode(
-        json.loads(envelope(hashes, Purpose.MANIFEST, predicate, own))["payload"]
-    )
-    other = Envelope(content, "application/json", {})
-    other.sign(own)
-    assert code_of(MESSAGE, json.dumps(other.to_dict())) is Code.OTHER_PURPOSE
+    text = envelope(hashes, Purpose.MANIFEST, stated, own)
+    assert code_of(MESSAGE, text) is None
+    content = base64.b64decode(json.loads(text)["payload"])
+    naive = content.replace(b"2026-11-25T12:00:00Z", b"2026-11-25T12:00:00")
+    assert naive != content, "a time without a zone"
+    for payload, kind in ((content, "application/json"), (naive, PAYLOAD_TYPE)):
+        other = Envelope(payload, kind, {})
+        other.sign(own)
+        assert code_of(MESSAGE, json.dumps(other.to_dict())) is Code.SIGNATURE_DAMAGED
 
 
 @NEEDS_OPENSSH

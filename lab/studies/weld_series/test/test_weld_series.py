@@ -109,7 +109,7 @@ def test_a_short_series_has_bags_records_chain_and_history_and_goes_on_where_it_
     assert "chain: 2 welds, intact" in capsys.readouterr().out
     assert history.load(folder / "history")["weld"].to_pylist() == ["C001", "C002"]
     trusted = load_trusted([folder / "key" / "series.pub"])
-    chain = attestation.read_chain(folder / "chain", trusted)
+    chain = attestation.Chain(folder / "chain", trusted)
     for name in ("C001", "C002"):
         place = folder / "welds" / name
         result = verify_bag(place / "bag", Policy(trusted), datetime.now(UTC), chain)

@@ -5,19 +5,22 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from pathlib import Path
+
+from pydantic_core import to_jsonable_python
 
 from fsw.bags import bag_argument, print_notes
-from fsw.command import FORCE, command, file, option, repeated, switch
+from fsw.command import FORCE, command, file, option
 from fsw.console import ProgressBar
 from fsw.errors import CommandError
 from fsw.keys import PRIVATE_KEY, REQUIRE_SIGNED, TRUSTED, private_key, trusted_keys
 from fsw.outputs import check_new, write_json
-from fsw_quality.attestation import Chain, read_chain
+from fsw_quality.attestation import Chain
 from fsw_quality.evidence import Policy, Subject, Verification, attest, verify_bag
 from fsw_recorder import after_recording
 from fsw_recorder.findings import Code, Finding, Unchecked, finding
 from fsw_scenario.procedure import load, shipped, signer_of
+
+_SHIPPED = ", ".join(shipped())
 
 
 @command(
@@ -25,34 +28,23 @@ from fsw_scenario.procedure import load, shipped, signer_of
     "sign for bags and add them to the chain of welds",
     bag_argument("folder of a bag; several in the order in which they were welded", "+"),
     file("--chain", "folder of the chain; made when there is none", "DIR", required=True),
-    option(
-        "--procedure",
-        help=f"procedure of the weld: YAML file, or one of {', '.join(shipped())} (default: that in the bag)",
-    ),
-    repeated(
-        "--with",
-        "FILE",
-        "also sign for this file, e.g. the record of the weld",
-        type=Path,
-        dest="documents",
-    ),
+    option("--procedure", help=f"YAML file, or one of {_SHIPPED} (default: that in the bag)"),
+    file("--record", "folder of the record (default: record in that of the bag, if any)", "DIR"),
     PRIVATE_KEY,
     TRUSTED,
     REQUIRE_SIGNED,
-    switch("--afterwards", "also a bag whose recorder did not hash all of it; this is noted"),
-    switch("--repeat", "also a second weld of a canister and lid; this is noted"),
-    description="Check that bag, manifest, procedure and documents are of one weld, judge the weld again where its "
-    "record is among them, sign for all, and add it to the chain of welds. What does not fit is not attested.",
+    description="Check that bag, manifest, procedure and record are of one weld, judge the weld again if it has a "
+    "record, sign for all, and add it to the chain of welds. What does not fit is not attested.",
 )
 def attested(arguments: argparse.Namespace) -> int:
     key, trusted = private_key(arguments), trusted_keys(arguments, own=True)
-    policy = Policy(trusted, arguments.require_signed, arguments.afterwards, arguments.repeat)
-    source = arguments.procedure
-    procedure = load(source) if source else None
-    signer = signer_of(source, trusted, arguments.require_signed) if source else None
+    policy = Policy(trusted, arguments.require_signed)
+    procedure = signer = None
+    if source := arguments.procedure:
+        procedure, signer = load(source), signer_of(source, trusted, arguments.require_signed)
     for bag in arguments.bag:
         after_recording.wait(bag, lambda text: print_notes([text]))
-        subject = Subject(bag, procedure, signer, arguments.documents)
+        subject = Subject(bag, procedure, signer, arguments.record)
         with ProgressBar(f"judging {bag}") as bar:
             made = attest(subject, arguments.chain, key, datetime.now(UTC), policy, bar)
         print_notes(entry.line for entry in made.notes)
@@ -77,48 +69,39 @@ def verified(arguments: argparse.Namespace) -> int:
     if not arguments.bag and arguments.chain is None:
         raise CommandError("verify-evidence: give bags, or --chain, or both")
     policy = Policy(trusted_keys(arguments, own=not arguments.trusted), arguments.require_signed)
-    chain = read_chain(arguments.chain, policy.trusted) if arguments.chain else None
+    chain = Chain(arguments.chain, policy.trusted) if arguments.chain else None
     broken = _print_chain(chain) if chain else []
-    now = datetime.now(UTC)
-    results = [verify_bag(bag, policy, now, chain) for bag in arguments.bag]
+    results = [verify_bag(bag, policy, datetime.now(UTC), chain) for bag in arguments.bag]
     for result in results:
-        _print(result)
-    content = {
-        "chain": [entry.model_dump(mode="json") for entry in broken] if chain else None,
-        "bags": [result.model_dump(mode="json") for result in results],
-    }
-    write_json(arguments.json, content)
+        signed = [f"{use} signed by {by.words}" for use, by in result.signers.items()]
+        _print(_title(result), result.findings, result.not_checked, *signed)
+    content = {"chain": broken if chain else None, "bags": results}
+    write_json(arguments.json, to_jsonable_python(content))
     return 1 if broken or any(result.findings for result in results) else 0
 
 
 def _print_chain(chain: Chain) -> Sequence[Finding]:
     """Print the state of a chain; returns what is wrong."""
     number, folder = len(chain.entries), chain.folder
-    wrong = chain.findings or (() if number else (finding(Code.EMPTY, folder),))
-    print(f"{folder}: {'not ' if wrong else ''}intact, {number} weld{'s' * (number != 1)}")
-    _print_lines("", wrong)
+    wrong = chain.findings or ([] if number else [finding(Code.EMPTY, folder)])
     end = finding(Unchecked.CHAIN_END, folder, number=number, sha256=chain.last_sha256)
-    _print_lines("not checked: ", [end] if number else [])
+    title = f"{folder}: {'not ' * bool(wrong)}intact, {number} weld{'s' * (number != 1)}"
+    _print(title, wrong, [end] * bool(number))
     return wrong
 
 
-def _print(result: Verification) -> None:
-    made, parts = result.attested, list[str]()
-    if made is not None:
-        parts = [f"weld {made.number}", *(f"{key} {made.identity[key]}" for key in made.identity)]
-        absent = sum(one.code is Unchecked.DOCUMENT_ABSENT for one in result.not_checked)
-        of = len(made.documents)
+def _title(result: Verification) -> str:
+    """Whether a bag is proven, and what was attested."""
+    state, parts = "not proven" if result.findings else "proven", list[str]()
+    if made := result.attested:
+        absent = sum(entry.code is Unchecked.DOCUMENT_ABSENT for entry in result.not_checked)
+        of, by = len(made.documents), made.procedure
+        parts = [f"weld {made.number}", *(f"{key} {name}" for key, name in made.identity.items())]
         parts += [f"{of - absent} of {of} documents"] if of else []
-        by = made.procedure
         parts += [f"procedure {by.id} revision {by.revision}"] if by else []
-    state = "not proven" if result.findings else "proven"
-    print(f"{result.bag}: {': '.join(filter(None, [state, ', '.join(parts)]))}")
-    _print_lines("", result.findings)
-    for purpose, signer in result.signers.items():
-        print(f"  {purpose} signed by {signer.words}")
-    _print_lines("not checked: ", result.not_checked)
+    return f"{result.bag}: {state}{': ' * bool(parts)}{', '.join(parts)}"
 
 
-def _print_lines(head: str, findings: Sequence[Finding]) -> None:
-    for entry in findings:
-        print(f"  {head}{entry.line}")
+def _print(title: str, wrong: Sequence[Finding], rest: Sequence[Finding], *signed: str) -> None:
+    not_checked = [f"not checked: {entry.line}" for entry in rest]
+    print(title, *(entry.line for entry in wrong), *signed, *not_checked, sep="\n  ")
