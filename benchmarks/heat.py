@@ -57,8 +57,8 @@ DRAWN = tuple(
     for name in ("wall_mm", "rim_mm", "lid_mm", "lid_from_mm", "element_mm", "modes")
 )
 #: welds of the campaign that have all else (copper, losses, ambient, process, noise): those that
-#: teach and those that are measured
-TAUGHT, MEASURED = range(100, 104), range(500, 505)
+#: teach, those that are measured, and those measured only with wrong profiles
+TAUGHT, MEASURED, MISLED = range(100, 104), range(500, 505), range(505, 513)
 LEARNED = (1, 4)  #: welds that a profile is learned from
 #: ends of the joint line [deg]: of a whole weld, and of most, which have a ninth of it
 WHOLE_DEG, SHORT_DEG = 380.0, 60.0
@@ -149,11 +149,12 @@ def mirrored(profile):
 def tasks_of(kind, canister, profiles, models):
     """The welds of a canister: all controllers, and wrong profiles."""
     model, own = models[kind], profiles[kind, LEARNED[-1]]
-    yield from (Task(kind, canister, label) for label in RIVALS)
     yield Task(kind, canister, "model", SHORT_DEG, model)
-    yield Task(kind, canister, "computed", SHORT_DEG, model, profiles[kind, "computed"])
-    for n in LEARNED:
-        yield Task(kind, canister, f"learned from {n}", SHORT_DEG, model, profiles[kind, n])
+    if canister in MEASURED:
+        yield from (Task(kind, canister, label) for label in RIVALS)
+        yield Task(kind, canister, "computed", SHORT_DEG, model, profiles[kind, "computed"])
+        for n in LEARNED:
+            yield Task(kind, canister, f"learned from {n}", SHORT_DEG, model, profiles[kind, n])
     others = [profiles[other, LEARNED[-1]] for other in models if other != kind]
     for profile in (*others, mirrored(own)):
         wrong = profile.changed(model=own.model)  # or it would be refused
@@ -199,7 +200,8 @@ def figures_of(rows, end_deg=SHORT_DEG):
     """Medians by controller and phase, and the worst."""
     table = {}
     for label in CONTROLLERS:
-        own = [r for r in rows if r["task"].label == label and r["task"].end_deg == end_deg]
+        of_label = [r for r in rows if r["task"].label == label and r["task"].end_deg == end_deg]
+        own = [r for r in of_label if r["task"].canister in MEASURED]
         for phase in PHASES if own else ():
             values = [row["phases"][phase] for row in own]
             temperature = [value["temperature_sigma_c"] for value in values]
@@ -261,7 +263,7 @@ def main():
     chosen = arguments.parse_args()
     until_s = time.monotonic() + 60.0 * chosen.minutes
     kinds = tuple(range(2 if chosen.quick else len(TYPES)))
-    canisters, whole = (MEASURED[:1], False) if chosen.quick else (MEASURED, True)
+    canisters, whole = (MEASURED[:1], False) if chosen.quick else ((*MEASURED, *MISLED), True)
     cores = min(2, len(os.sched_getaffinity(0)))
     rows = []
     with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(cores) as pool:
@@ -306,6 +308,7 @@ def main():
             saturated=saturated,
             profiles={key: one for key, one in profiles.items() if key[1] == LEARNED[-1]},
             most=MOST_COST,
+            misled=len(MISLED),
         )
         chosen.page.write_text(text, encoding="utf-8")
 

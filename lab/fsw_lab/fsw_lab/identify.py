@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,18 +13,23 @@ from fsw.arguments import validated
 from fsw.welds import Weld, read_bag, read_table
 from fsw_control.schema.models import InputError
 from fsw_identification import estimation, summary
+from fsw_identification.drives import drive_rates
 from fsw_identification.friction import from_air
 from fsw_identification.summary import Summary
 from fsw_identification.weld_data import prepare
-from fsw_model import ModelParameters
+from fsw_model import MachineData, ModelParameters
 from fsw_plant.parameters import Actuators
 
 #: ends of the names of logs
 TABLES = (".csv", ".tsv", ".txt")
 
 
+@dataclass(frozen=True)
 class Identified(Summary):
     """Model parameters estimated from welds, with their statistics; as text, the tables of ``fsw identify``."""
+
+    #: of the drives [kN/s], [rpm/s]; None: no limit shows
+    rates: tuple[float | None, float | None] = (None, None)
 
     @property
     def parameters(self) -> ModelParameters:
@@ -34,6 +40,19 @@ class Identified(Summary):
     def std(self) -> dict[str, float]:
         """Standard deviations of the estimated parameters."""
         return self.fit.std | self.air
+
+    @property
+    def machine(self) -> MachineData:
+        """Noise of the sensors and rates of the drives, for the NMPC's ``machine_file``."""
+        depth_mm, temperature_c, torque_nm = (float(noise) for noise in self.fit.noise)
+        force_kn_per_s, speed_rpm_per_s = self.rates
+        return MachineData(
+            depth_noise_mm=depth_mm,
+            temperature_noise_c=temperature_c,
+            torque_noise_nm=torque_nm,
+            force_rate_kn_per_s=force_kn_per_s,
+            speed_rate_rpm_per_s=speed_rpm_per_s,
+        )
 
     @property
     def text(self) -> str:
@@ -98,7 +117,8 @@ def identify(
         raise InputError("identify: needs at least one weld, or its bag")
     if not 0.0 <= lag_s < np.inf:
         raise InputError(f"identify: drive_lag_s is a number of seconds from 0, not {lag_s:g}")
-    data = [prepare(weld_of(one).signals, lag_s) for one in welds]
+    signals = [weld_of(one).signals for one in welds]
+    data = [prepare(one, lag_s) for one in signals]
     judge = None if validate is None else prepare(weld_of(validate).signals, lag_s)
     first = start or ModelParameters()
     deviations: dict[str, float] = {}
@@ -110,7 +130,14 @@ def identify(
     if judge is not None:
         validation = estimation.validate(judge.segments, found.parameters, found.known_lag_s)
     notes = tuple(note for weld in data for note in weld.notes)
-    return Identified(", ".join(weld.name for weld in data), found, validation, notes, deviations)
+    return Identified(
+        ", ".join(weld.name for weld in data),
+        found,
+        validation,
+        notes,
+        deviations,
+        drive_rates(signals),
+    )
 
 
 def weld_of(source: Any, columns: Mapping[str, str] | None = None) -> Weld:

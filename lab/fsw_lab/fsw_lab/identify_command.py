@@ -48,6 +48,7 @@ DRIVE_LAG = number(
     ),
     file("--out", "model file (YAML); with --design the scenario"),
     file("--covariance", "covariance of the estimates (YAML), for the monitor"),
+    file("--machine", "noise of the sensors and rates of the drives (YAML), for the NMPC"),
     file("--validate", "weld to validate the model, not used for the estimate", "BAG"),
     file("--air", "run in air at several speeds, to identify the friction (23)", "BAG"),
     file("--report", "write report.html and report.png into this folder", "DIR"),
@@ -80,7 +81,7 @@ def identify(arguments: argparse.Namespace) -> int:
     if arguments.out is None:
         raise CommandError("identify: give --out FILE for the model")
     columns = _columns(arguments)
-    check_new([arguments.out, arguments.covariance], arguments.force)
+    check_new([arguments.out, arguments.covariance, arguments.machine], arguments.force)
     arguments.out.parent.mkdir(
         parents=True, exist_ok=True
     )  # now, because the fit may take minutes
@@ -112,6 +113,9 @@ def identify(arguments: argparse.Namespace) -> int:
         known = ParameterCovariance(parameters=list(fit.free), covariance=fit.covariance.tolist())
         write_text(arguments.covariance, known.text)
         files.append(arguments.covariance)
+    if arguments.machine is not None:
+        write_text(arguments.machine, result.machine.text)
+        files.append(arguments.machine)
     if arguments.report is not None:
         files += report.write(result, arguments.report)
     print(f"written: {', '.join(map(str, files))}")
@@ -141,8 +145,10 @@ def _design(arguments: argparse.Namespace) -> int:
         raise CommandError(
             "identify: --design takes no bags, estimates nothing and writes no report"
         )
-    if arguments.covariance:
-        raise CommandError("identify: --design estimates nothing, so there is no covariance")
+    if arguments.covariance or arguments.machine:
+        raise CommandError(
+            "identify: --design estimates nothing: no covariance, no data of the machine"
+        )
     check_new([arguments.out], arguments.force)
     model = _model(arguments.model)
     with ProgressBar("trying experiments") as bar:

@@ -14,7 +14,7 @@ from fsw_analysis.export import export_weld
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_lab.identify import weld_of
 from fsw_lab.tune_command import write_tunings
-from fsw_model import ModelParameters
+from fsw_model import MachineData, ModelParameters
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
@@ -81,13 +81,12 @@ def test_identify(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr("fsw.bags.load_weld", lambda bag, progress=None: experiment)
-    out, folder = tmp_path / "model.yaml", tmp_path / "report"
-    assert (
-        main(
-            ["identify", "weld", "--out", str(out), "--validate", "weld", "--report", str(folder)]
-        )
-        == 0
-    )
+    out, machine, folder = (tmp_path / name for name in ("model.yaml", "machine.yaml", "report"))
+    files = ("--out", str(out), "--machine", str(machine), "--report", str(folder))
+    assert main(["identify", "weld", *files, "--validate", "weld"]) == 0
+    seen = MachineData.from_file(machine)
+    assert (seen.depth_noise_mm, seen.temperature_noise_c) == pytest.approx((2e-3, 0.1), rel=0.1)
+    assert (seen.force_rate_kn_per_s, seen.speed_rate_rpm_per_s) == (None, None)
     found = ModelParameters.from_file(out)
     assert found.thermal_gain_c_per_kw == pytest.approx(1.3 * 18.1, rel=0.03)
     assert found.depth_gain_mm_per_kn_s == pytest.approx(0.8 * 0.0016, rel=0.05)

@@ -2,6 +2,7 @@
 
 from fsw_model.covariance import ParameterCovariance
 from fsw_model.equations import STEP_S
+from fsw_model.machine_data import MachineData
 from fsw_model.parameters import ModelParameters, nominal
 from fsw_model.process import (
     Equilibrium,
@@ -17,6 +18,7 @@ __all__ = [
     "STEP_S",
     "Equilibrium",
     "Linearisation",
+    "MachineData",
     "ModelParameters",
     "OperatingPointError",
     "Outputs",

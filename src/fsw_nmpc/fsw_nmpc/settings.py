@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from fsw_control import Limits
 from fsw_control.parameters import defaults, validate
-from fsw_model import ModelParameters, nominal
+from fsw_control.weld import TICK_S
+from fsw_model import MachineData, ModelParameters, nominal
 from fsw_nmpc.parameters import NmpcParameters
 from fsw_nmpc.tuning import Priority, Tuning
 
@@ -40,7 +41,10 @@ class Settings:
         """
         v = validate(NmpcParameters, values)
         model = ModelParameters.from_file(v["model_file"]) if v["model_file"] else nominal()
-        tuning = Tuning.preset(v["preset"], model)
+        machine = MachineData()
+        if v["machine_file"]:
+            machine = MachineData.from_file(v["machine_file"])
+        tuning = Tuning.preset(v["preset"], model).with_noise(machine)
         if v["tuning_file"]:
             tuning = Tuning.from_file(v["tuning_file"], tuning)
         tuning = tuning.with_knobs(
@@ -49,10 +53,24 @@ class Settings:
         return cls(
             model=model,
             tuning=tuning,
-            limits=Limits.of(v),
+            limits=_reached(Limits.of(v), machine),
             priority=v["priority"],
             max_iterations=v["max_iterations"],
             plan_reuse=v["plan_reuse"],
             blind_limit_s=v["blind_limit"],
             preview=v["preview"],
         )
+
+
+def _reached(limits: Limits, machine: MachineData) -> Limits:
+    """Limits whose moves the drives can follow."""
+    rates = {
+        "force_step_kn": machine.force_rate_kn_per_s,
+        "speed_step_rpm": machine.speed_rate_rpm_per_s,
+    }
+    slower = {
+        name: min(getattr(limits, name), TICK_S * rate)
+        for name, rate in rates.items()
+        if rate is not None
+    }
+    return replace(limits, **slower)

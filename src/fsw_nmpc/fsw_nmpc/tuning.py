@@ -11,7 +11,7 @@ from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
 
 from fsw_control import weld
 from fsw_control.schema.models import Many, Model, content_of, problem, read_text, validate
-from fsw_model import STEP_S, ModelParameters
+from fsw_model import STEP_S, MachineData, ModelParameters
 
 #: Kinds of reference trajectories, see ``kernel/trajectory.c``.
 Trajectory = Literal["approach", "constant", "cold_start", "recentred", "recentred_ahead"]
@@ -243,6 +243,18 @@ class Tuning(Model):
         if name not in presets:
             raise ValueError(f"preset {name!r} is unknown; known: default, {', '.join(presets)}")
         return presets[name]
+
+    def with_noise(self, machine: MachineData) -> Tuning:
+        """Take a machine's sensors to be as noisy as its data show.
+
+        Not less noisy than the tuning has them: that also covers small errors of the model.
+        """
+        noise = {
+            name: max(getattr(self.estimator, name), value)
+            for name, value in machine
+            if name in EstimatorTuning.model_fields and value is not None
+        }
+        return self.changed(estimator=self.estimator.changed(**noise)) if noise else self
 
     def with_knobs(
         self,

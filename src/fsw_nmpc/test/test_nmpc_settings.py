@@ -1,5 +1,6 @@
 """Parameters, knobs and tuning files: complete, checked, and changed while it runs."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -7,7 +8,7 @@ import pytest
 from fsw_control import Command, Measurement, Reference
 from fsw_control.parameters import describe
 from fsw_control.schema.models import InputError
-from fsw_model import nominal
+from fsw_model import MachineData, nominal
 from fsw_nmpc import NmpcController
 from fsw_nmpc.parameters import NmpcParameters
 from fsw_nmpc.settings import Settings
@@ -168,3 +169,21 @@ def test_limits_act_at_once():
     controller.configure({"force_step": 0.01})
     proposal = step(controller, Reference(2.9, 816.4))
     assert abs(proposal.command.force_kn - REST.force_kn) <= 0.01 + 1e-9
+
+
+def test_machine_file(tmp_path):
+    """Noisier sensors and slower drives count; quieter and faster ones change nothing."""
+    file, tuning = tmp_path / "machine.yaml", tmp_path / "tuning.yaml"
+    worse = MachineData(temperature_noise_c=0.4, force_rate_kn_per_s=2.5)
+    file.write_text(worse.text)
+    assert MachineData.from_file(file) == worse
+    default, made = Settings.of({}), Settings.of({"machine_file": str(file)})
+    expected = default.tuning.estimator.changed(temperature_noise_c=0.4)
+    assert made.tuning == default.tuning.changed(estimator=expected)
+    assert made.limits == replace(default.limits, force_step_kn=0.25)
+    tuning.write_text("estimator: {temperature_noise_c: 0.2}\n")
+    own = Settings.of({"machine_file": str(file), "tuning_file": str(tuning)})
+    assert own.tuning.estimator.temperature_noise_c == 0.2
+    file.write_text(MachineData(depth_noise_mm=1e-6, speed_rate_rpm_per_s=1e3).text)
+    better = Settings.of({"machine_file": str(file)})
+    assert (better.tuning, better.limits) == (default.tuning, default.limits)

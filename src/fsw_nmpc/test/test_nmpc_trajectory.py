@@ -233,3 +233,16 @@ def test_trajectories_end_at_attainable_set_points(library):
     _, paths, _ = trajectories(library, temperature_c=800.0, limits=Limits(speed_min_rpm=REST_RPM))
     assert paths[0] == pytest.approx(2.66, abs=1e-9)
     assert paths[1] == pytest.approx(816.4, abs=1e-6)
+
+
+def test_an_attainable_temperature_is_approached_no_faster_than_the_bound_brings_it(library):
+    """With a shallower tool, the highest speed lets the copper cool with its lag, and no faster."""
+    wide = Tuning(quality_temperature_min_c=0.0, quality_temperature_max_c=2000.0)
+    time_s, (_, temperature), _ = trajectories(
+        library, depth_mm=2.56, tuning=wide, limits=Limits(speed_max_rpm=REST_RPM)
+    )
+    _, held = library.output.attainable
+    assert held == pytest.approx(held_temperature_c(REST_RPM, 2.56), abs=1e-3)
+    left = np.exp(-np.maximum(time_s - nominal().dead_time_s, 0.0) / nominal().copper_lag_s)
+    assert 816.4 - held > 5.0
+    assert (temperature - held >= left * (816.4 - held) - 1e-6).all()

@@ -285,9 +285,8 @@ static motion temperature_ahead(const fsw_nmpc *c, double *copper_c) {
 static void keep_rate(fsw_nmpc *c, const approach *a, int q, motion *now, double begin_s, const target *targets,
                       int n_targets) {
   const double keep = q ? c->tuning.approach.temperature_approach_keep : c->tuning.approach.depth_approach_keep;
-  motion next;
   if (c->has_rate) now->rate += keep * (c->rate[q] - now->rate);
-  next = *now;
+  motion next = *now;
   advance(a, &next, targets[target_at(targets, n_targets, 0, begin_s)].value, FSW_TICK_S);
   c->rate[q] = next.rate;
 }
@@ -303,6 +302,9 @@ static void approaches(fsw_nmpc *c, const fsw_nmpc_input *in, double *depth, dou
   const int n_goals = goals_of(c, in, at_s, goals);
   motion ahead = temperature_ahead(c, &copper_c);
   for (int q = 0; q < 2; q++) c->attainable[q] = goals[0][q];
+  /* A bound, held, brings the temperature to its attainable value with the copper's lag. A faster
+   * approach would leave the bound whenever noise lowers the estimated heat, and lose temperature. */
+  if (c->attainable[1] != c->reference[1] && to_temp.slow_s < m->copper_lag_s) to_temp.slow_s = m->copper_lag_s;
   authority(c, copper_c, goals[0][0], &to_depth, &to_temp);
   int n = targets_of(&to_depth, 0, n_goals, at_s, goals, targets);
   motion now = depth_now(c);
