@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from fsw_control.depth_bank import FIVE_SECONDS, SECOND, THREE_SECONDS, Array, DepthBank, averaged
 from fsw_control.depth_channels import ChannelHealth, DepthChannel, DepthFusionSettings
-from fsw_control.depth_edges import SurfaceEdges
+from fsw_control.depth_edges import TOLERANCE_MM, SurfaceEdges
 from fsw_control.validity import Frozen
 from fsw_control.weld import TICK_S
 
@@ -125,7 +125,8 @@ class ChannelTests:
         self._frozen = [Frozen() for _ in self._rows]
         #: spikes in a row
         self._spikes = [deque[float](maxlen=settings.confirm_samples) for _ in self._rows]
-        self._since_mm = np.full(count, np.nan)  #: travel of the tool when they began
+        #: travel of the tool when they began, with short gaps, and at the last
+        self._since_mm, self._spiked_mm = np.full(count, np.nan), np.full(count, np.nan)
         #: over a second, and over five; by filter and channel, without the common part
         self._means = np.zeros((2, count + 1, count))
         self._off = np.zeros(count)  #: from the prior, over three seconds
@@ -157,7 +158,8 @@ class ChannelTests:
             else:
                 continue
             values[i] = np.nan
-            health[i] = health[i] or flaw
+            if not health[i] or health[i] is ChannelHealth.STEPPED:  # that is no verdict yet
+                health[i] = flaw
         return values, health
 
     def _is_stuck(self, channel: int, value: float, noisy: bool) -> bool:
@@ -321,9 +323,10 @@ class ChannelTests:
         slipped = []
         for i in wrong:
             health[i] = ChannelHealth.SPIKE
-            spikes = self._spikes[i]
-            if not spikes:
-                self._since_mm[i] = self._edges.travel_mm
+            spikes, travel_mm = self._spikes[i], self._edges.travel_mm
+            if not travel_mm - self._spiked_mm[i] < TOLERANCE_MM:
+                self._since_mm[i] = travel_mm
+            self._spiked_mm[i] = travel_mm
             spikes.append(float(bank.z[0, i]))
             alike = max(spikes) - min(spikes) < ALIKE * abs(sum(spikes)) / len(spikes)
             if len(spikes) == self._settings.confirm_samples and alike:
