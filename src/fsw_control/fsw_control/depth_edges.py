@@ -30,7 +30,7 @@ Mask = NDArray[np.bool_]
 TOLERANCE_MM, SLOW_TOLERANCE_MM = 2.0, 6.0
 #: log-likelihood ratios from which an edge has reached a channel: a pending one, where a sample
 #: counts as no more than its share, and a known one
-_CONFIRMED, _SHARE, _ARRIVED = 15.0, 3.0, 8.0
+_CONFIRMED, _SHARE, _ARRIVED = 24.0, 3.0, 8.0
 #: within which what another channel shows must agree with an edge's height: share of it, distance
 #: [mm], and noise
 _ALIKE, _ALIKE_MM, _DEVIATIONS = 0.5, 0.02, 4.0
@@ -45,8 +45,8 @@ _STILL, _CLIPPED = 4.0, 16.0
 #: samples of which the height of a pending step is the median: the first of a jump, as its channel
 #: may slip later; the last of a step found by means, as it may still grow
 _SAMPLES = 15
-#: standard deviation of an edge's height when it is first taken into the filters: of a jump, and
-#: of one found by means, for which the filters have forgotten the bias of the channel [mm]
+#: standard deviation of an edge's height when it is first taken into the filters; larger if found
+#: by means before the tool: the filters have forgotten the bias of its channel then [mm]
 _HEIGHT_MM, _SLOW_HEIGHT_MM = 0.005, 0.02
 
 
@@ -103,6 +103,7 @@ class SurfaceEdges:
         self._watched_mm = np.full(len(self._noise), math.inf)
         self._known: list[_Edge] = []
         self._pending: dict[int, _Edge] = {}  #: by the channel that has stepped
+        self._known_at_tool = False  #: whether a known edge has reached the tool in this tick
 
     def move(self, travel_mm: float) -> None:
         """Take the distance that the tool has travelled along its path; NaN: unknown."""
@@ -114,8 +115,8 @@ class SurfaceEdges:
     ) -> bool:
         """Whether a step of a channel may be an edge: no other has watched the place before.
 
-        ``since_mm`` is what the tool had travelled when the channel stepped. A jump is remembered
-        in any case until the tool is there: the other may have slipped by as much as the edge.
+        ``since_mm`` is what the tool had travelled when the channel stepped. The step is
+        remembered in any case until the tool is there: the other may have slipped by as much.
         """
         lead = self._leads[channel]
         place_mm = since_mm + lead
@@ -124,7 +125,7 @@ class SurfaceEdges:
         has_watched = self._watched_mm < place_mm - tolerance_mm
         ahead = usable & further & has_watched
         is_seen = bool(ahead.any())
-        if not (self._moves and lead > 0.0 and len(self._known) < EDGES) or (slow and is_seen):
+        if not (self._moves and lead > 0.0 and len(self._known) < EDGES):
             return False
         count = len(self._noise)
         self._pending[channel] = _Edge(
@@ -170,7 +171,7 @@ class SurfaceEdges:
         slips: list[int] = []
         z = bank.z[0]
         # all channels follow a change of the depth within a tick: only that tick shows it
-        jump_mm = -float(np.median(z[usable])) if usable.any() else math.nan
+        jump_mm = math.nan if self._known_at_tool else _jump_mm(z, usable)
         # the best first: another that is not alike stays, and has missed the tool
         for channel, edge in sorted(
             self._pending.items(), key=lambda item: abs(item[1].height_mm - jump_mm)
@@ -182,7 +183,8 @@ class SurfaceEdges:
             at_tool = self._is_near(edge)[-1] and apart_mm < edge.tolerance_of(_JUMP_MM)
             reached = self._confirming(edge)
             if is_free and (at_tool or reached is not None):
-                edges += self._accept(channel, -1 if at_tool else reached, bank)
+                height_mm = jump_mm if at_tool else edge.height_mm
+                edges += self._accept(channel, -1 if at_tool else reached, height_mm, bank)
                 continue
             is_over = not self._beyond(edge)[-1] <= edge.tolerance_mm  # also if it is unknown
             if is_over:
@@ -226,18 +228,18 @@ class SurfaceEdges:
 
         The places are known to within the tolerance; there the samples decide.
         """
-        z, changed = bank.z[0], False
+        z, changed, self._known_at_tool = bank.z[0], False, False
         self._watch(bank, usable)
         for edge in list(self._known):
             height_mm = bank.edge_mm(edge.slot)
             near, beyond = self._is_near(edge), self._beyond(edge) > edge.tolerance_mm
             gain = np.where(near[:-1] & usable, self._gain(z, height_mm), 0.0)
             edge.score = np.maximum(edge.score + gain, 0.0) * near[:-1]
-            jump_mm = -float(np.median(z[usable])) if usable.any() else 0.0
-            at_tool = jump_mm * np.sign(height_mm) > _ALIKE * abs(height_mm)
+            at_tool = abs(_jump_mm(z, usable) - height_mm) < _ALIKE * abs(height_mm)
             now = ~edge.passed & (beyond | (near & np.append(edge.score >= _ARRIVED, at_tool)))
             if now.any():
                 changed = True
+                self._known_at_tool |= bool(now[-1])
                 edge.passed |= now
                 self._share(edge, bank)
             if edge.passed[np.isfinite(self._leads)].all():
@@ -253,7 +255,7 @@ class SurfaceEdges:
         sees &= self._watched_mm <= here_mm
         self._watched_mm = np.where(sees, self._watched_mm, here_mm)
 
-    def _accept(self, channel: int, reached: int, bank: DepthBank) -> list[int]:
+    def _accept(self, channel: int, reached: int, height_mm: float, bank: DepthBank) -> list[int]:
         """Make a pending step an edge that has also reached another channel, or the tool.
 
         Returns the channels that have shown it.
@@ -262,8 +264,8 @@ class SurfaceEdges:
         edge.slot = min(set(range(EDGES)) - {one.slot for one in self._known})
         edge.passed |= self._leads >= self._leads[reached]
         self._known.append(edge)
-        deviation_mm = _SLOW_HEIGHT_MM if edge.is_slow else _HEIGHT_MM
-        bank.begin_edge(edge.slot, edge.height_mm, deviation_mm)
+        deviation_mm = _SLOW_HEIGHT_MM if edge.is_slow and reached >= 0 else _HEIGHT_MM
+        bank.begin_edge(edge.slot, height_mm, deviation_mm)
         self._share(edge, bank)
         same = [
             other
@@ -304,3 +306,8 @@ class SurfaceEdges:
     def _share(edge: _Edge, bank: DepthBank) -> None:
         bank.edge_shares[:, edge.slot] = (edge.passed[:-1] & ~edge.in_bias).astype(float)
         bank.edge_shares[:, edge.slot] -= edge.passed[-1]
+
+
+def _jump_mm(z: Array, usable: Mask) -> float:
+    """Height of an edge that has just reached the tool: all channels shift by it; else noise."""
+    return -float(np.median(z[usable])) if usable.any() else math.nan
