@@ -265,8 +265,7 @@ def faulty(case: Case) -> dict[str, Any]:
     """What became of a weld with a faulty channel, or with none."""
     signals, estimates = welded(case)
     channel = DEPTH_CHANNELS.get(case.channel)
-    event = case.event or FAULTS.get(case.fault, {})
-    first = round(event.get("at_s", AT_S) / TICK_S) - 1
+    first = round((case.event or FAULTS.get(case.fault, {})).get("at_s", AT_S) / TICK_S) - 1
     named = named_at([one.health[channel] for one in estimates], first) if channel else None
     others = {
         name

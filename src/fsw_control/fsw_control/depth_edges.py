@@ -101,6 +101,8 @@ class SurfaceEdges:
         self.travel_mm, self._moves = math.nan, False
         #: place from which on each channel has watched the surface without a gap
         self._watched_mm = np.full(len(self._noise), math.inf)
+        #: travel when each channel began to be wrong, with short gaps, and when it last was
+        self._since_mm, self._until_mm = np.full((2, len(self._noise)), math.nan)
         self._known: list[_Edge] = []
         self._pending: dict[int, _Edge] = {}  #: by the channel that has stepped
         self._known_at_tool = False  #: whether a known edge has reached the tool in this tick
@@ -110,16 +112,20 @@ class SurfaceEdges:
         self._moves = travel_mm > self.travel_mm
         self.travel_mm = travel_mm
 
-    def suspect(
-        self, channel: int, height_mm: float, usable: Mask, slow: bool, since_mm: float
-    ) -> bool:
+    def note_wrong(self, channel: int) -> None:
+        """Note that a channel is wrong at this tick: its step may have begun here."""
+        if not self.travel_mm - self._until_mm[channel] < TOLERANCE_MM:
+            self._since_mm[channel] = self.travel_mm
+        self._until_mm[channel] = self.travel_mm
+
+    def suspect(self, channel: int, height_mm: float, usable: Mask, slow: bool) -> bool:
         """Whether a step of a channel may be an edge: no other has watched the place before.
 
-        ``since_mm`` is what the tool had travelled when the channel stepped. The step is
-        remembered in any case until the tool is there: the other may have slipped by as much.
+        The step is remembered in any case until the tool is there: the other may have slipped by
+        as much.
         """
         lead = self._leads[channel]
-        place_mm = since_mm + lead
+        place_mm = float(self._since_mm[channel]) + lead
         tolerance_mm = SLOW_TOLERANCE_MM if slow else TOLERANCE_MM
         further = self._leads[:-1] > lead
         has_watched = self._watched_mm < place_mm - tolerance_mm

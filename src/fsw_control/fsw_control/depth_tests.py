@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from fsw_control.depth_bank import FIVE_SECONDS, SECOND, THREE_SECONDS, Array, DepthBank, averaged
 from fsw_control.depth_channels import ChannelHealth, DepthChannel, DepthFusionSettings
-from fsw_control.depth_edges import TOLERANCE_MM, SurfaceEdges
+from fsw_control.depth_edges import SurfaceEdges
 from fsw_control.validity import Frozen
 from fsw_control.weld import TICK_S
 
@@ -125,8 +125,6 @@ class ChannelTests:
         self._frozen = [Frozen() for _ in self._rows]
         #: spikes in a row
         self._spikes = [deque[float](maxlen=settings.confirm_samples) for _ in self._rows]
-        #: travel of the tool when a channel began to be wrong, with short gaps, and at the last
-        self._since_mm, self._until_mm = np.full(count, np.nan), np.full(count, np.nan)
         #: over a second, and over five; by filter and channel, without the common part
         self._means = np.zeros((2, count + 1, count))
         self._off = np.zeros(count)  #: from the prior, over three seconds
@@ -324,19 +322,12 @@ class ChannelTests:
         for i in wrong:
             health[i] = ChannelHealth.SPIKE
             spikes = self._spikes[i]
-            self._note_place(i)
+            self._edges.note_wrong(i)
             spikes.append(float(bank.z[0, i]))
             alike = max(spikes) - min(spikes) < ALIKE * abs(sum(spikes)) / len(spikes)
             if len(spikes) == self._settings.confirm_samples and alike:
                 slipped.append(i)
         return self._latch(slipped, ChannelHealth.SLIP, usable, health)
-
-    def _note_place(self, channel: int) -> None:
-        """Note how far the tool has travelled while a channel is wrong."""
-        travel_mm = self._edges.travel_mm
-        if not travel_mm - self._until_mm[channel] < TOLERANCE_MM:
-            self._since_mm[channel] = travel_mm
-        self._until_mm[channel] = travel_mm
 
     def _suspect(self, spread: float, used: Mask, health: list[ChannelHealth]) -> None:
         """Mark channels that disagree for several samples, unknown which is wrong."""
@@ -358,7 +349,7 @@ class ChannelTests:
         """
         isolated, slow = [], flaw is ChannelHealth.STEPPED
         for i in channels:
-            self._note_place(i)
+            self._edges.note_wrong(i)
             if self._edges.expects(i):  # decided there
                 continue
             height_mm = float(self._means[0, 0, i] if slow else np.mean(self._spikes[i]))
@@ -367,9 +358,7 @@ class ChannelTests:
             if slow:
                 self._watch.begin(i, self._off[i])
             drifts = flaw is ChannelHealth.DRIFT
-            stepped = not drifts and self._edges.suspect(
-                i, height_mm, usable, slow, float(self._since_mm[i])
-            )
+            stepped = not drifts and self._edges.suspect(i, height_mm, usable, slow)
             health[i] = self.latched[i] = ChannelHealth.STEPPED if stepped else flaw
             if not (slow or stepped):
                 isolated.append(i)

@@ -314,7 +314,8 @@ def test_a_jump_keeps_its_height_and_a_slow_step_may_grow(slow):
     usable = np.array([name != "laser" for name in ALL])
     edges.move(0.0)
     edges.move(1.0)
-    assert edges.suspect(0, 0.1, usable, slow, since_mm=1.0)
+    edges.note_wrong(0)
+    assert edges.suspect(0, 0.1, usable, slow)
     for laser_mm in [0.1] * 5 + [0.4] * 20:
         bank.innovate(np.where(usable, 0.0, laser_mm), 0.0)
         assert edges.review(bank, np.zeros(len(ALL)), usable, usable) == ([], [])
