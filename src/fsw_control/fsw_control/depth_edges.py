@@ -187,10 +187,10 @@ class SurfaceEdges:
             self._observe(edge, channel, z, values, usable, clear)
             apart_mm, is_free = abs(jump_mm - edge.height_mm), len(self._known) < EDGES
             at_tool = self._is_near(edge)[-1] and apart_mm < edge.tolerance_of(_JUMP_MM)
-            reached = self._confirming(edge)
-            if is_free and (at_tool or reached is not None):
+            reached = -1 if at_tool else self._confirming(edge)
+            if is_free and reached is not None:
                 height_mm = jump_mm if at_tool else edge.height_mm
-                edges += self._accept(channel, -1 if at_tool else reached, height_mm, bank)
+                edges += self._accept(channel, reached, height_mm, bank)
                 continue
             is_over = not self._beyond(edge)[-1] <= edge.tolerance_mm  # also if it is unknown
             if is_over:
