@@ -45,6 +45,8 @@ _STILL, _CLIPPED = 4.0, 16.0
 #: samples of which the height of a pending step is the median: the first of a jump, as its channel
 #: may slip later; the last of a step found by means, as it may still grow
 _SAMPLES = 15
+#: samples of which its first height is the mean, about
+_BEGUN = 5
 #: standard deviation of an edge's height when it is first taken into the filters; larger if found
 #: by means before the tool: the filters have forgotten the bias of its channel then [mm]
 _HEIGHT_MM, _SLOW_HEIGHT_MM = 0.005, 0.02
@@ -137,7 +139,7 @@ class SurfaceEdges:
         self._pending[channel] = _Edge(
             place_mm,
             tolerance_mm,
-            deque([height_mm], _SAMPLES),
+            deque([height_mm] * _BEGUN, _SAMPLES),
             self._leads >= lead,
             further & ~has_watched,
             score=np.zeros(count),
@@ -205,7 +207,8 @@ class SurfaceEdges:
     ) -> None:
         """Take what a tick says of a pending step of a channel."""
         moved_mm = abs(z[channel] - edge.height_mm)
-        is_first = len(edge.heights_mm) < _SAMPLES
+        # if it is called a slip, the filters have been replaced, which know less of its bias
+        is_first = len(edge.heights_mm) < _SAMPLES and not edge.is_slip
         is_first &= bool(moved_mm < _DEVIATIONS * self._noise[channel])
         if (edge.is_slow or is_first) and not math.isnan(values[channel]):
             edge.heights_mm.append(float(z[channel]))
