@@ -14,6 +14,7 @@ import os
 import sys
 import tempfile
 import time
+from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from itertools import product
@@ -92,17 +93,24 @@ FAULTS: dict[str, dict[str, Any]] = {
 }
 #: time of a fault, and length of its weld [s]
 AT_S, FAULTY_S = 30.0, 100.0
+#: slips near an edge: mm, or share of the edge's height
+SLIPS = {"2 mm": 2.0, "0.3 mm": 0.3, "-0.1 mm": -0.1}
+SHARES = {"as high as the edge": 1.0, "hides the edge": -1.0}
+#: of such an edge: ranges of height, with either sign, and place; chosen. Time between it and the
+#: slip, and of the weld after both [s]
+EDGE_MM, EDGE_AT_MM, NEAR_S, AFTER_S = (0.03, 0.2), (90.0, 150.0), 1.0, 15.0
 #: drifts for which the least possible delay is given [mm/s]
 DRIFTS = (0.02, 0.002)
 #: ticks of the joint line, and welds in which a sound channel may be isolated once
 WELD_TICKS, WELDS = 24_000, 200
 
-PARTS = ("faults", "sound", "accuracy")
+PARTS = ("faults", "edges", "sound", "accuracy")
 #: command line: name, default, meaning
 OPTIONS = (
     ("machines", 6, "machines welded on by the decentralized controller"),
     ("nmpc-machines", 6, "machines welded on by the NMPC"),
     ("faulty", 3, "welds of each fault in each channel"),
+    ("near", 4, "welds of each slip near an edge in each channel"),
     ("sound", 200, "welds without a fault"),
     ("seconds", 600.0, "length of a weld without a fault [s]"),
     ("minutes", 1e6, "begin no weld later"),
@@ -119,6 +127,8 @@ class Case(NamedTuple):
     source: str = FOUR
     fault: str = ""
     channel: str = ""  #: row of the table of sensors that fails
+    event: dict[str, Any] = {}  #: in place of the fault's own entry
+    edge: dict[str, float] = {}  #: in place of what the machine draws
     footprint: str = ""  #: file
 
 
@@ -134,13 +144,14 @@ def scenario_of(case: Case) -> Any:
         machine["depth_sensor"] = "depth_axial"
         biases = {"depth": biases["depth_axial"]}
     machine |= {"depth_channels": case.source == FOUR, "footprint_file": case.footprint}
+    machine |= case.edge
     events = [
         {"at_s": TICK_S, "fault": {"sensor": name, "kind": "bias", "magnitude_mm": float(bias)}}
         for name, bias in biases.items()
         if name != case.channel
     ]
     if case.channel:
-        own = {"sensor": case.channel, **FAULTS[case.fault]}
+        own = {"sensor": case.channel, **(case.event or FAULTS[case.fault])}
         events.append({"at_s": own.pop("at_s", AT_S), "fault": own})
     content = {
         "name": "depth",
@@ -254,7 +265,7 @@ def faulty(case: Case) -> dict[str, Any]:
     """What became of a weld with a faulty channel, or with none."""
     signals, estimates = welded(case)
     channel = DEPTH_CHANNELS.get(case.channel)
-    first = round(FAULTS.get(case.fault, {}).get("at_s", AT_S) / TICK_S) - 1
+    first = round((case.event or FAULTS.get(case.fault, {})).get("at_s", AT_S) / TICK_S) - 1
     named = named_at([one.health[channel] for one in estimates], first) if channel else None
     others = {
         name
@@ -303,10 +314,24 @@ def by_source(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return found
 
 
-def by_fault(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def near_edge(machine: int, slip: str, channel: str) -> Case:
+    """A weld in which a channel slips within ``NEAR_S`` of the time at which it meets an edge."""
+    draws = np.random.default_rng([machine, 48])
+    height_mm = float(draws.uniform(*EDGE_MM) * draws.choice((-1.0, 1.0)))
+    at_mm, apart_s = float(draws.uniform(*EDGE_AT_MM)), float(draws.uniform(-NEAR_S, NEAR_S))
+    row, mm_per_s = CHANNELS[DEPTH_CHANNELS[channel]], Tool().traverse_mm_per_min / 60.0
+    met_s = (at_mm - (row.lead_mm if row.rides else 0.0)) / mm_per_s
+    slip_mm = SLIPS[slip] if slip in SLIPS else SHARES[slip] * height_mm
+    event = {"kind": "bias", "magnitude_mm": slip_mm, "at_s": round(met_s + apart_s, 1)}
+    seconds = round(max(met_s, at_mm / mm_per_s) + AFTER_S)
+    edge = {"edge_mm": height_mm, "edge_at_mm": at_mm}
+    return Case(machine, 1, seconds, fault=slip, channel=channel, event=event, edge=edge)
+
+
+def by_fault(rows: list[dict[str, Any]], faults: Iterable[str]) -> list[dict[str, Any]]:
     """Delays and errors of each fault, over channels and machines."""
     found = []
-    for fault in FAULTS:
+    for fault in faults:
         own = [row for row in rows if row["fault"] == fault]
         if not own:
             continue
@@ -339,10 +364,15 @@ def run(chosen: Any, folder: str, pool: Any) -> dict[str, Any]:
             for k, (_, fault, channel) in enumerate(kinds)
         ]
         found["by_channel"] = _each(pool, faulty, cases, until_s)
-        found["faults"] = by_fault(found["by_channel"])
+        found["faults"] = by_fault(found["by_channel"], FAULTS)
         found["bounds"] = {
             f"{rate:g}": {name: least_delay_s(name, rate) for name in CHANNELS} for rate in DRIFTS
         }
+    if "edges" in chosen.part:
+        slips = product(range(chosen.near), (*SLIPS, *SHARES), DEPTH_CHANNELS)
+        near = [near_edge(FIRST + 3000 + k, *slip) for k, (_, *slip) in enumerate(slips)]
+        rows = found["edges_by_channel"] = _each(pool, faulty, near, until_s)
+        found["edges"] = by_fault(rows, (*SLIPS, *SHARES))
     if "sound" in chosen.part:
         good = [Case(FIRST + 1000 + k, 1, chosen.seconds) for k in range(chosen.sound)]
         sound = _each(pool, faulty, good, until_s)
@@ -414,7 +444,7 @@ def figures_of(tables: dict[str, Any]) -> dict[str, Any]:
         }
         | {
             f"{row['fault']}: {key}": row[key]
-            for row in tables.get("faults", ())
+            for row in (*tables.get("faults", ()), *tables.get("edges", ()))
             for key in ("named", "median_s", "worst_s", "others", "inside")
         }
         | {
@@ -441,7 +471,7 @@ def main() -> None:
     arguments.add_argument("--page", type=Path, default=PAGE, help="page of the results")
     chosen = arguments.parse_args()
     if chosen.quick:
-        chosen.machines = chosen.nmpc_machines = chosen.faulty = 1
+        chosen.machines = chosen.nmpc_machines = chosen.faulty = chosen.near = 1
         chosen.sound, chosen.seconds = 2, 60.0
     cores = min(2, len(os.sched_getaffinity(0)))
     with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(cores) as pool:

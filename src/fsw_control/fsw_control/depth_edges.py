@@ -5,10 +5,11 @@ s(x), where s is the height of the surface; one of the machine's position shows 
 modelled as piecewise constant: each known edge has its height as a state of the filters, whose
 share in a channel is 1 once the edge has reached the channel, less 1 once it has reached the tool.
 
-A step of the foremost sensor may be an edge or a slip. It is an edge if the next sensor, or all
-others when the tool is there, step by as much at the known distance; else it is a slip. A sensor
-that steps by another height there is no witness; the tool decides. Height and place are those at
-the begin of the step, as a channel that shows an edge may slip before it is decided.
+A step of a leading sensor may be an edge or a slip. It is an edge if the next sensor, or all
+others when the tool is there, step by as much at the known distance. If a sensor ahead did not
+step there, or the next one does not, it is called a slip. But that sensor may have slipped by as
+much and so hidden the edge: only the tool decides for good. Height and place are those at the
+begin of the step, as a channel that shows an edge may slip before it is decided.
 """
 
 from __future__ import annotations
@@ -29,9 +30,12 @@ Mask = NDArray[np.bool_]
 TOLERANCE_MM, SLOW_TOLERANCE_MM = 2.0, 6.0
 #: log-likelihood ratios from which an edge has reached a channel: a pending one, where a sample
 #: counts as no more than its share, and a known one
-_CONFIRMED, _SHARE, _ARRIVED = 15.0, 3.0, 8.0
-#: share of an edge's height, and noise, within which what another channel shows must agree
-_ALIKE, _DEVIATIONS = 0.5, 4.0
+_CONFIRMED, _SHARE, _ARRIVED = 24.0, 3.0, 8.0
+#: within which what another channel shows must agree with an edge's height: share of it, distance
+#: [mm], and noise
+_ALIKE, _ALIKE_MM, _DEVIATIONS = 0.5, 0.02, 4.0
+#: deviation of a jump of all channels [mm], and of a median, in that of a mean
+_JUMP_MM, _MEDIAN = 0.005, 1.25
 #: steps from this height on are seen by a channel of which the filters are sure enough [mm], and
 #: deviations that they must exceed
 _SEEN_MM, _SEEN_DEVIATIONS = 0.05, 6.0
@@ -41,8 +45,10 @@ _STILL, _CLIPPED = 4.0, 16.0
 #: samples of which the height of a pending step is the median: the first of a jump, as its channel
 #: may slip later; the last of a step found by means, as it may still grow
 _SAMPLES = 15
-#: standard deviation of an edge's height when it is first taken into the filters: of a jump, and
-#: of one found by means, for which the filters have forgotten the bias of the channel [mm]
+#: samples of which its first height is the mean, about
+_BEGUN = 5
+#: standard deviation of an edge's height when it is first taken into the filters; larger if found
+#: by means before the tool: the filters have forgotten the bias of its channel then [mm]
 _HEIGHT_MM, _SLOW_HEIGHT_MM = 0.005, 0.02
 
 
@@ -57,12 +63,28 @@ class _Edge:
     in_bias: Mask  #: by channel, whether its bias has held the edge since the filters began
     score: Array  #: by channel, cumulative sum of log-likelihood ratios that it has
     squares: Array  #: by channel, mean squared innovation over a second, in variances
+    #: by channel, samples since the score has risen, and their mean [mm]
+    count: Array
+    mean_mm: Array
+    noise_mm: float  #: of the channel that has stepped
+    is_slip: bool = False  #: a pending one, as far as the channels can say
     slot: int = -1  #: state of the filters; -1: not confirmed
 
     @property
     def height_mm(self) -> float:
         """Height of a pending step."""
         return float(np.median(self.heights_mm))
+
+    @property
+    def deviation_mm(self) -> float:
+        """Standard deviation of that."""
+        return _MEDIAN * self.noise_mm / math.sqrt(len(self.heights_mm))
+
+    def tolerance_of(self, error_mm: Array | float) -> Array:
+        """Distance from the height within which a measurement with this deviation agrees."""
+        deviation_mm = np.hypot(self.deviation_mm, error_mm)
+        allowed_mm = np.maximum(_ALIKE_MM, _DEVIATIONS * deviation_mm)
+        return np.asarray(np.minimum(allowed_mm, _ALIKE * abs(self.height_mm)))
 
     @property
     def is_slow(self) -> bool:
@@ -81,40 +103,53 @@ class SurfaceEdges:
         self.travel_mm, self._moves = math.nan, False
         #: place from which on each channel has watched the surface without a gap
         self._watched_mm = np.full(len(self._noise), math.inf)
+        #: travel when each channel began to be wrong, with short gaps, and when it last was
+        self._since_mm, self._until_mm = np.full((2, len(self._noise)), math.nan)
         self._known: list[_Edge] = []
         self._pending: dict[int, _Edge] = {}  #: by the channel that has stepped
+        self._known_at_tool = False  #: whether a known edge has reached the tool in this tick
 
     def move(self, travel_mm: float) -> None:
         """Take the distance that the tool has travelled along its path; NaN: unknown."""
         self._moves = travel_mm > self.travel_mm
         self.travel_mm = travel_mm
 
-    def suspect(
-        self, channel: int, height_mm: float, usable: Mask, slow: bool, since_mm: float
-    ) -> bool:
+    def note_wrong(self, channel: int) -> None:
+        """Note that a channel is wrong at this tick: its step may have begun here."""
+        if not self.travel_mm - self._until_mm[channel] < TOLERANCE_MM:
+            self._since_mm[channel] = self.travel_mm
+        self._until_mm[channel] = self.travel_mm
+
+    def suspect(self, channel: int, height_mm: float, usable: Mask, slow: bool) -> bool:
         """Whether a step of a channel may be an edge: no other has watched the place before.
 
-        ``since_mm`` is what the tool had travelled when the channel stepped.
+        The step is remembered in any case until the tool is there: the other may have slipped by
+        as much.
         """
         lead = self._leads[channel]
-        place_mm = since_mm + lead
+        place_mm = float(self._since_mm[channel]) + lead
         tolerance_mm = SLOW_TOLERANCE_MM if slow else TOLERANCE_MM
         further = self._leads[:-1] > lead
         has_watched = self._watched_mm < place_mm - tolerance_mm
         ahead = usable & further & has_watched
-        free = len(self._known) + len(self._pending) < EDGES
-        if not (self._moves and lead > 0.0 and free) or ahead.any():
+        is_seen = bool(ahead.any())
+        if not (self._moves and lead > 0.0 and len(self._known) < EDGES):
             return False
+        count = len(self._noise)
         self._pending[channel] = _Edge(
             place_mm,
             tolerance_mm,
-            deque([height_mm], _SAMPLES),
+            deque([height_mm] * _BEGUN, _SAMPLES),
             self._leads >= lead,
             further & ~has_watched,
-            np.zeros(len(self._noise)),
-            np.ones(len(self._noise)),
+            score=np.zeros(count),
+            squares=np.ones(count),
+            count=np.zeros(count),
+            mean_mm=np.zeros(count),
+            noise_mm=float(self._noise[channel]),
+            is_slip=is_seen,
         )
-        return True
+        return not is_seen
 
     def expects(self, channel: int) -> bool:
         """Whether a pending step may now have reached a channel."""
@@ -143,30 +178,55 @@ class SurfaceEdges:
         edges: list[int] = []
         slips: list[int] = []
         z = bank.z[0]
-        for channel, edge in list(self._pending.items()):
+        # all channels follow a change of the depth within a tick: only that tick shows it
+        jump_mm = math.nan if self._known_at_tool else _jump_mm(z, usable)
+        # the best first: another that is not alike stays, and has missed the tool
+        for channel, edge in sorted(
+            self._pending.items(), key=lambda item: abs(item[1].height_mm - jump_mm)
+        ):
             if channel not in self._pending:  # the same edge as another
                 continue
-            moved_mm = abs(z[channel] - edge.height_mm)
-            is_first = len(edge.heights_mm) < _SAMPLES
-            is_first &= bool(moved_mm < _DEVIATIONS * self._noise[channel])
-            if (edge.is_slow or is_first) and not math.isnan(values[channel]):
-                edge.heights_mm.append(float(z[channel]))
-            square = np.where(usable, np.minimum((z / self._noise) ** 2, _CLIPPED), edge.squares)
-            edge.squares += (square - edge.squares) * SECOND
-            height_mm, near = edge.height_mm, self._is_near(edge)
-            gain = np.minimum(self._gain(z, height_mm), _SHARE)
-            gain = np.where(self._is_alike(z, height_mm), gain, -_SHARE)
-            edge.score = np.where(near[:-1] & clear, np.maximum(edge.score + gain, 0.0), 0.0)
-            # all channels follow a change of the depth within a tick: only that tick shows it
-            jump_mm = -float(np.median(z[usable])) if usable.any() else math.nan
-            if near[-1] and abs(jump_mm - height_mm) < _ALIKE * abs(height_mm):
-                edges += self._accept(channel, -1, bank)
-            elif edge.score.max() >= _CONFIRMED:
-                edges += self._accept(channel, int(np.argmax(edge.score)), bank)
-            elif self._has_missed(edge, z, clear) or math.isnan(self.travel_mm):
+            self._observe(edge, channel, z, values, usable, clear)
+            apart_mm, is_free = abs(jump_mm - edge.height_mm), len(self._known) < EDGES
+            at_tool = self._is_near(edge)[-1] and apart_mm < edge.tolerance_of(_JUMP_MM)
+            reached = -1 if at_tool else self._confirming(edge)
+            if is_free and reached is not None:
+                height_mm = jump_mm if at_tool else edge.height_mm
+                edges += self._accept(channel, reached, height_mm, bank)
+                continue
+            is_over = not self._beyond(edge)[-1] <= edge.tolerance_mm  # also if it is unknown
+            if is_over:
                 del self._pending[channel]
+            if not edge.is_slip and (is_over or self._has_missed(edge, z, clear)):
+                edge.is_slip = True
                 slips.append(channel)
         return edges, slips
+
+    def _observe(
+        self, edge: _Edge, channel: int, z: Array, values: Array, usable: Mask, clear: Mask
+    ) -> None:
+        """Take what a tick says of a pending step of a channel."""
+        moved_mm = abs(z[channel] - edge.height_mm)
+        # if it is called a slip, the filters have been replaced, which know less of its bias
+        is_first = len(edge.heights_mm) < _SAMPLES and not edge.is_slip
+        is_first &= bool(moved_mm < _DEVIATIONS * self._noise[channel])
+        if (edge.is_slow or is_first) and not math.isnan(values[channel]):
+            edge.heights_mm.append(float(z[channel]))
+        square = np.where(usable, np.minimum((z / self._noise) ** 2, _CLIPPED), edge.squares)
+        edge.squares += (square - edge.squares) * SECOND
+        gain = np.minimum(self._gain(z, edge.height_mm), _SHARE)
+        gain = np.where(self._is_alike(z, edge.height_mm), gain, -_SHARE)
+        near = self._is_near(edge)[:-1] & clear
+        edge.score = np.where(near, np.maximum(edge.score + gain, 0.0), 0.0)
+        edge.count = np.where(edge.score > 0.0, edge.count + 1.0, 0.0)
+        edge.mean_mm += np.where(near, (z - edge.mean_mm) / np.maximum(edge.count, 1.0), 0.0)
+
+    def _confirming(self, edge: _Edge) -> int | None:
+        """The channel that a pending step has reached next, by its samples and their mean."""
+        error_mm = self._noise / np.sqrt(np.maximum(edge.count, 1.0))
+        alike = abs(edge.mean_mm - edge.height_mm) < edge.tolerance_of(error_mm)
+        score = np.where(alike, edge.score, 0.0)
+        return int(np.argmax(score)) if score.max() >= _CONFIRMED else None
 
     def drop(self, channel: int) -> None:
         """Forget the pending step of a channel, which is back where it was."""
@@ -177,18 +237,18 @@ class SurfaceEdges:
 
         The places are known to within the tolerance; there the samples decide.
         """
-        z, changed = bank.z[0], False
+        z, changed, self._known_at_tool = bank.z[0], False, False
         self._watch(bank, usable)
         for edge in list(self._known):
             height_mm = bank.edge_mm(edge.slot)
             near, beyond = self._is_near(edge), self._beyond(edge) > edge.tolerance_mm
             gain = np.where(near[:-1] & usable, self._gain(z, height_mm), 0.0)
             edge.score = np.maximum(edge.score + gain, 0.0) * near[:-1]
-            jump_mm = -float(np.median(z[usable])) if usable.any() else 0.0
-            at_tool = jump_mm * np.sign(height_mm) > _ALIKE * abs(height_mm)
+            at_tool = abs(_jump_mm(z, usable) - height_mm) < _ALIKE * abs(height_mm)
             now = ~edge.passed & (beyond | (near & np.append(edge.score >= _ARRIVED, at_tool)))
             if now.any():
                 changed = True
+                self._known_at_tool |= bool(now[-1])
                 edge.passed |= now
                 self._share(edge, bank)
             if edge.passed[np.isfinite(self._leads)].all():
@@ -204,7 +264,7 @@ class SurfaceEdges:
         sees &= self._watched_mm <= here_mm
         self._watched_mm = np.where(sees, self._watched_mm, here_mm)
 
-    def _accept(self, channel: int, reached: int, bank: DepthBank) -> list[int]:
+    def _accept(self, channel: int, reached: int, height_mm: float, bank: DepthBank) -> list[int]:
         """Make a pending step an edge that has also reached another channel, or the tool.
 
         Returns the channels that have shown it.
@@ -213,14 +273,14 @@ class SurfaceEdges:
         edge.slot = min(set(range(EDGES)) - {one.slot for one in self._known})
         edge.passed |= self._leads >= self._leads[reached]
         self._known.append(edge)
-        deviation_mm = _SLOW_HEIGHT_MM if edge.is_slow else _HEIGHT_MM
-        bank.begin_edge(edge.slot, edge.height_mm, deviation_mm)
+        deviation_mm = _SLOW_HEIGHT_MM if edge.is_slow and reached >= 0 else _HEIGHT_MM
+        bank.begin_edge(edge.slot, height_mm, deviation_mm)
         self._share(edge, bank)
         same = [
             other
             for other, step in self._pending.items()
             if abs(step.place_mm - edge.place_mm) <= edge.tolerance_mm + step.tolerance_mm
-            and abs(step.height_mm - edge.height_mm) < _ALIKE * abs(edge.height_mm)
+            and abs(step.height_mm - edge.height_mm) < edge.tolerance_of(step.deviation_mm)
         ]
         for other in same:
             del self._pending[other]
@@ -235,13 +295,13 @@ class SurfaceEdges:
         return ~edge.passed & (abs(self._beyond(edge)) <= edge.tolerance_mm)
 
     def _has_missed(self, edge: _Edge, z: Array, clear: Mask) -> bool:
-        """Whether a channel, or the tool, is past the place of an edge and shows none.
+        """Whether a channel is past the place of an edge and shows none.
 
         A channel that has moved by another height is no witness: either may have slipped.
         """
         is_still = (edge.squares < _STILL) & (abs(z) < _ALIKE * abs(edge.height_mm))
-        due = np.append(clear & is_still, True) & ~edge.passed & (self._leads >= 0.0)
-        return bool((due & (self._beyond(edge) > edge.tolerance_mm)).any())
+        due = clear & is_still & (~edge.passed & (self._leads >= 0.0))[:-1]
+        return bool((due & (self._beyond(edge)[:-1] > edge.tolerance_mm)).any())
 
     def _gain(self, z: Array, height_mm: float) -> Array:
         """Log-likelihood ratio that channels show the edge, of a sample."""
@@ -255,3 +315,8 @@ class SurfaceEdges:
     def _share(edge: _Edge, bank: DepthBank) -> None:
         bank.edge_shares[:, edge.slot] = (edge.passed[:-1] & ~edge.in_bias).astype(float)
         bank.edge_shares[:, edge.slot] -= edge.passed[-1]
+
+
+def _jump_mm(z: Array, usable: Mask) -> float:
+    """Height of an edge that has just reached the tool: all channels shift by it; else noise."""
+    return -float(np.median(z[usable])) if usable.any() else math.nan

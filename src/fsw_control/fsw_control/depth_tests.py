@@ -125,7 +125,6 @@ class ChannelTests:
         self._frozen = [Frozen() for _ in self._rows]
         #: spikes in a row
         self._spikes = [deque[float](maxlen=settings.confirm_samples) for _ in self._rows]
-        self._since_mm = np.full(count, np.nan)  #: travel of the tool when they began
         #: over a second, and over five; by filter and channel, without the common part
         self._means = np.zeros((2, count + 1, count))
         self._off = np.zeros(count)  #: from the prior, over three seconds
@@ -157,7 +156,8 @@ class ChannelTests:
             else:
                 continue
             values[i] = np.nan
-            health[i] = health[i] or flaw
+            if not health[i] or health[i] is ChannelHealth.STEPPED:  # that is no verdict yet
+                health[i] = flaw
         return values, health
 
     def _is_stuck(self, channel: int, value: float, noisy: bool) -> bool:
@@ -322,8 +322,7 @@ class ChannelTests:
         for i in wrong:
             health[i] = ChannelHealth.SPIKE
             spikes = self._spikes[i]
-            if not spikes:
-                self._since_mm[i] = self._edges.travel_mm
+            self._edges.note_wrong(i)
             spikes.append(float(bank.z[0, i]))
             alike = max(spikes) - min(spikes) < ALIKE * abs(sum(spikes)) / len(spikes)
             if len(spikes) == self._settings.confirm_samples and alike:
@@ -350,6 +349,7 @@ class ChannelTests:
         """
         isolated, slow = [], flaw is ChannelHealth.STEPPED
         for i in channels:
+            self._edges.note_wrong(i)
             if self._edges.expects(i):  # decided there
                 continue
             height_mm = float(self._means[0, 0, i] if slow else np.mean(self._spikes[i]))
@@ -358,8 +358,7 @@ class ChannelTests:
             if slow:
                 self._watch.begin(i, self._off[i])
             drifts = flaw is ChannelHealth.DRIFT
-            since_mm = self._edges.travel_mm if slow else float(self._since_mm[i])
-            stepped = not drifts and self._edges.suspect(i, height_mm, usable, slow, since_mm)
+            stepped = not drifts and self._edges.suspect(i, height_mm, usable, slow)
             health[i] = self.latched[i] = ChannelHealth.STEPPED if stepped else flaw
             if not (slow or stepped):
                 isolated.append(i)

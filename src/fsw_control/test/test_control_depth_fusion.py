@@ -278,6 +278,38 @@ def test_only_the_channel_that_slips_while_an_edge_is_undecided_is_blamed(channe
         assert w.estimates[-1].health[name] is GOOD
 
 
+@pytest.mark.parametrize(
+    ("channel", "edge_mm", "slip_mm", "ahead_mm"),
+    [
+        ("lvdt_lead", 0.11, -0.14, -0.2),  # the edge is hidden, but for its begin
+        ("lvdt_lead", 0.18, -0.17, -0.8),
+        ("laser", 0.16, -0.16, 0.3),
+        ("laser", -0.2, -0.2, -1.5),  # the other way round, another edge as high
+        ("lvdt_lead", 0.1, 0.1, -0.6),  # or one twice as high
+    ],
+)
+def test_a_slip_beside_an_edge_does_not_shift_the_depth(channel, edge_mm, slip_mm, ahead_mm):
+    """Whatever the channel seems to show; the others are used again after the tool."""
+    at_mm = AT_S * MM_PER_S + CHANNELS[channel].lead_mm + ahead_mm
+    fault = {channel: lambda y, since_s, r: y + slip_mm}
+    w = Weld(7, fault=fault, edges={at_mm: edge_mm})
+    w.bias["laser"] = 0.06
+    w.run(AT_S - 2.0)
+    before = np.mean(w.errors_mm[-100:])
+    w.run(45.0)
+    assert np.abs(np.array(w.errors_mm[-450:]) - before).max() < 0.03
+    assert set(w.estimates[-1].used) >= set(ALL) - {channel}
+
+
+def test_a_channel_that_falls_silent_while_it_is_watched_is_missing():
+    """That it has stepped is no verdict."""
+    fault = {"laser": lambda y, since_s, r: y + 0.03 if since_s < 8.0 else None}
+    w = Weld(3, fault=fault).run(AT_S + 7.0)
+    assert w.estimates[-1].health["laser"] is STEPPED
+    w.run(2.0)
+    assert w.estimates[-1].health["laser"] is MISSING
+
+
 @pytest.mark.parametrize("slow", [False, True])
 def test_a_jump_keeps_its_height_and_a_slow_step_may_grow(slow):
     """At the tool, the others shift by the height that the laser showed at first: of a jump only."""
@@ -285,7 +317,8 @@ def test_a_jump_keeps_its_height_and_a_slow_step_may_grow(slow):
     usable = np.array([name != "laser" for name in ALL])
     edges.move(0.0)
     edges.move(1.0)
-    assert edges.suspect(0, 0.1, usable, slow, since_mm=1.0)
+    edges.note_wrong(0)
+    assert edges.suspect(0, 0.1, usable, slow)
     for laser_mm in [0.1] * 5 + [0.4] * 20:
         bank.innovate(np.where(usable, 0.0, laser_mm), 0.0)
         assert edges.review(bank, np.zeros(len(ALL)), usable, usable) == ([], [])
