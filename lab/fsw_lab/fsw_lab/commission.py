@@ -127,7 +127,7 @@ def commission(arguments: argparse.Namespace) -> int:
         else Course()
     )
     if not file.exists():
-        new_folder(arguments.out, "commission")
+        new_folder(arguments, "commission")
     work = Work(arguments)
     session = Session(
         course,

@@ -84,13 +84,13 @@ def identify(arguments: argparse.Namespace) -> int:
     arguments.out.parent.mkdir(
         parents=True, exist_ok=True
     )  # now, because the fit may take minutes
-    if arguments.report is not None:
-        new_folder(arguments.report, "", "--report", arguments.force)
     welds = [_weld(bag, columns) for bag in arguments.bag]
     validate, air = (
         None if bag is None else _weld(bag, columns) for bag in (arguments.validate, arguments.air)
     )
     start, lag_s = _model(arguments.model), arguments.drive_lag
+    if arguments.report is not None:
+        new_folder(arguments, "", "--report", (arguments.out, arguments.covariance))
     with ProgressBar("identifying") as bar:
         result = fsw.identify(
             *welds,

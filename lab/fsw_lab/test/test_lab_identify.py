@@ -136,6 +136,33 @@ def test_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert not Path(out).exists()
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["identify", "no bag", "--out", "model.yaml", "--report", "old"],
+        ["tune", "--model", "old/model.yaml", "--out", "old"],
+        ["canister", "--power", "40", "--probe", "0,0,0", "--vtk", "old"],
+        ["export", "c", "--out", "old"],
+    ],
+)
+def test_force_keeps_an_earlier_result_if_the_command_cannot_be_carried_out(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    old = tmp_path / "old" / "model.yaml"
+    old.parent.mkdir()
+    old.write_text("{}\n")
+    later = tmp_path / "old" / "fsw_example.h" if arguments[0] == "export" else None
+    (old.parent / ".fsw_results").write_text("model.yaml")
+    if later:
+        later.touch()  # put into an earlier export
+    error_of(capsys, *arguments, "--force")
+    assert old.exists()
+
+
 def test_a_bag_without_the_needed_topics(
     genuine: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

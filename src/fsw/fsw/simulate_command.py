@@ -125,7 +125,7 @@ def simulate(arguments: argparse.Namespace) -> int:
         raise CommandError(f"simulate: --bag needs ROS 2: {HOW}")
     parameters = _parameters(arguments, scenario, overrides)
     loops = _loops(arguments, scenario, overrides, parameters)
-    folder = new_folder(arguments.out, scenario.name, force=arguments.force)
+    folder = new_folder(arguments, scenario.name)
     runs: list[Run] = []
     for title, (label, loop) in loops.items():
         with ProgressBar(f"{scenario.name}, {title}") as bar:
