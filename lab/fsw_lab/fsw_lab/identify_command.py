@@ -8,7 +8,7 @@ from pathlib import Path
 
 import fsw
 from fsw.bags import print_notes, read_weld
-from fsw.command import FORCE, assigned, command, file, number, option, repeated, switch
+from fsw.command import FORCE, FORMAT, assigned, command, file, number, option, repeated, switch
 from fsw.console import ProgressBar, print_table
 from fsw.errors import CommandError
 from fsw.outputs import check_new, new_folder, write_text
@@ -50,7 +50,7 @@ DRIVE_LAG = number(
     file("--covariance", "covariance of the estimates (YAML), for the monitor"),
     file("--validate", "weld to validate the model, not used for the estimate", "BAG"),
     file("--air", "run in air at several speeds, to identify the friction (23)", "BAG"),
-    file("--report", "write report.html and report.png into this folder", "DIR"),
+    file("--report", "write report.html and its figure into this folder", "DIR"),
     file("--model", "model to start from (default: the paper's)"),
     DRIVE_LAG,
     switch(
@@ -65,6 +65,7 @@ DRIVE_LAG = number(
         f"of the proposed experiment, {_EXPERIMENT_S} (default {_DURATION_S:g})",
     ),
     switch("--open-loop", "propose steps of force and speed, without controller"),
+    FORMAT,
     FORCE,
     description="Estimate the parameters of the process model from one or more recorded welds of one process, in "
     "open or closed loop, with standard deviations, and write them as a model file. With --design, propose an "
@@ -113,7 +114,7 @@ def identify(arguments: argparse.Namespace) -> int:
         write_text(arguments.covariance, known.text)
         files.append(arguments.covariance)
     if arguments.report is not None:
-        files += report.write(result, arguments.report)
+        files += report.write(result, arguments.report, arguments.format or "png")
     print(f"written: {', '.join(map(str, files))}")
     return 0
 

@@ -82,16 +82,12 @@ def test_identify(
 ) -> None:
     monkeypatch.setattr("fsw.bags.load_weld", lambda bag, progress=None: experiment)
     out, folder = tmp_path / "model.yaml", tmp_path / "report"
-    assert (
-        main(
-            ["identify", "weld", "--out", str(out), "--validate", "weld", "--report", str(folder)]
-        )
-        == 0
-    )
+    more = ("--validate", "weld", "--report", str(folder), "--format", "svg")
+    assert main(["identify", "weld", "--out", str(out), *more]) == 0
     found = ModelParameters.from_file(out)
     assert found.thermal_gain_c_per_kw == pytest.approx(1.3 * 18.1, rel=0.03)
     assert found.depth_gain_mm_per_kn_s == pytest.approx(0.8 * 0.0016, rel=0.05)
-    assert {path.name for path in folder.glob("[!.]*")} == {"report.html", "report.png"}
+    assert {path.name for path in folder.glob("[!.]*")} == {"report.html", "report.svg"}
     names = "geometry_factor, contact_radius_m, geometry_offset_m3: "
     assert f"{names}not identifiable" in capsys.readouterr().out
     before = out.read_text()

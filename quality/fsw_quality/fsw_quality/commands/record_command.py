@@ -7,7 +7,7 @@ from pathlib import Path
 
 import fsw
 from fsw.bags import DAMAGED_TOO, print_notes
-from fsw.command import FORCE, assigned, command, file, option, repeated
+from fsw.command import FORCE, FORMAT_BESIDE, assigned, command, file, option, repeated
 from fsw.console import ProgressBar
 from fsw.errors import CommandError
 from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED
@@ -37,6 +37,7 @@ from fsw_scenario.procedure import check_signed, load, shipped
     ),
     TRUSTED,
     REQUIRE_SIGNED_PROCEDURE,
+    FORMAT_BESIDE,
     FORCE,
     description="Judge recorded welds by a procedure and write record.html, record.json and, with the extra "
     "quality, record.pdf; of several bags into a folder for each. The verdict is no exit code: a rejected weld "
@@ -45,6 +46,7 @@ from fsw_scenario.procedure import check_signed, load, shipped
 def record(arguments: argparse.Namespace) -> int:
     load(arguments.procedure)  # what is wrong in it is said before anything else
     check_signed(arguments.procedure, arguments.trusted, arguments.require_signed)
+    ending = arguments.format
     bags = dict(zip(labels(arguments.bag), arguments.bag, strict=True))
     if len({bag.resolve() for bag in arguments.bag}) < len(arguments.bag):
         raise CommandError("record: one of the bags is given twice")
@@ -68,7 +70,7 @@ def record(arguments: argparse.Namespace) -> int:
         [
             folder / name
             for folder in folders.values()
-            for name in (report.JSON, report.PAGE, report.PDF)
+            for name in (report.JSON, report.PAGE, report.PDF, *report.figure_names(ending))
         ],
         arguments.force,
     )
@@ -81,6 +83,7 @@ def record(arguments: argparse.Namespace) -> int:
                 folders[name],
                 compare_with=arguments.compare,
                 afterwards=afterwards,
+                figures=ending,
                 progress=bar,
                 note=notes.append,
             )
