@@ -84,6 +84,23 @@ def test_force_replaces_the_folder_of_an_earlier_run(capsys, tmp_path):
     assert (tmp_path / "precious").exists() and out.exists()
 
 
+def test_ctrl_c_while_modules_are_loaded_ends_in_a_line():
+    program = """
+import os, signal, sys
+
+class Interrupt:
+    def find_spec(self, name, path=None, target=None):
+        if name == "fsw.main":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Interrupt())
+from fsw.__main__ import main
+main()
+"""
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (ran.returncode, ran.stderr) == (130, "interrupted\n")
+
+
 @pytest.mark.parametrize("form", ["{}", "nmpc.tuning_file={}"])
 def test_force_deletes_nothing_that_the_command_reads(tmp_path, form):
     (tmp_path / ".fsw_results").write_text("model.yaml\nfigure.png")

@@ -13,7 +13,7 @@ from fsw.errors import CommandError
 from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED
 from fsw.outputs import check_new
 from fsw_analysis.bag_labels import labels
-from fsw_quality import report
+from fsw_quality import record_hook, report
 from fsw_quality.record_content import Record
 from fsw_recorder import after_recording
 from fsw_scenario.procedure import check_signed, load, shipped
@@ -40,7 +40,7 @@ from fsw_scenario.procedure import check_signed, load, shipped
     FORMAT_BESIDE,
     FORCE,
     description="Judge recorded welds by a procedure and write record.html, record.json and, with the extra "
-    "quality, record.pdf; of several bags into a folder for each. The verdict is no exit code: a rejected weld "
+    "pdf, record.pdf; of several bags into a folder for each. The verdict is no exit code: a rejected weld "
     "has a record, too.",
 )
 def record(arguments: argparse.Namespace) -> int:
@@ -95,7 +95,7 @@ def record(arguments: argparse.Namespace) -> int:
         print_notes(_unusual(found))
         print(f"written: {', '.join(str(folders[name] / file) for file in report.files())}")
     if not report.can_write_pdf():
-        print_notes(["no PDF: pip install fpdf2, or the extra fsw-quality[pdf]"])
+        print_notes([f"no PDF: {record_hook.PDF.absence}"])
     return 0
 
 
