@@ -86,7 +86,7 @@ from fsw_scenario.weld_programme import spans
     repeated(
         "--identity",
         "KEY=VALUE",
-        "with --bag: what is welded with what, into the bag's metadata and the record: "
+        "with --bag: identity of the welded parts, for the bag's metadata and the record: "
         f"{', '.join(IDENTITY)}",
     ),
     switch("--no-figures", "figures of merit only"),

@@ -21,7 +21,7 @@ from fsw_scenario.procedure import check_signed, load, shipped
 
 @command(
     "record",
-    "record of a weld for who signs for it: verdict, rules, exceedances, figures",
+    "write the weld record (verdict, rules, exceedances, figures)",
     option("bag", type=Path, nargs="+", help=DAMAGED_TOO),
     option("--procedure", required=True, help=f"YAML file, or one of {', '.join(shipped())}"),
     file("--out", "folder for the records", "DIR", required=True),
@@ -33,18 +33,18 @@ from fsw_scenario.procedure import check_signed, load, shipped
     repeated(
         "--data",
         "KEY=VALUE",
-        "what is known only after the weld, e.g. ndt, nonconformance, disposition: keys of weld_data",
+        "data known only after the weld, e.g. ndt, nonconformance, disposition: keys of weld_data",
     ),
     TRUSTED,
     REQUIRE_SIGNED_PROCEDURE,
     FORMAT_BESIDE,
     FORCE,
     description="Judge recorded welds by a procedure and write record.html, record.json and, with the extra "
-    "pdf, record.pdf; of several bags into a folder for each. The verdict is no exit code: a rejected weld "
-    "has a record, too.",
+    "pdf, record.pdf; of several bags into a folder for each. The verdict does not change the exit code: "
+    "a rejected weld has a record, too.",
 )
 def record(arguments: argparse.Namespace) -> int:
-    load(arguments.procedure)  # what is wrong in it is said before anything else
+    load(arguments.procedure)  # its mistakes are reported before anything else
     check_signed(arguments.procedure, arguments.trusted, arguments.require_signed)
     ending = arguments.format
     bags = dict(zip(labels(arguments.bag), arguments.bag, strict=True))
