@@ -303,12 +303,21 @@ def _installed_from_source(home):
         groups = {"console_scripts": project.get("scripts", {}), **project["entry-points"]}
         files[info / "METADATA"] = (
             f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {version}\n"
+            + "".join(_extras(project.get("optional-dependencies", {})))
         )
         files[info / "entry_points.txt"] = "".join(
             f"[{group}]\n" + "".join(f"{name} = {value}\n" for name, value in points.items())
             for group, points in groups.items()
         )
     return files
+
+
+def _extras(extras):
+    """Lines by which pip knows the extras, so that the line that installs one is the same here."""
+    for name, requirements in extras.items():
+        yield f"Provides-Extra: {name}\n"
+        for requirement in requirements:
+            yield f'Requires-Dist: {requirement}; extra == "{name}"\n'
 
 
 def _is_from_source(home):

@@ -104,6 +104,16 @@ with open(sys.argv[1], "w") as turn:
         assert waiting.wait(600) == 0
 
 
+def test_pip_knows_the_extras_of_a_clone():
+    program = """
+for file, text in _bootstrap._installed_from_source(_bootstrap.Path(sys.prefix)).items():
+    print(text if file.match("fsw_lab-*/METADATA") else "")
+"""
+    lines = in_python(program).stdout.splitlines()
+    assert "Provides-Extra: gym" in lines
+    assert 'Requires-Dist: fsw-lab[campaign,canister,fmu,gym]; extra == "all"' in lines
+
+
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
     """Prefix with an interface package of all kinds, built from three definitions."""

@@ -19,7 +19,7 @@ setup(
     ],
     extras_require={"test": ["pytest"]},
     entry_points={
-        "console_scripts": ["fsw = fsw.main:main"],
+        "console_scripts": ["fsw = fsw.__main__:main"],
         "fsw.commands": [
             "acknowledge = fsw.graph",
             "bag = fsw.bags",

@@ -1,9 +1,10 @@
-"""Figures of a campaign's report, as PNG."""
+"""Figures of a campaign's report, as PNG for its page; also as the file ``beside``, if given."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from math import ceil
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,14 +22,14 @@ _WIDEST, _SHOWN_SHARE = 2.0, 0.98
 _DPI = 110
 
 
-def _panels(count: int, draw: Callable[[Axes, int], None]) -> bytes:
+def _panels(count: int, draw: Callable[[Axes, int], None], beside: Path | None) -> bytes:
     columns = min(count, _COLUMNS)
     rows = ceil(count / columns)
     with sheet(4.0 * columns, 3.0 * rows + 0.4) as figure:
         for i in range(count):
             draw(figure.add_subplot(rows, columns, i + 1), i)
         legend_below(figure, figure.axes[:1], 2 * columns)
-        return png(figure, _DPI)
+        return png(figure, _DPI, beside)
 
 
 def _steps(axes: Axes, values: Vector, label: str, look: Look) -> None:
@@ -38,7 +39,9 @@ def _steps(axes: Axes, values: Vector, label: str, look: Look) -> None:
         axes.step(np.sort(values), shares, where="post", label=label, **look.line)
 
 
-def ratios(spreads: Mapping[str, Mapping[str, Spread]], first: str) -> bytes:
+def ratios(
+    spreads: Mapping[str, Mapping[str, Spread]], first: str, beside: Path | None = None
+) -> bytes:
     """Ratios to the first controller's figures: median, and 5 to 95 % of the plants."""
     labels = list(dict.fromkeys(label for of in spreads.values() for label in of))
     with sheet(8.0, 1.2 + 0.42 * len(spreads)) as figure:
@@ -66,10 +69,10 @@ def ratios(spreads: Mapping[str, Mapping[str, Spread]], first: str) -> bytes:
         axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axes.xaxis.set_minor_formatter(NullFormatter())
         legend_below(figure)
-        return png(figure, _DPI)
+        return png(figure, _DPI, beside)
 
 
-def times_outside(results: Results) -> bytes | None:
+def times_outside(results: Results, beside: Path | None = None) -> bytes | None:
     """Distributions of the time outside each limit that any weld leaves; None if there is none."""
     found = {
         signal: [results.numbers(f"outside_{signal}_s", label) for label in results.labels]
@@ -89,10 +92,10 @@ def times_outside(results: Results) -> bytes | None:
         axes.set(title=signal, xlabel="time outside [s]", ylabel="welds up to [%]")
         axes.title.set_fontsize("medium")
 
-    return _panels(len(signals), draw) if signals else None
+    return _panels(len(signals), draw, beside) if signals else None
 
 
-def sensitivities(results: Results) -> bytes | None:
+def sensitivities(results: Results, beside: Path | None = None) -> bytes | None:
     """Rank correlations and first-order indices of the main figures; None where no parameter is a number."""
     cases = [(key, label) for key in MAIN for label in results.labels]
     found = [results.sensitivities(key, label) for key, label in cases]
@@ -137,4 +140,4 @@ def sensitivities(results: Results) -> bytes | None:
                         fontsize=7,
                         color=shade,
                     )
-        return png(figure, _DPI)
+        return png(figure, _DPI, beside)

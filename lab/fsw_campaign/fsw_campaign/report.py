@@ -68,7 +68,17 @@ def requirements_of(file: Path | None, columns: Sequence[str]) -> list[Requireme
     return [one for one in found if not set(unknown) & one.limits.keys()]
 
 
-def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
+def figure_files(target: Path, ending: str | None) -> dict[str, Path | None]:
+    """Files beside a report that its figures are also written to, if in a format."""
+    return {
+        name: target.with_name(f"{target.stem}_{name}.{ending}") if ending else None
+        for name in ("ratios", "outside", "parameters")
+    }
+
+
+def write(
+    folder: Path, target: Path, limits: Path | None = None, ending: str | None = None
+) -> Path:
     """Write the report on the welds in a campaign's folder; returns its path.
 
     Parameters
@@ -80,6 +90,8 @@ def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
         tables in ``<stem>_tables.json`` and the worst welds in ``<stem>_worst.md``).
     limits : Path, optional
         File of further limits, see :func:`requirements_of`; the shipped ones by default.
+    ending : {"png", "svg", "pdf"}, optional
+        Format of the figures' files beside the report.
 
     Raises
     ------
@@ -97,10 +109,12 @@ def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
     requirements = requirements_of(limits, results.columns)
     whole = target.suffix == ".html"
     ratios = _ratios(results)
-    drawn = {"ratios": figures.ratios(ratios, results.labels[0]) if ratios else None}
+    beside = figure_files(target, ending)
+    first = results.labels[0]
+    drawn = {"ratios": figures.ratios(ratios, first, beside["ratios"]) if ratios else None}
     if whole:
-        drawn["outside"] = figures.times_outside(results)
-        drawn["parameters"] = figures.sensitivities(results)
+        drawn["outside"] = figures.times_outside(results, beside["outside"])
+        drawn["parameters"] = figures.sensitivities(results, beside["parameters"])
     images = {
         f"{target.stem}_{name}.png": image for name, image in drawn.items() if image is not None
     }

@@ -1,4 +1,4 @@
-"""Report of an identification on one page, as HTML and PNG: figures, statistics and tables."""
+"""Report of an identification on one page, as HTML: one figure, statistics and tables."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fsw_analysis.figure_style import COLOURS, OTHERS, label_time, sheet
+from fsw_analysis.figure_style import COLOURS, OTHERS, label_time, png, sheet
 from fsw_analysis.report import page, source
 from fsw_control.weld import TICK_S
 from fsw_identification.estimation import Fit
@@ -18,12 +18,12 @@ from fsw_identification.statistics import LAGS, Judgement
 from fsw_identification.summary import NAMES, Summary, output_rows, parameter_rows, remarks
 
 _BELOW: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.3), "frameon": False}
+_DPI = 110
 
 
-def write(result: Summary, folder: Path) -> list[Path]:
-    """Write ``report.html``, a single file, and its figure ``report.png``; returns the paths."""
-    picture, written = folder / "report.png", folder / "report.html"
-    _draw(result, picture)
+def write(result: Summary, folder: Path, ending: str = "png") -> list[Path]:
+    """Write ``report.html``, a single file, and its figure in a format; returns the paths."""
+    picture, written = folder / f"report.{ending}", folder / "report.html"
     text = page(
         "fsw_identification",
         "report.html.j2",
@@ -31,15 +31,15 @@ def write(result: Summary, folder: Path) -> list[Path]:
         parameters=parameter_rows(result),
         outputs=output_rows(result),
         remarks=remarks(result),
-        image=source(picture.read_bytes()),
+        image=source(_draw(result, picture)),
     )
     written.write_text(text, encoding="utf-8")
     return [written, picture]
 
 
-def _draw(result: Summary, path: Path) -> None:
+def _draw(result: Summary, path: Path) -> bytes:
     columns = 3 if result.validation is not None else 2
-    with sheet(6.5 * columns, 13.0, path) as figure:
+    with sheet(6.5 * columns, 13.0) as figure:
         figure.suptitle(
             f"Model identified from {result.sources}", fontsize=12.0, fontweight="bold"
         )
@@ -50,6 +50,7 @@ def _draw(result: Summary, path: Path) -> None:
         _statistics(list(grid[:3, -1]), result.judgement)
         _deviations(grid[3, -1], result.fit)
         _correlation(figure, grid[4, -1], result.fit)
+        return png(figure, _DPI, path)
 
 
 def _courses(axes: Sequence[Axes], fit: Fit, judgement: Judgement, what: str) -> None:

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from fsw.command import FORCE, command, file, option, switch
+from fsw.command import FORCE, FORMAT_BESIDE, command, file, option, switch
 from fsw.console import ProgressBar, program
 from fsw.errors import CommandError
 from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED, trusted_keys
@@ -17,7 +17,7 @@ _REPORT = "report"
 #: arguments of only one of both forms
 _ONLY_RUN, _ONLY_REPORT = (
     ("welds", "workers", "scheduler", "resume", "trusted", "require_signed"),
-    ("folder", "limits", "force"),
+    ("folder", "limits", "format", "force"),
 )
 
 
@@ -54,12 +54,13 @@ _ONLY_RUN, _ONLY_REPORT = (
     TRUSTED,
     REQUIRE_SIGNED_PROCEDURE,
     file("--limits", "after report: limits on figures of merit (YAML) instead of its own"),
+    FORMAT_BESIDE,
     FORCE,
     description="Run the welds of a campaign file on Dask, into a folder with one Parquet dataset; or, with "
     "'report', write a report on the welds in such a folder.",
     usage="%(prog)s [-h] FILE [--out DIR] [--resume] [--welds N] [--workers N] [--scheduler ADDRESS]\n"
     "       [--trusted FILE] [--require-signed]\n"
-    "       %(prog)s report DIR [--out FILE] [--limits FILE] [--force]",
+    "       %(prog)s report DIR [--out FILE] [--limits FILE] [--format FORMAT] [--force]",
     needs=Extra("fsw-lab", "campaign", ("distributed", "pyarrow")),
 )
 def campaign(arguments: argparse.Namespace) -> int:
@@ -67,7 +68,8 @@ def campaign(arguments: argparse.Namespace) -> int:
     wrong = [name for name in (_ONLY_RUN if report else _ONLY_REPORT) if getattr(arguments, name)]
     if report and (wrong or arguments.folder is None):
         raise CommandError(
-            "campaign report: give the folder of a campaign, and no options other than --out, --limits and --force"
+            "campaign report: give the folder of a campaign, and no options other than --out, --limits, "
+            "--format and --force"
         )
     if wrong:
         raise CommandError(
@@ -112,6 +114,7 @@ def _report(arguments: argparse.Namespace) -> int:
     from fsw_campaign import report
 
     target = arguments.out or arguments.folder / "report.html"
-    check_new([target], arguments.force)
-    print(report.write(arguments.folder, target, arguments.limits))
+    beside = report.figure_files(target, arguments.format)
+    check_new([target, *beside.values()], arguments.force)
+    print(report.write(arguments.folder, target, arguments.limits, arguments.format))
     return 0

@@ -83,8 +83,6 @@ def canister(arguments: argparse.Namespace) -> int:
     else:
         weld = programmed(arguments.scenario or _SCENARIO, arguments.canister, arguments.power)
     moments_s = _moments(arguments, weld)
-    if arguments.vtk is not None:
-        new_folder(arguments.vtk, "canister", "--vtk", arguments.force)
     history, probes, step_us = _computed(arguments, weld)
     table = arguments.csv or default_folder("canister") / "heat.csv"
     _write_table(table, history, probes)
@@ -155,6 +153,9 @@ def _computed(
             elements_of(weld.parameters).at(1e-3 * r, 1e-3 * z)
         except InputError as error:
             raise CommandError(f"--probe {text}: {error}") from None
+    if arguments.vtk is not None:
+        outputs = (arguments.csv, arguments.figure, arguments.film)
+        new_folder(arguments, "canister", "--vtk", outputs)
     elsewhere = arguments.probe or arguments.figure or arguments.film or arguments.vtk
     parameters = weld.parameters.changed(tolerance_k=_FINE_K) if elsewhere else weld.parameters
     with ProgressBar("heat conduction in the canister") as bar:

@@ -66,7 +66,7 @@ _TUNINGS = ("conservative", "tight", "smith")
     *GRAPH,
     file(
         "--out",
-        "folder for bags, model, tunings and report; that of an earlier run goes on",
+        "folder for bags, model, tunings and report; an earlier run in it is resumed",
         "DIR",
         required=True,
     ),
@@ -127,7 +127,7 @@ def commission(arguments: argparse.Namespace) -> int:
         else Course()
     )
     if not file.exists():
-        new_folder(arguments.out, "commission")
+        new_folder(arguments, "commission")
     work = Work(arguments)
     session = Session(
         course,
@@ -142,7 +142,7 @@ def commission(arguments: argparse.Namespace) -> int:
     done = session.run(once=arguments.yes)
     left = session.course.next
     print(
-        f"\n{'commissioned' if done else f'left at {left}; the same command goes on there'}: {arguments.out / _REPORT}"
+        f"\n{'commissioned' if done else f'left at {left}; the same command resumes there'}: {arguments.out / _REPORT}"
     )
     return 0 if done else 1
 

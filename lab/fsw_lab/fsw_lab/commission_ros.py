@@ -166,7 +166,7 @@ def aborted(node: Operator) -> str:
         # first may be too early.
         was_welding = abort(node) or abort(node)
     except CommandError as error:
-        return f"{error}; a weld may go on, or begin yet: fsw.py weld abort ends it"
+        return f"{error}; a weld may still run or begin; fsw.py weld abort ends it"
     return (
         "the weld was aborted, and the safe stop is requested"
         if was_welding

@@ -59,6 +59,10 @@ class Identified(Summary):
         """Model file (YAML), which :func:`model` reads."""
         return summary.model_text(self.fit, self.sources, self.air)
 
+    def __repr__(self) -> str:
+        names = ", ".join(self.fit.free)
+        return f"<Identified {names} from {self.sources}; print it for its tables>"
+
     def __str__(self) -> str:
         tables = (summary.parameter_rows(self), summary.output_rows(self))
         lines = [

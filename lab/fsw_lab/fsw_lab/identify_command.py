@@ -8,7 +8,7 @@ from pathlib import Path
 
 import fsw
 from fsw.bags import print_notes, read_weld
-from fsw.command import FORCE, assigned, command, file, number, option, repeated, switch
+from fsw.command import FORCE, FORMAT, assigned, command, file, number, option, repeated, switch
 from fsw.console import ProgressBar, print_table
 from fsw.errors import CommandError
 from fsw.outputs import check_new, new_folder, write_text
@@ -51,7 +51,7 @@ DRIVE_LAG = number(
     file("--machine", "noise of the sensors and rates of the drives (YAML), for the NMPC"),
     file("--validate", "weld to validate the model, not used for the estimate", "BAG"),
     file("--air", "run in air at several speeds, to identify the friction (23)", "BAG"),
-    file("--report", "write report.html and report.png into this folder", "DIR"),
+    file("--report", "write report.html and its figure into this folder", "DIR"),
     file("--model", "model to start from (default: the paper's)"),
     DRIVE_LAG,
     switch(
@@ -66,6 +66,7 @@ DRIVE_LAG = number(
         f"of the proposed experiment, {_EXPERIMENT_S} (default {_DURATION_S:g})",
     ),
     switch("--open-loop", "propose steps of force and speed, without controller"),
+    FORMAT,
     FORCE,
     description="Estimate the parameters of the process model from one or more recorded welds of one process, in "
     "open or closed loop, with standard deviations, and write them as a model file. With --design, propose an "
@@ -85,13 +86,13 @@ def identify(arguments: argparse.Namespace) -> int:
     arguments.out.parent.mkdir(
         parents=True, exist_ok=True
     )  # now, because the fit may take minutes
-    if arguments.report is not None:
-        new_folder(arguments.report, "", "--report", arguments.force)
     welds = [_weld(bag, columns) for bag in arguments.bag]
     validate, air = (
         None if bag is None else _weld(bag, columns) for bag in (arguments.validate, arguments.air)
     )
     start, lag_s = _model(arguments.model), arguments.drive_lag
+    if arguments.report is not None:
+        new_folder(arguments, "", "--report", (arguments.out, arguments.covariance))
     with ProgressBar("identifying") as bar:
         result = fsw.identify(
             *welds,
@@ -117,7 +118,7 @@ def identify(arguments: argparse.Namespace) -> int:
         write_text(arguments.machine, result.machine.text)
         files.append(arguments.machine)
     if arguments.report is not None:
-        files += report.write(result, arguments.report)
+        files += report.write(result, arguments.report, arguments.format or "png")
     print(f"written: {', '.join(map(str, files))}")
     return 0
 

@@ -60,7 +60,7 @@ EVALUATIONS = 3000
 )
 def tune(arguments: argparse.Namespace) -> int:
     model = ModelParameters.from_file(arguments.model)
-    folder = new_folder(arguments.out, "tuning", force=arguments.force).resolve()
+    folder = new_folder(arguments, "tuning").resolve()
     tunings = write_tunings(
         arguments.model, folder, arguments.evaluations, matched=arguments.matched
     )

@@ -98,7 +98,9 @@ def test_the_command_of_a_weld_reproduces_it_to_the_last_digit(folder, tmp_path,
 
 
 def test_reports(folder, tmp_path, capsys):
-    assert main(["campaign", "report", str(folder)]) == 0
+    assert main(["campaign", "report", str(folder), "--format", "svg"]) == 0
+    names = ("ratios", "outside", "parameters")
+    assert {p.stem for p in folder.glob("*.svg")} == {f"report_{name}" for name in names}
     html = (folder / "report.html").read_text()
     assert html.count("data:image/png;base64,") == 3 and "Wilson" in html and "simulate" in html
     assert "<code>temperature_c</code>" in html and "`" not in html

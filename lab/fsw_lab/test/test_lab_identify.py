@@ -82,7 +82,16 @@ def test_identify(
 ) -> None:
     monkeypatch.setattr("fsw.bags.load_weld", lambda bag, progress=None: experiment)
     out, machine, folder = (tmp_path / name for name in ("model.yaml", "machine.yaml", "report"))
-    files = ("--out", str(out), "--machine", str(machine), "--report", str(folder))
+    files = (
+        "--out",
+        str(out),
+        "--machine",
+        str(machine),
+        "--report",
+        str(folder),
+        "--format",
+        "svg",
+    )
     assert main(["identify", "weld", *files, "--validate", "weld"]) == 0
     seen = MachineData.from_file(machine)
     assert (seen.depth_noise_mm, seen.temperature_noise_c) == pytest.approx((2e-3, 0.1), rel=0.1)
@@ -90,7 +99,7 @@ def test_identify(
     found = ModelParameters.from_file(out)
     assert found.thermal_gain_c_per_kw == pytest.approx(1.3 * 18.1, rel=0.03)
     assert found.depth_gain_mm_per_kn_s == pytest.approx(0.8 * 0.0016, rel=0.05)
-    assert {path.name for path in folder.glob("[!.]*")} == {"report.html", "report.png"}
+    assert {path.name for path in folder.glob("[!.]*")} == {"report.html", "report.svg"}
     names = "geometry_factor, contact_radius_m, geometry_offset_m3: "
     assert f"{names}not identifiable" in capsys.readouterr().out
     before = out.read_text()
@@ -133,6 +142,33 @@ def test_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         capsys, "identify", golden, "--out", out, "--report", unwritable
     )
     assert not Path(out).exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["identify", "no bag", "--out", "model.yaml", "--report", "old"],
+        ["tune", "--model", "old/model.yaml", "--out", "old"],
+        ["canister", "--power", "40", "--probe", "0,0,0", "--vtk", "old"],
+        ["export", "c", "--out", "old"],
+    ],
+)
+def test_force_keeps_an_earlier_result_if_the_command_cannot_be_carried_out(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    old = tmp_path / "old" / "model.yaml"
+    old.parent.mkdir()
+    old.write_text("{}\n")
+    later = tmp_path / "old" / "fsw_example.h" if arguments[0] == "export" else None
+    (old.parent / ".fsw_results").write_text("model.yaml")
+    if later:
+        later.touch()  # put into an earlier export
+    error_of(capsys, *arguments, "--force")
+    assert old.exists()
 
 
 def test_a_bag_without_the_needed_topics(

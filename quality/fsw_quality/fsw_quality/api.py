@@ -23,6 +23,7 @@ def record(
     *,
     compare_with: str | Path | None = None,
     afterwards: Mapping[str, str] | None = None,
+    figures: str | None = None,
     progress: Progress | None = None,
     note: Callable[[str], object] = warnings.warn,
 ) -> Record:
@@ -39,6 +40,8 @@ def record(
         Folder with records of earlier welds: the last accepted ones of the procedure are compared.
     afterwards : mapping, optional
         What is known only after the weld, with the keys of a procedure's ``weld_data``, e.g. ``ndt``.
+    figures : {"png", "svg", "pdf"}, optional
+        Write the figures also as files of this format, beside the page.
     progress : callable, optional
         Called with the share read, 0 to 1.
     note : callable, optional
@@ -70,5 +73,5 @@ def record(
     found = found.changed(afterwards=stated)
     if folder is not None:
         Path(folder).mkdir(parents=True, exist_ok=True)
-        report.write(found, course, judged_by, Path(folder))
+        report.write(found, course, judged_by, Path(folder), figures)
     return found

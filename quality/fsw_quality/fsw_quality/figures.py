@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,8 +38,8 @@ _LEAST_WIDTH = 0.004
 _NEAR = 0.6
 
 
-def traces(course: Course, procedure: Procedure) -> bytes:
-    """Measured variables, set-points and limits over time, as PNG."""
+def traces(course: Course, procedure: Procedure, beside: Path | None = None) -> bytes:
+    """Measured variables, set-points and limits over time, as PNG; also as the file ``beside``."""
     with sheet(9.0, 9.0) as figure:
         axes = figure.subplots(len(_PANELS), 1, sharex=True)
         minutes = course.time_s / 60.0
@@ -64,7 +65,7 @@ def traces(course: Course, procedure: Procedure) -> bytes:
             "time [min]; black line: set-point in force; dashed: limit of the procedure"
         )
         figure.align_ylabels()
-        return png(figure, _DPI)
+        return png(figure, _DPI, beside)
 
 
 def _limits(axis: Axes, name: str, course: Course, procedure: Procedure) -> None:
@@ -80,8 +81,13 @@ def _limits(axis: Axes, name: str, course: Course, procedure: Procedure) -> None
                 axis.axhline(value, **_LIMIT)
 
 
-def unrolled(course: Course, procedure: Procedure, record: Record) -> bytes | None:
-    """The joint line unrolled, a row per limit, with exceedances and gaps in place, as PNG; None without angles."""
+def unrolled(
+    course: Course, procedure: Procedure, record: Record, beside: Path | None = None
+) -> bytes | None:
+    """The joint line unrolled, a row per limit, with exceedances and gaps in place, as PNG.
+
+    None without angles. ``beside``: also as this file.
+    """
     found = record.exceedances
     known = course.angle_deg[np.isfinite(course.angle_deg)]
     if not known.size:
@@ -129,4 +135,4 @@ def unrolled(course: Course, procedure: Procedure, record: Record) -> bytes | No
         handles.append(Patch(label="samples missing", **_MISSING))
         below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.55 / (0.3 * len(rows)))}
         axis.legend(handles=handles, ncol=len(handles), frameon=False, fontsize=8.0, **below)
-        return png(figure, _DPI)
+        return png(figure, _DPI, beside)

@@ -248,8 +248,8 @@ def _causes(row: Row) -> Iterator[tuple[str, str]]:
         )
 
 
-def write(table: pa.Table, target: Path, title: str) -> list[Remark]:
-    """Write the report as one HTML file; returns what stands out.
+def write(table: pa.Table, target: Path, title: str, beside: Path | None = None) -> list[Remark]:
+    """Write the report as one HTML file, and its charts also as ``beside``; returns what stands out.
 
     Raises
     ------
@@ -267,7 +267,7 @@ def write(table: pa.Table, target: Path, title: str) -> list[Remark]:
         remarks=said[-_MOST:],
         left_out=max(0, len(said) - _MOST),
         tools=tools(table),
-        image=source(draw(table, made)),
+        image=source(draw(table, made, beside)),
         limits=LIMITS,
         false_signals=FALSE_SIGNALS,
         stable=WELDS,
@@ -294,8 +294,11 @@ def _short(one: dict[str, Any]) -> str:
     )
 
 
-def draw(table: pa.Table, made: dict[str, Chart]) -> bytes:
-    """The control charts, two side by side, as PNG: values with limits, CUSUM beside them."""
+def draw(table: pa.Table, made: dict[str, Chart], beside: Path | None = None) -> bytes:
+    """The control charts, two side by side, as PNG: values with limits, CUSUM beside them.
+
+    ``beside``: also as this file.
+    """
     groups = _groups(table)
     begins = [i + 0.5 for i in range(1, len(groups)) if groups[i] != groups[i - 1]]
     rows = max((len(made) + 1) // 2, 1)
@@ -320,7 +323,7 @@ def draw(table: pa.Table, made: dict[str, Chart]) -> bytes:
             axis.tick_params(labelbottom=True)
             axis.set_xlabel("weld")
         legend_below(figure, most=5)
-        return png(figure, 100)
+        return png(figure, 100, beside)
 
 
 def _draw_chart(axis: Axes, entry: Chart, begins: Sequence[float]) -> None:

@@ -180,7 +180,7 @@ def _message(finding: Finding) -> WeldFinding:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node until it is stopped; returns the exit code."""
-    about = "Watches a weld and warns of what is about to go wrong, with cause and advice. It commands nothing."
+    about = "Watches a weld and warns of faults before they spoil it, with cause and advice. It commands nothing."
     return run(MonitorNode, args, NodeArguments("fsw_monitor", about, MonitorParameters))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -53,10 +54,23 @@ def record_bytes(record: Record) -> bytes:
     return record.model_dump_json(indent=2, exclude_none=True).encode() + b"\n"
 
 
-def contents(record: Record, course: Course, procedure: Procedure) -> dict[str, bytes]:
-    """Files of a record by name, the same whenever they are made; the PDF needs extra ``pdf``."""
-    images = {"traces": source(figures.traces(course, procedure))}
-    if (drawn := figures.unrolled(course, procedure, record)) is not None:
+def figure_names(ending: str | None) -> list[str]:
+    """Names of the files that the figures are also written to."""
+    return [f"{name}.{ending}" for name in ("traces", "unrolled")] if ending else []
+
+
+def contents(
+    record: Record,
+    course: Course,
+    procedure: Procedure,
+    beside: Sequence[Path | None] = (None, None),
+) -> dict[str, bytes]:
+    """Files of a record by name, the same whenever they are made; the PDF needs extra ``pdf``.
+
+    ``beside``: files that the two figures are also written to.
+    """
+    images = {"traces": source(figures.traces(course, procedure, beside[0]))}
+    if (drawn := figures.unrolled(course, procedure, record, beside[1])) is not None:
         images["unrolled"] = source(drawn)
     heading, sentence = _statement(record)
     parts = {"heading": heading, "sentence": sentence, "images": images}
@@ -74,9 +88,15 @@ def contents(record: Record, course: Course, procedure: Procedure) -> dict[str, 
     return whole
 
 
-def write(record: Record, course: Course, procedure: Procedure, folder: Path) -> list[Path]:
-    """Write the files into a folder, each whole or not at all; returns their paths."""
-    whole = contents(record, course, procedure)
+def write(
+    record: Record, course: Course, procedure: Procedure, folder: Path, ending: str | None = None
+) -> list[Path]:
+    """Write the files into a folder, each whole or not at all; returns their paths.
+
+    ``ending``: format of the figures' files beside the page, ``png``, ``svg`` or ``pdf``.
+    """
+    beside = [folder / name for name in figure_names(ending)]
+    whole = contents(record, course, procedure, beside or (None, None))
     for name, data in whole.items():
         write_whole(folder / name, data)
     return [folder / name for name in whole]

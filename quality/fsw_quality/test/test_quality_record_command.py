@@ -322,7 +322,9 @@ def test_a_record_is_not_replaced_unasked(
     assert run(*arguments, "--force", "--data", "ndt=UT 5", "--data", "ndt=none") == 1
     assert "colour" in capsys.readouterr().err
     data = ("--data", "ndt=UT 5", "--data", "disposition=use as is")
-    assert run(*arguments, "--force", *data) == 0
+    (tmp_path / "out" / "traces.svg").touch()
+    assert run(*arguments, "--force", *data, "--format", "svg") == 0
+    assert (tmp_path / "out" / "traces.svg").read_bytes().startswith(b"<?xml")
     assert "REJECT" in capsys.readouterr().out
     made = json.loads((tmp_path / "out" / "record.json").read_text(encoding="utf-8"))
     assert made["operators"] == ["anna (3f2a)"]

@@ -51,8 +51,9 @@ def test_history_of_a_bag_its_report_and_what_changed(tmp_path, capsys, monkeypa
         main(["history", "add", str(tmp_path / "other"), str(BAG), "--record", str(record)]) == 1
     )
     assert str(record) in capsys.readouterr().err
-    assert main(["history", "report", str(folder)]) == 0
+    assert main(["history", "report", str(folder), "--format", "pdf"]) == 0
     assert (folder / "report.html").exists()
+    assert (folder / "report_charts.pdf").read_bytes().startswith(b"%PDF")
     assert main(["history", "diff", str(folder), BAG.name, BAG.name]) == 0
     assert "nothing" in capsys.readouterr().out
     assert main(["history", "report", str(tmp_path / "none")]) == 1

@@ -57,9 +57,8 @@ ELSEWHERE = {
 
 def missing(distribution: str) -> str:
     """Name a distribution of ours that is not installed, and how to install it."""
-    return (
-        f"{distribution}, which is not installed: pip install --find-links out/dist {distribution}"
-    )
+    folder = distribution.removeprefix("fsw-")
+    return f"{distribution}, which is not installed: pip install ./{folder} in the repository"
 
 
 def __getattr__(name: str) -> Any:

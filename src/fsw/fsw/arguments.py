@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import inspect
 import types
-from collections.abc import Callable
-from functools import cache, wraps
-from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, partial, wraps
+from typing import Annotated, Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, InstanceOf, create_model
+from pydantic import BaseModel, ConfigDict, Field, InstanceOf, PlainValidator, create_model
+from pydantic_core import PydanticCustomError
 
 from fsw_control.schema.models import validated_by
 
@@ -65,9 +66,26 @@ def validated(function: Callable[P, R]) -> Callable[P, R]:
     return call
 
 
+def _with_all_members(protocol: type, value: object) -> object:
+    """The value, if it has what a protocol asks for; the error lists what it lacks."""
+    if isinstance(value, protocol) and not isinstance(value, type):
+        return value
+    members = [name for name in dir(protocol) if not name.startswith("_")]
+    lacking = [name for name in members if not hasattr(value, name)]
+    context = {"class": protocol.__name__, "lacks": ""}
+    if len(lacking) < len(members):
+        context["lacks"] = ", ".join(lacking) or "an object of this class"
+    raise PydanticCustomError("is_instance_of", "", context)
+
+
 def _by_instance(hint: Any) -> Any:
-    """The annotation with our classes, also those of a union, as checks by instance."""
-    if get_origin(hint) in (Union, types.UnionType):
+    """The annotation with our classes, also inside a union, as checks by instance."""
+    origin = get_origin(hint)
+    if origin in (Union, types.UnionType):
         return Union[tuple(map(_by_instance, get_args(hint)))]  # noqa: UP007  # made of a tuple
+    if origin in (Mapping, Sequence):
+        return types.GenericAlias(origin, tuple(map(_by_instance, get_args(hint))))
+    if getattr(hint, "_is_protocol", False) and hint.__module__.startswith("fsw"):
+        return Annotated[Any, PlainValidator(partial(_with_all_members, hint))]
     instance_of: Any = InstanceOf
     return instance_of[hint] if getattr(hint, "__module__", "").startswith("fsw") else hint

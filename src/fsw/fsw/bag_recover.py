@@ -46,7 +46,7 @@ def recover(arguments: argparse.Namespace) -> int:
     print_notes(result.problems)
     print(f"{result.messages} messages of {result.topics} topics recovered to {target}")
     if source.is_dir() and (source / MANIFEST_NAME).exists():
-        print_notes(["the copy has no manifest; what is provable stays so with --proven"])
+        print_notes(["the copy has no manifest; with --proven it keeps what can be proved"])
     return 0
 
 

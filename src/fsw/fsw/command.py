@@ -98,6 +98,13 @@ FORMAT = option(
     help="of the figures in the folder (default png)",
 )
 
+#: of reports, whose figures are in the page
+FORMAT_BESIDE = option(
+    "--format",
+    choices=[ending[1:] for ending in PICTURES],
+    help="also write the figures as files beside the page, in this format",
+)
+
 
 def picture_file(text: str) -> Path:
     """Name of a figure's file."""

@@ -156,7 +156,7 @@ def _live(parsed: argparse.Namespace) -> int:
         raise CommandError(f"--live needs ROS 2: {HOW}")
     EXTRA.need("--live")
     prepare(PlantConfig.from_values(scenario.plant))
-    folder = new_folder(parsed.out, "live", force=parsed.force)
+    folder = new_folder(parsed, "live")
     others = () if scenario.open_loop else tuple(controllers)
     graph = WeldGraph(
         scenario,
@@ -193,7 +193,7 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
     for scenario in scenarios:
         prepare(PlantConfig.from_values(scenario.plant))
     began, ending = time.monotonic(), parsed.format or "png"
-    folder = new_folder(parsed.out, "demo", force=parsed.force)
+    folder = new_folder(parsed, "demo")
     if not middleware_is_here():
         print(
             f"no ROS 2 here: welds in one process, without bags; results go to {folder}",

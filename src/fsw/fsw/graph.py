@@ -108,7 +108,7 @@ ACKNOWLEDGE = _command(
 WELD = group("weld", "run a weld; hold, resume or abort it")
 WELD_RUN = _command(
     "weld run",
-    "run a scenario in the running graph and follow it; the weld goes on if this command is ended",
+    "run a scenario in the running graph and follow it; the weld continues if this command ends",
     "weld_ros:run",
     option("scenario", metavar="SCENARIO", help="YAML file, or name of a shipped scenario"),
     repeated("--set", "KEY=VALUE", "replace a value of the scenario, e.g. controller=nmpc"),

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import shutil
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -52,33 +53,25 @@ def write_json(file: Path | None, values: Any) -> None:
 
 
 def new_folder(
-    wanted: Path | None, name: str, option: str = "--out", force: bool | None = None
+    arguments: argparse.Namespace,
+    name: str,
+    option: str = "--out",
+    outputs: Collection[Path | None] = (),
 ) -> Path:
-    """Create a folder for results; with ``force``, in place of that of an earlier run.
+    """Create the folder that an option names; ``--force`` first empties that of an earlier run.
 
-    None: of a command that has no ``--force``, so that none replaces its folder.
+    Call it after all inputs have been read and checked. ``outputs``: files that other options
+    name and this command writes, which may be in the folder.
 
     Raises
     ------
     CommandError
-        If it holds something else or cannot be created.
+        If the folder holds something else, or an input of the command, or cannot be created.
     """
-    folder = wanted or default_folder(name)
+    folder = getattr(arguments, option.strip("-")) or default_folder(name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        mark = folder / _MARK
-        ours = (
-            set(mark.read_text("utf-8", "surrogateescape").splitlines())
-            if mark.is_file()
-            else None
-        )
-        others = [] if ours is None else sorted(_content(folder) - ours)
-        if any(folder.iterdir()) and (not force or ours is None or others):
-            again = "" if ours is None else ", or give --force to replace it"
-            again = f"; --force does not delete {others[0]}" if others else again
-            raise CommandError(
-                f"folder {folder} exists and is not empty; choose another {option}{again}"
-            )
+        check_folder(arguments, folder, option, outputs)
         for path in folder.iterdir():
             if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path)
@@ -86,9 +79,48 @@ def new_folder(
                 path.unlink()
     except OSError as error:
         raise CommandError(f"cannot make folder {folder}: {error.strerror}") from None
+    return folder
+
+
+def check_folder(
+    arguments: argparse.Namespace,
+    folder: Path,
+    option: str = "--out",
+    outputs: Collection[Path | None] = (),
+) -> None:
+    """Reject a folder that may not be replaced; at the end list what the command has put into it.
+
+    Raises
+    ------
+    CommandError
+        As of :func:`new_folder`.
+    """
+    force = getattr(arguments, "force", None)  # some commands never replace their folder
+    mark = folder / _MARK
+    ours = set(mark.read_text("utf-8", "surrogateescape").splitlines()) if mark.is_file() else None
+    others = [] if ours is None else sorted(_content(folder) - ours)
+    if folder.is_dir() and any(folder.iterdir()) and (not force or ours is None or others):
+        again = "" if ours is None else ", or give --force to replace it"
+        again = f"; --force does not delete {others[0]}" if others else again
+        raise CommandError(
+            f"folder {folder} exists and is not empty; choose another {option}{again}"
+        )
+    if used := next(_inputs_in(folder, arguments, outputs), None):
+        raise CommandError(f"--force does not delete {used}, which this command reads")
     if force is not None:
         AT_END.append(partial(_mark_filled, folder.resolve()))
-    return folder
+
+
+def _inputs_in(
+    folder: Path, arguments: argparse.Namespace, outputs: Collection[Path | None]
+) -> Iterator[Path]:
+    """What arguments name inside a folder, also as ``NAME=FILE``, but for outputs."""
+    for value in vars(arguments).values():
+        for text in map(str, value if isinstance(value, list | tuple) else [value]):
+            for path in map(Path, {text, text.partition("=")[2]} - {""}):
+                inside = folder.resolve() in path.resolve().parents
+                if inside and path not in outputs and path.exists():
+                    yield path
 
 
 def _content(folder: Path) -> set[str]:

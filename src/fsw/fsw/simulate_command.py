@@ -86,7 +86,7 @@ from fsw_scenario.weld_programme import spans
     repeated(
         "--identity",
         "KEY=VALUE",
-        "with --bag: what is welded with what, into the bag's metadata and the record: "
+        "with --bag: identity of the welded parts, for the bag's metadata and the record: "
         f"{', '.join(IDENTITY)}",
     ),
     switch("--no-figures", "figures of merit only"),
@@ -125,7 +125,7 @@ def simulate(arguments: argparse.Namespace) -> int:
         raise CommandError(f"simulate: --bag needs ROS 2: {HOW}")
     parameters = _parameters(arguments, scenario, overrides)
     loops = _loops(arguments, scenario, overrides, parameters)
-    folder = new_folder(arguments.out, scenario.name, force=arguments.force)
+    folder = new_folder(arguments, scenario.name)
     runs: list[Run] = []
     for title, (label, loop) in loops.items():
         with ProgressBar(f"{scenario.name}, {title}") as bar:

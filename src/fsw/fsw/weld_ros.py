@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             outcome = follow(node, RunWeld.Goal(scenario=scenario.text))
         except KeyboardInterrupt:
-            raise KeyboardInterrupt("the weld goes on; 'fsw.py weld abort' ends it") from None
+            raise KeyboardInterrupt("the weld continues; 'fsw.py weld abort' ends it") from None
     kpi = outcome.kpi
     print(f"{outcome.verdict}: {outcome.message}")
     print(f"IAE: {units.mm_from_m(kpi.depth_iae):.4g} mm s, {kpi.temperature_iae:.4g} degC s")

@@ -22,6 +22,7 @@ from fsw_analysis.read_table import read_table as table_signals
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.contract import Controller
+from fsw_control.schema.extensions import Extra
 from fsw_control.schema.models import InputError
 from fsw_scenario.controllers import OURS, name_of
 from fsw_scenario.plants import Plant
@@ -39,11 +40,8 @@ def needed(module: str) -> Any:
     try:
         return import_module(module)
     except ImportError:
-        install = (
-            "pip install 'fsw-control[science]'; "
-            "in the repository: pip install -r requirements/science.lock"
-        )
-        raise ImportError(f"{module} is missing: {install}") from None
+        extra = Extra("fsw-control", "science", (module.partition(".")[0],))
+        raise ImportError(extra.absence) from None
 
 
 class Weld:

@@ -14,8 +14,9 @@ import pytest
 
 import fsw
 from fsw.command import Command, picture
-from fsw.errors import CommandError, exit_code
+from fsw.errors import AT_END, CommandError, exit_code
 from fsw.main import ELSEWHERE, GROUP, parser
+from fsw.outputs import new_folder
 from fsw_control.schema.extensions import extensions, loaded
 from fsw_test_support.command_line import replaces_nothing, run
 from fsw_test_support.sample_weld import write_sample_weld
@@ -81,6 +82,38 @@ def test_force_replaces_the_folder_of_an_earlier_run(capsys, tmp_path):
     (tmp_path / "precious").write_text("x")
     assert run(capsys, *again[:-1], str(tmp_path), "--force")[0] == 1
     assert (tmp_path / "precious").exists() and out.exists()
+
+
+def test_ctrl_c_while_modules_are_loaded_ends_in_a_line():
+    program = """
+import os, signal, sys
+
+class Interrupt:
+    def find_spec(self, name, path=None, target=None):
+        if name == "fsw.main":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Interrupt())
+from fsw.__main__ import main
+main()
+"""
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (ran.returncode, ran.stderr) == (130, "interrupted\n")
+
+
+@pytest.mark.parametrize("form", ["{}", "nmpc.tuning_file={}"])
+def test_force_deletes_nothing_that_the_command_reads(tmp_path, form):
+    (tmp_path / ".fsw_results").write_text("model.yaml\nfigure.png")
+    used, figure = tmp_path / "model.yaml", tmp_path / "figure.png"
+    used.touch()
+    figure.touch()
+    arguments = argparse.Namespace(out=tmp_path, force=True, text=[form.format(used)], png=figure)
+    with pytest.raises(CommandError):
+        new_folder(arguments, "", outputs=[figure])
+    assert used.exists() and figure.exists()
+    new_folder(argparse.Namespace(out=tmp_path, force=True, png=figure), "", outputs=[figure])
+    AT_END.clear()
+    assert not used.exists()
 
 
 def test_force_does_not_delete_what_was_put_into_the_folder_later(capsys, tmp_path):

@@ -470,3 +470,36 @@ def test_states_of_the_linearisations_have_names():
     assert exact.state_labels[:6] == pade.state_labels[:6] == model.state_names[:6]
     assert pade.state_labels[6:] == ["pade_0", "pade_1"]
     assert len(exact.state_labels) == exact.nstates == model.state().size
+
+
+class Half:
+    """A controller without ``tolerated_sensors`` and ``reset``."""
+
+    name = "half"
+
+    def step(self, measurement, reference, applied, dt_s):
+        raise AssertionError
+
+
+@pytest.mark.parametrize(
+    "weld",
+    [
+        lambda: fsw.simulate("quick", controller=Half()),
+        lambda: fsw.simulate("quick", controller=Half),
+        lambda: fsw.compare("quick", [Half()]),
+        lambda: fsw.compare("quick", {"mine": Half()}),
+    ],
+)
+def test_an_incomplete_controller_reads_what_it_lacks(weld):
+    with pytest.raises(InputError) as raised:
+        weld()
+    assert not missing(("reset", "tolerated_sensors"), raised)
+
+
+def test_a_class_instead_of_a_controller_is_refused():
+    class Whole(fsw.Controller):
+        name = "whole"
+
+    with pytest.raises(InputError) as raised:
+        fsw.simulate("quick", controller=Whole)
+    assert not missing(("an object of this class",), raised)

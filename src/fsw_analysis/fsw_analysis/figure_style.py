@@ -120,13 +120,20 @@ def sheet(
         figure = Figure(figsize=(width, height), layout="constrained", **options)
         yield figure
         if path is not None:
-            kind = path.suffix.lower().lstrip(".") or "png"
-            with replacing(path) as part:
-                figure.savefig(part, format=kind, metadata=_METADATA[kind])
+            _save(figure, path)
 
 
-def png(figure: Figure, dpi: float) -> bytes:
-    """A figure as PNG."""
+def _save(figure: Figure, path: Path) -> None:
+    kind = path.suffix.lower().lstrip(".") or "png"
+    with replacing(path) as part:
+        figure.savefig(part, format=kind, metadata=_METADATA[kind])
+
+
+def png(figure: Figure, dpi: float, beside: Path | None = None) -> bytes:
+    """A figure as PNG, for a page; also as the file ``beside`` the page, in the format of its name."""
+    if beside is not None:
+        beside.parent.mkdir(parents=True, exist_ok=True)
+        _save(figure, beside)
     with BytesIO() as file:
         figure.savefig(file, format="png", dpi=dpi, metadata=_METADATA["png"])
         return file.getvalue()

@@ -52,8 +52,9 @@ _MOST_MARKS = 20
 _LINE_WIDTHS = (2.4, 1.1)
 #: page: width of one column, height of one panel, of the title and of a row of the legend [inch]
 _WIDTH, _PANEL, _TITLE, _LEGEND = 9.0, 2.25, 0.6, 0.6
-#: sizes of changes nearer together than this share of the axis would overlap
-_SIZES_APART = 0.12
+#: width of a change's size, as a share of the axis; rows of them below the marks, and their height
+#: [points]
+_SIZE_WIDTH, _SIZE_ROWS, _SIZE_HEIGHT = 0.12, 3, 9.0
 #: share of the data's span that is left free above and below
 _MARGIN = 0.07
 #: a limit is drawn when it is nearer to the data than this share of their span
@@ -322,7 +323,10 @@ def _mark_events(axes: Sequence[Axes], runs: Sequence[Run]) -> None:
 
 
 def _mark_sizes(axis: Axes, panel: _Panel, signals: WeldSignals) -> None:
-    """Write the size of each change of the panel's set-point or disturbance beside its mark."""
+    """Write the size of each change of the panel's set-point or disturbance below its mark.
+
+    Where changes crowd their sizes stand in rows below each other; the axis gets room for them.
+    """
     quantity = panel.quantity.rpartition("_")[0]
     unit = panel.ylabel.partition("[")[2].rstrip("]")
     if panel.error is not None or not panel.reference:
@@ -334,19 +338,30 @@ def _mark_sizes(axis: Axes, panel: _Panel, signals: WeldSignals) -> None:
         or (change.is_step and change.quantity == f"{quantity}_disturbance")
     ]
     begin_s, span_s = signals.time_s[0], signals.time_s[-1] - signals.time_s[0]
-    last = -1.0
+    ends = [-1.0] * _SIZE_ROWS
     for change in sizes if len(sizes) <= _MOST_MARKS else ():
         at_s = float(signals.time_s[change.begin])
         place = (at_s - begin_s) / span_s
-        if place - last < _SIZES_APART:
+        is_late = place > 1.0 - _SIZE_WIDTH
+        begin = place - _SIZE_WIDTH if is_late else place
+        row = next((row for row, end in enumerate(ends) if begin >= end), None)
+        if row is None:
             continue
-        last, is_late = place, place > 1.0 - _SIZES_APART
+        ends[row] = begin + _SIZE_WIDTH
         text = f"{change.size:+.3g} {unit}".replace("-", "−")
-        offset, side = (-6.0, "right") if is_late else (6.0, "left")
-        where: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "va": "top", "ha": side}
-        axis.annotate(
-            text, (at_s, 1.0), (offset, -1.0), textcoords="offset points", fontsize=7.5, **where
-        )
+        offset = -4.0 if is_late else 4.0, -5.0 - _SIZE_HEIGHT * row
+        style: dict[str, Any] = {
+            "xycoords": ("data", "axes fraction"),
+            "va": "top",
+            "ha": "right" if is_late else "left",
+            "fontsize": 7.5,
+            "bbox": {"facecolor": "white", "alpha": 0.7, "linewidth": 0.0, "pad": 0.5},
+        }
+        axis.annotate(text, (at_s, 1.0), offset, textcoords="offset points", **style)
+    if rows := sum(end >= 0.0 for end in ends):  # room above the curves
+        low, high = axis.get_ylim()
+        share = _SIZE_HEIGHT * (1 + rows) / (72.0 * _PANEL)
+        axis.set_ylim(low, high + share * (high - low))
 
 
 def _line(axis: Axes, panel: _Panel, time_s: FloatArray, values: FloatArray, **style: Any) -> None:

@@ -169,7 +169,9 @@ def _cells(source: Any) -> tuple[str, _Table]:
         frame = source if source.index.name is None else source.reset_index()
         source = {str(column): frame[column].to_numpy() for column in frame.columns}
     if not isinstance(source, Mapping):
-        raise InputError(f"table: a file, arrays by column or a data frame, not {source!r}")
+        raise InputError(
+            f"table: a file, arrays by column or a data frame, not of type {type(source).__name__}"
+        )
     arrays = {str(header): _array(values) for header, values in source.items()}
     sizes = {header: values.size for header, values in arrays.items()}
     if not all(sizes.values()):

@@ -115,6 +115,16 @@ def test_sizes_of_set_point_changes_stand_beside_their_marks(weld):
     assert sizes["+0.2 mm"] == pytest.approx(weld.time_s[50])
 
 
+def test_sizes_of_changes_that_crowd_stand_below_each_other(weld):
+    ticks = np.arange(weld.n_ticks)
+    stepped = 2.66 + sum(0.1 * i * (ticks >= tick) for i, tick in enumerate((50, 61, 72, 83), 1))
+    figure = page([Run("one", dataclasses.replace(weld, reference_depth_mm=stepped))])
+    figure.draw_without_rendering()
+    boxes = [text.get_window_extent() for text in figure.axes[0].texts]
+    assert len(boxes) == 3  # a fourth row would hide the curves
+    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+
+
 def test_the_more_restless_of_two_lies_below_and_is_wider(weld):
     restless = dataclasses.replace(weld, force_kn=weld.force_kn + np.arange(weld.n_ticks) % 2)
     for runs in ([Run("a", restless), Run("b", weld)], [Run("b", weld), Run("a", restless)]):

@@ -50,9 +50,8 @@ def main(args: Sequence[str] | None = None) -> int:
         print(f"{parser().format_help()}\n{parameter_help(HmiParameters)}")
         return 0
     parsed = parser().parse_args(argv[1:split])
-    if missing := EXTRA.missing():
-        remedy = f"pip install {' '.join(EXTRA.modules)}"
-        print(f"hmi: {', '.join(missing)} missing: {remedy}", file=sys.stderr)
+    if EXTRA.missing():
+        print(f"hmi: {EXTRA.absence}", file=sys.stderr)
         return 2
     if parsed.bag:
         from fsw_hmi.bag_app import serve

@@ -53,7 +53,7 @@ class Rejection(Worded):
     STALE_READ = "stale_read", "the machine was last read {age_s:.2f} s ago"
     PAUSED = (
         "paused",
-        "control starts anew from the drives' values, after a pause in the measurements",
+        "control restarts from the drives' values after a pause in the measurements",
     )
     UNKNOWN_STAMP = (
         "unknown_stamp",

@@ -28,7 +28,7 @@ class Note(Worded):
     )
     PAUSED = (
         "paused",
-        "measurements are paused, so that control starts anew from the drives' values",
+        "measurements are paused, so that control restarts from the drives' values",
     )
     OBEYS = "obeys", "runs and obeys"
     CLOCK_UNKNOWN = "clock_unknown", "not known yet"

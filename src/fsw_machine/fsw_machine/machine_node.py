@@ -33,7 +33,8 @@ from fsw_machine.parameters import GatewayParameters
 from fsw_machine.samples import CycleRead
 from fsw_msgs.msg import DriveFeedback, WeldCommand
 
-Extra("fsw-control", "machine", ("asyncua",)).missing()  # a clone of the repository installs it
+_EXTRA = Extra("fsw-control", "machine", ("asyncua",))
+_EXTRA.missing()  # a clone of the repository installs it
 try:
     from fsw_machine import certificates
     from fsw_machine.link_errors import LinkError
@@ -47,8 +48,8 @@ try:
         Written,
         password,
     )
-except ModuleNotFoundError as error:
-    print(f"fsw_machine: {error.name} is missing: pip install asyncua", file=sys.stderr)
+except ModuleNotFoundError:
+    print(f"fsw_machine: {_EXTRA.absence}", file=sys.stderr)
     raise SystemExit(2) from None
 
 _CHECK_S = 0.2

@@ -33,14 +33,14 @@ class Machine(Model):
     compliance_mm_per_kn: Annotated[float, Range(0.0, 0.2, "mm/kN")] = 0.0
     """Deflection of the machine by the axial force; the axial position shows it as depth."""
     touch_off_kn: Annotated[float, Range(0.0, 200.0, "kN")] = weld.FORCE_KN
-    """Axial force at which the touch-off has removed the deflection from what is shown."""
+    """Axial force at which the touch-off has removed the deflection from the shown depth."""
     tool_growth_mm_per_kw: Annotated[float, Range(0.0, 0.1, "mm/kW")] = 0.0
     """Thermal growth of tool and spindle in steady state, since the touch-off; the tool is deeper
     than it is shown."""
     tool_growth_s: Annotated[float, Range(1.0, 100_000.0, "s")] = 600.0
     """Time constant of that growth, first order (chosen)."""
     canister_growth_mm_per_kw: Annotated[float, Range(0.0, 0.1, "mm/kW")] = 0.0
-    """Thermal growth of the canister towards the machine, likewise."""
+    """Thermal growth of the canister towards the machine in steady state."""
     canister_growth_s: Annotated[float, Range(1.0, 100_000.0, "s")] = 1500.0
     """Time constant of that growth, first order (chosen)."""
     hardness: Annotated[float, Range(0.5, 2.0, "")] = 1.0

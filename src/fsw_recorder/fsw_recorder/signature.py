@@ -134,7 +134,7 @@ def load_private(path: Path) -> CryptoSigner:
 
     if not path.exists():
         make = f"mkdir -p {path.parent} && ssh-keygen -t ed25519 -N '' -f {path}"
-        raise InputError(f"key {path}: there is none; make one with {make}")
+        raise InputError(f"key {path} does not exist; make it with {make}")
     try:
         key = ssh.load_ssh_private_key(read_private("key", path), password=None)
         form = ssh.Encoding.OpenSSH, ssh.PublicFormat.OpenSSH

@@ -167,7 +167,7 @@ def test_what_is_no_key_is_one_line(tmp_path: Path, text: str) -> None:
         with pytest.raises(InputError) as caught:
             load(path)
         assert "\n" not in str(caught.value)
-    with pytest.raises(InputError, match="make one with"):
+    with pytest.raises(InputError, match="ssh-keygen"):
         load_private(tmp_path / "none")
 
 

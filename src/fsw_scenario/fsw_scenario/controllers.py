@@ -221,7 +221,7 @@ def make_all(
     name = "" if scenario.open_loop else name_of(label)
     if name and name not in scenario.controllers:
         raise InputError(
-            f"{scenario.name}: {name} is none of its controllers, "
+            f"{scenario.name}: {name} is not among its controllers, "
             f"{', '.join(scenario.controllers)}"
         )
     variants = {other: label if other == name else other for other in scenario.controllers}

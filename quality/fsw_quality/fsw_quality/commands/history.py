@@ -8,7 +8,7 @@ from math import isfinite
 from pathlib import Path
 
 from fsw.bags import DAMAGED_TOO, read_weld
-from fsw.command import FORCE, command, file, group, option
+from fsw.command import FORCE, FORMAT_BESIDE, command, file, group, option
 from fsw.console import ProgressBar, print_table
 from fsw.errors import CommandError
 from fsw.outputs import check_new
@@ -93,6 +93,7 @@ def add(arguments: argparse.Namespace) -> int:
     "report with control charts and the tools' lives",
     option("folder", type=Path, metavar="DIR"),
     file("--out", "HTML file (default DIR/report.html)"),
+    FORMAT_BESIDE,
     FORCE,
     description="Write an HTML report on a history: what stands out, control charts, the tools' lives.",
     needs=_EXTRA,
@@ -101,9 +102,11 @@ def report(arguments: argparse.Namespace) -> int:
     from fsw_quality import history, history_report  # of the extra
 
     target = arguments.out or arguments.folder / "report.html"
-    check_new([target], arguments.force)
+    ending = arguments.format
+    beside = target.with_name(f"{target.stem}_charts.{ending}") if ending else None
+    check_new([target, beside], arguments.force)
     table = history.load(arguments.folder)
-    said = history_report.write(table, target, "History of welds")
+    said = history_report.write(table, target, "History of welds", beside)
     names = table["weld"].to_pylist()
     for remark in said[-20:]:
         print(f"{names[remark.at]}: {remark.text}")

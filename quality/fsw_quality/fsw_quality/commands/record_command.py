@@ -7,13 +7,13 @@ from pathlib import Path
 
 import fsw
 from fsw.bags import DAMAGED_TOO, print_notes
-from fsw.command import FORCE, assigned, command, file, option, repeated
+from fsw.command import FORCE, FORMAT_BESIDE, assigned, command, file, option, repeated
 from fsw.console import ProgressBar
 from fsw.errors import CommandError
 from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED
 from fsw.outputs import check_new
 from fsw_analysis.bag_labels import labels
-from fsw_quality import report
+from fsw_quality import record_hook, report
 from fsw_quality.record_content import Record
 from fsw_recorder import after_recording
 from fsw_scenario.procedure import check_signed, load, shipped
@@ -21,7 +21,7 @@ from fsw_scenario.procedure import check_signed, load, shipped
 
 @command(
     "record",
-    "record of a weld for who signs for it: verdict, rules, exceedances, figures",
+    "write the weld record (verdict, rules, exceedances, figures)",
     option("bag", type=Path, nargs="+", help=DAMAGED_TOO),
     option("--procedure", required=True, help=f"YAML file, or one of {', '.join(shipped())}"),
     file("--out", "folder for the records", "DIR", required=True),
@@ -33,18 +33,20 @@ from fsw_scenario.procedure import check_signed, load, shipped
     repeated(
         "--data",
         "KEY=VALUE",
-        "what is known only after the weld, e.g. ndt, nonconformance, disposition: keys of weld_data",
+        "data known only after the weld, e.g. ndt, nonconformance, disposition: keys of weld_data",
     ),
     TRUSTED,
     REQUIRE_SIGNED_PROCEDURE,
+    FORMAT_BESIDE,
     FORCE,
     description="Judge recorded welds by a procedure and write record.html, record.json and, with the extra "
-    "quality, record.pdf; of several bags into a folder for each. The verdict is no exit code: a rejected weld "
-    "has a record, too.",
+    "pdf, record.pdf; of several bags into a folder for each. The verdict does not change the exit code: "
+    "a rejected weld has a record, too.",
 )
 def record(arguments: argparse.Namespace) -> int:
-    load(arguments.procedure)  # what is wrong in it is said before anything else
+    load(arguments.procedure)  # its mistakes are reported before anything else
     check_signed(arguments.procedure, arguments.trusted, arguments.require_signed)
+    ending = arguments.format
     bags = dict(zip(labels(arguments.bag), arguments.bag, strict=True))
     if len({bag.resolve() for bag in arguments.bag}) < len(arguments.bag):
         raise CommandError("record: one of the bags is given twice")
@@ -68,7 +70,7 @@ def record(arguments: argparse.Namespace) -> int:
         [
             folder / name
             for folder in folders.values()
-            for name in (report.JSON, report.PAGE, report.PDF)
+            for name in (report.JSON, report.PAGE, report.PDF, *report.figure_names(ending))
         ],
         arguments.force,
     )
@@ -81,6 +83,7 @@ def record(arguments: argparse.Namespace) -> int:
                 folders[name],
                 compare_with=arguments.compare,
                 afterwards=afterwards,
+                figures=ending,
                 progress=bar,
                 note=notes.append,
             )
@@ -92,7 +95,7 @@ def record(arguments: argparse.Namespace) -> int:
         print_notes(_unusual(found))
         print(f"written: {', '.join(str(folders[name] / file) for file in report.files())}")
     if not report.can_write_pdf():
-        print_notes(["no PDF: pip install fpdf2, or the extra fsw-quality[pdf]"])
+        print_notes([f"no PDF: {record_hook.PDF.absence}"])
     return 0
 
 

@@ -56,13 +56,19 @@ class Extra:
         MissingExtraError
             If it is not; ``what`` begins the text.
         """
-        if absent := self.missing():
-            verb = "is" if len(absent) == 1 else "are"
-            text = (
-                f"{what}: {', '.join(absent)} {verb} missing: "
-                f"pip install '{self.distribution}[{self.name}]'"
-            )
-            raise MissingExtraError(text)
+        if self.missing():
+            raise MissingExtraError(f"{what}: {self.absence}")
+
+    @property
+    def absence(self) -> str:
+        """The missing modules, and how to install them."""
+        absent = self._absent()
+        try:
+            metadata.distribution(self.distribution)
+            remedy = f"pip install '{self.distribution}[{self.name}]'"
+        except metadata.PackageNotFoundError:  # in a colcon workspace pip would ask its index
+            remedy = "see docs/how-to/ros2.md"
+        return f"{', '.join(absent)} {'is' if len(absent) == 1 else 'are'} missing: {remedy}"
 
     def module(self, name: str, what: str) -> Any:
         """Return one of its modules; errors as in :meth:`need`."""

@@ -371,7 +371,8 @@ def _expected(error: ErrorDetails) -> str:
     """Kind of value that was expected; empty if the error is another one."""
     if error["type"] == "is_instance_of":
         name = error["ctx"]["class"]
-        return _CLASSES.get(name, f"{'an' if name[0] in 'AEIOU' else 'a'} {name}")
+        lacks = f" (it lacks {error['ctx']['lacks']})" if error["ctx"].get("lacks") else ""
+        return _CLASSES.get(name, f"{'an' if name[0] in 'AEIOU' else 'a'} {name}{lacks}")
     return _KINDS.get(error["type"], "")
 
 
