@@ -1,7 +1,7 @@
 """The code blocks of the documentation, to run them as a reader would.
 
 Each page has a folder of its own in which its blocks run one after the other, as a reader would
-type them. A block of YAML with a title is that file. A comment before a block says why it does
+type them. Its Python is one program. A block of YAML with a title is that file. A comment before a block says why it does
 not run, that it takes minutes, or what the reader has done elsewhere::
 
     <!-- not run: needs a sourced ROS 2 -->
@@ -135,7 +135,8 @@ class Page:
         for name in LINKED:
             (self.folder / name).symlink_to(WORKSPACE / name)
         (self.folder / ".venv").symlink_to(sys.prefix)
-        self._python = ""  #: of the blocks so far: the next ones use their names
+        #: a page's Python is one program, which runs with its last block
+        self._python: list[str] = []
         self._section = 0
         self._up: list[tuple[subprocess.Popen[str], Path]] = []
         self._domain = ExitStack()
@@ -169,8 +170,12 @@ class Page:
             return self._start(block)
         command = ["bash", "-euo", "pipefail", "-c", block.code]
         if block.language == "python":
-            self._python += block.code
-            command = [sys.executable, "-c", self._python]
+            self._python.append(block.code)
+            if len(self._python) < sum(b.language == "python" and not b.file for b in self.blocks):
+                return ""
+            program = self.folder / "blocks.py"
+            program.write_text("".join(self._python), encoding="utf-8")
+            command = [sys.executable, program.name]
         done = subprocess.run(
             command,
             cwd=self.folder,
