@@ -32,6 +32,12 @@ def test_blocks_run_as_written(path, tmp_path):
         assert page.end() == ""
 
 
+def test_few_blocks_do_not_run():
+    marks = [block.mark for path in doc_blocks.pages() for block in doc_blocks.blocks(path)]
+    assert sum(mark.startswith("not run") for mark in marks) <= 5
+    assert marks.count("takes minutes") <= 4
+
+
 def test_prompts_output_and_marks_are_read(tmp_path):
     path = tmp_path / "page.md"
     path.write_text(
