@@ -22,9 +22,11 @@ import subprocess
 import sys
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from fsw_control.free_domain import free_domain
+from fsw_scenario.child_process import end_with_parent
 from fsw_test_support.waiting import PATIENCE_S, wait_until
 
 WORKSPACE = Path(__file__).resolve().parents[3]
@@ -203,6 +205,7 @@ class Page:
                     stdout=output,
                     stderr=subprocess.STDOUT,
                     start_new_session=True,  # as a terminal, whose Ctrl-C reaches all in it
+                    preexec_fn=partial(end_with_parent, os.getpid()),
                     text=True,
                 )
             started.append((process, log))
