@@ -1,12 +1,13 @@
 """The code blocks of the documentation, to run them as a reader would.
 
 Each page has a folder of its own in which its blocks run one after the other, as a reader would
-type them. Its Python is one program. A block of YAML with a title is that file. A comment before a block says why it does
-not run, that it takes minutes, or what the reader has done elsewhere::
+type them. Its Python is one program. A block with a title is that file. A comment before a block
+says why it does not run, that it takes minutes, or what the reader has done elsewhere (``$SHARED``
+is a folder of all pages)::
 
     <!-- not run: needs a sourced ROS 2 -->
     <!-- takes minutes -->
-    <!-- before: scripts/fsw.py simulate quick --bag --out out/weld -->
+    <!-- before: scripts/fsw.py simulate quick --bag --out $SHARED/weld -->
 
 The lines of a block marked ``<!-- stays up, ready: TEXT -->`` each run in a terminal of their own, in
 the page's ROS domain. They are up while the other blocks of the page's section run, and end with
@@ -150,6 +151,7 @@ class Page:
             "XDG_CACHE_HOME": os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache"),
             "MPLBACKEND": "Agg",
             "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+            "SHARED": str(self.folder.parent.parent),
             "ROS_DOMAIN_ID": str(self._domain.enter_context(free_domain())),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         }
@@ -197,12 +199,12 @@ class Page:
         started = []
         for line in block.code.splitlines():
             log = self.folder / f"terminal_{len(self._up) + 1}.log"
-            with log.open("w") as output:
+            with log.open("w") as stream:
                 process = subprocess.Popen(
                     ["bash", "-c", f"exec {line}"],
                     cwd=self.folder,
                     env=self._environment,
-                    stdout=output,
+                    stdout=stream,
                     stderr=subprocess.STDOUT,
                     start_new_session=True,  # as a terminal, whose Ctrl-C reaches all in it
                     preexec_fn=partial(end_with_parent, os.getpid()),
@@ -239,5 +241,5 @@ class Page:
                 os.killpg(process.pid, signal.SIGKILL)
                 code = process.wait()
             if code not in _CODES:
-                faults.append(f"{process.args[-1]}: {code}: {log.read_text('utf-8')[-2000:]}")
+                faults.append(f"{process.args!r}: {code}: {log.read_text('utf-8')[-2000:]}")
         return "\n".join(faults)
