@@ -41,7 +41,7 @@ _BLOCK = re.compile(
     re.MULTILINE | re.DOTALL,
 )
 _UP = "stays up, ready: "
-_LONGEST_S = 900.0
+_LONGEST_S = 1800.0
 #: of what Ctrl-C ends
 _CODES = (0, 130)
 
