@@ -15,7 +15,7 @@ def chosen(path):
     return [
         block
         for block in doc_blocks.blocks(path)
-        if not block.mark or (every and not block.not_run)
+        if not block.mark or block.ready or (every and not block.not_run)
     ]
 
 
@@ -26,9 +26,16 @@ PAGES = [path for path in doc_blocks.pages() if any(not block.file for block in 
 @pytest.mark.full
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
 def test_blocks_run_as_written(path, tmp_path):
-    page = doc_blocks.Page(path, tmp_path)
-    for block in chosen(path):
-        assert page.run(block) == "", block
+    with doc_blocks.Page(path, tmp_path) as page:
+        for block in chosen(path):
+            assert page.run(block) == "", block
+        assert page.end() == ""
+
+
+def test_few_blocks_do_not_run():
+    marks = [block.mark for path in doc_blocks.pages() for block in doc_blocks.blocks(path)]
+    assert sum(mark.startswith("not run") for mark in marks) <= 6
+    assert marks.count("takes minutes") <= 4
 
 
 def test_prompts_output_and_marks_are_read(tmp_path):
@@ -51,5 +58,32 @@ def test_a_block_that_ends_otherwise_is_reported(tmp_path):
         "```console\n$ true\n$ false\n```\n```console\n$ echo no; exit 1\nerror: x\n```\n"
         "```console\n$ echo yes\nno\n```\n"
     )
-    page = doc_blocks.Page(path, tmp_path)
-    assert all(page.run(block) for block in page.blocks)
+    with doc_blocks.Page(path, tmp_path) as page:
+        assert all(page.run(block) for block in page.blocks)
+
+
+WAITS = (
+    '<!-- stays up, ready: up -->\n```console\n$ python3 -uc "import signal, sys; '
+    "signal.signal(2, lambda *_: (open('down', 'w'), sys.exit({code}))); print('up'); signal.pause()\"\n```\n"
+)
+
+
+def test_what_stays_up_ends_with_its_section(tmp_path):
+    path = tmp_path / "page.md"
+    path.write_text(
+        f"# A\n{WAITS.format(code=0)}```console\n$ test ! -e down\n```\n"
+        "# B\n```console\n$ test -e down\n```\n"
+    )
+    with doc_blocks.Page(path, tmp_path) as page:
+        assert [page.run(block) for block in page.blocks] == ["", "", ""]
+
+
+def test_what_does_not_come_up_or_ends_otherwise_is_reported(tmp_path):
+    path = tmp_path / "page.md"
+    path.write_text(
+        f"{WAITS.format(code=3)}<!-- stays up, ready: up -->\n```console\n$ false\n```\n"
+    )
+    with doc_blocks.Page(path, tmp_path) as page:
+        other, none = page.blocks
+        assert page.run(other) == "" and page.run(none)
+        assert ": 3: up" in page.end()

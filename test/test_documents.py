@@ -36,7 +36,10 @@ PARSERS = {
     "run_hmi.py": cache(hmi_parser),
     "run_machine_server.py": cache(machine_server_parser),
 }
-PROGRAM = re.compile(r"(\.venv/bin/python|python3|(scripts/)?fsw\.py|fsw|scripts/\w+\.py) ")
+PROGRAM = re.compile(
+    r"(\.venv/bin/python|python3|(scripts/)?fsw\.py|fsw|scripts/\w+\.py|ros2 launch) "
+)
+LAUNCH_FILE = WORKSPACE / "src" / "fsw" / "launch" / "weld.launch.py"
 FOLDERS = ("scripts/", "src/", "test/", "examples/", "benchmarks/", "docs/")
 
 
@@ -82,6 +85,10 @@ def parameters() -> set[str]:
 def refusal(text: str) -> str | None:
     """Why a command cannot run as it is written, without running it; None if it can."""
     words = shlex.split(text.partition(" > ")[0].replace("[", "").replace("]", ""), comments=True)
+    if words[:2] == ["ros2", "launch"]:
+        arguments = (f'"{word.partition(":=")[0]}": (' for word in words[4:])
+        missing = [word for word in arguments if word not in LAUNCH_FILE.read_text("utf-8")]
+        return f"no argument {missing[0]}" if missing else None
     if words[0] in ("python3", ".venv/bin/python") and words[1] == "-m":
         if words[0] == "python3":
             return (
@@ -150,6 +157,7 @@ def test_a_command_in_the_documentation_can_run(page: str, text: str) -> None:
         "fsw.py bag info test/golden/no_such_weld",
         "fsw simulate quick --no-such-option",
         "python3 scripts/no_such_script.py --help",
+        "ros2 launch fsw weld.launch.py no_such_argument:=true",
     ],
 )
 def test_a_wrong_command_would_be_found(text: str) -> None:

@@ -1,34 +1,49 @@
 """The code blocks of the documentation, to run them as a reader would.
 
 Each page has a folder of its own in which its blocks run one after the other, as a reader would
-type them. A block of YAML with a title is that file. A comment before a block says why it does
-not run, that it takes minutes, or what the reader has done elsewhere::
+type them. Its Python is one program. A block with a title is that file. A comment before a block
+says why it does not run, that it takes minutes, or what the reader has done elsewhere (``$SHARED``
+is a folder of all pages)::
 
     <!-- not run: needs a sourced ROS 2 -->
     <!-- takes minutes -->
-    <!-- before: scripts/fsw.py simulate quick --bag --out out/weld -->
+    <!-- before: scripts/fsw.py simulate quick --bag --out $SHARED/weld -->
+
+The lines of a block marked ``<!-- stays up, ready: TEXT -->`` each run in a terminal of their own, in
+the page's ROS domain. They are up while the other blocks of the page's section run, and end with
+Ctrl-C.
 """
 
 from __future__ import annotations
 
 import os
 import re
+import signal
 import subprocess
 import sys
+from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+
+from fsw_control.free_domain import free_domain
+from fsw_scenario.child_process import end_with_parent
+from fsw_test_support.waiting import PATIENCE_S, wait_until
 
 WORKSPACE = Path(__file__).resolve().parents[3]
 #: what commands name by its path in the workspace; all else is written into the page's folder
 LINKED = ("scripts", "src", "lab", "quality", "test", "examples", "benchmarks", "requirements")
 _COMMAND = re.compile(r"(\S*/)?(python3?|fsw|pip) |\S*/\S+\.py |sed |echo |head ")
 _BLOCK = re.compile(
-    r"^(?:<!-- (?P<mark>not run: [^\n]*?|takes minutes) -->\n)?"
+    r"^(?:<!-- (?P<mark>not run: [^\n]*?|takes minutes|stays up, ready: [^\n]*?) -->\n)?"
     r"(?:<!-- before: (?P<before>[^\n]*?) -->\n)?"
     r"```(?P<language>\w*)(?: title=\"(?P<file>\S+)\")?\n(?P<text>.*?)^```$",
     re.MULTILINE | re.DOTALL,
 )
-_LONGEST_S = 900.0
+_UP = "stays up, ready: "
+_LONGEST_S = 1800.0
+#: of what Ctrl-C ends
+_CODES = (0, 130)
 
 
 @dataclass(frozen=True)
@@ -41,7 +56,8 @@ class Block:
     code: str  #: what to run; a shell's prompts and the output shown are left out
     file: str  #: name of the file that the block is
     shown: tuple[str, ...]  #: lines of output that the page shows after prompts
-    mark: str  #: why it does not run, or ``takes minutes``
+    mark: str  #: why it does not run, ``takes minutes``, or what shows that it is up
+    section: int  #: of the page
 
     @property
     def fails(self) -> bool:
@@ -52,6 +68,11 @@ class Block:
     def not_run(self) -> bool:
         """Whether it cannot run here."""
         return self.mark.startswith("not run")
+
+    @property
+    def ready(self) -> str:
+        """What it prints when it is up; empty unless it stays up."""
+        return self.mark.removeprefix(_UP) if self.mark.startswith(_UP) else ""
 
     def __str__(self) -> str:
         return f"{self.path.relative_to(WORKSPACE)}:{self.line}"
@@ -94,6 +115,7 @@ def blocks(path: Path) -> list[Block]:
                     file=match["file"] or "",
                     shown=_shown(match["text"]) if language == "console" else (),
                     mark=match["mark"] or "",
+                    section=len(re.findall(r"^#+ ", text[: match.start()], re.MULTILINE)),
                 )
             )
     return result
@@ -116,30 +138,52 @@ class Page:
         for name in LINKED:
             (self.folder / name).symlink_to(WORKSPACE / name)
         (self.folder / ".venv").symlink_to(sys.prefix)
-        self._python = ""  #: of the blocks so far: the next ones use their names
+        #: a page's Python is one program, which runs with its last block
+        self._python: list[str] = []
+        self._section = 0
+        self._up: list[tuple[subprocess.Popen[str], Path]] = []
+        self._domain = ExitStack()
 
-    def run(self, block: Block) -> str:
-        """Run a block; the end of its output where it does not end as the page shows, else nothing."""
-        if block.file:
-            (self.folder / block.file).write_text(block.code, encoding="utf-8")
-            return ""
-        binaries = Path(sys.executable).parent
-        search = f"{binaries}{os.pathsep}{os.environ['PATH']}"
-        environment = {
+    def __enter__(self) -> Page:
+        self._environment = {
             **os.environ,
             "HOME": str(self.folder),  # for keys and files that pages write there
             "XDG_CACHE_HOME": os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache"),
             "MPLBACKEND": "Agg",
-            "PATH": search,
+            "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+            "SHARED": str(self.folder.parent.parent),
+            "ROS_DOMAIN_ID": str(self._domain.enter_context(free_domain())),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         }
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+        self._domain.close()
+
+    def run(self, block: Block) -> str:
+        """Run a block; the end of its output where it does not end as the page shows, else nothing."""
+        ended = self.end() if block.section != self._section else ""
+        self._section = block.section
+        if ended:
+            return ended
+        if block.file:
+            (self.folder / block.file).write_text(block.code, encoding="utf-8")
+            return ""
+        if block.ready:
+            return self._start(block)
         command = ["bash", "-euo", "pipefail", "-c", block.code]
         if block.language == "python":
-            self._python += block.code
-            command = [sys.executable, "-c", self._python]
+            self._python.append(block.code)
+            if len(self._python) < sum(b.language == "python" and not b.file for b in self.blocks):
+                return ""
+            program = self.folder / "blocks.py"
+            program.write_text("".join(self._python), encoding="utf-8")
+            command = [sys.executable, program.name]
         done = subprocess.run(
             command,
             cwd=self.folder,
-            env=environment,
+            env=self._environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -149,3 +193,53 @@ class Page:
         as_shown = (done.returncode != 0) == block.fails
         missing = [line for line in block.shown if not _printed(line, done.stdout)]
         return "" if as_shown and not missing else f"{missing}: {done.stdout[-2000:]}"
+
+    def _start(self, block: Block) -> str:
+        """Start each line of a block, and wait until all that shows that they are up is printed."""
+        started = []
+        for line in block.code.splitlines():
+            log = self.folder / f"terminal_{len(self._up) + 1}.log"
+            with log.open("w") as stream:
+                process = subprocess.Popen(
+                    ["bash", "-c", f"exec {line}"],
+                    cwd=self.folder,
+                    env=self._environment,
+                    stdout=stream,
+                    stderr=subprocess.STDOUT,
+                    start_new_session=True,  # as a terminal, whose Ctrl-C reaches all in it
+                    preexec_fn=partial(end_with_parent, os.getpid()),
+                    text=True,
+                )
+            started.append((process, log))
+            self._up.append((process, log))
+        wanted = [block.ready, *block.shown]
+
+        def output() -> str:
+            return "".join(log.read_text("utf-8", "replace") for _, log in started)
+
+        def over() -> bool:
+            printed = output()
+            return all(_printed(line, printed) for line in wanted) or any(
+                process.poll() is not None for process, _ in started
+            )
+
+        wait_until(over, f"{block.code} to print {wanted}")
+        missing = [line for line in wanted if not _printed(line, output())]
+        return f"{missing}: {output()[-2000:]}" if missing else ""
+
+    def end(self) -> str:
+        """End with Ctrl-C, the last first, what is up; what did not end as it should, with its output."""
+        faults = []
+        while self._up:
+            process, log = self._up.pop()
+            try:
+                os.killpg(process.pid, signal.SIGINT)
+                code = process.wait(PATIENCE_S)
+            except ProcessLookupError:
+                code = process.wait()
+            except subprocess.TimeoutExpired:
+                os.killpg(process.pid, signal.SIGKILL)
+                code = process.wait()
+            if code not in _CODES:
+                faults.append(f"{process.args!r}: {code}: {log.read_text('utf-8')[-2000:]}")
+        return "\n".join(faults)
