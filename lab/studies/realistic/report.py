@@ -85,6 +85,7 @@ def tasks(share: float = 1.0) -> list[Task]:
 def content(rows: Sequence[Row], fitted: Mapping[str, Any]) -> dict[str, Any]:
     """All numbers of the page."""
     plain = [row for row in rows if not row["changes"]]
+    by_nmpc = {row["index"] for row in plain if row["controller"] == NMPC}
     series = {}
     for name, label in {"cascade": CASCADE, **EARLIER, NMPC: NMPC}.items():
         own = [row for row in plain if row["controller"] == label]
@@ -99,7 +100,7 @@ def content(rows: Sequence[Row], fitted: Mapping[str, Any]) -> dict[str, Any]:
             "intervals": found,
             "published": published if name in PUBLISHED else None,
             "outside": _outside(found, published) if name in PUBLISHED else [],
-            "within": sum(row["min_c"] >= -10.0 and row["max_c"] <= 10.0 for row in own),
+            "within": _within(own),
             "stopped": sum(bool(row["stopped"]) for row in own),
             "depth_um": float(np.median([row["depth_um"] for row in own])),
             "moved_rpm_per_min": float(np.median([row["moved_rpm_per_min"] for row in own])),
@@ -108,12 +109,20 @@ def content(rows: Sequence[Row], fitted: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "series": series,
         "shares": {NMPC: share_of(plain, NMPC)},
+        "cascade_within_on_welds_of_nmpc": _within(
+            [row for row in plain if row["controller"] == CASCADE and row["index"] in by_nmpc]
+        ),
         "varied": _varied(rows),
         "half_fall": _half_fall(rows),
         "values": welds.shipped_values(),
         "fit": dict(fitted),
         "software": sorted({row["software"] for row in rows}),
     }
+
+
+def _within(rows: Sequence[Row]) -> int:
+    """Welds within 10 degC over the whole joint line, as published."""
+    return sum(row["min_c"] >= -10.0 and row["max_c"] <= 10.0 for row in rows)
 
 
 def _outside(found: Mapping[str, list[float]], published: Sequence[float]) -> list[str]:
