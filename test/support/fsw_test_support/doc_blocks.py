@@ -42,8 +42,8 @@ _BLOCK = re.compile(
 )
 _UP = "stays up, ready: "
 _LONGEST_S = 1800.0
-#: of what Ctrl-C ends
-_CODES = (0, 130)
+#: of what Ctrl-C ends; the last one where it had hardly begun, which a shell calls 130, too
+_CODES = (0, 130, -signal.SIGINT)
 
 
 @dataclass(frozen=True)
