@@ -398,7 +398,7 @@ def test_nodes_start_quietly_and_their_entry_points_exist(package: Path) -> None
             file, function = path.rpartition(".")[::2]
             module, path = file, function
         else:
-            assert module == "fsw.main", f"{module}:{path} is no node's"
+            assert module == "fsw.__main__", f"{module}:{path} is no node's"
         name = module.replace(".", "/")
         candidates = [package / f"{name}.py", package / name / "__init__.py"]
         [source] = [one for one in candidates if one.is_file()]

@@ -502,4 +502,4 @@ def test_a_class_instead_of_a_controller_is_refused():
 
     with pytest.raises(InputError) as raised:
         fsw.simulate("quick", controller=Whole)
-    assert not missing(("an object of this class",), raised)
+    assert not missing(("an object", "class"), raised)
