@@ -30,6 +30,7 @@ from report import parser, save, show
 from fsw_analysis.report import templates, wilson
 from fsw_control.weld import TICK_S
 from fsw_quality.diagnosis import WatchCause
+from fsw_quality.likelihood import default_covariance
 from fsw_quality.monitor import ALARM, SMOOTHED_S, TREND, Monitor
 from fsw_quality.monitor_run import watch
 
@@ -308,6 +309,7 @@ def main():
             of_heat=OF_HEAT,
             levels=LEVELS,
             smoothed_s=SMOOTHED_S,
+            unidentified=default_covariance()[0, 0] ** 0.5,
             calibrating=len(PROCESSES) * len(CALIBRATING),
         )
         chosen.page.write_text(text, encoding="utf-8")

@@ -26,7 +26,8 @@ from fsw_quality.residuals import COEFFICIENTS, DEPTH, HEAT, TORQUE
 #: sensor's, sway of the process and its level [N m]; offset of the depth, edges of the workpiece
 #: [mm], force that is missing [kN], coloured noise of the depth [mm];
 #: temperature that the power does not explain [degC], its level at rest [degC] and the slope of
-#: that [degC/s], coloured noise of the temperature [degC]
+#: that [degC/s], coloured noise of the temperature [degC]; swings of the seconds before, until they
+#: reach the thermocouple
 _STATES = (
     "swing",
     "sway",
@@ -39,10 +40,14 @@ _STATES = (
     "rest",
     "slope",
     "heat_noise",
+    "swing_1",
+    "swing_2",
+    "swing_3",
+    "swing_4",
 )
 _N = len(COEFFICIENTS) + 1
-SWING, SWAY, LEVEL, OFFSET, EDGE, FORCE, DEPTH_NOISE, WARMTH, REST, SLOPE, HEAT_NOISE = range(
-    _N, _N + len(_STATES)
+SWING, SWAY, LEVEL, OFFSET, EDGE, FORCE, DEPTH_NOISE, WARMTH, REST, SLOPE, HEAT_NOISE, *_LATE = (
+    range(_N, _N + len(_STATES))
 )
 N_STATES = _N + len(_STATES)
 #: standard deviations of the states at the begin of a weld, beside the coefficients' (chosen,
@@ -95,9 +100,13 @@ _LEARNT = {TORQUE: SWING, DEPTH: DEPTH_NOISE, HEAT: HEAT_NOISE}
 #: factors on the sizes that are tried (chosen)
 _FACTORS = 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 96.0
 _TRIED = list(product(range(4), _FACTORS))
-#: the model's tool warms by so much in a second [degC] by a N m of the torque: a swing may be the
-#: sensor's noise, which the power that is computed from it heats the model with
-_WARMTH_PER_NM = 0.03
+#: the model's tool warms by so much in a second [degC] by a N m of the torque. Power is computed from
+#: the measured torque, so that a swing, which may be the sensor's noise, heats the model and not the
+#: workpiece: the filter knows the swing by the torque, and takes its heat out once the dead time and
+#: the tool's lag are over (``_LATE``)
+_WARMTH_PER_NM = 0.025
+#: share of what is taken for a sway that may be slow noise of the torque sensor all the same (chosen)
+_SENSORS = 0.5
 #: a larger size is taken if the loss of log likelihood is not more than this (chosen)
 _NEARLY = 1.0
 #: innovations that are larger than expected count less: time over which they are observed [s],
@@ -172,10 +181,17 @@ def _tried(choices: dict[int, tuple[int, float]]) -> Sizes:
         state = _LEARNT[residual]
         found.factors[state], found.times_s[state] = factor, _CORRELATED_S[state][which]
     found.times_s[SWAY], found.factors[SWAY] = _SWAY_S, _SWAYS[choices[TORQUE][0]]
-    swing_nm = found.factors[SWING] * _LEAST[SWING]
-    heats = _WARMTH_PER_NM * swing_nm * sqrt(2.0 * found.times_s[SWING]) / _LEAST[WARMTH]
+    sensors_nm = _SENSORS * found.factors[SWAY] * _LEAST[SWAY]
+    heats = _WARMTH_PER_NM * sensors_nm * sqrt(2.0 * max(_CORRELATED_S[SWING])) / _LEAST[WARMTH]
     found.factors[WARMTH] = sqrt(1.0 + heats**2)
     return found
+
+
+def _likeliest(lost: FloatArray) -> tuple[int, float]:
+    """The likeliest time, and the largest factor with it that is nearly as likely."""
+    which = _TRIED[int(np.argmin(lost))][0]
+    likely = lost <= lost.min() + 2.0 * _NEARLY
+    return which, max(_TRIED[i][1] for i in np.flatnonzero(likely) if _TRIED[i][0] == which)
 
 
 class Filter:
@@ -196,6 +212,9 @@ class Filter:
         follow = 1.0 - exp(-1.0 / parameters.copper_lag_s)
         self._step[:, WARMTH, [WARMTH, REST]] = 1.0 - follow, follow
         self._step[:, REST, SLOPE] = 1.0
+        self._step[:, _LATE, _LATE] = 0.0
+        self._step[:, _LATE, [SWING, *_LATE[:-1]]] = 1.0
+        self._step[:, WARMTH, _LATE[-1]] = -_WARMTH_PER_NM
         self._step[:, OFFSET, FORCE] = parameters.depth_gain_mm_per_kn_s
         walk = np.zeros(N_STATES)
         walk[list(_LEAST)] = list(_LEAST.values())
@@ -219,6 +238,7 @@ class Filter:
         self.p = self._step @ self.p @ self._step.transpose(0, 2, 1) + self._fresh
         for state, variance in second.moves.items():
             self.p[:, state, state] += variance
+        self.p[:, WARMTH, WARMTH] += _WARMTH_PER_NM**2 * second.variances[TORQUE]
         if traces is not None:
             traces.effect = np.tensordot(self._step[0], traces.effect, 1)
         lost, self.edges_mm = np.zeros((3, len(self.x))), np.zeros(len(self.x))
@@ -334,20 +354,15 @@ class Healthy:
 
     def learn(self) -> None:
         """Take the sizes of the disturbances that are most likely, of each residual its own."""
-        choices = {}
-        for residual in _LEARNT:
-            lost = self._lost[residual]
-            likely = [
-                one
-                for one, loss in zip(_TRIED, lost, strict=True)
-                if loss <= lost.min() + 2.0 * _NEARLY
-            ]
-            which = _TRIED[int(np.argmin(lost))][0]
-            choices[residual] = which, max(factor for other, factor in likely if other == which)
+        for second in self._seconds:
+            second.variances = self._seconds[-1].variances
+        choices = {residual: _likeliest(lost) for residual, lost in enumerate(self._lost)}
+        # the likeliest noise of the heat depends on the torque's: try it again with that
+        again = Filter(*self._arguments, [_tried(choices | {HEAT: one}) for one in _TRIED])
+        choices[HEAT] = _likeliest(sum(again.step(second)[HEAT] for second in self._seconds))
         self.learnt = _tried(choices)
         self._filter = Filter(*self._arguments, [self.learnt])
         for second in self._seconds:
-            second.variances = self._seconds[-1].variances
             self._filter.step(second)
         self._seconds.clear()
 

@@ -29,7 +29,7 @@ from fsw_quality.likelihood import (
 )
 from fsw_quality.residuals import DEPTH, HEAT, TORQUE, Gains, ModelResiduals, Values
 from fsw_quality.sensor_health import LEARN_S, Detached, SensorHealth
-from fsw_quality.signatures import HEATING_C_PER_S, OF_HEAT, SHOWN, SIZES, Onset, signatures
+from fsw_quality.signatures import OF_HEAT, SHOWN, SIZES, Onset, signatures
 
 PROCESSES = "paper", "canister"
 _SECOND = round(1.0 / TICK_S)
@@ -54,7 +54,9 @@ SMOOTHED_S = 20.0
 #: levels of an alarm and of a trend: the largest smoothed ratio of any cause exceeds them in one
 #: healthy weld of 45 minutes in a hundred and in ten, causes and times together
 #: (``benchmarks/monitor.py --calibrate``)
-ALARM, TREND = 9.0, 6.0
+ALARM, TREND = 7.0, 5.0
+#: largest ratio that counts in a second: what lasts for a second or two is no alarm (chosen)
+_COUNTS = 40.0
 #: by which the likeliest cause leads those that are named beside it (chosen: 20 to 1)
 _BESIDE = 3.0
 #: model and signatures are inexact by this share: of what moves within a second, and of a
@@ -92,8 +94,7 @@ class ProcessWatch:
         self._judged = np.array([known_heat or one not in OF_HEAT for one in self._faults])
         harmless, self._largest = np.array([SIZES[one] for one in self._faults]).T
         shown = [SHOWN[one] for one in self._faults]
-        # largest sizes that are no alarm, and no trend; the last is no fault
-        self._small = np.pad(np.array([harmless, shown]), ((0, 0), (0, 1)))[:, None]
+        self._small = np.array([harmless, shown])[:, None]  # largest that are no alarm, no trend
         self.residuals = ModelResiduals(parameters, known_heat)
         self.healthy = Healthy(parameters, covariance, known_heat)
         self._begin_again()
@@ -105,7 +106,7 @@ class ProcessWatch:
 
     def _begin_again(self) -> None:
         """Forget the faults: what was measured so far is no evidence of any."""
-        self._traces = Traces(_ONSETS, len(self._faults) + 1)
+        self._traces = Traces(_ONSETS, len(self._faults))
         self._onsets: list[Onset] = []
         self._pinned = -1
         # smoothed log likelihood ratios by fault: to the largest that is no alarm, and no trend
@@ -219,17 +220,15 @@ class ProcessWatch:
     def findings(self, sick: bool) -> list[Finding]:
         """The likeliest fault, if any is likely: an alarm, or while that is not sure or a sensor is sick a trend."""
         sizes, errors = self._traces.sizes()
-        sizes[:, :-1] = np.clip(sizes[:, :-1], -self._largest, self._largest)
-        sizes[:, -1] /= 1.0 + (errors[:, -1] / HEATING_C_PER_S) ** 2  # the likeliest, by its prior
+        sizes = np.clip(sizes, -self._largest, self._largest)
         ratios = self._traces.ratios(sizes)
-        heating = ratios[:, -1] - 0.5 * (sizes[:, -1] / HEATING_C_PER_S) ** 2
-        in_heat = self._traces.signatures[HEAT, :, :-1].any(axis=0)
-        onsets = ratios[:, :-1].argmax(axis=0)
+        onsets = ratios.argmax(axis=0)
         likeliest = onsets, np.arange(len(self._faults))
-        best = ratios[likeliest] - in_heat * heating.max()
+        best = ratios[likeliest]
         best[~self._judged] = 0.0
         small = self._traces.ratios(np.clip(sizes, -self._small, self._small))
         beyond = np.clip((ratios - small)[:, *likeliest], 0.0, np.maximum(best, 0.0))
+        beyond *= _COUNTS / np.maximum(beyond.max(axis=1, keepdims=True), _COUNTS)
         beyond[0] *= not sick
         self._ratios += (beyond - self._ratios) / SMOOTHED_S
         # an alarm that is there stays for longer

@@ -32,9 +32,6 @@ SIZES = {
 SHOWN = {cause: harmless for cause, (harmless, _) in SIZES.items()} | {
     WatchCause.TOOL_WEAR: 0.1 / 60.0
 }
-#: change of the slope of the temperature that is no fault, as of a canister that begins to heat up
-#: or has done so: standard deviation [degC/s] (chosen)
-HEATING_C_PER_S = 1.0 / 60.0
 #: faults that show in the heat alone
 OF_HEAT = WatchCause.HEAT_GAIN, WatchCause.DEAD_TIME
 
@@ -55,9 +52,8 @@ def signatures(
     now: Gains,
     by_model: FloatArray,
 ) -> FloatArray:
-    """What faults of size 1 do to the residuals at a time, shape (3, onsets, faults + 1).
+    """What faults of size 1 do to the residuals at a time, shape (3, onsets, faults).
 
-    The last is no fault: a change of the slope of the temperature, of 1 degC/s, by the workpiece.
     ``by_model`` are the sensitivities to the coefficients, shape (3, coefficients ...).
     """
     since = np.array([max(time_s - one.time_s, 0.0) for one in onsets])
@@ -72,7 +68,7 @@ def signatures(
         since + (p.depth_zero_s - p.depth_pole_slow_s) * follow
     )
     by_gain = now.creep_mm + now.slow_mm - at.creep_mm - at.slow_mm * (1.0 - follow)
-    found = np.zeros((3, len(onsets), len(faults) + 1))
+    found = np.zeros((3, len(onsets), len(faults)))
 
     def put(cause: WatchCause, **by_residual: FloatArray) -> None:
         if cause in faults:
@@ -94,6 +90,4 @@ def signatures(
     put(WatchCause.HEAT_GAIN, heat=now.heated_c - at.heated_c * faded)
     dead_time = by_model[HEAT, COEFFICIENTS.index("dead_time_s")] / p.dead_time_s
     put(WatchCause.DEAD_TIME, heat=np.full(since.size, dead_time))
-    warmed = 1.0 - np.exp(-since / p.copper_lag_s)
-    found[HEAT, :, -1] = since - p.copper_lag_s * warmed
     return found

@@ -17,9 +17,19 @@ from fsw_control.sensors import REQUIRED
 from fsw_hmi.alarm_texts import ACTIONS
 from fsw_model import ModelParameters, ParameterCovariance, equations
 from fsw_quality.diagnosis import Finding, WatchCause
-from fsw_quality.likelihood import covariance_from, default_covariance
+from fsw_quality.likelihood import (
+    HEAT_NOISE,
+    N_STATES,
+    SWAY,
+    SWING,
+    Filter,
+    Second,
+    Sizes,
+    covariance_from,
+    default_covariance,
+)
 from fsw_quality.monitor import ALARM, PROCESSES, TREND, Monitor, Sample
-from fsw_quality.residuals import COEFFICIENTS
+from fsw_quality.residuals import COEFFICIENTS, HEAT
 from fsw_quality.sensor_health import Detached, SensorHealth
 from fsw_test_support.watched_weld import drifting, noise, samples
 
@@ -131,6 +141,25 @@ def test_torque_gain_and_torque_sensor_are_distinguished_by_the_heat_where_it_is
         assert {finding.cause, *finding.others} >= {WatchCause.TORQUE_STEP, WatchCause.TORQUE_GAIN}
 
 
+def test_heat_of_the_torque_sensors_noise_is_known_by_the_torque() -> None:
+    sizes = Sizes(np.ones(N_STATES), {SWING: 5.0, SWAY: 15.0, HEAT_NOISE: 2.0})
+    sizes.factors[SWING] = 8.0
+    random, c_per_nm, delay_s = np.random.default_rng(4), 0.025, 4
+    swings, other = (2.4 * noise(random, 3000, 5.0)[::10] for _ in range(2))
+    losses = []
+    for heating in swings, other:
+        healthy = Filter(ModelParameters(), default_covariance(), True, [sizes])
+        warmth_c, lost = 0.0, 0.0
+        for k in range(delay_s, 300):
+            warmth_c -= c_per_nm * heating[k - delay_s] + warmth_c / 30.5
+            residuals = np.array([swings[k], 0.0, warmth_c + 0.02 * random.normal()])
+            sensitivities = np.zeros((3, len(COEFFICIENTS) + 1))
+            second = Second(residuals, sensitivities, np.array([0.04, 1e-6, 4e-4]), 0.0, {})
+            lost += float(healthy.step(second)[HEAT, 0])
+        losses.append(lost)
+    assert losses[0] < losses[1] - 100.0
+
+
 def test_load_cell_with_an_offset_is_named() -> None:
     offset = later(GOOD, force_kn=lambda _, one: one.force_kn + 2.0)
     assert WatchCause.LOAD_CELL_STEP in alarms(offset)
@@ -172,7 +201,7 @@ def test_slow_wear_over_a_long_weld_is_a_trend_and_the_end_of_its_heating_is_non
                 temperature_c=one.temperature_c + warmer_c,
             )
         )
-    shown = trends(weld)
+    shown = trends(weld, "canister")
     assert shown and not any(finding.alarm for finding in shown)
     assert {finding.cause for finding in shown} == {WatchCause.TOOL_WEAR}
     for finding in shown:
