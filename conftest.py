@@ -11,6 +11,7 @@ time, and threads of OpenBLAS that have no core to themselves spin.
 import gc
 import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -33,6 +34,7 @@ settings.register_profile("full", _PATIENT, max_examples=200 if _PATIENT.derando
 settings.load_profile("project")
 
 
+_CORE = Path(__file__).resolve().parent / "src"
 #: What libraries keep, a browser above all; an example of a property test that leaves one leaves
 #: hundreds.
 MOST_FILES_LEFT = 50
@@ -46,6 +48,14 @@ def pytest_collection_finish() -> None:
     """What was imported and collected stays: the collector, which comes after every file, need not visit it again."""
     gc.collect()
     gc.freeze()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the core's fast tests."""
+    for item in items:
+        own = {mark.name for mark in item.iter_markers()}
+        if _CORE in item.path.parents and not own & {"slow", "full", "real_time"}:
+            item.add_marker(pytest.mark.core)
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -17,7 +17,7 @@ PLACE = WORKSPACE / "out" / "core"
 OTHERS = ("quality", "lab")
 #: of the environment: what is installed from source, which the copy writes itself
 OWN = ("fsw_workspace.pth", "fsw_*.dist-info")
-TESTS = ["-n", "2", "--dist", "loadfile", "-m", "not slow and not full and not real_time"]
+TESTS = ["-n", "2", "--dist", "loadfile", "-m", "core", "src"]
 
 
 def _copy_tree() -> None:
@@ -45,8 +45,8 @@ def _copy_environment(home: Path) -> Path:
     return copy / "bin" / "python"
 
 
-def check() -> int:
-    """Run them; the exit code is the first that is not 0."""
+def check(options: list[str]) -> int:
+    """Run them, pytest with options; the exit code is the first that is not 0."""
     began = time.monotonic()
     print(f"== the core alone, in {PLACE}", flush=True)
     shutil.rmtree(PLACE, ignore_errors=True)
@@ -60,7 +60,7 @@ def check() -> int:
     }
     for words in (
         ["scripts/demo.py", "--out", "out/demo"],
-        ["-m", "pytest", *TESTS, "src"],
+        ["-m", "pytest", *TESTS, *options],
     ):
         print(f"== {' '.join(words)}, {time.monotonic() - began:.0f} s", flush=True)
         code = subprocess.run([str(python), *words], cwd=PLACE, env=environment).returncode

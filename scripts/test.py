@@ -7,7 +7,8 @@ Without arguments all tests run that need no minutes of computing, several at a 
 against the clock after the others. ``--full`` runs these, too: sanitizers, other processors, FMUs,
 comparisons, tuning. ``--fast`` leaves out all tests marked as slow. ``--lint`` also runs ruff,
 mypy and, on the operator's page, tsc and ESLint, and builds the documentation. ``--core`` runs
-README's demo and the core's fast tests in a copy without quality and lab, and nothing else.
+README's demo and the core's fast tests in a copy without quality and lab, and nothing else; with
+``--full`` the other tests follow.
 ``--oldest`` runs the tests of the packages that compute, draw and read bags in an environment of
 its own with the oldest supported versions of numpy, scipy, matplotlib, ... (Python 3.11); with
 ``--fast`` in a minute. Where pytest gets arguments (paths, -k, -m), the tests that these choose
@@ -100,16 +101,22 @@ def main() -> int:
         "PYTHONDONTWRITEBYTECODE", None
     )  # else each of a thousand processes would compile what it imports
     arguments = sys.argv[1:]
+    full, fast = "--full" in arguments, "--fast" in arguments
+    profile = ["--hypothesis-profile=full"] if full else []
+    codes, chosen = [], "" if full else " and not full"
     if "--core" in arguments:
         from _core import check
 
-        return check()
+        codes.append(check(profile))
+        if not full:
+            return codes[0]
+        arguments.remove("--core")
+        chosen = " and not core"
     if OLDEST in arguments:
         chosen = "not slow and not full" if "--fast" in arguments else "not full"
         arguments = [one for one in arguments if one not in (OLDEST, "--fast")]
         given = arguments or [*OLDEST_TESTS, *PARALLEL]
         return run("pytest with the oldest supported versions", "pytest", "-m", chosen, *given)
-    codes = []
     if "--lint" in arguments:
         arguments.remove("--lint")
         codes.append(run("ruff check", "ruff", "check", "."))
@@ -124,7 +131,6 @@ def main() -> int:
                 [sys.executable, WORKSPACE / "scripts" / "build_docs.py", "--check"]
             ).returncode
         )
-    full, fast = "--full" in arguments, "--fast" in arguments
     arguments = [one for one in arguments if one not in ("--full", "--fast")]
     if arguments or fast:
         codes.append(
@@ -133,9 +139,7 @@ def main() -> int:
             )
         )
     else:
-        chosen = "" if full else " and not full"
         rewrite_assertions()
-        profile = ["--hypothesis-profile=full"] if full else []
         codes.append(run("pytest", "pytest", *PARALLEL, *profile, "-m", f"not real_time{chosen}"))
         codes.append(run("pytest in real time", "pytest", *REAL_TIME, "-m", f"real_time{chosen}"))
     return next((code for code in codes if code), 0)

@@ -54,7 +54,7 @@ SMOOTHED_S = 20.0
 #: levels of an alarm and of a trend: the largest smoothed ratio of any cause exceeds them in one
 #: healthy weld of 45 minutes in a hundred and in ten, causes and times together
 #: (``benchmarks/monitor.py --calibrate``)
-ALARM, TREND = 7.0, 5.0
+ALARM, TREND = 9.0, 6.0
 #: largest ratio that counts in a second: what lasts for a second or two is no alarm (chosen)
 _COUNTS = 40.0
 #: by which the likeliest cause leads those that are named beside it (chosen: 20 to 1)
