@@ -59,6 +59,7 @@ MODULES = {
         "failover",
         "in_force",
         "operator_requests",
+        "parameters",
         "safety_monitor",
         "start_up",
         "state_machine",

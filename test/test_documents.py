@@ -86,6 +86,8 @@ def refusal(text: str) -> str | None:
     """Why a command cannot run as it is written, without running it; None if it can."""
     words = shlex.split(text.partition(" > ")[0].replace("[", "").replace("]", ""), comments=True)
     if words[:2] == ["ros2", "launch"]:
+        if words[2:4] != ["fsw", LAUNCH_FILE.name]:
+            return f"no launch file {words[2:4]}"
         arguments = (f'"{word.partition(":=")[0]}": (' for word in words[4:])
         missing = [word for word in arguments if word not in LAUNCH_FILE.read_text("utf-8")]
         return f"no argument {missing[0]}" if missing else None
@@ -158,6 +160,7 @@ def test_a_command_in_the_documentation_can_run(page: str, text: str) -> None:
         "fsw simulate quick --no-such-option",
         "python3 scripts/no_such_script.py --help",
         "ros2 launch fsw weld.launch.py no_such_argument:=true",
+        "ros2 launch fsw no_such.launch.py monitor:=true",
     ],
 )
 def test_a_wrong_command_would_be_found(text: str) -> None:

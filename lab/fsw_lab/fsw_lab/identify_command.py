@@ -92,7 +92,8 @@ def identify(arguments: argparse.Namespace) -> int:
     )
     start, lag_s = _model(arguments.model), arguments.drive_lag
     if arguments.report is not None:
-        new_folder(arguments, "", "--report", (arguments.out, arguments.covariance))
+        written = (arguments.out, arguments.covariance, arguments.machine)
+        new_folder(arguments, "", "--report", written)
     with ProgressBar("identifying") as bar:
         result = fsw.identify(
             *welds,

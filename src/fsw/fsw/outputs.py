@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import shutil
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
@@ -116,10 +117,11 @@ def _inputs_in(
 ) -> Iterator[Path]:
     """What arguments name inside a folder, also as ``NAME=FILE``, but for outputs."""
     for value in vars(arguments).values():
-        for text in map(str, value if isinstance(value, list | tuple) else [value]):
+        values = value if isinstance(value, list | tuple) else [value]
+        for text in (str(one) for one in values if isinstance(one, str | Path)):
             for path in map(Path, {text, text.partition("=")[2]} - {""}):
                 inside = folder.resolve() in path.resolve().parents
-                if inside and path not in outputs and path.exists():
+                if inside and path not in outputs and os.path.exists(path):  # False if too long
                     yield path
 
 
@@ -129,11 +131,10 @@ def _content(folder: Path) -> set[str]:
 
 
 def _mark_filled(folder: Path) -> None:
-    """At the end of a command: list what it has put into the folder."""
+    """At the end of a command: list what it has put into the folder, if there is anything."""
     with suppress(OSError):
-        (folder / _MARK).write_text(
-            "\n".join(sorted(_content(folder))), "utf-8", "surrogateescape"
-        )
+        if content := _content(folder):
+            (folder / _MARK).write_text("\n".join(sorted(content)), "utf-8", "surrogateescape")
 
 
 def listed(folder: Path) -> str:

@@ -39,8 +39,8 @@ def needed(module: str) -> Any:
     """A module of the extra ``science``; otherwise an ImportError that says how to install it."""
     try:
         return import_module(module)
-    except ImportError:
-        extra = Extra("fsw-control", "science", (module.partition(".")[0],))
+    except ModuleNotFoundError as error:
+        extra = Extra("fsw-control", "science", (error.name or module,))
         raise ImportError(extra.absence) from None
 
 

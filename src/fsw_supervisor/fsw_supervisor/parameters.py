@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from functools import cached_property
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import create_model, model_validator
@@ -328,7 +327,7 @@ class SupervisorParameters(NodeParameters):
                 )
         return self
 
-    @cached_property
+    @property
     def drive_limits(self) -> Limits:
         """The limits of every command."""
         return Limits(**dict(self.limits))

@@ -175,7 +175,9 @@ class Page:
         command = ["bash", "-euo", "pipefail", "-c", block.code]
         if block.language == "python":
             self._python.append(block.code)
-            if len(self._python) < sum(b.language == "python" and not b.file for b in self.blocks):
+            if len(self._python) < sum(
+                b.language == "python" and not (b.file or b.mark) for b in self.blocks
+            ):
                 return ""
             program = self.folder / "blocks.py"
             program.write_text("".join(self._python), encoding="utf-8")
