@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Literal
 
 from fsw.arguments import validated
 from fsw.welds import Progress
@@ -23,7 +24,7 @@ def record(
     *,
     compare_with: str | Path | None = None,
     afterwards: Mapping[str, str] | None = None,
-    figures: str | None = None,
+    figures: Literal["png", "svg", "pdf"] | None = None,
     progress: Progress | None = None,
     note: Callable[[str], object] = warnings.warn,
 ) -> Record:

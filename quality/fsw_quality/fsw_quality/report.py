@@ -96,10 +96,12 @@ def write(
     ``ending``: format of the figures' files beside the page, ``png``, ``svg`` or ``pdf``.
     """
     beside = [folder / name for name in figure_names(ending)]
+    for path in beside:  # one of them may not be drawn
+        path.unlink(missing_ok=True)
     whole = contents(record, course, procedure, beside or (None, None))
     for name, data in whole.items():
         write_whole(folder / name, data)
-    return [folder / name for name in whole]
+    return [folder / name for name in whole] + [path for path in beside if path.exists()]
 
 
 def _pdf(body: str, title: str, keywords: str = "", time_s: float = 0.0) -> bytes:

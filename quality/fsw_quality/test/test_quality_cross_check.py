@@ -217,6 +217,13 @@ def test_a_record_without_any_procedure_cannot_be_judged(shop: Path) -> None:
     ]
 
 
+def test_figures_beside_a_page_do_not_change_it(shop: Path, welded_by: Procedure) -> None:
+    found, course = record.make(shop / "weld_1", welded_by)
+    beside = [shop / name for name in report.figure_names("svg")]
+    alone = report.contents(found, course, welded_by)
+    assert report.contents(found, course, welded_by, beside) == alone
+
+
 @pytest.mark.parametrize("name", [report.PAGE, report.PDF])
 def test_a_page_of_another_record(shop: Path, name: str) -> None:
     path = shop / "weld_1" / "record" / name

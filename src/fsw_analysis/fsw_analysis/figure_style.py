@@ -131,12 +131,13 @@ def _save(figure: Figure, path: Path) -> None:
 
 def png(figure: Figure, dpi: float, beside: Path | None = None) -> bytes:
     """A figure as PNG, for a page; also as the file ``beside`` the page, in the format of its name."""
+    with BytesIO() as file:  # first: the layout of a figure that is drawn again differs
+        figure.savefig(file, format="png", dpi=dpi, metadata=_METADATA["png"])
+        drawn = file.getvalue()
     if beside is not None:
         beside.parent.mkdir(parents=True, exist_ok=True)
         _save(figure, beside)
-    with BytesIO() as file:
-        figure.savefig(file, format="png", dpi=dpi, metadata=_METADATA["png"])
-        return file.getvalue()
+    return drawn
 
 
 def legend_below(

@@ -253,7 +253,10 @@ def read(path: Path) -> list[User]:
         text = read_private("users_file", path, _LONGEST_BYTES).decode()
     except UnicodeDecodeError:
         raise InputError(f"{where} is no text in UTF-8") from None
-    users = validated_by(_USERS.validate_python, content_of(text, where) or [], where)
+    content = content_of(text, where)
+    if content is not None and not isinstance(content, list):  # it may hold a password
+        raise InputError(f"{where}: must be a list of users with name, role and password")
+    users = validated_by(_USERS.validate_python, content or [], where)
     names = Counter(user.name.casefold() for user in users)
     if twice := [user.name for user in users if names[user.name.casefold()] > 1]:
         raise InputError(f"{where}: {' and '.join(twice)} are one name (case does not count)")

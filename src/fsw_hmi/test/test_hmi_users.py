@@ -110,7 +110,7 @@ def test_broken_entry_is_told_with_its_number_and_why(file, change, text):
     ("content", "text"),
     [
         (b"\xff\xfe", "is no text in UTF-8"),
-        (b"anna: operate", "is {'anna': 'operate'}, not a list"),
+        (b"anna: operate", "must be a list of users"),
         (b"- name: anna\n role: [", "line 2, column"),
         (b"- {name: a, name: b}", "line 1, column 13: not valid YAML: key 'name' is given twice"),
         (b"[" * 5000, "not valid YAML"),

@@ -93,7 +93,9 @@ def record(arguments: argparse.Namespace) -> int:
             f"{name}: {found.verdict.upper()} ({found.deciding.name}: {found.deciding.words}: {found.deciding.figure})"
         )
         print_notes(_unusual(found))
-        print(f"written: {', '.join(str(folders[name] / file) for file in report.files())}")
+        files = [*report.files(), *report.figure_names(ending)]
+        written = [path for path in (folders[name] / file for file in files) if path.exists()]
+        print(f"written: {', '.join(map(str, written))}")
     if not report.can_write_pdf():
         print_notes([f"no PDF: {record_hook.PDF.absence}"])
     return 0
