@@ -177,7 +177,7 @@ def test_errors_in_a_file_have_their_place(tmp_path, lines, facts):
 @pytest.mark.parametrize(
     ("source", "columns", "facts"),
     [
-        (3, None, ["3"]),
+        (3, None, ["int"]),
         (changed(force_kn=[1.0]), None, ["length"]),
         (changed(force_kn=["x"] * N), None, ["row 0", "'force_kn'", "'x'"]),
         (changed(force_kn=SINCE), None, ["row 0", "'force_kn'"]),
