@@ -18,6 +18,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,8 @@ _CONFIRMED, _SHARE, _ARRIVED = 24.0, 3.0, 8.0
 _ALIKE, _ALIKE_MM, _DEVIATIONS = 0.5, 0.02, 4.0
 #: deviation of a jump of all channels [mm], and of a median, in that of a mean
 _JUMP_MM, _MEDIAN = 0.005, 1.25
+#: ratio of heights up to which a channel that is wrong again shows the same step
+_SAME = 3.0
 #: steps from this height on are seen by a channel of which the filters are sure enough [mm], and
 #: deviations that they must exceed
 _SEEN_MM, _SEEN_DEVIATIONS = 0.05, 6.0
@@ -92,6 +95,14 @@ class _Edge:
         return self.tolerance_mm == SLOW_TOLERANCE_MM
 
 
+class _Wrong(NamedTuple):
+    """Where a channel was wrong by a height, with short gaps, and how wrong last [mm]."""
+
+    since_mm: float
+    until_mm: float
+    height_mm: float
+
+
 class SurfaceEdges:
     """Known edges near the tool, and steps that may be others."""
 
@@ -103,8 +114,8 @@ class SurfaceEdges:
         self.travel_mm, self._moves = math.nan, False
         #: place from which on each channel has watched the surface without a gap
         self._watched_mm = np.full(len(self._noise), math.inf)
-        #: travel when each channel began to be wrong, with short gaps, and when it last was
-        self._since_mm, self._until_mm = np.full((2, len(self._noise)), math.nan)
+        #: by channel, where it was wrong by a height
+        self._wrong: list[list[_Wrong]] = [[] for _ in self._noise]
         self._known: list[_Edge] = []
         self._pending: dict[int, _Edge] = {}  #: by the channel that has stepped
         self._known_at_tool = False  #: whether a known edge has reached the tool in this tick
@@ -114,26 +125,35 @@ class SurfaceEdges:
         self._moves = travel_mm > self.travel_mm
         self.travel_mm = travel_mm
 
-    def note_wrong(self, channel: int) -> None:
-        """Note that a channel is wrong at this tick: its step may have begun here."""
-        if not self.travel_mm - self._until_mm[channel] < TOLERANCE_MM:
-            self._since_mm[channel] = self.travel_mm
-        self._until_mm[channel] = self.travel_mm
+    def note_wrong(self, channel: int, height_mm: float) -> None:
+        """Note that a channel is wrong by a height at this tick: its step may have begun here.
+
+        A step that follows many spikes of another height did not begin with the first of these.
+        """
+        here_mm = self.travel_mm
+        near = [one for one in self._wrong[channel] if here_mm - one.until_mm < TOLERANCE_MM]
+        same = [
+            one
+            for one in near
+            if height_mm * one.height_mm > max(height_mm**2, one.height_mm**2) / _SAME
+        ]
+        now = _Wrong(same[0].since_mm if same else here_mm, here_mm, height_mm)
+        self._wrong[channel] = [*(one for one in near if one not in same), now]
 
     def suspect(self, channel: int, height_mm: float, usable: Mask, slow: bool) -> bool:
         """Whether a step of a channel may be an edge: no other has watched the place before.
 
-        The step is remembered in any case until the tool is there: the other may have slipped by
-        as much.
+        A jump is remembered in any case until the tool is there: the other may have slipped by as
+        much. A step found by means is not: at the tool, noise would look like a small one.
         """
         lead = self._leads[channel]
-        place_mm = float(self._since_mm[channel]) + lead
+        place_mm = self._wrong[channel][-1].since_mm + lead
         tolerance_mm = SLOW_TOLERANCE_MM if slow else TOLERANCE_MM
         further = self._leads[:-1] > lead
         has_watched = self._watched_mm < place_mm - tolerance_mm
         ahead = usable & further & has_watched
         is_seen = bool(ahead.any())
-        if not (self._moves and lead > 0.0 and len(self._known) < EDGES):
+        if not (self._moves and lead > 0.0 and len(self._known) < EDGES) or (slow and is_seen):
             return False
         count = len(self._noise)
         self._pending[channel] = _Edge(
@@ -195,9 +215,10 @@ class SurfaceEdges:
                 edges += self._accept(channel, reached, height_mm, bank)
                 continue
             is_over = not self._beyond(edge)[-1] <= edge.tolerance_mm  # also if it is unknown
-            if is_over:
+            is_slip = is_over or self._has_missed(edge, z, clear)
+            if is_over or (is_slip and edge.is_slow):
                 del self._pending[channel]
-            if not edge.is_slip and (is_over or self._has_missed(edge, z, clear)):
+            if is_slip and not edge.is_slip:
                 edge.is_slip = True
                 slips.append(channel)
         return edges, slips

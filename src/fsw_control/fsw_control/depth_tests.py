@@ -322,8 +322,8 @@ class ChannelTests:
         for i in wrong:
             health[i] = ChannelHealth.SPIKE
             spikes = self._spikes[i]
-            self._edges.note_wrong(i)
             spikes.append(float(bank.z[0, i]))
+            self._edges.note_wrong(i, spikes[-1])
             alike = max(spikes) - min(spikes) < ALIKE * abs(sum(spikes)) / len(spikes)
             if len(spikes) == self._settings.confirm_samples and alike:
                 slipped.append(i)
@@ -349,10 +349,10 @@ class ChannelTests:
         """
         isolated, slow = [], flaw is ChannelHealth.STEPPED
         for i in channels:
-            self._edges.note_wrong(i)
+            height_mm = float(self._means[0, 0, i] if slow else np.mean(self._spikes[i]))
+            self._edges.note_wrong(i, height_mm)
             if self._edges.expects(i):  # decided there
                 continue
-            height_mm = float(self._means[0, 0, i] if slow else np.mean(self._spikes[i]))
             self._spikes[i].clear()
             self._agreed[i], self._before[i] = 0, self._off[i]
             if slow:

@@ -301,6 +301,30 @@ def test_a_slip_beside_an_edge_does_not_shift_the_depth(channel, edge_mm, slip_m
     assert set(w.estimates[-1].used) >= set(ALL) - {channel}
 
 
+@pytest.mark.parametrize(
+    ("channel", "step_mm"), [("lvdt_lead", 0.03), ("lvdt_lead", 0.05), ("laser", 0.03)]
+)
+def test_a_small_step_without_an_edge_is_none_at_the_tool(channel, step_mm):
+    """Nor is the verdict delayed until then."""
+    for seed in range(4):
+        fault = {channel: lambda y, since_s, r: y + step_mm}
+        w = Weld(seed, fault=fault, edges={}).run(AT_S)
+        w.mm_per_s = 1.43
+        w.run(25.0)
+        assert w.estimates[-1].health[channel] is not STEPPED
+        w.run(50.0)
+        assert np.abs(np.array(w.errors_mm[-700:]) - np.mean(w.errors_mm[-850:-750])).max() < 0.02
+
+
+@pytest.mark.parametrize("edge_mm", [0.1, -0.15])
+def test_an_edge_after_many_spikes_is_no_slip(edge_mm):
+    """Its place is where the channel began to show it, not where the first spike was."""
+    spike = {"lvdt_lead": lambda y, since_s, r: y + (round(10 * since_s) % 10 == 0)}
+    at_mm = (AT_S + 30.0) * MM_PER_S
+    w = Weld(5, fault=spike, edges={at_mm: edge_mm}).run(AT_S + 60.0)
+    assert SLIP not in {one.health["lvdt_lead"] for one in w.estimates[-600:]}
+
+
 def test_a_channel_that_falls_silent_while_it_is_watched_is_missing():
     """That it has stepped is no verdict."""
     fault = {"laser": lambda y, since_s, r: y + 0.03 if since_s < 8.0 else None}
@@ -317,7 +341,7 @@ def test_a_jump_keeps_its_height_and_a_slow_step_may_grow(slow):
     usable = np.array([name != "laser" for name in ALL])
     edges.move(0.0)
     edges.move(1.0)
-    edges.note_wrong(0)
+    edges.note_wrong(0, 0.1)
     assert edges.suspect(0, 0.1, usable, slow)
     for laser_mm in [0.1] * 5 + [0.4] * 20:
         bank.innovate(np.where(usable, 0.0, laser_mm), 0.0)
