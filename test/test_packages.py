@@ -35,7 +35,7 @@ MAY_IMPORT = {
     "fsw_nmpc": {"fsw_model", "fsw_control"},
     "fsw_decentral": {"fsw_control"},
     "fsw_plant": {"fsw_model", "fsw_control", "fsw_msgs"},
-    "fsw_machine": {"fsw_control", "fsw_msgs"},
+    "fsw_machine": {"fsw_model", "fsw_control", "fsw_msgs"},
     "fsw_supervisor": {"fsw_control", "fsw_model", "fsw_msgs"},
     "fsw_recorder": {"fsw_control"},
     "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model"},

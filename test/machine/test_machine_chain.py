@@ -5,12 +5,16 @@ import signal
 from math import isnan
 
 import pytest
+import yaml
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from machine_weld import GRAPH, MachineWeld
 
+from fsw_control.depth_channels import ChannelHealth
+from fsw_control.sensors import DEPTH_CHANNELS
+from fsw_plant.events import Fault
 from fsw_scenario.launcher import Launcher
-from fsw_test_support.machine import free_port, write_machine_file
+from fsw_test_support.machine import RunningMachine, free_port, write_machine_file
 from fsw_test_support.ros_graph import domain_id
 from fsw_test_support.waiting import PATIENCE_S
 
@@ -34,6 +38,33 @@ def test_it_welds(weld):
     weld.until(
         lambda: temperature() == pytest.approx(weld.temperature_c(), abs=2.0), "the temperature"
     )
+
+
+def test_it_welds_with_several_sensors_of_the_depth_of_which_one_slips(
+    tmp_path, shipped_text, domain_id
+):
+    nodes = yaml.safe_load(shipped_text)["nodes"]
+    del nodes["depth"]
+    nodes |= {name: {"node": f"s=Weld.{name}", "unit": "mm"} for name in DEPTH_CHANNELS}
+    nodes |= {"touch_off": {"node": "s=Weld.TouchOffs"}}
+    nodes |= {"travel": {"node": "s=Weld.Travel", "unit": "mm"}}
+    port, parts = free_port(), {"nodes": nodes, "depth_fusion": {}}
+    file = write_machine_file(tmp_path / "machine.yaml", port, shipped_text, **parts)
+    machine = RunningMachine(file, machine={"depth_channels": True})
+    with Launcher(tmp_path / "log", domain_id) as launcher:
+        weld = MachineWeld(domain_id, launcher, machine, file)
+        weld.start(*GRAPH)
+        weld.runs()
+        bad, seen = list(DEPTH_CHANNELS).index("depth_lvdt_trail"), len(weld.depths)
+        weld.until(lambda: len(weld.depths) > seen + 20, "the biases of the channels")
+        slip = Fault("depth_lvdt_trail", "bias", 0.4)
+        machine.do(lambda server: server.plant.begin(slip))
+        weld.until(lambda: weld.depths[-1].channel_health[bad] == ChannelHealth.SLIP, "the slip")
+        assert weld.depths[-1].channels_used & 1 << bad == 0
+        assert weld.depths[-1].depth == pytest.approx(2.66e-3, abs=1e-4)
+        weld.runs(more=5)
+        weld.close()
+    machine.stop()
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ Only here is visible what all sensors share. The next weld on the machine takes 
 from __future__ import annotations
 
 import csv
+import hashlib
 import math
 from collections.abc import Mapping
 from io import StringIO
@@ -85,6 +86,13 @@ class Footprint(Model):
         """Read a JSON file; InputError if that is not possible."""
         text = read_text(path, "footprint")
         return validate(cls, json_content_of(text, str(path)), str(path))
+
+    @classmethod
+    def from_named(cls, path: str | Path) -> tuple[Footprint | None, str]:
+        """The footprint in a file and the file's SHA-256; no name: none."""
+        if not path:
+            return None, ""
+        return cls.from_file(path), hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
     def bias_mm(self, sensor: str, angle_deg: float) -> tuple[float, float]:
         """Bias of a sensor at an angle, and its standard deviation; NaN: their means.

@@ -15,6 +15,7 @@ from std_msgs.msg import Header
 from fsw_control import units
 from fsw_control.coded import RefusedError
 from fsw_control.contract import Command, Plan, Proposal, Reference
+from fsw_control.depth_channels import ChannelHealth
 from fsw_control.depth_fusion import DepthEstimate
 from fsw_control.fence import ActuatorState, Signature
 from fsw_control.heat_plan import HeatPlan
@@ -110,7 +111,9 @@ def add_basis(
     message.footprint = footprint_sha256
     if fused is not None:
         message.standard_deviation = units.m_from_mm(fused.deviation_mm)
-        message.channel_health = [fused.health[name] for name in DEPTH_CHANNELS.values()]
+        message.channel_health = [
+            fused.health.get(name, ChannelHealth.UNKNOWN) for name in DEPTH_CHANNELS.values()
+        ]
         message.channels_used = sum(
             1 << k for k, name in enumerate(DEPTH_CHANNELS.values()) if name in fused.used
         )

@@ -15,13 +15,16 @@ from fsw_control.coded import Fact, Worded
 from fsw_control.command_check import refusal
 from fsw_control.command_gate import CommandGate
 from fsw_control.contract import Command, Limits
+from fsw_control.depth_footprint import Footprint
+from fsw_control.depth_fusion import DepthEstimate
 from fsw_control.fence import LOST_COMMANDS, UNSIGNED, Fence, Signature
 from fsw_control.message_synchronizer import JUMP_NS
 from fsw_control.sensors import SENSORS
 from fsw_control.stop import StopCause
 from fsw_control.units import NANOSECONDS
 from fsw_machine.machine_file import MachineFile
-from fsw_machine.samples import CycleRead, Sample, Stamps, bit, sample
+from fsw_machine.samples import CycleRead, Sample, Stamps, bit, fault_of, sample
+from fsw_model.fused_depth import FusedDepth
 
 #: pause after which supervisor and controllers restart from the drives' feedback: 20 % above their
 #: limit
@@ -42,7 +45,7 @@ _SETTLED_CYCLES = 3
 #: number of ticks whose counter is kept
 _KEPT = 32
 #: nodes without a number
-_NO_NUMBERS = ("cycle", "permissive")
+_NO_NUMBERS = ("cycle", "permissive", "touch_off")
 
 
 class Rejection(Worded):
@@ -76,6 +79,7 @@ class Publication:
     stamp_ns: int
     values: Mapping[str, float]  #: by sensor
     drives: Command
+    fused: DepthEstimate | None = None  #: what the depth rests on, if it is fused
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +107,37 @@ class _Write(NamedTuple):
     acknowledged: bool
 
 
+class _SensorFusion:
+    """The depth of several sensors, which are calibrated afresh by each touch-off."""
+
+    def __init__(self, machine: MachineFile, footprint: Footprint | None) -> None:
+        self._touch_off = machine.nodes.touch_off
+        self._counted: int | None = None
+        self._fused: FusedDepth | None = None
+        if (part := machine.depth_fusion) is not None:
+            self._fused = FusedDepth(footprint, part.touch_off_kn, machine.depth_sensors)
+
+    def update(
+        self, read: CycleRead, samples: Mapping[str, Sample], stamp_ns: int
+    ) -> DepthEstimate | None:
+        """The depth at a cycle; None if the machine delivers it."""
+        if self._fused is None or self._touch_off is None:
+            return None
+        raw = read.values["touch_off"]
+        if isinstance(raw.value, int) and not fault_of(raw, self._touch_off, read.source_ns):
+            if self._counted not in (None, raw.value):
+                self._fused.reset()
+            self._counted = raw.value
+        value = {name: one.value for name, one in samples.items()}
+        return self._fused.update(
+            stamp_ns / NANOSECONDS,
+            {name: value.get(row.stem, nan) for name, row in SENSORS.items()},
+            Command(value["force_acting"], value["speed_acting"]),
+            value.get("angle", nan),
+            value.get("travel", nan),
+        )
+
+
 class Gateway:
     """Decides on each read and command, in one thread; all times are passed in (steady seconds).
 
@@ -120,8 +155,11 @@ class Gateway:
     other is rejected. A command that arrives while a write is unanswered waits for the answer.
     """
 
-    def __init__(self, machine: MachineFile, values: Mapping[str, Any]) -> None:
+    def __init__(
+        self, machine: MachineFile, values: Mapping[str, Any], footprint: Footprint | None = None
+    ) -> None:
         self._machine = machine
+        self._depth = _SensorFusion(machine, footprint)
         #: counts all rejections
         self.gate = CommandGate(
             Limits.from_parameters(values),
@@ -204,6 +242,7 @@ class Gateway:
         self.invalid += sum(bool(one.fault) for one in self.samples.values())
         self.permissive = self.samples["permissive"].value == 1.0
         self._note_safe_reaction(stamp_ns)
+        fused = self._depth.update(read, self.samples, stamp_ns)
         begins = False
         given_up = (
             self._lost and self.fence.state.unanswered >= LOST_COMMANDS
@@ -228,7 +267,9 @@ class Gateway:
             Command(value[f"force_{kind}"], value[f"speed_{kind}"]) if obeys else Command(nan, nan)
         )
         values = {name: value[row.stem] for name, row in SENSORS.items() if row.stem in value}
-        return Publication(stamp_ns, values, drives)
+        if fused is not None:
+            values["depth"] = fused.depth_mm
+        return Publication(stamp_ns, values, drives, fused)
 
     def _note_safe_reaction(self, stamp_ns: int) -> None:
         """Begin a safe stop if the machine has moved by itself: its watchdog, or a hand.

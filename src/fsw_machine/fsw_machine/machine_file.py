@@ -16,9 +16,10 @@ from pydantic import (
     model_validator,
 )
 
-from fsw_control import units
+from fsw_control import units, weld
 from fsw_control.schema.models import Model, content_of, problem, read_text, validate
-from fsw_control.sensors import SENSORS
+from fsw_control.schema.ranges import Range
+from fsw_control.sensors import DEPTH_CHANNELS, SENSORS
 
 _NODE_ID = re.compile(
     r"(ns=\d+;)?(i=\d+|s=.+|g=[0-9A-Fa-f]{8}(-[0-9A-Fa-f]{4}){3}-[0-9A-Fa-f]{12}"
@@ -30,6 +31,7 @@ _UNITS = {
     **{"N m": (1.0, 0.0), "kN m": (1e3, 0.0)},
     **{"degC": (1.0, 0.0), "K": (1.0, -273.15)},
     **{"kN": (1.0, 0.0), "N": (units.kn_from_n(1.0), 0.0)},
+    "deg": (1.0, 0.0),
     **{"rpm": (1.0, 0.0), "rad/s": (units.rpm_from_rad_s(1.0), 0.0), "1/s": (60.0, 0.0)},
 }
 _Length = Literal["mm", "m", "um"]
@@ -141,8 +143,11 @@ _MEASURED: dict[str, Any] = {
 }
 if TYPE_CHECKING:
     _Sensors = _Machine
-else:  # a node for each sensor; optional unless control requires the sensor
-    _KINDS = {row.stem: (_MEASURED[row.quantity.name], row.required) for row in SENSORS.values()}
+else:  # a node for each sensor; optional unless control requires it: the depth may be fused
+    _KINDS = {
+        row.stem: (_MEASURED[row.quantity.name], row.required and row.stem != "depth")
+        for row in SENSORS.values()
+    }
     _Sensors = create_model(
         "_Sensors",
         __base__=_Machine,
@@ -164,6 +169,12 @@ class Nodes(_Sensors):
     speed_setpoint: Quantity[_Speed]
     heartbeat: NodeSpec
     """counter value that the set-points answer"""
+    touch_off: ReadNode | None = None
+    """number of touch-offs of the depth sensors, for ``depth_fusion``"""
+    travel: Measured[_Length] | None = None
+    """distance that the tool has travelled; without it an edge of the surface is a slip"""
+    angle: Measured[Literal["deg"]] | None = None
+    """angle of the tool, for a footprint"""
 
     def __getitem__(self, name: str) -> Any:
         return getattr(self, name)
@@ -180,6 +191,15 @@ class Nodes(_Sensors):
 
 
 WRITTEN = ("force_setpoint", "speed_setpoint", "heartbeat")
+
+
+class DepthFusionPart(Model):
+    """Makes the depth of the nodes ``depth_laser`` etc., in place of a node ``depth``."""
+
+    touch_off_kn: Annotated[float, Range(0.0, 200.0, "kN")] = weld.FORCE_KN
+    """Axial force at the touch-off."""
+    footprint_file: _File | None = None
+    """JSON file of fsw.py footprint, of an earlier weld on the machine"""
 
 
 class Security(Model):
@@ -216,6 +236,27 @@ class MachineFile(Model):
     )
     user: User | None = None
     nodes: Nodes
+    depth_fusion: DepthFusionPart | None = None
+
+    @property
+    def depth_sensors(self) -> tuple[str, ...]:
+        """The sensors (of ``DEPTH_CHANNELS``) of which the machine has a node."""
+        return tuple(name for name in DEPTH_CHANNELS if SENSORS[name].stem in self.nodes.given)
+
+    @model_validator(mode="after")
+    def _check_depth(self) -> MachineFile:
+        given = self.nodes.given
+        if self.depth_fusion is None:
+            if "depth" not in given:
+                raise problem("lacks depth; give it, or depth_fusion", "nodes")
+            return self
+        if "depth" in given:
+            raise problem("contradicts depth_fusion, which makes the depth", "nodes", "depth")
+        if not self.depth_sensors:
+            raise problem(f"needs one of the nodes {', '.join(DEPTH_CHANNELS)}", "depth_fusion")
+        if "touch_off" not in given:
+            raise problem("lacks touch_off, with which depth_fusion begins afresh", "nodes")
+        return self
 
     @model_validator(mode="after")
     def _check_user(self) -> MachineFile:
@@ -244,6 +285,7 @@ class MachineFile(Model):
             update={
                 "security": _beside(folder, machine.security),
                 "user": _beside(folder, machine.user),
+                "depth_fusion": _beside(folder, machine.depth_fusion),
             }
         )
 

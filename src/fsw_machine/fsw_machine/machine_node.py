@@ -17,6 +17,7 @@ from fsw_control import messages_ros as convert
 from fsw_control.coded import Fact
 from fsw_control.command_writers_ros import CommandWriters
 from fsw_control.contract import Limits
+from fsw_control.depth_footprint import Footprint
 from fsw_control.managed_node_ros import ManagedNode
 from fsw_control.node_main_ros import main_of
 from fsw_control.parameters_ros import ParameterValues
@@ -82,7 +83,10 @@ class MachineNode(ManagedNode):
         )
         self._machine = MachineFile.load(path)
         self._check_secrets()
-        self._gateway = Gateway(self._machine, self._settings.values)
+        part = self._machine.depth_fusion
+        file = part and part.footprint_file
+        footprint, self._footprint_sha256 = Footprint.from_named(file or "")
+        self._gateway = Gateway(self._machine, self._settings.values, footprint)
         self._events: deque[Event] = deque()
         self._lost, self._retry_s, self._losses, self._attempts = "", 0.0, 0, 0
         self._stalled_s = self._longest_write_s = 0.0
@@ -189,8 +193,12 @@ class MachineNode(ManagedNode):
             convert.drives_message(out.drives, out.stamp_ns, self._gateway.fence.state)
         )
         for name, publisher in self._sensors.items():
-            if name in out.values:
-                publisher.publish(convert.sensor_message(name, out.values[name], out.stamp_ns))
+            if name not in out.values:
+                continue
+            message = convert.sensor_message(name, out.values[name], out.stamp_ns)
+            if name == "depth" and (fused := out.fused) is not None:
+                convert.add_basis(message, fused, fused.footprint_mm, self._footprint_sha256)
+            publisher.publish(message)
 
     def _on_command(self, message: WeldCommand) -> None:
         gateway, stamp_ns = self._gateway, convert.stamp_ns(message.header.stamp)

@@ -84,7 +84,7 @@ async def check_nodes(
         node = machine.nodes[name].node
         if name == "permissive":
             fits, wanted_kind = kind is ua.VariantType.Boolean, "a Boolean"
-        elif name in ("cycle", "heartbeat"):
+        elif name in ("cycle", "heartbeat", "touch_off"):
             fits, wanted_kind = kind in WHOLE, "a whole number"
         else:
             fits, wanted_kind = kind in _NUMBERS, "a number"

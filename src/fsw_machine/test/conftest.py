@@ -5,8 +5,10 @@ from __future__ import annotations
 from importlib import resources
 
 import pytest
+import yaml
 
 from fsw_control.parameters import defaults
+from fsw_control.sensors import DEPTH_CHANNELS
 from fsw_control.units import NANOSECONDS
 from fsw_machine.machine_file import MachineFile
 from fsw_machine.parameters import GatewayParameters
@@ -37,6 +39,19 @@ def shipped_text():
 @pytest.fixture(scope="session")
 def machine(shipped_text):
     return MachineFile.parse(shipped_text)
+
+
+@pytest.fixture(scope="session")
+def several_sensors(shipped_text):
+    """A machine file with the sensors of the depth in place of one depth."""
+    content = yaml.safe_load(shipped_text)
+    del content["nodes"]["depth"]
+    content["nodes"] |= {
+        **{name: {"node": f"s=Weld.{name}", "unit": "mm"} for name in DEPTH_CHANNELS},
+        "touch_off": {"node": "s=Weld.TouchOffs"},
+        "travel": {"node": "s=Weld.Travel", "unit": "mm"},
+    }
+    return yaml.safe_dump(content | {"depth_fusion": {}})
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_control.schema.models import InputError
+from fsw_control.sensors import DEPTH_CHANNELS
 from fsw_machine.machine_file import WRITTEN, MachineFile, Nodes
 
 SECURITY = {
@@ -34,7 +35,8 @@ def changed(text, path, value=None, remove=False):
 
 def test_the_shipped_file_names_every_node(machine):
     required = [name for name, field in Nodes.model_fields.items() if field.is_required()]
-    assert list(machine.nodes.given) == required == [*machine.nodes.read, *WRITTEN]
+    assert list(machine.nodes.given) == [*machine.nodes.read, *WRITTEN]
+    assert {*machine.nodes.given} == {*required, "depth"}
     assert machine.security is None and machine.user is None
 
 
@@ -65,6 +67,7 @@ def test_scale_and_offset_are_undone_when_written(scale, offset, number):
     content = {
         name: {"node": "i=1"} for name, field in Nodes.model_fields.items() if field.is_required()
     }
+    content["depth"] = {"node": "i=1"}
     for name, unit in (("depth", "mm"), ("torque", "N m"), ("temperature", "K")):
         content[name]["unit"] = unit
     for name in ("acting", "in_force", "setpoint"):
@@ -108,6 +111,20 @@ def test_one_line_for_what_is_wrong(shipped_text, path, value, kind, fact):
     assert caught.value.problems == ((path, kind),)
     text = str(caught.value)
     assert text.startswith("machine.yaml: ") and fact in text and "\n" not in text
+
+
+def test_the_depth_is_one_node_or_fused_of_several(shipped_text, several_sensors):
+    assert MachineFile.parse(several_sensors).depth_sensors == tuple(DEPTH_CHANNELS)
+    for text, path, value, place in (
+        (shipped_text, "nodes.depth", None, "nodes"),
+        (several_sensors, "depth_fusion", None, "nodes"),
+        (several_sensors, "nodes.touch_off", None, "nodes"),
+        (several_sensors, "nodes.depth", {"node": "i=1", "unit": "mm"}, "nodes.depth"),
+        (shipped_text, "depth_fusion", {}, "nodes.depth"),
+    ):
+        with pytest.raises(InputError) as caught:
+            MachineFile.parse(changed(text, path, value, remove=value is None))
+        assert caught.value.problems == ((place, "problem"),)
 
 
 @pytest.mark.parametrize(

@@ -3,14 +3,18 @@
 from dataclasses import replace
 from math import isnan, nan
 
+import numpy as np
 import pytest
 
 from fsw_control import Command
 from fsw_control.command_check import Flaw
+from fsw_control.depth_channels import ChannelHealth
 from fsw_control.fence import UNKNOWN, Signature
+from fsw_control.sensors import DEPTH_CHANNELS, SENSORS
 from fsw_control.stop import Stop, StopCause
 from fsw_control.units import NANOSECONDS
 from fsw_machine.gateway import PAUSE_S, Gateway
+from fsw_machine.machine_file import MachineFile
 from fsw_machine.samples import RawValue
 
 STEADY = Command(78.4, 407.5)
@@ -568,3 +572,71 @@ def test_when_nobody_commands_after_a_failed_write_control_begins_again_from_the
     running.pause()
     running.cycle()
     assert running.cycle().drives == running.in_force
+
+
+# ---------------------------------------------------------------- several sensors of the depth
+
+
+class Several:
+    """A machine with four sensors of the depth, which stands at one depth."""
+
+    def __init__(self, text, parameters, read_of):
+        self.machine = Machine(MachineFile.parse(text), parameters, read_of)
+        self.random, self.added_mm, self.touch_offs = np.random.default_rng(1), {}, 7
+
+    def run(self, ticks, **changed):
+        """What was published at last."""
+        for _ in range(ticks):
+            shown = {
+                name: 2.66
+                + self.added_mm.get(name, 0.0)
+                + SENSORS[name].noise * self.random.normal()
+                for name in DEPTH_CHANNELS
+            }
+            more = {"touch_off": self.touch_offs, "travel": 0.0, "depth": nan}
+            out = self.machine.cycle(**(shown | more | changed))
+        return out
+
+
+@pytest.fixture
+def several(several_sensors, parameters, read_of):
+    return Several(several_sensors, parameters, read_of)
+
+
+@pytest.mark.parametrize("sensor", DEPTH_CHANNELS)
+def test_the_depth_of_several_sensors_outlives_a_slip_of_one(several, sensor):
+    assert several.run(100).values["depth"] == pytest.approx(2.66, abs=0.02)
+    several.added_mm[sensor] = 0.3
+    out = several.run(30)
+    assert out.values["depth"] == pytest.approx(2.66, abs=0.03)
+    assert out.fused.health[DEPTH_CHANNELS[sensor]] is not ChannelHealth.GOOD
+    assert DEPTH_CHANNELS[sensor] not in out.fused.used
+
+
+def test_a_touch_off_begins_afresh(several):
+    several.run(50)
+    several.added_mm = dict.fromkeys(DEPTH_CHANNELS, -0.5)
+    several.touch_offs += 1
+    assert several.run(1).values["depth"] == pytest.approx(2.16, abs=0.02)
+
+
+@pytest.mark.parametrize("count", [RawValue(9, 0x80000000, "Bad", 1), RawValue(9), 9.0, None])
+def test_a_touch_off_that_is_not_certain_changes_nothing(several, count):
+    several.run(50)
+    several.added_mm["depth_laser"] = 0.3
+    several.run(30)
+    assert "laser" not in several.run(5, touch_off=count).fused.used
+
+
+def test_no_sensor_of_the_depth_is_an_unknown_depth(several):
+    several.run(20)
+    assert isnan(several.run(10, **dict.fromkeys(DEPTH_CHANNELS, nan)).values["depth"])
+
+
+def test_a_pause_of_the_measurements_does_not_pause_the_fusion(several):
+    several.run(50)
+    several.machine.gateway.on_lost()
+    several.machine.gateway.on_connected()
+    several.added_mm["depth_axial"] = 0.3
+    assert several.run(5) is None
+    assert "axial" not in several.run(30).fused.used

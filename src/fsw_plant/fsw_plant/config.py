@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -78,7 +77,7 @@ class PlantConfig:
             if before is not None and before.machine.footprint_file == file:
                 footprint = before.footprint, before.footprint_sha256
             else:
-                footprint = _footprint(file)
+                footprint = Footprint.from_named(file)
             return cls(checked, limits, _model(checked), machine, *footprint, _canister(checked))
         except ValueError as error:
             raise InputError(str(error)) from None
@@ -105,13 +104,6 @@ def flatten(values: Mapping[str, Any]) -> dict[str, Any]:
         else:
             flat[str(name)] = value
     return flat
-
-
-def _footprint(file: str) -> tuple[Footprint | None, str]:
-    """A footprint, and the SHA-256 of its file; no name: none."""
-    if not file:
-        return None, ""
-    return Footprint.from_file(file), hashlib.sha256(Path(file).read_bytes()).hexdigest()
 
 
 def _model(values: Mapping[str, Any]) -> ModelParameters:

@@ -27,10 +27,10 @@ from fsw_control.command_check import refusal
 from fsw_control.command_gate import CommandGate
 from fsw_control.depth_fusion import DepthEstimate
 from fsw_model import STEP_S, Equilibrium, OperatingPointError
+from fsw_model.fused_depth import FusedDepth
 from fsw_plant.config import PlantConfig
 from fsw_plant.core import PlantCore
 from fsw_plant.events import OUTPUT_CHANNELS, Disturbance, Fault, PlantEvent, Sample
-from fsw_plant.fused_depth import FusedDepth
 from fsw_plant.library import CHANNELS
 from fsw_plant.machine import Machine
 from fsw_plant.schedule import PlantSchedule

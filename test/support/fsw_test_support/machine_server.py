@@ -51,6 +51,7 @@ _TYPES = {
     "cycle": ua.VariantType.UInt32,
     "heartbeat": ua.VariantType.UInt32,
     "permissive": ua.VariantType.Boolean,
+    "touch_off": ua.VariantType.UInt32,
 }
 #: cycles of which stamp and time of writing are known
 _KEPT = 50
@@ -215,13 +216,18 @@ class MachineServer:
                 await self._show(stem, value, stamp_ns - (reading.stamp_ns - sample_ns))
         await self._show("permissive", self.permissive, stamp_ns)
         acting, in_force = reading.drives, self.plant.applied
+        core = self.plant.core
         for name, value in (
+            ("touch_off", 1),
+            ("travel", core.travel_mm),
+            ("angle", core.angle_deg),
             ("force_acting", acting.force_kn),
             ("speed_acting", acting.speed_rpm),
             ("force_in_force", in_force.force_kn),
             ("speed_in_force", in_force.speed_rpm),
         ):
-            await self._show(name, value, stamp_ns)
+            if name in self._ids:
+                await self._show(name, value, stamp_ns)
         await self._show("cycle", self.counter, stamp_ns)
         begun_s = time.monotonic()
         self.begun_s.append(begun_s)

@@ -1,12 +1,12 @@
-"""The depth of a plant with several sensors of it, as all nodes take it from fsw/depth."""
+"""The depth of a machine with several sensors of it, as all nodes take it from fsw/depth."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from math import nan
 
 from fsw_control.contract import Command
-from fsw_control.depth_channels import DepthFusionSettings
+from fsw_control.depth_channels import CHANNELS, DepthFusionSettings
 from fsw_control.depth_footprint import Footprint
 from fsw_control.depth_fusion import DepthEstimate, DepthFusion
 from fsw_control.sensors import DEPTH_CHANNELS
@@ -15,11 +15,32 @@ from fsw_model.equations import friction_torque_nm, power_kw, process_torque_nm
 
 
 class FusedDepth:
-    """Fuses the samples of the depth's channels with force, torque and power that are measured."""
+    """Fuses the samples of the depth's channels with force, torque and power that are measured.
 
-    def __init__(self, footprint: Footprint | None, touch_off_kn: float) -> None:
+    Parameters
+    ----------
+    footprint : Footprint or None
+        Of an earlier weld.
+    touch_off_kn : float
+        Axial force at the touch-off.
+    sensors : collection of str
+        Those that the machine has, of ``DEPTH_CHANNELS``.
+    """
+
+    def __init__(
+        self,
+        footprint: Footprint | None,
+        touch_off_kn: float,
+        sensors: Collection[str] = tuple(DEPTH_CHANNELS),
+    ) -> None:
         settings = DepthFusionSettings(calibration_force_kn=touch_off_kn)
-        self._fusion = DepthFusion(settings, torque_model=_torque_nm, footprint=footprint)
+        names = [DEPTH_CHANNELS[sensor] for sensor in sensors]
+        channels = {name: row for name, row in CHANNELS.items() if name in names}
+        self._fusion = DepthFusion(settings, channels, _torque_nm, footprint)
+
+    def reset(self) -> None:
+        """Forget the past: the sensors have touched off."""
+        self._fusion.reset()
 
     def update(
         self,
