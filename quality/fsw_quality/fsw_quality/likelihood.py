@@ -19,15 +19,16 @@ from pathlib import Path
 import numpy as np
 
 from fsw_analysis.weld_signals import FloatArray
-from fsw_model import ModelParameters, ParameterCovariance
+from fsw_control.weld import SPEED_RPM
+from fsw_model import ModelParameters, ParameterCovariance, equations
 from fsw_quality.residuals import COEFFICIENTS, DEPTH, HEAT, TORQUE
 
 #: states behind the coefficients and the probe's lag: swing of the torque, which may be the
 #: sensor's, sway of the process and its level [N m]; offset of the depth, edges of the workpiece
 #: [mm], force that is missing [kN], coloured noise of the depth [mm];
 #: temperature that the power does not explain [degC], its level at rest [degC] and the slope of
-#: that [degC/s], coloured noise of the temperature [degC]; swings of the seconds before, until they
-#: reach the thermocouple
+#: that [degC/s], coloured noise of the temperature [degC]. Behind them a filter has the swings of the
+#: seconds before, until they reach the thermocouple
 _STATES = (
     "swing",
     "sway",
@@ -40,14 +41,10 @@ _STATES = (
     "rest",
     "slope",
     "heat_noise",
-    "swing_1",
-    "swing_2",
-    "swing_3",
-    "swing_4",
 )
 _N = len(COEFFICIENTS) + 1
-SWING, SWAY, LEVEL, OFFSET, EDGE, FORCE, DEPTH_NOISE, WARMTH, REST, SLOPE, HEAT_NOISE, *_LATE = (
-    range(_N, _N + len(_STATES))
+SWING, SWAY, LEVEL, OFFSET, EDGE, FORCE, DEPTH_NOISE, WARMTH, REST, SLOPE, HEAT_NOISE = range(
+    _N, _N + len(_STATES)
 )
 N_STATES = _N + len(_STATES)
 #: standard deviations of the states at the begin of a weld, beside the coefficients' (chosen,
@@ -100,11 +97,9 @@ _LEARNT = {TORQUE: SWING, DEPTH: DEPTH_NOISE, HEAT: HEAT_NOISE}
 #: factors on the sizes that are tried (chosen)
 _FACTORS = 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 96.0
 _TRIED = list(product(range(4), _FACTORS))
-#: the model's tool warms by so much in a second [degC] by a N m of the torque. Power is computed from
-#: the measured torque, so that a swing, which may be the sensor's noise, heats the model and not the
-#: workpiece: the filter knows the swing by the torque, and takes its heat out once the dead time and
-#: the tool's lag are over (``_LATE``)
-_WARMTH_PER_NM = 0.025
+#: digits of the warmth by a N m, much less than its least walk, and most seconds that it is late
+#: (chosen)
+_DIGITS, _MOST_LATE_S = 3, 20
 #: share of what is taken for a sway that may be slow noise of the torque sensor all the same (chosen)
 _SENSORS = 0.5
 #: a larger size is taken if the loss of log likelihood is not more than this (chosen)
@@ -181,9 +176,6 @@ def _tried(choices: dict[int, tuple[int, float]]) -> Sizes:
         state = _LEARNT[residual]
         found.factors[state], found.times_s[state] = factor, _CORRELATED_S[state][which]
     found.times_s[SWAY], found.factors[SWAY] = _SWAY_S, _SWAYS[choices[TORQUE][0]]
-    sensors_nm = _SENSORS * found.factors[SWAY] * _LEAST[SWAY]
-    heats = _WARMTH_PER_NM * sensors_nm * sqrt(2.0 * max(_CORRELATED_S[SWING])) / _LEAST[WARMTH]
-    found.factors[WARMTH] = sqrt(1.0 + heats**2)
     return found
 
 
@@ -192,6 +184,19 @@ def _likeliest(lost: FloatArray) -> tuple[int, float]:
     which = _TRIED[int(np.argmin(lost))][0]
     likely = lost <= lost.min() + 2.0 * _NEARLY
     return which, max(_TRIED[i][1] for i in np.flatnonzero(likely) if _TRIED[i][0] == which)
+
+
+def warmth_of(parameters: ModelParameters) -> tuple[float, int]:
+    """How much the model's tool warms in a second by a N m of the torque [degC], and how late that is [s].
+
+    Power is computed from the measured torque, so that a swing, which may be the sensor's noise, heats
+    the model and not the workpiece. The filter knows the swing by the torque, and takes its heat out
+    once the dead time and the tool's lag are over.
+    """
+    follow = 1.0 - exp(-1.0 / parameters.copper_lag_s)
+    gain = parameters.thermal_gain_c_per_kw * float(equations.power_kw(1.0, SPEED_RPM))
+    late_s = round(parameters.dead_time_s + parameters.tool_lag_s)
+    return round(gain * follow, _DIGITS), min(late_s, _MOST_LATE_S)
 
 
 class Filter:
@@ -204,33 +209,41 @@ class Filter:
         known_heat: bool,
         tried: Sequence[Sizes],
     ) -> None:
-        n = len(tried)
-        self._step, self._fresh = (
-            np.repeat(np.eye(N_STATES)[None], n, axis=0),
-            np.zeros((n, N_STATES, N_STATES)),
-        )
+        self._warmth_per_nm, late = warmth_of(parameters)
+        n, self.n_states = len(tried), N_STATES + late
+        swings = [SWING, *range(N_STATES, self.n_states)]
+        shape = n, self.n_states, self.n_states
+        self._step, self._fresh = np.tile(np.eye(self.n_states), (n, 1, 1)), np.zeros(shape)
         follow = 1.0 - exp(-1.0 / parameters.copper_lag_s)
         self._step[:, WARMTH, [WARMTH, REST]] = 1.0 - follow, follow
         self._step[:, REST, SLOPE] = 1.0
-        self._step[:, _LATE, _LATE] = 0.0
-        self._step[:, _LATE, [SWING, *_LATE[:-1]]] = 1.0
-        self._step[:, WARMTH, _LATE[-1]] = -_WARMTH_PER_NM
+        self._step[:, swings[1:], swings[1:]] = 0.0
+        self._step[:, swings[1:], swings[:-1]] = 1.0
+        self._step[:, WARMTH, swings[-1]] = -self._warmth_per_nm
         self._step[:, OFFSET, FORCE] = parameters.depth_gain_mm_per_kn_s
-        walk = np.zeros(N_STATES)
+        walk = np.zeros(self.n_states)
         walk[list(_LEAST)] = list(_LEAST.values())
         walk[:_N] = _WALK * np.sqrt(np.diag(covariance)) * _WALKING
         if not known_heat:
             walk[REST] = _UNKNOWN_HEAT
         for sizes, step, fresh in zip(tried, self._step, self._fresh, strict=True):
-            kept = np.zeros(N_STATES)
+            kept, factors = np.zeros(self.n_states), np.ones(self.n_states)
+            factors[:N_STATES] = sizes.factors
+            factors[WARMTH] *= self._warmer(sizes)
             for state, time_s in sizes.times_s.items():
                 kept[state] = step[state, state] = exp(-1.0 / time_s)
-            np.fill_diagonal(fresh, (walk * sizes.factors) ** 2 * (1.0 - kept**2))
-        begin = np.zeros((N_STATES, N_STATES))
+            np.fill_diagonal(fresh, (walk * factors) ** 2 * (1.0 - kept**2))
+        begin = np.zeros(shape[1:])
         begin[:_N, :_N] = covariance
         for state, size in _BEGIN.items():
             begin[state, state] = size**2
-        self.x, self.p = np.zeros((n, N_STATES)), np.repeat(begin[None], n, axis=0)
+        self.x, self.p = np.zeros(shape[:2]), np.repeat(begin[None], n, axis=0)
+
+    def _warmer(self, sizes: Sizes) -> float:
+        """Factor on the walk of the warmth by the sway, which may be the torque sensor's noise."""
+        sensors_nm = _SENSORS * sizes.factors[SWAY] * _LEAST[SWAY]
+        warmth_c = self._warmth_per_nm * sensors_nm * sqrt(2.0 * max(_CORRELATED_S[SWING]))
+        return sqrt(1.0 + (warmth_c / _LEAST[WARMTH]) ** 2)
 
     def step(self, second: Second, traces: Traces | None = None) -> FloatArray:
         """Take a second; returns twice the loss of log likelihood, by residual and filter, shape (3, filters)."""
@@ -238,14 +251,14 @@ class Filter:
         self.p = self._step @ self.p @ self._step.transpose(0, 2, 1) + self._fresh
         for state, variance in second.moves.items():
             self.p[:, state, state] += variance
-        self.p[:, WARMTH, WARMTH] += _WARMTH_PER_NM**2 * second.variances[TORQUE]
+        self.p[:, WARMTH, WARMTH] += self._warmth_per_nm**2 * second.variances[TORQUE]
         if traces is not None:
             traces.effect = np.tensordot(self._step[0], traces.effect, 1)
         lost, self.edges_mm = np.zeros((3, len(self.x))), np.zeros(len(self.x))
         for i in (DEPTH, TORQUE, HEAT):  # an edge shows in the depth
             if not np.isfinite(second.residuals[i]):
                 continue
-            row = _row(i, second)
+            row = _row(i, second, self.n_states)
             gain = self.p @ row
             variance = np.maximum(gain @ row, 0.0) + second.variances[i]
             innovation = second.residuals[i] - self.x @ row
@@ -258,7 +271,7 @@ class Filter:
             lost[i] = innovation**2 / variance + np.log(variance)
             self.x += gain * innovation[:, None]
             # Joseph's form, which keeps the covariance positive
-            left = np.eye(N_STATES) - gain[:, :, None] * row
+            left = np.eye(self.n_states) - gain[:, :, None] * row
             noise = second.variances[i] * gain[:, :, None] * gain[:, None, :]
             self.p = left @ self.p @ left.transpose(0, 2, 1) + noise
             if traces is not None:
@@ -266,8 +279,8 @@ class Filter:
         return lost
 
 
-def _row(residual: int, second: Second) -> FloatArray:
-    row = np.zeros(N_STATES)
+def _row(residual: int, second: Second, n_states: int) -> FloatArray:
+    row = np.zeros(n_states)
     row[:_N] = second.sensitivities[residual]
     states = {
         TORQUE: (SWING, SWAY, LEVEL),
@@ -283,8 +296,8 @@ def _row(residual: int, second: Second) -> FloatArray:
 class Traces:
     """Traces of faults in the innovations of one filter, by onset and fault."""
 
-    def __init__(self, onsets: int, faults: int) -> None:
-        self.effect = np.zeros((N_STATES, onsets, faults))
+    def __init__(self, states: int, onsets: int, faults: int) -> None:
+        self.effect = np.zeros((states, onsets, faults))
         self.product, self.power = np.zeros((onsets, faults)), np.zeros((onsets, faults))
         self.signatures = np.zeros((3, onsets, faults))
         self._excess = [1.0] * 3  # running mean of the squared innovations over their variance
@@ -330,13 +343,14 @@ class Healthy:
             *self._arguments, [_tried(dict.fromkeys(_LEARNT, one)) for one in _TRIED]
         )
         self._lost = np.zeros((3, len(_TRIED)))
-        self._torque = np.zeros(N_STATES)
+        self.n_states = self._filter.n_states
+        self._torque = np.zeros(self.n_states)
         self.learnt: Sizes | None = None  #: sizes of the disturbances, once they are known
 
     def step(self, second: Second, traces: Traces | None = None) -> float:
         """Take a second; returns by how much an edge of the workpiece has moved the depth [mm], mostly 0."""
         if np.isfinite(second.residuals[TORQUE]):
-            self._torque = _row(TORQUE, second)
+            self._torque = _row(TORQUE, second, self.n_states)
             self._torque[[SWING, SWAY, EDGE]] = 0.0
         if self.learnt is None:  # the seconds are taken again later, so that their zero must stay
             self._seconds.append(second)
@@ -379,12 +393,12 @@ class Healthy:
     def gains(self, process_nm: float) -> dict[str, tuple[float, float]]:
         """Gains relative to the model's, each with its standard error; ``process_nm`` is the model's torque."""
         x, p, found = self._filter.x[self._best], self._filter.p[self._best], {}
-        rows = {"torque": self._torque / process_nm if process_nm else np.zeros(N_STATES)}
+        rows = {"torque": self._torque / process_nm if process_nm else 0.0 * self._torque}
         for name, coefficient in (
             ("depth", "depth_gain_mm_per_kn_s"),
             ("heat", "thermal_gain_c_per_kw"),
         ):
-            rows[name] = np.eye(N_STATES)[COEFFICIENTS.index(coefficient)]
+            rows[name] = np.eye(self.n_states)[COEFFICIENTS.index(coefficient)]
         for name, row in rows.items():
             found[name] = 1.0 + float(row @ x), sqrt(max(float(row @ p @ row), 0.0))
         return found

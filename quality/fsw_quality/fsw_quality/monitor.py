@@ -106,7 +106,7 @@ class ProcessWatch:
 
     def _begin_again(self) -> None:
         """Forget the faults: what was measured so far is no evidence of any."""
-        self._traces = Traces(_ONSETS, len(self._faults))
+        self._traces = Traces(self.healthy.n_states, _ONSETS, len(self._faults))
         self._onsets: list[Onset] = []
         self._pinned = -1
         # smoothed log likelihood ratios by fault: to the largest that is no alarm, and no trend

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from fsw_control.schema.models import InputError
 from fsw_control.sensors import REQUIRED
+from fsw_control.weld import SPEED_RPM
 from fsw_hmi.alarm_texts import ACTIONS
 from fsw_model import ModelParameters, ParameterCovariance, equations
 from fsw_quality.diagnosis import Finding, WatchCause
@@ -29,7 +30,7 @@ from fsw_quality.likelihood import (
     default_covariance,
 )
 from fsw_quality.monitor import ALARM, PROCESSES, TREND, Monitor, Sample
-from fsw_quality.residuals import COEFFICIENTS, HEAT
+from fsw_quality.residuals import COEFFICIENTS, HEAT, TORQUE, ModelResiduals, Values
 from fsw_quality.sensor_health import Detached, SensorHealth
 from fsw_test_support.watched_weld import drifting, noise, samples
 
@@ -141,23 +142,41 @@ def test_torque_gain_and_torque_sensor_are_distinguished_by_the_heat_where_it_is
         assert {finding.cause, *finding.others} >= {WatchCause.TORQUE_STEP, WatchCause.TORQUE_GAIN}
 
 
-def test_heat_of_the_torque_sensors_noise_is_known_by_the_torque() -> None:
+def swinging(parameters: ModelParameters, swing_nm: np.ndarray) -> np.ndarray:
+    """Residuals of the seconds of a weld at rest whose torque sensor swings, shape (seconds, 3)."""
+    p, model, still, rows = parameters, ModelResiduals(parameters), ModelResiduals(parameters), []
+    for swing in (nan, *swing_nm.tolist()):
+        at = Values(
+            p.operating_depth_mm, nan, p.operating_temperature_c, p.operating_force_kn, SPEED_RPM
+        )
+        swung = at._replace(torque_nm=model.expected_nm(SPEED_RPM) + swing)
+        rows.append(model.step(swung)[:, 0] - still.step(at)[:, 0])
+    return np.array(rows[1:]).reshape(-1, 10, 3).mean(axis=1)
+
+
+@pytest.mark.parametrize(
+    "factors",
+    [{}, {"thermal_gain_c_per_kw": 2.0, "copper_lag_s": 0.6, "dead_time_s": 2.0}],
+    ids=["nominal", "other"],
+)
+def test_heat_of_the_torque_sensors_noise_is_known_by_the_torque(
+    factors: dict[str, float],
+) -> None:
+    parameters, random = ModelParameters().scaled(**factors), np.random.default_rng(4)
     sizes = Sizes(np.ones(N_STATES), {SWING: 5.0, SWAY: 15.0, HEAT_NOISE: 2.0})
     sizes.factors[SWING] = 8.0
-    random, c_per_nm, delay_s = np.random.default_rng(4), 0.025, 4
-    swings, other = (2.4 * noise(random, 3000, 5.0)[::10] for _ in range(2))
-    losses = []
-    for heating in swings, other:
-        healthy = Filter(ModelParameters(), default_covariance(), True, [sizes])
-        warmth_c, lost = 0.0, 0.0
-        for k in range(delay_s, 300):
-            warmth_c -= c_per_nm * heating[k - delay_s] + warmth_c / 30.5
-            residuals = np.array([swings[k], 0.0, warmth_c + 0.02 * random.normal()])
-            sensitivities = np.zeros((3, len(COEFFICIENTS) + 1))
-            second = Second(residuals, sensitivities, np.array([0.04, 1e-6, 4e-4]), 0.0, {})
+    swings, others = (swinging(parameters, 2.4 * noise(random, 3000, 5.0)) for _ in range(2))
+    variances, white_c = np.array([0.04, 1e-6, 4e-4]), 0.02 * random.normal(size=len(swings))
+    losses, known = [], np.zeros((3, len(COEFFICIENTS) + 1))
+    for torque, heat in ((0.0 * swings, 0.0 * swings), (swings, swings), (swings, others)):
+        healthy, lost = Filter(parameters, default_covariance(), True, [sizes]), 0.0
+        for nm, warmth_c in zip(torque[:, TORQUE], heat[:, HEAT] + white_c, strict=True):
+            second = Second(np.array([nm, 0.0, warmth_c]), known, variances, 0.0, {})
             lost += float(healthy.step(second)[HEAT, 0])
         losses.append(lost)
-    assert losses[0] < losses[1] - 100.0
+    quiet, own, foreign = losses
+    assert own < quiet + 2.0 * len(swings)  # the delay is rounded to a second
+    assert foreign > own + 100.0
 
 
 def test_load_cell_with_an_offset_is_named() -> None:
