@@ -72,14 +72,15 @@ def drive_rates(welds: Sequence[WeldSignals]) -> DriveRates:
             ("speed", weld.speed_rpm, weld.drives.speed_rpm),
         ):
             rates[drive].append(_rate(commands[:_MOST_TICKS], acting[:_MOST_TICKS]))
-    common, unknown = [], []
+    common: dict[str, float | None] = {}
+    unknown = []
     for drive, of_welds in rates.items():
         limits = [rate for rate in of_welds if rate is not None and np.isfinite(rate)]
         agree = not limits or min(limits) >= _AGREEING * max(limits)
-        common.append(float(np.median(limits)) if limits and agree else None)
+        common[drive] = float(np.median(limits)) if limits and agree else None
         if not agree or len(limits) < sum(rate is not None for rate in of_welds):
             unknown.append(drive)
-    return DriveRates(*common, tuple(unknown))
+    return DriveRates(common["force"], common["speed"], tuple(unknown))
 
 
 def _rate(commands: FloatArray, acting: FloatArray) -> float | None:
@@ -120,7 +121,8 @@ def _closest(commands: FloatArray, acting: FloatArray, steps: FloatArray) -> _Fi
     for _ in range(_ZOOMS + 1):
         errors, gains = _errors(commands, acting, dead, lags_s, steps)
         i, k = np.unravel_index(np.argmin(errors), errors.shape)
-        fit = _Fit(*(float(of) for of in (errors[i, k], steps[k], gains[i, k], lags_s[i])), dead)
+        error, gain = float(errors[i, k]), float(gains[i, k])
+        fit = _Fit(error, float(steps[k]), gain, float(lags_s[i]), dead)
         lags_s, steps = _around(lags_s, int(i)), _around(steps, int(k))
     return fit
 

@@ -67,6 +67,10 @@ def test_a_rate_is_found_where_it_limits(lag_s, dead_ticks, shares):
     assert drive_rates([weld]) == (None, None, ())
 
 
+#: commands of force [kN] and speed [rpm]
+AROUND_REST = [50.0 + commanded(LARGEST[0], 0), 1000.0 + commanded(LARGEST[1], 1)]
+
+
 def stuck(acting, tick):
     """Feedback that stays at its value of a tick."""
     return np.where(np.arange(acting.size) < tick, acting, acting[tick])
@@ -80,32 +84,35 @@ def stepped(acting, size):
 @pytest.mark.parametrize(
     "changed, unknown",
     [
-        (lambda acting: 1.02 * acting, False),
-        (lambda acting: acting + 5.0, False),
-        (lambda acting: stepped(acting, 2.0), True),
-        (lambda acting: stuck(acting, 0), True),
-        (lambda acting: stuck(acting, acting.size // 3), True),
+        (lambda acting, _: 1.02 * acting, False),
+        (lambda acting, largest: acting + 5.0 * largest, False),
+        (lambda acting, largest: stepped(acting, 2.0 * largest), True),
+        (lambda acting, _: stuck(acting, 0), True),
+        (lambda acting, _: stuck(acting, acting.size // 3), True),
     ],
     ids=["gain", "offset", "step", "stuck", "stuck later"],
 )
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_wrong_feedback_is_no_rate(changed, unknown, noise):
-    """An error of the feedback of a drive without a limit does not pass for a slow drive."""
-    commands = 50.0 + commanded(LARGEST[0], 0)
-    exact = followed(commands, 10.0 * LARGEST[0], 0.02, 0)
-    acting = changed(exact + noise * np.random.default_rng(1).standard_normal(exact.size))
+    """An error of the feedback of drives without a limit does not pass for slow drives."""
+    random, acting = np.random.default_rng(1), []
+    for commands, largest in zip(AROUND_REST, LARGEST, strict=True):
+        exact = followed(commands, 10.0 * largest, 0.02, 0)
+        noisy = exact + noise * largest * random.standard_normal(exact.size)
+        acting.append(changed(noisy, largest))
     drives = ("force", "speed") if unknown else ()
-    assert drive_rates([weld_of([commands] * 2, [acting] * 2)]) == (None, None, drives)
+    assert drive_rates([weld_of(AROUND_REST, acting)]) == (None, None, drives)
 
 
 def test_a_rate_is_found_in_feedback_with_gain_and_offset():
     """And in that of several welds, if they agree."""
-    commands = [50.0 + commanded(LARGEST[0], 0), 1000.0 + commanded(LARGEST[1], 1)]
     steps = 0.3 * np.array(LARGEST)
 
     def weld(factor):
-        pairs = zip(commands, factor * steps, strict=True)
-        return weld_of(commands, [1.02 * followed(of, step, 0.02, 0) + 5.0 for of, step in pairs])
+        pairs = zip(AROUND_REST, factor * steps, strict=True)
+        return weld_of(
+            AROUND_REST, [1.02 * followed(of, step, 0.02, 0) + 5.0 for of, step in pairs]
+        )
 
     found = drive_rates([weld(1.0), weld(1.05)])
     assert found[:2] == pytest.approx(1.025 * steps / TICK_S, rel=0.05) and not found.unknown
