@@ -57,6 +57,7 @@ RIVALS = (TIGHT, CONSERVATIVE)
 NMPCS = ("model", "model and machine")  #: files that the NMPC has
 PLANTS = 5  #: random ones
 MOST = 1.1  #: ratio to the better PI
+SICKER = 0.01  #: share of a weld's ticks
 
 
 class Task(NamedTuple):

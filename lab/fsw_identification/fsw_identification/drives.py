@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import log
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,64 +21,110 @@ _ZOOMS = 3
 _HARMLESS = 1e-3
 #: of the likelihood ratio of a rate: a chi-squared of one degree of freedom, at 0.1 %
 _SIGNIFICANT = 10.8
-#: ticks that are used at most
-_MOST_TICKS = 6000
+#: what a rate leaves of the feedback may exceed its white part by this factor, and this share of
+#: the largest move, for a drive that is not quite the model's
+_WHITE, _UNLIKE = 2.0, 0.1
+#: gains of feedback beyond these are no scale error
+_GAINS = (0.5, 2.0)
+#: standard deviation of white noise over the median magnitude of its changes
+_OF_MEDIAN = 1.0 / (0.6745 * 2.0**0.5)
+#: lowest rate of a drive's welds over the highest, if they agree
+_AGREEING = 0.8
+#: ticks that are used at most, and first ones, before which the drive may have been anywhere
+_MOST_TICKS, _SETTLING_TICKS = 6000, 50
 
 
-def drive_rates(welds: Sequence[WeldSignals]) -> tuple[float | None, float | None]:
-    """Rates [kN/s], [rpm/s] that limit the drives in welds; None: no limit shows."""
-    found: tuple[list[float], list[float]] = ([], [])
+class DriveRates(NamedTuple):
+    """Rates that limit the drives; None: no limit shows."""
+
+    force_kn_per_s: float | None = None
+    speed_rpm_per_s: float | None = None
+    unknown: tuple[str, ...] = ()  #: drives whose feedback the model of a drive does not explain
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks on what stays unknown."""
+        return tuple(
+            f"{drive} drive: no one rate, lag, gain and offset explain its feedback; "
+            "its rate stays unknown"
+            for drive in self.unknown
+        )
+
+
+class _Fit(NamedTuple):
+    """A drive that explains feedback best."""
+
+    error: float  #: sum of squares
+    step: float  #: largest of a tick
+    gain: float  #: of the feedback
+    lag_s: float
+    dead: int
+
+
+def drive_rates(welds: Sequence[WeldSignals]) -> DriveRates:
+    """Rates that limit the drives in welds of one machine."""
+    rates: dict[str, list[float | None]] = {"force": [], "speed": []}
     for weld in welds:
         if weld.drives is None:
             continue
-        pairs = (
-            (weld.force_kn, weld.drives.force_kn),
-            (weld.speed_rpm, weld.drives.speed_rpm),
-        )
-        for rates, (commands, acting) in zip(found, pairs, strict=True):
-            if (rate := _rate(commands[:_MOST_TICKS], acting[:_MOST_TICKS])) is not None:
-                rates.append(rate)
-    force, speed = (min(rates, default=None) for rates in found)
-    return force, speed
+        for drive, commands, acting in (
+            ("force", weld.force_kn, weld.drives.force_kn),
+            ("speed", weld.speed_rpm, weld.drives.speed_rpm),
+        ):
+            rates[drive].append(_rate(commands[:_MOST_TICKS], acting[:_MOST_TICKS]))
+    common: dict[str, float | None] = {}
+    unknown = []
+    for drive, of_welds in rates.items():
+        limits = [rate for rate in of_welds if rate is not None and np.isfinite(rate)]
+        agree = not limits or min(limits) >= _AGREEING * max(limits)
+        common[drive] = float(np.median(limits)) if limits and agree else None
+        if not agree or len(limits) < sum(rate is not None for rate in of_welds):
+            unknown.append(drive)
+    return DriveRates(common["force"], common["speed"], tuple(unknown))
 
 
 def _rate(commands: FloatArray, acting: FloatArray) -> float | None:
-    """Most likely rate of a drive, if it is significantly more likely than none.
+    """Most likely rate of a drive, if it is significantly more likely than none; NaN: unexplained.
 
     A drive follows its command after a dead time, limited in rate, through a first-order lag, and
-    its feedback has white errors: the likelihood falls with the sum of their squares.
+    its feedback has a gain, an offset and white errors: the likelihood falls with the sum of their
+    squares. A slow drive also "explains" feedback that sticks or jumps, but leaves errors that are
+    not white, much larger than their changes from tick to tick.
     """
     known = np.isfinite(commands) & np.isfinite(acting)
     commands, acting = commands[known], acting[known]
     largest = float(np.abs(np.diff(commands)).max(initial=0.0))
-    if largest == 0.0:
+    if largest == 0.0 or commands.size <= 2 * _SETTLING_TICKS:
         return None
-    errors = {
-        ticks: _errors(commands, acting, ticks, _LAGS_S, _SHARES * largest)
-        for ticks in _DEAD_TICKS
-    }
-    dead, free = (
-        min(errors, key=lambda ticks: errors[ticks][:, part].min()) for part in (slice(None), -1)
-    )
-    limited, step = _closer(commands, acting, dead, _SHARES * largest)
-    unlimited, _ = _closer(commands, acting, free, _SHARES[-1:] * largest)
+    if np.ptp(acting) == 0.0:
+        return np.nan
+    steps = _SHARES * largest
+    limited, unlimited = (_closest(commands, acting, of) for of in (steps, steps[-1:]))
     harmless = commands.size * (_HARMLESS * largest) ** 2
-    ratio = commands.size * log((unlimited + harmless) / (limited + harmless))
-    return step / TICK_S if ratio > _SIGNIFICANT else None
+    ratio = commands.size * log((unlimited.error + harmless) / (limited.error + harmless))
+    left = _left(commands, acting, limited)
+    white = _OF_MEDIAN * float(np.median(np.abs(np.diff(left))))
+    if float(np.std(left)) > np.hypot(_WHITE * white, _UNLIKE * largest):
+        return np.nan
+    if ratio <= _SIGNIFICANT:
+        return None
+    believable = limited.step > steps[1] and _GAINS[0] < limited.gain < _GAINS[1]
+    return limited.step / TICK_S if believable else np.nan
 
 
-def _closer(
-    commands: FloatArray, acting: FloatArray, dead: int, steps: FloatArray
-) -> tuple[float, float]:
-    """Least sum of squared errors by lag and largest step, with that step."""
+def _closest(commands: FloatArray, acting: FloatArray, steps: FloatArray) -> _Fit:
+    """The drive with the least errors, by dead time, and more closely by lag and largest step."""
     lags_s = _LAGS_S
-    for zoom in range(_ZOOMS + 1):
-        errors = _errors(commands, acting, dead, lags_s, steps)
+    dead = min(
+        _DEAD_TICKS, key=lambda ticks: _errors(commands, acting, ticks, lags_s, steps)[0].min()
+    )
+    for _ in range(_ZOOMS + 1):
+        errors, gains = _errors(commands, acting, dead, lags_s, steps)
         i, k = np.unravel_index(np.argmin(errors), errors.shape)
-        least, step = float(errors[i, k]), float(steps[k])
-        if zoom < _ZOOMS:
-            lags_s, steps = _around(lags_s, int(i)), _around(steps, int(k))
-    return least, step
+        error, gain = float(errors[i, k]), float(gains[i, k])
+        fit = _Fit(error, float(steps[k]), gain, float(lags_s[i]), dead)
+        lags_s, steps = _around(lags_s, int(i)), _around(steps, int(k))
+    return fit
 
 
 def _around(grid: FloatArray, k: int) -> FloatArray:
@@ -86,16 +133,39 @@ def _around(grid: FloatArray, k: int) -> FloatArray:
     return np.geomspace(low, high, 9) if high > low else grid
 
 
+def _positions(
+    commands: FloatArray, dead: int, lags_s: FloatArray, steps: FloatArray
+) -> Iterator[FloatArray]:
+    """Positions of drives from the end of settling on, by lag and largest step of a tick."""
+    left = np.exp(-TICK_S / lags_s)[:, None]
+    setpoint = np.full(steps.shape, commands[0])
+    position = np.full((left.size, steps.size), commands[0])
+    for k in range(commands.size - 1):
+        setpoint = setpoint + np.clip(commands[max(k - dead, 0)] - setpoint, -steps, steps)
+        position = setpoint + (position - setpoint) * left
+        if k + 1 >= _SETTLING_TICKS:
+            yield position
+
+
 def _errors(
     commands: FloatArray, acting: FloatArray, dead: int, lags_s: FloatArray, steps: FloatArray
-) -> FloatArray:
-    """Sum of the squared errors of a drive's feedback, by lag and largest step of a tick."""
-    left = np.exp(-TICK_S / lags_s)[:, None]
-    setpoint = np.full(steps.shape, acting[0])
-    position = np.full((left.size, steps.size), acting[0])
-    errors = np.zeros_like(position)
-    for k in range(dead, commands.size - 1):
-        setpoint = setpoint + np.clip(commands[k - dead] - setpoint, -steps, steps)
-        position = setpoint + (position - setpoint) * left
-        errors += (position - acting[k + 1]) ** 2
-    return errors
+) -> tuple[FloatArray, FloatArray]:
+    """Sum of the squared errors of a drive's feedback with its best gain and offset; the gain."""
+    around, acting = commands.mean(), acting[_SETTLING_TICKS:]
+    acting = acting - acting.mean()  # as the offset, so that only the gain is left
+    total, squares, products = np.zeros((3, lags_s.size, steps.size))
+    for position, at in zip(_positions(commands, dead, lags_s, steps), acting, strict=True):
+        moved = position - around
+        total += moved
+        squares += moved**2
+        products += moved * at
+    squares -= total**2 / acting.size
+    gains = np.divide(products, squares, out=np.zeros_like(squares), where=squares > 0.0)
+    return np.maximum(acting @ acting - gains * products, 0.0), gains
+
+
+def _left(commands: FloatArray, acting: FloatArray, fit: _Fit) -> FloatArray:
+    """Errors that a drive leaves of its feedback, without their mean."""
+    positions = _positions(commands, fit.dead, np.array([fit.lag_s]), np.array([fit.step]))
+    left = acting[_SETTLING_TICKS:] - fit.gain * np.array([float(of[0, 0]) for of in positions])
+    return np.asarray(left - left.mean())

@@ -33,6 +33,15 @@ def followed(commands, step, lag_s, dead_ticks):
     return np.array(acting)
 
 
+def weld_of(commands, acting):
+    """A weld with the commands and feedback of force and speed."""
+    pair = [
+        SimpleNamespace(force_kn=force, speed_rpm=speed) for force, speed in (commands, acting)
+    ]
+    pair[0].drives = pair[1]
+    return pair[0]
+
+
 @pytest.mark.parametrize(
     "lag_s, dead_ticks, shares",
     [
@@ -52,8 +61,60 @@ def test_a_rate_is_found_where_it_limits(lag_s, dead_ticks, shares):
         exact = followed(commands[-1], step, lag_s, dead_ticks)
         acting.append(exact + 0.01 * largest * noise.standard_normal(exact.size))
         expected.append(pytest.approx(step / TICK_S, rel=0.05) if share else None)
-    drives = SimpleNamespace(force_kn=acting[0], speed_rpm=acting[1])
-    weld = SimpleNamespace(force_kn=commands[0], speed_rpm=commands[1], drives=drives)
-    assert drive_rates([weld]) == tuple(expected)
+    weld = weld_of(commands, acting)
+    assert drive_rates([weld]) == (*expected, ())
     weld.drives = None
-    assert drive_rates([weld]) == (None, None)
+    assert drive_rates([weld]) == (None, None, ())
+
+
+#: commands of force [kN] and speed [rpm]
+AROUND_REST = [50.0 + commanded(LARGEST[0], 0), 1000.0 + commanded(LARGEST[1], 1)]
+
+
+def stuck(acting, tick):
+    """Feedback that stays at its value of a tick."""
+    return np.where(np.arange(acting.size) < tick, acting, acting[tick])
+
+
+def stepped(acting, size):
+    """Feedback with an offset from the middle on."""
+    return acting + size * (np.arange(acting.size) >= acting.size // 2)
+
+
+@pytest.mark.parametrize(
+    "changed, unknown",
+    [
+        (lambda acting, _: 1.02 * acting, False),
+        (lambda acting, largest: acting + 5.0 * largest, False),
+        (lambda acting, largest: stepped(acting, 2.0 * largest), True),
+        (lambda acting, _: stuck(acting, 0), True),
+        (lambda acting, _: stuck(acting, acting.size // 3), True),
+    ],
+    ids=["gain", "offset", "step", "stuck", "stuck later"],
+)
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_wrong_feedback_is_no_rate(changed, unknown, noise):
+    """An error of the feedback of drives without a limit does not pass for slow drives."""
+    random, acting = np.random.default_rng(1), []
+    for commands, largest in zip(AROUND_REST, LARGEST, strict=True):
+        exact = followed(commands, 10.0 * largest, 0.02, 0)
+        noisy = exact + noise * largest * random.standard_normal(exact.size)
+        acting.append(changed(noisy, largest))
+    drives = ("force", "speed") if unknown else ()
+    assert drive_rates([weld_of(AROUND_REST, acting)]) == (None, None, drives)
+
+
+def test_a_rate_is_found_in_feedback_with_gain_and_offset():
+    """And in that of several welds, if they agree."""
+    steps = 0.3 * np.array(LARGEST)
+
+    def weld(factor):
+        pairs = zip(AROUND_REST, factor * steps, strict=True)
+        return weld_of(
+            AROUND_REST, [1.02 * followed(of, step, 0.02, 0) + 5.0 for of, step in pairs]
+        )
+
+    found = drive_rates([weld(1.0), weld(1.05)])
+    assert found[:2] == pytest.approx(1.025 * steps / TICK_S, rel=0.05) and not found.unknown
+    found = drive_rates([weld(1.0), weld(1.6)])
+    assert found == (None, None, ("force", "speed")) and len(found.notes) == 2

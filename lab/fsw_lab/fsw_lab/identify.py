@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from fsw.arguments import validated
 from fsw.welds import Weld, read_bag, read_table
 from fsw_control.schema.models import InputError
 from fsw_identification import estimation, summary
-from fsw_identification.drives import drive_rates
+from fsw_identification.drives import DriveRates, drive_rates
 from fsw_identification.friction import from_air
 from fsw_identification.summary import Summary
 from fsw_identification.weld_data import prepare
@@ -28,8 +28,7 @@ TABLES = (".csv", ".tsv", ".txt")
 class Identified(Summary):
     """Model parameters estimated from welds, with their statistics; as text, the tables of ``fsw identify``."""
 
-    #: of the drives [kN/s], [rpm/s]; None: no limit shows
-    rates: tuple[float | None, float | None] = (None, None)
+    rates: DriveRates = field(default_factory=DriveRates)
 
     @property
     def parameters(self) -> ModelParameters:
@@ -45,13 +44,12 @@ class Identified(Summary):
     def machine(self) -> MachineData:
         """Noise of the sensors and rates of the drives, for the NMPC's ``machine_file``."""
         depth_mm, temperature_c, torque_nm = (float(noise) for noise in self.fit.noise)
-        force_kn_per_s, speed_rpm_per_s = self.rates
         return MachineData(
             depth_noise_mm=depth_mm,
             temperature_noise_c=temperature_c,
             torque_noise_nm=torque_nm,
-            force_rate_kn_per_s=force_kn_per_s,
-            speed_rate_rpm_per_s=speed_rpm_per_s,
+            force_rate_kn_per_s=self.rates.force_kn_per_s,
+            speed_rate_rpm_per_s=self.rates.speed_rpm_per_s,
         )
 
     @property
@@ -133,14 +131,15 @@ def identify(
     validation = None
     if judge is not None:
         validation = estimation.validate(judge.segments, found.parameters, found.known_lag_s)
-    notes = tuple(note for weld in data for note in weld.notes)
+    rates = drive_rates(signals)
+    notes = tuple(note for weld in data for note in weld.notes) + rates.notes
     return Identified(
         ", ".join(weld.name for weld in data),
         found,
         validation,
         notes,
         deviations,
-        drive_rates(signals),
+        rates,
     )
 
 
