@@ -57,7 +57,7 @@ def test_each_activation_makes_a_bag_that_is_whole_when_it_is_over(
         ({}, "exists already"),
         ({"output": "", "custom_data": ["nonsense"]}, "custom_data 'nonsense': "),
         ({"output": "", "attach": ["no_such_file"]}, "no_such_file: "),
-        ({"output": "", "signing_key": "no_such_key"}, "key no_such_key: "),
+        ({"output": "", "signing_key": "no_such_key"}, "key no_such_key"),
         ({"output": "", "regex": "["}, "regular expression"),
     ],
 )

@@ -44,6 +44,8 @@ _UP = "stays up, ready: "
 _LONGEST_S = 1800.0
 #: of what Ctrl-C ends; the last one where it had hardly begun, which a shell calls 130, too
 _CODES = (0, 130, -signal.SIGINT)
+#: what Python says where Ctrl-C comes before the first line of a program
+_NOT_BEGUN = "Fatal Python error: init_import_site"
 
 
 @dataclass(frozen=True)
@@ -242,6 +244,7 @@ class Page:
             except subprocess.TimeoutExpired:
                 os.killpg(process.pid, signal.SIGKILL)
                 code = process.wait()
-            if code not in _CODES:
-                faults.append(f"{process.args!r}: {code}: {log.read_text('utf-8')[-2000:]}")
+            said = log.read_text("utf-8", "replace")
+            if code not in _CODES and _NOT_BEGUN not in said:
+                faults.append(f"{process.args!r}: {code}: {said[-2000:]}")
         return "\n".join(faults)
