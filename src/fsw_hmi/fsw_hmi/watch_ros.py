@@ -346,5 +346,5 @@ def channels_of(message: ShoulderDepth) -> dict[str, ChannelHealth]:
     """Health of each channel that the machine has, by sensor; empty for a depth of one sensor."""
     codes = message.channel_health
     names = DEPTH_CHANNELS if len(codes) == len(DEPTH_CHANNELS) else ()
-    health = {name: ChannelHealth(code) for name, code in zip(names, codes, strict=False)}
-    return {name: one for name, one in health.items() if one is not ChannelHealth.UNKNOWN}
+    given = zip(names, codes, strict=False)
+    return {name: ChannelHealth(code) for name, code in given if code != ChannelHealth.UNKNOWN}

@@ -16,3 +16,8 @@ def test_health_by_sensor():
 
 def test_depth_of_one_sensor_has_no_channels():
     assert channels_of(ShoulderDepth(depth=0.00266)) == {}
+
+
+def test_a_channel_that_the_machine_does_not_have_is_none():
+    message = ShoulderDepth(channel_health=[0, 0, int(ChannelHealth.UNKNOWN), 0])
+    assert tuple(channels_of(message)) == ("depth_laser", "depth_lvdt_lead", "depth_axial")
