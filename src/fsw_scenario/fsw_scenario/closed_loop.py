@@ -25,7 +25,6 @@ from fsw_analysis.weld_signals import (
 )
 from fsw_control.contract import Command, Controller, Limits, Measurement, Proposal, Reference
 from fsw_control.host import answer
-from fsw_control.parameters import defaults
 from fsw_control.ramps import ReferencePlan, stair
 from fsw_control.reason import Reason
 from fsw_control.schema.models import InputError
@@ -55,10 +54,9 @@ class OfflineSupervisor:
     """
 
     def __init__(self, controllers: Mapping[str, Controller], selected: str) -> None:
-        values = defaults(SupervisorParameters)
-        fallbacks = dict.fromkeys([*values["fallbacks"], *controllers])
+        fallbacks = dict.fromkeys([*SupervisorParameters().fallbacks, *controllers])
         settings = SupervisorParameters.from_values(
-            values | {"controller": selected, "fallbacks": list(fallbacks)}
+            {"controller": selected, "fallbacks": list(fallbacks)}
         )
         self._arbiter = Arbiter(settings, lockstep=True)
         self._unheard = {
