@@ -44,8 +44,7 @@ _UP = "stays up, ready: "
 _LONGEST_S = 1800.0
 #: of what Ctrl-C ends; the last one where it had hardly begun, which a shell calls 130, too
 _CODES = (0, 130, -signal.SIGINT)
-#: what Python says where Ctrl-C comes before the first line of a program
-_NOT_BEGUN = "Fatal Python error: init_import_site"
+_Terminal = tuple[subprocess.Popen[str], Path]  #: its process, and what it has printed
 
 
 @dataclass(frozen=True)
@@ -143,7 +142,7 @@ class Page:
         #: a page's Python is one program, which runs with its last block
         self._python: list[str] = []
         self._section = 0
-        self._up: list[tuple[subprocess.Popen[str], Path]] = []
+        self._up: list[_Terminal] = []
         self._domain = ExitStack()
 
     def __enter__(self) -> Page:
@@ -199,8 +198,12 @@ class Page:
         return "" if as_shown and not missing else f"{missing}: {done.stdout[-2000:]}"
 
     def _start(self, block: Block) -> str:
-        """Start each line of a block, and wait until all that shows that they are up is printed."""
-        started = []
+        """Start each line of a block, and wait until all that shows that they are up is printed.
+
+        That it is ready may also be seen in a terminal that is up already.
+        """
+        started: list[_Terminal] = []
+        before = {log: log.stat().st_size for _, log in self._up}
         for line in block.code.splitlines():
             log = self.folder / f"terminal_{len(self._up) + 1}.log"
             with log.open("w") as stream:
@@ -216,20 +219,21 @@ class Page:
                 )
             started.append((process, log))
             self._up.append((process, log))
-        wanted = [block.ready, *block.shown]
 
-        def output() -> str:
-            return "".join(log.read_text("utf-8", "replace") for _, log in started)
+        def output(terminals: list[_Terminal]) -> str:
+            new = (log.read_bytes()[before.get(log, 0) :] for _, log in terminals)
+            return b"".join(new).decode("utf-8", "replace")
 
-        def over() -> bool:
-            printed = output()
-            return all(_printed(line, printed) for line in wanted) or any(
-                process.poll() is not None for process, _ in started
-            )
+        def missing() -> list[str]:
+            lines = [line for line in block.shown if not _printed(line, output(started))]
+            return lines if _printed(block.ready, output(self._up)) else [block.ready, *lines]
 
-        wait_until(over, f"{block.code} to print {wanted}")
-        missing = [line for line in wanted if not _printed(line, output())]
-        return f"{missing}: {output()[-2000:]}" if missing else ""
+        wait_until(
+            lambda: not missing() or any(process.poll() is not None for process, _ in started),
+            f"{block.code} to print {[block.ready, *block.shown]}",
+        )
+        left = missing()
+        return f"{left}: {output(self._up)[-2000:]}" if left else ""
 
     def end(self) -> str:
         """End with Ctrl-C, the last first, what is up; what did not end as it should, with its output."""
@@ -244,7 +248,6 @@ class Page:
             except subprocess.TimeoutExpired:
                 os.killpg(process.pid, signal.SIGKILL)
                 code = process.wait()
-            said = log.read_text("utf-8", "replace")
-            if code not in _CODES and _NOT_BEGUN not in said:
-                faults.append(f"{process.args!r}: {code}: {said[-2000:]}")
+            if code not in _CODES:
+                faults.append(f"{process.args!r}: {code}: {log.read_text('utf-8')[-2000:]}")
         return "\n".join(faults)
