@@ -127,8 +127,8 @@ class Case(NamedTuple):
     source: str = FOUR
     fault: str = ""
     channel: str = ""  #: row of the table of sensors that fails
-    event: dict[str, Any] = {}  #: in place of the fault's own entry
-    edge: dict[str, float] = {}  #: in place of what the machine draws
+    event: dict[str, Any] = {}  #: replaces the fault's own entry
+    edge: dict[str, float] = {}  #: replaces what the machine draws
     footprint: str = ""  #: file
 
 

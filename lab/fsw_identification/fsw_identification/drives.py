@@ -115,11 +115,10 @@ def _rate(commands: FloatArray, acting: FloatArray) -> float | None:
 def _closest(commands: FloatArray, acting: FloatArray, steps: FloatArray) -> _Fit:
     """The drive with the least errors, by dead time, and more closely by lag and largest step."""
     lags_s = _LAGS_S
-    dead = min(
-        _DEAD_TICKS, key=lambda ticks: _errors(commands, acting, ticks, lags_s, steps)[0].min()
-    )
-    for _ in range(_ZOOMS + 1):
-        errors, gains = _errors(commands, acting, dead, lags_s, steps)
+    tried = {ticks: _errors(commands, acting, ticks, lags_s, steps) for ticks in _DEAD_TICKS}
+    dead = min(tried, key=lambda ticks: tried[ticks][0].min())
+    for zoom in range(_ZOOMS + 1):
+        errors, gains = _errors(commands, acting, dead, lags_s, steps) if zoom else tried[dead]
         i, k = np.unravel_index(np.argmin(errors), errors.shape)
         error, gain = float(errors[i, k]), float(gains[i, k])
         fit = _Fit(error, float(steps[k]), gain, float(lags_s[i]), dead)

@@ -89,19 +89,20 @@ def file(flag: str, text: str, metavar: str = "FILE", **more: Any) -> Option:
 
 #: formats of figures, by the ending of their file's name
 PICTURES = (".png", ".svg", ".pdf")
+_FORMATS = [ending[1:] for ending in PICTURES]
 
 
 #: of commands that write several figures into a folder
 FORMAT = option(
     "--format",
-    choices=[ending[1:] for ending in PICTURES],
+    choices=_FORMATS,
     help="of the figures in the folder (default png)",
 )
 
 #: of reports, whose figures are in the page
 FORMAT_BESIDE = option(
     "--format",
-    choices=[ending[1:] for ending in PICTURES],
+    choices=_FORMATS,
     help="also write the figures as files beside the page, in this format",
 )
 

@@ -88,7 +88,7 @@ class Footprint(Model):
         return validate(cls, json_content_of(text, str(path)), str(path))
 
     @classmethod
-    def from_named(cls, path: str | Path) -> tuple[Footprint | None, str]:
+    def from_named(cls, path: str | Path | None) -> tuple[Footprint | None, str]:
         """The footprint in a file and the file's SHA-256; no name: none."""
         if not path:
             return None, ""

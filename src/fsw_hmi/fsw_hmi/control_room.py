@@ -94,7 +94,7 @@ class ControlRoom:
         handover_timeout_s: float = 30.0,
     ) -> None:
         self._users = key if isinstance(key, Users) else Token(key)
-        self._checked: dict[str, str] = {}  # client of each session that waits for a check
+        self._waiting: dict[str, str] = {}  # client of each session that waits for a check
         self._local_stop, self._idle_timeout_s = local_stop, idle_timeout_s
         self._sessions: dict[str, Session] = {}
         self._control = Control(handover_timeout_s)
@@ -256,13 +256,13 @@ class ControlRoom:
             return Verdict(answer=Code.LOCKED_OUT.refused(wait_s=wait_s), close=True)
         if isinstance(self._users, Token):
             return self._wrong_login(session, "", given, now_s)
-        waiting = self._checked.values()
-        full = len(waiting) >= _OF_ALL or list(waiting).count(client) >= _OF_CLIENT
-        if session.id in self._checked or full:
+        clients = list(self._waiting.values())
+        full = len(clients) >= _OF_ALL or clients.count(client) >= _OF_CLIENT
+        if session.id in self._waiting or full:
             return Verdict(answer=Code.BUSY.timed_out())
         if len(given) > LONGEST:
             return Verdict(answer=Code.TOO_LONG.refused(longest=LONGEST))
-        self._checked[session.id] = client
+        self._waiting[session.id] = client
         return Verdict(credentials=(name, given))
 
     def check(self, name: str, password: str) -> User | None:
@@ -273,14 +273,14 @@ class ControlRoom:
         self, session: Session, credentials: tuple[str, str], user: User | None, now_s: float
     ) -> Verdict:
         """Judge a login after its password has been checked; ``user`` owns the password."""
-        self._checked.pop(session.id, None)
+        self._waiting.pop(session.id, None)
         if user is None:
             return self._wrong_login(session, credentials[0], "\0".join(credentials), now_s)
         return self._logged_in(session, user, now_s)
 
     def on_busy(self, session: Session) -> Verdict:
         """Judge a login whose password could not be checked."""
-        self._checked.pop(session.id, None)
+        self._waiting.pop(session.id, None)
         return Verdict(answer=Code.BUSY.timed_out())
 
     def _wrong_login(self, session: Session, name: str, given: str, now_s: float) -> Verdict:

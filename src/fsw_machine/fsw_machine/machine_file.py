@@ -194,7 +194,7 @@ WRITTEN = ("force_setpoint", "speed_setpoint", "heartbeat")
 
 
 class DepthFusionPart(Model):
-    """Makes the depth of the nodes ``depth_laser`` etc., in place of a node ``depth``."""
+    """Makes the depth of the nodes ``depth_laser`` etc. instead of a node ``depth``."""
 
     touch_off_kn: Annotated[float, Range(0.0, 200.0, "kN")] = weld.FORCE_KN
     """Axial force at the touch-off."""

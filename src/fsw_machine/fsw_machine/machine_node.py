@@ -84,8 +84,8 @@ class MachineNode(ManagedNode):
         self._machine = MachineFile.load(path)
         self._check_secrets()
         part = self._machine.depth_fusion
-        file = part and part.footprint_file
-        footprint, self._footprint_sha256 = Footprint.from_named(file or "")
+        file = None if part is None else part.footprint_file
+        footprint, self._footprint_sha256 = Footprint.from_named(file)
         self._gateway = Gateway(self._machine, self._settings.values, footprint)
         self._events: deque[Event] = deque()
         self._lost, self._retry_s, self._losses, self._attempts = "", 0.0, 0, 0

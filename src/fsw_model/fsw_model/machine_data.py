@@ -6,6 +6,8 @@ from pydantic import Field, NonNegativeFloat, PositiveFloat
 
 from fsw_control.schema.models import Parameters
 
+_NOISE = "standard deviation, resolution included"
+
 
 class MachineData(Parameters):
     """What welds show of sensors and drives, by ``fsw.py identify``; None: nothing."""
@@ -13,11 +15,9 @@ class MachineData(Parameters):
     what = "machine data"
     example = "temperature_noise_c: 0.3"
 
-    depth_noise_mm: NonNegativeFloat | None = Field(
-        default=None, description="standard deviation, resolution included"
-    )
-    torque_noise_nm: NonNegativeFloat | None = Field(default=None, description="likewise")
-    temperature_noise_c: NonNegativeFloat | None = Field(default=None, description="likewise")
+    depth_noise_mm: NonNegativeFloat | None = Field(default=None, description=_NOISE)
+    torque_noise_nm: NonNegativeFloat | None = Field(default=None, description=_NOISE)
+    temperature_noise_c: NonNegativeFloat | None = Field(default=None, description=_NOISE)
     force_rate_kn_per_s: PositiveFloat | None = Field(
         default=None, description="of the drive of the axial force"
     )
