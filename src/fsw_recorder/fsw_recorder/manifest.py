@@ -202,9 +202,9 @@ def file_pieces(data: Buffer) -> Iterator[Piece]:
     if data[: len(MAGIC)] == MAGIC:
         yield from record_pieces(data, len(MAGIC))
         return
-    for at in range(0, len(data), PIECE_BYTES):
-        piece = data[at : at + PIECE_BYTES]
-        yield Piece(kind="other", end=at + len(piece), sha256=sha256(piece))
+    for offset in range(0, len(data), PIECE_BYTES):
+        piece = data[offset : offset + PIECE_BYTES]
+        yield Piece(kind="other", end=offset + len(piece), sha256=sha256(piece))
 
 
 def mapped(path: Path) -> Buffer:
