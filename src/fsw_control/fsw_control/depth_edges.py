@@ -131,14 +131,14 @@ class SurfaceEdges:
         A step that follows many spikes of another height did not begin with the first of these.
         """
         here_mm = self.travel_mm
-        near = [one for one in self._wrong[channel] if here_mm - one.until_mm < TOLERANCE_MM]
+        near = [span for span in self._wrong[channel] if here_mm - span.until_mm < TOLERANCE_MM]
         same = [
-            one
-            for one in near
-            if height_mm * one.height_mm > max(height_mm**2, one.height_mm**2) / _SAME
+            span
+            for span in near
+            if height_mm * span.height_mm > max(height_mm**2, span.height_mm**2) / _SAME
         ]
         now = _Wrong(same[0].since_mm if same else here_mm, here_mm, height_mm)
-        self._wrong[channel] = [*(one for one in near if one not in same), now]
+        self._wrong[channel] = [*(span for span in near if span not in same), now]
 
     def suspect(self, channel: int, height_mm: float, usable: Mask, slow: bool) -> bool:
         """Whether a step of a channel may be an edge: no other has watched the place before.
@@ -291,7 +291,7 @@ class SurfaceEdges:
         Returns the channels that have shown it.
         """
         edge = self._pending.pop(channel)
-        edge.slot = min(set(range(EDGES)) - {one.slot for one in self._known})
+        edge.slot = min(set(range(EDGES)) - {known.slot for known in self._known})
         edge.passed |= self._leads >= self._leads[reached]
         self._known.append(edge)
         deviation_mm = _SLOW_HEIGHT_MM if edge.is_slow and reached >= 0 else _HEIGHT_MM

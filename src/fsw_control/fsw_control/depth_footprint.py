@@ -74,8 +74,8 @@ class Footprint(Model):
             raise problem("must rise", "angle_deg")
         for name, values in (
             ("depth_mm", self.depth_mm),
-            *((f"sensors.{one.sensor}", one.bias_mm) for one in self.sensors),
-            *((f"sensors.{one.sensor}", one.deviation_mm) for one in self.sensors),
+            *((f"sensors.{sensor.sensor}", sensor.bias_mm) for sensor in self.sensors),
+            *((f"sensors.{sensor.sensor}", sensor.deviation_mm) for sensor in self.sensors),
         ):
             if len(values) != len(self.angle_deg):
                 raise problem("needs a value for each angle", name)

@@ -196,7 +196,7 @@ def reference_plan(message: WeldReferencePlan) -> list[tuple[int, Reference]]:
 
     Raises as :func:`reference` does, and also if the stamps do not rise.
     """
-    planned = [(stamp_ns(one.header.stamp), reference(one)) for one in message.references]
+    planned = [(stamp_ns(entry.header.stamp), reference(entry)) for entry in message.references]
     for (before_ns, _), (after_ns, _) in pairwise(planned):
         if not before_ns < after_ns:
             raise RefusedError.of(Forbidden.FALLING)
@@ -209,7 +209,7 @@ def reference_plan_message(
     """Message of a plan made at ``time_ns``: set-points, each with its start in ns."""
     return WeldReferencePlan(
         header=header(time_ns),
-        references=[reference_message(one, begin_ns) for begin_ns, one in planned],
+        references=[reference_message(point, begin_ns) for begin_ns, point in planned],
     )
 
 
@@ -402,9 +402,9 @@ def chain_messages(reason: Reason) -> list[ReasonMessage]:
     return [ReasonMessage(**item.fields) for item in reason.chain]
 
 
-def reason_message(given: Reason | str) -> ReasonMessage:
+def reason_message(reason: Reason | str) -> ReasonMessage:
     """A reason as a message; a text comes from a user's controller."""
-    return ReasonMessage(**Reason.of(given).fields)
+    return ReasonMessage(**Reason.of(reason).fields)
 
 
 def readiness(message: ControllerHealth) -> Readiness:

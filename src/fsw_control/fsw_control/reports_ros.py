@@ -103,7 +103,7 @@ def told(key: str, fact: Fact | None) -> dict[str, object]:
         elif isinstance(item, str | int | float):
             values[f"{key}: {name}"] = item
         elif type(item) is tuple:
-            inside = [one.code if isinstance(one, Fact) else one for one in item]
+            inside = [entry.code if isinstance(entry, Fact) else entry for entry in item]
             values[f"{key}: {name}"] = ", ".join(map(str, inside))
     return values
 
