@@ -63,11 +63,11 @@ _STATES = {("held", "running"): "resumed"}
 
 def phases(times_s: FloatArray, progress: Table) -> list[tuple[str, float]]:
     """Name and begin of each phase, from the programme's reports."""
-    found: list[tuple[str, float]] = []
+    started: list[tuple[str, float]] = []
     for time_s, name in _in_order(times_s, progress, "phase"):
-        if name and (not found or found[-1][0] != name):
-            found.append((name, time_s))
-    return found
+        if name and (not started or started[-1][0] != name):
+            started.append((name, time_s))
+    return started
 
 
 def of_progress(times_s: FloatArray, progress: Table) -> Iterator[WeldEvent]:

@@ -222,13 +222,13 @@ class Procedure(RuleBook):
     @model_validator(mode="after")
     def _check(self) -> Self:
         for key in ("phases", "controllers", "sensors"):
-            names = [one.name for one in getattr(self, key)]
-            if doubled := next((one for one in names if names.count(one) > 1), None):
+            names = [entry.name for entry in getattr(self, key)]
+            if doubled := next((name for name in names if names.count(name) > 1), None):
                 raise problem(f"names {doubled} twice", key)
         names = [phase.name for phase in self.phases]
         for key in ("essential", "quality"):
             for row, limit in enumerate(getattr(self, key)):
-                if unknown := [one for one in limit.phases if one not in names]:
+                if unknown := [phase for phase in limit.phases if phase not in names]:
                     raise problem(
                         f"names phase {unknown[0]}, which is not one of {', '.join(names)}",
                         key,
@@ -272,14 +272,14 @@ def tuning(parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 def attached(attachments: Mapping[str, bytes]) -> list[Procedure]:
     """The procedures that are attached to a bag."""
-    found = []
+    differences = []
     for name, data in attachments.items():
         if name.endswith(".yaml") and _FORMAT.encode() in data:
             with suppress(InputError):  # a scenario that names the format is none
-                found.append(
+                differences.append(
                     validate(Procedure, content_of(data.decode("utf-8", "replace"), name), name)
                 )
-    return found
+    return differences
 
 
 def rule_book(attachments: Mapping[str, bytes]) -> RuleBook:

@@ -199,9 +199,9 @@ class RuleBook(Model):
                         "is impossible: a weld at its set-points, error 0, is outside", key, row
                     )
         for row, limit in enumerate(self.essential):
-            one = points.get(limit.variable)
-            if one is not None and not (limit.holds(one.min) and limit.holds(one.max)):
-                text = f"is impossible: set-points from {one.min:g} to {one.max:g} are permitted outside it"
+            point = points.get(limit.variable)
+            if point is not None and not (limit.holds(point.min) and limit.holds(point.max)):
+                text = f"is impossible: set-points from {point.min:g} to {point.max:g} are permitted outside it"
                 raise problem(text, "essential", row)
         return self
 

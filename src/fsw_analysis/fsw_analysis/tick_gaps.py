@@ -51,7 +51,7 @@ class TickCounter:
 
     def span_ns(self) -> tuple[int, int]:
         """First and last stamp, by the clock of the weld; two zeros without any."""
-        stamps = [stamp for one in self._stamps.values() for stamp in one or ()]
+        stamps = [stamp for stamps_ns in self._stamps.values() for stamp in stamps_ns or ()]
         return min(stamps, default=0), max(stamps, default=0)
 
     def gaps(self) -> dict[str, TickGaps]:
@@ -61,9 +61,9 @@ class TickCounter:
         missing ones are put in at the usual period.
         """
         stamps = {
-            topic: np.unique(np.array(one, dtype=np.int64))
-            for topic, one in self._stamps.items()
-            if one
+            topic: np.unique(np.array(stamp, dtype=np.int64))
+            for topic, stamp in self._stamps.items()
+            if stamp
         }
         if not stamps:
             return {}

@@ -217,10 +217,10 @@ class WeldSignals:
         """Phase at each tick or at other times; empty without a programme."""
         names = np.array([name for name, _ in self.phases] or [""], object)
         begins = [begin_s - 1e-6 for _, begin_s in self.phases[1:]]
-        found: TextArray = names[
+        roles: TextArray = names[
             np.searchsorted(begins, self.time_s if time_s is None else time_s, side="right")
         ]
-        return found
+        return roles
 
     @property
     def operators(self) -> tuple[str, ...]:
