@@ -80,7 +80,7 @@ def _changes(quantity: str, values: npt.NDArray[np.float64]) -> list[Change]:
     slopes = np.diff(values)
     ticks = (
         np.flatnonzero(np.abs(slopes) > _SMALLEST_STEP) + 1
-    )  # NaN compares false: what appears is no change
+    )  # NaN compares false: a value that appears is not a change
     steps: list[Change] = []
     for group in np.split(ticks, np.flatnonzero(np.diff(ticks) > _GROUP_TICKS) + 1):
         if not group.size:
@@ -92,7 +92,7 @@ def _changes(quantity: str, values: npt.NDArray[np.float64]) -> list[Change]:
 
 
 def cut_to_scenario(signals: WeldSignals) -> WeldSignals:
-    """Without the ticks after the end of the scenario that is attached to the bag; unchanged if there is none."""
+    """Cut the ticks after the end of the attached scenario; unchanged without one."""
     n = int(np.searchsorted(signals.time_s, _scenario_s(signals) + _LATE_S, side="right"))
     return signals if n >= signals.n_ticks else part(signals, slice(n))
 

@@ -36,8 +36,8 @@ class Course:
     """The weld from its programme's first report to its end: arrays (n,), NaN if unknown.
 
     ``values`` has the variables of a procedure and the set-points in force, `set_point_depth_mm`
-    and `set_point_temperature_c`; ``source`` is who commanded, ``phase`` is empty where no
-    programme says it.
+    and `set_point_temperature_c`; ``source`` is the commanding controller or mode, ``phase`` is empty
+    without a report of the programme.
     """
 
     time_s: FloatArray
@@ -89,7 +89,7 @@ class Course:
 
 
 def course_of(signals: WeldSignals) -> Course:
-    """Course of a recorded weld, by its sensors only: the emulator's truth is not evidence."""
+    """Course of a recorded weld from its sensors; the emulator's truth is not evidence."""
     over = [event for event in signals.events if event.kind == "weld" and event.subject in OVER]
     end_s = over[-1].time_s if over else float(signals.time_s[-1])
     begin_s = signals.phases[0][1] if signals.phases else _start_s(signals)

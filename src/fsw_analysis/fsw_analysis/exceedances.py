@@ -42,7 +42,7 @@ class Exceedance(Model):
     travel_mm: Pair | None = None
     """from and to along the weld, if reported"""
     commanded_by: str
-    """whose commands were applied then, empty when not on record"""
+    """sources of the applied commands; empty when not on record"""
 
     @property
     def kind(self) -> Kind:

@@ -1,4 +1,4 @@
-"""What pages and tables say of a judgement, in plain English: made here last, from one table."""
+"""Plain English for pages and tables of a judgement, from one table."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _LIMITS = ("essential", "quality", "set-point")
 
 
 def title(rule: Rule) -> str:
-    """What a rule that decides says, in a few words."""
+    """The deciding rule, in a few words."""
     codes = {fact.code for fact in rule.facts}
     lacks = FactCode.MISSING in codes and FactCode.BEYOND not in codes and rule.name in _LIMITS
     words = _TITLES["missing" if lacks else rule.name]

@@ -50,7 +50,7 @@ _NOT_ON_RECORD = Fact.of(FactCode.NOT_ON_RECORD)
 
 
 class Evidence(Model):
-    """What the rules need beside the course."""
+    """Inputs of the rules beside the course."""
 
     problems: tuple[str, ...]
     """of the bag"""
@@ -65,12 +65,12 @@ class Evidence(Model):
     unusable: dict[str, dict[str, int]]
     """samples that are not used, by sensor and reason"""
     custom: dict[str, str]
-    """what the recorder was given with the bag"""
+    """custom data of the recorder"""
 
 
 @dataclass(frozen=True, slots=True)
 class Account:
-    """A weld and what is to be said of it."""
+    """A weld and its judgement."""
 
     course: Course
     evidence: Evidence
@@ -80,7 +80,7 @@ class Account:
 
     @property
     def verdict(self) -> Verdict:
-        """What becomes of the weld."""
+        """Disposition of the weld."""
         return self.deciding.verdict
 
     @property
@@ -106,7 +106,7 @@ def judge(
     book : RuleBook
         A procedure, or the defaults.
     running : bool
-        The weld is not over: that it lacks its end is no fault.
+        The weld is still running: a missing end is not a fault.
     recorded : bool
         It comes from a bag, which must show that nothing was lost; else it was simulated or
         watched in this process.
@@ -177,7 +177,7 @@ def _rule(
     subject: str = "",
     data: dict[str, Any] | None = None,
 ) -> Rule:
-    """A rule that is broken by what was found, or as told."""
+    """A rule, broken by its findings or as ``broken`` states."""
     is_broken = bool(facts) if broken is None else broken
     verdict = verdict if is_broken else Verdict.ACCEPT
     return Rule(name=name, subject=subject, data=data or {}, facts=tuple(facts), verdict=verdict)
@@ -252,7 +252,7 @@ def _welded_by(procedure: Procedure | None, signals: WeldSignals) -> Iterator[Ru
 
 
 def _complete(course: Course, procedure: Procedure | None, running: bool) -> Rule:
-    """Every phase in its order, to its end: of what is not on record nothing can be said."""
+    """Every phase in its order and to its end; phases not on record are not judged."""
     faults = []
     lacks_end = (course.phase != "").any() or procedure is not None
     if course.end and course.end != "done":  # the cause before what follows from it
@@ -266,7 +266,7 @@ def _complete(course: Course, procedure: Procedure | None, running: bool) -> Rul
 
 
 def _phases(course: Course, procedure: Procedure) -> Iterator[Fact]:
-    """What the phases lack."""
+    """Phases that are missing or incomplete."""
     names = [name for name, _ in course.spans() if name]
     if names != [phase.name for phase in procedure.phases]:
         none = {phase.name for phase in procedure.phases}.isdisjoint(names)

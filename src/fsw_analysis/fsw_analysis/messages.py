@@ -26,7 +26,7 @@ Kind = Literal["number", "text", "numbers", "texts"]
 #: per kind float64 (n,), and object (n,) of str, of float64 arrays and of lists of str
 Column = npt.NDArray[Any]
 
-#: what a field of a kind is once decoded, and what stands for it where the type has no such field
+#: by kind of field, its decoded type and the value for types without the field
 _KINDS: dict[Kind, tuple[type, Any]] = {
     "number": (Real, np.nan),
     "text": (str, ""),

@@ -61,7 +61,7 @@ _MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 def read_table(
     source: str | Path | Mapping[str, Any] | Any, columns: Mapping[str, str] | None = None
 ) -> WeldSignals:
-    """Signals of a weld at ticks of 0.1 s: means of the samples of each tick, NaN where there are none.
+    """Signals of a weld at ticks of 0.1 s: means of the samples of each tick, NaN where a tick has no sample.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def _dubious(
     for quantity, usual in _USUAL.items():
         values = numbers[quantity]
         median = float(np.median(values[np.isfinite(values)]))
-        if 0.0 < median < usual.low or median > usual.high:  # in air depth and force are none
+        if 0.0 < median < usual.low or median > usual.high:  # depth and force vanish in air
             header = chosen[quantity][0]
             yield f"column {header!r}: median {median:.4g}, usual are {usual}; check its unit"
 

@@ -1,7 +1,7 @@
 """Which set-points were in force at which tick of a recorded weld.
 
-The rule is that of the nodes, `fsw_control.references.ReferenceQueue`, which gets here what the
-recorder received: the set-points as sent and as the supervisor reports them. What was published
+The rule is that of the nodes, `fsw_control.references.ReferenceQueue`, fed with the
+recorder's messages: the set-points as sent and as the supervisor reports them. What was published
 before the recording began counts from its first tick on. Each controller reports which ones it
 followed.
 """
@@ -25,7 +25,7 @@ from fsw_control.units import NANOSECONDS, mm_from_m
 
 #: topics of set-points: as sent, as the supervisor reports them, and as announced
 SENT, HELD, PLANNED = "/fsw/reference", "/fsw/supervisor/reference", "/fsw/reference_plan"
-#: time after which a new recorder has received what was sent before it joined
+#: time after which a new recorder has received the latched messages
 _JOINING_NS = 2 * NANOSECONDS
 UNKNOWN_ORDER = (
     f"{SENT}: set-points were sent before the recording began, and this bag does not show in which order: "
@@ -107,7 +107,7 @@ def timeline(
     stamps, logs : int array, shape (n_ticks,)
         Stamp and receive time of every tick [ns], in order of stamps.
     problems : list of str
-        Gets `UNKNOWN_ORDER` when the bag does not show what held when the recording began.
+        Gets `UNKNOWN_ORDER` if the set-points in force at the start are ambiguous.
     """
     begin_ns = int(logs[0])
     if sent and all(point.issued_ns == point.log_ns for point in sent):

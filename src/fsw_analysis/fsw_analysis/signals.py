@@ -76,7 +76,7 @@ class _Ticks:
         return np.minimum(np.searchsorted(self.stamp_ns, table.stamp_ns), self.stamp_ns.size - 1)
 
     def align(self, table: Table, values: Column) -> Column:
-        """Values at the ticks, of several with one stamp the first, as `JoinRules` says; NaN or empty without any."""
+        """Values at the ticks, the first per stamp (`JoinRules`); NaN or empty without any."""
         rows = self._rows(table)
         index = np.flatnonzero(self.stamp_ns[rows] == table.stamp_ns)[::-1]
         result = np.full(
@@ -236,7 +236,7 @@ def _add_course(weld: WeldSignals, messages: WeldMessages, ticks: _Ticks) -> Non
 
 
 def _fused(ticks: _Ticks, depth: Table) -> FusedSignals | None:
-    """What the depth rested on; None if it was of one sensor, or in bags of earlier versions."""
+    """Channels behind the depth; None for a single sensor and in bags of earlier versions."""
     names = list(DEPTH_CHANNELS)
     rows = depth.column("channel_health")
     known = np.array([len(row) == len(names) for row in rows], bool)

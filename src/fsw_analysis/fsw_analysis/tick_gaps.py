@@ -1,7 +1,7 @@
 """Counts the ticks that are missing in a bag, from the stamps of its messages alone.
 
-The middleware reports at best what was lost on its way to the recorder. The topics of a weld carry
-one stamp per tick, the same on all of them, so the bag itself shows what is missing.
+The middleware reports at best the messages lost on the way to the recorder. The topics of a weld carry
+one stamp per tick, the same on all of them, so the bag itself shows the gaps.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _LONGEST_GAP_NS = 60 * NANOSECONDS
 
 
 class TickGaps(NamedTuple):
-    """What one topic lacks: ticks between its first and last message, and the stamp of the first of them [ns].
+    """Gaps of a topic: ticks between its first and last message, and the stamp of the first of them [ns].
 
     ``before`` and ``after`` are the ticks of the bag outside: it began later or ended earlier than
     another topic.

@@ -86,7 +86,7 @@ class DriveSignals:
 
 @dataclass(slots=True)
 class FusedSignals:
-    """What a depth fused from several channels rested on; NaN if missing."""
+    """Channels behind a fused depth; NaN if missing."""
 
     deviation_mm: FloatArray  #: standard deviation of the depth
     #: by sensor, 1 at ticks whose depth rests on it, else 0
@@ -144,7 +144,7 @@ class WeldSignals:
     #: the applied command that answers the tick
     force_kn: FloatArray
     speed_rpm: FloatArray
-    #: who computed the applied command, and why if not nominal
+    #: source of the applied command, and the reason if not nominal
     command_source: TextArray
     command_reason: TextArray
     #: from the tick's first recorded measurement to the recorded command, by receive time [s]

@@ -18,7 +18,7 @@ def attainable_of(quantities: Mapping[str, float]) -> Reference | None:
 
 
 class OutOfReach(Worded):
-    """What is out of reach, and the bound by which it is."""
+    """Set-points out of reach, and the active bound."""
 
     TEMPERATURE = "temperature", "{asked_c:.0f} °C asked, {attainable_c:.0f} °C attainable"
     DEPTH = "depth", "{asked_mm:.2f} mm asked, {attainable_mm:.2f} mm attainable"

@@ -57,7 +57,7 @@ _KNOWN_LOST_SHARE = 0.2
 
 
 class Note(Worded):
-    """What the node says of its controller."""
+    """Diagnostics of the controller."""
 
     PROPOSING = "proposing", "proposing"
     REASON = "reason", "{reason.words}"
@@ -177,7 +177,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._ticks.on_drives(convert.stamp_ns(message.header.stamp), convert.command(message))
 
     def _rejoin(self) -> None:
-        """Before a step without a past: say so if it is in mid-weld."""
+        """Before a step without history: call the controller's ``rejoin`` in mid-weld."""
         if self._commands_act and hasattr(self.controller, "rejoin"):
             self.controller.rejoin()
 

@@ -1,6 +1,6 @@
-"""Footprint of a weld: what its depth sensors showed too much, by the depth measured after it.
+"""Footprint of a weld: biases of its depth sensors, from the depth measured afterwards.
 
-Only here is visible what all sensors share. The next weld on the machine takes it as its prior.
+Only the footprint reveals the error common to all sensors. The next weld takes it as its prior.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _EXACT_MM = 1e-4
 
 
 class SensorBias(Model):
-    """What a depth sensor showed too much."""
+    """Bias of a depth sensor: sample minus measured depth."""
 
     sensor: str
     """name in the table of sensors; `depth`: the value that control used"""

@@ -79,9 +79,9 @@ class ParameterValues:
 
 
 def state_contents(node: Node, own: ParameterValues) -> None:
-    """Declare beside each parameter ``..._file`` one with the hash of what the file holds.
+    """Declare beside each parameter ``..._file`` one with the hash of the file's content.
 
-    So whoever reads the parameters, e.g. a recorder on another computer, knows the content.
+    So readers of the parameters, e.g. a recorder on another computer, can identify the content.
     """
     files = {f"{name}{CONTENT_SHA256}": name for name in own.values if name.endswith("_file")}
 

@@ -42,7 +42,7 @@ def ramp(start: Reference, goal: Reference, begin_ns: int) -> Programme:
 
 
 def ramp_plan(start: Reference, goal: Reference, begin_ns: int) -> Programme:
-    """The set-points announced for a ramp, in place of one per tick."""
+    """The set-points announced for a ramp, fewer than one per tick."""
     return _timed(stair(_by_tick(start, goal)), begin_ns)
 
 

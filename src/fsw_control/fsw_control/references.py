@@ -79,8 +79,8 @@ class ReferenceQueue:
       joiners, which arrives sender by sender in any order: the set-point is ordered by its
       publication time, and rejected if newer ones are, or will then be, in force.
     - **A standby orders by publication time alone** (``decides`` is False) and adopts the order of
-      receipt of the nodes that are followed: what reached it alone in the wrong order must not be
-      in force after a takeover.
+      receipt of the nodes that are followed: set-points that reached only the standby, in the
+      wrong order, must not be in force after a takeover.
     - **Every node that follows a set-point publishes it** with its place in the order; the latest
       place wins among nodes, so that all follow the same one, even if messages of two senders
       arrive in different order.

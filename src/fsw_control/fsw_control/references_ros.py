@@ -214,9 +214,7 @@ class KeptReference:
         self._tick_ns = -1
         self._refused = self._reported = 0
         self._last_refusal: Fact | None = None
-        self._programme_runs_s: float | None = (
-            None  #: when the programme of the weld last said that it runs
-        )
+        self._programme_runs_s: float | None = None  #: last report of a running weld programme
         node.create_subscription(WeldProgress, "fsw/weld_progress", self._on_programme, LATEST)
         subscribe_sent(node, self.queue, self._on_received)
         _subscribe_stated(node, self.queue, "fsw/supervisor/reference")

@@ -40,7 +40,7 @@ _SHOWN_CYCLES = 1
 _SAME = 0.01
 #: largest rounding of a node's type, in moves, e.g. whole kN (chosen)
 _ROUNDED = 0.6
-#: cycles after a command when every machine shows what is in force (chosen)
+#: cycles after a command until every machine shows it as in force (chosen)
 _SETTLED_CYCLES = 3
 #: number of ticks whose counter is kept
 _KEPT = 32
@@ -79,7 +79,7 @@ class Publication:
     stamp_ns: int
     values: Mapping[str, float]  #: by sensor
     drives: Command
-    fused: DepthEstimate | None = None  #: what the depth rests on, if it is fused
+    fused: DepthEstimate | None = None  #: estimate behind a fused depth
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,7 +246,7 @@ class Gateway:
         begins = False
         given_up = (
             self._lost and self.fence.state.unanswered >= LOST_COMMANDS
-        )  # no supervisor knows what is in force
+        )  # the command in force is unknown to every supervisor
         if not self.permissive or given_up:
             self._part()
         elif not self.joined:
@@ -423,7 +423,7 @@ class Gateway:
     def on_written(self, order: Order, failure: str, now_s: float) -> Order | None:
         """Take the server's answer to an order; return the order that waited for it, if any.
 
-        ``failure`` says why the order was not accepted; empty if it was.
+        ``failure`` is why the order was not accepted; empty if it was.
         """
         if order is not self._under_way:
             return None

@@ -12,7 +12,7 @@ from fsw_machine.gateway import Gateway
 
 
 class Note(Worded):
-    """What the gateway says of its parts."""
+    """Diagnostics of the gateway's parts."""
 
     CONNECTED = "connected", "connected"
     CONNECTING = "connecting", "connecting"

@@ -1,4 +1,4 @@
-"""The gateway to a machine as a node, in place of the plant emulator."""
+"""The gateway to a machine as a node; it replaces the plant emulator."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ class Connected:
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """There is no connection: why, and the time to the next attempt [s]."""
+    """No connection: the reason, and the time to the next attempt [s]."""
 
     reason: str
     retry_s: float

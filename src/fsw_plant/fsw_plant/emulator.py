@@ -64,7 +64,7 @@ class Reading(NamedTuple):
     #: acting inputs as the drives report them: including input disturbances, as a load cell sees
     #: them
     drives: Command
-    fused: DepthEstimate | None = None  #: what the depth rests on, if it is fused
+    fused: DepthEstimate | None = None  #: estimate behind a fused depth
     footprint_bias_mm: float = 0.0  #: taken off the depth, by the footprint of an earlier weld
 
     @property

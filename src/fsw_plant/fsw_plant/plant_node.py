@@ -98,7 +98,7 @@ class PlantNode(ManagedNode):
     def activate(self) -> None:
         """Ensure that the plant is alone, and start ticking once all peers are present."""
         self._pace = Lockstep()
-        #: whether all subscribers had what was sent when that was last looked at
+        #: whether all subscribers had received everything at the last check
         self._arrived = True
         self._reported = (self.emulator.watchdog.state, self.emulator.stopped)
         self._stop = StopHolder(self, self._fence.register, self._fence.hear)
@@ -237,7 +237,7 @@ class PlantNode(ManagedNode):
             self._writers.note_refused(message.leader)
             text = f"command refused: {gate.last.words}"
             self.get_logger().warning(text, throttle_duration_sec=1.0)
-        # A command that is refused for its content is an answer too: the tick goes on with the
+        # A command that is refused for its content is an answer too: the tick continues with the
         # last valid one.
         foreign = refusal in (Rejection.SOURCE, Barrier.LEADER)
         own = not foreign and stamp_ns == self.emulator.measure().stamp_ns

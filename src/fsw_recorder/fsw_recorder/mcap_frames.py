@@ -106,13 +106,13 @@ def _is_frame(data: Buffer, offset: int, stop: int) -> bool:
 
 
 def _next_frame(data: Buffer, offset: int, stop: int) -> int | None:
-    """First offset from ``at`` on with several consecutive frames; None if there is none."""
+    """First position from ``offset`` on with several consecutive frames; None if not found."""
     places = (match.start() for match in _CANDIDATE.finditer(data, min(offset, stop), stop))
     return next((place for place in places if _is_chain(data, place, stop)), None)
 
 
 def _is_chain(data: Buffer, offset: int, stop: int) -> bool:
-    """Whether enough frames follow from ``at`` on, or all up to the end if that is near."""
+    """Whether enough frames follow from ``offset`` on, or all up to the end if that is near."""
     for link in range(_CHAIN):
         if offset + HEAD_BYTES > stop:
             return offset == stop or link > 1

@@ -52,7 +52,7 @@ _POLL_PERIOD_S = 0.01
 
 
 class Note(Worded):
-    """What the recorder says of itself."""
+    """Diagnostics of the recorder."""
 
     RECORDING = "recording", "recording"
     PAUSED = "paused", "paused"
@@ -269,7 +269,7 @@ class RecorderNode(ManagedNode):
         self.get_logger().info(f"subscribed to {name} [{type_name}]")
 
     def _poll(self) -> None:
-        """Write what has been received."""
+        """Write the received messages."""
         for subscription in self.subscriptions_by_topic.values():
             subscription.poll()
 

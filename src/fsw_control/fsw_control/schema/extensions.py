@@ -1,4 +1,4 @@
-"""Loads what distributions, also the user's, register as entry points; optional dependencies.
+"""Entry points registered by distributions, including the user's; optional dependencies.
 
 Groups:
 
