@@ -111,7 +111,7 @@ def write_sqlite(
     base = sqlite3.connect(path, isolation_level=None)
     base.execute(f"PRAGMA journal_mode={journal}")
     base.execute("PRAGMA wal_autocheckpoint=0")
-    base.execute(SQL[max(one for one in SQL if one <= version)])
+    base.execute(SQL[max(known for known in SQL if known <= version)])
     base.execute(
         "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
     )
@@ -155,7 +155,7 @@ def metadata(
     version: int, storage: str, files: list[str], source: Source, **changes: Any
 ) -> bytes:
     """Text of metadata.yaml in a version of rosbag2: 4 Foxy, 5 Humble, 9 Jazzy and Rolling."""
-    begin, end = (source.records[at].log_time_ns for at in (0, -1))
+    begin, end = (source.records[index].log_time_ns for index in (0, -1))
     counts = {
         name: sum(record.topic == name for record in source.records) for name in source.topics
     }
@@ -248,8 +248,8 @@ def _(source: Source, bag: Path) -> None:
 def _(source: Source, bag: Path) -> None:
     half = source.records[len(source.records) // 2].log_time_ns
     back = [
-        one._replace(log_time_ns=one.log_time_ns - HOUR_NS * (one.log_time_ns > half))
-        for one in source.records
+        record._replace(log_time_ns=record.log_time_ns - HOUR_NS * (record.log_time_ns > half))
+        for record in source.records
     ]
     write_mcap(bag / "weld.mcap", source, back)
 
@@ -257,7 +257,9 @@ def _(source: Source, bag: Path) -> None:
 @form("mcap, all messages twice", remarks=2)
 def _(source: Source, bag: Path) -> None:
     write_mcap(
-        bag / "weld.mcap", source, [record for one in source.records for record in (one, one)]
+        bag / "weld.mcap",
+        source,
+        [record for original in source.records for record in (original, original)],
     )
 
 
@@ -266,8 +268,8 @@ for _unknown in (0, 2**64 - 1):
     @form(f"mcap, receive time {_unknown} now and then", remarks=2)
     def _(source: Source, bag: Path, unknown: int = _unknown) -> None:
         odd = [
-            one._replace(log_time_ns=unknown) if k % 97 == 5 else one
-            for k, one in enumerate(source.records)
+            record._replace(log_time_ns=unknown) if k % 97 == 5 else record
+            for k, record in enumerate(source.records)
         ]
         write_mcap(bag / "weld.mcap", source, odd)
 
@@ -388,8 +390,8 @@ def test_same_figures_from_each_form_and_from_its_recovered_copy(
     bag.mkdir()
     make, remarks = FORMS[name]
     make(source, bag)
-    found, problems = figures(bag)
-    assert found == expected
+    values, problems = figures(bag)
+    assert values == expected
     assert len(problems) == remarks, problems
     recover(bag, tmp_path / "copy", selection=TopicSelection(include_hidden=True))
     assert figures(tmp_path / "copy")[0] == expected

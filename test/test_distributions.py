@@ -67,11 +67,11 @@ def sources(folder: str) -> list[Path]:
 def test_a_distribution_names_only_those_above_it(folder: str) -> None:
     files = sources(folder)
     assert len(files) > 20
-    found = {
+    imported = {
         path.relative_to(WORKSPACE): FOREIGN[folder] & {*named(path.read_text("utf-8"))}
         for path in files
     }
-    assert {path: names for path, names in found.items() if names} == {}
+    assert {path: names for path, names in imported.items() if names} == {}
 
 
 @pytest.mark.parametrize(
@@ -99,7 +99,7 @@ def registered(folder: str) -> dict[str, dict[str, str]]:
 
 def of_setup(folder: str) -> dict[str, dict[str, str]]:
     """Entry points of our groups by the packages' setup.py, each of which registers what it has itself."""
-    found: dict[str, dict[str, str]] = {}
+    groups: dict[str, dict[str, str]] = {}
     for file in (WORKSPACE / folder).glob("*/setup.py"):
         calls = [
             node
@@ -114,8 +114,8 @@ def of_setup(folder: str) -> dict[str, dict[str, str]]:
         for group in points.keys() - {"console_scripts"}:
             for name, value in (map(str.strip, point.split("=")) for point in points[group]):
                 assert re.split("[.:]", value)[0] == file.parent.name
-                assert found.setdefault(group, {}).setdefault(name, value) == value
-    return found
+                assert groups.setdefault(group, {}).setdefault(name, value) == value
+    return groups
 
 
 @pytest.mark.parametrize("folder", PROJECTS)
@@ -125,17 +125,17 @@ def test_pyproject_and_setup_register_the_same(folder: str) -> None:
 
 @pytest.mark.parametrize("group", GROUPS)
 def test_all_that_is_registered_is_seen_here_and_can_be_loaded(group: str) -> None:
-    wanted = {
+    expected = {
         name: value
         for folder in PROJECTS
         for name, value in registered(folder).get(group, {}).items()
     }
     assert (
-        wanted
-        and wanted.items()
+        expected
+        and expected.items()
         <= {name: point.value for name, point in extensions(group).items()}.items()
     )
-    assert all(loaded(group, name) is not None for name in wanted)
+    assert all(loaded(group, name) is not None for name in expected)
 
 
 def test_no_group_is_unknown() -> None:
@@ -175,11 +175,11 @@ def test_each_extra_is_declared_by_its_distribution_and_has_a_lock_for_clones() 
         *extras_of_it, last = project["optional-dependencies"]
         everything = project["optional-dependencies"][last]
         assert last == "all" and everything == [f"{project['name']}[{','.join(extras_of_it)}]"]
-    asked = extras()
-    assert len(asked) >= 8
-    assert asked.keys() - declared == set()
+    known = extras()
+    assert len(known) >= 8
+    assert known.keys() - declared == set()
     assert [
-        name for _, name in asked if not (WORKSPACE / "requirements" / f"{name}.lock").is_file()
+        name for _, name in known if not (WORKSPACE / "requirements" / f"{name}.lock").is_file()
     ] == []
 
 

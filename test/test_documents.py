@@ -103,11 +103,11 @@ def refusal(text: str) -> str | None:
     script = WORKSPACE / ("scripts/fsw.py" if words[0] in ("fsw.py", "fsw") else words[0])
     if not script.is_file():
         return f"no file {words[0]}"
-    given, _, ros = (list(part) for part in _cut(words[1:], "--ros-args"))
+    options, _, ros = (list(part) for part in _cut(words[1:], "--ros-args"))
     for name in (word.partition(":=")[0] for flag, word in pairwise(ros) if flag == "-p"):
         if name not in parameters():
             return f"no parameter {name}"
-    for before, word in pairwise(["", *given]):
+    for before, word in pairwise(["", *options]):
         if (
             word.startswith(FOLDERS)
             and before not in ("--out", "--json")
@@ -117,7 +117,7 @@ def refusal(text: str) -> str | None:
     if script.name in PARSERS:
         with redirect_stderr(io.StringIO()) as printed:
             try:
-                PARSERS[script.name]().parse_args(given)
+                PARSERS[script.name]().parse_args(options)
             except SystemExit as end:
                 only_named = (
                     words[0] in ("fsw.py", "fsw") and "are required" in printed.getvalue()
@@ -132,14 +132,14 @@ def refusal(text: str) -> str | None:
     known = ("--help",) if script.name.startswith("run_") else ()
     unknown = [
         word
-        for word in given
+        for word in options
         if word.startswith("--") and word not in known and f'"{word}"' not in source
     ]
     return f"no option {unknown[0]}" if unknown else None
 
 
-def _cut(words: list[str], at: str) -> tuple[list[str], list[str], list[str]]:
-    where = words.index(at) if at in words else len(words)
+def _cut(words: list[str], separator: str) -> tuple[list[str], list[str], list[str]]:
+    where = words.index(separator) if separator in words else len(words)
     return words[:where], words[where : where + 1], words[where + 1 :]
 
 
@@ -197,7 +197,7 @@ def test_tables_of_the_safety_case_are_those_of_the_results(safety_case: ModuleT
     assert safety_case.with_tables(page, requirements, *safety_case.load_results()) == page
 
 
-def test_a_skipped_test_is_no_proof_of_a_requirement(safety_case: ModuleType) -> None:
+def test_skipped_test_does_not_verify_a_requirement(safety_case: ModuleType) -> None:
     marks = ("reaction times", "last run")
     page = "\n".join(f"<!-- {name}: begin -->\n\n<!-- {name}: end -->" for name in marks)
     counts = {
@@ -212,13 +212,13 @@ def test_a_skipped_test_is_no_proof_of_a_requirement(safety_case: ModuleType) ->
         "date": "d",
         "chosen": "pytest",
         "requirements": {
-            one: dict(zip(safety_case.KINDS, numbers, strict=True))
-            for one, numbers in counts.items()
+            key: dict(zip(safety_case.KINDS, numbers, strict=True))
+            for key, numbers in counts.items()
         },
     }
     text = safety_case.with_tables(page, [*counts, "S5"], results, safety_case.load_results()[1])
-    wanted = "1 of 6 requirements; failed: S4; passed in part: S2, S6; skipped: S3; not run: S5."
-    assert wanted in text
+    expected = "1 of 6 requirements; failed: S4; passed in part: S2, S6; skipped: S3; not run: S5."
+    assert expected in text
 
 
 def test_each_requirement_has_a_test_that_is_run_without_full(safety_case: ModuleType) -> None:
@@ -401,7 +401,7 @@ def test_files_named_in_a_text_are_there(page: Path) -> None:
         r"`((?:src|lab|quality|test|scripts|benchmarks)/[\w./-]+\.\w+)`",
         page.read_text(encoding="utf-8"),
     )
-    assert [one for one in named if "NAME" not in one and not (WORKSPACE / one).exists()] == []
+    assert [path for path in named if "NAME" not in path and not (WORKSPACE / path).exists()] == []
 
 
 @pytest.mark.parametrize(

@@ -82,9 +82,9 @@ def reads(node: ast.AST) -> bool:
     if isinstance(node, ast.Match):
         return holds_prose(node.subject)
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-        of, method = node.func.value, node.func.attr
-        is_re = isinstance(of, ast.Name) and of.id == "re" and method in ("split", "sub")
-        return (method in READS and bool(node.args) and holds_prose(of)) or (
+        owner, method = node.func.value, node.func.attr
+        is_re = isinstance(owner, ast.Name) and owner.id == "re" and method in ("split", "sub")
+        return (method in READS and bool(node.args) and holds_prose(owner)) or (
             (is_re or method in MATCHES) and any(map(holds_prose, node.args))
         )
     if isinstance(node, ast.Compare):
@@ -112,18 +112,18 @@ def sentences_read(source: str) -> list[int]:
 
 
 def test_nothing_reads_a_sentence_of_ours():
-    found = {
+    keys = {
         path.relative_to(ROOT).as_posix(): sentences_read(path.read_text("utf-8"))
         for path in [*PYTHON, *OTHERS]
     }
-    assert {path: lines for path, lines in found.items() if lines and path not in FOREIGN} == {}
+    assert {path: lines for path, lines in keys.items() if lines and path not in FOREIGN} == {}
 
 
 def test_the_page_reads_no_sentence_of_ours():
     assert [
-        f"{path.name}: {one[0]}"
+        f"{path.name}: {match[0]}"
         for path in PAGE
-        for one in IN_PAGE.finditer(path.read_text("utf-8"))
+        for match in IN_PAGE.finditer(path.read_text("utf-8"))
     ] == []
 
 
@@ -180,8 +180,8 @@ def test_messages_say_by_a_number_what_was_and_why(name):
         if line.strip() and not line.startswith("#") and "=" not in line
     ]
     assert fact.split() in fields
-    told = PROSE | {"action", "event"}
-    assert {field for kind, field in fields if kind == "string" and field in told} == sentences
+    texts = PROSE | {"action", "event"}
+    assert {field for kind, field in fields if kind == "string" and field in texts} == sentences
 
 
 def test_no_header_carries_a_term_or_a_name():

@@ -22,10 +22,10 @@ GOLDEN = Path(__file__).parent / "golden"
 BAGS = sorted(folder.name for folder in GOLDEN.iterdir() if folder.is_dir())
 CLOSED_LOOP = [name for name in BAGS if not name.startswith("open_loop")]
 CONTROLLERS = [
-    (name, one)
+    (name, controller)
     for name in CLOSED_LOOP
-    for one in ("decentral", "nmpc")
-    if one == "decentral" or not name.endswith("_decentral")
+    for controller in ("decentral", "nmpc")
+    if controller == "decentral" or not name.endswith("_decentral")
 ]
 #: equal bit by bit on the machine of the recording; elsewhere the last digits of exp() and the
 #: like may differ, and another compiler may order the sums of the kernel differently
@@ -36,15 +36,15 @@ def numbers(value: Any, path: str = "") -> dict[str, float]:
     """All numbers in nested JSON by their path; NaN where there is none."""
     if isinstance(value, dict):
         return {
-            key: one
+            key: number
             for name, part in value.items()
-            for key, one in numbers(part, f"{path}/{name}").items()
+            for key, number in numbers(part, f"{path}/{name}").items()
         }
     if isinstance(value, list):
         return {
-            key: one
+            key: number
             for index, part in enumerate(value)
-            for key, one in numbers(part, f"{path}/{index}").items()
+            for key, number in numbers(part, f"{path}/{index}").items()
         }
     if value is None:
         return {path: math.nan}
@@ -54,9 +54,9 @@ def numbers(value: Any, path: str = "") -> dict[str, float]:
 def test_every_paper_scenario_has_one() -> None:
     assert len(BAGS) == 6 and len(CLOSED_LOOP) == 4
     recorded = [
-        (name, one)
+        (name, controller)
         for name in CLOSED_LOOP
-        for one in WeldMessages(GOLDEN / name).controllers("proposal")
+        for controller in WeldMessages(GOLDEN / name).controllers("proposal")
     ]
     assert sorted(recorded) == CONTROLLERS
     for name in BAGS:
@@ -68,17 +68,19 @@ def test_figures_of_merit(name: str) -> None:
     signals = load_weld(GOLDEN / name)
     assert signals.problems == []
     expected = numbers(json.loads((GOLDEN / name / "kpi.json").read_text(encoding="utf-8")))
-    found = numbers(json.loads(json.dumps(kpi.compute(cut_to_scenario(signals), name))))
-    assert found == pytest.approx(expected, rel=1e-9, abs=1e-12, nan_ok=True)
-    assert len(found) > 10
+    values = numbers(json.loads(json.dumps(kpi.compute(cut_to_scenario(signals), name))))
+    assert values == pytest.approx(expected, rel=1e-9, abs=1e-12, nan_ok=True)
+    assert len(values) > 10
 
 
 def largest(result: Comparison) -> float:
     """Largest difference of any manipulated variable; infinite when the health differs."""
     return max(
         [
-            max(abs(one.force_kn), abs(one.speed_rpm)) if not one.text else float("inf")
-            for one in result.differences
+            max(abs(difference.force_kn), abs(difference.speed_rpm))
+            if not difference.text
+            else float("inf")
+            for difference in result.differences
         ],
         default=0.0,
     )
@@ -97,7 +99,7 @@ def test_controllers_propose_what_they_proposed(name: str, controller: str) -> N
     assert largest(result) <= TOLERANCE_KN_RPM[controller], "\n".join(result.lines())
 
 
-def test_another_tuning_is_told_apart() -> None:
+def test_other_tuning_is_distinguished() -> None:
     result = replayed("reference_tracking_decentral", "decentral", tuning="tight").against_own(
         "decentral"
     )

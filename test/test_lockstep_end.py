@@ -63,7 +63,7 @@ def test_every_process_ends_cleanly_and_the_bag_is_whole(signs, tmp_path):
 
 
 @pytest.mark.full
-def test_a_process_that_dies_is_told_and_the_others_are_ended(tmp_path):
+def test_dead_process_is_reported_and_the_others_end(tmp_path):
     with free_domain() as domain, Launcher(tmp_path / "log", domain, PATIENCE_S) as launcher:
         graph = WeldGraph(load("reference_tracking"), tmp_path / "weld")
         began = []
@@ -79,14 +79,14 @@ def test_a_process_that_dies_is_told_and_the_others_are_ended(tmp_path):
 
 
 def processes_with(text):
-    found = []
+    lines = []
     for entry in Path("/proc").iterdir():
         try:
             if entry.name.isdigit() and text.encode() in (entry / "cmdline").read_bytes():
-                found.append(int(entry.name))
+                lines.append(int(entry.name))
         except OSError:
             continue
-    return found
+    return lines
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
@@ -132,7 +132,7 @@ def test_player_alone_gives_up_with_one_clear_line(tmp_path):
         assert re.search(r"no 1 controllers .* 1 s\b", player.text())
 
 
-def test_player_does_not_begin_for_listeners_that_are_no_controllers(tmp_path):
+def test_player_waits_for_controllers_only(tmp_path):
     arguments = ["quick", "--ros-args", "-p", "silence_timeout_s:=3.0"]
     with free_domain() as domain, Launcher(tmp_path, domain, PATIENCE_S) as launcher:
         context = Context()
@@ -189,5 +189,5 @@ def test_player_with_bad_arguments(arguments, words, monkeypatch, capfd):
     with free_domain() as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         assert play(["player", *arguments]) == 2
-    told = "".join(capfd.readouterr())
-    assert words in told and told.count("\n") == 1
+    printed = "".join(capfd.readouterr())
+    assert words in printed and printed.count("\n") == 1

@@ -47,7 +47,7 @@ def patient(fsw):
         end_s = time.monotonic() + PATIENCE_S
         while True:
             code, printed, error = fsw(*arguments)
-            if code == 0 and all(one in printed for one in words):
+            if code == 0 and all(word in printed for word in words):
                 assert error == ""
                 return printed
             assert time.monotonic() < end_s, (printed, error)
@@ -117,7 +117,7 @@ def test_refusals_are_one_line_and_a_bad_exit_code(fsw):
     assert code == 1 and "is running" in error and error.count("\n") == 1
 
 
-def test_an_empty_domain_is_told(capsys, monkeypatch):
+def test_empty_domain_is_reported(capsys, monkeypatch):
     with free_domain() as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         for arguments in (

@@ -214,7 +214,7 @@ def modules(folder: Path) -> Iterator[tuple[str, str, bool]]:
 @cache
 def imports(source: str) -> tuple[tuple[str, bool], ...]:
     """Imported modules of a source text, and whether each is imported when the file is, or for its types only."""
-    tree, found = ast.parse(source), []
+    tree, listed = ast.parse(source), []
     inside = {
         id(node)
         for function in ast.walk(tree)
@@ -224,17 +224,17 @@ def imports(source: str) -> tuple[tuple[str, bool], ...]:
     for node in ast.walk(tree):
         at_import = id(node) not in inside
         if isinstance(node, ast.Import):
-            found += [(alias.name, at_import) for alias in node.names]
+            listed += [(alias.name, at_import) for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            found += [(f"{node.module}.{alias.name}", at_import) for alias in node.names]
-    return tuple(found)
+            listed += [(f"{node.module}.{alias.name}", at_import) for alias in node.names]
+    return tuple(listed)
 
 
 def imported(folder: Path) -> set[str]:
     """Top-level packages that the files of a folder import, but for the standard library and their own."""
-    found = {module.partition(".")[0] for _, module, _ in modules(folder)}
+    packages = {module.partition(".")[0] for _, module, _ in modules(folder)}
     local = {path.stem for path in folder.rglob("*.py")}
-    return found - set(sys.stdlib_module_names) - OPTIONAL - (local - {"rclpy"})
+    return packages - set(sys.stdlib_module_names) - OPTIONAL - (local - {"rclpy"})
 
 
 def uses(package: Path) -> set[str]:
@@ -250,14 +250,14 @@ def declared(package: Path, *tags: str) -> set[str]:
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_package_xml_says_what_is_imported(package: Path) -> None:
     needed = {KEYS.get(module, module) for module in uses(package)}
-    said = declared(package, *_TAGS)
+    declared_names = declared(package, *_TAGS)
     started = {
         "fsw": {"fsw_decentral", "fsw_machine", "fsw_nmpc", "fsw_supervisor", "ros2launch"},
         "fsw_control": {row.message_type.partition("/")[0] for row in SENSORS.values()},
         "fsw_scenario": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi", "fsw_recorder"},
     }
-    assert needed - said == set()
-    assert said - needed - started.get(package.name, set()) == set()
+    assert needed - declared_names == set()
+    assert declared_names - needed - started.get(package.name, set()) == set()
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
@@ -309,12 +309,12 @@ def circle(edges: Mapping[str, set[str]]) -> list[str]:
         if name in clear:
             return []
         for other in sorted(edges.get(name, ())):
-            if found := visit(other, [*path, name]):
-                return found
+            if closed := visit(other, [*path, name]):
+                return closed
         clear.add(name)
         return []
 
-    return next((found for name in sorted(edges) if (found := visit(name, []))), [])
+    return next((closed for name in sorted(edges) if (closed := visit(name, []))), [])
 
 
 def module_edges(folder: Path, only_at_import: bool) -> dict[str, set[str]]:
@@ -392,8 +392,8 @@ def test_nodes_start_quietly_and_their_entry_points_exist(package: Path) -> None
     """A node's entry point imports nothing before a Ctrl-C is taken care of (``fsw_control.schema.entry``)."""
     setup = (package / "setup.py").read_text(encoding="utf-8").replace("{PACKAGE}", package.name)
     scripts = re.search(r'"console_scripts": \[.*?\]', setup, re.DOTALL)
-    found = re.findall(r'"[a-z_]+ = ([\w.]+):([\w.]+)"', scripts[0] if scripts else "")
-    for module, path in found:
+    scripts_found = re.findall(r'"[a-z_]+ = ([\w.]+):([\w.]+)"', scripts[0] if scripts else "")
+    for module, path in scripts_found:
         if module == "fsw_control.schema.entry":
             file, function = path.rpartition(".")[::2]
             module, path = file, function
@@ -401,7 +401,7 @@ def test_nodes_start_quietly_and_their_entry_points_exist(package: Path) -> None
             assert module == "fsw.__main__", f"{module}:{path} is no node's"
         name = module.replace(".", "/")
         candidates = [package / f"{name}.py", package / name / "__init__.py"]
-        [source] = [one for one in candidates if one.is_file()]
+        [source] = [candidate for candidate in candidates if candidate.is_file()]
         assert re.search(rf"\b{path}\b", source.read_text(encoding="utf-8"))
 
 

@@ -36,7 +36,7 @@ def test_published_faults_are_those_of_the_benchmark(benchmark):
 )
 def test_reaction_is_the_published_one(benchmark, monkeypatch, name):
     monkeypatch.setattr(benchmark, "HORIZON_S", 15.0)
-    case = next(one for one in benchmark.FAULTS if one.name == name)
+    case = next(fault for fault in benchmark.FAULTS if fault.name == name)
     (published,) = (row for row in PUBLISHED["rows"] if row["fault"] == name)
     assert benchmark.measured(case)["reaction_s"] == pytest.approx(
         published["reaction_s"], abs=0.2

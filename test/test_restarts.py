@@ -202,11 +202,12 @@ def test_set_point_and_safe_stop_outlive_the_supervisors(make_weld, capsys):
     assert_stays(weld, capsys, 2.72)
 
     obeyed(weld, capsys, lambda: weld.source == "safe_stop", "mode", "safe_stop")
-    told = [
+    reported = [
         "safe_stop"
     ] * 5  # until then, those who remember it for the next supervisors may not have heard of it
     weld.until(
-        lambda: [message.source for message in weld.commands[-5:]] == told, "a safe stop in force"
+        lambda: [message.source for message in weld.commands[-5:]] == reported,
+        "a safe stop in force",
     )
     for name in ("supervisor", "standby"):
         weld.kill(name)

@@ -98,7 +98,7 @@ def test_lines_are_counted_now_and_at_another_revision():
         ("// a\nlet url = `http://b`; /* c */\n/* d\n */\n", "JavaScript", 1),
     ],
 )
-def test_blank_lines_comments_and_docstrings_are_no_code(monkeypatch, text, language, lines):
+def test_blank_lines_comments_and_docstrings_are_not_counted(monkeypatch, text, language, lines):
     monkeypatch.syspath_prepend(str(SCRIPTS))
     assert importlib.import_module("count_lines").code_lines(text, language) == lines
 

@@ -34,7 +34,9 @@ def test_a_weld_in_one_executor(make, monkeypatch):
             "fsw_plant:wait_for_subscribers:=2",
         ]
         parameters += ["fsw_supervisor:use_sim_time:=true", "fsw_decentral:use_sim_time:=true"]
-        rclpy.init(args=["--ros-args", *(word for one in parameters for word in ("-p", one))])
+        rclpy.init(
+            args=["--ros-args", *(word for parameter in parameters for word in ("-p", parameter))]
+        )
         try:
             check(make())
         finally:

@@ -403,14 +403,14 @@ class Weld(Spinner):
                 )
                 nearest = min(
                     acting,
-                    key=lambda one: (
-                        abs(one.force_kn - new.force_kn) / MOVE_KN
-                        + abs(one.speed_rpm - new.speed_rpm) / MOVE_RPM
+                    key=lambda command: (
+                        abs(command.force_kn - new.force_kn) / MOVE_KN
+                        + abs(command.speed_rpm - new.speed_rpm) / MOVE_RPM
                     ),
                 )
                 moves.append((nearest, new))
         answers = [self.commands[stamp] for stamp in stamps if stamp in self.commands]
-        groups = itertools.groupby(answers, lambda one: one.source)
+        groups = itertools.groupby(answers, lambda command: command.source)
         in_turn = [(source, convert.reason(next(group)).words) for source, group in groups]
         return Outcome(
             exact=self.lockstep,

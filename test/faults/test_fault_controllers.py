@@ -60,7 +60,7 @@ def test_the_active_controller_is_killed_or_stopped(
 ):
     weld = launch(lockstep=True) if lockstep else launch(standby=True)
     weld.restore()
-    told = len(weld.states)
+    before = len(weld.states)
     first = weld.switch(active)
     weld.ticks(5)
     weld.signal(active, number)
@@ -73,7 +73,8 @@ def test_the_active_controller_is_killed_or_stopped(
     outcome.assert_steady()
     outcome.assert_sources(active, other)
     assert (
-        any(state.cause == Cause.SWAP_FAILED for state in weld.states[told:]) or not outcome.exact
+        any(state.cause == Cause.SWAP_FAILED for state in weld.states[before:])
+        or not outcome.exact
     )
     verb = "killed (-9)" if number == signal.SIGKILL else "stopped and continued"
     where = ", lockstep" if lockstep else ""

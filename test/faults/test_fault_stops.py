@@ -41,12 +41,12 @@ class Stopped:
     def confirm(self, mode):
         """Ask for a mode until it is confirmed; a request to a supervisor that has died is not answered."""
         while True:
-            asked, due_s = self.ask(mode), time.monotonic() + _ANSWER_S
+            request, due_s = self.ask(mode), time.monotonic() + _ANSWER_S
             self.weld.until(
-                lambda asked=asked, due_s=due_s: asked.done() or time.monotonic() > due_s,
+                lambda request=request, due_s=due_s: request.done() or time.monotonic() > due_s,
                 "the answer",
             )
-            if asked.done() and asked.result().ok:
+            if request.done() and request.result().ok:
                 return
             if mode == "hold" and self.actuator.stop.stopped:
                 # on a busy machine the plant's watchdog is faster than the start of a supervisor
@@ -67,11 +67,11 @@ class Stopped:
         assert sources - {""} == {"safe_stop"}, (
             "no source: the plant's own ramp, while no supervisor lives"
         )
-        assert all(one.actuator.stop.stopped for one in after)
-        assert max(one.axial_force for one in after) <= after[0].axial_force + 1.0
+        assert all(report.actuator.stop.stopped for report in after)
+        assert max(report.axial_force for report in after) <= after[0].axial_force + 1.0
 
     def other(self, name):
-        return next(one for one in self.weld.supervisors if one != name)
+        return next(supervisor for supervisor in self.weld.supervisors if supervisor != name)
 
 
 @pytest.fixture
@@ -85,9 +85,9 @@ def test_a_stop_in_a_pause_of_the_measurements_outlasts_its_leader(stopped):
     weld = stopped.weld
     leader = weld.leader
     weld.signal("plant", signal.SIGSTOP)
-    asked = stopped.ask("safe_stop")
-    weld.until(asked.done, "the answer")
-    assert not asked.result().ok, "the plant has confirmed nothing"
+    request = stopped.ask("safe_stop")
+    weld.until(request.done, "the answer")
+    assert not request.result().ok, "the plant has confirmed nothing"
     weld.signal(leader, signal.SIGKILL)
     weld.start(leader)
     weld.until(lambda: weld.role(leader) in ("active", "standby"), "the new supervisor")

@@ -191,8 +191,8 @@ def test_the_only_supervisor_falls_silent(behind_relay, table, number):
     of_it = [row for row, new in enumerate(weld.states) if new.leader == state.leader]
     begin = next(row for row in of_it if row >= states and weld.states[row].actual_mode == "auto")
     earlier = [weld.states[row] for row in of_it if row < begin]
-    found = earlier and "nmpc" in [controller.name for controller in earlier[-1].controllers]
-    assert state.target_controller == "nmpc" or state.cause in AUTOMATIC or not found, (
+    discovered = earlier and "nmpc" in [controller.name for controller in earlier[-1].controllers]
+    assert state.target_controller == "nmpc" or state.cause in AUTOMATIC or not discovered, (
         "the previously active controller continues, not the configured one, if it has been found by then"
     )
     verb = (

@@ -226,10 +226,15 @@ def _object_freezer() -> Callable[[Any, str, _Now], Any]:
     def freeze(value: Any, name: str, now: _Now) -> tuple[Any, ...]:
         nonlocal names
         names = names or tuple(
-            one for one in getattr(value, "__slots__", ()) or vars(value) if one not in _IRRELEVANT
+            slot
+            for slot in getattr(value, "__slots__", ()) or vars(value)
+            if slot not in _IRRELEVANT
         )
         return tuple(
-            [_FREEZERS[type(item := getattr(value, one))](item, one, now) for one in names]
+            [
+                _FREEZERS[type(item := getattr(value, attribute))](item, attribute, now)
+                for attribute in names
+            ]
         )
 
     return freeze
@@ -266,25 +271,25 @@ class Snapshot:
         self._slotted: list[tuple[Any, list[tuple[str, Any]]]] = []
         known, ahead = set[int](), [cell]
         while ahead:
-            one = ahead.pop()
-            kind = type(one)
-            if _never_changes(kind) or id(one) in known:
+            situation = ahead.pop()
+            kind = type(situation)
+            if _never_changes(kind) or id(situation) in known:
                 continue
-            known.add(id(one))
-            if isinstance(one, tuple):
-                ahead.extend(one)
-            elif isinstance(one, dict):
-                self._containers.append((one, dict(one)))
-                ahead.extend(one.values())
-            elif isinstance(one, list | deque | set):
-                self._containers.append((one, tuple(one)))
-                ahead.extend(one)
-            elif hasattr(one, "__dict__"):
-                self._objects.append((vars(one), dict(vars(one))))
-                ahead.extend(vars(one).values())
+            known.add(id(situation))
+            if isinstance(situation, tuple):
+                ahead.extend(situation)
+            elif isinstance(situation, dict):
+                self._containers.append((situation, dict(situation)))
+                ahead.extend(situation.values())
+            elif isinstance(situation, list | deque | set):
+                self._containers.append((situation, tuple(situation)))
+                ahead.extend(situation)
+            elif hasattr(situation, "__dict__"):
+                self._objects.append((vars(situation), dict(vars(situation))))
+                ahead.extend(vars(situation).values())
             else:
-                values = [(name, getattr(one, name)) for name in kind.__slots__]
-                self._slotted.append((one, values))
+                values = [(name, getattr(situation, name)) for name in kind.__slots__]
+                self._slotted.append((situation, values))
                 ahead.extend(value for _, value in values)
 
     def restore(self) -> None:
@@ -294,9 +299,9 @@ class Snapshot:
             (container.extend if isinstance(container, list | deque) else container.update)(items)
         for attributes, values in self._objects:
             attributes.update(values)
-        for one, slots in self._slotted:
+        for kind, slots in self._slotted:
             for name, value in slots:
-                setattr(one, name, value)
+                setattr(kind, name, value)
 
 
 # ---------------------------------------------------------------- the exploration
@@ -401,9 +406,9 @@ class Explorer:
             self.result.transitions += 1
             key = state(cell)
         ticks = self._ticks_to_control.get(key, 0)
-        for one in reversed(keys):
+        for step_key in reversed(keys):
             ticks += 1
-            self._ticks_to_control[one] = ticks
+            self._ticks_to_control[step_key] = ticks
         self.result.slowest_recovery = max(self.result.slowest_recovery, ticks)
 
 
@@ -444,7 +449,7 @@ def page(rows: Sequence[Row]) -> str:
         cells.append((row["alphabet"], row["machine"], *numbers, round(row["cpu_s"])))
     total = {name: f"{sum(row[name] for row in rows):,}" for name in counted}
     slowest = max(row["slowest_recovery"] for row in rows)
-    broken = {rule: told for row in rows for rule, told in row["broken"].items()}
+    broken = {rule: value for row in rows for rule, value in row["broken"].items()}
     text = "Together {sequences} sequences, {transitions} transitions between {states} states.".format(
         **total
     )

@@ -194,16 +194,16 @@ def explore(
     cpu_s: float = inf,
 ) -> Iterator[Found]:
     """Walk sequences of letters until so many transitions are done; yields the counts after each walk."""
-    found, begun_s = Found(machine), time.process_time()
+    result, begun_s = Found(machine), time.process_time()
     for letters in sequences:
         world, error = walk(letters, machine, forgiven)
-        found.add(world)
-        found.letters.update(letters)
-        if error is not None and error.rule not in found.broken:
+        result.add(world)
+        result.letters.update(letters)
+        if error is not None and error.rule not in result.broken:
             short = shrink(letters, error.rule, machine, forgiven)
-            found.broken[error.rule] = (short, str(walk(short, machine, forgiven)[1]))
-        yield found
-        if found.transitions >= transitions or time.process_time() - begun_s >= cpu_s:
+            result.broken[error.rule] = (short, str(walk(short, machine, forgiven)[1]))
+        yield result
+        if result.transitions >= transitions or time.process_time() - begun_s >= cpu_s:
             return
 
 
@@ -214,35 +214,35 @@ def run(
     kind: str, sequences: Iterable[tuple[str, ...]], machine: str, transitions: float = inf
 ) -> results_page.Row:
     """Explore and print; returns the figures."""
-    found, shown, begun_s = Found(machine), 0, time.process_time()
-    for found in explore(sequences, machine, transitions):
-        if found.transitions - shown >= 1_000_000:
-            shown = found.transitions
+    result, shown, begun_s = Found(machine), 0, time.process_time()
+    for result in explore(sequences, machine, transitions):
+        if result.transitions - shown >= 1_000_000:
+            shown = result.transitions
             print(
-                f"{machine}: {shown} transitions in {found.walks} walks, broken: {sorted(found.broken)}",
+                f"{machine}: {shown} transitions in {result.walks} walks, broken: {sorted(result.broken)}",
                 flush=True,
             )
     cpu_s = time.process_time() - begun_s
-    rate = found.transitions / max(cpu_s, 1e-9)
+    rate = result.transitions / max(cpu_s, 1e-9)
     print(
-        f"{machine}, {kind}: {found.transitions} transitions in {found.walks} walks, {rate:.0f} a second of CPU"
+        f"{machine}, {kind}: {result.transitions} transitions in {result.walks} walks, {rate:.0f} a second of CPU"
     )
     print(
-        f"{found.accepted} commands acted; control was back after at most {found.slowest_s:.1f} s",
+        f"{result.accepted} commands acted; control was back after at most {result.slowest_s:.1f} s",
         flush=True,
     )
-    for rule, (letters, words) in sorted(found.broken.items()):
+    for rule, (letters, words) in sorted(result.broken.items()):
         print(f"{rule}: {', '.join(letters)}: {words}", flush=True)
     row: results_page.Row = {
         "machine": machine,
         "kind": kind,
-        "walks": found.walks,
-        "transitions": found.transitions,
+        "walks": result.walks,
+        "transitions": result.transitions,
     }
     return row | {
-        "accepted": found.accepted,
-        "slowest_s": found.slowest_s,
-        "broken": found.broken,
+        "accepted": result.accepted,
+        "slowest_s": result.slowest_s,
+        "broken": result.broken,
         "cpu_s": cpu_s,
     }
 

@@ -270,11 +270,11 @@ class Model:
         ):
             stopped = state.stopped or answered
             yield f"{name} {words}", state._replace(**{name: after}, stopped=stopped)
-        asked, acknowledged = self._once(self._requests, number)
-        if asked is not None and state.requests < self.bounds.requests:
+        requested, acknowledged = self._once(self._requests, number)
+        if requested is not None and state.requests < self.bounds.requests:
             yield (
                 f"{name} is asked for a safe stop",
-                state._replace(**{name: asked}, requests=state.requests + 1),
+                state._replace(**{name: requested}, requests=state.requests + 1),
             )
         if acknowledged is not None:
             after = state._replace(**{name: acknowledged})
@@ -300,10 +300,10 @@ class Model:
             item if item != before and item.value.epoch <= self.bounds.epochs else None
             for item in after
         ]
-        asked, acknowledged = (
+        requested, acknowledged = (
             None if item is None else self.supervisors.number(item) for item in changed
         )
-        return asked, acknowledged
+        return requested, acknowledged
 
     def _supervisor_moves(
         self, number: int, reports: int, commands: int, copies: int

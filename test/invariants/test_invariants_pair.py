@@ -19,20 +19,20 @@ TRANSITIONS = 60_000
 @pytest.mark.parametrize("machine", ENDS)
 @pytest.mark.parametrize("seed", [1, 100_000])
 def test_no_walk_breaks_an_invariant(machine, seed):
-    found = None
-    for found in explore(random_walks(seed, machine), machine, TRANSITIONS):
-        assert not found.broken, found.broken
-    assert found.transitions >= TRANSITIONS
-    assert found.accepted > TRANSITIONS / 100, "commands have acted"
-    assert {ok for _, ok in found.answers} >= {True, False}
+    result = None
+    for result in explore(random_walks(seed, machine), machine, TRANSITIONS):
+        assert not result.broken, result.broken
+    assert result.transitions >= TRANSITIONS
+    assert result.accepted > TRANSITIONS / 100, "commands have acted"
+    assert {ok for _, ok in result.answers} >= {True, False}
 
 
 @pytest.mark.slow
 @pytest.mark.requirement("S9", "S25")
 @pytest.mark.parametrize("machine", ENDS)
 def test_no_short_sequence_breaks_an_invariant(machine):
-    for found in explore(short_sequences(2), machine):
-        assert not found.broken, found.broken
+    for result in explore(short_sequences(2), machine):
+        assert not result.broken, result.broken
 
 
 @pytest.mark.requirement("S9", "S25")

@@ -67,18 +67,22 @@ class Listener:
         begins_s = 0.0 if ahead_s is None else self.tick_s + ahead_s
         reference = Reference(2.0 + 0.01 * len(self._sent), 850.0)
         sent = (self._ns(begins_s), reference, self._ns(self.now_s + clock_s))
-        told = len(self.refused)
+        before = len(self.refused)
         if self._hear(*sent):
             # What is old, or may be, has its place by its publication, all else by its receipt.
             old = clock_s < -5.0 or sent[2] < self._ns(self._joined_s + 5.0)
-            place = sent[2] if old else max([sent[2], *(one[0] + 1 for one in self.accepted)])
+            place = (
+                sent[2]
+                if old
+                else max([sent[2], *(accepted[0] + 1 for accepted in self.accepted)])
+            )
             self.accepted.append((place, begins_s, reference))
             self._sent.append(sent)
         else:
             repeat = (
                 clock_s < -5.0 and self.now_s <= self._joined_s + 5.0
             )  # looks like what is repeated at the start
-            assert repeat or len(self.refused) > told, "a refusal is told"
+            assert repeat or len(self.refused) > before, "a refusal is told"
 
     def _hear(self, stamp_ns: int, reference: Reference, published_ns: int) -> bool:
         if self.now_s < self._joined_s:  # its clock has gone back: it has listened for long
@@ -86,15 +90,15 @@ class Listener:
         return self.queue.receive(stamp_ns, reference, published_ns, self._ns(self.now_s))
 
     def _check(self, in_force: Reference | None) -> None:
-        by_place = sorted(self.accepted, key=lambda one: one[0])
+        by_place = sorted(self.accepted, key=lambda accepted: accepted[0])
         begun = [
             reference for _, begins_s, reference in by_place if begins_s <= self.tick_s + 1e-6
         ]
         assert in_force == (begun[-1] if begun else None), (
             "of all that have begun, the one received last holds"
         )
-        latest = max((one.depth_mm for one in begun), default=0.0)
-        assert any(one.depth_mm >= latest for one in self.held) or not begun, (
+        latest = max((set_points.depth_mm for set_points in begun), default=0.0)
+        assert any(set_points.depth_mm >= latest for set_points in self.held) or not begun, (
             "an accepted one comes to hold"
         )
 

@@ -68,7 +68,7 @@ class TestWeld(unittest.TestCase):
 
             eye.until(steady, f"{TICKS} ticks in succession")
         for messages in topics.values():
-            stamps = [stamp_ns(one) for one in messages]
+            stamps = [stamp_ns(message) for message in messages]
             self.assertEqual(stamps, sorted(set(stamps)), "one sample per tick")
 
     def test_every_tick_is_answered_once_by_the_selected_controller(self, domain):

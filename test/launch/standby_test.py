@@ -61,7 +61,9 @@ class TestStandby(unittest.TestCase):
             eye.until(one_leads, "one that commands")
             # On a busy machine the standby may have taken over before.
             kill(domain, *LEADERS[leading[0].node_name])
-            eye.until(lambda: any(one.leader != first for one in states), "the other one leads")
+            eye.until(
+                lambda: any(state.leader != first for state in states), "the other one leads"
+            )
             eye.until(steady, f"{TICKS} commands of the controller from the other one")
         # A tick or two are lost, more where the machine is busy: by the clock that is tested in
         # fsw_supervisor.

@@ -144,7 +144,7 @@ class WeldUnderTest:
 
 def kill(domain: int, word: str, but: str | None = None) -> None:
     """Kill -9 the one process in a ROS domain whose command line has the one text and not the other."""
-    found = []
+    messages = []
     for folder in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
             here = f"ROS_DOMAIN_ID={domain}".encode() in (folder / "environ").read_bytes().split(
@@ -152,9 +152,9 @@ def kill(domain: int, word: str, but: str | None = None) -> None:
             )
             command = (folder / "cmdline").read_bytes().decode(errors="replace")
             if here and word in command and (but is None or but not in command):
-                found.append(int(folder.name))
-    assert len(found) == 1, f"{len(found)} processes of {word!r} in domain {domain}"
-    os.kill(found[0], signal.SIGKILL)
+                messages.append(int(folder.name))
+    assert len(messages) == 1, f"{len(messages)} processes of {word!r} in domain {domain}"
+    os.kill(messages[0], signal.SIGKILL)
 
 
 def exit_codes(proc_info: Iterable[Any]) -> dict[str, int]:

@@ -13,7 +13,7 @@ def labels(bags: Sequence[Path]) -> list[str]:
     ]
     parts = [path.parts for path in named]
     for length in range(1, max(map(len, parts)) + 1):
-        found = ["/".join(part[-length:]) for part in parts]
-        if len(set(found)) == len(found):
-            return found
+        shortened = ["/".join(part[-length:]) for part in parts]
+        if len(set(shortened)) == len(shortened):
+            return shortened
     return [f"{path} ({i + 1})" for i, path in enumerate(bags)]

@@ -46,17 +46,17 @@ class Change:
 
 def marks(signals: WeldSignals) -> dict[str, list[float]]:
     """Times [s] at which set-points, disturbances of any kind, and faults change, as far as the bag shows them."""
-    found: dict[str, list[int]] = {"set-point": [], "disturbance": [], "fault on, off": []}
+    by_kind: dict[str, list[int]] = {"set-point": [], "disturbance": [], "fault on, off": []}
     for change in changes(signals):
-        found["set-point" if change.quantity.endswith("reference") else "disturbance"].append(
+        by_kind["set-point" if change.quantity.endswith("reference") else "disturbance"].append(
             change.begin
         )
     if signals.truth is not None:
         for values in (signals.truth.force_disturbance_kn, signals.truth.speed_disturbance_rpm):
-            found["disturbance"] += [change.begin for change in _changes("", values)]
+            by_kind["disturbance"] += [change.begin for change in _changes("", values)]
         faults = signals.truth.active_faults
-        found["fault on, off"] = (np.flatnonzero(faults[1:] != faults[:-1]) + 1).tolist()
-    return {kind: signals.time_s[sorted(set(ticks))].tolist() for kind, ticks in found.items()}
+        by_kind["fault on, off"] = (np.flatnonzero(faults[1:] != faults[:-1]) + 1).tolist()
+    return {kind: signals.time_s[sorted(set(ticks))].tolist() for kind, ticks in by_kind.items()}
 
 
 def changes(signals: WeldSignals) -> list[Change]:
@@ -68,31 +68,31 @@ def changes(signals: WeldSignals) -> list[Change]:
     if signals.truth is not None:
         series["depth_disturbance"] = signals.truth.depth_disturbance_mm
         series["temperature_disturbance"] = signals.truth.temperature_disturbance_c
-    found = [
+    steps = [
         change for quantity, values in series.items() for change in _changes(quantity, values)
     ]
-    return sorted(found, key=lambda change: change.begin)
+    return sorted(steps, key=lambda change: change.begin)
 
 
 def _changes(quantity: str, values: npt.NDArray[np.float64]) -> list[Change]:
     if values.size < 2:
         return []
-    steps = np.diff(values)
+    slopes = np.diff(values)
     ticks = (
-        np.flatnonzero(np.abs(steps) > _SMALLEST_STEP) + 1
-    )  # NaN compares false: what appears is no change
-    found: list[Change] = []
+        np.flatnonzero(np.abs(slopes) > _SMALLEST_STEP) + 1
+    )  # NaN compares false: a value that appears is not a change
+    steps: list[Change] = []
     for group in np.split(ticks, np.flatnonzero(np.diff(ticks) > _GROUP_TICKS) + 1):
         if not group.size:
             continue
         begin, end = int(group[0]), int(group[-1])
         excursion = values[begin : end + 1] - values[begin - 1]
-        found.append(Change(quantity, begin, end, float(excursion[np.argmax(np.abs(excursion))])))
-    return found
+        steps.append(Change(quantity, begin, end, float(excursion[np.argmax(np.abs(excursion))])))
+    return steps
 
 
 def cut_to_scenario(signals: WeldSignals) -> WeldSignals:
-    """Without the ticks after the end of the scenario that is attached to the bag; unchanged if there is none."""
+    """Cut the ticks after the end of the attached scenario; unchanged without one."""
     n = int(np.searchsorted(signals.time_s, _scenario_s(signals) + _LATE_S, side="right"))
     return signals if n >= signals.n_ticks else part(signals, slice(n))
 
@@ -131,6 +131,6 @@ def part(value: Any, ticks: slice) -> Any:
         return {name: part(inner, ticks) for name, inner in value.items()}
     if is_dataclass(value) and not isinstance(value, type):
         return replace(
-            value, **{one.name: part(getattr(value, one.name), ticks) for one in fields(value)}
+            value, **{item.name: part(getattr(value, item.name), ticks) for item in fields(value)}
         )
     return value

@@ -36,8 +36,8 @@ class Course:
     """The weld from its programme's first report to its end: arrays (n,), NaN if unknown.
 
     ``values`` has the variables of a procedure and the set-points in force, `set_point_depth_mm`
-    and `set_point_temperature_c`; ``source`` is who commanded, ``phase`` is empty where no
-    programme says it.
+    and `set_point_temperature_c`; ``source`` is the commanding controller or mode, ``phase`` is empty
+    without a report of the programme.
     """
 
     time_s: FloatArray
@@ -76,7 +76,7 @@ class Course:
     @property
     def controllers(self) -> tuple[str, ...]:
         """Active controllers, in order of time."""
-        return tuple(dict.fromkeys(str(one) for one in self.source if one))
+        return tuple(dict.fromkeys(str(name) for name in self.source if name))
 
     def spans(self) -> list[tuple[str, slice]]:
         """Ticks of each phase, in order of time."""
@@ -89,7 +89,7 @@ class Course:
 
 
 def course_of(signals: WeldSignals) -> Course:
-    """Course of a recorded weld, by its sensors only: the emulator's truth is not evidence."""
+    """Course of a recorded weld from its sensors; the emulator's truth is not evidence."""
     over = [event for event in signals.events if event.kind == "weld" and event.subject in OVER]
     end_s = over[-1].time_s if over else float(signals.time_s[-1])
     begin_s = signals.phases[0][1] if signals.phases else _start_s(signals)
@@ -142,7 +142,7 @@ def course_of(signals: WeldSignals) -> Course:
         texts(signals.command_source),
         texts(signals.actual_mode),
         _held(signals, time_s),
-        {name: numbers(one) for name, one in values.items()},
+        {name: numbers(value) for name, value in values.items()},
         np.concatenate([np.zeros(known_s.size, bool), np.ones(put_in.size, bool)])[order],
         gaps,
         over[-1].subject if over else "",
@@ -157,7 +157,7 @@ def _start_s(signals: WeldSignals) -> float:
 
 def _held(signals: WeldSignals, time_s: FloatArray) -> npt.NDArray[np.bool_]:
     held, since_s = np.zeros(time_s.size, bool), None
-    for event in (one for one in signals.events if one.kind == "weld"):
+    for event in (candidate for candidate in signals.events if candidate.kind == "weld"):
         if since_s is not None:
             held |= (time_s > since_s + 1e-6) & (time_s <= event.time_s + 1e-6)
         since_s = event.time_s if event.subject == "held" else None
@@ -202,15 +202,15 @@ class UnusableSamples:
 
 def unusable_samples(course: Course) -> UnusableSamples:
     """Samples of a weld that would be held or rejected."""
-    found = UnusableSamples()
+    unusable = UnusableSamples()
     columns = {
         name: course.values[name].tolist()
         for name in SENSOR_SIGNALS.values()
         if name in course.values
     }
     for time_s, *values in zip(course.time_s.tolist(), *columns.values(), strict=True):
-        found.add(time_s, dict(zip(columns, values, strict=True)))
-    return found
+        unusable.add(time_s, dict(zip(columns, values, strict=True)))
+    return unusable
 
 
 def _travel(signals: WeldSignals, end_s: float) -> tuple[FloatArray, FloatArray]:
@@ -226,7 +226,7 @@ def _travel(signals: WeldSignals, end_s: float) -> tuple[FloatArray, FloatArray]
     if not known.size:
         return signals.travel_mm, signals.travel_mm
     changed_s = [begin_s for _, begin_s in signals.phases] + [
-        one.time_s for one in signals.events if one.kind == "weld"
+        event.time_s for event in signals.events if event.kind == "weld"
     ]
     changed_s.append(end_s)
     turns = np.clip(
@@ -248,8 +248,8 @@ def _travel(signals: WeldSignals, end_s: float) -> tuple[FloatArray, FloatArray]
     speed[-1] = speed[-2:][0]  # the last sample belongs to what was before it
     row = np.searchsorted(at_s, signals.time_s, side="right") - 1
     inside = np.isfinite(signals.travel_mm)
-    at = at_mm[row] + speed[row] * (signals.time_s - at_s[row])
-    return np.where(inside, at, np.nan), np.where(inside, 60.0 * speed[row], np.nan)
+    position_mm = at_mm[row] + speed[row] * (signals.time_s - at_s[row])
+    return np.where(inside, position_mm, np.nan), np.where(inside, 60.0 * speed[row], np.nan)
 
 
 def _apart(reports_s: FloatArray, fixed: npt.NDArray[np.bool_]) -> list[int]:

@@ -1,4 +1,4 @@
-"""What happened in a weld, for the time line: phases, swaps, modes, interlocks and operators' actions."""
+"""Events of a weld for the time line: phases, swaps, modes, interlocks and operators' actions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STATE: dict[str, Kind] = {
     "actual_mode": "text",
     "interlocks": "texts",  # as messages; in older bags texts, whose level is not on record
 }
-#: which older bags lack: their causes are not on record, nor who asked, nor that another
+#: missing in older bags: causes, the requesting operator, and whether another
 #: supervisor took over; and words, which they have instead
 STATE_ADDED: dict[str, Kind] = {
     "cause": "number",
@@ -43,7 +43,7 @@ ACTION: dict[str, Kind] = {
     "outcome": "text",
     "message": "text",
 }
-#: which older bags lack: who had control then, and the code of the answer
+#: missing in older bags: the holder of control, and the code of the answer
 ACTION_ADDED: dict[str, Kind] = {"holder": "text", "kind": "number", "code": "text"}
 ALARM: dict[str, Kind] = {
     "priority": "text",
@@ -63,11 +63,11 @@ _STATES = {("held", "running"): "resumed"}
 
 def phases(times_s: FloatArray, progress: Table) -> list[tuple[str, float]]:
     """Name and begin of each phase, from the programme's reports."""
-    found: list[tuple[str, float]] = []
+    started: list[tuple[str, float]] = []
     for time_s, name in _in_order(times_s, progress, "phase"):
-        if name and (not found or found[-1][0] != name):
-            found.append((name, time_s))
-    return found
+        if name and (not started or started[-1][0] != name):
+            started.append((name, time_s))
+    return started
 
 
 def of_progress(times_s: FloatArray, progress: Table) -> Iterator[WeldEvent]:
@@ -109,7 +109,7 @@ def of_states(states: Iterable[tuple[float, Any]]) -> Iterator[WeldEvent]:
     """Controllers, modes and leaders that take over, interlocks that trip and clear.
 
     ``states`` are times and, of each of the supervisor's reports, controller, mode, leader,
-    interlocks with their levels, reason, cause and who asked for it.
+    interlocks with their levels, reason, cause and requesting operator.
     """
     before: tuple[str, str, str] | None = None
     present: frozenset[tuple[str, str]] = frozenset()
@@ -126,7 +126,7 @@ def of_states(states: Iterable[tuple[float, Any]]) -> Iterator[WeldEvent]:
 
 
 def _interlock(recorded: Any) -> tuple[str, str]:
-    """Name and level of an interlock on record; older bags have a text, whose level is not known."""
+    """Name and level of an interlock on record; older bags have a text without the level."""
     if isinstance(recorded, str):
         return recorded, Severity.UNKNOWN.word
     return recorded.name, Severity(recorded.level).word
@@ -165,7 +165,7 @@ def of_alarms(times_s: FloatArray, journal: Table) -> Iterator[WeldEvent]:
 
 
 def of_health(times_s: FloatArray, health: Table) -> Iterator[WeldEvent]:
-    """What the monitor found and no longer found, each once, by the name of its cause."""
+    """Findings of the monitor at their begin and end, by the name of the cause."""
     present: set[str] = set()
     for time_s, findings in _in_order(times_s, health, *HEALTH):
         now = {_cause(finding) for finding in findings}

@@ -42,7 +42,7 @@ class Exceedance(Model):
     travel_mm: Pair | None = None
     """from and to along the weld, if reported"""
     commanded_by: str
-    """whose commands were applied then, empty when not on record"""
+    """sources of the applied commands; empty when not on record"""
 
     @property
     def kind(self) -> Kind:
@@ -59,8 +59,8 @@ def beyond(values: FloatArray, low: float | None, high: float | None) -> FloatAr
     """Distance of values outside their range; 0 inside, NaN for a missing sample."""
     below = 0.0 if low is None else np.maximum(low - values, 0.0)
     above = 0.0 if high is None else np.maximum(values - high, 0.0)
-    found: FloatArray = np.where(np.isfinite(values), below + above, np.nan)
-    return found
+    excess: FloatArray = np.where(np.isfinite(values), below + above, np.nan)
+    return excess
 
 
 def runs(outside: npt.NDArray[np.bool_]) -> list[slice]:
@@ -71,7 +71,7 @@ def runs(outside: npt.NDArray[np.bool_]) -> list[slice]:
 
 def exceedances(course: Course, book: RuleBook) -> list[Exceedance]:
     """All exceedances of limits and permitted set-points, in the order of the checks."""
-    return [one for check in book.checks() for one in _exceedances(course, check)]
+    return [exceedance for check in book.checks() for exceedance in _exceedances(course, check)]
 
 
 def holds(course: Course, check: Check) -> npt.NDArray[np.bool_]:
@@ -86,8 +86,8 @@ def longest_s(course: Course, check: Check) -> float:
     outside = ~(beyond(course.values[check.variable], check.min, check.max) == 0.0) & holds(
         course, check
     )
-    found = [_duration_s(course, run) for run in runs(outside) if not course.put_in[run].all()]
-    return max(found, default=0.0)
+    times = [_duration_s(course, run) for run in runs(outside) if not course.put_in[run].all()]
+    return max(times, default=0.0)
 
 
 def length_mm(course: Course, check: Check) -> float:
@@ -106,11 +106,11 @@ def _duration_s(course: Course, run: slice) -> float:
 def _exceedances(course: Course, check: Check) -> list[Exceedance]:
     values = course.values[check.variable]
     excess = beyond(values, check.min, check.max)
-    found = []
+    exceeded = []
     for run in runs(~(excess == 0.0) & holds(course, check) & ~course.put_in):
         missing = ~np.isfinite(excess[run])
         worst = None if missing.all() else int(np.nanargmax(excess[run]))
-        found.append(
+        exceeded.append(
             Exceedance(
                 limit=check,
                 begin_s=course.time_s[run.start],
@@ -119,15 +119,15 @@ def _exceedances(course: Course, check: Check) -> list[Exceedance]:
                 missing=int(missing.sum()),
                 extreme=None if worst is None else values[run][worst],
                 beyond=None if worst is None else excess[run][worst],
-                phases=tuple(dict.fromkeys(str(one) for one in course.phase[run] if one)),
+                phases=tuple(dict.fromkeys(str(name) for name in course.phase[run] if name)),
                 angle_deg=_ends(course.angle_deg[run]),
                 travel_mm=_ends(course.travel_mm[run]),
                 commanded_by=", ".join(
-                    dict.fromkeys(str(one) for one in course.source[run] if one)
+                    dict.fromkeys(str(name) for name in course.source[run] if name)
                 ),
             )
         )
-    return found
+    return exceeded
 
 
 def _ends(values: FloatArray) -> tuple[float, float] | None:

@@ -35,7 +35,7 @@ def weld_table(signals: WeldSignals) -> dict[str, Column]:
     table: dict[str, Column] = {}
     for prefix, group in groups:
         values = (
-            {one.name: getattr(group, one.name) for one in fields(group)}
+            {field.name: getattr(group, field.name) for field in fields(group)}
             if group is not None
             else {}
         )

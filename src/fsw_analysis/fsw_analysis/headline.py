@@ -1,4 +1,4 @@
-"""What pages and tables say of a judgement, in plain English: made here last, from one table."""
+"""Plain English for pages and tables of a judgement, from one table."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _LIMITS = ("essential", "quality", "set-point")
 
 
 def title(rule: Rule) -> str:
-    """What a rule that decides says, in a few words."""
+    """The deciding rule, in a few words."""
     codes = {fact.code for fact in rule.facts}
     lacks = FactCode.MISSING in codes and FactCode.BEYOND not in codes and rule.name in _LIMITS
     words = _TITLES["missing" if lacks else rule.name]
@@ -78,8 +78,8 @@ def page_account(account: Account, offset_s: float = 0.0) -> dict[str, Any]:
         "text": title(rule),
         "detail": "every limit is kept" if good else f"{rule.words}: {rule.figure}",
         "marks": gaps
-        + [_of_unusable(one, account.course, offset_s) for one in account.unusable]
-        + [_of_exceedance(one, offset_s) for one in account.exceedances],
+        + [_of_unusable(samples, account.course, offset_s) for samples in account.unusable]
+        + [_of_exceedance(exceedance, offset_s) for exceedance in account.exceedances],
     }
 
 
@@ -95,10 +95,10 @@ def _of_unusable(run: UnusableRun, course: Course, offset_s: float) -> dict[str,
     return _mark("medium", text, (run.begin_s, lasts_s), offset_s, place)
 
 
-def _of_exceedance(one: Exceedance, offset_s: float) -> dict[str, Any]:
-    level: Level = "high" if one.kind == "essential" else "medium"
-    text = f"{VARIABLES[one.variable]} {'missing' if one.missing == one.samples else 'outside'}: {one.limit.words}"
-    return _mark(level, text, (one.begin_s, one.duration_s), offset_s, one.angle_deg)
+def _of_exceedance(over: Exceedance, offset_s: float) -> dict[str, Any]:
+    level: Level = "high" if over.kind == "essential" else "medium"
+    text = f"{VARIABLES[over.variable]} {'missing' if over.missing == over.samples else 'outside'}: {over.limit.words}"
+    return _mark(level, text, (over.begin_s, over.duration_s), offset_s, over.angle_deg)
 
 
 def _mark(

@@ -50,7 +50,7 @@ _NOT_ON_RECORD = Fact.of(FactCode.NOT_ON_RECORD)
 
 
 class Evidence(Model):
-    """What the rules need beside the course."""
+    """Inputs of the rules beside the course."""
 
     problems: tuple[str, ...]
     """of the bag"""
@@ -65,12 +65,12 @@ class Evidence(Model):
     unusable: dict[str, dict[str, int]]
     """samples that are not used, by sensor and reason"""
     custom: dict[str, str]
-    """what the recorder was given with the bag"""
+    """custom data of the recorder"""
 
 
 @dataclass(frozen=True, slots=True)
 class Account:
-    """A weld and what is to be said of it."""
+    """A weld and its judgement."""
 
     course: Course
     evidence: Evidence
@@ -80,7 +80,7 @@ class Account:
 
     @property
     def verdict(self) -> Verdict:
-        """What becomes of the weld."""
+        """Disposition of the weld."""
         return self.deciding.verdict
 
     @property
@@ -106,7 +106,7 @@ def judge(
     book : RuleBook
         A procedure, or the defaults.
     running : bool
-        The weld is not over: that it lacks its end is no fault.
+        The weld is still running: a missing end is not a fault.
     recorded : bool
         It comes from a bag, which must show that nothing was lost; else it was simulated or
         watched in this process.
@@ -116,12 +116,12 @@ def judge(
     course = course_of(signals)
     bad = unusable_samples(course) if unusable is None else unusable
     evidence = _evidence(signals, book, recorded, bad.counts)
-    found = exceedances(course, book)
+    exceeded = exceedances(course, book)
     procedure = book if isinstance(book, Procedure) else None
     rules = [
         _complete(course, procedure, running),
         _recording(course, book, evidence),
-        *_limits(course, book, found),
+        *_limits(course, book, exceeded),
         *_welded_by(procedure, signals),
         *_sensors(course, book, evidence),
         *_controllers(course, procedure, evidence),
@@ -132,8 +132,8 @@ def judge(
         _interlocks(signals.events, evidence),
     ]
     required = {rule.subject for rule in rules if rule.name == "sensor"}
-    runs = [one for one in bad.runs if one.sensor in required and one.flaw != Flaw.MISSING]
-    return Account(course, evidence, found, rules, runs)
+    runs = [run for run in bad.runs if run.sensor in required and run.flaw != Flaw.MISSING]
+    return Account(course, evidence, exceeded, rules, runs)
 
 
 def _evidence(
@@ -153,20 +153,20 @@ def _evidence(
 
 
 def _parameters(signals: WeldSignals, book: RuleBook) -> dict[str, str]:
-    permitted = [one.name for one in book.controllers] if isinstance(book, Procedure) else []
-    found = recorded_tunings(signals, [*signals.proposals, *permitted])
-    return {name: tuning_sha256(values) for name, values in found.items()}
+    permitted = [item.name for item in book.controllers] if isinstance(book, Procedure) else []
+    recorded = recorded_tunings(signals, [*signals.proposals, *permitted])
+    return {name: tuning_sha256(values) for name, values in recorded.items()}
 
 
 def recorded_tunings(
     signals: WeldSignals, controllers: Iterable[str]
 ) -> dict[str, dict[str, Any]]:
     """Parameters of the controllers that the bag has them of."""
-    found = {}
+    tuned = {}
     for name in dict.fromkeys(controllers):
         with suppress(BagError):
-            found[name] = tuning(recorded_parameters(signals.attachments, signals.namespace, name))
-    return found
+            tuned[name] = tuning(recorded_parameters(signals.attachments, signals.namespace, name))
+    return tuned
 
 
 def _rule(
@@ -177,20 +177,20 @@ def _rule(
     subject: str = "",
     data: dict[str, Any] | None = None,
 ) -> Rule:
-    """A rule that is broken by what was found, or as told."""
+    """A rule, broken by its findings or as ``broken`` states."""
     is_broken = bool(facts) if broken is None else broken
     verdict = verdict if is_broken else Verdict.ACCEPT
     return Rule(name=name, subject=subject, data=data or {}, facts=tuple(facts), verdict=verdict)
 
 
-def _limits(course: Course, book: RuleBook, found: Sequence[Exceedance]) -> Iterator[Rule]:
+def _limits(course: Course, book: RuleBook, exceeded: Sequence[Exceedance]) -> Iterator[Rule]:
     tolerated = book.acceptance
     for check in book.checks():
-        own = [exceedance for exceedance in found if exceedance.limit == check]
+        own = [exceedance for exceedance in exceeded if exceedance.limit == check]
         longest = longest_s(course, check)
         too_long = longest > tolerated.tolerated_s + 1e-6
-        share = sum(one.samples for one in own) / max(1, int(np.sum(holds(course, check))))
-        total_s, outside_mm = TICK * sum(one.samples for one in own), length_mm(course, check)
+        share = sum(part.samples for part in own) / max(1, int(np.sum(holds(course, check))))
+        total_s, outside_mm = TICK * sum(part.samples for part in own), length_mm(course, check)
         too_much = (
             share > tolerated.tolerated_share
             or _exceeds(total_s, tolerated.tolerated_total_s)
@@ -223,12 +223,12 @@ def _extent(
 ) -> Iterator[Fact]:
     if not own:
         return
-    missing = sum(one.missing for one in own)
-    furthest = max((one.beyond for one in own if one.beyond is not None), default=None)
+    missing = sum(part.missing for part in own)
+    furthest = max((part.beyond for part in own if part.beyond is not None), default=None)
     yield Fact.of(
         FactCode.OUTSIDE,
         times=len(own),
-        time_s=round(sum(one.duration_s for one in own), 3),
+        time_s=round(sum(part.duration_s for part in own), 3),
         share=share,
         longest_s=round(longest, 3),
     )
@@ -242,17 +242,17 @@ def _extent(
 
 def _welded_by(procedure: Procedure | None, signals: WeldSignals) -> Iterator[Rule]:
     """Whether the weld ran by the procedure that it is judged by, where that is on record."""
-    told = [one for one in signals.events if one.kind == "procedure"]
-    if procedure is not None and told:
-        wanted = procedure.identity
-        broken = any(one.data["sha256"] != wanted.sha256 for one in told)
-        facts = [Fact.of(FactCode.WELDED_BY, procedure=one.subject, **one.data) for one in told]
-        due = {"procedure": wanted.id, "revision": wanted.revision, "sha256": wanted.sha256}
+    reports = [event for event in signals.events if event.kind == "procedure"]
+    if procedure is not None and reports:
+        identity = procedure.identity
+        broken = any(report.data["sha256"] != identity.sha256 for report in reports)
+        facts = [Fact.of(FactCode.WELDED_BY, procedure=it.subject, **it.data) for it in reports]
+        due = {"procedure": identity.id, "revision": identity.revision, "sha256": identity.sha256}
         yield _rule("procedure", facts, broken, data=due)
 
 
 def _complete(course: Course, procedure: Procedure | None, running: bool) -> Rule:
-    """Every phase in its order, to its end: of what is not on record nothing can be said."""
+    """Every phase in its order and to its end; phases not on record are not judged."""
     faults = []
     lacks_end = (course.phase != "").any() or procedure is not None
     if course.end and course.end != "done":  # the cause before what follows from it
@@ -261,12 +261,12 @@ def _complete(course: Course, procedure: Procedure | None, running: bool) -> Rul
         faults.append(Fact.of(FactCode.NO_END))
     if procedure is not None and not running:
         faults += _phases(course, procedure)
-    phases = [] if procedure is None else [one.name for one in procedure.phases]
+    phases = [] if procedure is None else [phase.name for phase in procedure.phases]
     return _rule("complete", faults, verdict=Verdict.REJECT, data={"phases": phases})
 
 
 def _phases(course: Course, procedure: Procedure) -> Iterator[Fact]:
-    """What the phases lack."""
+    """Phases that are missing or incomplete."""
     names = [name for name, _ in course.spans() if name]
     if names != [phase.name for phase in procedure.phases]:
         none = {phase.name for phase in procedure.phases}.isdisjoint(names)
@@ -344,7 +344,7 @@ def _controllers(
 ) -> Iterator[Rule]:
     if procedure is None:
         return
-    permitted = {one.name: one.parameters_sha256 for one in procedure.controllers}
+    permitted = {item.name: item.parameters_sha256 for item in procedure.controllers}
     sources, counts = np.unique(course.source.astype(str), return_counts=True)
     times = {
         name: count * TICK for name, count in zip(sources.tolist(), counts.tolist(), strict=True)
@@ -357,11 +357,11 @@ def _controllers(
         for name, time_s in times.items()
     ]
     yield _rule("controller", facts, bool(foreign), data={"controllers": list(permitted)})
-    for name, wanted in permitted.items():
-        if wanted is not None and name in times:
+    for name, value in permitted.items():
+        if value is not None and name in times:
             actual = evidence.parameters.get(name)
             facts = [Fact.of(FactCode.TUNING, sha256=actual) if actual else _NOT_ON_RECORD]
-            yield _rule("tuning", facts, actual != wanted, subject=name, data={"sha256": wanted})
+            yield _rule("tuning", facts, actual != value, subject=name, data={"sha256": value})
 
 
 def _equipment(course: Course, procedure: Procedure | None, evidence: Evidence) -> Iterator[Rule]:
@@ -402,7 +402,7 @@ def _held(course: Course, book: RuleBook) -> Rule:
 
 
 def _swaps(book: RuleBook, events: Sequence[WeldEvent], evidence: Evidence) -> Rule:
-    swaps = [one.cause for one in events if one.kind == "swap" and not one.cause.at_start]
+    swaps = [event.cause for event in events if event.kind == "swap" and not event.cause.at_start]
     unknown = swaps.count(Cause.UNKNOWN)
     unwanted = [cause for cause in swaps if not cause.on_request and cause is not Cause.UNKNOWN]
     broken = not all(map(book.acceptance.permits_swap, swaps)) or not evidence.has_states
@@ -427,8 +427,8 @@ def _modes(course: Course, evidence: Evidence) -> Rule:
 
 def _interlocks(events: Sequence[WeldEvent], evidence: Evidence) -> Rule:
     trips = [
-        Fact.of(FactCode.TRIPPED, interlock=one.subject, state=one.state)
-        for one in events
-        if one.kind == "interlock" and one.state != Severity.WARN.word and not one.is_over
+        Fact.of(FactCode.TRIPPED, interlock=event.subject, state=event.state)
+        for event in events
+        if event.kind == "interlock" and event.state != Severity.WARN.word and not event.is_over
     ]
     return _rule("interlocks", trips if evidence.has_states else [_NOT_ON_RECORD])

@@ -148,16 +148,16 @@ def _of_known(values: FloatArray, figure: Callable[[FloatArray], Any]) -> float 
 
 
 def _events(
-    found: list[Change],
+    changed: list[Change],
     depth_error: FloatArray,
     temperature_error: FloatArray,
     time_s: FloatArray,
     dt: FloatArray,
 ) -> list[dict[str, Any]]:
     """Figures of each change, in the window until the next change begins."""
-    begins = [*sorted({change.begin for change in found}), len(time_s)]
+    begins = [*sorted({change.begin for change in changed}), len(time_s)]
     events: list[dict[str, Any]] = []
-    for change in found:
+    for change in changed:
         window = slice(change.begin, next(begin for begin in begins if begin > change.begin))
         of_depth = change.quantity.startswith("depth")
         error = depth_error[window] if of_depth else temperature_error[window]
@@ -168,7 +168,7 @@ def _events(
             "kind": "step" if change.is_step else "lasting",
             f"size_{unit}": change.size,
             "until_s": round(float(time_s[window.stop - 1] + dt[-1]), 9),
-            "alone": sum(other.begin == change.begin for other in found) == 1,
+            "alone": sum(other.begin == change.begin for other in changed) == 1,
             **_integrals_of_absolute_errors(
                 depth_error[window], temperature_error[window], dt[window]
             ),

@@ -26,7 +26,7 @@ Kind = Literal["number", "text", "numbers", "texts"]
 #: per kind float64 (n,), and object (n,) of str, of float64 arrays and of lists of str
 Column = npt.NDArray[Any]
 
-#: what a field of a kind is once decoded, and what stands for it where the type has no such field
+#: by kind of field, its decoded type and the value for types without the field
 _KINDS: dict[Kind, tuple[type, Any]] = {
     "number": (Real, np.nan),
     "text": (str, ""),
@@ -56,7 +56,7 @@ class Table:
         log_ns, publish_ns, stamp_ns = zip(*times, strict=True) if times else ((), (), ())
         #: times of each message [ns]; the stamp is 0 where the type has none
         self.log_ns, self.publish_ns = (
-            np.array(one, np.uint64).astype(np.int64) for one in (log_ns, publish_ns)
+            np.array(stamps, np.uint64).astype(np.int64) for stamps in (log_ns, publish_ns)
         )
         self.stamp_ns: IntArray = np.array(stamp_ns, np.int64)
         self._columns = columns
@@ -119,7 +119,7 @@ class WeldMessages:
                 data = b"" if record.topic.endswith("/prediction") else record.data
                 raw.setdefault(record.topic, []).append((log_ns, record.publish_time_ns, data))
             topics = reader.topics()
-            self.attachments = {one.name: one.data for one in reader.attachments()}
+            self.attachments = {item.name: item.data for item in reader.attachments()}
             self.custom = dict(reader.metadata.custom_data)
             self.problems = list(reader.problems)
         for name, count in others.items():
@@ -237,8 +237,8 @@ class WeldMessages:
             )
         columns = {}
         for path, kind in kinds.items():
-            found = values.get(path, [_KINDS[kind][1]] * len(times))
-            columns[path] = np.fromiter(found, float if kind == "number" else object, len(times))
+            read = values.get(path, [_KINDS[kind][1]] * len(times))
+            columns[path] = np.fromiter(read, float if kind == "number" else object, len(times))
         return Table(times, columns)
 
 

@@ -114,20 +114,20 @@ def recorded_spans(signals: WeldSignals) -> list[Span]:
 def markdown(runs: Sequence[Sequence[PhaseFigures]]) -> str:
     """Table of all phases and the published figures; welds in the same phases are side by side."""
     cells = [("phase", "run", "temperature error [°C]", "depth error [µm]", "mean power [kW]")]
-    alike = len({tuple(one.phase for one in run) for run in runs}) == 1
-    for one in chain(*(zip(*runs, strict=True) if alike else runs)):
-        power = "-" if one.power_kw is None else f"{one.power_kw:.1f}"
+    alike = len({tuple(row.phase for row in run) for run in runs}) == 1
+    for row in chain(*(zip(*runs, strict=True) if alike else runs)):
+        power = "-" if row.power_kw is None else f"{row.power_kw:.1f}"
         cells.append(
             (
-                one.phase,
-                one.run,
-                _words(one.temperature_c, 1.0, 2),
-                _words(one.depth_mm, 1e3, 1),
+                row.phase,
+                row.run,
+                _words(row.temperature_c, 1.0, 2),
+                _words(row.depth_mm, 1e3, 1),
                 power,
             )
         )
-        in_force = (one.in_force_temperature_c, one.in_force_depth_mm)
-        if in_force != (one.temperature_c, one.depth_mm):
+        in_force = (row.in_force_temperature_c, row.in_force_depth_mm)
+        if in_force != (row.temperature_c, row.depth_mm):
             errors = _words(in_force[0], 1.0, 2), _words(in_force[1], 1e3, 1)
             cells.append(("", "against the set-points in force", *errors, ""))
     for name, (cycles, error) in PUBLISHED.items():
@@ -153,5 +153,5 @@ def _words(error: ErrorStatistics | None, factor: float, digits: int) -> str:
 def write(runs: Sequence[Sequence[PhaseFigures]], folder: Path) -> list[Path]:
     """Write ``phases.json`` and ``phases.md`` into ``folder``; returns their paths."""
     return write_both(
-        [asdict(one) for rows in runs for one in rows], markdown(runs), folder / "phases"
+        [asdict(row) for rows in runs for row in rows], markdown(runs), folder / "phases"
     )

@@ -17,9 +17,9 @@ from fsw_control.schema.models import InputError, Many, Model, Name, content_of,
 from fsw_control.schema.ranges import Range
 from fsw_control.sensors import SENSORS
 
-#: parameters that say nothing of the control
+#: parameters without influence on control
 NOT_TUNING = ("use_sim_time", "start_type_description_service")
-#: sensors that may be required: those of a tick, and what the drives report
+#: sensors that may be required: those of a tick, and the drives' feedback
 SENSOR_NAMES = (*SENSORS, "drives")
 _FORMAT = "fsw_weld_procedure"
 ANGLE_DEG = Range(0.0, 720.0, "deg")
@@ -54,7 +54,7 @@ _USED = Range(0.0, 1e9, "mm")
 
 
 class Material(Sourced):
-    """What is welded."""
+    """The workpiece."""
 
     name: Text
     thickness_mm: PositiveFloat
@@ -130,7 +130,7 @@ class Identity(Model):
 
 
 class WeldData(Model):
-    """What ISO 25239-4 and -5 ask for beside figures; all of it is optional, and printed in the record."""
+    """Further data that ISO 25239-4 and -5 require; optional, printed in the record."""
 
     wpqr: Text | None = Field(default=None, title="WPQR")
     """number of the welding procedure qualification record"""
@@ -170,7 +170,7 @@ class WeldData(Model):
 
     @property
     def labelled(self) -> list[tuple[str, str]]:
-        """Label and value of what is given."""
+        """Labels and values of the given entries."""
         fields = type(self).model_fields.items()
         values = ((field.title, getattr(self, name)) for name, field in fields)
         return [(str(label), str(value)) for label, value in values if value is not None]
@@ -222,13 +222,13 @@ class Procedure(RuleBook):
     @model_validator(mode="after")
     def _check(self) -> Self:
         for key in ("phases", "controllers", "sensors"):
-            names = [one.name for one in getattr(self, key)]
-            if doubled := next((one for one in names if names.count(one) > 1), None):
+            names = [entry.name for entry in getattr(self, key)]
+            if doubled := next((name for name in names if names.count(name) > 1), None):
                 raise problem(f"names {doubled} twice", key)
         names = [phase.name for phase in self.phases]
         for key in ("essential", "quality"):
             for row, limit in enumerate(getattr(self, key)):
-                if unknown := [one for one in limit.phases if one not in names]:
+                if unknown := [phase for phase in limit.phases if phase not in names]:
                     raise problem(
                         f"names phase {unknown[0]}, which is not one of {', '.join(names)}",
                         key,
@@ -241,7 +241,7 @@ class Procedure(RuleBook):
 
     @property
     def sha256(self) -> str:
-        """Hash of everything that it says; comments and order of keys do not count."""
+        """Hash of everything that it says; comments and the order of keys do not count."""
         absent = {"weld_data"} if self.weld_data is None else None  # as before it was a key
         return digest(self.model_dump(mode="json", exclude=absent))
 
@@ -254,7 +254,7 @@ class Procedure(RuleBook):
 
 
 def digest(content: Any) -> str:
-    """SHA-256 of plain values, whatever the order of their keys."""
+    """SHA-256 of plain values, independent of the order of their keys."""
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -265,23 +265,23 @@ def tuning_sha256(parameters: Mapping[str, Any]) -> str:
 
 
 def tuning(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """The parameters that say something of the control: of a file its content, wherever it is."""
+    """The parameters that influence control; a file counts by its content, not its path."""
     paths = {key for key in parameters if f"{key}{CONTENT_SHA256}" in parameters}
     return {key: value for key, value in parameters.items() if key not in {*NOT_TUNING, *paths}}
 
 
 def attached(attachments: Mapping[str, bytes]) -> list[Procedure]:
     """The procedures that are attached to a bag."""
-    found = []
+    differences = []
     for name, data in attachments.items():
         if name.endswith(".yaml") and _FORMAT.encode() in data:
-            with suppress(InputError):  # a scenario that names the format is none
-                found.append(
+            with suppress(InputError):  # a scenario that names the format is not a procedure
+                differences.append(
                     validate(Procedure, content_of(data.decode("utf-8", "replace"), name), name)
                 )
-    return found
+    return differences
 
 
 def rule_book(attachments: Mapping[str, bytes]) -> RuleBook:
-    """By what the weld in a bag is judged: the procedure that is attached, else the defaults."""
+    """The rule book for the weld in a bag: the attached procedure, else the defaults."""
     return next(iter(attached(attachments)), None) or default()

@@ -61,7 +61,7 @@ _MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 def read_table(
     source: str | Path | Mapping[str, Any] | Any, columns: Mapping[str, str] | None = None
 ) -> WeldSignals:
-    """Signals of a weld at ticks of 0.1 s: means of the samples of each tick, NaN where there are none.
+    """Signals of a weld at ticks of 0.1 s: means of the samples of each tick, NaN where a tick has no sample.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def _dubious(
     for quantity, usual in _USUAL.items():
         values = numbers[quantity]
         median = float(np.median(values[np.isfinite(values)]))
-        if 0.0 < median < usual.low or median > usual.high:  # in air depth and force are none
+        if 0.0 < median < usual.low or median > usual.high:  # depth and force vanish in air
             header = chosen[quantity][0]
             yield f"column {header!r}: median {median:.4g}, usual are {usual}; check its unit"
 
@@ -257,7 +257,7 @@ def _chosen(
     for key, header in columns.items():
         quantity, unit = _name_and_unit(key)
         if quantity not in (*_NEEDED, *_OPTIONAL) or unit not in _UNITS[_kind(quantity)]:
-            example = ", ".join(f"{of}_{next(iter(_UNITS[of]))}" for of in _NEEDED)
+            example = ", ".join(f"{stem}_{next(iter(_UNITS[stem]))}" for stem in _NEEDED)
             raise InputError(f"columns: {key!r} is no quantity with its unit, as {example}")
         if header not in headers:
             raise InputError(
@@ -292,7 +292,7 @@ def _complaint(quantity: str, known: Sequence[str], parsed: Mapping[str, tuple[s
         return f"several columns may be the {quantity}: {', '.join(known)}; {advice}"
     units = ", ".join(_UNITS[_kind(quantity)])
     like = [header for header in parsed if quantity in re.split(r"[\W_]+", header.lower())]
-    if without := [one for one in like if parsed[one][1] not in _UNITS[_kind(quantity)]]:
+    if without := [name for name in like if parsed[name][1] not in _UNITS[_kind(quantity)]]:
         return f"column {without[0]!r} has no unit that a {quantity} can have ({units}); {advice}"
     if like:
         return f"the {quantity} of the weld may be another one than {', '.join(like)}; {advice}"
@@ -320,7 +320,7 @@ def _signals(name: str, numbers: Mapping[str, FloatArray], table: _Table) -> Wel
         total = np.bincount(group[finite], values[finite], present.size)
         return np.divide(total, count, out=np.full(present.size, np.nan), where=count > 0)
 
-    feedback = ["drives_" if f"drives_{of}" in numbers else "" for of in ("force", "speed")]
+    feedback = ["drives_" if f"drives_{drive}" in numbers else "" for drive in ("force", "speed")]
     no_text = np.full(present.size, "", dtype=object)
     return WeldSignals(
         path=Path(name),

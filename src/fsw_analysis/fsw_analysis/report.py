@@ -1,4 +1,4 @@
-"""What all reports share: their templates, pages, figures in pages, and shares with their intervals."""
+"""Shared parts of the reports: templates, pages, figures in pages, and shares with their intervals."""
 
 from __future__ import annotations
 

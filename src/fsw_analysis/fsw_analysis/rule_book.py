@@ -1,4 +1,4 @@
-"""What a weld must keep: limits, permitted set-points, and how much outside them is tolerated. All of it is data.
+"""Rules of a weld as data: limits, permitted set-points, and the tolerated time outside them.
 
 A procedure has a rule book; a weld without one is judged by the defaults, ``rule_book.yaml``.
 """
@@ -43,7 +43,7 @@ Text = Annotated[str, Field(min_length=1), AfterValidator(lambda text: " ".join(
 
 
 class Sourced(Model):
-    """What says where its figures come from."""
+    """Sources of the figures."""
 
     source: Text
     """where the figures come from"""
@@ -136,13 +136,13 @@ Kind = Literal["essential", "quality", "set_point"]
 
 
 class Check(Bounds):
-    """What every sample of a phase must be within."""
+    """Limits of every sample of a phase."""
 
     kind: Kind
 
 
 class Acceptance(Sourced):
-    """What decides between accept, review and reject."""
+    """Thresholds between accept, review and reject."""
 
     tolerated_s: Annotated[float, Range(0.0, 10.0, "s")]
     """outside an essential limit for longer: reject, for less: review; outside a quality limit for longer: review"""
@@ -169,7 +169,7 @@ class Acceptance(Sourced):
         return content
 
     def permits_swap(self, cause: Cause) -> bool:
-        """Whether a swap leaves the weld acceptable, by what led to it."""
+        """Whether a swap leaves the weld acceptable, by its cause."""
         return cause.at_start or (self.swaps_allowed and cause.on_request)
 
     @property
@@ -179,7 +179,7 @@ class Acceptance(Sourced):
 
 
 class RuleBook(Model):
-    """What every weld is judged by, whatever is welded."""
+    """Rules for every weld, independent of the workpiece."""
 
     set_points: SetPoints
     essential: Annotated[Many[Limit], Field(min_length=1)]
@@ -199,9 +199,9 @@ class RuleBook(Model):
                         "is impossible: a weld at its set-points, error 0, is outside", key, row
                     )
         for row, limit in enumerate(self.essential):
-            one = points.get(limit.variable)
-            if one is not None and not (limit.holds(one.min) and limit.holds(one.max)):
-                text = f"is impossible: set-points from {one.min:g} to {one.max:g} are permitted outside it"
+            point = points.get(limit.variable)
+            if point is not None and not (limit.holds(point.min) and limit.holds(point.max)):
+                text = f"is impossible: set-points from {point.min:g} to {point.max:g} are permitted outside it"
                 raise problem(text, "essential", row)
         return self
 
@@ -224,7 +224,7 @@ class RuleBook(Model):
 
 @cache
 def default() -> RuleBook:
-    """By what a weld without a procedure is judged."""
+    """The rule book for welds without a procedure."""
     return validate(
         RuleBook, content_of(read_text(_DEFAULT, "rule book"), str(_DEFAULT)), str(_DEFAULT)
     )

@@ -1,4 +1,4 @@
-"""The rules that a weld is judged by, as facts: what must hold, what was found, and the one table of their words."""
+"""The rules of a judgement as facts: requirement, finding, and the one table of their texts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fsw_control.schema.models import Many, Model
 
 
 class Verdict(StrEnum):
-    """What becomes of the weld, the best first."""
+    """Disposition of the weld, the best first."""
 
     ACCEPT = "accept"
     REVIEW = "review"
@@ -28,7 +28,7 @@ _ABSENT = "({topic} is not in the bag)"
 
 
 class FactCode(Worded):
-    """What a rule found, what is not known, and whether the bag is what was recorded."""
+    """Findings of the rules, unknowns, and integrity of the bag."""
 
     NOT_ON_RECORD = "not_on_record", "not on record"
     RULES = "rules", "{count} rules"
@@ -72,7 +72,7 @@ class FactCode(Worded):
     IN_MODE = "in_mode", "{mode} {time_s:.1f} s"
     MODE_UNKNOWN = "mode_unknown", "not on record at {ticks} ticks"
     TRIPPED = "tripped", "interlock {interlock}, {state}"
-    # what is not known of a weld
+    # unknowns of a weld
     NO_STATES = "no_states", f"swaps, modes and interlocks {_ABSENT}"
     NO_PROGRESS = "no_progress", f"phases, angles and positions along the weld {_ABSENT}"
     NO_DRIVES = "no_drives", f"force and speed as the drives measure them {_ABSENT}"
@@ -88,7 +88,7 @@ class FactCode(Worded):
         "no_procedure",
         "by which procedure the weld ran (none is attached to the bag, nor reported by {node})",
     )
-    # whether the bag is what was recorded
+    # integrity of the bag
     UNPROVEN = "unproven", "no {file}: whether the files are what was recorded is not known"
     NOT_AS_LISTED = "not_as_listed", "not as {file} has it: {problem}"
     AS_LISTED = "as_listed", "{count} files as {file} has them"
@@ -102,7 +102,7 @@ class FactCode(Worded):
     UNSIGNED = "unsigned", "{file} is not signed"
 
 
-#: by name of a rule, what must hold, and what is said where nothing was found
+#: by name of a rule, its requirement, and the text without findings
 _WORDS = {
     "all": ("every rule is kept", ""),
     "complete": ("{programme}", "all"),
@@ -125,7 +125,7 @@ _WORDS = {
 
 
 class Fact(Model):
-    """What a rule found: a code with its fields."""
+    """A finding of a rule: a code with its fields."""
 
     code: Annotated[FactCode, Strict(False)]
     data: dict[str, Any] = Field(default_factory=dict)
@@ -142,26 +142,26 @@ class Fact(Model):
 
 
 class Rule(Model):
-    """A rule, what it found in this weld, and what follows from it alone."""
+    """A rule, its findings in this weld, and the disposition that follows from it alone."""
 
     name: str
     subject: str = ""
-    """what it is on: a variable, a sensor, a controller; empty where there is one only"""
+    """its subject: a variable, a sensor, a controller; empty if there is only one"""
     data: dict[str, Any] = Field(default_factory=dict)
-    """what must hold: limits, names, hashes"""
+    """the requirement: limits, names, hashes"""
     facts: Many[Fact] = ()
-    """what was found"""
+    """the findings"""
     verdict: Annotated[Verdict, Strict(False)]
 
     @property
     def words(self) -> str:
-        """What must hold, in words."""
+        """The requirement, in words."""
         data = _plain(self.data) | _derived(self.name, self.data)
         return _WORDS[self.name][0].format_map(data | {"subject": self.subject})
 
     @property
     def figure(self) -> str:
-        """What was found, in words."""
+        """The findings, in words."""
         return "; ".join(fact.words for fact in self.facts) or _WORDS[self.name][1]
 
 
@@ -175,7 +175,7 @@ def decide(rules: Sequence[Rule]) -> Rule:
 
 
 def _derived(name: str, data: Mapping[str, Any]) -> dict[str, str]:
-    """Parts of the words that depend on what is given."""
+    """Parts of the text that depend on the given fields."""
     if name == "complete":
         phases = ", ".join(data["phases"])
         return {"programme": f"phases {phases}" if phases else "the programme"}

@@ -1,7 +1,7 @@
 """Which set-points were in force at which tick of a recorded weld.
 
-The rule is that of the nodes, `fsw_control.references.ReferenceQueue`, which gets here what the
-recorder received: the set-points as sent and as the supervisor reports them. What was published
+The rule is that of the nodes, `fsw_control.references.ReferenceQueue`, fed with the
+recorder's messages: the set-points as sent and as the supervisor reports them. What was published
 before the recording began counts from its first tick on. Each controller reports which ones it
 followed.
 """
@@ -25,7 +25,7 @@ from fsw_control.units import NANOSECONDS, mm_from_m
 
 #: topics of set-points: as sent, as the supervisor reports them, and as announced
 SENT, HELD, PLANNED = "/fsw/reference", "/fsw/supervisor/reference", "/fsw/reference_plan"
-#: time after which a new recorder has received what was sent before it joined
+#: time after which a new recorder has received the latched messages
 _JOINING_NS = 2 * NANOSECONDS
 UNKNOWN_ORDER = (
     f"{SENT}: set-points were sent before the recording began, and this bag does not show in which order: "
@@ -72,9 +72,9 @@ def read_set_points(messages: WeldMessages, topic: str) -> list[SetPoint]:
         strict=True,
     )
     return [
-        one
-        for one in map(SetPoint._make, rows)
-        if not set_point_problem(one.depth_mm, one.temperature_c)
+        point
+        for point in map(SetPoint._make, rows)
+        if not set_point_problem(point.depth_mm, point.temperature_c)
     ]
 
 
@@ -83,8 +83,8 @@ def read_plans(messages: WeldMessages) -> list[tuple[int, ReferencePlan]]:
     plans: list[tuple[int, ReferencePlan]] = []
     for log_ns, _, plan in messages.decoded(PLANNED):
         points = [
-            (stamp_of(one), Reference(mm_from_m(one.depth), float(one.temperature)))
-            for one in getattr(plan, "references", ())
+            (stamp_of(goal), Reference(mm_from_m(goal.depth), float(goal.temperature)))
+            for goal in getattr(plan, "references", ())
         ]
         if all(before < after for (before, _), (after, _) in pairwise(points)):
             plans.append((log_ns, ReferencePlan(points)))
@@ -107,34 +107,34 @@ def timeline(
     stamps, logs : int array, shape (n_ticks,)
         Stamp and receive time of every tick [ns], in order of stamps.
     problems : list of str
-        Gets `UNKNOWN_ORDER` when the bag does not show what held when the recording began.
+        Gets `UNKNOWN_ORDER` if the set-points in force at the start are ambiguous.
     """
     begin_ns = int(logs[0])
-    if sent and all(one.issued_ns == one.log_ns for one in sent):
+    if sent and all(point.issued_ns == point.log_ns for point in sent):
         # sqlite3 holds no publish times; what came together at first may then be older than the
         # recording
         until_ns = max(begin_ns, sent[0].log_ns + _JOINING_NS)
-        early = [one for one in sent if one.log_ns < until_ns and one.stamp_ns <= stamps[0]]
-        if len(early) > 1 and not held and not all(one.stamp_ns for one in early):
+        early = [item for item in sent if item.log_ns < until_ns and item.stamp_ns <= stamps[0]]
+        if len(early) > 1 and not held and not all(point.stamp_ns for point in early):
             problems.append(UNKNOWN_ORDER)
-        sent = [one._replace(issued_ns=early.index(one)) if one in early else one for one in sent]
+        sent = [p._replace(issued_ns=early.index(p)) if p in early else p for p in sent]
     queue = ReferenceQueue()
     queue.join(begin_ns - OWN_CLOCK_NS)  # from when on the order of receipt counts
     coming = deque(
         sorted(
-            (begin_ns if one.issued_ns < begin_ns else one.log_ns, is_held, one)
+            (begin_ns if point.issued_ns < begin_ns else point.log_ns, is_held, point)
             for is_held, points in ((False, sent), (True, held))
-            for one in points
+            for point in points
         )
     )
     begun: list[tuple[int, Reference]] = []
     for stamp_ns, log_ns in zip(stamps.tolist(), logs.tolist(), strict=True):
         while coming and coming[0][0] <= log_ns:
-            _, is_held, one = coming.popleft()
+            _, is_held, added = coming.popleft()
             if is_held:
-                queue.add(one.stamp_ns, one.reference, one.issued_ns)
+                queue.add(added.stamp_ns, added.reference, added.issued_ns)
             else:
-                queue.receive(one.stamp_ns, one.reference, one.issued_ns, one.log_ns)
+                queue.receive(added.stamp_ns, added.reference, added.issued_ns, added.log_ns)
         present = queue.at(stamp_ns)
         if present is not None and (not begun or present != begun[-1][1]):
             begun.append((stamp_ns, present))

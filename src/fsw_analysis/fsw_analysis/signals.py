@@ -63,12 +63,12 @@ class _Ticks:
     """The plant's ticks, in order of their stamps: aligns everything else on them."""
 
     def __init__(self, sources: list[Table]) -> None:
-        stamps = np.concatenate([one.stamp_ns for one in sources])
+        stamps = np.concatenate([source.stamp_ns for source in sources])
         self.stamp_ns: IntArray = np.unique(stamps)
         #: first receipt of a message of the tick
         self.log_ns: IntArray = np.full(self.stamp_ns.size, np.iinfo(np.int64).max)
         rows = np.searchsorted(self.stamp_ns, stamps)
-        np.minimum.at(self.log_ns, rows, np.concatenate([one.log_ns for one in sources]))
+        np.minimum.at(self.log_ns, rows, np.concatenate([source.log_ns for source in sources]))
         self.time_s = experiment_time_s(self.stamp_ns)
 
     def _rows(self, table: Table) -> IntArray:
@@ -76,7 +76,7 @@ class _Ticks:
         return np.minimum(np.searchsorted(self.stamp_ns, table.stamp_ns), self.stamp_ns.size - 1)
 
     def align(self, table: Table, values: Column) -> Column:
-        """Values at the ticks, of several with one stamp the first, as `JoinRules` says; NaN or empty without any."""
+        """Values at the ticks, the first per stamp (`JoinRules`); NaN or empty without any."""
         rows = self._rows(table)
         index = np.flatnonzero(self.stamp_ns[rows] == table.stamp_ns)[::-1]
         result = np.full(
@@ -92,17 +92,19 @@ class _Ticks:
         if kind == "latency":
             return self.align(table, (table.log_ns - self.log_ns[self._rows(table)]) * 1e-9)
         if kind == "reason":
-            return self.align(table, np.array([one.words for one in reasons(table)], object))
+            return self.align(table, np.array([reason.words for reason in reasons(table)], object))
         values = table.column(path)
         return self.align(
             table,
-            values if kind == "text" else np.array([",".join(one) for one in values], object),
+            values if kind == "text" else np.array([",".join(value) for value in values], object),
         )
 
     def group(self, kind: type[Group], table: Table) -> Group:
         """A group of signals from the fields of messages that its columns name."""
         values: dict[str, Any] = {
-            one.name: self.signal(table, **one.metadata) for one in fields(kind) if one.metadata
+            item.name: self.signal(table, **item.metadata)
+            for item in fields(kind)
+            if item.metadata
         }
         return kind(**values)
 
@@ -110,10 +112,10 @@ class _Ticks:
         """When messages hold: from their stamp on, and from their receipt where it is 0 or of another clock."""
         by_stamp = self.time_s[0] + (table.stamp_ns - self.stamp_ns[0]) * 1e-9
         order = np.argsort(self.log_ns, kind="stable")
-        at = np.clip(
+        tick = np.clip(
             np.searchsorted(self.log_ns[order], table.log_ns, side="right") - 1, 0, order.size - 1
         )
-        by_receipt = self.time_s[order[at]]
+        by_receipt = self.time_s[order[tick]]
         foreign = (table.stamp_ns == 0) | (np.abs(by_stamp - by_receipt) > OTHER_CLOCK_NS * 1e-9)
         times: FloatArray = np.where(foreign, by_receipt, by_stamp)
         return times
@@ -122,9 +124,9 @@ class _Ticks:
         """Values that persist from one message to the next, and the value before the first."""
         times = self.times_s(table)
         order = np.argsort(times, kind="stable")
-        at = np.searchsorted(times[order], self.time_s, side="right") - 1
+        rows = np.searchsorted(times[order], self.time_s, side="right") - 1
         return np.append(table.column(path)[order], [before])[
-            at
+            rows
         ]  # -1, before the first, is the last entry
 
 
@@ -197,7 +199,7 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
 
 def _sources(messages: WeldMessages, sensors: list[Table], others: list[Table]) -> list[Table]:
     """The tables whose stamps are the ticks: the sensors' or, without any, others with a message per tick."""
-    sources = [one for one in sensors if one] or [one for one in others if one]
+    sources = [sensor for sensor in sensors if sensor] or [other for other in others if other]
     if not sources:
         needed = [SENSOR_TOPICS[name] for name in REQUIRED]
         complaint = (
@@ -222,7 +224,7 @@ def _add_course(weld: WeldSignals, messages: WeldMessages, ticks: _Ticks) -> Non
         *events.of_progress(times_s, progress),
         *events.of_actions(ticks.times_s(actions), actions),
     ]
-    weld.events.sort(key=lambda one: one.time_s)
+    weld.events.sort(key=lambda event: event.time_s)
     depth, temperature, angle = (
         ticks.held(progress, path, np.nan) for path in ("depth", "temperature", "angle")
     )
@@ -234,7 +236,7 @@ def _add_course(weld: WeldSignals, messages: WeldMessages, ticks: _Ticks) -> Non
 
 
 def _fused(ticks: _Ticks, depth: Table) -> FusedSignals | None:
-    """What the depth rested on; None if it was of one sensor, or in bags of earlier versions."""
+    """Channels behind the depth; None for a single sensor and in bags of earlier versions."""
     names = list(DEPTH_CHANNELS)
     rows = depth.column("channel_health")
     known = np.array([len(row) == len(names) for row in rows], bool)
@@ -255,9 +257,9 @@ def _fused(ticks: _Ticks, depth: Table) -> FusedSignals | None:
 
 def _wanted(kind: type[Any]) -> dict[str, Kind]:
     return {
-        one.metadata["path"]: one.metadata["kind"]
-        for one in fields(kind)
-        if one.metadata.get("path")
+        field.metadata["path"]: field.metadata["kind"]
+        for field in fields(kind)
+        if field.metadata.get("path")
     }
 
 
@@ -267,7 +269,7 @@ def _references(messages: WeldMessages, ticks: _Ticks) -> tuple[FloatArray, Floa
     points = timeline(sent, held, ticks.stamp_ns, ticks.log_ns, messages.problems)
     if not points and (SENT in messages.raw or HELD in messages.raw):
         messages.problems.append(f"{SENT}: no set-point could be read")
-    at = (
+    rows = (
         np.searchsorted(
             np.array([begins for begins, _ in points], np.int64), ticks.stamp_ns, side="right"
         )
@@ -275,27 +277,27 @@ def _references(messages: WeldMessages, ticks: _Ticks) -> tuple[FloatArray, Floa
     )
     depth_mm = np.array([*(point.depth_mm for _, point in points), np.nan])
     temperature_c = np.array([*(point.temperature_c for _, point in points), np.nan])
-    return depth_mm[at], temperature_c[at]  # -1, before the first, is the last entry
+    return depth_mm[rows], temperature_c[rows]  # -1, before the first, is the last entry
 
 
 def _proposals(messages: WeldMessages, ticks: _Ticks) -> dict[str, ProposalSignals]:
-    wanted = _wanted(ProposalSignals)
+    columns = _wanted(ProposalSignals)
     tables = {
-        name: messages.table(topic, wanted, FIELDS)
+        name: messages.table(topic, columns, FIELDS)
         for name, topic in messages.controllers("proposal").items()
     }
     return {name: ticks.group(ProposalSignals, table) for name, table in tables.items() if table}
 
 
 def _statuses(messages: WeldMessages, ticks: _Ticks) -> dict[str, StatusSignals]:
-    wanted: dict[str, Kind] = {
+    columns: dict[str, Kind] = {
         **_wanted(StatusSignals),
         "disturbance_names": "texts",
         "disturbances": "numbers",
     }
     statuses: dict[str, StatusSignals] = {}
     for name, topic in messages.controllers("status").items():
-        if table := messages.table(topic, wanted, FIELDS):
+        if table := messages.table(topic, columns, FIELDS):
             statuses[name] = ticks.group(StatusSignals, table)
             statuses[name].disturbances = _disturbances(ticks, table)
     return statuses

@@ -1,7 +1,7 @@
 """Counts the ticks that are missing in a bag, from the stamps of its messages alone.
 
-The middleware reports at best what was lost on its way to the recorder. The topics of a weld carry
-one stamp per tick, the same on all of them, so the bag itself shows what is missing.
+The middleware reports at best the messages lost on the way to the recorder. The topics of a weld carry
+one stamp per tick, the same on all of them, so the bag itself shows the gaps.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _LONGEST_GAP_NS = 60 * NANOSECONDS
 
 
 class TickGaps(NamedTuple):
-    """What one topic lacks: ticks between its first and last message, and the stamp of the first of them [ns].
+    """Gaps of a topic: ticks between its first and last message, and the stamp of the first of them [ns].
 
     ``before`` and ``after`` are the ticks of the bag outside: it began later or ended earlier than
     another topic.
@@ -51,7 +51,7 @@ class TickCounter:
 
     def span_ns(self) -> tuple[int, int]:
         """First and last stamp, by the clock of the weld; two zeros without any."""
-        stamps = [stamp for one in self._stamps.values() for stamp in one or ()]
+        stamps = [stamp for stamps_ns in self._stamps.values() for stamp in stamps_ns or ()]
         return min(stamps, default=0), max(stamps, default=0)
 
     def gaps(self) -> dict[str, TickGaps]:
@@ -61,9 +61,9 @@ class TickCounter:
         missing ones are put in at the usual period.
         """
         stamps = {
-            topic: np.unique(np.array(one, dtype=np.int64))
-            for topic, one in self._stamps.items()
-            if one
+            topic: np.unique(np.array(stamp, dtype=np.int64))
+            for topic, stamp in self._stamps.items()
+            if stamp
         }
         if not stamps:
             return {}

@@ -1,4 +1,4 @@
-"""What happens in a weld, as facts; the words that people read are made of them here, and nowhere read again."""
+"""Events of a weld as facts; their texts for people are made here and never parsed."""
 
 from __future__ import annotations
 

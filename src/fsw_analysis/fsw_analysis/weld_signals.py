@@ -86,7 +86,7 @@ class DriveSignals:
 
 @dataclass(slots=True)
 class FusedSignals:
-    """What a depth fused from several channels rested on; NaN if missing."""
+    """Channels behind a fused depth; NaN if missing."""
 
     deviation_mm: FloatArray  #: standard deviation of the depth
     #: by sensor, 1 at ticks whose depth rests on it, else 0
@@ -144,7 +144,7 @@ class WeldSignals:
     #: the applied command that answers the tick
     force_kn: FloatArray
     speed_rpm: FloatArray
-    #: who computed the applied command, and why if not nominal
+    #: source of the applied command, and the reason if not nominal
     command_source: TextArray
     command_reason: TextArray
     #: from the tick's first recorded measurement to the recorded command, by receive time [s]
@@ -217,10 +217,10 @@ class WeldSignals:
         """Phase at each tick or at other times; empty without a programme."""
         names = np.array([name for name, _ in self.phases] or [""], object)
         begins = [begin_s - 1e-6 for _, begin_s in self.phases[1:]]
-        found: TextArray = names[
+        roles: TextArray = names[
             np.searchsorted(begins, self.time_s if time_s is None else time_s, side="right")
         ]
-        return found
+        return roles
 
     @property
     def operators(self) -> tuple[str, ...]:

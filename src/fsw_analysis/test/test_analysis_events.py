@@ -35,9 +35,9 @@ REQUESTED = SimpleNamespace(
 def table(names: Sequence[str], *rows: tuple[Any, ...]) -> tuple[FloatArray, Table]:
     """Times [s] and a table of messages, each given as its time and its fields."""
     columns = {name: np.empty(len(rows), object) for name in names}
-    for at, row in enumerate(rows):
+    for index, row in enumerate(rows):
         for name, value in zip(names, row[1:], strict=True):
-            columns[name][at] = value
+            columns[name][index] = value
     times = np.array([row[0] for row in rows], float)
     return times, Table([(0, 0, 0)] * len(rows), columns)
 
@@ -50,13 +50,18 @@ def finding(cause: int) -> Any:
     return definitions.decode(kind, definition, data)
 
 
-def told(found: Any) -> list[tuple[Any, ...]]:
+def told(events_found: Any) -> list[tuple[Any, ...]]:
     """Time, kind and subject, and who and what became of it where there are any."""
-    events = list(found)
-    assert all(one.text for one in events)
+    events = list(events_found)
+    assert all(event.text for event in events)
     return [
-        (one.time_s, one.kind, one.subject, *filter(None, (one.who, one.state, one.is_over)))
-        for one in events
+        (
+            event.time_s,
+            event.kind,
+            event.subject,
+            *filter(None, (event.who, event.state, event.is_over)),
+        )
+        for event in events
     ]
 
 
@@ -80,9 +85,7 @@ def test_phases_and_states_of_a_programme_whatever_the_order_of_its_reports() ->
     ]
 
 
-def test_swaps_modes_leaders_and_interlocks_of_the_supervisor_but_not_what_it_begins_with() -> (
-    None
-):
+def test_state_changes_are_events_except_the_initial_state() -> None:
     warned, start = (Interlock("depth_high", Severity.WARN),), int(Cause.READY)
     times, state = table(
         [
@@ -132,8 +135,8 @@ def test_swaps_modes_leaders_and_interlocks_of_the_supervisor_but_not_what_it_be
         ),
         (4.0, "nmpc", "auto", "b", (), (), "", np.nan, ""),
     )
-    found = list(events.of_state(times, state))
-    assert told(found) == [
+    listed = list(events.of_state(times, state))
+    assert told(listed) == [
         (1.0, "interlock", "depth_high", "warn"),
         (2.0, "swap", "decentral", ANNA),
         (2.5, "takeover", "b", ANNA),
@@ -145,7 +148,7 @@ def test_swaps_modes_leaders_and_interlocks_of_the_supervisor_but_not_what_it_be
         (4.0, "mode", "auto"),
         (4.0, "interlock", "depth_high", "trip", True),
     ]
-    assert [one.cause for one in found if one.kind == "swap"] == [
+    assert [event.cause for event in listed if event.kind == "swap"] == [
         Cause.SWAP_REQUESTED,
         Cause.INTERLOCK_TRIP,
         Cause.UNKNOWN,
@@ -156,10 +159,11 @@ def test_level_of_an_interlock_in_an_older_bag_is_unknown() -> None:
     """It was in a text, which nothing reads; the judgement counts it as a trip."""
     names = [*events.STATE, *events.STATE_ADDED]
     rows = ((time_s, "nmpc", "auto", locks, 1.0, "", "a", (), "") for time_s, locks in OLDER)
-    found = [
-        (one.subject, one.state, one.is_over) for one in events.of_state(*table(names, *rows))
+    changed = [
+        (event.subject, event.state, event.is_over)
+        for event in events.of_state(*table(names, *rows))
     ]
-    assert found == [("depth_high:warn", "unknown", False)]
+    assert changed == [("depth_high:warn", "unknown", False)]
 
 
 def test_a_cause_is_a_fact_whatever_its_words_say() -> None:
@@ -192,7 +196,7 @@ def test_a_cause_is_a_fact_whatever_its_words_say() -> None:
     assert not swap.cause.on_request and not swap.cause.at_start
 
 
-def test_what_operators_did() -> None:
+def test_operator_actions_are_events() -> None:
     times, actions = table(
         [*events.ACTION, *events.ACTION_ADDED],
         (
@@ -207,12 +211,12 @@ def test_what_operators_did() -> None:
         ),
         (2.0, ANNA, "safe_stop", "done", "", "", np.nan, ""),
     )
-    found = list(events.of_actions(times, actions))
-    assert [one.data["request"] for one in found] == ["switch", "unknown"], (
+    listed = list(events.of_actions(times, actions))
+    assert [event.data["request"] for event in listed] == ["switch", "unknown"], (
         "the last is of an older bag"
     )
-    assert [one.data["code"] for one in found] == ["not_ready", ""]
-    assert told(found) == [
+    assert [event.data["code"] for event in listed] == ["not_ready", ""]
+    assert told(listed) == [
         (1.0, "operator", "switch decentral", ANNA, "refused"),
         (2.0, "operator", "safe_stop", ANNA, "done"),
     ]
@@ -220,7 +224,7 @@ def test_what_operators_did() -> None:
 
 @pytest.mark.parametrize("is_old", [False, True])
 def test_alarms_that_came_and_were_shelved(is_old: bool) -> None:
-    def of(
+    def alarm_row(
         change: AlarmChange, who: str = "", reason: str = "", shelved_for_s: float = 0.0
     ) -> tuple[Any, ...]:
         kind = (np.nan, change.word) if is_old else (int(change), "")
@@ -228,11 +232,11 @@ def test_alarms_that_came_and_were_shelved(is_old: bool) -> None:
 
     times, journal = table(
         [*events.ALARM, *events.ALARM_CHANGE],
-        (1.0, *of(AlarmChange.RAISED)),
-        (2.0, *of(AlarmChange.SHELVED, ANNA, "known", 300.0)),
-        (3.0, *of(AlarmChange.CLEARED)),
-        (4.0, *of(AlarmChange.RE_RAISED)),
-        (5.0, *of(AlarmChange.ACKNOWLEDGED, ANNA)),
+        (1.0, *alarm_row(AlarmChange.RAISED)),
+        (2.0, *alarm_row(AlarmChange.SHELVED, ANNA, "known", 300.0)),
+        (3.0, *alarm_row(AlarmChange.CLEARED)),
+        (4.0, *alarm_row(AlarmChange.RE_RAISED)),
+        (5.0, *alarm_row(AlarmChange.ACKNOWLEDGED, ANNA)),
     )
     assert told(events.of_alarms(times, journal)) == [
         (1.0, "alarm", "Depth", "raised"),
@@ -241,7 +245,7 @@ def test_alarms_that_came_and_were_shelved(is_old: bool) -> None:
     ]
 
 
-def test_what_the_monitor_found_is_told_once_and_when_it_is_over() -> None:
+def test_monitor_findings_begin_and_end_once() -> None:
     times, health = table(
         list(events.HEALTH),
         (1.0, []),
@@ -249,22 +253,22 @@ def test_what_the_monitor_found_is_told_once_and_when_it_is_over() -> None:
         (3.0, [finding(40)]),
         (4.0, [finding(45)]),
     )
-    found = list(events.of_health(times, health))
-    assert {(one.time_s, one.subject, one.is_over) for one in found} == {
+    changed = list(events.of_health(times, health))
+    assert {(event.time_s, event.subject, event.is_over) for event in changed} == {
         (2.0, "thermocouple_drift", False),
         (4.0, "tool_wear", False),
         (4.0, "thermocouple_drift", True),
     }
-    assert found[0].text == "monitor: thermocouple drift"
+    assert changed[0].text == "monitor: thermocouple drift"
 
 
 def test_nothing_happens_where_nothing_was_recorded() -> None:
     journal = (events.ALARM | events.ALARM_CHANGE, events.of_alarms)
     state = (events.STATE | events.STATE_ADDED, events.of_state)
-    for names, of in (
+    for names, events_of in (
         (events.PROGRESS, events.of_progress),
         state,
         journal,
         (events.HEALTH, events.of_health),
     ):
-        assert told(of(*table(list(names)))) == []
+        assert told(events_of(*table(list(names)))) == []

@@ -72,7 +72,7 @@ def test_figures_of_phases_are_those_of_their_ticks(tmp_path):
     assert parking.temperature_c is None and parking.power_kw is None
     assert astuple(whole.temperature_c) == pytest.approx((-1.0, np.sqrt(2.0), -2.0, 1.0))
     data, table = phase_kpi.write([figures], tmp_path)
-    assert [one["phase"] for one in json.loads(data.read_text())] == [
+    assert [load["phase"] for load in json.loads(data.read_text())] == [
         "dwell",
         "start",
         "parking",
@@ -167,13 +167,13 @@ def test_ramps_and_sines_are_one_event_and_simultaneous_ones_do_not_count_as_cou
     temperature = np.full(N, 850.0)
     temperature[600:] = 855.0
     ramp[600:] = 2.9
-    found = changes(signals(reference_depth_mm=ramp, reference_temperature_c=temperature))
-    assert [(change.quantity, change.is_step) for change in found] == [
+    steps = changes(signals(reference_depth_mm=ramp, reference_temperature_c=temperature))
+    assert [(change.quantity, change.is_step) for change in steps] == [
         ("depth_reference", False),
         ("depth_reference", True),
         ("temperature_reference", True),
     ]
-    assert found[0].size == pytest.approx(0.3)
+    assert steps[0].size == pytest.approx(0.3)
     result = kpi.compute(signals(reference_depth_mm=ramp, reference_temperature_c=temperature))
     assert result["peak_depth_in_temperature_step_mm"] is None
 

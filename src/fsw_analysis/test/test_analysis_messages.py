@@ -7,7 +7,7 @@ from mcap.writer import Writer
 from fsw_analysis.messages import WeldMessages
 
 
-def test_of_two_types_on_one_topic_each_message_is_decoded_by_its_own_or_left_out(
+def test_messages_of_mixed_types_are_decoded_by_their_own_type(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "two.mcap"

@@ -73,7 +73,7 @@ def test_a_column_of_any_name_is_given_by_quantity_and_unit():
         ("time_s", "Cycle time [s]"),
     ],
 )
-def test_a_set_point_or_what_may_be_of_another_part_is_no_measurement(name, other):
+def test_set_points_and_ambiguous_columns_are_not_measurements(name, other):
     with pytest.raises(InputError) as raised:
         read_table(changed(**{name: None, other: LOG[name], "Depth actual [mm]": LOG["depth_mm"]}))
     assert f"'{name}': NAME" in str(raised.value) and other in str(raised.value)

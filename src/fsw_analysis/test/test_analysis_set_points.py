@@ -40,8 +40,8 @@ def depths(
     problems: list[str] = []
     points = timeline(sent, held, STAMPS + base, LOGS, problems)
     result = []
-    for at in (60 * S, 65 * S):
-        begun = [one.depth_mm for begins, one in points if begins <= at + base]
+    for time_ns in (60 * S, 65 * S):
+        begun = [set_point.depth_mm for begins, set_point in points if begins <= time_ns + base]
         result.append(begun[-1] if begun else float("nan"))
     return result, problems
 
@@ -50,7 +50,7 @@ def depths(
 def test_late_recorder_sees_what_the_controllers_see_in_any_order_of_receipt(base: int) -> None:
     sent = point(2.6, 0.0), point(2.7, 0.1, 40.0, base=base), point(2.8, 0.2, 64.0, base=base)
     for order in permutations(sent):
-        received = [one._replace(log_ns=WALL + i) for i, one in enumerate(order)]
+        received = [set_point._replace(log_ns=WALL + i) for i, set_point in enumerate(order)]
         assert depths(received, [], base) == ([2.7, 2.8], [])
 
 
@@ -80,14 +80,14 @@ def test_supervisor_is_believed_for_the_beginning() -> None:
     assert depths([wrong, ahead], [late]) == ([2.6, 2.8], [])
 
 
-def test_unknown_order_is_told() -> None:
+def test_unknown_order_is_reported() -> None:
     untimed = [
-        one._replace(issued_ns=one.log_ns)
-        for one in (point(2.7, 0.0, 40.0), point(2.6, 0.0, log_s=0.01))
+        set_point._replace(issued_ns=set_point.log_ns)
+        for set_point in (point(2.7, 0.0, 40.0), point(2.6, 0.0, log_s=0.01))
     ]
     assert depths(untimed, []) == ([2.6, 2.6], [UNKNOWN_ORDER])
     assert depths(untimed, [point(2.7, 40.0, 40.0)]) == ([2.7, 2.7], [])
-    alone = [one._replace(issued_ns=one.log_ns) for one in (point(2.6, 0.0),)]
+    alone = [set_point._replace(issued_ns=set_point.log_ns) for set_point in (point(2.6, 0.0),)]
     assert depths(alone, []) == ([2.6, 2.6], [])
 
 

@@ -76,8 +76,8 @@ def rewrite(bag: Path, keep: object) -> Path:
         seen: dict[str, int] = {}
         for name, time_ns, data in sample_messages(50):
             seen[name] = seen.get(name, -1) + 1
-            for one in keep(seen[name], name, data):
-                writer.write(name, one, time_ns, time_ns)
+            for kept in keep(seen[name], name, data):
+                writer.write(name, kept, time_ns, time_ns)
     return bag
 
 
@@ -102,7 +102,7 @@ def test_duplicates_and_damaged_messages(tmp_path: Path) -> None:
     assert any("/fsw/depth" in problem and "damaged" in problem for problem in loaded.problems)
 
 
-def test_of_several_messages_with_one_stamp_the_first_counts(tmp_path: Path) -> None:
+def test_first_message_of_a_stamp_counts(tmp_path: Path) -> None:
     latest = {name: data for name, _, data in sample_messages(50)}
     no_tick = ("/fsw/reference", "/fsw/supervisor/state", "/diagnostics")
 
@@ -202,7 +202,7 @@ def test_several_welds_in_one_bag_are_refused(tmp_path: Path) -> None:
         load_weld(in_namespaces(tmp_path / "both", "/cell1", "/cell2"))
 
 
-def test_what_a_fused_depth_rested_on(tmp_path: Path, signals: WeldSignals) -> None:
+def test_fused_depth_lists_its_channels(tmp_path: Path, signals: WeldSignals) -> None:
     """Of the ticks that say so; a depth of one sensor says nothing."""
     assert signals.fused is None
     types = SampleTypes()

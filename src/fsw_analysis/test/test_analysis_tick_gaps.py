@@ -30,13 +30,13 @@ def counted(**ticks: set[int]) -> dict[str, int]:
 
 def test_which_topics_tick() -> None:
     assert all(
-        is_ticking(f"/fsw/{one}")
-        for one in ("depth", "command", "nmpc/proposal", "plant/truth", "a/status", "drives")
+        is_ticking(f"/fsw/{topic}")
+        for topic in ("depth", "command", "nmpc/proposal", "plant/truth", "a/status", "drives")
     )
     assert is_ticking("/hall/cell1/fsw/depth")
     assert not any(
-        is_ticking(one)
-        for one in ("/fsw/reference", "/fsw/supervisor/state", "/clock", "/demo/depth")
+        is_ticking(topic)
+        for topic in ("/fsw/reference", "/fsw/supervisor/state", "/clock", "/demo/depth")
     )
 
 
@@ -52,7 +52,7 @@ def test_nothing_to_judge() -> None:
 
 
 @given(st.sets(st.integers(1, 198), max_size=40))
-def test_one_topic_lacks_what_another_has(lost: set[int]) -> None:
+def test_gaps_are_counted_per_topic(lost: set[int]) -> None:
     every = set(range(200))
     assert counted(depth=every, command=every - lost) == {"depth": 0, "command": len(lost)}
 
@@ -77,4 +77,4 @@ def test_any_bytes_are_judged_in_bounded_memory(messages: list[bytes]) -> None:
     counter = TickCounter()
     for data in messages:
         note(counter, "/fsw/depth", data)
-    assert all(0 <= one.missing < 10_000_000 for one in counter.gaps().values())
+    assert all(0 <= gap.missing < 10_000_000 for gap in counter.gaps().values())

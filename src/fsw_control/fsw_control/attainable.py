@@ -13,12 +13,12 @@ _NEAR_MM, _NEAR_C = 0.005, 0.5
 
 def attainable_of(quantities: Mapping[str, float]) -> Reference | None:
     """Attainable set-points among a controller's quantities; None if it reports none."""
-    found = [quantities.get(name) for name in ("attainable_depth_mm", "attainable_temperature_c")]
-    return None if found[0] is None or found[1] is None else Reference(found[0], found[1])
+    values = [quantities.get(name) for name in ("attainable_depth_mm", "attainable_temperature_c")]
+    return None if values[0] is None or values[1] is None else Reference(values[0], values[1])
 
 
 class OutOfReach(Worded):
-    """What is out of reach, and the bound by which it is."""
+    """Set-points out of reach, and the active bound."""
 
     TEMPERATURE = "temperature", "{asked_c:.0f} °C asked, {attainable_c:.0f} °C attainable"
     DEPTH = "depth", "{asked_mm:.2f} mm asked, {attainable_mm:.2f} mm attainable"
@@ -26,33 +26,33 @@ class OutOfReach(Worded):
     LOWER = "lower_bound", "{parts}: speed at its lower bound"
 
 
-def out_of_reach(asked: Reference, attainable: Reference, share: float = 1.0) -> Fact | None:
-    """How attainable set-points differ from the requested ones; None if they do not.
+def out_of_reach(due: Reference, attainable: Reference, share: float = 1.0) -> Fact | None:
+    """How attainable set-points differ from those in force; None if they do not.
 
     Parameters
     ----------
-    asked, attainable : Reference
+    due, attainable : Reference
         The set-points in force, and those that the controller tracks instead.
     share : float, optional
         Scale of the reporting threshold; below 1 (hysteresis) if a difference is already reported.
     """
     depth_mm, temperature_c = (
-        attainable.depth_mm - asked.depth_mm,
-        attainable.temperature_c - asked.temperature_c,
+        attainable.depth_mm - due.depth_mm,
+        attainable.temperature_c - due.temperature_c,
     )
     parts = []
     if abs(temperature_c) > share * _NEAR_C:
-        pair = {"asked_c": asked.temperature_c, "attainable_c": attainable.temperature_c}
+        pair = {"asked_c": due.temperature_c, "attainable_c": attainable.temperature_c}
         parts.append(Fact(OutOfReach.TEMPERATURE, pair))
     if abs(depth_mm) > share * _NEAR_MM:
-        pair = {"asked_mm": asked.depth_mm, "attainable_mm": attainable.depth_mm}
+        pair = {"asked_mm": due.depth_mm, "attainable_mm": attainable.depth_mm}
         parts.append(Fact(OutOfReach.DEPTH, pair))
     if not parts:
         return None
-    bound = OutOfReach.UPPER if wants_heat(asked, attainable) else OutOfReach.LOWER
+    bound = OutOfReach.UPPER if wants_heat(due, attainable) else OutOfReach.LOWER
     return Fact.of(bound, parts=tuple(parts))
 
 
-def wants_heat(asked: Reference, attainable: Reference) -> bool:
+def wants_heat(due: Reference, attainable: Reference) -> bool:
     """Whether the set-points need more heat than the highest spindle speed can give."""
-    return attainable.temperature_c < asked.temperature_c or attainable.depth_mm > asked.depth_mm
+    return attainable.temperature_c < due.temperature_c or attainable.depth_mm > due.depth_mm

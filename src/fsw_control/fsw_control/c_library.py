@@ -60,8 +60,8 @@ def tool_environment() -> dict[str, str]:
 
 def compiler() -> list[str] | None:
     """Command of the C compiler: ``CC``, else cc, gcc or clang, else that of the ziglang wheel."""
-    wanted = shlex.split(os.environ.get("CC", ""))
-    for command in [wanted, ["cc"], ["gcc"], ["clang"]]:
+    requested = shlex.split(os.environ.get("CC", ""))
+    for command in [requested, ["cc"], ["gcc"], ["clang"]]:
         if command and shutil.which(command[0]):
             return command
     return [sys.executable, "-m", "ziglang", "cc"] if find_spec("ziglang") else None
@@ -111,7 +111,7 @@ def _declarations(header: Path) -> str:
     """
     text = re.sub(
         r'#include "(.+)"',
-        lambda found: _declarations(header.parent / found[1]),
+        lambda include: _declarations(header.parent / include[1]),
         header.read_text("utf-8"),
     )
     text = re.sub(r"#ifdef __cplusplus.*?#endif", "", text, flags=re.DOTALL)

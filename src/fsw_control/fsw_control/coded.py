@@ -53,7 +53,7 @@ class Fact(NamedTuple):
 
 
 class RefusedError(ValueError):
-    """An error that says by a fact why something is refused."""
+    """A refusal, with its reason as a fact."""
 
     def __init__(self, fact: Fact) -> None:
         super().__init__(fact.words)

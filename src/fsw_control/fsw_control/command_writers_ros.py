@@ -70,8 +70,8 @@ class CommandWriters:
         supervisor that has just taken over has until the next call to announce itself.
         """
         refused, self._refused = self._refused, Counter()
-        late, self._unknown = self._unknown, Counter({one: refused[one] for one in refused if one})
-        return refused[""] + sum(count for one, count in late.items() if one not in self._elected)
+        late, self._unknown = self._unknown, Counter({key: refused[key] for key in refused if key})
+        return refused[""] + sum(count for key, count in late.items() if key not in self._elected)
 
     def _on_supervisor(self, message: SupervisorState) -> None:
         identity = message.leader

@@ -120,15 +120,15 @@ class Limits:
         """Limits from the parameters ``limits.*`` of a node."""
         return cls(**{item.name: values[f"limits.{item.name}"] for item in fields(cls)})
 
-    def clip(self, wanted: Command, previous: Command | None) -> Command:
+    def clip(self, requested: Command, previous: Command | None) -> Command:
         """Nearest command in bounds and within one step of ``previous``; rates take precedence."""
-        force, speed = wanted.force_kn, wanted.speed_rpm
+        force, speed = requested.force_kn, requested.speed_rpm
         if (
             self.force_min_kn <= force <= self.force_max_kn
             and self.speed_min_rpm <= speed <= self.speed_max_rpm
         ):
             if previous is None:
-                return wanted
+                return requested
             if (
                 previous.force_kn - self.force_step_kn
                 <= force
@@ -137,7 +137,7 @@ class Limits:
                 <= speed
                 <= previous.speed_rpm + self.speed_step_rpm
             ):
-                return wanted
+                return requested
         force = min(max(force, self.force_min_kn), self.force_max_kn)
         speed = min(max(speed, self.speed_min_rpm), self.speed_max_rpm)
         if previous is not None:

@@ -57,7 +57,7 @@ _KNOWN_LOST_SHARE = 0.2
 
 
 class Note(Worded):
-    """What the node says of its controller."""
+    """Diagnostics of the controller."""
 
     PROPOSING = "proposing", "proposing"
     REASON = "reason", "{reason.words}"
@@ -158,10 +158,10 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self.create_subscription(DriveFeedback, "fsw/drives", self._on_drives, STREAM)
         subscribe_sensors(self, self._ticks.on_sample)
 
-    def _on_bad_reference(self, what: Fact) -> None:
+    def _on_bad_reference(self, refusal: Fact) -> None:
         self.refused_references += 1
-        self._last_refused_reference = what
-        self.get_logger().error(what.words, throttle_duration_sec=1.0)
+        self._last_refused_reference = refusal
+        self.get_logger().error(refusal.words, throttle_duration_sec=1.0)
 
     def _on_plan(self, message: WeldReferencePlan) -> None:
         try:
@@ -177,7 +177,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._ticks.on_drives(convert.stamp_ns(message.header.stamp), convert.command(message))
 
     def _rejoin(self) -> None:
-        """Before a step without a past: say so if it is in mid-weld."""
+        """Before a step without history: call the controller's ``rejoin`` in mid-weld."""
         if self._commands_act and hasattr(self.controller, "rejoin"):
             self.controller.rejoin()
 
@@ -313,8 +313,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
             for sensor, flaw in self._guard.reasons.items()
             if flaw
         ]
-        asked, attainable = self._replaced
-        out = out_of_reach(asked, attainable) if asked and attainable else None
+        requested, attainable = self._replaced
+        out = out_of_reach(requested, attainable) if requested and attainable else None
         level = OK if healthy and not faults and not out else WARN
         if not healthy and self._steps:
             level = ERROR
@@ -332,12 +332,12 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
             "share of known heat in use": f"{self._heat_share:.2f}",
         }
         for sensor, counts in self._synchronizer.counts.items():
-            values |= {f"{sensor} {what}": count for what, count in counts.items()}
+            values |= {f"{sensor} {key}": count for key, count in counts.items()}
             values[f"{sensor} state"] = self._guard.reasons[sensor] or "good"
         facts = facts or faults or [Fact.of(Note.OUT_OF_REACH, reach=out)] * bool(out)
-        what = several(facts) or Fact.of(Note.PROPOSING)
+        summary = several(facts) or Fact.of(Note.PROPOSING)
         self._diagnostics.publish(
-            [Report(f"controller {self._controller_name}", level, what, values)]
+            [Report(f"controller {self._controller_name}", level, summary, values)]
         )
 
 

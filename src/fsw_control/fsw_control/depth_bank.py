@@ -2,8 +2,8 @@
 
 The states are depth, its rate, thermal growth per power that has soaked in, of each channel the
 error of its deflection and its bias, and the heights of edges of the surface. If a channel turns
-out to be wrong, the filters that never used it replace all others, so that nothing of the fault
-stays in the estimates, nor of another one that is found later. (Multiple models: Bar-Shalom, Li,
+out to be wrong, the filters that never used it replace all others, so that neither this fault
+nor another one found later stays in the estimates. (Multiple models: Bar-Shalom, Li,
 Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, 11.6.)
 """
 
@@ -39,7 +39,7 @@ def averaged(weight: float) -> float:
 class DepthBank:
     """Filters by index: 0 uses all channels, i + 1 all but channel i, the last all but two.
 
-    Of two channels there is no pair to leave out, of a single one there is only filter 0.
+    With two channels no pair can be left out; with a single channel only filter 0 exists.
 
     ``x`` and ``p`` are their states and covariances.
     """
@@ -90,7 +90,7 @@ class DepthBank:
     def start(self, depth_mm: float) -> None:
         """Begin at a depth, which samples correct; known edges remain, and what has soaked in.
 
-        So it also forgets several channels that are wrong, one of which each filter has used.
+        This also removes faults of several channels, which every filter has used in part.
         """
         edges, variances = self.x[0, self._edges], np.diagonal(self.p[0])[self._edges].copy()
         self.x[:], self.p[:] = self._mean, np.diag(self._variance)
@@ -125,7 +125,7 @@ class DepthBank:
         return f, np.diag(q)
 
     def innovate(self, values_mm: Array, pushed_kn: float) -> None:
-        """Compare with the samples; NaN is a missing one, its innovation is 0.
+        """Compare with the samples; NaN marks a missing one, with innovation 0.
 
         Sets ``z`` (filters, channels), the innovations, and ``s``, their covariances without
         noise.
@@ -174,7 +174,7 @@ class DepthBank:
         self.p *= 0.5
 
     def loosen(self, variance_mm2: float) -> None:
-        """Let the depth move by more than its rate explains, where all channels say so."""
+        """Let the depth move by more than its rate explains, if all channels show it."""
         self.p[:, DEPTH, DEPTH] += variance_mm2
         self._ph[:, DEPTH] += variance_mm2
         self._weighed = None
@@ -191,7 +191,7 @@ class DepthBank:
         self.x[:, state], self.p[:, state, state] = height_mm, deviation_mm**2
 
     def end_edge(self, slot: int) -> None:
-        """Remove an edge that has passed; what it has left in a channel becomes its bias."""
+        """Remove an edge that has passed; its remainder in a channel becomes bias."""
         fold, state = np.eye(self.x.shape[1]), self._edges[slot]
         shares = fold[self._biases, state] = self.edge_shares[:, slot]
         self._mean[self._biases] += shares * self.x[0, state]
@@ -214,9 +214,9 @@ class DepthBank:
         self.p[:, state, state] += np.where(uses, self.prior[channel], step_mm**2)
 
     def trust(self, left_out: int) -> None:
-        """Continue with the filters that leave out a channel, in place of the others.
+        """Continue with the filters that leave out a channel; they replace the others.
 
-        Where none leaves out three, the one that has used the third takes over; it knows that by
+        No filter leaves out three: the filter that has used the third takes over and knows it by
         its prior only.
         """
         if len(self.x) == 1:

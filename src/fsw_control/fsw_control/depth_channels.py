@@ -1,4 +1,4 @@
-"""Depth channels: what each shows of deflection and growth, how sure that is, and its health.
+"""Depth channels: share of deflection and growth in each, its uncertainty, and its health.
 
 All figures are chosen, except where a source is named.
 """
@@ -85,7 +85,7 @@ class DepthChannel(Model):
     """Time of that change."""
 
     def shown(self, force_kn: float) -> float:
-        """What the channel shows besides depth and growth, at a force beyond the calibration's."""
+        """Offset of the channel by deflection, at a force beyond the calibration's."""
         pushed = force_kn if force_kn == force_kn else 0.0
         return self.bias_mm + self.deflection_mm_per_kn * pushed
 
@@ -108,8 +108,8 @@ class DepthFusionSettings(Model):
     calibration_power_kw: Annotated[float, Range(0.0, 200.0, "kW")] = 0.0
     """Power that had soaked in at the calibration."""
     shared_deviation_mm: Annotated[float, _LENGTH] = 0.02
-    """Standard deviation of what all channels share: the zero of their touch-off. No channel shows
-    it; only a footprint does."""
+    """Standard deviation of the error common to all channels: the zero of their touch-off. Only a
+    footprint reveals it."""
     shared_deflection_mm_per_kn: Annotated[float, Range(0.0, 0.2, "mm/kN")] = 0.002
     """Standard deviation of the deflection that no channel shows: of tool and holder."""
     repeat_mm: Annotated[float, _LENGTH] = 0.01

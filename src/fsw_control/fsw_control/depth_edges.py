@@ -8,7 +8,7 @@ share in a channel is 1 once the edge has reached the channel, less 1 once it ha
 A step of a leading sensor may be an edge or a slip. It is an edge if the next sensor, or all
 others when the tool is there, step by as much at the known distance. If a sensor ahead did not
 step there, or the next one does not, it is called a slip. But that sensor may have slipped by as
-much and so hidden the edge: only the tool decides for good. Height and place are those at the
+much and so hidden the edge: only the tool decides finally. Height and place are those at the
 begin of the step, as a channel that shows an edge may slip before it is decided.
 """
 
@@ -128,23 +128,23 @@ class SurfaceEdges:
     def note_wrong(self, channel: int, height_mm: float) -> None:
         """Note that a channel is wrong by a height at this tick: its step may have begun here.
 
-        A step that follows many spikes of another height did not begin with the first of these.
+        Spikes of another height before a step are not its beginning.
         """
         here_mm = self.travel_mm
-        near = [one for one in self._wrong[channel] if here_mm - one.until_mm < TOLERANCE_MM]
+        near = [span for span in self._wrong[channel] if here_mm - span.until_mm < TOLERANCE_MM]
         same = [
-            one
-            for one in near
-            if height_mm * one.height_mm > max(height_mm**2, one.height_mm**2) / _SAME
+            span
+            for span in near
+            if height_mm * span.height_mm > max(height_mm**2, span.height_mm**2) / _SAME
         ]
         now = _Wrong(same[0].since_mm if same else here_mm, here_mm, height_mm)
-        self._wrong[channel] = [*(one for one in near if one not in same), now]
+        self._wrong[channel] = [*(span for span in near if span not in same), now]
 
     def suspect(self, channel: int, height_mm: float, usable: Mask, slow: bool) -> bool:
         """Whether a step of a channel may be an edge: no other has watched the place before.
 
-        A jump is remembered in any case until the tool is there: the other may have slipped by as
-        much. A step found by means is not: at the tool, noise would look like a small one.
+        A jump is kept in any case until the tool is there: the other may have slipped by as much.
+        A step found by means is not kept: at the tool, noise would look like a small edge.
         """
         lead = self._leads[channel]
         place_mm = self._wrong[channel][-1].since_mm + lead
@@ -176,7 +176,7 @@ class SurfaceEdges:
         return any(self._is_near(edge)[channel] for edge in self._pending.values())
 
     def is_pending(self, channel: int) -> bool:
-        """Whether a channel has stepped, and it is not decided what that was."""
+        """Whether a channel has stepped and the cause is still undecided."""
         return channel in self._pending
 
     def shown_mm(self, z: Array) -> Array:
@@ -226,7 +226,7 @@ class SurfaceEdges:
     def _observe(
         self, edge: _Edge, channel: int, z: Array, values: Array, usable: Mask, clear: Mask
     ) -> None:
-        """Take what a tick says of a pending step of a channel."""
+        """Update a pending step of a channel with the samples of a tick."""
         moved_mm = abs(z[channel] - edge.height_mm)
         # if it is called a slip, the filters have been replaced, which know less of its bias
         is_first = len(edge.heights_mm) < _SAMPLES and not edge.is_slip
@@ -291,7 +291,7 @@ class SurfaceEdges:
         Returns the channels that have shown it.
         """
         edge = self._pending.pop(channel)
-        edge.slot = min(set(range(EDGES)) - {one.slot for one in self._known})
+        edge.slot = min(set(range(EDGES)) - {known.slot for known in self._known})
         edge.passed |= self._leads >= self._leads[reached]
         self._known.append(edge)
         deviation_mm = _SLOW_HEIGHT_MM if edge.is_slow and reached >= 0 else _HEIGHT_MM
@@ -316,9 +316,9 @@ class SurfaceEdges:
         return ~edge.passed & (abs(self._beyond(edge)) <= edge.tolerance_mm)
 
     def _has_missed(self, edge: _Edge, z: Array, clear: Mask) -> bool:
-        """Whether a channel is past the place of an edge and shows none.
+        """Whether a channel is past the place of an edge without showing it.
 
-        A channel that has moved by another height is no witness: either may have slipped.
+        A channel that moved by another height does not count: either may have slipped.
         """
         is_still = (edge.squares < _STILL) & (abs(z) < _ALIKE * abs(edge.height_mm))
         due = clear & is_still & (~edge.passed & (self._leads >= 0.0))[:-1]

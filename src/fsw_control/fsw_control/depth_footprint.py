@@ -1,6 +1,6 @@
-"""Footprint of a weld: what its depth sensors showed too much, by the depth measured after it.
+"""Footprint of a weld: biases of its depth sensors, from the depth measured afterwards.
 
-Only here is visible what all sensors share. The next weld on the machine takes it as its prior.
+Only the footprint reveals the error common to all sensors. The next weld takes it as its prior.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _EXACT_MM = 1e-4
 
 
 class SensorBias(Model):
-    """What a depth sensor showed too much."""
+    """Bias of a depth sensor: sample minus measured depth."""
 
     sensor: str
     """name in the table of sensors; `depth`: the value that control used"""
@@ -74,8 +74,8 @@ class Footprint(Model):
             raise problem("must rise", "angle_deg")
         for name, values in (
             ("depth_mm", self.depth_mm),
-            *((f"sensors.{one.sensor}", one.bias_mm) for one in self.sensors),
-            *((f"sensors.{one.sensor}", one.deviation_mm) for one in self.sensors),
+            *((f"sensors.{sensor.sensor}", sensor.bias_mm) for sensor in self.sensors),
+            *((f"sensors.{sensor.sensor}", sensor.deviation_mm) for sensor in self.sensors),
         ):
             if len(values) != len(self.angle_deg):
                 raise problem("needs a value for each angle", name)

@@ -1,8 +1,8 @@
 """Depth of the shoulder from several channels: fused value, its deviation, health of each channel.
 
-What the channels are is in :mod:`fsw_control.depth_channels`, the filters in ``depth_bank``, the
-tests of the channels in ``depth_tests``. What all channels share, such as the zero of their
-touch-off, cannot be observed; it is in the deviation only.
+The channels are described in :mod:`fsw_control.depth_channels`, the filters are in ``depth_bank``,
+the tests in ``depth_tests``. An error common to all channels, such as the zero of their touch-off,
+cannot be observed; it is in the deviation only.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _SLOPE_MM = 0.01
 
 @dataclass(frozen=True, slots=True)
 class DepthEstimate:
-    """The depth at a tick, and what it rests on."""
+    """The depth at a tick, and the channels behind it."""
 
     depth_mm: float  #: NaN if no channel has been usable for ``hold_s``
     deviation_mm: float  #: standard deviation, with what all channels share; NaN as the depth
@@ -50,8 +50,8 @@ class DepthFusion:
     channels : mapping, optional
         The channels that exist, by name; one is enough.
     torque_model : callable, optional
-        Torque at a force, a depth and a speed. Its changes decide between channels that have no
-        majority; without it the one that jumped is wrong.
+        Torque at a force, a depth and a speed. Its changes decide if channels have no majority;
+        without it the channel that jumped is wrong.
     footprint : Footprint, optional
         Of an earlier weld: its bias of the fused depth is one more measurement of this one's.
     """
@@ -141,7 +141,7 @@ class DepthFusion:
         return self._result(time_s, names, judgement.health, deviation, footprint_mm)
 
     def _by_footprint(self, variance: float, angle_deg: float) -> tuple[float, float]:
-        """What the footprint takes off the depth, and the variance of the depth with it.
+        """Correction of the depth by the footprint, and the variance of the result.
 
         It measured the bias of an earlier weld, with its own error; this weld's differs by what
         does not repeat. So it corrects the output like a sample; the filters cannot observe it.
@@ -158,7 +158,7 @@ class DepthFusion:
     def _isolate(
         self, channels: tuple[int, ...], values_mm: Array, pushed_kn: float, used: Mask
     ) -> None:
-        """Continue without what channels that are wrong have done to the filters."""
+        """Continue with filters that faulty channels have not touched."""
         bank = self._bank
         if len(channels) > max(1, bank.most_left_out):  # every filter has used one of them
             known_mm = values_mm[used]
@@ -191,7 +191,7 @@ class DepthFusion:
         return self._estimate
 
     def _witness(self, force_kn: float, torque_nm: float, speed_rpm: float) -> tuple[float, float]:
-        """What depth has gained on its prediction according to the torque, and its variance.
+        """Change of the depth against its prediction according to the torque, and its variance.
 
         Only changes within seconds count: the torque's level follows the copper's hardness.
         """

@@ -3,9 +3,9 @@
 Depth is common to all channels, so their innovations must agree apart from noise. What is left of
 them without the common part has a chi-square distribution. If that is too large for all channels,
 but small without one of them, that one is wrong (Chow and Willsky, "Analytical redundancy and the
-design of robust failure detection systems", IEEE TAC 29:7, 1984). Single samples are tested so
-(spike, slip), and means over a second (small slips, drift). Drift that is too slow for both is
-compared with what the channel's own prior permits.
+design of robust failure detection systems", IEEE TAC 29:7, 1984). The test is applied to single
+samples (spike, slip) and to means over a second (small slips, drift). Drift too slow for both is
+compared with the channel's own prior.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ class ChannelTests:
             else:
                 continue
             values[i] = np.nan
-            if not health[i] or health[i] is ChannelHealth.STEPPED:  # that is no verdict yet
+            if not health[i] or health[i] is ChannelHealth.STEPPED:  # not a verdict yet
                 health[i] = flaw
         return values, health
 
@@ -174,7 +174,7 @@ class ChannelTests:
         return channel in self._never_moved
 
     def meet_edges(self, bank: DepthBank, values: Array, health: list[ChannelHealth]) -> bool:
-        """Apply what the samples say of edges, before the channels are judged.
+        """Update the edges by the samples, before the channels are judged.
 
         Returns whether the innovations are no longer those of this tick.
         """
@@ -226,8 +226,8 @@ class ChannelTests:
     ) -> Judgement:
         """Decide which channels the bank may use; its innovations are those of this tick.
 
-        ``values`` are the samples after :meth:`screen`. ``witness`` is what depth has gained on
-        its prediction according to the torque, and the variance of that.
+        ``values`` are the samples after :meth:`screen`. ``witness`` is the change of the depth
+        against its prediction according to the torque, and its variance.
         """
         present = _sound(health)
         self._listen(bank.z[0], present, health)
@@ -299,7 +299,7 @@ class ChannelTests:
     ) -> tuple[int, ...] | None:
         """Channels that were wrong in the tick before, and those that contradict the rest.
 
-        For where all that are usable now do not decide; None: these do not either.
+        Used if the usable channels alone do not decide; None: undecided as well.
         """
         before = usable & np.array([len(spikes) > 0 for spikes in self._spikes])
         if not before.any():
@@ -365,7 +365,7 @@ class ChannelTests:
         return tuple(isolated)
 
     def _follow_priors(self, bank: DepthBank, used: Mask, sampled: Mask) -> None:
-        """Distance of each channel from what its prior and the others say."""
+        """Distance of each channel from its prior and the others."""
         own = np.diagonal(bank.z[1:]) if len(bank.z) > 1 else bank.z[0]
         latched = np.array([bool(flaw) for flaw in self.latched])
         known = used | (latched & sampled)

@@ -20,12 +20,12 @@ def settings(environment: Mapping[str, str]) -> dict[str, str]:
     (eProsima/Fast-DDS#5053). With the range ``LOCALHOST`` rmw_fastrtps adds shared memory to every
     profile; one for the loopback interface replaces this range.
     """
-    given = next(filter(None, map(environment.get, _NAMES)), "")
-    if given not in ("", str(_PROFILES), str(_PROFILES_HERE)):
+    profile = next(filter(None, map(environment.get, _NAMES)), "")
+    if profile not in ("", str(_PROFILES), str(_PROFILES_HERE)):
         return {}
     if environment.get(_RANGE) == "LOCALHOST":
         return {_NAMES[0]: str(_PROFILES_HERE), _RANGE: "SYSTEM_DEFAULT"}
-    return {_NAMES[0]: given or str(_PROFILES)}
+    return {_NAMES[0]: profile or str(_PROFILES)}
 
 
 def stay_on_this_machine(environment: MutableMapping[str, str]) -> None:

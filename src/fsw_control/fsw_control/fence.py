@@ -1,4 +1,4 @@
-"""What the actuator end (plant or gateway) remembers: the leader, and any safe stop in force.
+"""Memory of the actuator end (plant or gateway): the leader, and any safe stop in force.
 
 The actuator end is the only place that every effective command passes. It therefore decides which
 supervisor leads, and no other part has to agree on that: a fencing token ("term") in the sense of
@@ -72,7 +72,7 @@ class Fence:
 
     @property
     def state(self) -> ActuatorState:
-        """What is reported with the present measurement."""
+        """The report with the present measurement."""
         value = self.register.value
         return ActuatorState(
             self._term, self._leader, self._unanswered, self._source, value, self._answered_ns

@@ -62,7 +62,7 @@ _WORDS = {
 class HeatPlan:
     """Heat by time, linear in between; before the first time and after the last it is constant.
 
-    Only its changes are meant: what is off by a constant belongs to the weld, not to the plan.
+    Only its changes count; a constant offset belongs to the weld, not to the plan.
     """
 
     at_s: Sequence[float]  #: rising times on the clock of ``Measurement.time_s``
@@ -78,7 +78,7 @@ class HeatPlan:
 
     @property
     def problem(self) -> HeatPlanProblem | None:
-        """What is wrong with the values themselves."""
+        """The first problem of the values themselves."""
         columns = (self.at_s, self.heat_kw, self.variance_kw2, self.travel_mm, self.angle_deg)
         if len({*map(len, columns)}) > 1 or not 2 <= len(self.at_s) <= _MOST_POINTS:
             return HeatPlanProblem.LENGTHS
@@ -144,7 +144,7 @@ class ReceivedHeat:
         self._profile = ""
 
     def jump(self) -> None:
-        """After a jump of time: the plan in force is of before, one that waits may be new.
+        """After a jump of time: drop the plan in force; a waiting plan may be new.
 
         The next plan may be of any profile.
         """

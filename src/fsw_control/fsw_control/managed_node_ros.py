@@ -141,5 +141,5 @@ class ManagedNode(LightNode, LifecycleNode):
         """Destroy the entities created since the transition before."""
         kept = {id(entity) for entity in self._kept.pop()}
         for listed, destroy in _ENTITIES.items():
-            for entity in [one for one in getattr(self, listed) if id(one) not in kept]:
+            for entity in [item for item in getattr(self, listed) if id(item) not in kept]:
                 getattr(self, destroy)(entity)

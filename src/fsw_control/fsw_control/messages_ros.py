@@ -42,8 +42,8 @@ from fsw_msgs.msg import Reason as ReasonMessage
 from fsw_msgs.msg import Stop as StopMessage
 from fsw_msgs.srv import SetMode, SetReference, SwitchController
 
-#: quantity in the core -> name with SI unit on the wire, and conversion; any other name goes out
-#: as it is
+#: quantity in the core -> name with SI unit on the wire, and conversion; other names stay
+#: unchanged
 _WIRE: dict[str, tuple[str, Callable[[float], float]]] = {
     "depth_mm": ("depth [m]", units.m_from_mm),
     "temperature_c": ("temperature [degC]", float),
@@ -106,7 +106,7 @@ def add_basis(
     footprint_bias_mm: float,
     footprint_sha256: str,
 ) -> None:
-    """Add what a depth rests on: channels, and the footprint of an earlier weld."""
+    """Add the channels of a fused depth, and the footprint of an earlier weld."""
     message.footprint_bias = units.m_from_mm(footprint_bias_mm)
     message.footprint = footprint_sha256
     if fused is not None:
@@ -128,7 +128,7 @@ def sensor_value(sensor: str, message: Any) -> float:
 def drives_message(
     acting: Command, time_ns: int, actuator: ActuatorState | None = None
 ) -> DriveFeedback:
-    """Drive feedback: the inputs that act, and what the actuator end remembers."""
+    """Drive feedback: the inputs that act, and the memory of the actuator end."""
     state = actuator or ActuatorState()
     return DriveFeedback(
         header=header(time_ns),
@@ -146,7 +146,7 @@ def drives_message(
 
 
 def actuator_state(message: DriveFeedback) -> ActuatorState:
-    """What the actuator end remembers."""
+    """Memory of the actuator end."""
     state = message.actuator
     answered_ns = stamp_ns(state.answered)
     return ActuatorState(
@@ -196,7 +196,7 @@ def reference_plan(message: WeldReferencePlan) -> list[tuple[int, Reference]]:
 
     Raises as :func:`reference` does, and also if the stamps do not rise.
     """
-    planned = [(stamp_ns(one.header.stamp), reference(one)) for one in message.references]
+    planned = [(stamp_ns(entry.header.stamp), reference(entry)) for entry in message.references]
     for (before_ns, _), (after_ns, _) in pairwise(planned):
         if not before_ns < after_ns:
             raise RefusedError.of(Forbidden.FALLING)
@@ -209,7 +209,7 @@ def reference_plan_message(
     """Message of a plan made at ``time_ns``: set-points, each with its start in ns."""
     return WeldReferencePlan(
         header=header(time_ns),
-        references=[reference_message(one, begin_ns) for begin_ns, one in planned],
+        references=[reference_message(point, begin_ns) for begin_ns, point in planned],
     )
 
 
@@ -402,9 +402,9 @@ def chain_messages(reason: Reason) -> list[ReasonMessage]:
     return [ReasonMessage(**item.fields) for item in reason.chain]
 
 
-def reason_message(given: Reason | str) -> ReasonMessage:
+def reason_message(reason: Reason | str) -> ReasonMessage:
     """A reason as a message; a text comes from a user's controller."""
-    return ReasonMessage(**Reason.of(given).fields)
+    return ReasonMessage(**Reason.of(reason).fields)
 
 
 def readiness(message: ControllerHealth) -> Readiness:

@@ -39,9 +39,9 @@ class ParameterValues:
         self._model, self._specs = model, describe(model)
         self._callbacks: list[Callable[[dict[str, Any]], None]] = []
         self._checks: list[Callable[[dict[str, Any]], str | None]] = []
-        given = {name: _own_type(_declare(node, spec)) for name, spec in self._specs.items()}
+        values = {name: _own_type(_declare(node, spec)) for name, spec in self._specs.items()}
         # checked together: a value given at start may contradict the default of another
-        self.values = self._checked = validate(model, given)
+        self.values = self._checked = validate(model, values)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._accept)
 
@@ -58,7 +58,7 @@ class ParameterValues:
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         """Check all values after a change; parameters that are not declared here are ignored."""
-        own = {one.name: _own_type(one.value) for one in parameters if one.name in self._specs}
+        own = {new.name: _own_type(new.value) for new in parameters if new.name in self._specs}
         try:
             values = validate(self._model, self.values | own) if own else self.values
         except InputError as error:
@@ -79,16 +79,16 @@ class ParameterValues:
 
 
 def state_contents(node: Node, own: ParameterValues) -> None:
-    """Declare beside each parameter ``..._file`` one with the hash of what the file holds.
+    """Declare beside each parameter ``..._file`` one with the hash of the file's content.
 
-    So whoever reads the parameters, e.g. a recorder on another computer, knows the content.
+    So readers of the parameters, e.g. a recorder on another computer, can identify the content.
     """
     files = {f"{name}{CONTENT_SHA256}": name for name in own.values if name.endswith("_file")}
 
     def check(parameters: list[Parameter]) -> SetParametersResult:
-        for one in parameters:
-            if one.name in files and one.value != _sha256(own[files[one.name]]):
-                reason = f"{one.name} follows from {files[one.name]}"
+        for parameter in parameters:
+            if parameter.name in files and parameter.value != _sha256(own[files[parameter.name]]):
+                reason = f"{parameter.name} follows from {files[parameter.name]}"
                 return SetParametersResult(successful=False, reason=reason)
         return SetParametersResult(successful=True)
 

@@ -42,7 +42,7 @@ def ramp(start: Reference, goal: Reference, begin_ns: int) -> Programme:
 
 
 def ramp_plan(start: Reference, goal: Reference, begin_ns: int) -> Programme:
-    """The set-points announced for a ramp, in place of one per tick."""
+    """The set-points announced for a ramp, fewer than one per tick."""
     return _timed(stair(_by_tick(start, goal)), begin_ns)
 
 
@@ -87,7 +87,7 @@ def _by_tick(start: Reference, goal: Reference) -> Programme:
 
 
 def _timed(points: Programme, begin_ns: int) -> Programme:
-    return [(begin_ns + tick * TICK_NS, one) for tick, one in points]
+    return [(begin_ns + tick * TICK_NS, point) for tick, point in points]
 
 
 class ReferencePlan:
@@ -100,8 +100,8 @@ class ReferencePlan:
     def __init__(self, planned: Sequence[tuple[int, Reference]] = ()) -> None:
         self._stamps = [stamp_ns for stamp_ns, _ in planned]
         self._coming = [
-            Coming(stamp_ns / NANOSECONDS, one.depth_mm, one.temperature_c)
-            for stamp_ns, one in planned
+            Coming(stamp_ns / NANOSECONDS, point.depth_mm, point.temperature_c)
+            for stamp_ns, point in planned
         ]
 
     def after(self, tick_ns: int, present: Reference) -> tuple[Coming, ...]:
@@ -115,12 +115,12 @@ class ReferencePlan:
         """Whether ``present`` is as planned, or near a step of a ramp's or sine's staircase."""
         planned = self._coming[index]
         near = [
-            one
-            for one in self._coming[max(index - 1, 0) : index + 2]
-            if abs(one.at_s - planned.at_s) <= STAIR_S
+            point
+            for point in self._coming[max(index - 1, 0) : index + 2]
+            if abs(point.at_s - planned.at_s) <= STAIR_S
         ]
         return all(
-            _within(getattr(present, name), [getattr(one, name) for one in near])
+            _within(getattr(present, name), [getattr(point, name) for point in near])
             for name in ("depth_mm", "temperature_c")
         )
 

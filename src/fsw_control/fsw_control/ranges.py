@@ -46,9 +46,9 @@ def set_point_problem(depth_mm: float, temperature_c: float) -> Fact | None:
     # rounded as in the conversion to SI
     return several(
         [
-            Fact(Forbidden.OUT_OF_RANGE, {"quantity": name, "value": one, **asdict(allowed)})
-            for name, one, allowed in named
-            if not allowed.low <= round(one, 9) <= allowed.high
+            Fact(Forbidden.OUT_OF_RANGE, {"quantity": name, "value": value, **asdict(allowed)})
+            for name, value, allowed in named
+            if not allowed.low <= round(value, 9) <= allowed.high
         ]
     )
 
@@ -69,10 +69,10 @@ def beyond_trip(
         "temperature_c": ("temperature", temperature_c, "°C"),
     }
     for quantity, interlocks in SET_POINT_INTERLOCKS.items():
-        what, value, unit = values[quantity]
+        name, value, unit = values[quantity]
         for interlock, sign, side in zip(interlocks, (-1.0, 1.0), ("below", "above"), strict=True):
             trip = parameters.get(f"interlocks.{interlock}.trip")
             if trip is not None and sign * (value - trip) >= 0.0:
-                data = {"quantity": what, "value": value, "unit": unit, "side": side, "trip": trip}
+                data = {"quantity": name, "value": value, "unit": unit, "side": side, "trip": trip}
                 return Fact(Forbidden.WOULD_TRIP, data)
     return None

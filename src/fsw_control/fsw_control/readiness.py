@@ -1,4 +1,4 @@
-"""Whether a controller may be selected, and what it lacks."""
+"""Whether a controller may be selected, and the missing condition."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from fsw_control.reason import Reason
 
 
 class Lack(IntEnum):
-    """What prevents a controller from being selected; numbered as in ``ControllerHealth.msg``."""
+    """Conditions that prevent a selection; numbered as in ``ControllerHealth.msg``."""
 
     NONE = 0
     UNKNOWN = 1

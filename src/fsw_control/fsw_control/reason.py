@@ -196,8 +196,8 @@ class Reason(NamedTuple):
         }
 
     @classmethod
-    def of(cls, given: Reason | str) -> Reason:
+    def of(cls, output: Reason | str) -> Reason:
         """Return a reason from a controller's output, which may be a text of its own."""
-        if isinstance(given, Reason):
-            return given
-        return cls(ReasonCode.OTHER, detail=given) if given else cls()
+        if isinstance(output, Reason):
+            return output
+        return cls(ReasonCode.OTHER, detail=output) if output else cls()

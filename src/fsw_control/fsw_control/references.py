@@ -79,8 +79,8 @@ class ReferenceQueue:
       joiners, which arrives sender by sender in any order: the set-point is ordered by its
       publication time, and rejected if newer ones are, or will then be, in force.
     - **A standby orders by publication time alone** (``decides`` is False) and adopts the order of
-      receipt of the nodes that are followed: what reached it alone in the wrong order must not be
-      in force after a takeover.
+      receipt of the nodes that are followed: set-points that reached only the standby, in the
+      wrong order, must not be in force after a takeover.
     - **Every node that follows a set-point publishes it** with its place in the order; the latest
       place wins among nodes, so that all follow the same one, even if messages of two senders
       arrive in different order.
@@ -176,7 +176,7 @@ class ReferenceQueue:
         values = (reference.depth_mm, reference.temperature_c)
         if (issued_ns, values) >= (self.issued_ns, self._values):
             self._count += 1
-            known = [one.mark for one in self._waiting if one.issued_ns == issued_ns]
+            known = [item.mark for item in self._waiting if item.issued_ns == issued_ns]
             mark = mark or "".join(known[:1]) or (self.mark if issued_ns == self.issued_ns else "")
             insort(
                 self._waiting, _Issued(issued_ns, values, self._count, stamp_ns, reference, mark)
@@ -185,14 +185,14 @@ class ReferenceQueue:
     def at(self, tick_ns: int) -> Reference | None:
         """Return the reference in force at a tick, None before the first; call it in order."""
         self._tick_ns = tick_ns
-        for one in [one for one in self._waiting if one.stamp_ns > tick_ns + self._horizon_ns]:
-            self._waiting.remove(one)
-            self._reject_too_far(one.reference, one.stamp_ns, tick_ns)
+        for item in [item for item in self._waiting if item.stamp_ns > tick_ns + self._horizon_ns]:
+            self._waiting.remove(item)
+            self._reject_too_far(item.reference, item.stamp_ns, tick_ns)
         for index in range(len(self._waiting) - 1, -1, -1):
-            one = self._waiting[index]
-            if one.stamp_ns <= tick_ns:
-                self._current, self.issued_ns, self.mark = one.reference, one.issued_ns, one.mark
-                self._values = one.values
+            item = self._waiting[index]
+            if item.stamp_ns <= tick_ns:
+                self._current, self._values = item.reference, item.values
+                self.issued_ns, self.mark = item.issued_ns, item.mark
                 del self._waiting[: index + 1]
                 break
         return self._current
@@ -202,8 +202,8 @@ class ReferenceQueue:
         place = (issued_ns, (reference.depth_mm, reference.temperature_c))
         begins_ns = max(stamp_ns, 0 if self._tick_ns is None else self._tick_ns + TICK_NS)
         return place < (self.issued_ns, self._values) or any(
-            place < (one.issued_ns, one.values) and one.stamp_ns <= begins_ns
-            for one in self._waiting
+            place < (item.issued_ns, item.values) and item.stamp_ns <= begins_ns
+            for item in self._waiting
         )
 
     def _reject_too_far(self, reference: Reference, stamp_ns: int, tick_ns: int) -> bool:

@@ -214,9 +214,7 @@ class KeptReference:
         self._tick_ns = -1
         self._refused = self._reported = 0
         self._last_refusal: Fact | None = None
-        self._programme_runs_s: float | None = (
-            None  #: when the programme of the weld last said that it runs
-        )
+        self._programme_runs_s: float | None = None  #: last report of a running weld programme
         node.create_subscription(WeldProgress, "fsw/weld_progress", self._on_programme, LATEST)
         subscribe_sent(node, self.queue, self._on_received)
         _subscribe_stated(node, self.queue, "fsw/supervisor/reference")
@@ -258,34 +256,34 @@ class KeptReference:
 
     def look(self, now_s: float) -> None:
         """Answer requests that are in force or overdue; call it several times a second."""
-        for one in [*self._asked]:
-            in_force = self.queue.mark == one.mark
-            overtaken = one.received_ns not in (None, self._tick_ns) and not in_force
-            if not in_force and not overtaken and now_s < one.due_s:
+        for request in [*self._asked]:
+            in_force = self.queue.mark == request.mark
+            overtaken = request.received_ns not in (None, self._tick_ns) and not in_force
+            if not in_force and not overtaken and now_s < request.due_s:
                 continue
-            if one.sent is None:
+            if request.sent is None:
                 continue
             if overtaken:
                 answer = Answer.refused(SetPoints.OVERTAKEN)
-            elif one.received_ns is None:
+            elif request.received_ns is None:
                 answer = Answer.refused(SetPoints.UNCONFIRMED, wait_s=_ANSWER_S)
             elif not in_force:
-                answer = Answer.done(SetPoints.NEXT, sent=one.sent)
+                answer = Answer.done(SetPoints.NEXT, sent=request.sent)
             else:
-                answer = Answer(True, one.sent)
-            self._asked.remove(one)
-            one.answered.set_result(answer)
+                answer = Answer(True, request.sent)
+            self._asked.remove(request)
+            request.answered.set_result(answer)
 
     def drop(self) -> None:
         """Reject the pending requests: this supervisor no longer leads."""
-        asked, self._asked = self._asked, []
-        for one in asked:
-            one.answered.set_result(_ON_STANDBY)
+        requests, self._asked = self._asked, []
+        for request in requests:
+            request.answered.set_result(_ON_STANDBY)
 
     def _on_received(self, mark: str) -> None:
-        for one in self._asked:
-            if one.mark == mark and one.received_ns is None:
-                one.received_ns = self._tick_ns
+        for request in self._asked:
+            if request.mark == mark and request.received_ns is None:
+                request.received_ns = self._tick_ns
 
     def report(self) -> Report:
         """Entry of the diagnostics: set-points refused since the last report."""
@@ -296,10 +294,10 @@ class KeptReference:
             return Report("set-points", OK, Fact.of(Taken.ACCEPTED), counts)
         return Report("set-points", WARN, Fact.of(Taken.REFUSED, count=new, last=last), counts)
 
-    def _on_refused(self, what: Fact) -> None:
+    def _on_refused(self, refusal: Fact) -> None:
         self._refused += 1
-        self._last_refusal = what
-        self._node.get_logger().warning(what.words, throttle_duration_sec=1.0)
+        self._last_refusal = refusal
+        self._node.get_logger().warning(refusal.words, throttle_duration_sec=1.0)
 
     async def _on_request(
         self, request: SetReference.Request, response: SetReference.Response
@@ -310,8 +308,8 @@ class KeptReference:
         if not await self._leads():
             return _ON_STANDBY
         due_s = time.monotonic() + _ANSWER_S
-        asked = _Asked(next(self._marks), Future(executor=self._node.executor), due_s)
-        self._asked.append(asked)
+        pending = _Asked(next(self._marks), Future(executor=self._node.executor), due_s)
+        self._asked.append(pending)
         try:
             present = self.queue.at(self._tick_ns) if self._tick_ns >= 0 else None
             goal = _goal(request, present)
@@ -319,11 +317,11 @@ class KeptReference:
                 raise RefusedError(problem)
             self._check_programme()
             self._check_listeners()
-            asked.sent = self._send(goal, present if request.ramp else goal, asked.mark)
+            pending.sent = self._send(goal, present if request.ramp else goal, pending.mark)
         except RefusedError as error:
-            self._asked.remove(asked)
+            self._asked.remove(pending)
             return Answer(False, error.fact)
-        answer: Answer = await asked.answered
+        answer: Answer = await pending.answered
         return _ON_STANDBY if answer.ok and not await self._leads() else answer
 
     def _on_programme(self, message: WeldProgress) -> None:
@@ -357,8 +355,8 @@ class KeptReference:
             points += ramp(start, goal, begin_ns)
             plan = ramp_plan(start, goal, begin_ns)
         plans.publish(convert.reference_plan_message(plan, max(self._tick_ns, 0)))
-        for stamp_ns, one in points:
-            sent.publish(convert.reference_message(one, stamp_ns, mark=mark))
+        for stamp_ns, point in points:
+            sent.publish(convert.reference_message(point, stamp_ns, mark=mark))
         if start == goal:
             return Fact(SetPoints.STEP, values(goal))
         lasts_s = duration_s(start, goal)

@@ -29,22 +29,22 @@ class Report(NamedTuple):
 
     part: str
     level: bytes
-    what: Fact | str  #: a text is what other software says
+    what: Fact | str  #: a text comes from other software
     values: Mapping[str, object]
 
     @property
     def code(self) -> str:
-        """What it says, as a code; empty without one."""
+        """Its code; empty without one."""
         return self.what.code if isinstance(self.what, Fact) else ""
 
     @property
     def words(self) -> str:
-        """What it says, in words."""
+        """Its text."""
         return self.what.words if isinstance(self.what, Fact) else self.what
 
     @property
     def all_values(self) -> dict[str, object]:
-        """Its values, and code and fields of what it says."""
+        """Its values, with code and fields of the fact."""
         return {**self.values} | (told(CODE, self.what) if isinstance(self.what, Fact) else {})
 
 
@@ -93,7 +93,7 @@ def log(node: Node, level: bytes, text: str) -> None:
 
 
 def told(key: str, fact: Fact | None) -> dict[str, object]:
-    """Values of a fact: its code at ``key``, and its fields behind that; facts in it likewise."""
+    """Values of a fact: its code at ``key``, and its fields behind that; nested facts alike."""
     if fact is None:
         return {key: ""}
     values: dict[str, object] = {key: str(fact.code)}
@@ -103,13 +103,13 @@ def told(key: str, fact: Fact | None) -> dict[str, object]:
         elif isinstance(item, str | int | float):
             values[f"{key}: {name}"] = item
         elif type(item) is tuple:
-            inside = [one.code if isinstance(one, Fact) else one for one in item]
+            inside = [entry.code if isinstance(entry, Fact) else entry for entry in item]
             values[f"{key}: {name}"] = ", ".join(map(str, inside))
     return values
 
 
 class Taken(Worded):
-    """What became of commands or set-points since the last report."""
+    """Commands or set-points since the last report."""
 
     ACCEPTED = "accepted", "accepted"
     REFUSED = "refused", "{count} refused; last: {last.words}"

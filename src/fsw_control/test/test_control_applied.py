@@ -44,14 +44,14 @@ def test_only_the_first_command_of_a_stamp_counts():
 
 
 @pytest.mark.parametrize("bad", [Command(float("nan"), 400.0), Command(78.0, float("inf"))])
-def test_what_the_plant_refuses_does_not_count(bad):
+def test_commands_rejected_by_the_plant_do_not_count(bad):
     applied = AppliedCommands(INITIAL)
     assert not see(applied, 100, bad)
     assert not see(applied, 100, FIRST, healthy=False)
     assert applied.before(200) == INITIAL
 
 
-def test_when_time_goes_back_what_acts_stays_and_the_stamps_start_over():
+def test_backward_jump_keeps_the_command_in_force():
     applied = AppliedCommands(INITIAL)
     see(applied, 5000 * STEP_NS, FIRST, newest_ns=5000 * STEP_NS)
     applied.restart()
@@ -80,13 +80,13 @@ def test_a_standby_that_takes_over_is_followed_at_its_first_command():
     assert applied.before(5 * STEP_NS) == SECOND
 
 
-def test_in_lockstep_it_answers_the_very_next_measurement():
+def test_lockstep_command_answers_the_next_measurement():
     applied = AppliedCommands(INITIAL)
     see(applied, STEP_NS, FIRST, newest_ns=STEP_NS, now_s=0.0)
     assert see(applied, 2 * STEP_NS, SECOND, writer="s2", newest_ns=2 * STEP_NS, now_s=3.0)
 
 
-def test_a_stranger_cannot_answer_what_has_not_been_measured():
+def test_foreign_command_for_a_future_measurement_is_rejected():
     applied = AppliedCommands(INITIAL)
     see(applied, STEP_NS, FIRST, newest_ns=STEP_NS)
     assert not see(applied, 5 * STEP_NS, WILD, writer="", newest_ns=STEP_NS)

@@ -78,15 +78,15 @@ def test_a_library_in_the_package_is_used_if_its_sources_are_these(toy):
     assert toy.find() is None
 
 
-def test_what_setup_py_is_given(toy, monkeypatch):
+def test_extension_arguments_for_setuptools(toy, monkeypatch):
     monkeypatch.chdir(toy.folder.parent)
-    given = toy.extension()
-    assert given["name"] == "toy._kernel" and given["optional"]
-    assert given["sources"] == [os.path.join("kernel", "toy.c")]
-    assert given["define_macros"] == [("TOY_ID", f'"{toy.source_id()}"')]
+    arguments = toy.extension()
+    assert arguments["name"] == "toy._kernel" and arguments["optional"]
+    assert arguments["sources"] == [os.path.join("kernel", "toy.c")]
+    assert arguments["define_macros"] == [("TOY_ID", f'"{toy.source_id()}"')]
 
 
-def test_without_a_compiler_one_line_says_what_to_do(toy, monkeypatch):
+def test_missing_compiler_error_is_one_line_with_a_remedy(toy, monkeypatch):
     monkeypatch.setattr(c_library, "compiler", lambda: None)
     with pytest.raises(RuntimeError, match="C compiler") as raised:
         toy.ensure()
@@ -100,7 +100,7 @@ def test_a_compiler_that_fails_is_named(toy, monkeypatch):
     assert toy.find() is None
 
 
-def test_a_file_that_is_no_library_is_not_used(toy, tmp_path):
+def test_invalid_library_file_is_not_loaded(toy, tmp_path):
     (tmp_path / "broken.so").write_bytes(b"no library")
     assert not toy.is_usable(tmp_path / "broken.so")
 
@@ -129,6 +129,6 @@ def test_an_enumeration_is_in_the_order_of_its_values(toy):
     ]
 
 
-def test_what_is_not_in_the_header_is_an_error(toy):
+def test_unknown_header_name_raises(toy):
     with pytest.raises(KeyError, match="colour"):
         toy.new("toy_data", colour=1)

@@ -33,7 +33,7 @@ def test_a_bad_command_is_refused_in_words(command, flaw, facts):
     assert [fact for fact in facts if fact not in refused.words] == []
 
 
-def test_what_is_not_asked_for_is_not_checked():
+def test_change_is_not_checked_without_a_previous_command():
     assert refusal(Command(1.0, 2.0)) is None
     assert refusal(Command(math.nan, 2.0)).flaw is Flaw.NOT_FINITE
     assert refusal(Command(95.0, 500.0), LIMITS) is None, (
@@ -42,7 +42,7 @@ def test_what_is_not_asked_for_is_not_checked():
 
 
 @given(st.floats(), st.floats(), st.floats(60.0, 95.0), st.floats(300.0, 500.0))
-def test_what_limits_clip_is_never_refused_and_what_passes_needs_no_clipping(
+def test_clipped_commands_pass_the_check_and_valid_ones_stay_unclipped(
     force, speed, force_before, speed_before
 ):
     before, command = Command(force_before, speed_before), Command(force, speed)
@@ -55,7 +55,7 @@ def test_what_limits_clip_is_never_refused_and_what_passes_needs_no_clipping(
 
 
 @pytest.mark.parametrize("force", [60.0 - ROUNDING, 60.0, 95.0, 95.0 + ROUNDING])
-def test_what_is_at_a_bound_is_not_named(force):
+def test_value_at_its_bound_is_not_refused(force):
     assert "speed" in refusal(Command(force, 299.0), LIMITS).words
     assert refusal(Command(force, 300.0 - ROUNDING), LIMITS) is None
 

@@ -53,7 +53,7 @@ def test_each_measurement_is_answered_once_and_in_order():
         (Command(math.nan, 407.5), False, "other", "source"),
     ],
 )
-def test_the_worst_is_told(command, healthy, source, reason):
+def test_worst_flaw_is_reported(command, healthy, source, reason):
     tried = gate(sources=("nmpc",))
     assert tried.check(command, NOW, source, healthy, NOW) == reason
     assert tried.last.code == reason and len(tried.last.words) > 10

@@ -41,7 +41,7 @@ def refused(writers, *leaders):
     return commands(GATE, len(leaders), ["one", "two"], writers.unauthorised())
 
 
-def test_takeover_between_supervisors_is_no_foreign_writer(node, writers):
+def test_takeover_does_not_count_as_a_foreign_writer(node, writers):
     leads(node, "aaa")
     assert (
         refused(writers, "aaa", "bbb").level == WARN
@@ -54,13 +54,13 @@ def test_takeover_between_supervisors_is_no_foreign_writer(node, writers):
 
 
 def test_publishers_are_logged_once_and_by_name():
-    published, said = [], []
+    published, logged = [], []
     node = SimpleNamespace(
         create_subscription=lambda kind, topic, heard, qos: None,
         get_publishers_info_by_topic=lambda topic: [
             SimpleNamespace(node_name=name) for name in published
         ],
-        get_logger=lambda: SimpleNamespace(warning=said.append),
+        get_logger=lambda: SimpleNamespace(warning=logged.append),
     )
     writers = CommandWriters(node, lambda: GATE, lambda: ())
     for names in (
@@ -75,11 +75,13 @@ def test_publishers_are_logged_once_and_by_name():
         writers.look()
         assert writers.names == sorted(names)
     assert (
-        len(said) == 1 and said[0].startswith("2 ") and said[0].endswith("fsw/command: one, two")
+        len(logged) == 1
+        and logged[0].startswith("2 ")
+        and logged[0].endswith("fsw/command: one, two")
     )
     published.append("three")
     writers.look()
-    assert len(said) == 2
+    assert len(logged) == 2
 
 
 @pytest.mark.requirement("S11")
@@ -90,6 +92,6 @@ def test_commands_that_no_supervisor_has_signed_are_a_foreign_writers(node, writ
 
 
 @pytest.mark.requirement("S11")
-def test_who_signs_and_never_leads_is_a_foreign_writer(node, writers):
+def test_signer_that_never_leads_is_a_foreign_writer(node, writers):
     leads(node, "aaa")
     assert [refused(writers, "forged").level for _ in range(3)] == [WARN, ERROR, ERROR]

@@ -35,9 +35,9 @@ def test_bias_is_the_mean_over_the_ticks_nearest_to_an_angle():
     shown = np.where(angle < 5.0, 2.8, 3.0)
     shown[angle < -6.0] = 9.0  # beyond the measured places
     late = np.where(angle > 20.0, shown, np.nan)
-    found = biases(angle, {"a": shown, "b": late}, np.array([0.0, 10.0]), np.array([2.6, 2.7]))
-    assert found["a"] == pytest.approx([0.2, 0.3], abs=0.01)
-    assert np.isnan(found["b"]).all()
+    measured = biases(angle, {"a": shown, "b": late}, np.array([0.0, 10.0]), np.array([2.6, 2.7]))
+    assert measured["a"] == pytest.approx([0.2, 0.3], abs=0.01)
+    assert np.isnan(measured["b"]).all()
 
 
 def test_bias_at_an_angle():

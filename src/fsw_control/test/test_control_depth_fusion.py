@@ -83,7 +83,7 @@ class Weld:
     def samples(self):
         """What the channels show."""
         grown, since_s = 1.0 - math.exp(-self.time_s / 900.0), self.time_s - AT_S
-        found = {}
+        errors = {}
         for name, row in self.rows.items():
             shown = self.depth_mm + self.bias[name] + row.growth_share * self.growth_mm * grown
             shown += self.deflection[name] * (self.force_kn - weld.FORCE_KN) + self.shared_mm
@@ -91,8 +91,8 @@ class Weld:
             shown -= self.surface_mm(0.0)
             shown += self.surface_mm(row.lead_mm) if row.rides else 0.0
             is_wrong = name in self.fault and since_s >= 0.0
-            found[name] = self.fault[name](shown, since_s, self.random) if is_wrong else shown
-        return found
+            errors[name] = self.fault[name](shown, since_s, self.random) if is_wrong else shown
+        return errors
 
     def surface_mm(self, ahead_mm):
         """Height of the surface, by its edges: heights by their places."""
@@ -153,7 +153,7 @@ def test_a_channel_that_has_stood_still_since_the_start_is_stuck(channel):
 
 
 @pytest.mark.parametrize("wrong", [("lvdt_lead", "lvdt_trail"), ("laser", "axial")])
-def test_of_two_channels_that_are_wrong_since_the_start_nothing_stays(wrong):
+def test_two_channels_wrong_from_the_start_leave_no_error(wrong):
     """Found in the same tick: no filter has been without both."""
     stuck = Weld(3, fault=dict.fromkeys(wrong, lambda y, since_s, r: weld.DEPTH_MM + 0.1))
     without = Weld(3, fault=dict.fromkeys(wrong, FAULTS["nan"][0]))
@@ -167,7 +167,7 @@ def test_of_two_channels_that_are_wrong_since_the_start_nothing_stays(wrong):
 
 
 @pytest.mark.parametrize("wrong", [("lvdt_lead", "laser"), ("lvdt_trail", "axial")])
-def test_of_two_channels_found_one_after_the_other_nothing_stays(wrong):
+def test_two_channels_excluded_in_turn_leave_no_error(wrong):
     """A filter has been without both."""
     drifts = {
         name: lambda y, since_s, r, rate=rate: y + rate * since_s
@@ -211,7 +211,7 @@ def test_good_channels_are_never_blamed():
 
 @pytest.mark.parametrize("height_mm", [0.1, -0.3])
 @pytest.mark.parametrize("out", [None, "laser", "lvdt_lead"])
-def test_an_edge_is_no_slip_and_does_not_shift_the_depth(height_mm, out):
+def test_edge_is_not_reported_as_a_slip_and_leaves_the_depth(height_mm, out):
     """A channel that sees it first is out until another, or the tool, has met it."""
     fault = {out: FAULTS["nan"][0]} if out else None
     w = Weld(7, fault=fault, edges={AT_S * MM_PER_S + 80.0: height_mm}).run(AT_S)
@@ -224,7 +224,7 @@ def test_an_edge_is_no_slip_and_does_not_shift_the_depth(height_mm, out):
         assert w.estimates[-1].health[name] is GOOD
 
 
-def test_an_edge_that_the_foremost_channel_could_not_see_is_no_slip_of_the_next():
+def test_edge_missed_by_the_foremost_channel_is_not_a_slip_of_the_next():
     """It had passed the foremost at the touch-off."""
     w = Weld(7, edges={54.0: 0.1})
     w.bias["lvdt_lead"] -= 0.1
@@ -304,7 +304,7 @@ def test_a_slip_beside_an_edge_does_not_shift_the_depth(channel, edge_mm, slip_m
 @pytest.mark.parametrize(
     ("channel", "step_mm"), [("lvdt_lead", 0.03), ("lvdt_lead", 0.05), ("laser", 0.03)]
 )
-def test_a_small_step_without_an_edge_is_none_at_the_tool(channel, step_mm):
+def test_small_slip_is_not_taken_for_an_edge_at_the_tool(channel, step_mm):
     """Nor is the verdict delayed until then."""
     for seed in range(4):
         fault = {channel: lambda y, since_s, r: y + step_mm}
@@ -317,7 +317,7 @@ def test_a_small_step_without_an_edge_is_none_at_the_tool(channel, step_mm):
 
 
 @pytest.mark.parametrize("edge_mm", [0.1, -0.15])
-def test_an_edge_after_many_spikes_is_no_slip(edge_mm):
+def test_edge_after_many_spikes_is_not_a_slip(edge_mm):
     """Its place is where the channel began to show it, not where the first spike was."""
     spike = {"lvdt_lead": lambda y, since_s, r: y + (round(10 * since_s) % 10 == 0)}
     at_mm = (AT_S + 40.0) * 1.43 + CHANNELS["lvdt_lead"].lead_mm
@@ -372,7 +372,7 @@ def test_a_missing_sample_is_not_used_in_the_tick_in_which_its_step_becomes_an_e
     edges = {AT_S * MM_PER_S + 80.0: 0.1}
     whole = Weld(7, edges=edges).run(AT_S + 20.0)
     health = [estimate.health["lvdt_lead"] for estimate in whole.estimates]
-    tick = max(k for k, one in enumerate(health) if one is STEPPED) + 1
+    tick = max(k for k, state in enumerate(health) if state is STEPPED) + 1
     fault = {"lvdt_lead": lambda y, since_s, r: math.nan if round(10 * since_s) == late else y}
     late = tick + 1 - round(10 * AT_S)
     gap = Weld(7, fault=fault, edges=edges).run(AT_S + 20.0)
@@ -391,7 +391,7 @@ def test_nothing_but_a_slip_steps_while_the_tool_stands_or_behind_a_sound_channe
         assert w.estimates[-1].health[name] is SLIP
 
 
-def test_what_all_channels_share_is_not_seen_but_said():
+def test_common_error_is_unobservable_but_in_the_deviation():
     """The zero of all channels shifts the depth; the deviation covers it."""
     shifted, right = (Weld(1, shared_mm=offset).run(20.0) for offset in (0.04, 0.0))
     assert shifted.errors_mm[-1] - right.errors_mm[-1] == pytest.approx(0.04, abs=1e-3)
@@ -486,7 +486,7 @@ def test_a_footprint_makes_the_depth_surer():
     listed = {"weld": "w", "sha256": "0" * 64, "angle_deg": (0.0,), "depth_mm": (2.6,)}
     footprint = Footprint(**listed, deviation_mm=0.01, sensors=(SensorBias(**bias),))
     values = dict.fromkeys(ALL, 2.7)
-    estimates = [DepthFusion(footprint=one).update(0.1, values) for one in (None, footprint)]
+    estimates = [DepthFusion(footprint=prior).update(0.1, values) for prior in (None, footprint)]
     assert estimates[0].deviation_mm > estimates[1].deviation_mm
     taken_off = estimates[0].depth_mm - estimates[1].depth_mm
     assert taken_off == pytest.approx(estimates[1].footprint_mm)
@@ -499,7 +499,7 @@ def test_a_footprint_counts_by_its_error():
     bias = SensorBias(sensor="depth", bias_mm=(0.1,), deviation_mm=(1.0,))
     poor = Footprint(**listed, deviation_mm=1.0, sensors=(bias,))
     values = dict.fromkeys(ALL, 2.7)
-    without, with_it = (DepthFusion(footprint=one).update(0.1, values) for one in (None, poor))
+    without, with_it = (DepthFusion(footprint=prior).update(0.1, values) for prior in (None, poor))
     assert with_it.depth_mm == pytest.approx(without.depth_mm, abs=1e-3)
     assert with_it.deviation_mm == pytest.approx(without.deviation_mm, rel=0.01)
 

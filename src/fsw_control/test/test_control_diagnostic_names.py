@@ -6,15 +6,15 @@ from fsw_control.diagnostic_names import local_name, qualified
 
 
 @pytest.mark.parametrize(
-    ("namespace", "name", "said"),
+    ("namespace", "name", "qualified_name"),
     [
         ("/", "fsw_plant", "fsw_plant"),
         ("/cell1", "fsw_plant", "cell1/fsw_plant"),
         ("/a/b", "fsw", "a/b/fsw"),
     ],
 )
-def test_a_name_carries_its_namespace(namespace, name, said):
-    assert qualified(namespace, name) == said
+def test_a_name_carries_its_namespace(namespace, name, qualified_name):
+    assert qualified(namespace, name) == qualified_name
 
 
 @pytest.mark.parametrize("writer", ["/", "/cell1", "/cell2", "/cell1/inner"])

@@ -40,7 +40,8 @@ def test_a_range_that_is_set_stays() -> None:
 
 def test_both_profiles_differ_in_the_transport_only() -> None:
     files = [
-        ElementTree.parse(settings(one)[NAMES[0]]).getroot() for one in ({}, {RANGE: "LOCALHOST"})
+        ElementTree.parse(settings(environment)[NAMES[0]]).getroot()
+        for environment in ({}, {RANGE: "LOCALHOST"})
     ]
     assert (
         len(

@@ -43,8 +43,8 @@ def test_exception_becomes_an_unhealthy_proposal_in_one_line():
     proposal = answer(Scripted(RuntimeError("no\nsolution")), GOOD, REFERENCE, APPLIED, 0.1)
     assert proposal.command == APPLIED and not proposal.healthy
     assert proposal.reason.code is ReasonCode.RAISED
-    what, place = proposal.reason.detail.split(" (")
-    assert (what, place.partition(":")[0]) == ("RuntimeError: no solution", Path(__file__).name)
+    text, place = proposal.reason.detail.split(" (")
+    assert (text, place.partition(":")[0]) == ("RuntimeError: no solution", Path(__file__).name)
 
 
 @pytest.mark.parametrize(
@@ -93,6 +93,6 @@ def test_tolerated_sensors_that_are_nonsense_make_unhealthy():
     assert proposal.command == APPLIED and not proposal.healthy
 
 
-def test_without_reference_there_is_no_healthy_proposal():
+def test_proposal_without_reference_is_unhealthy():
     proposal = answer(Scripted(Proposal(Command(1.0, 1.0))), GOOD, None, APPLIED, 0.1)
     assert proposal.command == APPLIED and proposal.reason.code is ReasonCode.NO_SET_POINT

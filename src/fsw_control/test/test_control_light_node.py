@@ -68,7 +68,7 @@ def test_the_alarm_of_others_stays() -> None:
 
 
 @pytest.mark.parametrize("shut_down", [False, True])
-def test_what_was_published_arrives_before_a_node_leaves(
+def test_last_messages_are_delivered_before_a_node_leaves(
     domain_id: int, monkeypatch: pytest.MonkeyPatch, shut_down: bool
 ) -> None:
     order: list[str] = []

@@ -46,11 +46,11 @@ def make():
     rclpy.init(args=[])
     nodes = []
 
-    def one(**options):
+    def subscribed(**options):
         nodes.append(Welder(**options))
         return nodes[-1]
 
-    yield one
+    yield subscribed
     for node in nodes:
         node.destroy_node()
     rclpy.try_shutdown()
@@ -61,7 +61,7 @@ def entities(node):
     return topics.count("/made"), len(list(node.timers)), topics.count("/half")
 
 
-def test_what_a_transition_makes_its_opposite_destroys(make):
+def test_transition_back_destroys_the_entities_it_created(make):
     node = make()
     before = entities(node)
     for _ in range(2):

@@ -246,7 +246,7 @@ def test_the_drives_sample_rides_along_and_is_never_waited_for():
     assert [tick.drives for tick in add_all(join, 3)] == [None], "what comes late is of no tick"
 
 
-def test_where_time_waits_a_tick_waits_for_the_drives_sample():
+def test_lockstep_tick_waits_for_the_drives():
     join = join_without_commands(await_drives=True)
     assert add_all(join, 1) == [] and join.lacking == {"drives"}
     assert [tick.drives for tick in join.add_drives(STEP_NS, ACTING)] == [ACTING]
@@ -288,7 +288,7 @@ def test_a_far_stamp_is_believed_when_confirmed_or_when_all_else_is_silent():
     assert (stamps.newest_ns, stamps.jumps) == (5 * second + 1, 2)
 
 
-def test_a_gap_of_exactly_a_second_is_no_jump_of_time():
+def test_gap_of_one_second_is_not_a_time_jump():
     stamps = StampFilter(lockstep=True)
     stamps.offer("depth", 0, 1.0, 0.0)
     assert not stamps.offer("depth", JUMP_NS, 2.0, 0.1).jumped
@@ -339,7 +339,7 @@ def test_an_optional_sensor_neither_begins_nor_delays_a_tick():
 
 
 @pytest.mark.usefixtures("with_lvdt")
-def test_where_time_waits_a_tick_waits_for_an_optional_sensor_that_the_one_before_had():
+def test_lockstep_tick_waits_for_optional_sensors_of_the_previous_tick():
     join = MessageSynchronizer(await_drives=True)
     join.add_drives(STEP_NS, ACTING)
     assert len(add_all(join, 1)) == 1, "it has never come"
@@ -381,7 +381,7 @@ def test_after_a_command_three_ticks_wait_again():
     assert add_all(join, 6), "nobody commands"
 
 
-def test_what_is_older_than_two_ticks_that_wait_is_late():
+def test_sample_older_than_two_waiting_ticks_is_late():
     join = join_without_commands()
     for k in (3, 4, 4, 4, 2, 1):
         assert join.add("depth", k * STEP_NS, 1.0, 0.0) == []
@@ -502,7 +502,7 @@ def test_a_sensor_that_lags_behind_does_not_set_time_back_while_the_plant_is_hel
         assert stamps.newest_ns == k * STEP_NS
 
 
-def test_in_lockstep_a_sensor_that_lags_behind_does_not_set_time_back():
+def test_lagging_sensor_does_not_set_lockstep_time_back():
     """However long the plant waits for each tick; the late sample may come before the newer ones."""
     stamps = StampFilter(lockstep=True)
     for k in range(1, 30):

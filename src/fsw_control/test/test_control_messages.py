@@ -61,7 +61,7 @@ def test_sensors_go_out_in_si_units_and_references_come_back(depth, temperature,
 @pytest.mark.requirement("S28")
 @pytest.mark.parametrize("bad", [math.nan, math.inf, 0.0, -1.0, 2.66, 1200.0])
 @pytest.mark.parametrize("name", ["depth", "temperature"])
-def test_reference_that_is_no_set_point_is_refused(name, bad):
+def test_invalid_reference_is_refused(name, bad):
     message = WeldReference(depth=2.66e-3, temperature=850.0)
     setattr(message, name, bad)
     with pytest.raises(ValueError, match=f"{name}: "):
@@ -93,7 +93,7 @@ def test_status_carries_the_diagnosis():
 
 
 @pytest.mark.parametrize("source", ["safe_stop", "other", ""])
-def test_status_says_whose_command_was_applied(source):
+def test_status_reports_the_source_of_the_applied_command(source):
     status = convert.status_message(Proposal(Command(1.0, 2.0)), 5, "me", source, ())
     assert (status.applied_source, status.selected) == (source, False)
 
@@ -149,16 +149,16 @@ def test_prediction():
         [400.0 * math.pi / 30.0, 401.0 * math.pi / 30.0]
     )
     assert list(message.depth_deviation) == [], "where the controller tells none"
-    told = convert.prediction_message(plan, 0, ((0.004, 0.005), (0.2, 0.3)))
-    assert list(told.depth_deviation) == pytest.approx([4e-6, 5e-6])
-    assert list(told.temperature_deviation) == pytest.approx([0.2, 0.3])
+    converted = convert.prediction_message(plan, 0, ((0.004, 0.005), (0.2, 0.3)))
+    assert list(converted.depth_deviation) == pytest.approx([4e-6, 5e-6])
+    assert list(converted.temperature_deviation) == pytest.approx([0.2, 0.3])
 
 
 def test_a_plan_of_set_points_goes_there_and_back():
     planned = [(10**9, Reference(2.7, 820.0)), (3 * 10**9, Reference(2.8, 816.4))]
     back = convert.reference_plan(convert.reference_plan_message(planned, 5))
     assert [stamp for stamp, _ in back] == [10**9, 3 * 10**9]
-    assert [one.depth_mm for _, one in back] == pytest.approx([2.7, 2.8])
+    assert [set_points.depth_mm for _, set_points in back] == pytest.approx([2.7, 2.8])
 
 
 def test_a_heat_plan_goes_there_and_back():

@@ -88,8 +88,8 @@ class Echo:
         if self.raises:
             raise RuntimeError("broken on purpose")
         plan = Plan((0.1,), (2.66,), (850.0,), (78.0,), (400.0,))
-        told = {"depth_mm": 1.0, **self.attainable}
-        diagnosis = Diagnosis(disturbances=told, active_limits=("force_max",), plan=plan)
+        quantities = {"depth_mm": 1.0, **self.attainable}
+        diagnosis = Diagnosis(disturbances=quantities, active_limits=("force_max",), plan=plan)
         return Proposal(
             Command(applied.force_kn + self.gain, applied.speed_rpm), diagnosis=diagnosis
         )
@@ -237,15 +237,15 @@ def test_diagnostics_say_that_a_set_point_is_out_of_reach(start):
 
     def codes(since=0):
         reports = (array.status[0] for array in peer.got["diagnostics"][since:])
-        return [{pair.key: pair.value for pair in one.values} for one in reports]
+        return [{pair.key: pair.value for pair in report.values} for report in reports]
 
-    peer.until(lambda: any(one["code"] == "out_of_reach" for one in codes()))
-    told = next(one for one in codes() if one["code"] == "out_of_reach")
-    assert (told["code: reach"], told["code: reach: parts"]) == ("upper_bound", "temperature")
+    peer.until(lambda: any(code["code"] == "out_of_reach" for code in codes()))
+    values = next(code for code in codes() if code["code"] == "out_of_reach")
+    assert (values["code: reach"], values["code: reach: parts"]) == ("upper_bound", "temperature")
     peer.controller.attainable = {"attainable_depth_mm": 2.66, "attainable_temperature_c": 850.0}
     peer.tick(1)
     before = len(peer.got["diagnostics"])
-    peer.until(lambda: any(one["code"] == "proposing" for one in codes(before)))
+    peer.until(lambda: any(code["code"] == "proposing" for code in codes(before)))
 
 
 def test_follows_the_applied_command_of_the_tick_before(start):
@@ -267,9 +267,7 @@ def test_without_reference_it_is_not_healthy(start):
 
 
 @pytest.mark.parametrize("sender_is_gone", [True, False])
-def test_who_starts_in_mid_weld_takes_the_reference_that_the_supervisor_keeps(
-    start, sender_is_gone
-):
+def test_late_joiner_takes_the_supervisors_reference(start, sender_is_gone):
     """The sender's first reference says "at once" and comes after what the supervisor keeps."""
     peer = start()
     kept = peer.peer.create_publisher(WeldReference, "/fsw/supervisor/reference", LATCHED)
@@ -396,7 +394,7 @@ def test_a_value_that_is_held_is_marked_and_never_fresh(start):
     assert seen[2].temperature_valid and seen[2].temperature_c == seen[1].temperature_c
 
 
-def test_what_the_drives_report_reaches_the_controller_with_its_tick(start):
+def test_drive_feedback_reaches_the_controller_with_its_tick(start):
     peer = start()
     peer.refer()
     peer.drives.publish(convert.drives_message(Command(81.5, 402.0), STEP_NS))
@@ -409,7 +407,7 @@ def test_what_the_drives_report_reaches_the_controller_with_its_tick(start):
 
 
 @pytest.mark.parametrize(("answered_ns", "expected"), [(0, []), (5 * STEP_NS, [0])])
-def test_who_starts_in_mid_weld_rejoins_before_the_first_step(start, answered_ns, expected):
+def test_start_in_mid_weld_calls_rejoin_before_the_first_step(start, answered_ns, expected):
     """The actuator end has answered others' commands before."""
     peer = start("--ros-args", "-p", "use_sim_time:=true")  # a tick waits for the drives
     peer.refer()
@@ -429,7 +427,7 @@ def test_nan_from_a_tolerated_sensor_stays_healthy(start):
     assert peer.controller.seen[-1][0].invalid_sensors() == ("torque",)
 
 
-def test_exception_in_the_controller_is_told_and_survived(start):
+def test_controller_exception_is_reported_and_survived(start):
     peer = start()
     peer.refer()
     peer.tick(0)
@@ -515,10 +513,10 @@ def test_parameters_reach_the_controller_at_runtime_if_they_are_good(start):
 
     assert set_gain(3.0).successful
     assert peer.controller.gain == 3.0
-    for bad, said in ((11.0, "gain"), (math.nan, "gain"), (7.0, "never good")):
+    for bad, text in ((11.0, "gain"), (math.nan, "gain"), (7.0, "never good")):
         result = set_gain(bad)
         assert not result.successful
-        assert said in result.reason
+        assert text in result.reason
     assert peer.controller.gain == 3.0
 
 
@@ -536,7 +534,7 @@ def test_lockstep_waits_for_the_command_without_a_clock(start):
     )
 
 
-def test_in_lockstep_a_repeated_tick_gets_the_same_answer_without_another_step(start):
+def test_repeated_lockstep_tick_gets_the_same_answer_without_a_step(start):
     peer = start("--ros-args", "-p", "use_sim_time:=true", "-p", "lockstep_deadline:=5.0")
     peer.refer()
     first = peer.tick(1)

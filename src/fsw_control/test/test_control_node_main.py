@@ -126,7 +126,7 @@ def test_a_parameter_out_of_range_ends_the_start_with_one_line():
         (("--ros-args", "--params-file", "/nonexistent.yaml"), "/nonexistent.yaml"),
     ],
 )
-def test_bad_arguments_are_told_in_one_line(arguments, said, monkeypatch, capfd):
+def test_bad_arguments_are_reported_in_one_line(arguments, said, monkeypatch, capfd):
     monkeypatch.setattr(sys, "argv", ["my_controller", *arguments])
     assert run_controller(runpy.run_path(str(EXAMPLE))["DepthOnly"]) == 2
     text = "".join(capfd.readouterr())
@@ -219,7 +219,7 @@ sys.exit(run(Speaker))
 
 
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
-def test_what_a_callback_publishes_after_a_signal_arrives(peer, sent):
+def test_messages_published_after_a_signal_arrive(peer, sent):
     heard = []
     peer.create_subscription(
         String, "/spoken", lambda message: heard.append(int(message.data)), SENT
@@ -252,7 +252,7 @@ def test_a_signal_ends_a_node_that_only_waits(domain_id):
     assert process.returncode == 0
 
 
-def test_shutdown_within_a_callback_is_no_error(domain_id):
+def test_shutdown_within_a_callback_ends_cleanly(domain_id):
     with spinning("import rclpy; rclpy.shutdown(); self.create_publisher(str, 'x', 1)") as process:
         text = last_words(process)
     assert text == "closing\nclosed\n"

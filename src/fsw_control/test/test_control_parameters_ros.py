@@ -75,7 +75,9 @@ def test_defaults_and_descriptors(start):
     assert node.describe_parameter("count").integer_range[0].to_value == 9
     assert node.describe_parameter("fixed").read_only
     everything = node.get_parameters(list(values.values))  # raises if one has no value
-    assert [list(one.value) for one in everything if one.name in ("names", "owners")] == [[], []]
+    assert [
+        list(parameter.value) for parameter in everything if parameter.name in ("names", "owners")
+    ] == [[], []]
 
 
 def test_values_from_the_command_line(start):
@@ -132,25 +134,25 @@ def test_contradiction_at_runtime_is_refused(start):
     assert node.get_parameter("wait").value == 1.0
 
 
-def test_changes_are_checked_as_a_whole_and_told_once(start):
+def test_changes_are_checked_together_and_reported_once(start):
     node, values = start()
-    told = []
-    values.on_change(told.append)
+    accepted = []
+    values.on_change(accepted.append)
     values.add_check(
-        lambda wanted: "too much" if wanted["wait"] * wanted["count"] > 10.0 else None
+        lambda values: "too much" if values["wait"] * values["count"] > 10.0 else None
     )
     before = values.values
     result = node.set_parameters_atomically(
         [Parameter("wait", value=2.0), Parameter("count", value=6)]
     )
     assert not result.successful and result.reason == "too much"
-    assert values.values == before and not told
+    assert values.values == before and not accepted
     result = node.set_parameters_atomically(
         [Parameter("wait", value=2.0), Parameter("count", value=4)]
     )
     assert result.successful
     assert (values["wait"], values["count"]) == (2.0, 4)
-    assert told == [values.values]
+    assert accepted == [values.values]
     assert before["wait"] == 1.0
 
 
@@ -177,9 +179,9 @@ def test_a_change_is_validated_once(start, monkeypatch):
     node, values = start()
     calls = []
 
-    def counting(model, given):
-        calls.append(given["wait"])
-        return validate(model, given)
+    def counting(model, values):
+        calls.append(values["wait"])
+        return validate(model, values)
 
     monkeypatch.setattr(parameters_ros, "validate", counting)
     assert node.set_parameters([Parameter("wait", value=1.5)])[0].successful
@@ -193,7 +195,9 @@ def test_a_change_refused_by_another_callback_has_no_effect_on_the_next_one(star
     values.on_change(seen.append)
 
     def refuse(parameters):
-        return SetParametersResult(successful=all(one.name != "wait" for one in parameters))
+        return SetParametersResult(
+            successful=all(parameter.name != "wait" for parameter in parameters)
+        )
 
     node._on_set_parameters_callbacks.append(refuse)  # rclpy's own method puts it first
     node.declare_parameter("foreign", 1)

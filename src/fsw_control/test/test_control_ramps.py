@@ -32,7 +32,7 @@ def test_ramp_is_as_fast_as_its_slower_part():
 
 
 @given(references, references)
-def test_every_ramp_ends_at_its_goal_and_is_no_faster_than_allowed(start, goal):
+def test_ramp_reaches_its_goal_within_the_rate_limit(start, goal):
     if start == goal:
         return
     points = ramp(start, goal, START_NS)
@@ -59,15 +59,15 @@ def test_stair_has_treads_of_a_second_and_never_leaves_the_ramp(start, goal):
     ]
     assert set(gaps[1:]) <= {NANOSECONDS} and 0 < last <= NANOSECONDS
     low, high = sorted((start.temperature_c, goal.temperature_c))
-    assert all(low <= one.temperature_c <= high for _, one in plan)
+    assert all(low <= set_points.temperature_c <= high for _, set_points in plan)
     assert ReferencePlan(plan).after(START_NS - 1, start)
 
 
 def test_set_points_by_hand_void_the_rest_of_a_ramp():
     queue = ReferenceQueue()
     start, goal, other = Reference(2.66, 816.0), Reference(2.66, 826.0), Reference(2.5, 800.0)
-    for number, (stamp_ns, one) in enumerate([(0, start), *ramp(start, goal, START_NS)]):
-        queue.add(stamp_ns, one, START_NS + number)
+    for number, (stamp_ns, set_points) in enumerate([(0, start), *ramp(start, goal, START_NS)]):
+        queue.add(stamp_ns, set_points, START_NS + number)
     middle_ns = START_NS + 5 * NANOSECONDS
     assert queue.at(middle_ns).temperature_c == pytest.approx(821.0)
     queue.add(0, other, middle_ns)

@@ -18,7 +18,7 @@ TRIPS |= {"interlocks.temperature_high.trip": 910.0, "interlocks.temperature_hig
         (2.66, 911.0, ("temperature", 911.0, "°C", "above", 910.0)),
     ],
 )
-def test_set_points_beyond_a_trip_are_told(depth_mm, temperature_c, facts):
+def test_set_points_beyond_a_trip_are_refused(depth_mm, temperature_c, facts):
     problem = beyond_trip(depth_mm, temperature_c, TRIPS)
     assert (problem and tuple(problem.data.values())) == facts
     assert problem is None or problem.code == "would_trip"

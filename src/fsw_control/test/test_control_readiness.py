@@ -60,13 +60,13 @@ def test_every_cause_has_words(kind: Cause) -> None:
 )
 def test_the_messages_number_them_alike(message: str, kind: type[Coded]) -> None:
     text = (MESSAGES / f"{message}.msg").read_text(encoding="utf-8")
-    told = {
+    numbers = {
         name: int(value)
         for name, value in re.findall(r"^uint8 ([A-Z_]+)=(\d+)$", text, re.MULTILINE)
     }
-    assert told == {one.name: one.value for one in kind}
+    assert numbers == {member.name: member.value for member in kind}
 
 
-def test_what_this_version_does_not_know_is_no_request_and_not_ready() -> None:
+def test_unknown_codes_decode_safely() -> None:
     unknown = Cause(77)
     assert not unknown.on_request and not unknown.at_start and Lack(77) is not Lack.NONE

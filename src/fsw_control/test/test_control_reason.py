@@ -42,7 +42,7 @@ def test_words_of_a_controller_are_its_own() -> None:
     assert Reason.of(reason) is reason
 
 
-def test_a_reason_says_what_led_to_it_and_travels_as_a_chain() -> None:
+def test_reason_carries_its_causes_as_a_chain() -> None:
     lost = Reason(ReasonCode.INVALID_SENSOR, ("depth",))
     failed = Reason(ReasonCode.FAILED, subject="nmpc", because=lost)
     held = Reason(ReasonCode.TIMEOUT, limit_s=30.0, subject="hold", because=failed)
@@ -63,7 +63,7 @@ def test_messages_number_them_alike(kind: type[IntEnum], message: str) -> None:
         name: int(number)
         for name, number in re.findall(r"^uint8 ([A-Z_]+)=(\d+)$", text, re.MULTILINE)
     }
-    assert numbers == {one.name: one.value for one in kind}
+    assert numbers == {member.name: member.value for member in kind}
 
 
 def test_codes_of_later_versions_are_unknown() -> None:

@@ -25,16 +25,16 @@ def test_reference_begins_at_its_stamp():
 
 
 def test_past_stamps_begin_at_once_and_those_of_another_clock_are_refused():
-    told: list[Fact] = []
-    queue = ReferenceQueue(refuse=told.append)
+    refusals: list[Fact] = []
+    queue = ReferenceQueue(refuse=refusals.append)
     queue.add(SECOND, REFERENCE)
     queue.add(1_700_000_000 * SECOND, OTHER)
     assert queue.at(5 * SECOND) == REFERENCE
     assert [queue.at(k * SECOND) for k in (6, 7)] == [REFERENCE] * 2
-    assert [(one.code, one.data["depth_mm"]) for one in told] == [("too_far", 2.86)]
+    assert [(fact.code, fact.data["depth_mm"]) for fact in refusals] == [("too_far", 2.86)]
 
 
-def test_in_real_time_nothing_is_sent_an_hour_ahead():
+def test_real_time_horizon_rejects_stamps_an_hour_ahead():
     """A sender whose clock is an hour ahead, and who stamps with it: in force in an hour, and told that it is sent."""
     listener = Listener(AHEAD_REAL_NS)
     assert listener.hear(0.0, REFERENCE, stamp_s=0.0)
@@ -67,7 +67,7 @@ WALL = 1_700_000_000 * SECOND
 
 
 @pytest.mark.requirement("S28")
-def test_a_sender_whose_clock_is_ahead_is_told_and_overrides_nobody():
+def test_fast_sender_clock_is_reported_and_rejected():
     listener = Listener()
     assert not listener.hear(1.0, OTHER, clock_s=3600.0)
     assert (listener.told[0].code, round(listener.told[0].data["ahead_s"])) == ("ahead", 3600)
@@ -76,16 +76,16 @@ def test_a_sender_whose_clock_is_ahead_is_told_and_overrides_nobody():
         assert listener.holds(2.5 + k) == Reference(2.0 + 0.01 * k, 816.4)
 
 
-def test_of_two_senders_whose_clocks_differ_by_seconds_the_one_received_last_holds():
+def test_last_received_wins_despite_clock_offsets():
     listener = Listener()
     for k in range(20):
-        one = Reference(2.0 + 0.01 * k, 816.4)
-        assert listener.hear(0.5 * k, one, clock_s=4.0 if k % 2 else -4.0)
-        assert listener.holds(0.5 * k + 0.1) == one
+        set_points = Reference(2.0 + 0.01 * k, 816.4)
+        assert listener.hear(0.5 * k, set_points, clock_s=4.0 if k % 2 else -4.0)
+        assert listener.holds(0.5 * k + 0.1) == set_points
 
 
 @pytest.mark.requirement("S21")
-def test_a_standby_that_hears_two_senders_in_the_wrong_order_does_not_turn_back_what_is_in_force():
+def test_standby_orders_set_points_by_publication_time():
     """All others heard the newer one last and follow it; at takeover they would follow the standby."""
     follower, standby = Listener(), Listener()
     standby.queue.decides = False
@@ -105,15 +105,15 @@ def test_a_standby_that_hears_two_senders_in_the_wrong_order_does_not_turn_back_
 def test_a_standby_takes_the_order_of_receipt_from_those_that_are_followed():
     leader, standby = Listener(), Listener()
     standby.queue.decides = False
-    for one in (leader, standby):
-        one.hear(0.0, REFERENCE)
-        one.hear(1.0, OTHER, clock_s=-4.0)  # a slow clock, but received last
+    for receiver in (leader, standby):
+        receiver.hear(0.0, REFERENCE)
+        receiver.hear(1.0, OTHER, clock_s=-4.0)  # a slow clock, but received last
     assert (leader.holds(2.0), standby.holds(2.0)) == (OTHER, REFERENCE)
     standby.queue.add(0, OTHER, leader.queue.issued_ns)
     assert standby.holds(3.0) == OTHER
 
 
-def test_what_the_middleware_repeats_after_a_lost_link_overrides_nothing_newer():
+def test_repetition_after_a_lost_link_does_not_override_newer_set_points():
     listener = Listener()
     listener.hear(0.0, REFERENCE)
     listener.hear(60.0, OTHER)
@@ -126,7 +126,7 @@ def test_what_the_middleware_repeats_after_a_lost_link_overrides_nothing_newer()
     assert listener.holds(201.0) == THIRD
 
 
-def test_a_sender_whose_clock_is_behind_the_listeners_start_is_told():
+def test_slow_sender_clock_is_reported():
     listener = Listener(began_s=0.0)
     assert listener.hear(60.0, REFERENCE)
     assert listener.holds(60.1) == REFERENCE
@@ -134,7 +134,7 @@ def test_a_sender_whose_clock_is_behind_the_listeners_start_is_told():
     assert (listener.told[0].code, round(listener.told[0].data["age_s"])) == ("old", 100)
 
 
-def test_where_the_clocks_go_back_to_before_the_listeners_start_set_points_are_taken():
+def test_set_points_are_accepted_after_the_clock_goes_back():
     listener = Listener(began_s=0.0)
     assert listener.hear(60.0, REFERENCE)
     assert listener.holds(60.1) == REFERENCE
@@ -142,7 +142,7 @@ def test_where_the_clocks_go_back_to_before_the_listeners_start_set_points_are_t
     assert listener.holds(60.2) == OTHER
 
 
-def test_what_is_repeated_to_a_late_joiner_is_not_told():
+def test_repetition_to_a_late_joiner_is_not_reported():
     listener = Listener(began_s=99.0)
     assert listener.hear(100.0, OTHER, late_s=40.0)
     assert listener.holds(100.1) == OTHER
@@ -151,7 +151,7 @@ def test_what_is_repeated_to_a_late_joiner_is_not_told():
 
 
 @pytest.mark.requirement("S28")
-def test_who_has_just_begun_to_listen_tells_a_sender_whose_clock_is_slow_what_is_not_taken():
+def test_new_listener_reports_rejections_of_a_slow_clock():
     listener = Listener(began_s=0.0)
     assert listener.hear(1.0, REFERENCE)
     assert not listener.hear(2.0, OTHER, clock_s=-3.0)
@@ -169,7 +169,7 @@ def test_who_has_just_begun_to_listen_tells_a_sender_whose_clock_is_slow_what_is
         max_size=8,
     )
 )
-def test_who_has_just_begun_to_listen_accepts_nothing_that_never_holds(sent):
+def test_new_listener_rejects_void_set_points(sent):
     """Of those accepted the last one comes to hold; whoever sent less than 5 s ago, by all clocks, is told."""
     listener, tick, held = Listener(AHEAD_REAL_NS, began_s=0.0), 0, []
     last = None
@@ -177,12 +177,12 @@ def test_who_has_just_begun_to_listen_accepts_nothing_that_never_holds(sent):
         for _ in range(ticks):
             tick += 1
             held.append(listener.holds(0.1 * tick))
-        one, told = Reference(2.0 + 0.01 * number, 816.4), len(listener.told)
+        set_points, before = Reference(2.0 + 0.01 * number, 816.4), len(listener.told)
         stamp_s = None if ahead_ticks is None else 0.1 * (tick + ahead_ticks)
-        if listener.hear(0.1 * tick + 0.05, one, clock_s, stamp_s):
-            last = one
+        if listener.hear(0.1 * tick + 0.05, set_points, clock_s, stamp_s):
+            last = set_points
         elif clock_s > -5.0:
-            assert len(listener.told) > told
+            assert len(listener.told) > before
     held += [listener.holds(0.1 * (tick + k)) for k in range(1, 35)]
     assert last is None or last in held
 
@@ -197,20 +197,20 @@ _senders = st.sampled_from([-4000.0, -4.0, -1.0, 0.0, 1.0, 4.0, 4000.0])
         max_size=12,
     )
 )
-def test_every_set_point_is_in_force_or_replaced_or_its_refusal_is_told(sent):
+def test_every_set_point_holds_or_is_replaced_or_is_refused_with_a_report(sent):
     """Whatever the clocks: an accepted one holds from its time on, until the next accepted one does."""
     listener, at_s = Listener(AHEAD_REAL_NS), 0.0
     accepted: list[tuple[float, Reference]] = []
     for number, (wait_s, clock_s, ahead_s) in enumerate(sent):
         at_s += wait_s + 0.1
-        one = Reference(2.0 + 0.001 * number, 816.4)
-        told, begins_s = len(listener.told), at_s + (ahead_s or 0.0)
-        if listener.hear(at_s, one, clock_s, None if ahead_s is None else begins_s):
-            accepted.append((begins_s, one))
+        set_points = Reference(2.0 + 0.001 * number, 816.4)
+        before, begins_s = len(listener.told), at_s + (ahead_s or 0.0)
+        if listener.hear(at_s, set_points, clock_s, None if ahead_s is None else begins_s):
+            accepted.append((begins_s, set_points))
         else:
-            assert len(listener.told) == told + 1
+            assert len(listener.told) == before + 1
         if clock_s in (-4.0, -1.0, 0.0, 1.0, 4.0) and ahead_s != 700.0:
-            assert accepted and accepted[-1][1] == one
+            assert accepted and accepted[-1][1] == set_points
         begun = [reference for begins, reference in accepted if begins <= at_s + 0.05]
         if begun and all(abs(clock) < 100.0 for _, clock, _ in sent):
             assert listener.holds(at_s + 0.05) == begun[-1]
@@ -221,16 +221,18 @@ def test_every_set_point_is_in_force_or_replaced_or_its_refusal_is_told(sent):
     st.permutations([(0.0, REFERENCE), (0.001, OTHER), (0.002, THIRD)]), st.permutations([0, 1, 2])
 )
 def test_listeners_that_heard_two_senders_in_different_order_come_to_follow_the_same(first, order):
-    one, other = Listener(), Listener()
+    early, other = Listener(), Listener()
     for k, (at_s, reference) in enumerate(first):
-        one.hear(1.0 + 0.001 * k, reference, late_s=0.001 * k - at_s)
+        early.hear(1.0 + 0.001 * k, reference, late_s=0.001 * k - at_s)
     for k, index in enumerate(order):
         other.hear(1.0 + 0.001 * k, first[index][1], late_s=0.001 * k - first[index][0])
     for k in range(3):
-        stated = [(listener.holds(2.0 + k), listener.queue.issued_ns) for listener in (one, other)]
-        for listener, (reference, issued_ns) in zip((other, one), stated, strict=True):
+        stated = [
+            (listener.holds(2.0 + k), listener.queue.issued_ns) for listener in (early, other)
+        ]
+        for listener, (reference, issued_ns) in zip((other, early), stated, strict=True):
             listener.queue.add(WALL, reference, issued_ns)
-    assert one.holds(9.0) == other.holds(9.0)
+    assert early.holds(9.0) == other.holds(9.0)
 
 
 def test_a_newer_message_overrides_one_held_back():
@@ -246,12 +248,12 @@ SCENARIO = [(0, REFERENCE, 100), (3 * SECOND, OTHER, 101), (20 * SECOND, THIRD, 
 
 
 @pytest.mark.parametrize("tick_between", [False, True])
-def test_who_starts_in_mid_weld_takes_what_holds_in_whatever_order_it_is_told(tick_between):
-    told = [
+def test_late_joiner_finds_the_set_points_in_force_in_any_order(tick_between):
+    refusals = [
         *SCENARIO,
         (3 * SECOND, OTHER, 101),
     ]  # the last one by the supervisor, with the time of issue
-    for order in itertools.permutations(told):
+    for order in itertools.permutations(refusals):
         queue = ReferenceQueue()
         for item in order:
             queue.add(*item)
@@ -261,7 +263,7 @@ def test_who_starts_in_mid_weld_takes_what_holds_in_whatever_order_it_is_told(ti
         assert queue.issued_ns == 102, order
 
 
-def test_who_overrides_a_scenario_by_hand_does_so_for_those_who_start_later_too():
+def test_manual_override_holds_for_late_joiners():
     by_hand = Reference(2.71, 820.0)
     for order in itertools.permutations([*SCENARIO, (10 * SECOND, by_hand, 200)]):
         queue = ReferenceQueue()
@@ -270,7 +272,7 @@ def test_who_overrides_a_scenario_by_hand_does_so_for_those_who_start_later_too(
         assert [queue.at(k * SECOND) for k in (11, 20, 21)] == [by_hand] * 3, order
 
 
-def test_a_supervisor_that_has_lost_a_set_point_takes_it_from_nobody():
+def test_lost_set_point_is_not_taken_from_other_nodes():
     queue = ReferenceQueue()
     queue.add(0, REFERENCE, 100)
     queue.add(0, OTHER, 200)
@@ -281,7 +283,7 @@ def test_a_supervisor_that_has_lost_a_set_point_takes_it_from_nobody():
     assert queue.at(7 * SECOND) == OTHER
 
 
-def test_when_time_starts_over_what_held_goes_on():
+def test_set_points_survive_a_time_reset():
     queue = ReferenceQueue()
     queue.add(100 * SECOND, OTHER, 100)
     assert queue.at(101 * SECOND) == OTHER
@@ -295,7 +297,7 @@ def test_when_time_starts_over_what_held_goes_on():
     st.randoms(use_true_random=False),
     st.integers(1, 40),
 )
-def test_who_starts_later_follows_what_the_others_follow(stamps_s, random, start_s):
+def test_late_joiner_follows_the_same_set_points(stamps_s, random, start_s):
     """All messages reach one listener as they are issued, and a later one at its start, in any order."""
     messages = [
         (stamp_s * SECOND, Reference(1.0 + k, 800.0), k) for k, stamp_s in enumerate(stamps_s)
@@ -313,12 +315,12 @@ def test_who_starts_later_follows_what_the_others_follow(stamps_s, random, start
         assert late.at(k * SECOND) == first.at(k * SECOND)
 
 
-def test_a_plan_tells_what_comes_and_no_more_than_a_controller_takes():
+def test_plan_returns_a_limited_number_of_coming_set_points():
     steps = [Reference(2.66 + 0.01 * k, 816.4) for k in range(20)]
     plan = ReferencePlan([(10 * k * TICK_NS, steps[k]) for k in range(1, 20)])
-    assert [round(one.at_s) for one in plan.after(0, steps[0])] == [1, 2, 3, 4, 5, 6, 7, 8]
+    assert [round(point.at_s) for point in plan.after(0, steps[0])] == [1, 2, 3, 4, 5, 6, 7, 8]
     assert plan.after(10 * TICK_NS, steps[1])[0] == Coming(2.0, 2.68, 816.4)
-    assert [round(one.at_s) for one in plan.after(185 * TICK_NS, steps[18])] == [19]
+    assert [round(point.at_s) for point in plan.after(185 * TICK_NS, steps[18])] == [19]
     assert plan.after(190 * TICK_NS, steps[19]) == () == ReferencePlan().after(0, steps[0])
 
 
@@ -341,13 +343,13 @@ def test_whether_any_is_known():
 
 @pytest.mark.parametrize(("ahead_ns", "accepted"), [(0, True), (1, False)])
 def test_the_widest_clocks_and_stamps_that_are_believed(ahead_ns, accepted):
-    told: list[Fact] = []
-    queue = ReferenceQueue(AHEAD_REAL_NS, told.append)
+    refusals: list[Fact] = []
+    queue = ReferenceQueue(AHEAD_REAL_NS, refusals.append)
     queue.join(WALL - 100 * SECOND)
     queue.at(WALL)
     assert queue.receive(0, REFERENCE, WALL + OWN_CLOCK_NS + ahead_ns, WALL) == accepted
     assert queue.receive(WALL + AHEAD_REAL_NS + ahead_ns, OTHER, WALL, WALL) == accepted
-    assert len(told) == (0 if accepted else 2)
+    assert len(refusals) == (0 if accepted else 2)
 
 
 def test_the_oldest_that_was_just_sent_is_the_last_received():
@@ -368,17 +370,17 @@ def test_shortly_after_the_start_the_order_is_that_of_publication(after_ns, hold
     assert queue.at(now) == holds
 
 
-def test_the_first_one_begins_it_all_and_what_is_older_is_dropped_in_silence():
-    told: list[Fact] = []
-    queue = ReferenceQueue(refuse=told.append)
+def test_set_points_older_than_the_first_are_dropped_silently():
+    refusals: list[Fact] = []
+    queue = ReferenceQueue(refuse=refusals.append)
     assert queue.receive(0, REFERENCE, WALL, WALL) and queue.at(WALL) == REFERENCE
     assert not queue.receive(0, OTHER, WALL - 1, WALL + OWN_CLOCK_NS)
     assert queue.receive(0, REFERENCE, WALL, WALL + OWN_CLOCK_NS), (
         "a repetition of the one that holds"
     )
-    assert (told, queue.at(WALL)) == ([], REFERENCE)
+    assert (refusals, queue.at(WALL)) == ([], REFERENCE)
     assert not queue.receive(0, OTHER, WALL - 1, WALL + OWN_CLOCK_NS + 1)
-    assert len(told) == 1
+    assert len(refusals) == 1
 
 
 @pytest.mark.parametrize("late_s", [0, 50])
@@ -432,7 +434,7 @@ def test_a_mark_is_kept_once_however_often_its_set_point_is_heard():
     assert queue.mark == "page 3"
 
 
-def test_of_equal_ones_the_last_decides_when_it_begins():
+def test_last_of_equal_set_points_decides_the_start():
     queue = ReferenceQueue()
     queue.add(0, REFERENCE, 4)
     queue.at(0)

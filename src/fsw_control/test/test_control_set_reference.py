@@ -80,7 +80,7 @@ class Graph(Spinner):
             if ticking:
                 self.tick()
             else:
-                received = any(one.received_ns is not None for one in self.kept._asked)
+                received = any(pending.received_ns is not None for pending in self.kept._asked)
                 self.kept.look(1e12 if received else 0.0)
             return future.done()
 
@@ -97,9 +97,9 @@ class Graph(Spinner):
 @pytest.fixture
 def graph(monkeypatch):
     monkeypatch.setattr(references_ros, "_ANSWER_S", PATIENCE_S)
-    one = Graph()
-    yield one
-    one.end()
+    made = Graph()
+    yield made
+    made.end()
 
 
 def test_a_place_in_the_order_after_which_no_message_has_one_is_refused(graph):
@@ -119,7 +119,7 @@ def test_a_place_in_the_order_after_which_no_message_has_one_is_refused(graph):
 
 
 @pytest.mark.requirement("S28")
-def test_what_is_accepted_is_in_force_and_what_is_not_says_why(graph):
+def test_accepted_requests_are_in_force_and_refusals_have_a_reason(graph):
     assert graph.ask(2.7, 820.0).code == "no_listener"
     graph.start_controller()
     assert graph.ask(2.7).code == "incomplete"
@@ -160,7 +160,7 @@ def test_a_supervisor_that_does_not_lead_accepts_nothing(graph, monkeypatch):
 
 
 @pytest.mark.requirement("S28")
-def test_a_supervisor_that_steps_down_refuses_what_it_has_not_answered(graph, monkeypatch):
+def test_step_down_refuses_pending_requests(graph, monkeypatch):
     graph.start_controller()
     monkeypatch.setattr(graph.kept, "look", lambda _now_s: graph.kept._asked and graph.kept.drop())
     refused = graph.ask(2.7, 820.0)
@@ -168,7 +168,7 @@ def test_a_supervisor_that_steps_down_refuses_what_it_has_not_answered(graph, mo
 
 
 @pytest.mark.requirement("S28")
-def test_set_points_that_another_supervisor_has_sent_are_no_answer(graph):
+def test_set_points_of_another_supervisor_do_not_confirm_a_request(graph):
     """Both count their requests from 1: the mark of one must not be that of the other."""
     graph.start_controller()
     other = KeptReference(graph.nodes[2], graph.certain)
@@ -177,7 +177,7 @@ def test_set_points_that_another_supervisor_has_sent_are_no_answer(graph):
 
 
 @pytest.mark.requirement("S21")
-def test_only_who_leads_puts_what_is_received_last_first(graph):
+def test_only_the_leader_orders_by_receipt(graph):
     other = KeptReference(graph.nodes[2], graph.certain)
     decides = [other.queue.decides]
     for change in (other.open, other.close):
@@ -207,7 +207,7 @@ def test_set_points_are_refused_while_a_programme_runs(graph, monkeypatch):
     assert graph.ask(2.7, 820.0).ok
 
 
-def test_a_ramp_begins_at_what_is_in_force_and_is_voided_by_the_next_request(graph):
+def test_ramp_begins_at_the_set_points_in_force(graph):
     graph.start_controller()
     refused = graph.ask(2.7, 820.0, ramp=True)
     assert not refused.ok and refused.code == "no_start"

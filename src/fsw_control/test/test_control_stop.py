@@ -34,7 +34,7 @@ def test_copies_that_have_heard_the_same_are_equal_in_any_order(heard, random):
 
 @pytest.mark.requirement("S25")
 @given(stops, stops)
-def test_of_one_epoch_the_stop_holds(one, other):
+def test_stop_beats_acknowledgement_of_the_same_epoch(one, other):
     register = StopRegister()
     register.merge(one)
     register.merge(other)
@@ -58,7 +58,7 @@ def test_a_new_stop_is_greater_than_any_acknowledgement_that_was_heard(heard):
 
 @pytest.mark.requirement("S25")
 @given(stops.filter(lambda value: not value.stopped))
-def test_only_who_has_heard_of_a_stop_ends_it_by_an_acknowledgement(acknowledgement):
+def test_acknowledgement_needs_knowledge_of_the_stop(acknowledgement):
     """A supervisor that restarts without a link knows neither the epoch nor the time."""
     register = StopRegister()
     register.stop(StopCause.OPERATOR, "anna", 0)
@@ -124,8 +124,8 @@ events = st.one_of(
 def test_fence_invariants_hold_whatever_arrives(happened):
     fence, leaders = Fence(), {}
     before = fence.state
-    for what, value, source in happened:
-        if what == "command":
+    for action, value, source in happened:
+        if action == "command":
             passed = fence.check(value, source) is None
             state = fence.state
             if passed:
@@ -136,9 +136,9 @@ def test_fence_invariants_hold_whatever_arrives(happened):
                     "it knows the present epoch"
                 )
                 assert leaders.setdefault(value.term, value.leader) == value.leader
-        elif what == "heard":
+        elif action == "heard":
             fence.hear(value)
-        elif what == "measure":
+        elif action == "measure":
             fence.measure()
         else:
             fence.stop(StopCause.WATCHDOG, 0)
@@ -164,7 +164,7 @@ def test_unanswered_measurements_are_counted():
     assert fence.state == ActuatorState(1, "a", 0)
 
 
-def test_a_stop_that_nobody_carries_out_is_overdue():
+def test_unexecuted_stop_is_overdue():
     fence = Fence()
     fence.take("nmpc", 0)
     fence.register.stop(StopCause.OPERATOR, "anna", 0)

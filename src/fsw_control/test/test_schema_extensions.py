@@ -73,15 +73,15 @@ def test_an_extra_is_installed_at_first_use_where_that_is_possible(
     assert "pip install" not in str(caught.value)  # pip would look for a stranger's distribution
     install(site, "some_distribution")
     assert extra.absence.endswith("pip install 'some-distribution[some_extra]'")
-    asked = []
+    installs = []
 
     def installed(name: str) -> None:
-        asked.append(name)
+        installs.append(name)
         (site / "module_of_some_extra.py").write_text("VALUE = 3\n")
 
     monkeypatch.setattr(extras, "install", installed)
     assert extra.module("module_of_some_extra", "it").VALUE == 3
-    assert extra.missing() == [] and asked == ["some_extra"]
+    assert extra.missing() == [] and installs == ["some_extra"]
 
 
 def test_an_extra_that_cannot_be_installed_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -93,7 +93,7 @@ def test_error_of_a_write_names_the_file_that_was_meant(tmp_path):
     assert (raised.value.filename, list(tmp_path.iterdir())) == (str(tmp_path / "weld.csv"), [])
 
 
-def test_what_is_no_file_is_not_replaced_and_a_link_is_followed(tmp_path):
+def test_replacing_keeps_devices_and_follows_links(tmp_path):
     pipe, link = tmp_path / "pipe", tmp_path / "link"
     os.mkfifo(pipe)
     with replacing(pipe) as scratch:

@@ -47,7 +47,7 @@ def read(text: str) -> Part:
     return models.validate(Part, models.content_of(text, "part.yaml"), "part.yaml")
 
 
-def test_what_fits():
+def test_valid_content_is_accepted():
     without_values = "{name: a, marks: , count: }"
     assert read(without_values) == Part(name="a")
     part = read("{name: a_1, marks: [{kind: bump, height_mm: 2}, {kind: hole}], count: 1e1}")
@@ -130,7 +130,7 @@ def test_what_fits():
         (f"name: {'x y ' * 1000}", "x y, not a name"),
     ],
 )
-def test_what_does_not_fit_is_one_line_with_its_place(text, problem):
+def test_validation_error_is_one_line_with_its_path(text, problem):
     with pytest.raises(InputError) as caught:
         read(text)
     assert problem in str(caught.value) and str(caught.value).startswith("part.yaml")
@@ -167,15 +167,15 @@ def test_problems_have_their_places_and_kinds():
 
 
 def test_json_schema_has_range_unit_and_meaning():
-    found = models.json_schema(Part)
-    assert found["properties"]["count"] == {
+    schema = models.json_schema(Part)
+    assert schema["properties"]["count"] == {
         "type": "integer",
         "minimum": 1,
         "maximum": 100,
         "unit": "pieces",
         "default": 1,
     }
-    bump = found["$defs"]["Bump"]
+    bump = schema["$defs"]["Bump"]
     assert bump["properties"]["height_mm"] == {
         "description": models.descriptions(Bump)["height_mm"],
         "type": "number",
@@ -187,7 +187,7 @@ def test_json_schema_has_range_unit_and_meaning():
         "kind",
         "height_mm",
     ]
-    assert json.loads(json.dumps(found)) == found
+    assert json.loads(json.dumps(schema)) == schema
 
 
 def test_the_range_of_a_field():

@@ -211,7 +211,7 @@ def test_as_deep_and_as_many_as_permitted():
 
 @example({"0E0": None})
 @given(TREES)
-def test_what_is_written_is_read(tree):
+def test_written_content_is_read_back(tree):
     quoted = yaml.safe_dump(
         tree, default_style='"'
     )  # plain, PyYAML writes the text 0E0, which is a number here

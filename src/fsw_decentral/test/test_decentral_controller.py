@@ -200,7 +200,7 @@ def test_the_power_loop_makes_up_for_energy_that_the_move_limit_has_cost(
     assert least_kj < missing_kj < most_kj
 
 
-def test_without_torque_the_weld_goes_on_for_a_while_then_it_is_said():
+def test_missing_torque_is_tolerated_then_reported():
     controller = DecentralController({"blind_limit": 10.0})
     rows = closed_loop(
         controller, lambda t: REFERENCE, 40, lose=lambda t: ("torque",) if t >= 5.0 else ()
@@ -258,7 +258,7 @@ def test_overrides_take_the_place_of_the_tuning():
     assert controller.gains == tunings()["tight"]
 
 
-def test_unusable_parameters_are_told_and_change_nothing():
+def test_unusable_parameters_are_rejected_unchanged():
     controller = DecentralController()
     gains = controller.gains
     assert controller.check({}) is None
@@ -339,7 +339,7 @@ def test_a_pause_counts_as_one_second_at_most_and_a_time_that_cannot_be_as_one_t
     assert after(NAN) == after(-1.0) == after(0.0) == after(TICK_S)
 
 
-def test_without_a_compiler_one_line_says_what_to_do(monkeypatch, tmp_path):
+def test_missing_compiler_error_is_one_line_with_a_remedy(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(c_library, "compiler", lambda: None)
     monkeypatch.delitem(KERNEL.__dict__, "lib", raising=False)
@@ -424,7 +424,7 @@ def test_whatever_comes_the_proposal_keeps_every_limit(events):
 
 @pytest.mark.requirement("S31")
 @pytest.mark.parametrize("force_kn", [1e12, -1e12, 1e300, -1e300, 97.0, 58.0])
-def test_an_absurd_applied_command_is_told_and_leaves_nothing_behind(force_kn):
+def test_absurd_applied_command_is_reported_and_has_no_effect(force_kn):
     controller = DecentralController()
     controller.step(measured(0), REFERENCE, NOMINAL, 0.1)
     for _ in range(2):
@@ -460,7 +460,7 @@ def test_an_absurd_sample_does_not_pull_for_ever(tuning, sensor, value):
 
 @pytest.mark.parametrize("sensor", ["depth", "temperature"])
 @pytest.mark.parametrize("value", [1.7e308, -1.7e308])
-def test_a_sum_that_is_no_number_is_no_command(sensor, value):
+def test_non_finite_sum_is_not_proposed(sensor, value):
     """A gain times such a sample is infinite, and infinity less infinity is no number."""
     controller = DecentralController()
     controller.configure({"depth_gain": 1e3, "temperature_gain": 1e3})
@@ -529,21 +529,21 @@ def test_a_reset_beyond_the_bounds_begins_at_them():
     ("beyond", "bound"), [((95.5, 407.5), (95.0, 407.5)), ((78.4, 298.0), (78.4, 300.0))]
 )
 def test_an_applied_command_beyond_a_bound_counts_as_the_bound(beyond, bound):
-    told = []
+    logged = []
     for first in (beyond, bound):
         controller = DecentralController()
         proposed = controller.step(measured(0), REFERENCE, Command(*first), 0.1).command
-        told.append(
+        logged.append(
             controller.step(measured(1, depth=DEPTH_MM + 0.002), REFERENCE, proposed, 0.1).command
         )
-    assert told[0] == told[1]
+    assert logged[0] == logged[1]
 
 
-def test_set_points_that_are_no_numbers_leave_those_before():
+def test_non_finite_set_points_are_ignored():
     goal = Reference(DEPTH_MM + 0.05, TEMPERATURE_C + 2.0)
-    told = []
+    logged = []
     for second in (goal, Reference(NAN, TEMPERATURE_C)):
         controller = DecentralController()
         proposed = controller.step(measured(0), goal, NOMINAL, 0.1).command
-        told.append(controller.step(measured(1), second, proposed, 0.1).command)
-    assert told[0] == told[1] != proposed
+        logged.append(controller.step(measured(1), second, proposed, 0.1).command)
+    assert logged[0] == logged[1] != proposed

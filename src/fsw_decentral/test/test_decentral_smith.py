@@ -108,12 +108,15 @@ def set_point_step(controller, dead_ticks, ticks=900):
 
 
 @pytest.mark.parametrize("dead_ticks", [28, 70])
-def test_with_the_true_model_the_loop_is_that_without_dead_time_but_later(dead_ticks):
+def test_smith_predictor_with_true_model_only_delays_the_response(dead_ticks):
     late = DecentralController(SMITH | {"predictor_dead_time": dead_ticks * TICK_S})
     prompt = DecentralController(SMITH | {"predictor_dead_time": 0.0})
-    (warm, speeds), (goal, wanted) = set_point_step(late, dead_ticks), set_point_step(prompt, 0)
-    assert np.ptp(wanted) > 10.0
-    assert speeds == pytest.approx(wanted, abs=0.02)
+    (warm, speeds), (goal, goal_speeds) = (
+        set_point_step(late, dead_ticks),
+        set_point_step(prompt, 0),
+    )
+    assert np.ptp(goal_speeds) > 10.0
+    assert speeds == pytest.approx(goal_speeds, abs=0.02)
     assert warm[dead_ticks:] == pytest.approx(goal[:-dead_ticks], abs=2e-3)
     unpredicted, _ = set_point_step(prompt, dead_ticks)
     assert np.abs(unpredicted[dead_ticks:] - goal[:-dead_ticks]).max() > 1.0
@@ -142,7 +145,7 @@ def in_motion():
     return controller, goal, applied
 
 
-def test_another_model_or_none_at_runtime_is_without_a_bump():
+def test_model_change_at_runtime_is_bumpless():
     for change in (
         {"predictor_dead_time": 1.0},
         {"predictor_gain": 9.0},
@@ -153,11 +156,11 @@ def test_another_model_or_none_at_runtime_is_without_a_bump():
         as_before, _, _ = in_motion()
         controller.configure(change)
         assert (correction_c(controller) == 0.0) == bool(change)
-        told = [
-            one.step(sample(), goal, applied, TICK_S).command.speed_rpm
-            for one in (controller, as_before)
+        commands = [
+            each.step(sample(), goal, applied, TICK_S).command.speed_rpm
+            for each in (controller, as_before)
         ]
-        assert told[0] == pytest.approx(told[1], abs=0.5 if change else 0.0)
+        assert commands[0] == pytest.approx(commands[1], abs=0.5 if change else 0.0)
 
 
 def test_reset_forgets_the_power_under_way():
@@ -168,7 +171,7 @@ def test_reset_forgets_the_power_under_way():
     assert again.speed_rpm == pytest.approx(applied.speed_rpm, abs=1e-6)
 
 
-def test_while_the_temperature_is_lost_the_prediction_goes_on():
+def test_prediction_continues_without_temperature():
     controller, goal, applied = in_motion()
     twin, _, _ = in_motion()
     for _ in range(20):  # the speed is held by another controller
@@ -184,8 +187,8 @@ def test_without_torque_the_last_one_counts():
     twin, _, _ = in_motion()
     for _ in range(20):
         proposals = [
-            one.step(sample(torque_nm=torque), goal, applied, TICK_S)
-            for one, torque in ((controller, NAN), (twin, TORQUE_NM))
+            each.step(sample(torque_nm=torque), goal, applied, TICK_S)
+            for each, torque in ((controller, NAN), (twin, TORQUE_NM))
         ]
         assert proposals[0] == proposals[1]
 

@@ -1,1 +1,1 @@
-"""Gateway to a machine: an OPC UA client in place of the plant emulator."""
+"""Gateway to a machine: an OPC UA client that replaces the plant emulator."""

@@ -40,7 +40,7 @@ _SHOWN_CYCLES = 1
 _SAME = 0.01
 #: largest rounding of a node's type, in moves, e.g. whole kN (chosen)
 _ROUNDED = 0.6
-#: cycles after a command when every machine shows what is in force (chosen)
+#: cycles after a command until every machine shows it as in force (chosen)
 _SETTLED_CYCLES = 3
 #: number of ticks whose counter is kept
 _KEPT = 32
@@ -79,7 +79,7 @@ class Publication:
     stamp_ns: int
     values: Mapping[str, float]  #: by sensor
     drives: Command
-    fused: DepthEstimate | None = None  #: what the depth rests on, if it is fused
+    fused: DepthEstimate | None = None  #: estimate behind a fused depth
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +128,7 @@ class _SensorFusion:
             if self._counted not in (None, raw.value):
                 self._fused.reset()
             self._counted = raw.value
-        value = {name: one.value for name, one in samples.items()}
+        value = {name: entry.value for name, entry in samples.items()}
         return self._fused.update(
             stamp_ns / NANOSECONDS,
             {name: value.get(row.stem, nan) for name, row in SENSORS.items()},
@@ -239,14 +239,14 @@ class Gateway:
         numbers = (name for name in nodes.read if name not in _NO_NUMBERS)
         self.samples = {name: sample(read.values[name], nodes[name], cycle_ns) for name in numbers}
         self.samples["permissive"] = bit(read.values["permissive"], nodes["permissive"], cycle_ns)
-        self.invalid += sum(bool(one.fault) for one in self.samples.values())
+        self.invalid += sum(bool(entry.fault) for entry in self.samples.values())
         self.permissive = self.samples["permissive"].value == 1.0
         self._note_safe_reaction(stamp_ns)
         fused = self._depth.update(read, self.samples, stamp_ns)
         begins = False
         given_up = (
             self._lost and self.fence.state.unanswered >= LOST_COMMANDS
-        )  # no supervisor knows what is in force
+        )  # the command in force is unknown to every supervisor
         if not self.permissive or given_up:
             self._part()
         elif not self.joined:
@@ -260,7 +260,7 @@ class Gateway:
         if len(self._counters) > _KEPT:
             del self._counters[next(iter(self._counters))]
         self.ticks += 1
-        value = {name: one.value for name, one in self.samples.items()}
+        value = {name: entry.value for name, entry in self.samples.items()}
         obeys = self.joined and not self._lost and self._under_way is None
         kind = "in_force" if begins else "acting"
         drives = (
@@ -328,8 +328,8 @@ class Gateway:
         has = self._may_have()
         jump = self._jump(command, has)
         if jump and self._may_catch_up(command, has):
-            for one in has:
-                command = self.gate.limits.clip(command, one)
+            for possible in has:
+                command = self.gate.limits.clip(command, possible)
             jump = self._jump(command, has)
             self.cut += jump is None
         if jump:
@@ -401,7 +401,7 @@ class Gateway:
         limits = self.gate.limits
         force_kn, speed_rpm = _CATCH_UP * limits.force_step_kn, _CATCH_UP * limits.speed_step_rpm
         moves = replace(limits, force_step_kn=force_kn, speed_step_rpm=speed_rpm)
-        return all(refusal(command, moves, one) is None for one in has)
+        return all(refusal(command, moves, possible) is None for possible in has)
 
     def _jump(self, command: Command, has: list[Command]) -> Fact | None:
         """Why a command is too far from the machine's set-points; None if it is not."""
@@ -409,7 +409,7 @@ class Gateway:
             fault = self.samples["force_in_force"].fault or self.samples["speed_in_force"].fault
             return Fact.of(Rejection.NOT_KNOWN, fault=fault)
         limits = self.gate.limits
-        jump = next(filter(None, (refusal(command, limits, one) for one in has)), None)
+        jump = next(filter(None, (refusal(command, limits, possible) for possible in has)), None)
         if jump is None:
             return None
         inside = refusal(limits.clip(has[0], None), limits, has[0]) is None
@@ -423,7 +423,7 @@ class Gateway:
     def on_written(self, order: Order, failure: str, now_s: float) -> Order | None:
         """Take the server's answer to an order; return the order that waited for it, if any.
 
-        ``failure`` says why the order was not accepted; empty if it was.
+        ``failure`` is why the order was not accepted; empty if it was.
         """
         if order is not self._under_way:
             return None

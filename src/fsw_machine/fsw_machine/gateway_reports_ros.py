@@ -12,7 +12,7 @@ from fsw_machine.gateway import Gateway
 
 
 class Note(Worded):
-    """What the gateway says of its parts."""
+    """Diagnostics of the gateway's parts."""
 
     CONNECTED = "connected", "connected"
     CONNECTING = "connecting", "connecting"
@@ -62,9 +62,9 @@ def connection(
 def machine(gateway: Gateway, stalled_s: float, skipped: int, restarts: int) -> Report:
     """Whether the machine runs and permits commands, and its invalid values."""
     faults = [
-        Fact.of(Note.FAULT, name=name, fault=one.fault)
-        for name, one in gateway.samples.items()
-        if one.fault
+        Fact.of(Note.FAULT, name=name, fault=sample.fault)
+        for name, sample in gateway.samples.items()
+        if sample.fault
     ]
     values: dict[str, object] = {
         "cycle counter": "" if gateway.read is None else gateway.read.counter,
@@ -78,7 +78,7 @@ def machine(gateway: Gateway, stalled_s: float, skipped: int, restarts: int) -> 
     if gateway.connected:
         # "permissive" is the gateway's verdict, a bool that the operator page reads
         values = {
-            name: one.fault or f"{one.value:.6g}" for name, one in gateway.samples.items()
+            name: sample.fault or f"{sample.value:.6g}" for name, sample in gateway.samples.items()
         } | values
     if not gateway.connected:
         return Report("machine", ERROR, Fact.of(Note.NOT_CONNECTED), values)
@@ -107,15 +107,15 @@ def clock(gateway: Gateway, parameters: Mapping[str, Any]) -> Report:
         return Report("clock", OK, Fact.of(Note.CLOCK_UNKNOWN), values)
     skew_s = (gateway.read.source_ns - gateway.read.read_ns) / NANOSECONDS
     values["server's clock less local one [s]"] = f"{skew_s:.6f}"
-    what, level = Fact.of(Note.CLOCK, skew_s=skew_s), OK
+    fact, level = Fact.of(Note.CLOCK, skew_s=skew_s), OK
     if abs(skew_s) > parameters["clock.error_s"] and kind == "source":
         level = ERROR
     elif abs(skew_s) > parameters["clock.warn_s"]:
         level = WARN
     if stamps.steps:
-        what = Fact.of(Note.CLOCK_SET, skew_s=skew_s, steps=stamps.steps)
+        fact = Fact.of(Note.CLOCK_SET, skew_s=skew_s, steps=stamps.steps)
         level = max(level, WARN)
-    return Report("clock", level, what, values)
+    return Report("clock", level, fact, values)
 
 
 def writes(gateway: Gateway, new_failures: int, longest_s: float) -> Report:

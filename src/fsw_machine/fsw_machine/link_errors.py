@@ -33,7 +33,7 @@ class LinkError(RuntimeError):
 
 def words(error: BaseException, machine: MachineFile) -> str:
     """Text of an error of the connection, in one line."""
-    at = f"endpoint {machine.endpoint}"
+    url = f"endpoint {machine.endpoint}"
     if isinstance(error, LinkError | SecurityError):
         return str(error)
     if isinstance(error, ua.UaStatusCodeError):
@@ -44,26 +44,24 @@ def words(error: BaseException, machine: MachineFile) -> str:
         )
         if name in _USER:
             if machine.user is None:
-                return f"user: {at} wants a user ({name}); give user.name and its password"
+                return f"user: {url} requires a user ({name}); give user.name and its password"
             source = machine.user.password_file or f"the variable {machine.user.password_env}"
             return (
-                f"user: {at} refuses {machine.user.name!r} with the password of {source} ({name})"
+                f"user: {url} rejects {machine.user.name!r} with the password in {source} ({name})"
             )
         if name in _OWN_CERTIFICATE and machine.security is not None:
             text = "does not accept our security.certificate"
             return (
-                f"{at} {text} {machine.security.certificate} ({name}); "
+                f"{url} {text} {machine.security.certificate} ({name}); "
                 "put it into the server's trust list"
             )
         if name in ("BadSecurityPolicyRejected", "BadSecurityModeInsufficient"):
-            return (
-                f"security: {at} refuses this security ({name}); check the server's configuration"
-            )
-        return f"{at}: {name}"
+            return f"security: {url} rejects it ({name}); check the server's configuration"
+        return f"{url}: {name}"
     if machine.security is None and "No matching endpoints" in str(error):
-        return f"security: {at} requires security; give policy, certificate, ..."
+        return f"security: {url} requires security; give policy, certificate, ..."
     if isinstance(error, TimeoutError):
-        return f"{at}: no answer in time"
+        return f"{url}: no answer in time"
     if isinstance(error, OSError):
-        return f"{at}: no connection ({error.strerror or error or type(error).__name__})"
-    return f"{at}: {type(error).__name__}: {' '.join(str(error).split())[:200]}"
+        return f"{url}: no connection ({error.strerror or error or type(error).__name__})"
+    return f"{url}: {type(error).__name__}: {' '.join(str(error).split())[:200]}"

@@ -245,16 +245,16 @@ class MachineFile(Model):
 
     @model_validator(mode="after")
     def _check_depth(self) -> MachineFile:
-        given = self.nodes.given
+        named = self.nodes.given
         if self.depth_fusion is None:
-            if "depth" not in given:
+            if "depth" not in named:
                 raise problem("lacks depth; give it, or depth_fusion", "nodes")
             return self
-        if "depth" in given:
+        if "depth" in named:
             raise problem("contradicts depth_fusion, which makes the depth", "nodes", "depth")
         if not self.depth_sensors:
             raise problem(f"needs one of the nodes {', '.join(DEPTH_CHANNELS)}", "depth_fusion")
-        if "touch_off" not in given:
+        if "touch_off" not in named:
             raise problem("lacks touch_off, with which depth_fusion begins afresh", "nodes")
         return self
 

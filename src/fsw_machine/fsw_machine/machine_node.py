@@ -1,4 +1,4 @@
-"""The gateway to a machine as a node, in place of the plant emulator."""
+"""The gateway to a machine as a node; it replaces the plant emulator."""
 
 from __future__ import annotations
 
@@ -75,10 +75,10 @@ class MachineNode(ManagedNode):
 
     def configure(self) -> None:
         """Read the machine file, check its requirements, and announce the topics."""
-        given = self._settings["machine_file"]
+        file_name = self._settings["machine_file"]
         path = (
-            Path(given).expanduser()
-            if given
+            Path(file_name).expanduser()
+            if file_name
             else Path(str(resources.files("fsw_machine") / "machine.yaml"))
         )
         self._machine = MachineFile.load(path)
@@ -269,21 +269,21 @@ class MachineNode(ManagedNode):
         for line in lines:
             if line.part not in ("connection", "machine"):
                 continue
-            said = (line.level, line.code, _names(line.what))
-            if self._logged.get(line.part) != said:
-                self._logged[line.part] = said
+            logged = (line.level, line.code, _names(line.what))
+            if self._logged.get(line.part) != logged:
+                self._logged[line.part] = logged
                 log(self, line.level, f"{line.part}: {line.words}")
 
 
-def _names(what: Any) -> Any:
+def _names(data: Any) -> Any:
     """A fact's fields without its figures, so that a count or a time alone is nothing new."""
-    if isinstance(what, Fact):
-        return what.code, tuple(_names(item) for item in what.data.values())
-    if isinstance(what, Mapping):
-        return tuple((key, _names(item)) for key, item in what.items())
-    if isinstance(what, list | tuple):
-        return tuple(map(_names, what))
-    return None if isinstance(what, int | float) else str(what)
+    if isinstance(data, Fact):
+        return data.code, tuple(_names(item) for item in data.data.values())
+    if isinstance(data, Mapping):
+        return tuple((key, _names(item)) for key, item in data.items())
+    if isinstance(data, list | tuple):
+        return tuple(map(_names, data))
+    return None if isinstance(data, int | float) else str(data)
 
 
 def _link_settings(values: dict[str, Any]) -> LinkSettings:

@@ -54,8 +54,8 @@ def check_clock(source_ns: int) -> None:
     """Raise a `LinkError` if a source timestamp cannot be a measurement's stamp."""
     if not 0 <= source_ns < _LAST_NS:
         year = (_EPOCH + timedelta(microseconds=source_ns // 1000)).year
-        what = f"nodes.cycle: its source timestamp is of the year {year}"
-        raise LinkError(f"{what}; set the machine's clock, or clock.stamps: received")
+        problem = f"nodes.cycle: its source timestamp is of the year {year}"
+        raise LinkError(f"{problem}; set the machine's clock, or clock.stamps: received")
 
 
 async def check_nodes(
@@ -71,15 +71,15 @@ async def check_nodes(
         With the entry of the machine file.
     """
     names = (*machine.nodes.read, *WRITTEN)
-    wanted = [ua.ReadValueId(nodes[name], ua.AttributeIds.Value) for name in names]
-    wanted += [ua.ReadValueId(nodes[name], ua.AttributeIds.UserAccessLevel) for name in WRITTEN]
-    wanted += [ua.ReadValueId(nodes[name], ua.AttributeIds.DataType) for name in names]
-    answers = await client.uaclient.read(ua.ReadParameters(NodesToRead=wanted))
+    requests = [ua.ReadValueId(nodes[name], ua.AttributeIds.Value) for name in names]
+    requests += [ua.ReadValueId(nodes[name], ua.AttributeIds.UserAccessLevel) for name in WRITTEN]
+    requests += [ua.ReadValueId(nodes[name], ua.AttributeIds.DataType) for name in names]
+    answers = await client.uaclient.read(ua.ReadParameters(NodesToRead=requests))
     values = dict(zip(names, answers, strict=False))
     access = dict(zip(WRITTEN, answers[len(names) :], strict=False))
     types = dict(zip(names, answers[len(names) + len(WRITTEN) :], strict=True))
-    found = [_type(name, machine, values[name], types[name]) for name in names]
-    kinds = dict(zip(names, found, strict=True))
+    problems = [_type(name, machine, values[name], types[name]) for name in names]
+    kinds = dict(zip(names, problems, strict=True))
     for name, kind in kinds.items():
         node = machine.nodes[name].node
         if name == "permissive":
@@ -148,9 +148,9 @@ def _needs(limits: Limits) -> dict[str, _Need]:
         limits.speed_min_rpm, limits.speed_max_rpm, _COARSE_MOVES * limits.speed_step_rpm, "rpm"
     )
     needs = {"force": force, "speed": speed}
-    for sensor, one in sensor_limits().items():
-        row, step = SENSORS[sensor], _COARSE_NOISES * one.noise or math.inf
-        needs[row.stem] = _Need(one.minimum, one.maximum, step, row.quantity.unit)
+    for sensor, limit in sensor_limits().items():
+        row, step = SENSORS[sensor], _COARSE_NOISES * limit.noise or math.inf
+        needs[row.stem] = _Need(limit.minimum, limit.maximum, step, row.quantity.unit)
     return needs
 
 

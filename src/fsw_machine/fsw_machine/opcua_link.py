@@ -49,7 +49,7 @@ class Connected:
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """There is no connection: why, and the time to the next attempt [s]."""
+    """No connection: the reason, and the time to the next attempt [s]."""
 
     reason: str
     retry_s: float
@@ -322,13 +322,13 @@ async def secure(client: Client, machine: MachineFile, security: Security) -> No
     client.application_uri, pinned = certificates.check(security, certificates.now())
     kind = getattr(security_policies, f"SecurityPolicy{security.policy}")
     endpoints = await client.connect_and_get_server_endpoints()
-    offered = [one for one in endpoints if one.SecurityPolicyUri == kind.URI]
-    offered = [one for one in offered if one.SecurityMode == ua.MessageSecurityMode.SignAndEncrypt]
+    offered = [end for end in endpoints if end.SecurityPolicyUri == kind.URI]
+    offered = [end for end in offered if end.SecurityMode == ua.MessageSecurityMode.SignAndEncrypt]
     if not offered:
         names = sorted(
             {
-                str(one.SecurityPolicyUri).rpartition("#")[2] + f"/{one.SecurityMode.name}"
-                for one in endpoints
+                str(end.SecurityPolicyUri).rpartition("#")[2] + f"/{end.SecurityMode.name}"
+                for end in endpoints
             }
         )
         raise SecurityError(

@@ -16,7 +16,7 @@ def poll(tracker, changes, end_s, read_time_s=0.001, start_s=0.0):
     """Poll a counter that changes at given times; returns the delays with which that was seen, and the reads."""
     delays, reads, now_s = {}, 0, start_s
     while now_s < end_s:
-        count = sum(one <= now_s for one in changes)
+        count = sum(change <= now_s for change in changes)
         now_s += read_time_s
         reads += 1
         if tracker.see(count, now_s) is not None and count:
@@ -62,7 +62,7 @@ def test_a_machine_that_stands_still_is_polled_slowly():
     assert tracker.skipped == 0 and all(delay < 0.02 for delay in delays)
 
 
-def test_every_restart_counts_and_the_first_value_is_none():
+def test_restarts_are_counted_except_the_first_value():
     tracker = CycleTracker(PERIOD_S)
     assert [tracker.see(value, i / 10) for i, value in enumerate([9, 3, 4, 1, 2])] == [
         0,
@@ -126,11 +126,11 @@ def test_one_late_change_hardly_moves_when_the_next_is_expected():
 
 
 @pytest.mark.parametrize(("steps", "read_s"), [(1, 0.16), (3, 0.13), (2, 0.21), (-5, 0.12)])
-def test_after_a_standstill_skipped_cycles_or_a_restart_the_phase_is_found_anew(steps, read_s):
+def test_phase_is_found_again_after_an_interruption(steps, read_s):
     assert expected_after((steps, read_s)) == pytest.approx(read_s + PERIOD_S)
 
 
-def test_a_change_that_nobody_saw_coming_is_looked_for_earlier_the_next_time():
+def test_unexpected_change_moves_the_next_read_earlier():
     tracker = CycleTracker(PERIOD_S)
     tracker.see(7, 0.0)
     tracker.see(8, 0.1)
@@ -197,9 +197,7 @@ START_NS = 10**18
         (3 * TICK_NS - STEP_NS - 10_000_000, 3, 3 * TICK_NS, 3 * TICK_NS),
     ],
 )
-def test_where_the_machines_clock_was_set_the_stamps_go_on_as_if_it_had_not(
-    moved_ns, steps, elapsed_ns, goes_on_ns
-):
+def test_stamps_continue_after_the_machine_clock_was_set(moved_ns, steps, elapsed_ns, goes_on_ns):
     stamps = Stamps(TICK_NS)
     stamps.next(START_NS, 0, 0, 0)
     assert stamps.next(START_NS + moved_ns, steps, 0, elapsed_ns) == START_NS + goes_on_ns

@@ -105,7 +105,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("path", "value", "kind", "fact"), WRONG)
-def test_one_line_for_what_is_wrong(shipped_text, path, value, kind, fact):
+def test_invalid_machine_file_error_is_one_line(shipped_text, path, value, kind, fact):
     with pytest.raises(InputError) as caught:
         MachineFile.parse(changed(shipped_text, path, value, remove=value is None))
     assert caught.value.problems == ((path, kind),)
@@ -164,7 +164,7 @@ def test_passwords_are_elsewhere(shipped_text, user, words):
 
 
 @pytest.mark.parametrize("text", ["", "5", "nodes: [", "\0", "[]"])
-def test_what_is_no_machine_file(text):
+def test_unreadable_machine_file_is_rejected(text):
     with pytest.raises(InputError) as caught:
         MachineFile.parse(text)
     assert "\n" not in str(caught.value)

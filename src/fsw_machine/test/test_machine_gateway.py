@@ -37,11 +37,11 @@ class Machine:
 
     def cycle(self, steps=1, **changed):
         self.counter += steps
-        given = {
+        values = {
             "force_in_force": self.in_force.force_kn,
             "speed_in_force": self.in_force.speed_rpm,
         } | changed
-        out = self.gateway.on_read(self.read_of(self.counter, steps=steps, **given))
+        out = self.gateway.on_read(self.read_of(self.counter, steps=steps, **values))
         self.stamp_ns = out.stamp_ns if out else self.stamp_ns
         return out
 
@@ -98,13 +98,13 @@ def test_with_stamps_of_receipt_the_first_tick_has_the_local_time(machine, param
     assert gateway.on_read(second).stamp_ns == local_ns + 100 + second.source_ns - first.source_ns
 
 
-def test_where_the_machines_clock_is_set_the_stamps_go_on_by_a_cycle(running):
+def test_stamps_advance_by_a_cycle_when_the_machine_clock_is_set(running):
     before_ns = running.stamp_ns
     assert running.cycle(source_ns=before_ns + 10**12).stamp_ns == before_ns + NANOSECONDS // 10
     assert running.gateway.stamps.steps == 1
 
 
-def test_a_cycle_that_a_busy_machine_ends_late_is_no_step_of_its_clock(running):
+def test_late_cycle_is_not_a_clock_step(running):
     late = running.read_of(
         running.counter + 1, at_s=running.now_s + 0.7, source_ns=running.stamp_ns + 700_000_000
     )
@@ -189,7 +189,7 @@ def test_only_one_command_per_cycle_and_only_one_under_way(running):
     assert running.cycle().drives == STEADY
 
 
-def test_of_two_that_wait_the_newer_is_written_and_the_other_refused(running):
+def test_newer_of_two_pending_commands_is_written(running):
     order = running.command()
     for force_kn in (78.5, 78.6):
         running.cycle()
@@ -210,7 +210,7 @@ def test_a_command_that_waits_when_a_safe_stop_comes_is_not_written(running):
 
 
 @pytest.mark.parametrize("reason", ["not_permissive", "jump", "stale_read"])
-def test_what_has_waited_is_judged_again(running, reason):
+def test_pending_command_is_checked_again_before_its_write(running, reason):
     order = running.command()
     running.cycle()
     running.command(79.3 if reason == "jump" else 78.4)
@@ -264,7 +264,7 @@ def test_nothing_is_written_without_a_good_permissive_bit(running, permissive):
 
 
 @pytest.mark.requirement("S14")
-def test_commands_begin_anew_from_the_drives_when_the_machine_permits_again(running):
+def test_commands_restart_from_the_drives_after_the_permissive_returns(running):
     running.cycle(permissive=False)
     running.in_force = Command(70.0, 407.5)
     assert running.cycle() is None
@@ -278,7 +278,7 @@ def test_commands_begin_anew_from_the_drives_when_the_machine_permits_again(runn
     running.obey(running.command(70.5))
 
 
-def test_the_first_cycle_after_a_pause_reports_what_is_in_force_then_what_acts(running):
+def test_first_cycle_after_a_pause_reports_set_points_then_feedback(running):
     running.cycle(permissive=False)
     running.in_force = Command(70.0, 407.5)
     while (out := running.cycle(force_acting=74.0)) is None:
@@ -314,7 +314,7 @@ def test_a_steady_ramp_at_the_limit_is_no_jump_though_the_machine_shows_it_a_cyc
         shown = running.in_force = order.command
 
 
-def test_what_the_server_has_not_taken_does_not_count_as_in_force(running):
+def test_rejected_write_is_not_in_force(running):
     running.gateway.on_written(running.command(79.4), "refused", running.now_s)
     assert isnan(running.cycle().drives.force_kn)
     assert running.command(80.4) is None and running.refused == {"jump"}
@@ -397,18 +397,18 @@ def test_a_command_catches_up_within_three_cycles_of_the_last_one_that_was_taken
     assert with_other_moves.gateway.cut == is_cut
 
 
-def test_what_a_machine_rounds_when_it_shows_it_is_no_move_of_its_own(with_other_moves):
+def test_rounded_readback_is_not_a_machine_move(with_other_moves):
     """It shows every write a cycle later and a little off, and a ramp at the limit goes on uncut."""
     shown = before = STEADY
     for _ in range(5):
-        asked = Command(before.force_kn + 1.98, before.speed_rpm + 2.97)
+        requested = Command(before.force_kn + 1.98, before.speed_rpm + 2.97)
         with_other_moves.cycle(
             force_in_force=shown.force_kn + 0.018, speed_in_force=shown.speed_rpm + 0.027
         )
-        order = with_other_moves.command(*asked)
-        assert order.command == asked
+        order = with_other_moves.command(*requested)
+        assert order.command == requested
         with_other_moves.gateway.on_written(order, "", with_other_moves.now_s)
-        shown, before = before, asked
+        shown, before = before, requested
     assert with_other_moves.gateway.cut == 0
 
 
@@ -434,7 +434,7 @@ def test_while_the_server_does_not_answer_every_command_is_refused_in_the_end(ru
 
 
 @pytest.mark.requirement("S32")
-def test_a_machine_that_follows_more_slowly_is_led_by_what_it_shows(running):
+def test_slow_machine_is_led_by_its_readback(running):
     """It acknowledges every write, but its own rate is half of ours."""
     shown = STEADY.force_kn
     for k in range(1, 8):
@@ -455,14 +455,14 @@ def test_a_write_that_may_have_arrived_counts_as_well(running):
     assert order.command.force_kn == pytest.approx(78.3)
 
 
-def test_what_is_in_force_outside_the_limits_is_told(running):
+def test_set_point_outside_the_limits_is_reported(running):
     running.cycle(force_in_force=40.0)
     assert running.command(60.0) is None
     assert running.refused == {"outside"}
 
 
 @pytest.mark.parametrize("how", ["jump", "failure"])
-def test_commands_that_do_not_arrive_make_it_begin_anew(running, how):
+def test_lost_writes_restart_control_from_the_drives(running, how):
     for _ in range(3):
         assert running.gateway.joined
         if how == "jump":
@@ -477,7 +477,7 @@ def test_commands_that_do_not_arrive_make_it_begin_anew(running, how):
 
 @pytest.mark.requirement("S13")
 @pytest.mark.parametrize("node", ["force_in_force", "speed_in_force"])
-def test_without_known_set_points_in_force_nothing_is_written_and_it_is_told_why(running, node):
+def test_unknown_set_points_block_writes_with_a_reason(running, node):
     running.cycle(**{node: None})
     assert running.command() is None and running.refused == {"not_known"}
     assert running.gateway.gate.last.data["fault"]
@@ -521,7 +521,7 @@ def test_a_machine_that_has_stayed_where_it_was_is_commanded_again(running):
 
 
 @pytest.mark.requirement("S38")
-def test_of_a_write_that_may_have_arrived_the_source_is_unknown(running):
+def test_uncertain_write_has_an_unknown_source(running):
     """Else a request would be answered by what acted before it."""
     gateway = running.gateway
     assert gateway.fence.state.source == ""
@@ -539,7 +539,7 @@ def test_of_a_write_that_may_have_arrived_the_source_is_unknown(running):
 
 
 @pytest.mark.requirement("S25")
-def test_a_write_that_may_have_arrived_is_no_move_of_the_machine(running):
+def test_uncertain_write_is_not_a_machine_move(running):
     running.obey(running.command())
     running.cycle()
     order = running.command(78.9)
@@ -561,7 +561,7 @@ def test_commands_of_a_leader_before_are_refused(running):
 
 
 @pytest.mark.requirement("S33")
-def test_when_nobody_commands_after_a_failed_write_control_begins_again_from_the_drives(running):
+def test_failed_write_without_successor_restarts_from_the_drives(running):
     """A fresh supervisor commands nothing before the drives are reported, and they are not while commands are lost."""
     order = running.command()
     running.gateway.on_written(order, "no answer", running.now_s)

@@ -52,10 +52,10 @@ class Plc:
     def command(self, force_kn, after_s=0.02):
         if self.published is not None:
             now_s = self.counter * 0.1 + after_s
-            asked = Command(force_kn, SPEED_RPM), self.published.stamp_ns
+            requested = Command(force_kn, SPEED_RPM), self.published.stamp_ns
             signature = Signature(stop=self.gateway.fence.register.value)
             self.asked += 1
-            self._wrote(self.gateway.on_command(*asked, "nmpc", True, now_s, signature))
+            self._wrote(self.gateway.on_command(*requested, "nmpc", True, now_s, signature))
 
     def _wrote(self, order):
         """The invariant: in the bounds, and within a move of what the machine has; its own ramp may be under way."""
@@ -100,9 +100,9 @@ class Supervisor:
         if self._force_kn is None and isfinite(out.drives.force_kn):
             self._force_kn = out.drives.force_kn
         if self._force_kn is not None:
-            wanted = self._force_kn if gap else self._force_kn + move_kn
+            force_kn = self._force_kn if gap else self._force_kn + move_kn
             self._force_kn = min(
-                max(wanted + gap * move_kn, LIMITS.force_min_kn), LIMITS.force_max_kn
+                max(force_kn + gap * move_kn, LIMITS.force_min_kn), LIMITS.force_max_kn
             )
             plc.command(self._force_kn)
 
@@ -123,24 +123,24 @@ events = st.one_of(
 
 
 def happen(plc, supervisor, happened):
-    for what, first, second in happened:
-        if what == "ticks":
-            for one in second:
+    for action, first, second in happened:
+        if action == "ticks":
+            for report in second:
                 plc.cycle()
                 supervisor.tick(plc, first)
-                if one in (
+                if report in (
                     "taken",
                     "silent",
                     "late",
                 ):  # silent: arrived, but the answer is lost; late: comes later
                     plc.take()
-                if one != "late":
-                    plc.answer({"taken": ""}.get(one, one))
-        elif what == "command":
+                if report != "late":
+                    plc.answer({"taken": ""}.get(report, report))
+        elif action == "command":
             plc.command(first, second)
-        elif what == "quiet":
+        elif action == "quiet":
             plc.cycle(first, second)
-        elif what == "answer":
+        elif action == "answer":
             if not first:
                 plc.take()
             plc.answer(first)
@@ -169,7 +169,7 @@ def test_every_write_is_near_what_the_machine_has(machine, read_of, happened, la
 
 @example(happened=[("ticks", 0.0, ["late"] * 6)])
 @given(happened=st.lists(events, max_size=20))
-def test_every_command_is_written_or_its_refusal_told(machine, read_of, happened):
+def test_every_command_is_written_or_its_refusal_reported(machine, read_of, happened):
     plc = Plc(machine, read_of)
     happen(plc, Supervisor(78.4), happened)
     plc.lose()  # what still waits is refused

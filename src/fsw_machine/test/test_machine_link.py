@@ -65,8 +65,8 @@ def connect():
         return made[-1]
 
     yield make
-    for one in made:
-        one.link.stop()
+    for link in made:
+        link.link.stop()
 
 
 @pytest.fixture(scope="module")
@@ -165,7 +165,7 @@ def test_nodes_that_do_not_fit(connect, plain, folder, shipped_text, changes, en
 
 
 @pytest.mark.slow
-def test_clock_at_1601_is_told_or_does_not_matter(connect, plain, folder, shipped_text):
+def test_clock_at_1601_is_reported_or_irrelevant(connect, plain, folder, shipped_text):
     running, port = plain
     since = datetime(1970, 1, 1) - datetime(1601, 6, 1)
     running.do(
@@ -189,7 +189,7 @@ def test_no_server(connect, folder, shipped_text):
     linked = connect(write_machine_file(folder / "none.yaml", free_port(), shipped_text))
     waits = [linked.next(Lost) for _ in range(3)]
     assert "no connection" in waits[0].reason
-    assert [one.retry_s for one in waits] == [0.1, 0.2, 0.2]
+    assert [wait.retry_s for wait in waits] == [0.1, 0.2, 0.2]
 
 
 @pytest.mark.slow
@@ -260,7 +260,7 @@ def test_a_stalled_and_a_cut_connection_are_lost_and_found_again(
 
 
 @pytest.mark.slow
-def test_a_counter_that_stands_still_is_told(connect, plain, folder, shipped_text):
+def test_stalled_cycle_counter_is_reported(connect, plain, folder, shipped_text):
     changes = {"nodes__cycle__node": "s=Weld.Heartbeat"}  # constant, because nobody writes it
     linked = connect(write_machine_file(folder / "still.yaml", plain[1], shipped_text, **changes))
     assert linked.next(Stalled).age_s > 0.3
@@ -285,12 +285,14 @@ def test_the_test_machine_refuses_a_server_key_that_does_not_fit(
     }
     security = {"policy": "Basic256Sha256"} | names if secured else "none"
     file = write_machine_file(tmp_path / "m.yaml", free_port(), shipped_text, security=security)
-    given = ["--server-key", str(tmp_path / key)] if key else []
-    monkeypatch.setattr("sys.argv", ["run_machine_server.py", "--machine-file", str(file), *given])
+    options = ["--server-key", str(tmp_path / key)] if key else []
+    monkeypatch.setattr(
+        "sys.argv", ["run_machine_server.py", "--machine-file", str(file), *options]
+    )
     with ThreadPoolExecutor() as pool:  # of its own loop
         assert pool.submit(machine_server.main).result() == 2
-    said = capsys.readouterr().err
-    assert "--server-key: " in said and words in said and said.count("\n") == 1
+    errors = capsys.readouterr().err
+    assert "--server-key: " in errors and words in errors and errors.count("\n") == 1
 
 
 def test_certificates_are_checked_before_they_are_used(tmp_path, shipped_text):
@@ -396,7 +398,7 @@ def test_the_waits_between_attempts_are_bounded():
 
 
 @pytest.mark.slow
-def test_a_test_machine_whose_port_is_taken_says_what_to_do(monkeypatch, capsys):
+def test_taken_port_error_has_a_remedy(monkeypatch, capsys):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         monkeypatch.setattr(
             "sys.argv", ["run_machine_server.py", "--port", str(taken.getsockname()[1])]

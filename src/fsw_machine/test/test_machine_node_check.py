@@ -27,8 +27,8 @@ class Nodes:
 
     async def _read(self, parameters):
         return [
-            ua.DataValue(self._answer(one.AttributeId, self._kinds[one.NodeId]))
-            for one in parameters.NodesToRead
+            ua.DataValue(self._answer(node.AttributeId, self._kinds[node.NodeId]))
+            for node in parameters.NodesToRead
         ]
 
     def _answer(self, attribute, kind):
@@ -114,7 +114,7 @@ def test_whole_numbers_that_are_fine_enough(shipped_text, changes, kinds):
     check(shipped_text, changes, **kinds)
 
 
-def test_clock_before_1970_or_after_2038_is_told():
+def test_clock_outside_1970_to_2038_is_reported():
     check_clock(0)
     for year, source in ((1601, datetime(1601, 1, 1)), (2040, datetime(2040, 1, 1))):
         with pytest.raises(LinkError, match=rf"year {year}; .* clock\.stamps: received"):

@@ -10,7 +10,7 @@ from rclpy.parameter import Parameter
 pytestmark = pytest.mark.slow
 
 
-def test_without_its_library_it_says_what_to_install_in_a_line():
+def test_missing_library_error_is_one_line_with_a_remedy():
     pytest.importorskip("cryptography")  # which is imported first
     code = "import sys; sys.modules['asyncua'] = None; import fsw_machine.machine_node"
     ended = subprocess.run(

@@ -32,7 +32,7 @@ def test_the_difference_of_the_clocks(gateway, parameters, read_of, skew_s, stam
     assert report.what.data["skew_s"] == pytest.approx(skew_s)
 
 
-def test_a_step_of_the_clock_is_told(gateway, parameters, read_of):
+def test_clock_step_is_reported(gateway, parameters, read_of):
     gateway.on_read(read_of(1))
     late = read_of(2)
     gateway.on_read(read_of(2, source_ns=late.source_ns + 10**10))
@@ -52,7 +52,7 @@ def test_the_machine(gateway, read_of):
     gateway.on_read(read_of(2, depth=None))
     invalid = reports.machine(gateway, 0.0, 0, 0)
     assert invalid.code == "invalid"
-    assert [one.data["name"] for one in invalid.what.data["faults"]] == ["depth"]
+    assert [fault.data["name"] for fault in invalid.what.data["faults"]] == ["depth"]
     gateway.on_read(read_of(3, permissive=False))
     assert reports.machine(gateway, 0.0, 0, 0).level == WARN
     assert reports.machine(gateway, 0.0, 0, 0).values["permissive"] is False

@@ -42,8 +42,8 @@ def test_a_good_number_is_used(machine, value):
     ],
 )
 def test_any_other_is_invalid_and_not_zero(machine, value, fact):
-    found = sample(value, machine.nodes["depth"], NOW_NS)
-    assert isnan(found.value) and fact in found.fault
+    read = sample(value, machine.nodes["depth"], NOW_NS)
+    assert isnan(read.value) and fact in read.fault
 
 
 @pytest.mark.parametrize(("value", "expected"), [(True, 1.0), (False, 0.0)])
@@ -56,8 +56,8 @@ def test_a_bit(machine, value, expected):
     "value", [raw(1), raw(None), raw("true"), raw(True, age_s=1.0), raw(True, status=BAD)]
 )
 def test_a_bit_that_is_not_clearly_one(machine, value):
-    found = bit(value, machine.nodes["permissive"], NOW_NS)
-    assert isnan(found.value) and len(found.fault) > 5
+    read = bit(value, machine.nodes["permissive"], NOW_NS)
+    assert isnan(read.value) and len(read.fault) > 5
 
 
 @given(
@@ -71,9 +71,9 @@ def test_a_bit_that_is_not_clearly_one(machine, value):
     age_ns=st.none() | st.integers(-(10**10), 10**10),
 )
 def test_a_value_is_used_or_says_why_not(machine, value, status, age_ns):
-    given = RawValue(value, status, "Some", None if age_ns is None else NOW_NS - age_ns)
+    raw_value = RawValue(value, status, "Some", None if age_ns is None else NOW_NS - age_ns)
     for judge, name in ((sample, "depth"), (bit, "permissive")):
-        found = judge(given, machine.nodes[name], NOW_NS)
-        assert isnan(found.value) == bool(found.fault)
-        if not found.fault:
+        read = judge(raw_value, machine.nodes[name], NOW_NS)
+        assert isnan(read.value) == bool(read.fault)
+        if not read.fault:
             assert status < 1 << 30 and age_ns is not None and -50_000_000 <= age_ns <= 250_000_000

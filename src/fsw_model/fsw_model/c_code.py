@@ -9,7 +9,7 @@ from pathlib import Path
 
 import casadi as ca
 
-#: who wrote a text; another version writes the same functions in other words
+#: CasADi's version in the generated text; others generate different code
 WRITER = f"Written by CasADi {ca.CasadiMeta.version()}."
 
 

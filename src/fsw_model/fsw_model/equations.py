@@ -212,9 +212,9 @@ def _outputs(p: ModelParameters, *more: ca.SX) -> ca.Function:
         "friction_torque_nm": friction,
         "power_kw": power_kw(x[MOTOR] - friction, speed),
     }
-    given = ["x", "force_kn", "speed_rpm", *(["numbers"] * len(more))]
+    names = ["x", "force_kn", "speed_rpm", *(["numbers"] * len(more))]
     return ca.Function(
-        "process_outputs", [x, force, speed, *more], list(outputs.values()), given, list(outputs)
+        "process_outputs", [x, force, speed, *more], list(outputs.values()), names, list(outputs)
     )
 
 
@@ -299,15 +299,15 @@ def general_functions() -> tuple[ca.Function, ...]:
     """
     p = nominal()
     vector = ca.SX.sym("numbers", len(numbers_of(p)))
-    given = iter(ca.vertsplit(vector))
+    entries = iter(ca.vertsplit(vector))
     fields = cast(
-        ModelParameters, SimpleNamespace(**dict(zip(p.model_dump(), given, strict=False)))
+        ModelParameters, SimpleNamespace(**dict(zip(p.model_dump(), entries, strict=False)))
     )
-    numbers: dict[str, Any] = dict(zip(mode_numbers(p), given, strict=False))
+    numbers: dict[str, Any] = dict(zip(mode_numbers(p), entries, strict=False))
     for name, matrix in thermal_numbers(p).items():
         rows, columns = matrix.shape
         numbers[name] = ca.vertcat(
-            *(ca.horzcat(*(next(given) for _ in range(columns))) for _ in range(rows))
+            *(ca.horzcat(*(next(entries) for _ in range(columns))) for _ in range(rows))
         )
     x, warm = ca.SX.sym("x", N_STATES), ca.SX.sym("warm_c", 3)
     past, copper = [ca.SX.sym(name, N_POWER) for name in ("older", "newer")], ca.SX.sym("met_c", 2)
@@ -328,7 +328,7 @@ def general_functions() -> tuple[ca.Function, ...]:
         "process_met": ([x, copper], [ca.vertcat(middle, x[COPPER], end)]),
         "process_step": ([x, warm, *inputs], [x_next, power, depth, mean]),
     }
-    made = (ca.Function(name, [*of, vector], ca.cse(to)) for name, (of, to) in parts.items())
+    made = (ca.Function(name, [*ins, vector], ca.cse(outs)) for name, (ins, outs) in parts.items())
     return (*made, _outputs(fields, vector))
 
 

@@ -70,6 +70,6 @@ def _friction_nm(speed_rpm: float) -> float:
 
 
 def _torque_nm(force_kn: float, depth_mm: float, speed_rpm: float) -> float:
-    """Torque of process and motor by the nominal model, whatever the plant's is."""
+    """Torque of process and motor by the nominal model, not the plant's."""
     process_nm: float = process_torque_nm(nominal(), force_kn, depth_mm)  # type: ignore[arg-type, assignment]
     return process_nm + _friction_nm(speed_rpm)

@@ -16,7 +16,7 @@ from fsw_model.parameters import ModelParameters
 
 Vector = NDArray[np.float64]
 
-#: path after which what a profile lacks of the heat has become another one, and the time that the
+#: correlation length of the profile's error along the path, and the time that the
 #: paper's traverse takes for it; chosen
 CORRELATION_MM, CORRELATION_S = 86.0, 60.0
 
@@ -51,7 +51,7 @@ class ThermalModel(Model):
 class HeatProfile(Model):
     """Heat into the copper beyond the spindle's power, by the path that the tool has travelled.
 
-    Only its changes are used: what all of it is off by, the controller's estimator finds.
+    Only its changes are used; the controller's estimator finds a constant offset.
     """
 
     type: Name
@@ -63,7 +63,7 @@ class HeatProfile(Model):
     heat_kw: Many[float]
     """at each place"""
     deviation_kw: Many[NonNegativeFloat]
-    """standard deviation there of what the profile lacks of a weld of the type"""
+    """standard deviation there of the profile's error in a weld of the type"""
 
     @model_validator(mode="after")
     def _check(self) -> HeatProfile:

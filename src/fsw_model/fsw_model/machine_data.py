@@ -10,7 +10,7 @@ _NOISE = "standard deviation, resolution included"
 
 
 class MachineData(Parameters):
-    """What welds show of sensors and drives, by ``fsw.py identify``; None: nothing."""
+    """Sensors and drives as identified from welds (``fsw.py identify``); None: not identified."""
 
     what = "machine data"
     example = "temperature_noise_c: 0.3"

@@ -10,7 +10,7 @@ ORIGIN = {name: field.description or "" for name, field in ModelParameters.model
 NAMES = list(ORIGIN)
 
 
-def test_every_parameter_tells_its_origin():
+def test_every_parameter_has_a_source():
     assert all(
         text.startswith("paper (") or text.startswith("chosen: ") for text in ORIGIN.values()
     )
@@ -66,7 +66,7 @@ def test_some_parameters_over_the_nominal_ones(tmp_path):
         (b"\x00\x01", "valid YAML"),
     ],
 )
-def test_a_file_that_is_no_model(tmp_path, content, words):
+def test_invalid_model_file_is_rejected(tmp_path, content, words):
     path = tmp_path / "model.yaml"
     path.write_bytes(content)
     with pytest.raises(InputError, match=words):

@@ -66,14 +66,14 @@ def test_check_values_at_the_operating_point():
 
 
 def test_slopes_and_loop_gain():
-    at, p = MODEL.linearise(), MODEL.parameters
-    by_depth = at.a[5, 0] * p.motor_lag_s
-    by_force = at.b[5, 0] * p.motor_lag_s
+    linear, p = MODEL.linearise(), MODEL.parameters
+    by_depth = linear.a[5, 0] * p.motor_lag_s
+    by_force = linear.b[5, 0] * p.motor_lag_s
     assert by_depth == pytest.approx(120.8, abs=0.05)  # dM/dz, N m per mm
     assert by_force == pytest.approx(12.84, abs=5e-3)  # dM/dF, N m per kN
     # temperature -> depth -> torque -> power -> temperature
     per_degree_mm = p.softening_per_c * p.operating_depth_mm
-    assert per_degree_mm * by_depth * at.c_power[5] * p.thermal_gain_c_per_kw == pytest.approx(
+    assert per_degree_mm * by_depth * linear.c_power[5] * p.thermal_gain_c_per_kw == pytest.approx(
         0.521, abs=5e-4
     )
 
@@ -135,7 +135,7 @@ def test_linearisation_equals_finite_differences(depth_mm, temperature_c):
     from scipy.linalg import expm
 
     start = MODEL.equilibrium(depth_mm, temperature_c)
-    at = MODEL.linearise(start)
+    linear = MODEL.linearise(start)
     push, steps, fine = np.array([0.01, 0.1]), 100, 20
     run = MODEL.simulate(
         [start.force_kn + push[0]] * steps, [start.speed_rpm + push[1]] * steps, start
@@ -143,16 +143,16 @@ def test_linearisation_equals_finite_differences(depth_mm, temperature_c):
     h = STEP_S / fine
     chain = np.zeros((N_STATES + 2, N_STATES + 2))
     chain[:N_STATES, :N_STATES], chain[:N_STATES, N_STATES], chain[:N_STATES, N_STATES + 1] = (
-        at.a,
-        at.b @ push,
-        at.b_power,
+        linear.a,
+        linear.b @ push,
+        linear.b_power,
     )
     e = expm(chain * h)
-    x, powers, rows = np.zeros(N_STATES), [0.0] * round(at.dead_time_s / h), []
+    x, powers, rows = np.zeros(N_STATES), [0.0] * round(linear.dead_time_s / h), []
     for k in range(steps * fine):
         if k % fine == 0:
-            rows.append(at.c @ x)
-        powers.append(at.c_power @ x + at.d_power @ push)
+            rows.append(linear.c @ x)
+        powers.append(linear.c_power @ x + linear.d_power @ push)
         x = (
             e[:N_STATES, :N_STATES] @ x
             + e[:N_STATES, N_STATES]

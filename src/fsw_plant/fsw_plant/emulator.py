@@ -64,7 +64,7 @@ class Reading(NamedTuple):
     #: acting inputs as the drives report them: including input disturbances, as a load cell sees
     #: them
     drives: Command
-    fused: DepthEstimate | None = None  #: what the depth rests on, if it is fused
+    fused: DepthEstimate | None = None  #: estimate behind a fused depth
     footprint_bias_mm: float = 0.0  #: taken off the depth, by the footprint of an earlier weld
 
     @property
@@ -245,7 +245,7 @@ class PlantEmulator:
     def _begin(self, event: PlantEvent) -> None:
         active: dict[str, Any] = self.faults if isinstance(event, Fault) else self.disturbances
         if event.kind == "none":
-            for slot in [slot for slot, one in active.items() if one.target == event.target]:
+            for slot in [slot for slot, value in active.items() if value.target == event.target]:
                 del active[slot]
             if active is self.disturbances:
                 setattr(self.core.added, CHANNELS[event.target], 0.0)

@@ -193,11 +193,11 @@ def _check_keys(
     entry: Model, what: str, allowed: Collection[str], needed: Collection[str]
 ) -> None:
     """Reject missing keys and keys that are not used."""
-    given = {key for key, value in entry if value is not None}
+    present = {key for key, value in entry if value is not None}
     problems = []
-    if lacking := sorted(set(needed) - given):
+    if lacking := sorted(set(needed) - present):
         problems.append(f"lacks {', '.join(lacking)}, which {what} needs")
-    if unused := sorted(given - set(allowed)):
+    if unused := sorted(present - set(allowed)):
         problems.append(f"has {', '.join(unused)}, which {what} does not use")
     if problems:
         raise ValueError(" and ".join(problems))

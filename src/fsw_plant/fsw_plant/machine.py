@@ -26,7 +26,7 @@ class Machine(Model):
     depth_channels: bool = False
     """Whether the machine has several sensors of the depth, from which fsw/depth is fused."""
     depth_sensor: DepthSensor = "ideal"
-    """Without depth_channels: what the sensor of fsw/depth is; it errs as that channel does."""
+    """Without depth_channels: the channel behind fsw/depth, with that channel's errors."""
     footprint_file: str = ""
     """JSON file of fsw.py footprint, of an earlier weld on the machine: its bias of the depth is
     taken off; empty: none."""
@@ -64,7 +64,7 @@ class Machine(Model):
 
 
 class Mount(NamedTuple):
-    """What a sensor of the depth shows of the machine: ``fsw_plant_mount`` in C; all chosen.
+    """Share of deflection and growth in a sensor: ``fsw_plant_mount`` in C; all chosen.
 
     The axial position is that of the machine: deflection, growth and edge lie between it and the
     surface. Laser and LVDTs ride beside the shoulder and miss only the growth of the tool below

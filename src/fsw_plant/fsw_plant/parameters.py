@@ -53,7 +53,7 @@ class Actuators(Model):
     """Parameters ``actuators.*``."""
 
     lag_s: Annotated[float, Range(0.0, 10.0, "s")] = 0.02
-    """Time constant of both drives, first order; 0: none (chosen)."""
+    """Time constant of both drives, first order; 0: no lag (chosen)."""
     dead_time_ticks: Annotated[Whole, Range(0, 10, "")] = 0
     """Ticks from a command to its arrival at both drives (fieldbus, cycle of the PLC); the
     watchdog's commands take it, too (chosen)."""

@@ -98,7 +98,7 @@ class PlantNode(ManagedNode):
     def activate(self) -> None:
         """Ensure that the plant is alone, and start ticking once all peers are present."""
         self._pace = Lockstep()
-        #: whether all subscribers had what was sent when that was last looked at
+        #: whether all subscribers had received everything at the last check
         self._arrived = True
         self._reported = (self.emulator.watchdog.state, self.emulator.stopped)
         self._stop = StopHolder(self, self._fence.register, self._fence.hear)
@@ -168,11 +168,11 @@ class PlantNode(ManagedNode):
 
     def _missing(self) -> list[str]:
         """Conditions that delay the first tick."""
-        wanted = self._settings["wait_for_subscribers"]
-        missing = _lacking(self._sensors.values(), wanted)
+        required = self._settings["wait_for_subscribers"]
+        missing = _lacking(self._sensors.values(), required)
         # Lockstep cannot advance without a commanding node, and a tick without subscribers would
         # have to be sent twice.
-        if (wanted or self._lockstep) and not self.count_publishers("fsw/command"):
+        if (required or self._lockstep) and not self.count_publishers("fsw/command"):
             missing.append("a publisher of fsw/command")
         return missing
 
@@ -237,7 +237,7 @@ class PlantNode(ManagedNode):
             self._writers.note_refused(message.leader)
             text = f"command refused: {gate.last.words}"
             self.get_logger().warning(text, throttle_duration_sec=1.0)
-        # A command that is refused for its content is an answer too: the tick goes on with the
+        # A command that is refused for its content is an answer too: the tick continues with the
         # last valid one.
         foreign = refusal in (Rejection.SOURCE, Barrier.LEADER)
         own = not foreign and stamp_ns == self.emulator.measure().stamp_ns
@@ -308,14 +308,14 @@ class PlantNode(ManagedNode):
     def _watch_answer(self, waited_s: float) -> None:
         values = self._settings.values
         publishers = ", ".join(self._writers.names) or "no node"
-        what = f"no command for tick {self.emulator.tick} within {waited_s:.1f} s"
-        what += f" (fsw/command is published by {publishers})"
+        text = f"no command for tick {self.emulator.tick} within {waited_s:.1f} s"
+        text += f" (fsw/command is published by {publishers})"
         if 0.0 < values["lockstep_give_up_s"] <= waited_s:
-            raise SystemExit(f"fsw_plant: {what}; giving up")
+            raise SystemExit(f"fsw_plant: {text}; giving up")
         if not self._pace.must_repeat(time.monotonic(), values["lockstep_timeout_s"]):
             return
         if waited_s >= values["lockstep_timeout_s"]:
-            self.get_logger().error(f"{what}; tick repeated")
+            self.get_logger().error(f"{text}; tick repeated")
         self._send()
         self._report()
 
@@ -347,11 +347,11 @@ class PlantNode(ManagedNode):
     def _why_not(self, values: dict[str, Any]) -> str | None:
         """Why parameters contradict each other; None if they do not."""
         before = self.emulator.config if self.is_configured else None
-        why = problem(lambda given: PlantConfig.from_values(given, before), values)
+        why = problem(lambda changed: PlantConfig.from_values(changed, before), values)
         scenario = values["scenario"]
         if why or (self.is_configured and scenario == self._scenario):
             return why
-        return problem(lambda given: PlantSchedule.from_text_or_file(given["scenario"]), values)
+        return problem(lambda new: PlantSchedule.from_text_or_file(new["scenario"]), values)
 
     def _on_parameters(self, values: dict[str, Any]) -> None:
         if not self.is_configured:
@@ -364,12 +364,12 @@ class PlantNode(ManagedNode):
             self._writers.set_sources()
 
 
-def _lacking(publishers: Iterable[Publisher], wanted: int) -> list[str]:
+def _lacking(publishers: Iterable[Publisher], required: int) -> list[str]:
     """Missing subscribers, as a text."""
     return [
-        f"{wanted - count} more subscribers of {publisher.topic_name}"
+        f"{required - count} more subscribers of {publisher.topic_name}"
         for publisher in publishers
-        if (count := publisher.get_subscription_count()) < wanted
+        if (count := publisher.get_subscription_count()) < required
     ]
 
 

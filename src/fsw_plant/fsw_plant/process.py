@@ -1,4 +1,4 @@
-"""What a plant's process needs: the paper's model, or a canister's heat instead of (16)."""
+"""The plant's process: the paper's model, or a canister's heat instead of (16)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _reduced: dict[CanisterParameters, CompactCanister] = {}
 
 
 def prepare(config: PlantConfig, progress: Progress | None = None) -> None:
-    """Prepare what is slow before the first tick: for a canister, its compact model."""
+    """Prepare slow parts before the first tick: a canister's compact model."""
     if config.canister is not None:
         reduced(config.canister, progress)
 

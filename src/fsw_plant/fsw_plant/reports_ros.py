@@ -10,7 +10,7 @@ from fsw_plant.watchdog import WatchdogState
 
 
 class Note(Worded):
-    """What the plant says of its parts."""
+    """Diagnostics of the plant's parts."""
 
     NO_SUBSCRIBERS = "no_subscribers", "first tick waits for subscribers"
     UNANSWERED = "unanswered", "no command answers the last tick"

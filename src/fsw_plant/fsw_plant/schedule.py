@@ -27,11 +27,11 @@ class EventEntry(Model):
     @model_validator(mode="after")
     def _check_kind(self) -> EventEntry:
         kinds = list(EventEntry.model_fields)[1:]
-        given = [kind for kind in kinds if getattr(self, kind) is not None]
-        if len(given) != 1:
+        present = [kind for kind in kinds if getattr(self, kind) is not None]
+        if len(present) != 1:
             raise ValueError(
                 f"needs exactly one of {', '.join(kinds)}, "
-                f"has {' and '.join(given) or 'none of them'}"
+                f"has {' and '.join(present) or 'none of them'}"
             )
         return self
 
@@ -86,8 +86,8 @@ class PlantSchedule:
     @classmethod
     def of(cls, entries: Iterable[EventEntry], path: Sequence[Waypoint] = ()) -> PlantSchedule:
         """The schedule of a scenario's events, without those that are not for the plant."""
-        found = (entry.plant_event() for entry in entries)
-        return cls((event for event in found if event is not None), path)
+        planned = (entry.plant_event() for entry in entries)
+        return cls((event for event in planned if event is not None), path)
 
     @classmethod
     def from_yaml(cls, text: str, where: str = "scenario") -> PlantSchedule:

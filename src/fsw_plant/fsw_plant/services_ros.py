@@ -50,10 +50,10 @@ class PlantServices:
     ) -> SetDisturbance.Response:
         def act() -> Fact:
             amplitude = units.from_si(request.amplitude, amplitude_unit(request.channel))
-            wanted = disturbance(
+            requested = disturbance(
                 request.channel, request.shape, amplitude, request.duration, request.period
             )
-            self._plant.begin(wanted)
+            self._plant.begin(requested)
             return Fact.of(Done.BEGINS, target=request.channel, kind=request.shape)
 
         self._answer(response, f"disturbance, amplitude {request.amplitude:g}", act)

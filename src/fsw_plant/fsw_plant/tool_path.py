@@ -58,12 +58,10 @@ class ToolPath:
 
     def __init__(self, points: Sequence[Waypoint], steady: Motion) -> None:
         self._steady = steady if not points else None
-        self._at_s = [one.at_s for one in points]
-        self._axial_mm = [one.axial_mm for one in points]
+        self._at_s = [point.at_s for point in points]
+        self._axial_mm = [point.axial_mm for point in points]
         # one number per section of the path: the canister makes new matrices for each speed
-        self._speeds = [
-            (two.arc_mm - one.arc_mm) / (two.at_s - one.at_s) for one, two in pairwise(points)
-        ]
+        self._speeds = [(b.arc_mm - a.arc_mm) / (b.at_s - a.at_s) for a, b in pairwise(points)]
 
     @classmethod
     def of(cls, points: Sequence[Waypoint], config: PlantConfig) -> ToolPath:

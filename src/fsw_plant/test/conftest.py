@@ -33,8 +33,12 @@ class Graph(Spinner):
         from fsw_plant.plant_node import PlantNode
 
         patient = {"discovery_s": 0.0, "lockstep_timeout_s": PATIENCE_S, "lockstep_give_up_s": 0.0}
-        given = patient | {name.replace("__", "."): value for name, value in parameters.items()}
-        settings = [text for name, value in given.items() for text in ("-p", f"{name}:={value}")]
+        overrides = patient | {
+            name.replace("__", "."): value for name, value in parameters.items()
+        }
+        settings = [
+            text for name, value in overrides.items() for text in ("-p", f"{name}:={value}")
+        ]
         rclpy.init(args=["test", "--ros-args", *arguments, *settings], domain_id=self.domain)
         self.peer = Peer(rclpy.create_node("peer", use_global_arguments=False), answer)
         super().__init__()

@@ -73,7 +73,7 @@ CONTRADICTION = ("", "value_error")
         ("[1]", ("", "model_type"), ""),
     ],
 )
-def test_what_is_no_canister_is_refused_in_one_line(
+def test_invalid_canister_is_rejected_in_one_line(
     text: str, problem: tuple[str, str] | None, fact: str
 ) -> None:
     with pytest.raises(InputError) as caught:
@@ -82,7 +82,7 @@ def test_what_is_no_canister_is_refused_in_one_line(
     assert fact in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_yaml_gives_what_differs(tmp_path: Path) -> None:
+def test_yaml_overrides_defaults(tmp_path: Path) -> None:
     path = tmp_path / "canister.yaml"
     path.write_text("wall_mm: 51.0\nlid_mm: 45\n")
     p = CanisterParameters.from_file(path)

@@ -51,7 +51,7 @@ def test_the_tool_meets_the_copper_a_dead_time_late(block, dead_time_s, met):
     assert second == pytest.approx(first + rate)
 
 
-def test_the_thermocouple_lags_by_the_tool_behind_what_it_meets(block):
+def test_thermocouple_lags_the_met_temperature_by_the_tool(block):
     p, plant = ModelParameters(), plant_of(**{"start.power_kw": 50.0})
     advance(plant, 1)
     copper = copper_c(plant)
@@ -164,7 +164,7 @@ def test_a_held_programme_keeps_the_tool_and_the_events_and_a_jump_moves_them(bl
     assert plant.truth().depth_disturbance_mm == pytest.approx(0.01)
 
 
-def test_what_is_late_of_the_programme_is_taken_for_its_tick(block):
+def test_late_programme_report_counts_for_its_tick(block):
     plant = plant_of(PATH)
     advance(plant, 4)
     plant.follow_programme(0.3, standing=False, age_ticks=2)

@@ -190,9 +190,7 @@ def test_wrong_events(events, path, kind, fact):
         (fault, ("nose", "bias", 1.0), "sensor", "literal_error", "depth"),
     ],
 )
-def test_what_is_asked_for_at_runtime_is_held_to_the_ranges_of_scenarios(
-    check, asked, path, kind, limits
-):
+def test_runtime_requests_obey_the_scenario_ranges(check, asked, path, kind, limits):
     with pytest.raises(InputError) as caught:
         check(*asked)
     assert caught.value.problems == (Problem(path, kind),)

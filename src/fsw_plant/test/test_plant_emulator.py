@@ -129,9 +129,9 @@ def test_inertia_spike_is_in_the_sensor_and_not_in_the_truth_or_the_process():
 
 def test_same_seed_same_run_and_other_seed_other_noise():
     hold = [PlantEmulator().applied] * 1500  # longer than a block of random numbers
-    one, two, other = (values_of(run(plant_of(seed=seed), hold)) for seed in (7, 7, 8))
-    assert one == two
-    assert all(a != b for a, b in zip(one, other, strict=True))
+    first, same, other = (values_of(run(plant_of(seed=seed), hold)) for seed in (7, 7, 8))
+    assert first == same
+    assert all(a != b for a, b in zip(first, other, strict=True))
 
 
 def test_noise_has_the_size_of_the_settings():
@@ -159,15 +159,15 @@ def temperatures(readings):
     return [r.samples["thermocouple"][0].value for r in readings]
 
 
-def test_slow_probe_starts_at_rest_and_hides_what_the_truth_tells():
+def test_slow_probe_starts_at_rest_and_lags_the_truth():
     plant, quick = (plant_of(noise=False, sensors=sensors) for sensors in (SLOW, {}))
     hold = [plant.applied] * 10
     assert temperatures(run(plant, hold)) == pytest.approx(
         temperatures(run(quick, hold)), abs=1e-6
     )
     start_c = quick.truth().temperature_c
-    for one in (plant, quick):
-        one.begin(disturbance("temperature", "step", 10.0))
+    for each in (plant, quick):
+        each.begin(disturbance("temperature", "step", 10.0))
     shown = temperatures(run(plant, hold * 5))
     assert temperatures(run(quick, hold * 5))[0] == pytest.approx(start_c + 10.0, abs=1e-6)
     expected = [start_c + 10.0 * (1.0 - exp(-0.1 * tick / 2.0)) for tick in range(50)]
@@ -189,7 +189,7 @@ def test_slow_probe_feels_a_disturbance_until_the_next_tick():
 
 
 @pytest.mark.parametrize("kind", ["nan", "freeze", "dropout"])
-def test_slow_probe_goes_on_beneath_a_fault(kind):
+def test_slow_probe_continues_during_a_fault(kind):
     plant, faulty = (plant_of(sensors=SLOW) for _ in range(2))
     harder = [Command(plant.applied.force_kn, plant.applied.speed_rpm + 20.0)] * 60
     faulty.begin(fault("thermocouple", kind, duration_s=3.0))
@@ -339,7 +339,7 @@ def test_events_act_at_their_tick():
     )
 
 
-def test_drives_report_what_acts_with_its_disturbance():
+def test_drive_feedback_includes_the_disturbance():
     plant = plant_of(noise=False, actuators={"lag_s": 0.0})
     plant.begin(disturbance("axial_force", "step", 3.0))
     plant.begin(disturbance("spindle_speed", "step", -5.0))

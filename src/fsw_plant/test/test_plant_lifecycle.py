@@ -96,6 +96,8 @@ def test_it_says_why_it_cannot_be_activated_beside_another(graph, capfd):
 
 def test_how_much_of_the_truth_is_kept_may_be_overridden(graph):
     graph.start("-p", "qos_overrides./fsw/plant/truth.publisher.depth:=3", connected=False)
-    depths = {one.topic_name: one.qos_profile.depth for one in graph.plant.publishers}
+    depths = {
+        publisher.topic_name: publisher.qos_profile.depth for publisher in graph.plant.publishers
+    }
     assert (depths["/fsw/plant/truth"], depths["/fsw/drives"]) == (3, SENT.depth)
     assert not graph.plant.has_parameter("qos_overrides./fsw/plant/truth.publisher.reliability")

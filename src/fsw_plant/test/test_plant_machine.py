@@ -40,13 +40,13 @@ def test_one_sensor_unless_the_machine_has_more():
 
 
 def test_neutral_machine_with_more_sensors_shows_and_does_the_same():
-    one, four = PlantEmulator(PlantConfig.from_values({"noise": False})), emulator()
+    single, four = PlantEmulator(PlantConfig.from_values({"noise": False})), emulator()
     for k in range(50):
-        readings = one.measure(), four.measure()
+        readings = single.measure(), four.measure()
         assert readings[0].values["torque"] == readings[1].values["torque"]
         depth_mm = readings[0].values["depth"]
         assert all(readings[1].values[name] == depth_mm for name in DEPTH_CHANNELS)
-        for plant in (one, four):
+        for plant in (single, four):
             plant.apply(Command(78.4 + 0.1 * k, 407.0))
             plant.step()
 

@@ -160,7 +160,7 @@ def test_a_scenario_that_is_set_later_may_have_a_path_to_follow(graph):
     graph.until(lambda: graph.plant.emulator.travel.lag_s != 0.0)
 
 
-def test_refused_commands_are_counted_and_never_applied_and_lockstep_goes_on(graph):
+def test_refused_commands_are_counted_and_lockstep_continues(graph):
     def answer(tick, stamp):
         bad = {
             2: {"force_kn": math.nan},
@@ -192,7 +192,7 @@ def test_lockstep_waits_for_a_player_while_there_is_one(graph, monkeypatch):
     monkeypatch.setattr(
         Publisher,
         "wait_for_all_acked",
-        lambda *given: awaited.append(graph.plant.emulator.tick) or wait(*given),
+        lambda *arguments: awaited.append(graph.plant.emulator.tick) or wait(*arguments),
     )
 
     def answer(tick, stamp):
@@ -219,7 +219,7 @@ def test_lockstep_waits_for_a_player_while_there_is_one(graph, monkeypatch):
     assert set(awaited) == {9}
 
 
-def test_lockstep_goes_on_without_a_player_that_hangs(graph):
+def test_lockstep_continues_without_a_hanging_player(graph):
     player = None
 
     def answer(tick, stamp):
@@ -307,7 +307,7 @@ def counts(peer):
     }
 
 
-def test_silent_lockstep_is_reported_sent_again_and_goes_on(graph):
+def test_silent_lockstep_is_reported_and_the_tick_repeated(graph):
     peer = graph.start(speed=0.0, lockstep_timeout_s=0.2)
     graph.until(
         lambda: (
@@ -514,7 +514,7 @@ def test_first_tick_waits_for_subscribers(graph):
 
 
 @pytest.mark.requirement("S11")
-def test_with_two_publishers_of_commands_only_known_sources_are_obeyed(graph):
+def test_two_command_publishers_restrict_the_sources(graph):
     peer = graph.start(speed=50.0, noise="false", watchdog__timeout_s=60.0)
     states = peer.node.create_publisher(SupervisorState, "fsw/supervisor/state", LATEST)
     graph.until(lambda: states.get_subscription_count() == 1)
@@ -614,5 +614,5 @@ def test_second_plant_is_refused(graph):
 )
 def test_wrong_parameters_end_the_start_with_one_line(domain_id, capfd, parameter, words):
     assert main(["plant", "--ros-args", "-p", parameter]) == 2
-    told = "".join(capfd.readouterr())
-    assert words in told and told.count("\n") == 1, told
+    printed = "".join(capfd.readouterr())
+    assert words in printed and printed.count("\n") == 1, printed

@@ -138,8 +138,8 @@ def test_noise_decays_with_its_correlation_time(correlation_s):
     assert noise.std() == pytest.approx(2.0, rel=0.05)
     assert abs(noise.mean()) < 0.15
     for ticks in (1, 5, 20):
-        found = np.mean(noise[ticks:] * noise[:-ticks]) / np.mean(noise**2)
-        assert found == pytest.approx(
+        correlation = np.mean(noise[ticks:] * noise[:-ticks]) / np.mean(noise**2)
+        assert correlation == pytest.approx(
             exp(-0.1 * ticks / correlation_s) if correlation_s else 0.0, abs=0.06
         )
 
@@ -151,7 +151,7 @@ def test_correlated_noise_is_stationary_from_the_first_sample():
     assert np.corrcoef(first, second)[0, 1] == pytest.approx(exp(-0.02), abs=0.01)
 
 
-def test_noise_that_becomes_correlated_goes_on_from_where_it_is():
+def test_correlated_noise_continues_from_its_value():
     sensor = Sensor(1, 0, Noise(1.0))
     before = [sensor.read(0.0) for _ in range(3)][-1]
     sensor.configure(Noise(1.0, 0.0, 600.0))
@@ -174,7 +174,7 @@ def test_probe_follows_steps_and_ramps_exactly():
 
 
 @given(st.floats(0.0, 60.0), st.lists(st.floats(500.0, 1000.0), min_size=2, max_size=30))
-def test_probe_stays_within_what_it_has_met(lag_s, around):
+def test_probe_stays_within_past_temperatures(lag_s, around):
     probe = Probe(lag_s, around[0])
     for value in around:
         probe.advance(value)

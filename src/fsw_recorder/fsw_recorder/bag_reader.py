@@ -230,19 +230,19 @@ class BagReader:
 
     def topics(self) -> dict[str, RecordedTopic]:
         """Topics by name; the first description of a topic counts."""
-        found: dict[str, RecordedTopic] = {}
+        topics: dict[str, RecordedTopic] = {}
         for part in self._parts:
             for topic in part.topics():
-                found.setdefault(topic.name, topic)
-        return found
+                topics.setdefault(topic.name, topic)
+        return topics
 
     def attachments(self) -> list[Attachment]:
         """Attached files; the first one of a name counts."""
-        found: dict[str, Attachment] = {}
+        attachments: dict[str, Attachment] = {}
         for part in self._parts:
             for attachment in part.attachments:
-                found.setdefault(attachment.name, attachment)
-        return list(found.values())
+                attachments.setdefault(attachment.name, attachment)
+        return list(attachments.values())
 
     def close(self) -> None:
         """Close the files; reading is then no longer possible."""

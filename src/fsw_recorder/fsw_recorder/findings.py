@@ -115,7 +115,7 @@ class Code(Worded):
 
 
 class Unchecked(Worded):
-    """What a check does not cover; no fault."""
+    """Limits of a check; not faults."""
 
     BAG_DAMAGED = "bag_damaged", "{problem}; what was lost is not known"
     CLOCK_UNKNOWN = (

@@ -1,8 +1,8 @@
 """The manifest of a bag: SHA-256 of every file and piece, so that damage is located to the chunk.
 
 The recorder hashes data as it writes them. A manifest can also be made afterwards for a bag
-without one, and then says so: what happened to the files before is unknown. It also
-says how far the system's clock could be trusted.
+without one and is then marked so: earlier changes to the files are unknown. It also
+states how far the system's clock could be trusted.
 """
 
 from __future__ import annotations
@@ -202,9 +202,9 @@ def file_pieces(data: Buffer) -> Iterator[Piece]:
     if data[: len(MAGIC)] == MAGIC:
         yield from record_pieces(data, len(MAGIC))
         return
-    for at in range(0, len(data), PIECE_BYTES):
-        piece = data[at : at + PIECE_BYTES]
-        yield Piece(kind="other", end=at + len(piece), sha256=sha256(piece))
+    for offset in range(0, len(data), PIECE_BYTES):
+        piece = data[offset : offset + PIECE_BYTES]
+        yield Piece(kind="other", end=offset + len(piece), sha256=sha256(piece))
 
 
 def mapped(path: Path) -> Buffer:

@@ -91,19 +91,19 @@ def check_file(path: Path, listed: FileManifest) -> list[Finding]:
 
 def proven_pieces(data: Buffer, listed: FileManifest) -> dict[int, tuple[int, int]]:
     """Unchanged pieces of the manifest in a file, by index, with their begin and end there."""
-    found: dict[int, tuple[int, int]] = {}
+    extents: dict[int, tuple[int, int]] = {}
     begin = 0
     for row, piece in enumerate(listed.pieces):
         if piece.end <= len(data) and sha256(data[begin : piece.end]) == piece.sha256:
-            found[row] = (begin, piece.end)
+            extents[row] = (begin, piece.end)
         begin = piece.end
-    if len(found) < len(listed.pieces):  # data behind a removed or inserted part has moved
+    if len(extents) < len(listed.pieces):  # data behind a removed or inserted part has moved
         ends = {0: ""} | {piece.end: piece.sha256 for piece in file_pieces(data)}
         moved = {ends[end]: (begin, end) for begin, end in pairwise(ends)}
         for row, piece in enumerate(listed.pieces):
-            if row not in found and piece.sha256 in moved:
-                found[row] = moved[piece.sha256]
-    return found
+            if row not in extents and piece.sha256 in moved:
+                extents[row] = moved[piece.sha256]
+    return extents
 
 
 def place_of(pieces: Sequence[Piece], rows: Sequence[int]) -> Place:

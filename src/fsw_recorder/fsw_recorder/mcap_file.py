@@ -101,9 +101,9 @@ class McapFile:
         size = len(self._data)
         is_whole, is_finished = True, False
         run: _Piece | None = None
-        at = len(MAGIC)
-        for opcode, begin, end in frames(self._data, at, size):
-            at = min(end, size)
+        offset = len(MAGIC)
+        for opcode, begin, end in frames(self._data, offset, size):
+            offset = min(end, size)
             if opcode == DAMAGED:
                 is_whole = False
                 self._add_problem(f"damaged: bytes {begin} to {end} are left out")
@@ -128,7 +128,7 @@ class McapFile:
                 self._take(opcode, self._data[begin:end])
         if not is_finished and is_whole:
             self._add_problem(
-                f"not finished (recorder killed or disk full?); read up to byte {at}"
+                f"not finished (recorder killed or disk full?); read up to byte {offset}"
             )
         return is_whole and is_finished
 
@@ -232,18 +232,18 @@ class McapFile:
     def _read(self, piece: _Piece, topics: Collection[str] | None) -> list[BagRecord]:
         """Messages of a chunk or run in file order; its schemas and channels are registered."""
         data: Buffer = self._data
-        at, stop = piece.begin, piece.end
+        offset, stop = piece.begin, piece.end
         if piece.uncompressed_size >= 0:
             try:
-                data = _content(data[at:stop], piece)
+                data = _content(data[offset:stop], piece)
             except _DAMAGE as error:
                 self._add_problem(f"the chunk at byte {piece.begin} is left out: {error}")
                 return []
-            at, stop = 0, len(data)
+            offset, stop = 0, len(data)
 
         records: list[BagRecord] = []
         selected = self._wanted(topics)
-        for opcode, begin, end in frames(data, at, stop):
+        for opcode, begin, end in frames(data, offset, stop):
             if opcode == DAMAGED and not piece.is_cut:
                 self._add_problem(
                     f"damaged: {end - begin} bytes of the chunk at byte {piece.begin} are left out"

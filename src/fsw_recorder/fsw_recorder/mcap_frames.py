@@ -51,34 +51,34 @@ _CANDIDATE = re.compile(rb"(?=[\x03-\x07\x09\x0c\x0f].{4}\0{4})", re.DOTALL)
 _CHAIN = 3
 
 
-def frames(data: Buffer, at: int, stop: int) -> Iterator[tuple[int, int, int]]:
+def frames(data: Buffer, offset: int, stop: int) -> Iterator[tuple[int, int, int]]:
     """Records between two offsets: type, begin and end of the body; the last may be truncated.
 
     Skipped bytes have the type `DAMAGED`.
     """
     unpack = _FRAME.unpack_from
-    while at + HEAD_BYTES <= stop:
-        opcode, length = unpack(data, at)
-        end = at + HEAD_BYTES + length
+    while offset + HEAD_BYTES <= stop:
+        opcode, length = unpack(data, offset)
+        end = offset + HEAD_BYTES + length
         possible = _LEAST.get(opcode, _NEVER) <= length
         if possible and end <= stop and (end + HEAD_BYTES > stop or _is_frame(data, end, stop)):
-            yield opcode, at + HEAD_BYTES, end
-            at = end
+            yield opcode, offset + HEAD_BYTES, end
+            offset = end
             continue
         # The length of this frame or the head of the next one is damaged, or the file is
         # truncated inside this frame.
         trusted = (
-            possible and opcode == Opcode.CHUNK and chunk_data(data, at + HEAD_BYTES)[2] == end
+            possible and opcode == Opcode.CHUNK and chunk_data(data, offset + HEAD_BYTES)[2] == end
         )
-        further = _next_frame(data, end if trusted else at + 1, stop)
+        further = _next_frame(data, end if trusted else offset + 1, stop)
         if possible and (trusted or further is None or further >= end):
-            yield opcode, at + HEAD_BYTES, end
-            at = end
+            yield opcode, offset + HEAD_BYTES, end
+            offset = end
         if further is None:
             further = stop
-        if further > at:
-            yield DAMAGED, at, further
-            at = further
+        if further > offset:
+            yield DAMAGED, offset, further
+            offset = further
 
 
 def chunk_data(data: Buffer, begin: int) -> tuple[str, int, int]:
@@ -94,32 +94,32 @@ def chunk_data(data: Buffer, begin: int) -> tuple[str, int, int]:
     )
 
 
-def _is_frame(data: Buffer, at: int, stop: int) -> bool:
+def _is_frame(data: Buffer, offset: int, stop: int) -> bool:
     """Whether a frame with a plausible length begins here."""
-    opcode, length = _FRAME.unpack_from(data, at)
+    opcode, length = _FRAME.unpack_from(data, offset)
     if _LEAST.get(opcode, _NEVER) > length:
         return False
-    end = at + HEAD_BYTES + length
-    if end <= stop or (opcode == Opcode.CHUNK and chunk_data(data, at + HEAD_BYTES)[2] == end):
+    end = offset + HEAD_BYTES + length
+    if end <= stop or (opcode == Opcode.CHUNK and chunk_data(data, offset + HEAD_BYTES)[2] == end):
         return True
-    return _next_frame(data, at + 1, stop) is None  # truncated
+    return _next_frame(data, offset + 1, stop) is None  # truncated
 
 
-def _next_frame(data: Buffer, at: int, stop: int) -> int | None:
-    """First offset from ``at`` on with several consecutive frames; None if there is none."""
-    places = (match.start() for match in _CANDIDATE.finditer(data, min(at, stop), stop))
+def _next_frame(data: Buffer, offset: int, stop: int) -> int | None:
+    """First position from ``offset`` on with several consecutive frames; None if not found."""
+    places = (match.start() for match in _CANDIDATE.finditer(data, min(offset, stop), stop))
     return next((place for place in places if _is_chain(data, place, stop)), None)
 
 
-def _is_chain(data: Buffer, at: int, stop: int) -> bool:
-    """Whether enough frames follow from ``at`` on, or all up to the end if that is near."""
+def _is_chain(data: Buffer, offset: int, stop: int) -> bool:
+    """Whether enough frames follow from ``offset`` on, or all up to the end if that is near."""
     for link in range(_CHAIN):
-        if at + HEAD_BYTES > stop:
-            return at == stop or link > 1
-        opcode, length = _FRAME.unpack_from(data, at)
+        if offset + HEAD_BYTES > stop:
+            return offset == stop or link > 1
+        opcode, length = _FRAME.unpack_from(data, offset)
         if not _LEAST.get(opcode, _NEVER) <= length <= MAX_CHUNK_BYTES:
             return False
-        at += HEAD_BYTES + length
-        if at > stop:
+        offset += HEAD_BYTES + length
+        if offset > stop:
             return link > 1
     return True

@@ -14,16 +14,16 @@ _TRIES = 30
 
 
 class ParameterSnapshots:
-    """Requests the parameters of each ``wanted`` node (by full name) once.
+    """Requests the parameters of each node that ``selects`` accepts (by full name) once.
 
-    ``found`` is called with the full name and the parameters as the YAML of a ROS parameter file.
+    ``report`` is called with the full name and the parameters as the YAML of a ROS parameter file.
     """
 
     def __init__(
-        self, node: Node, found: Callable[[str, str], None], wanted: Callable[[str], bool]
+        self, node: Node, report: Callable[[str, str], None], selects: Callable[[str], bool]
     ) -> None:
         self._node = node
-        self._found, self._wanted = found, wanted
+        self._report, self._selects = report, selects
         self._waiting: dict[str, tuple[Any, Any, int]] = {}
         self._known = {node.get_fully_qualified_name()}
 
@@ -31,7 +31,7 @@ class ParameterSnapshots:
         """Query new nodes, and those without parameter services so far; call it regularly."""
         for name, namespace in self._node.get_node_names_and_namespaces():
             full_name = f"{namespace.rstrip('/')}/{name}"
-            if full_name not in self._known and self._wanted(full_name):
+            if full_name not in self._known and self._selects(full_name):
                 self._known.add(full_name)
                 lister = self._node.create_client(ListParameters, f"{full_name}/list_parameters")
                 getter = self._node.create_client(GetParameters, f"{full_name}/get_parameters")
@@ -50,17 +50,17 @@ class ParameterSnapshots:
             names = list(future.result().result.names) if future.exception() is None else []
             if names:
                 answer = getter.call_async(GetParameters.Request(names=names))
-                answer.add_done_callback(lambda future: got(names, future))
+                answer.add_done_callback(lambda future: on_values(names, future))
             else:
                 self._forget(lister, getter)
 
-        def got(names: list[str], future: Any) -> None:
+        def on_values(names: list[str], future: Any) -> None:
             if future.exception() is None:
                 values = [
                     _plain(parameter_value_to_python(value)) for value in future.result().values
                 ]
                 contents = {full_name: {"ros__parameters": dict(zip(names, values, strict=False))}}
-                self._found(full_name, yaml.safe_dump(contents, allow_unicode=True))
+                self._report(full_name, yaml.safe_dump(contents, allow_unicode=True))
             self._forget(lister, getter)
 
         lister.call_async(ListParameters.Request()).add_done_callback(listed)

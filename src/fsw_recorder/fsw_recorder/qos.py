@@ -75,7 +75,7 @@ def missing_requests(offers: Sequence[Qos], present: Sequence[Qos], depth: int) 
     """
     requests = list(present)
     for offer in sorted(
-        offers, key=lambda one: (-is_reliable(one) - is_latched(one), -one.depth, repr(one))
+        offers, key=lambda qos: (-is_reliable(qos) - is_latched(qos), -qos.depth, repr(qos))
     ):
         reliable, latched = is_reliable(offer), is_latched(offer)
         if not any(

@@ -52,7 +52,7 @@ _POLL_PERIOD_S = 0.01
 
 
 class Note(Worded):
-    """What the recorder says of itself."""
+    """Diagnostics of the recorder."""
 
     RECORDING = "recording", "recording"
     PAUSED = "paused", "paused"
@@ -163,19 +163,19 @@ class RecorderNode(ManagedNode):
         options = WriterOptions(
             **{field.name: values[field.name] for field in fields(WriterOptions)}
         )
-        wanted = folder = output_folder(values["output"], datetime.now())
+        requested = folder = output_folder(values["output"], datetime.now())
         if values["number_if_taken"] or not values["output"] or self._recorded:
-            folder = free_sibling(wanted)
-        if folder != wanted:
-            custom["continues"] = wanted.name
+            folder = free_sibling(requested)
+        if folder != requested:
+            custom["continues"] = requested.name
         return _Bag(folder, options, custom, attachments)
 
     def _make_writer(self) -> BagWriter:
         bag = self._planned()
         if "continues" in bag.custom:
-            wanted = bag.folder.with_name(bag.custom["continues"])
+            requested = bag.folder.with_name(bag.custom["continues"])
             self.get_logger().warning(
-                f"{wanted} exists already and is left unchanged: recording continues beside it"
+                f"{requested} exists already and is left unchanged: recording continues beside it"
             )
         writer = BagWriter(bag.folder, bag.options, bag.custom)
         writer.is_paused = self._values["start_paused"]
@@ -269,7 +269,7 @@ class RecorderNode(ManagedNode):
         self.get_logger().info(f"subscribed to {name} [{type_name}]")
 
     def _poll(self) -> None:
-        """Write what has been received."""
+        """Write the received messages."""
         for subscription in self.subscriptions_by_topic.values():
             subscription.poll()
 
@@ -284,13 +284,13 @@ class RecorderNode(ManagedNode):
         if self._snapshots is not None and error is None:
             self._snapshots.look_for_nodes()
         counters, lost = self.writer.statistics(), self._lost()
-        level, what = OK, Fact.of(Note.PAUSED if self.writer.is_paused else Note.RECORDING)
+        level, fact = OK, Fact.of(Note.PAUSED if self.writer.is_paused else Note.RECORDING)
         if lost or counters["dropped"] or self._left_out:
-            level, what = WARN, Fact.of(Note.INCOMPLETE)
+            level, fact = WARN, Fact.of(Note.INCOMPLETE)
         if self._awaited:
-            level, what = WARN, Fact.of(Note.AWAITED, topics=tuple(self._awaited))
+            level, fact = WARN, Fact.of(Note.AWAITED, topics=tuple(self._awaited))
         if error is not None:
-            level, what = ERROR, Fact.of(Note.FAILED, error=str(error))
+            level, fact = ERROR, Fact.of(Note.FAILED, error=str(error))
         values = {
             "bag": self.writer.folder,
             "topics": len(self.subscriptions_by_topic),
@@ -299,11 +299,11 @@ class RecorderNode(ManagedNode):
             **{f"lost {topic}": count for topic, count in lost.items()},
             **{f"left out {topic}": reason for topic, reason in self._left_out.items()},
         }
-        self._diagnostics.publish([Report("recording", level, what, values)])
+        self._diagnostics.publish([Report("recording", level, fact, values)])
 
     def _lost(self) -> dict[str, int]:
         """Messages that are missing by their numbers, by topic."""
-        return {name: one.lost for name, one in self.subscriptions_by_topic.items() if one.lost}
+        return {name: sub.lost for name, sub in self.subscriptions_by_topic.items() if sub.lost}
 
     def _finish(self) -> None:
         """Finish the bag with all received messages; report its content or its defects."""

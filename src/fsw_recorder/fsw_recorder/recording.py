@@ -36,11 +36,11 @@ _MEDIA_TYPES = {
 }
 
 
-def output_folder(wanted: str, now: datetime) -> Path:
+def output_folder(requested: str, now: datetime) -> Path:
     """Folder of the bag; by default named after the start time of the recording."""
     return (
-        Path(wanted).expanduser()
-        if wanted
+        Path(requested).expanduser()
+        if requested
         else Path("out") / now.strftime("weld_%Y_%m_%d-%H_%M_%S")
     )
 

@@ -103,11 +103,11 @@ def _write_metadata(folder: Path, custom_data: dict[str, str], source: str) -> i
         summaries = {path.name: FileSummary(path.name) for path in sorted(folder.glob("*.mcap"))}
         topics = list(reader.topics().values())
     messages = 0
-    for name, one in summaries.items():
+    for name, summary in summaries.items():
         with BagReader(folder / name) as reader:
             for record in reader.records():
-                one.note(record.topic, record.log_time_ns)
-        messages += one.counts.total()
+                summary.note(record.topic, record.log_time_ns)
+        messages += summary.counts.total()
     text = metadata_text(
         list(summaries.values()), topics, {**custom_data, "recovered_from": source}
     )

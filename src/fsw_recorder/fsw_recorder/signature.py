@@ -70,7 +70,7 @@ class KeyList(Model):
 
 
 class Stated(Model):
-    """What is stated about files: the predicate of their signature."""
+    """Statement about files: the predicate of their signature."""
 
     signed_at: Annotated[AwareDatetime, Strict(False)]
     """by the clock of the computer that signed"""
@@ -207,7 +207,7 @@ def open_envelope(
 
     try:
         signed = Envelope.from_dict(json.loads(data))
-        # The key id is the key itself, so the signature needs no other proof of whose it is:
+        # The key id is the key itself, so the signature itself proves its owner:
         # the envelope is verified with the key that it names, and only then that key is trusted.
         (line,) = signed.signatures
         signed.verify([_library_key(line)], 1)
@@ -235,7 +235,7 @@ def signer_of(
 ) -> Signer | None:
     """Signer of a file, by the signature beside it; None if it is not signed.
 
-    Without ``trusted`` keys any will do, and none where a signature is ``required``.
+    Without ``trusted`` keys any key is accepted, unless a signature is ``required``.
 
     Raises
     ------
@@ -295,7 +295,7 @@ def check_trust(
 
 
 def _library_key(line: str) -> SSlibKey:
-    """Convert OpenSSH's public key for securesystemslib; ValueError if it is none."""
+    """Convert OpenSSH's public key for securesystemslib; ValueError if it is not one."""
     _EXTRA.need("signatures")
     from cryptography.hazmat.primitives.serialization import load_ssh_public_key
     from securesystemslib.signer import SSlibKey

@@ -101,7 +101,7 @@ class TopicSubscription:
             with subscription.handle:
                 for _ in range(
                     self._depth
-                ):  # others come meanwhile: they must not keep it from everything else
+                ):  # others come meanwhile: they must not starve everything else
                     taken = subscription.handle.take_message(self._kind, True)
                     if taken is None:
                         break

@@ -44,40 +44,42 @@ def test_commands_run_in_order_with_the_bag_in_their_words(tmp_path: Path) -> No
     ],
 )
 def test_a_failure_is_one_line_and_ends_it(tmp_path: Path, command: str, said: str) -> None:
-    found = run([command, f'{PYTHON} \'open("{tmp_path}/late", "w")\''], tmp_path)
-    assert said in found and "\n" not in found and LOG_NAME in found
+    failure = run([command, f'{PYTHON} \'open("{tmp_path}/late", "w")\''], tmp_path)
+    assert said in failure and "\n" not in failure and LOG_NAME in failure
     assert not (tmp_path / "late").exists()
 
 
 @pytest.mark.parametrize(
     ("command", "said"), [("echo 'x", "No closing quotation"), (" ", "is empty")]
 )
-def test_what_is_no_command_is_refused_at_the_start(command: str, said: str) -> None:
+def test_invalid_on_finished_command_is_refused_at_start(command: str, said: str) -> None:
     with pytest.raises(BagError, match=said):
         check([command])
 
 
-def test_who_reads_the_bag_waits_for_what_runs_and_within_it_does_not(
+def test_readers_wait_for_running_commands_except_from_within(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told: list[str] = []
-    wait(tmp_path, told.append)  # a bag without commands
+    messages: list[str] = []
+    wait(tmp_path, messages.append)  # a bag without commands
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     process = start([f"{PYTHON} 'open(\"{pipe}\").read()'"], tmp_path)
 
     def let_it_end(text: str) -> None:
-        told.append(text)
+        messages.append(text)
         pipe.write_text("go on", encoding="utf-8")
 
     with monkeypatch.context() as within:
         within.setenv("FSW_AFTER_RECORDING", str(tmp_path))
-        wait(tmp_path, told.append)
-    assert not told
+        wait(tmp_path, messages.append)
+    assert not messages
     wait(tmp_path, let_it_end)
-    assert len(told) == 1 and "exit code 0" in (tmp_path / LOG_NAME).read_text(encoding="utf-8")
-    wait(tmp_path, told.append)
-    assert len(told) == 1 and process.wait() == 0
+    assert len(messages) == 1 and "exit code 0" in (tmp_path / LOG_NAME).read_text(
+        encoding="utf-8"
+    )
+    wait(tmp_path, messages.append)
+    assert len(messages) == 1 and process.wait() == 0
 
 
 @pytest.mark.slow
@@ -89,7 +91,7 @@ def test_the_recorder_starts_it_and_ends_at_once(graph: Any, tmp_path: Path) -> 
     )
     command = f"{PYTHON} \"{code}\" {{bag}} '{done}'"
     words = [f"output:={bag}", f"on_finished:={json.dumps([command])}"]
-    arguments = [word for one in words for word in ("-p", one)]
+    arguments = [word for setting in words for word in ("-p", setting)]
     publisher = graph.node.create_publisher(String, "/x", 10)
     program = graph.start("fsw_recorder.recorder_node", "--ros-args", *arguments)
     graph.until(lambda: publisher.get_subscription_count() or program.poll() is not None)
@@ -104,8 +106,8 @@ def test_the_recorder_starts_it_and_ends_at_once(graph: Any, tmp_path: Path) -> 
 
 
 def test_a_bag_that_was_moved_meanwhile_is_one_line(tmp_path: Path) -> None:
-    found = run([f"{PYTHON} 'exit(1)'"], tmp_path / "moved")
-    assert "failed (exit code 1)" in found and "\n" not in found
+    failure = run([f"{PYTHON} 'exit(1)'"], tmp_path / "moved")
+    assert "failed (exit code 1)" in failure and "\n" not in failure
     assert not (tmp_path / "moved").exists()
 
 

@@ -161,7 +161,7 @@ def test_chunk_that_expands_without_end(tmp_path: Path, announced: int) -> None:
         assert not read(tmp_path / "a.mcap", chunk_of(bomb, announced))
 
 
-def test_unknown_compression_is_told(tmp_path: Path) -> None:
+def test_unknown_compression_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_bytes(chunk_of(b"abc", 3, b"brotli"))
     with BagReader(path) as reader:
@@ -170,11 +170,15 @@ def test_unknown_compression_is_told(tmp_path: Path) -> None:
 
 
 def chunks_of(content: bytes) -> list[int]:
-    return [at for at in range(8, len(content) - 9) if content[at] == 6 and _is_chunk(content, at)]
+    return [
+        offset
+        for offset in range(8, len(content) - 9)
+        if content[offset] == 6 and _is_chunk(content, offset)
+    ]
 
 
 @pytest.mark.requirement("S23")
-def test_damaged_chunk_is_skipped_and_told(split_weld: bytes, tmp_path: Path) -> None:
+def test_damaged_chunk_is_skipped_and_reported(split_weld: bytes, tmp_path: Path) -> None:
     whole = read(tmp_path / "whole.mcap", split_weld)
     chunks = chunks_of(split_weld)
     content = bytearray(split_weld)
@@ -199,11 +203,11 @@ def test_damaged_head_of_a_chunk_costs_nothing(split_weld: bytes, tmp_path: Path
         assert any("damaged" in problem for problem in reader.problems)
 
 
-def _is_chunk(content: bytes, at: int) -> bool:
-    (length,) = struct.unpack_from("<Q", content, at + 1)
-    if not 40 < length < len(content) - at - 9:
+def _is_chunk(content: bytes, offset: int) -> bool:
+    (length,) = struct.unpack_from("<Q", content, offset + 1)
+    if not 40 < length < len(content) - offset - 9:
         return False
-    body = bytes(content[at + 9 : at + 9 + length])
+    body = bytes(content[offset + 9 : offset + 9 + length])
     size, crc = struct.unpack_from("<QI", body, 16)
     return size == length - 40 and zlib.crc32(body[40:]) == crc
 

@@ -23,7 +23,7 @@ from fsw_recorder.topic import RecordedTopic
 from fsw_test_support.bags import decode, decoder
 
 
-def test_genuine_bags_hold_what_ros2_bag_info_says(genuine_bag: Path) -> None:
+def test_genuine_bags_match_ros2_bag_info(genuine_bag: Path) -> None:
     text = (genuine_bag / "ros2_bag_info.txt").read_text()
     counts = {
         name: int(n) for name, n in re.findall(r"Topic: (\S+) \| Type: \S+ \| Count: (\d+)", text)
@@ -205,7 +205,7 @@ def test_messages_in_the_write_ahead_log_of_a_killed_recorder_are_read(
     writer.close()
 
 
-def test_missing_file_of_a_split_bag_is_told(genuine: Path, tmp_path: Path) -> None:
+def test_missing_file_of_a_split_bag_is_reported(genuine: Path, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     shutil.copytree(genuine / "mcap_split", bag)
     (bag / "mcap_split_1.mcap").unlink()
@@ -214,9 +214,7 @@ def test_missing_file_of_a_split_bag_is_told(genuine: Path, tmp_path: Path) -> N
         assert any("mcap_split_1.mcap is missing" in problem for problem in reader.problems)
 
 
-def test_a_file_that_the_metadata_do_not_list_is_no_part_of_the_bag(
-    genuine: Path, tmp_path: Path
-) -> None:
+def test_unlisted_file_is_left_out(genuine: Path, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     shutil.copytree(genuine / "mcap_split", bag)
     shutil.copy(genuine / "mcap_default" / "mcap_default_0.mcap", bag / "of another weld.mcap")
@@ -226,9 +224,7 @@ def test_a_file_that_the_metadata_do_not_list_is_no_part_of_the_bag(
         assert [path.name for path in reader.files()] == [path.name for path in expected.files()]
 
 
-def test_compressed_rubbish_is_not_decompressed_and_a_pipe_is_no_file(
-    genuine: Path, tmp_path: Path
-) -> None:
+def test_compressed_rubbish_and_pipes_are_rejected(genuine: Path, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     shutil.copytree(genuine / "mcap_default", bag)
     os.mkfifo(bag / "pipe.mcap")
@@ -297,7 +293,9 @@ def test_nothing_there(tmp_path: Path) -> None:
 
 def test_damaged_message_is_one_clear_error(genuine: Path) -> None:
     with BagReader(genuine / "mcap_default") as reader:
-        record = next(one for one in reader.records() if one.topic == "/fsw/thermocouple")
+        record = next(
+            candidate for candidate in reader.records() if candidate.topic == "/fsw/thermocouple"
+        )
         with pytest.raises(BagError, match="Temperature"):
             decode(reader, record._replace(data=record.data[:9]))
 

@@ -52,7 +52,7 @@ def test_the_index_of_a_file_leaves_memory_with_the_file(tmp_path: Path) -> None
         writer.split()
         assert writer.flush()
         gc.collect()
-        assert sum(isinstance(one, ChunkIndex) for one in gc.get_objects()) == 0
+        assert sum(isinstance(item, ChunkIndex) for item in gc.get_objects()) == 0
     with (tmp_path / "bag" / "bag_0.mcap").open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None and len(summary.chunk_indexes) == 50
@@ -95,7 +95,7 @@ def test_other_tools_read_it(tmp_path: Path, compression: str) -> None:
             START_NS + 1_000_000 - 7,
             1,
         )
-        assert [(one.name, one.data) for one in mcap.iter_attachments()] == [
+        assert [(attachment.name, attachment.data) for attachment in mcap.iter_attachments()] == [
             ("scenario.yaml", b"a: 1\n")
         ]
         assert mcap.get_header().profile == "ros2"
@@ -176,8 +176,8 @@ def test_split_by_size_duration_and_request(tmp_path: Path) -> None:
         document = yaml.safe_load((bag / "metadata.yaml").read_text())[
             "rosbag2_bagfile_information"
         ]
-        assert sum(one["message_count"] for one in document["files"]) == count
-        assert [one["path"] for one in document["files"]] == document["relative_file_paths"]
+        assert sum(file["message_count"] for file in document["files"]) == count
+        assert [file["path"] for file in document["files"]] == document["relative_file_paths"]
     assert len(list((tmp_path / "asked").glob("*.mcap"))) == 2
 
 
@@ -285,7 +285,7 @@ def test_disk_with_room_for_the_end_gets_a_finished_file(
 
 
 @pytest.mark.requirement("S24")
-def test_vanished_folder_is_told(tmp_path: Path) -> None:
+def test_vanished_folder_is_reported(tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     writer = BagWriter(bag)
     fill(writer, 10)
@@ -346,7 +346,7 @@ def test_a_publish_time_that_no_file_can_hold_is_replaced(tmp_path: Path) -> Non
         ] * 2
 
 
-def test_any_failure_is_told_and_the_bag_is_left_whole(
+def test_write_failure_is_reported_and_leaves_an_intact_bag(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     writer = BagWriter(tmp_path / "bag")
@@ -399,7 +399,7 @@ def test_topic_keeps_its_first_description(tmp_path: Path) -> None:
         assert len(list(reader.messages())) == 8 and len(reader.connections) == 1
 
 
-def test_whoever_waits_for_a_flush_is_told_that_it_failed(
+def test_failed_flush_is_reported_to_waiters(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     disk = threading.Event()
@@ -416,7 +416,7 @@ def test_whoever_waits_for_a_flush_is_told_that_it_failed(
     disk.set()
     writer.close()
     flushes.append(writer.flushed())
-    assert [one.result(0.0) for one in flushes] == [
+    assert [flush.result(0.0) for flush in flushes] == [
         False,
         False,
         False,

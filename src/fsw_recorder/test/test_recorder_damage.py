@@ -38,57 +38,59 @@ def content(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 def frames_of(content: bytes, opcode: int) -> list[int]:
     """Offsets of all records of a kind."""
-    found, at = [], 8
-    while at + HEAD < len(content):
-        if content[at] == opcode:
-            found.append(at)
-        at += HEAD + int.from_bytes(content[at + 1 : at + HEAD], "little")
-    return found
+    offsets, offset = [], 8
+    while offset + HEAD < len(content):
+        if content[offset] == opcode:
+            offsets.append(offset)
+        offset += HEAD + int.from_bytes(content[offset + 1 : offset + HEAD], "little")
+    return offsets
 
 
 def indices(path: Path, content: bytes) -> tuple[list[int], list[str]]:
     path.write_bytes(content)
     with BagReader(path) as reader:
-        found = [record.sequence for record in reader.records()]
-        return found, reader.problems
+        read = [record.sequence for record in reader.records()]
+        return read, reader.problems
 
 
-def changed(content: bytes, at: int, new: bytes) -> bytes:
-    return content[:at] + new + content[at + len(new) :]
+def changed(content: bytes, offset: int, new: bytes) -> bytes:
+    return content[:offset] + new + content[offset + len(new) :]
 
 
 def test_short_message_loses_itself_only(content: bytes, tmp_path: Path) -> None:
-    at = frames_of(content, 5)[400]
-    short = content[:at] + struct.pack("<BQ", 5, 10) + bytes(10) + content[at + HEAD + 34 :]
-    found, problems = indices(tmp_path / "a.mcap", short)
-    assert found == [index for index in range(COUNT) if index != 400]
+    offset = frames_of(content, 5)[400]
+    short = (
+        content[:offset] + struct.pack("<BQ", 5, 10) + bytes(10) + content[offset + HEAD + 34 :]
+    )
+    read, problems = indices(tmp_path / "a.mcap", short)
+    assert read == [index for index in range(COUNT) if index != 400]
     assert any("damaged" in problem for problem in problems)
 
 
 def test_bad_schema_loses_no_message(content: bytes, tmp_path: Path) -> None:
-    at = frames_of(content, 3)[0]
-    bad = changed(content, at + HEAD + 6, b"\xff\xfe\xff")
-    found, problems = indices(tmp_path / "a.mcap", bad)
-    assert found == list(range(COUNT)) and any("schema" in problem for problem in problems)
+    offset = frames_of(content, 3)[0]
+    bad = changed(content, offset + HEAD + 6, b"\xff\xfe\xff")
+    read, problems = indices(tmp_path / "a.mcap", bad)
+    assert read == list(range(COUNT)) and any("schema" in problem for problem in problems)
     with BagReader(tmp_path / "a.mcap") as reader:  # its copy at the end of the file is used
         assert reader.topics()["/x"].type_name == "std_msgs/msg/Float64"
 
 
 @pytest.mark.parametrize("length", [0, 1, 33, 35, 1000, 2**20, 2**40, 2**64 - 1])
 def test_wrong_length_loses_itself_only(content: bytes, tmp_path: Path, length: int) -> None:
-    at = frames_of(content, 5)[400]
-    found, problems = indices(
-        tmp_path / "a.mcap", changed(content, at, struct.pack("<BQ", 5, length))
+    offset = frames_of(content, 5)[400]
+    read, problems = indices(
+        tmp_path / "a.mcap", changed(content, offset, struct.pack("<BQ", 5, length))
     )
-    assert set(range(COUNT)) - set(found) <= {400} and len(found) <= COUNT and problems
+    assert set(range(COUNT)) - set(read) <= {400} and len(read) <= COUNT and problems
 
 
-def test_hole_loses_what_was_in_it(content: bytes, tmp_path: Path) -> None:
+def test_hole_loses_only_its_messages(content: bytes, tmp_path: Path) -> None:
     messages = frames_of(content, 5)
     for fill in (b"\0", b"\xff", b"\x05"):
         hole = changed(content, messages[300], fill * (messages[500] - messages[300] + 20))
-        found, problems = indices(tmp_path / "a.mcap", hole)
-        assert set(found) >= {*range(300), *range(502, COUNT)} and len(found) <= 800 and problems
+        read, problems = indices(tmp_path / "a.mcap", hole)
+        assert set(read) >= {*range(300), *range(502, COUNT)} and len(read) <= 800 and problems
 
 
 @pytest.mark.requirement("S23")
@@ -106,7 +108,10 @@ def test_a_few_damaged_bytes_lose_a_few_messages(
     for hit in hits:
         damaged = changed(damaged, hit, bytes([data.draw(st.integers(0, 255))]))
     messages = frames_of(content, 5)
-    ends = [at + HEAD + int.from_bytes(damaged[at + 1 : at + HEAD], "little") for at in messages]
+    ends = [
+        message + HEAD + int.from_bytes(damaged[message + 1 : message + HEAD], "little")
+        for message in messages
+    ]
     # a length that by chance ends where another record begins cannot be told from a good one
     assume(
         all(
@@ -114,9 +119,9 @@ def test_a_few_damaged_bytes_lose_a_few_messages(
             for end, right in zip(ends, messages[1:], strict=False)
         )
     )
-    found, _ = indices(tmp_path / "a.mcap", damaged)
+    read, _ = indices(tmp_path / "a.mcap", damaged)
     # a hit takes at most the message that it is in and its neighbour; damaged numbers may repeat
-    assert len(set(found) & set(range(COUNT))) >= COUNT - 3 * len(hits)
+    assert len(set(read) & set(range(COUNT))) >= COUNT - 3 * len(hits)
 
 
 @pytest.mark.requirement("S23")

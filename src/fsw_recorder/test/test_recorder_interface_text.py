@@ -58,7 +58,7 @@ DEPTH = "fsw_msgs/msg/ShoulderDepth"
 @pytest.mark.parametrize(
     ("definition", "encoding"), [("", ""), ("", "ros2msg"), ("module fsw_msgs {};", "ros2idl")]
 )
-def test_a_type_whose_definition_the_bag_lacks_is_read_by_the_installed_one(
+def test_missing_definition_falls_back_to_the_installed_one(
     definition: str, encoding: str
 ) -> None:
     topic = RecordedTopic("/fsw/depth", DEPTH, definition, definition_encoding=encoding)

@@ -48,7 +48,7 @@ def test_each_activation_makes_a_bag_that_is_whole_when_it_is_over(
     recorder.trigger_shutdown()
     graph.executor.remove_node(recorder)
     recorder.destroy_node()
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["bag", "bag_1"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bag", "bag_1"]
 
 
 @pytest.mark.parametrize(
@@ -72,9 +72,9 @@ def test_it_says_why_it_cannot_be_configured(
     recorder.trigger_configure()
     assert not recorder.is_configured
     assert f"cannot configure: {tmp_path if not values else ''}" in (
-        told := capfd.readouterr().err
+        printed := capfd.readouterr().err
     )
-    assert reason in told
+    assert reason in printed
     graph.executor.remove_node(recorder)
     recorder.destroy_node()
 

@@ -62,9 +62,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def manifest(recorded: Path) -> Manifest:
-    found = read_manifest(recorded)
-    assert found is not None
-    return found
+    read = read_manifest(recorded)
+    assert read is not None
+    return read
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def bag(recorded: Path, tmp_path: Path) -> Path:
 
 
 def file_of(manifest: Manifest, name: str) -> FileManifest:
-    return next(one for one in manifest.files if one.name == name)
+    return next(file for file in manifest.files if file.name == name)
 
 
 def place(listed: FileManifest, kind: str, number: int) -> tuple[int, int, int]:
@@ -84,23 +84,23 @@ def place(listed: FileManifest, kind: str, number: int) -> tuple[int, int, int]:
 
 
 def test_the_recorder_lists_every_byte(recorded: Path, manifest: Manifest) -> None:
-    assert [one.name for one in manifest.files] == [*FILES, "metadata.yaml"]
+    assert [file.name for file in manifest.files] == [*FILES, "metadata.yaml"]
     assert manifest.bag == "weld" and manifest.custom_data == {"canister": "C-117"}
     assert set(manifest.attachments_sha256) == {"scenario.yaml", "more.txt"}
     assert check_files(recorded, manifest) == []
     for listed in manifest.files:
         assert listed.pieces[-1].end == listed.bytes == (recorded / listed.name).stat().st_size
         assert listed.hashed == "while_recording"
-    chunks = [one for one in manifest.files[0].pieces if one.kind == "chunk"]
-    assert len(chunks) >= 3 and all(one.begin_ns is not None for one in chunks)
+    chunks = [piece for piece in manifest.files[0].pieces if piece.kind == "chunk"]
+    assert len(chunks) >= 3 and all(chunk.begin_ns is not None for chunk in chunks)
 
 
 def test_afterwards_the_chunks_are_the_same(recorded: Path, manifest: Manifest) -> None:
     for name in FILES:
         listed, now = file_of(manifest, name), hashed(name, mapped(recorded / name), "afterwards")
         assert now.sha256 == listed.sha256 and now.hashed == "afterwards"
-        assert [one for one in now.pieces if one.kind != "other"] == [
-            one for one in listed.pieces if one.kind != "other"
+        assert [piece for piece in now.pieces if piece.kind != "other"] == [
+            piece for piece in listed.pieces if piece.kind != "other"
         ]
 
 
@@ -111,80 +111,85 @@ def test_any_flipped_bit_is_found_and_its_chunk_named(
 ) -> None:
     listed = data.draw(st.sampled_from(manifest.files))
     content = bytearray((recorded / listed.name).read_bytes())
-    at = data.draw(st.integers(0, len(content) - 1))
-    content[at] ^= 1 << data.draw(st.integers(0, 7))
+    offset = data.draw(st.integers(0, len(content) - 1))
+    content[offset] ^= 1 << data.draw(st.integers(0, 7))
     (tmp_path / listed.name).write_bytes(content)
-    found = check_file(tmp_path / listed.name, listed)
-    row = next(row for row, piece in enumerate(listed.pieces) if at < piece.end)
-    assert len(found) == 1 and found[0].pieces == (row,) and found[0].file == listed.name
+    findings = check_file(tmp_path / listed.name, listed)
+    row = next(row for row, piece in enumerate(listed.pieces) if offset < piece.end)
+    assert len(findings) == 1 and findings[0].pieces == (row,) and findings[0].file == listed.name
     if listed.pieces[row].kind == "chunk":
         number = sum(piece.kind == "chunk" for piece in listed.pieces[: row + 1])
-        assert found[0].place is not None and found[0].place.parts == (f"chunk {number}",)
+        assert findings[0].place is not None and findings[0].place.parts == (f"chunk {number}",)
         assert (
-            found[0].place.begin_s is not None and found[0].place.begin <= at < found[0].place.end
+            findings[0].place.begin_s is not None
+            and findings[0].place.begin <= offset < findings[0].place.end
         )
 
 
-def test_a_removed_chunk_is_named_and_what_is_behind_it_stays_proven(
+def test_removed_chunk_is_named_and_later_chunks_stay_proven(
     bag: Path, manifest: Manifest
 ) -> None:
     listed = file_of(manifest, FILES[0])
     row, begin, end = place(listed, "chunk", 2)
     content = (bag / FILES[0]).read_bytes()
     (bag / FILES[0]).write_bytes(content[:begin] + content[end:])
-    [found] = check_files(bag, manifest)
-    assert (found.code, found.pieces, found.data["listed_bytes"]) == (
+    [damage] = check_files(bag, manifest)
+    assert (damage.code, damage.pieces, damage.data["listed_bytes"]) == (
         Code.CHANGED,
         (row,),
         listed.bytes,
     )
-    assert found.place is not None and found.place.parts == ("chunk 2",)
+    assert damage.place is not None and damage.place.parts == ("chunk 2",)
 
 
-def test_a_removed_message_is_told(
+def test_removed_message_is_reported(
     bag: Path, recorded: Path, manifest: Manifest, tmp_path: Path
 ) -> None:
     """Everything copied but one message: the checksums inside the file are right again."""
     with BagReader(recorded / FILES[0]) as reader, BagWriter(tmp_path / "weld_other") as writer:
         for topic in reader.topics().values():
             writer.add_topic(topic)
-        for count, one in enumerate(reader.records()):
+        for count, record in enumerate(reader.records()):
             if count != 20:
                 writer.write(
-                    one.topic, one.data, one.log_time_ns, one.publish_time_ns, one.sequence
+                    record.topic,
+                    record.data,
+                    record.log_time_ns,
+                    record.publish_time_ns,
+                    record.sequence,
                 )
     shutil.copyfile(tmp_path / "weld_other" / "weld_other_0.mcap", bag / FILES[0])
-    [found] = check_files(bag, manifest)
-    assert (found.file, found.code) == (FILES[0], Code.OTHER_FILE)
+    [damage] = check_files(bag, manifest)
+    assert (damage.file, damage.code) == (FILES[0], Code.OTHER_FILE)
 
 
-def test_exchanged_missing_and_added_files_are_told(bag: Path, manifest: Manifest) -> None:
+def test_exchanged_missing_and_added_files_are_reported(bag: Path, manifest: Manifest) -> None:
     first, second = (bag / name for name in FILES)
     content = first.read_bytes()
     first.write_bytes(second.read_bytes())
     second.write_bytes(content)
-    assert [(one.file, one.code) for one in check_files(bag, manifest)] == [
+    assert [(item.file, item.code) for item in check_files(bag, manifest)] == [
         (FILES[0], Code.OTHER_FILE),
         (FILES[1], Code.OTHER_FILE),
     ]
     first.unlink()
     (bag / "weld_2.mcap").write_bytes(content)
-    found = {one.file: one.code for one in check_files(bag, manifest)}
-    assert found[FILES[0]] is Code.MISSING and found["weld_2.mcap"] is Code.UNLISTED
+    codes = {item.file: item.code for item in check_files(bag, manifest)}
+    assert codes[FILES[0]] is Code.MISSING and codes["weld_2.mcap"] is Code.UNLISTED
 
 
-def test_order_and_additions_are_told(bag: Path, manifest: Manifest) -> None:
+def test_reordering_and_additions_are_reported(bag: Path, manifest: Manifest) -> None:
     listed = file_of(manifest, FILES[0])
     content = (bag / FILES[0]).read_bytes()
     (_, begin, middle), (_, _, end) = place(listed, "chunk", 1), place(listed, "chunk", 2)
     swapped = content[:begin] + content[middle:end] + content[begin:middle] + content[end:]
     (bag / FILES[0]).write_bytes(swapped)
-    assert [one.code for one in check_files(bag, manifest)] == [Code.REORDERED]
+    assert [item.code for item in check_files(bag, manifest)] == [Code.REORDERED]
     (bag / FILES[0]).write_bytes(content + b"more")
-    assert [one.code for one in check_files(bag, manifest)] == [Code.REORDERED]
+    assert [item.code for item in check_files(bag, manifest)] == [Code.REORDERED]
 
 
-def test_a_crash_before_the_manifest_loses_nothing_and_is_told(
+def test_crash_before_the_manifest_loses_no_data_and_is_reported(
     bag: Path, manifest: Manifest
 ) -> None:
     """The first file was closed, the recorder was killed in the second."""
@@ -197,7 +202,7 @@ def test_a_crash_before_the_manifest_loses_nothing_and_is_told(
     }
 
 
-def test_recovery_keeps_what_is_proven(bag: Path, manifest: Manifest, tmp_path: Path) -> None:
+def test_recovery_keeps_proven_chunks(bag: Path, manifest: Manifest, tmp_path: Path) -> None:
     listed = file_of(manifest, FILES[0])
     row, begin, _ = place(listed, "chunk", 2)
     content = bytearray((bag / FILES[0]).read_bytes())
@@ -206,7 +211,7 @@ def test_recovery_keeps_what_is_proven(bag: Path, manifest: Manifest, tmp_path: 
     result = recover_proven(bag, tmp_path / "proven")
     assert result.recorded - result.proven == 1 and "chunk 2 (bytes" in result.lost[0]
     left = {
-        one.pieces for one in check_files(tmp_path / "proven", manifest) if one.file == FILES[0]
+        item.pieces for item in check_files(tmp_path / "proven", manifest) if item.file == FILES[0]
     }
     assert (row,) in left
     lost_ns = listed.pieces[row]
@@ -216,9 +221,9 @@ def test_recovery_keeps_what_is_proven(bag: Path, manifest: Manifest, tmp_path: 
     ):
         assert after.problems == [] and after.info().message_count == result.messages
         assert after.metadata.custom_data["canister"] == "C-117"
-        times = [one.log_time_ns for one in first.records()]
+        times = [record.log_time_ns for record in first.records()]
     assert lost_ns.begin_ns is not None and not any(
-        lost_ns.begin_ns < one < lost_ns.end_ns for one in times
+        lost_ns.begin_ns < time < lost_ns.end_ns for time in times
     )
     recover(bag, tmp_path / "copy")
     with pytest.raises(BagError, match=r"without manifest\.json"):
@@ -228,7 +233,7 @@ def test_recovery_keeps_what_is_proven(bag: Path, manifest: Manifest, tmp_path: 
 @pytest.mark.parametrize(
     "text", ["", "{}", "[1", '{"format": "fsw_bag_manifest", "version": 2}', "[" * 100000]
 )
-def test_what_is_no_manifest_is_one_line(tmp_path: Path, text: str) -> None:
+def test_invalid_manifest_error_is_one_line(tmp_path: Path, text: str) -> None:
     (tmp_path / MANIFEST_NAME).write_text(text)
     with pytest.raises(BagError, match=r"manifest\.json"):
         read_manifest(tmp_path)
@@ -274,8 +279,8 @@ def test_a_failed_disk_leaves_a_manifest_of_what_was_written(
             writer.flush()
             writer.close()
     assert writer.error is not None
-    found = read_manifest(tmp_path / "weld")
-    assert found is not None and check_files(tmp_path / "weld", found) == []
+    read = read_manifest(tmp_path / "weld")
+    assert read is not None and check_files(tmp_path / "weld", read) == []
 
 
 def test_without_the_option_there_is_no_manifest(tmp_path: Path) -> None:

@@ -114,7 +114,7 @@ def test_everything_is_recorded_and_the_file_is_whole(graph: Any, tmp_path: Path
         and info.custom_data["operator"] == "me"
         and info.custom_data["lost_messages"] == "0"
     )
-    attachments = {one.name: one.data for one in info.attachments}
+    attachments = {attachment.name: attachment.data for attachment in info.attachments}
     assert attachments["scenario.yaml"] == b"name: test\n"
     assert (
         b"gain: 2.5" in attachments["parameters/test_node.yaml"]
@@ -191,7 +191,7 @@ def test_weaker_publisher_that_comes_later_is_heard(graph: Any, tmp_path: Path) 
     with BagReader(bag) as reader:
         lost = int(reader.info().custom_data["lost_messages"])
     assert (lost > 0) == any(
-        one < max(came) for one in best_effort - came
+        number < max(came) for number in best_effort - came
     )  # known by what comes after it
 
 
@@ -302,12 +302,12 @@ def test_each_message_of_a_flood_is_recorded_or_counted_as_lost(
     assert info.message_count + int(info.custom_data["lost_messages"]) == sent
 
 
-def test_of_two_recorders_on_one_folder_one_records(graph: Any, tmp_path: Path) -> None:
+def test_second_recorder_on_a_folder_is_refused(graph: Any, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
     recorders = [start_recorder(graph, bag) for _ in range(2)]
-    graph.until(lambda: any(one.poll() is not None for one in recorders))
-    refused, recorder = sorted(recorders, key=lambda one: one.poll() is None)
+    graph.until(lambda: any(process.poll() is not None for process in recorders))
+    refused, recorder = sorted(recorders, key=lambda process: process.poll() is None)
     code, output = graph.end(refused)
     assert code == 2 and "exists already" in output and output.count("\n") == 1
     talk(graph, depth, 10)
@@ -323,7 +323,7 @@ def test_kill_minus_nine_loses_at_most_a_second(graph: Any, tmp_path: Path) -> N
     recorder = start_recorder(graph, bag)
     graph.until(lambda: depth.get_subscription_count() > 0)
     sent: list[int] = []
-    found: dict[int, int] = {}  #: messages on file by its size
+    by_size: dict[int, int] = {}  #: messages on file by its size
 
     def send() -> None:
         depth.publish(ShoulderDepth(depth=float(len(sent))))
@@ -334,12 +334,12 @@ def test_kill_minus_nine_loses_at_most_a_second(graph: Any, tmp_path: Path) -> N
         now = time.time_ns()  # before the file, which grows while it is read
         file = bag / "bag_0.mcap"
         size = file.stat().st_size if file.exists() else 0
-        if size not in found:
+        if size not in by_size:
             try:
-                found[size] = len(depths_of(bag))
+                by_size[size] = len(depths_of(bag))
             except BagError:  # an empty file, or none
-                found[size] = 0
-        return sum(stamp < now - 1_000_000_000 for stamp in sent[found[size] :])
+                by_size[size] = 0
+        return sum(stamp < now - 1_000_000_000 for stamp in sent[by_size[size] :])
 
     timer = graph.node.create_timer(0.01, send)
     graph.until(lambda: len(sent) >= 200)
@@ -390,7 +390,7 @@ def test_full_disk_ends_the_recorder_and_nothing_else(graph: Any, tmp_path: Path
 
 
 @pytest.mark.requirement("S24")
-def test_deleted_folder_is_told(graph: Any, tmp_path: Path) -> None:
+def test_deleted_folder_is_reported(graph: Any, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 10)
     recorder = start_recorder(graph, bag)
@@ -410,7 +410,7 @@ def test_a_bag_that_exists_ends_the_start_with_one_line(graph: Any, tmp_path: Pa
         graph.start(RECORDER, "--ros-args", "-p", "output:=existing", cwd=tmp_path)
     )
     assert code == 2 and "exists already" in output and output.count("\n") == 1
-    assert [one.name for one in tmp_path.iterdir()] == ["existing"]
+    assert [path.name for path in tmp_path.iterdir()] == ["existing"]
 
 
 @pytest.mark.usefixtures("domain_id")
@@ -439,14 +439,14 @@ def test_bad_parameters_are_one_line(
         )
         == 2
     )
-    told = "".join(capfd.readouterr())
-    assert text in told and told.count("\n") == 1
+    printed = "".join(capfd.readouterr())
+    assert text in printed and printed.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.requirement("S22")
 @pytest.mark.full
-def test_a_recorder_that_was_killed_goes_on_beside_its_bag(graph: Any, tmp_path: Path) -> None:
+def test_killed_recorder_continues_in_a_sibling_bag(graph: Any, tmp_path: Path) -> None:
     bag, sibling = tmp_path / "weld", tmp_path / "weld_1"
     depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
     first = start_recorder(graph, bag, "number_if_taken:=true")

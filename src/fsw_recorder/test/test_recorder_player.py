@@ -35,16 +35,16 @@ def test_rate(reader: BagReader, rate: float) -> None:
     seen = played(player, round(info.duration_s / rate * S) + 20_000_000)
     assert len(seen) == 177 and player.finished
     for now, log_time in seen:
-        wanted = (log_time - info.start_ns) / rate
-        assert -1 <= now - wanted <= 10_000_001
+        due_s = (log_time - info.start_ns) / rate
+        assert -1 <= now - due_s <= 10_000_001
 
 
 def test_pause_resume_and_change_of_rate(reader: BagReader) -> None:
     player = Player(reader, 0)
     first = played(player, S)
     player.pause(S)
-    at = player.bag_time_ns(S)
-    assert played(player, 3 * S, start_ns=S) == [] and player.bag_time_ns(3 * S) == at
+    time_ns = player.bag_time_ns(S)
+    assert played(player, 3 * S, start_ns=S) == [] and player.bag_time_ns(3 * S) == time_ns
     player.resume(3 * S)
     assert (
         player.set_rate(10.0, 3 * S)

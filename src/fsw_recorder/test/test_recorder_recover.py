@@ -41,7 +41,7 @@ def test_cut_weld(weld_bag: Path, tmp_path: Path, part: float) -> None:
     assert result.problems and result.messages == len(saved) > 0
     assert saved == whole[: len(saved)]
     with BagReader(tmp_path / "saved") as reader:
-        assert [one.name for one in reader.attachments()] == ["scenario.yaml"]
+        assert [attachment.name for attachment in reader.attachments()] == ["scenario.yaml"]
         assert reader.problems == []
 
 

@@ -67,13 +67,13 @@ def test_every_message_arrives_with_its_clock(graph: Any, genuine: Path, name: s
     # else, on a busy machine, it begins before they are discovered
     wait = "wait_for:=[/demo/depth, /demo/latched]"
     player = graph.start(REPLAY, str(genuine_bag), "--ros-args", "-p", "rate:=10.0", "-p", wait)
-    wanted = depths_of(genuine_bag)
+    depths = depths_of(genuine_bag)
     graph.until(
-        lambda: len(listener.depths) == len(wanted) and listener.latched and listener.clock_ns
+        lambda: len(listener.depths) == len(depths) and listener.latched and listener.clock_ns
     )
     code, output = graph.end(player)
     assert code == 0 and "played 177 messages" in output
-    assert listener.depths == wanted and listener.latched == ["håll 816 °C"]
+    assert listener.depths == depths and listener.latched == ["håll 816 °C"]
     assert listener.clock_ns == sorted(listener.clock_ns)
     with BagReader(genuine_bag) as reader:
         info = reader.info()
@@ -82,7 +82,7 @@ def test_every_message_arrives_with_its_clock(graph: Any, genuine: Path, name: s
 
 def test_control_while_paused(graph: Any, genuine: Path) -> None:
     bag = genuine / "mcap_split"
-    wanted = depths_of(bag)
+    depths = depths_of(bag)
     with BagReader(bag) as reader:
         info = reader.info()
     listener = Listener(graph)
@@ -100,7 +100,7 @@ def test_control_while_paused(graph: Any, genuine: Path) -> None:
     graph.until(lambda: graph.ask(PlayNext, "/fsw_replay/play_next").success)
     assert graph.ask(Burst, "/fsw_replay/burst", num_messages=4).actually_burst == 4
     graph.until(lambda: len(listener.depths) == 5)
-    assert listener.depths == wanted[:5]
+    assert listener.depths == depths[:5]
 
     last_second = info.end_ns - 1_000_000_000
     when = Time(sec=last_second // 10**9, nanosec=last_second % 10**9)
@@ -111,14 +111,14 @@ def test_control_while_paused(graph: Any, genuine: Path) -> None:
     assert graph.ask(GetRate, "/fsw_replay/get_rate").rate == 5.0
     graph.ask(Resume, "/fsw_replay/resume")
     assert not graph.ask(IsPaused, "/fsw_replay/is_paused").paused
-    graph.until(lambda: listener.depths[-1] == wanted[-1])
+    graph.until(lambda: listener.depths[-1] == depths[-1])
     rest = listener.depths[5:]
-    assert 8 <= len(rest) <= 12 and rest == wanted[-len(rest) :]
+    assert 8 <= len(rest) <= 12 and rest == depths[-len(rest) :]
 
     start = Time(sec=info.start_ns // 10**9, nanosec=info.start_ns % 10**9)
     graph.ask(Pause, "/fsw_replay/pause")
     assert graph.ask(Seek, "/fsw_replay/seek", time=start).success
-    assert graph.ask(Burst, "/fsw_replay/burst", num_messages=0).actually_burst == len(wanted)
+    assert graph.ask(Burst, "/fsw_replay/burst", num_messages=0).actually_burst == len(depths)
     graph.ask(TogglePaused, "/fsw_replay/toggle_paused")
     assert not graph.ask(IsPaused, "/fsw_replay/is_paused").paused
     graph.ask(Stop, "/fsw_replay/stop")
@@ -131,12 +131,12 @@ def test_offset_selection_remapping_and_loop(graph: Any, genuine: Path) -> None:
     parameters = ["start_offset:=4.0", "loop:=true", "rate:=4.0", "regex:=/demo/.*", "clock:=none"]
     arguments = remaps + [word for parameter in parameters for word in ("-p", parameter)]
     player = graph.start(REPLAY, str(genuine / "mcap_zstd"), "--ros-args", *arguments)
-    wanted = depths_of(genuine / "mcap_zstd")
-    graph.until(lambda: listener.depths.count(wanted[-1]) >= 2 and listener.latched)
+    depths = depths_of(genuine / "mcap_zstd")
+    graph.until(lambda: listener.depths.count(depths[-1]) >= 2 and listener.latched)
     assert graph.end(player, signal.SIGTERM)[0] == 0
     assert listener.latched[0] == "håll 816 °C"
-    part = listener.depths[: listener.depths.index(wanted[-1]) + 1]
-    assert part == wanted[-len(part) :] and listener.depths.count(wanted[-1]) >= 2
+    part = listener.depths[: listener.depths.index(depths[-1]) + 1]
+    assert part == depths[-len(part) :] and listener.depths.count(depths[-1]) >= 2
     assert listener.clock_ns == []
 
 
@@ -156,5 +156,5 @@ def test_bad_arguments_are_one_line(
     assert (
         main(["replay", *(word.format(bag=genuine / "mcap_default") for word in arguments)]) == 2
     )
-    told = "".join(capfd.readouterr())
-    assert text in told and told.count("\n") == 1
+    printed = "".join(capfd.readouterr())
+    assert text in printed and printed.count("\n") == 1

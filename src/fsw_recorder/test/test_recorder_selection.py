@@ -135,7 +135,7 @@ def test_once_every_publisher_is_heard_nothing_is_missing(offers: list[Qos]) -> 
         ),
         (
             TopicSelection(namespace="/cell1", regex=".*/depth"),
-            {one for one in WELDS if one.endswith("depth")},
+            {weld for weld in WELDS if weld.endswith("depth")},
         ),
         (TopicSelection(namespace="/cell1", topics=("/fsw/depth",)), {"/fsw/depth"}),
     ],

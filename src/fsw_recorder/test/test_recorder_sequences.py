@@ -7,7 +7,7 @@ from fsw_recorder.topic import Sequences
 
 
 @given(st.lists(st.integers(1, 50), min_size=1, unique=True))
-def test_of_one_publisher_each_number_between_first_and_last_arrived_or_is_missing(numbers):
+def test_single_publisher_gaps_are_counted_exactly(numbers):
     numbers.sort()
     sequences = Sequences()
     missing = sum(sequences.take(number, lambda: 1) for number in numbers)
@@ -15,7 +15,7 @@ def test_of_one_publisher_each_number_between_first_and_last_arrived_or_is_missi
 
 
 @given(st.lists(st.integers(0, 2), max_size=60), st.tuples(*[st.integers(1, 40)] * 3))
-def test_of_several_publishers_that_lose_nothing_nothing_is_missing(order, first):
+def test_lossless_publishers_have_no_gaps(order, first):
     sequences, following = Sequences(), list(first)
     for publisher in order:
         assert sequences.take(following[publisher], lambda: 3) == 0

@@ -115,11 +115,11 @@ def test_a_statement_cannot_be_edited(signature: str) -> None:
 @settings(deadline=None)
 @given(data=st.data())
 def test_a_damaged_signature_has_its_code(signature: str, data: st.DataObject) -> None:
-    at = data.draw(st.integers(0, len(signature) - 2))
+    index = data.draw(st.integers(0, len(signature) - 2))
     for text in (
-        signature[:at],
+        signature[:index],
         data.draw(st.text(max_size=200)),
-        signature[:at] + "A" + signature[at + 1 :],
+        signature[:index] + "A" + signature[index + 1 :],
     ):
         assert code_of(MESSAGE, text) in (
             {Code.SIGNATURE_DAMAGED} if text != signature else {None}
@@ -159,7 +159,7 @@ def test_keys_have_a_purpose_expire_and_are_revoked(
         "format: fsw_trusted_keys\nversion: 1\nkeys: []",
     ],
 )
-def test_what_is_no_key_is_one_line(tmp_path: Path, text: str) -> None:
+def test_invalid_key_error_is_one_line(tmp_path: Path, text: str) -> None:
     path = tmp_path / "key"
     path.write_text(text)
     path.chmod(0o600)
@@ -199,7 +199,7 @@ def test_files_with_their_signatures(key: Path, tmp_path: Path) -> None:
     assert code(required=False) is Code.MISSING
 
 
-def test_another_statement_in_an_envelope_is_no_signature(key: Path) -> None:
+def test_envelope_with_another_statement_is_rejected(key: Path) -> None:
     """Of another form, or of another payload: a valid signature does not count for it."""
     own, stated = load_private(key), Stated(signed_at=NOW)
     hashes = {"message": hashlib.sha256(MESSAGE).hexdigest()}

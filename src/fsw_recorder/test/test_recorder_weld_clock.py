@@ -40,9 +40,9 @@ def test_measurements_have_their_stamps_and_commands_follow_soon(tmp_path: Path)
     stamps = [(tick + 1) * TICK_NS for tick in range(100)]
     with BagReader(write(tmp_path / "bag", stamps)) as reader:
         weld = paced(reader)
-        depths = [one.log_time_ns for one in weld.records(["/fsw/depth"])]
-        commands = [one.log_time_ns for one in weld.records(["/fsw/command"])]
-        everything = [one.log_time_ns for one in weld.records()]
+        depths = [record.log_time_ns for record in weld.records(["/fsw/depth"])]
+        commands = [record.log_time_ns for record in weld.records(["/fsw/command"])]
+        everything = [record.log_time_ns for record in weld.records()]
         info = weld.info()
     assert depths == stamps and everything == sorted(everything) and len(everything) == 201
     assert all(
@@ -57,19 +57,19 @@ def test_a_part_is_cut_on_the_weld_clock(tmp_path: Path) -> None:
     with BagReader(write(tmp_path / "bag", stamps)) as reader:
         weld = paced(reader)
         part = [
-            one.log_time_ns
-            for one in weld.records(["/fsw/depth"], start_ns=stamps[20], stop_ns=stamps[30])
+            record.log_time_ns
+            for record in weld.records(["/fsw/depth"], start_ns=stamps[20], stop_ns=stamps[30])
         ]
         player = Player(weld, 0, start_offset_s=2.0, duration_s=1.0)
-        played = [one.log_time_ns for one in player.take_due(10**12)]
+        played = [record.log_time_ns for record in player.take_due(10**12)]
     assert part == stamps[20:30]
     assert played[0] == stamps[20] and played[-1] == stamps[30]
 
 
-def test_time_goes_on_when_the_plant_is_reset(tmp_path: Path) -> None:
+def test_weld_clock_continues_after_a_plant_reset(tmp_path: Path) -> None:
     stamps = [(tick + 1) * TICK_NS for tick in range(50)] * 2
     with BagReader(write(tmp_path / "bag", stamps)) as reader:
-        times = [one.log_time_ns for one in paced(reader).records(["/fsw/depth"])]
+        times = [record.log_time_ns for record in paced(reader).records(["/fsw/depth"])]
     assert (
         times[:50] == stamps[:50]
         and all(np.diff(times) >= 0)
@@ -110,7 +110,7 @@ def test_order_of_receipt_does_not_part_a_tick(tmp_path: Path) -> None:
             for name in names[1:]:  # read by the recorder only after the depth of the next tick
                 writer.write(name, data, received + FAST_NS * 11 // 10, received)
     with BagReader(tmp_path / "bag") as reader:
-        played = [(one.topic, one.log_time_ns) for one in paced(reader).records()]
+        played = [(record.topic, record.log_time_ns) for record in paced(reader).records()]
     assert [name for name, _ in played] == ["/fsw/depth", "/fsw/thermocouple", "/fsw/command"] * 50
     assert [time for name, time in played if name == names[1]] == [
         (tick + 1) * TICK_NS for tick in range(50)

@@ -312,7 +312,7 @@ class Arbitration:
     def _commit(
         self,
         tick: Tick,
-        wanted: Command,
+        requested: Command,
         source: str,
         reason: Reason,
         excuse: Reason | None = None,
@@ -320,7 +320,7 @@ class Arbitration:
         """Settle the tick with its one command, within bounds and rates whatever the source."""
         latency_s = max(0.0, self._now_s - tick.started_s)
         # Last line of defence: bounds and rates hold whatever the source has computed.
-        command = self.machine.settings.drive_limits.clip(wanted, self.in_force.applied)
+        command = self.machine.settings.drive_limits.clip(requested, self.in_force.applied)
         tick.settle(Decision(tick.stamp_ns, command, source, reason, latency_s), excuse)
 
 

@@ -166,14 +166,14 @@ def _arbiter_status(arbiter: Arbiter) -> Report:
 
 
 def _writer_status(arbiter: Arbiter, writers: int) -> Report:
-    level, what = OK, Fact.of(Note.ONLY_WRITER)
+    level, fact = OK, Fact.of(Note.ONLY_WRITER)
     if writers > 1:
-        level, what = WARN, Fact.of(Note.WRITERS, count=writers)
+        level, fact = WARN, Fact.of(Note.WRITERS, count=writers)
     if arbiter.watch.seen_lately(arbiter.ticks.now_s):
-        level, what = ERROR, Fact.of(Note.FOREIGN)
+        level, fact = ERROR, Fact.of(Note.FOREIGN)
     foreign = arbiter.watch.foreign_commands
     return Report(
-        "command topic", level, what, {"publishers": writers, "foreign commands": foreign}
+        "command topic", level, fact, {"publishers": writers, "foreign commands": foreign}
     )
 
 

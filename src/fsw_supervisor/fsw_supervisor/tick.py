@@ -53,10 +53,10 @@ def check(
     return Candidate(command)
 
 
-def same(one: Command, other: Command) -> bool:
+def same(first: Command, other: Command) -> bool:
     """Whether two commands are equal up to the rounding of the unit conversion."""
-    return isclose(one.force_kn, other.force_kn, rel_tol=1e-9) and isclose(
-        one.speed_rpm, other.speed_rpm, rel_tol=1e-9
+    return isclose(first.force_kn, other.force_kn, rel_tol=1e-9) and isclose(
+        first.speed_rpm, other.speed_rpm, rel_tol=1e-9
     )
 
 

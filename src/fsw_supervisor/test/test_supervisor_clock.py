@@ -104,7 +104,7 @@ def test_a_clock_that_stands_is_named_and_leads_to_a_safe_stop(stream):
     assert stream.answers[-1][1].source == "safe_stop", "it is latched"
 
 
-def test_a_pause_without_samples_is_no_fault_of_the_clock(stream):
+def test_pause_without_samples_is_not_a_clock_fault(stream):
     stream.pass_until(stream.now_s + 10.0)
     assert ("sensors", "no_measurement") in stream.events()
     assert "clock" not in dict(stream.events())

@@ -37,7 +37,7 @@ class Weld:
         return residuals
 
 
-def test_at_rest_nothing_is_left():
+def test_residuals_vanish_at_rest():
     assert Weld().run(100) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
 
 
@@ -149,7 +149,7 @@ def test_a_temperature_that_moves_by_itself_shows(rate_c_per_s):
         ({"force_kn": math.nan, "speed_rpm": math.nan}, (0, 1, 2)),
     ],
 )
-def test_what_is_not_measured_is_not_judged(lost, unknown):
+def test_missing_measurements_are_not_judged(lost, unknown):
     weld = Weld()
     weld.run(10)
     residuals = weld.tick(**lost)

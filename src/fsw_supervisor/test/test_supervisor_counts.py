@@ -99,7 +99,7 @@ def test_a_proposal_after_the_deadline_is_late_and_no_candidate(counted, after_s
         assert record.latencies_s[-1] == pytest.approx(0.081)
 
 
-def test_in_lockstep_the_wall_clock_makes_nobody_late():
+def test_wall_clock_is_ignored_in_lockstep():
     counted = Counted(lockstep=True).begin()
     assert counts(counted.propose(after_s=9.0)) == {"consecutive_good": 1}
 
@@ -128,7 +128,7 @@ def test_an_old_answer_that_was_given_before_is_a_duplicate_and_refused(counted)
     assert counts(counted.propose(behind=1))["duplicates"] == 3
 
 
-def test_an_old_answer_to_a_tick_in_which_the_supervisor_was_held_up_is_no_failure(counted):
+def test_late_answer_after_a_supervisor_stall_is_not_a_failure(counted):
     counted.ticks[-1].stalled = True
     counted.ticks[-1].settle()
     record = counted.begin().propose(behind=1)
@@ -156,7 +156,7 @@ def test_in_lockstep_an_answer_is_checked_against_what_was_applied_then():
     assert counted.propose(behind=1, force_kn=80.5).problem == jump
 
 
-def test_in_lockstep_an_answer_to_what_was_never_measured_is_late():
+def test_lockstep_answer_to_an_unknown_measurement_is_late():
     counted = Counted(lockstep=True).begin().begin()
     stamp_ns = counted.stamp_ns - STEP_NS // 2
     counted.registry.take(
@@ -167,7 +167,7 @@ def test_in_lockstep_an_answer_to_what_was_never_measured_is_late():
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
-def test_silence_is_told_once_and_counts_as_a_miss_while_the_controller_is_in_the_graph(lockstep):
+def test_silence_is_reported_once_and_counts_as_a_miss(lockstep):
     counted = Counted(lockstep=lockstep)
     for _ in range(3):
         counted.begin().propose()
@@ -200,7 +200,7 @@ def test_who_never_proposed_is_told_to_be_silent_without_a_warning(counted):
     assert {"controller": "b"} not in counted.facts("silent")
 
 
-def test_in_a_tick_that_blames_nobody_silence_is_no_failure(counted):
+def test_silence_in_an_excused_tick_is_not_a_failure(counted):
     counted.ticks[-1].stalled = True
     counted.begin()
     assert (counted.record.problem, counts(counted.record)) == (
@@ -260,7 +260,7 @@ def test_early_proposals_to_measurements_that_never_came_are_forgotten(counted):
 
 
 @pytest.mark.requirement("S15")
-def test_where_the_clock_goes_back_proposals_count_anew(counted):
+def test_proposal_counts_restart_when_the_clock_goes_back(counted):
     counted.propose()
     back_ns = -3600 * 10**9
     early_ns = counted.stamp_ns + back_ns
@@ -298,7 +298,7 @@ def test_two_answers_to_one_measurement_are_counted_and_the_first_stays(counted)
     assert counted.ticks[-1].duplicates == {"a": True}
 
 
-def test_two_equal_answers_are_no_conflict(counted):
+def test_equal_duplicate_answers_do_not_conflict(counted):
     counted.propose()
     counted.propose()
     assert counted.ticks[-1].duplicates == {"a": False}
@@ -326,7 +326,7 @@ def test_a_name_that_two_controllers_use_is_ambiguous_after_some_ticks_in_a_row_
 # ---------------------------------------------------------------- who may be selected
 
 
-def test_joining_and_leaving_is_told_once_each(counted):
+def test_joining_and_leaving_are_logged_once_each(counted):
     registry = counted.registry
     registry.leave("nobody")
     for _ in range(2):
@@ -340,7 +340,7 @@ def test_joining_and_leaving_is_told_once_each(counted):
     assert registry.get("nobody") is None
 
 
-def test_who_has_left_may_be_selected_only_while_it_proposes(counted):
+def test_departed_controller_is_selectable_only_while_it_proposes(counted):
     registry = counted.registry
     registry.leave("a")
     assert registry.is_ready("a")
@@ -395,7 +395,7 @@ def test_who_has_failed_is_readmitted_after_so_many_good_proposals_or_never(read
     assert counted.facts("ready") == []
 
 
-def test_it_is_told_once_that_a_controller_is_ready():
+def test_readiness_is_logged_once():
     counted = Counted(warm_ticks=3)
     for count in range(1, 6):
         counted.begin().propose()
@@ -404,7 +404,7 @@ def test_it_is_told_once_that_a_controller_is_ready():
     assert counted.registry.all_ready() == {"a"}
 
 
-def test_a_refusal_is_told_once_and_a_wrong_one_counted(counted):
+def test_refusal_is_logged_once_and_counted(counted):
     for _ in range(3):
         counted.propose(force_kn=99.0)
         counted.begin()

@@ -147,7 +147,7 @@ def started(make_rig, **values):
     return rig
 
 
-def test_what_is_applied_is_not_known_without_drives_and_controllers(make_rig):
+def test_command_in_force_is_unknown_without_drives_and_controllers(make_rig):
     rig = started(make_rig)
     rig.names = []
     for _ in range(10):
@@ -221,7 +221,7 @@ def test_the_controllers_are_given_time_to_tell_who_was_selected(make_rig):
     assert rig.arbiter.ticks.lost == 2
 
 
-def test_drives_beyond_the_limits_are_no_start_beyond_them(make_rig):
+def test_start_from_drives_beyond_the_limits_is_clipped(make_rig):
     rig = make_rig()
     rig.drives = Command(95.3, 200.0)
     rig.names = []
@@ -277,7 +277,7 @@ def test_a_fallback_that_does_not_cope_with_a_lost_sensor_is_passed_over_at_a_st
     assert [fact["reason"].subject for fact in rig.facts("failed")].count("nmpc") == 0
 
 
-def test_who_was_active_is_waited_for_some_ticks(make_rig):
+def test_previously_active_controller_is_awaited_for_some_ticks(make_rig):
     rig = make_rig(SupervisorParameters.from_values({"warm_ticks": 4})).run(20)
     rig.silent.add("decentral")
     rig.now_s += 5.0
@@ -295,7 +295,7 @@ def test_who_was_active_is_waited_for_some_ticks(make_rig):
     assert [fact["reason"] for fact in left] == [abandoned]
 
 
-def test_the_start_is_told_with_the_reason(rig):
+def test_start_is_logged_with_its_reason(rig):
     machine = rig.arbiter.machine
     assert (machine.reason, machine.cause) == (
         Reason(ReasonCode.CONFIGURED, subject="decentral"),
@@ -378,7 +378,7 @@ def test_a_later_measurement_cut_short_is_an_excuse_again(rig):
 
 
 @pytest.mark.parametrize("blind", [True, False])
-def test_who_only_cannot_see_is_replaced_and_not_inhibited(rig, blind):
+def test_blind_controller_is_replaced_but_not_inhibited(rig, blind):
     rig.tolerated = {"nmpc": REQUIRED, "decentral": () if blind else REQUIRED}
     rig.run(1)
     rig.values["torque"] = float("nan")
@@ -467,20 +467,20 @@ def test_after_a_swap_force_and_speed_slew_to_the_new_controllers_values(make_ri
         }
     )
     rig = make_rig(settings).run(30)
-    wanted = Command(78.4 + sign * 0.3, 407.5 + sign * 1.2)
-    rig.spoil("nmpc", command=wanted)
+    requested = Command(78.4 + sign * 0.3, 407.5 + sign * 1.2)
+    rig.spoil("nmpc", command=requested)
     rig.silent.add("decentral")
     rig.run(1)
     assert rig.last.command.force_kn == pytest.approx(78.4 + sign * 0.2)
     assert rig.last.command.speed_rpm == pytest.approx(407.5 + sign * 0.5)
     rig.run(1)
-    assert rig.last.command.force_kn == pytest.approx(wanted.force_kn)
+    assert rig.last.command.force_kn == pytest.approx(requested.force_kn)
     assert rig.last.command.speed_rpm == pytest.approx(407.5 + sign * 1.0)
     rig.run(1)
-    assert (rig.last.command, rig.last.reason) == (wanted, Reason())
-    rig.spoil("nmpc", command=Command(wanted.force_kn + 0.9, wanted.speed_rpm))
+    assert (rig.last.command, rig.last.reason) == (requested, Reason())
+    rig.spoil("nmpc", command=Command(requested.force_kn + 0.9, requested.speed_rpm))
     rig.run(1)
-    assert rig.last.command.force_kn == pytest.approx(wanted.force_kn + 0.9), (
+    assert rig.last.command.force_kn == pytest.approx(requested.force_kn + 0.9), (
         "it has arrived: the limits are over"
     )
 

@@ -65,7 +65,7 @@ def test_a_silent_controller_is_replaced_at_the_deadline_of_the_same_tick(rig):
     assert rig.last.latency_s == pytest.approx(0.005)
 
 
-def test_a_tick_without_any_sensor_is_held_and_blames_nobody(rig):
+def test_tick_without_sensors_holds_without_blame(rig):
     """The plant was stopped just after it had told the drives' feedback."""
     values, rig.values, rig.silent = rig.values, {}, {"decentral", "nmpc"}
     held = rig.arbiter.applied
@@ -197,7 +197,7 @@ def test_a_fallback_that_nobody_runs_is_told_unless_it_is_one_by_default(make_ri
     ).run(5)
     status = diagnostics(misspelt.arbiter, 1, {}, (0.05, 0.1))[0]
     assert status.level == WARN
-    absent = next(one for one in status.what.data["facts"] if one.code == "absent")
+    absent = next(fact for fact in status.what.data["facts"] if fact.code == "absent")
     assert absent.data["controllers"] == ("nmcp",)
 
 

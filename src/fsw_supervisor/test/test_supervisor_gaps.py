@@ -236,7 +236,7 @@ def test_a_controller_that_dies_is_replaced_in_the_same_tick_and_with_a_sensor_l
 
 @pytest.mark.parametrize("push", [Command(4.0, 0.0), Command(-4.0, 9.0), Command(0.4, -1.0)])
 @pytest.mark.parametrize("ramped_kn", [0.0, 3.0])
-def test_what_pushes_besides_is_no_command(feed, push, ramped_kn):
+def test_external_load_is_not_taken_for_a_command(feed, push, ramped_kn):
     """The drives report an input disturbance, before the gap and after it; the plant may have lowered the force."""
     commanded = feed.acting
     pushed = Command(commanded.force_kn + push.force_kn, commanded.speed_rpm + push.speed_rpm)

@@ -174,10 +174,10 @@ def test_right_after_a_gap_no_difference_is_an_offset():
 def pushed_drives(push_kn, push_rpm, ticks=20):
     """What is known when the drives have followed for long and then are pushed."""
     in_force, limits = CommandInForce(), Limits()
-    told = Command(80.0, 410.0)
+    ordered = Command(80.0, 410.0)
     for count in range(ticks + 5):
-        pushed = Command(80.0 + push_kn, 410.0 + push_rpm) if count >= ticks else told
-        in_force.learn_offsets(Tick(count, 0.0, 0.08, told, drives=pushed), limits)
+        pushed = Command(80.0 + push_kn, 410.0 + push_rpm) if count >= ticks else ordered
+        in_force.learn_offsets(Tick(count, 0.0, 0.08, ordered, drives=pushed), limits)
     return in_force
 
 
@@ -194,21 +194,21 @@ def test_differences_within_one_move_of_each_drive_are_not_an_offset():
 
 
 @pytest.mark.parametrize("what", ["drives", "previous", "begun"])
-def test_where_the_command_or_the_drives_are_not_known_nothing_is_learnt(what):
+def test_offset_is_not_learnt_without_command_or_feedback(what):
     in_force, limits = pushed_drives(0.0, 0.0), Limits()
-    told, pushed = Command(80.0, 410.0), Command(84.0, 419.0)
+    ordered, pushed = Command(80.0, 410.0), Command(84.0, 419.0)
     if what == "begun":
-        in_force.begin_from(told)
+        in_force.begin_from(ordered)
     gap = Tick(
         99,
         0.0,
         0.08,
-        None if what == "previous" else told,
+        None if what == "previous" else ordered,
         drives=None if what == "drives" else pushed,
     )
     in_force.learn_offsets(gap, limits)
     for count in range(5):
-        in_force.learn_offsets(Tick(100 + count, 0.0, 0.08, told, drives=pushed), limits)
+        in_force.learn_offsets(Tick(100 + count, 0.0, 0.08, ordered, drives=pushed), limits)
     assert in_force.commanded(pushed) == pushed
 
 
@@ -323,10 +323,10 @@ def test_a_proposal_is_checked_for_its_name_then_its_health_then_its_values():
 
 
 def test_commands_are_the_same_but_for_rounding():
-    one = Command(80.0, 410.0)
-    assert same(one, Command(80.0 * (1 + 5e-10), 410.0 * (1 - 5e-10)))
-    assert not same(one, Command(80.0 * (1 + 5e-9), 410.0))
-    assert not same(one, Command(80.0, 410.0 * (1 + 5e-9)))
+    first = Command(80.0, 410.0)
+    assert same(first, Command(80.0 * (1 + 5e-10), 410.0 * (1 - 5e-10)))
+    assert not same(first, Command(80.0 * (1 + 5e-9), 410.0))
+    assert not same(first, Command(80.0, 410.0 * (1 + 5e-9)))
 
 
 @pytest.mark.parametrize("stalled", [True, False])

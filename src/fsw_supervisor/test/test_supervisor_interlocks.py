@@ -95,8 +95,10 @@ def test_a_warning_comes_before_its_trip(name, warn, trip):
 def test_every_parameter_of_an_interlock_reaches_it():
     values = defaults(SupervisorParameters)
     for item in interlocks_from(values):
-        told = [values[f"interlocks.{item.name}.{key}"] for key in ("warn", "trip", "hysteresis")]
-        assert [item.warn, item.trip, item.hysteresis] == told
+        limits = [
+            values[f"interlocks.{item.name}.{key}"] for key in ("warn", "trip", "hysteresis")
+        ]
+        assert [item.warn, item.trip, item.hysteresis] == limits
     assert {item.name: item.quantity for item in interlocks_from(values)} == {
         name: case[0] for name, case in CASES.items()
     }
@@ -159,7 +161,7 @@ def test_a_trip_may_become_a_warning(monitor):
     assert monitor.active == {"temperature_high": WARN}
 
 
-def test_several_causes_are_told_together(monitor):
+def test_simultaneous_causes_are_logged_together(monitor):
     for _ in range(3):
         monitor.watch({"temperature_c": 930.0, "depth_mm": 3.8, "torque_nm": NAN})
     assert monitor.tripped == ("temperature_high", "depth_high")
@@ -219,17 +221,17 @@ def test_a_sensor_that_becomes_invalid_and_valid_again_is_told_once_each(monitor
     assert monitor.invalid_sensors == ("thermocouple",) and monitor.blind_since_ns is not None
     judged(monitor, 4, **GOOD)
     assert (monitor.invalid_sensors, monitor.blind_since_ns) == ((), None)
-    told = [
+    logged = [
         (event.level, event.fact) for event in monitor._machine.events if event.who == "sensors"
     ]
-    assert told == [
+    assert logged == [
         (Level.WARN, Fact.of(Code.SENSOR_INVALID, sensor="thermocouple", flaw="missing")),
         (Level.INFO, Fact.of(Code.SENSOR_VALID, sensor="thermocouple")),
     ]
 
 
 @pytest.mark.requirement("S15")
-def test_where_time_goes_back_sensors_are_judged_anew(monitor):
+def test_sensor_judgement_restarts_when_time_goes_back(monitor):
     judged(monitor, 10, **GOOD)
     monitor.forget_time()
     monitor.stamp_ns = 10**9
@@ -244,7 +246,7 @@ def test_where_time_goes_back_sensors_are_judged_anew(monitor):
 @pytest.mark.parametrize(
     ("age_ns", "is_feedback"), [(0, True), (300_000_000, True), (300_000_001, False), (-1, False)]
 )
-def test_what_the_drives_have_reported_lately_acts_else_what_was_commanded(age_ns, is_feedback):
+def test_recent_feedback_acts_else_the_command(age_ns, is_feedback):
     in_force, stamp_ns = CommandInForce(), 10**12
     tick = Tick(stamp_ns, 0.0, 0.08, None)
     assert in_force.acting(tick, 0.3) is None

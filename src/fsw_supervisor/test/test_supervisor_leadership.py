@@ -45,12 +45,12 @@ def test_a_request_waits_until_it_is_certain_who_leads(role):
 def test_a_second_stall_before_the_request_continues_makes_it_wait_again():
     standing = Standing()
     leadership = Leadership(standing, standing)
-    asked = leadership.certain()
-    step(asked)
+    answer = leadership.certain()
+    step(answer)
     standing.certain = True
     leadership.look()
     standing.certain = False
-    assert step(asked) is None
+    assert step(answer) is None
     standing.certain, standing.role = True, Role.STANDBY
     leadership.look()
-    assert step(asked) is False
+    assert step(answer) is False

@@ -128,7 +128,7 @@ def test_each_recent_takeover_doubles_the_patience_of_a_standby(make_leader):
 @pytest.mark.parametrize(
     "signature", [Signature(), Signature(5, ""), Signature(0, "m"), Signature(9, "m")]
 )
-def test_a_state_that_no_other_supervisor_has_signed_moves_nobody(leader, signature):
+def test_unsigned_state_changes_no_role(leader, signature):
     assert not leader.failover.on_leader_state(signature)
     assert leader.failover.role is Role.ACTIVE
 
@@ -342,7 +342,7 @@ def test_in_lockstep_a_leader_that_answers_in_time_stays(make_leader):
     assert standby.failover.role is Role.STANDBY
 
 
-def test_in_lockstep_the_first_unanswered_tick_is_taken_over(make_leader):
+def test_lockstep_standby_takes_over_the_first_unanswered_tick(make_leader):
     standby = make_leader(standby=True, lockstep=True)
     standby.measure()
     standby.run(standby.arbiter.settings.takeover_s(True) + 0.01)

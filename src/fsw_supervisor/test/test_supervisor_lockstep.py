@@ -142,7 +142,7 @@ def test_a_tick_that_the_plant_sends_again_is_answered_again():
     assert begin(arbiter, STEP_NS, 12.0) == [first]
 
 
-def test_simulated_time_that_starts_anew_is_followed():
+def test_restarted_simulated_time_is_followed():
     arbiter = Arbiter(SupervisorParameters.from_values({}), lockstep=True)
     for count in (100, 101, 102, 1, 2, 3):
         begin(arbiter, count * STEP_NS, 10.0)

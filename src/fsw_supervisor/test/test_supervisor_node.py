@@ -369,7 +369,7 @@ def test_topics_and_discovery_follow_the_namespace(make_bench):
 
 
 @pytest.mark.parametrize("name", ["manual", "unknown"])
-def test_names_that_are_sources_already_are_no_controllers(bench, name):
+def test_reserved_source_names_are_not_controllers(bench, name):
     bench.peer.add(name)
     bench.until(lambda: bench.supervisor._controllers.ignored)
     assert bench.switch(name).code == "unknown_controller"

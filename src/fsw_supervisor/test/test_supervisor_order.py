@@ -40,10 +40,10 @@ class Ticks:
             for n in ("nmpc", "decentral")
         ]
         messages = [*proposed, *measured] if proposals_first else [*measured, *reversed(proposed)]
-        decisions = [one for message in messages for one in message()]
+        decisions = [decision for message in messages for decision in message()]
         while not decisions and (at_s := arbiter.wakeup_s) is not None:
             decisions += arbiter.on_time(at_s)
-        return [(one.source, one.command) for one in decisions]
+        return [(decision.source, decision.command) for decision in decisions]
 
 
 @pytest.mark.parametrize("proposals_first", [False, True])

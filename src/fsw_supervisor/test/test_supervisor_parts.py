@@ -81,7 +81,7 @@ def test_wrong_numbers_are_refused(name, value):
         validate(SupervisorParameters, {name: value})
 
 
-def test_rounding_of_the_unit_conversion_is_no_violation():
+def test_unit_rounding_is_not_a_violation():
     before = Command(94.0 - 1e-12, 407.0)
     proposal = ProposalInput(0, "a", Command(95.0 + 1e-9, 410.0 + 1e-9))
     assert check("a", proposal, before, Limits()).refusal == Reason()
@@ -176,7 +176,7 @@ def test_a_push_sets_in_at_once_and_stays(push):
     assert push.value == pytest.approx(4.0, abs=0.2)
 
 
-def test_a_spike_is_no_push(push):
+def test_spike_is_not_an_offset(push):
     for difference in (4.0, 0.0, 4.0, 4.0, 0.0):
         push.learn(difference, 1.0)
     assert push.value == 0.0
@@ -202,7 +202,7 @@ def test_a_drift_slower_than_any_ramp_is_a_push(push):
     assert push.value == pytest.approx(3.0)
 
 
-def test_a_push_too_large_to_be_one_is_none(push):
+def test_excessive_difference_is_not_an_offset(push):
     for _ in range(10):
         push.learn(-18.4, 1.0)
     push.interrupt()

@@ -244,14 +244,14 @@ class ArbiterMachine(RuleBasedStateMachine):
     )
     def ask_mode(self, mode, force):
         """The operator asks for a mode."""
-        wanted = Command(force, 400.0)
+        requested = Command(force, 400.0)
         before = self.arbiter.machine.mode
         latched = before is Mode.SAFE_STOP and not self.arbiter.machine.acknowledged
-        ok, fact = self.arbiter.operator.ask_mode(mode, wanted, "operator")
+        ok, fact = self.arbiter.operator.ask_mode(mode, requested, "operator")
         assert fact.words
         assert not (ok and latched) or mode == "safe_stop"
         if ok and mode == "manual":
-            self.manual = wanted
+            self.manual = requested
 
     @rule()
     def acknowledge(self):

@@ -242,7 +242,7 @@ def test_a_switch_outside_auto_needs_no_interval(rig):
     assert (request.ok, rig.arbiter.machine.target) == (True, "decentral")
 
 
-def test_a_refused_mode_is_told_in_the_log_with_the_reason(rig):
+def test_refused_mode_is_logged_with_its_reason(rig):
     rig.arbiter.operator.ask_mode("full_speed" * 10, None, "someone")
     (fact,) = rig.facts("mode_refused")
     assert (fact["mode"], fact["answer"].code) == (("full_speed" * 10)[:40], "unknown_mode")
@@ -289,7 +289,7 @@ def test_manual_values_may_be_changed_while_in_manual(rig):
     assert (rig.last.source, rig.last.command) == ("manual", Command(78.5, 408.0))
 
 
-def test_what_the_operator_wants_is_noted_beside_what_is(rig):
+def test_target_is_reported_beside_the_actual_state(rig):
     machine = rig.arbiter.machine
     rig.arbiter.operator.ask_mode("hold", None, "anna")
     assert (machine.mode, machine.target_mode, machine.who) == (Mode.HOLD, Mode.HOLD, "anna")

@@ -341,7 +341,7 @@ def test_a_good_sample_that_is_held_frees_no_safe_stop(rig):
 @pytest.mark.parametrize("why", ["interlock", "operator"])
 @pytest.mark.parametrize("drives", [True, False])
 @pytest.mark.parametrize("lockstep", [False, True])
-def test_a_restart_goes_on_with_the_safe_stop(make_rig, why, drives, lockstep):
+def test_restart_keeps_the_safe_stop(make_rig, why, drives, lockstep):
     """The controllers have seen whose command is in force; a cause that is still there need not be believed anew."""
     rig = make_rig(lockstep=lockstep)
     for _ in range(15):
@@ -354,7 +354,7 @@ def test_a_restart_goes_on_with_the_safe_stop(make_rig, why, drives, lockstep):
     rig.restart()
     if not drives:
         rig.drives = None
-    sources = [one.source for _ in range(20) for one in rig.tick()]
+    sources = [decision.source for _ in range(20) for decision in rig.tick()]
     assert len(sources) >= 15
     assert set(sources) == {"safe_stop"}
     cool(rig)
@@ -373,10 +373,10 @@ def test_controllers_that_come_late_still_tell_a_new_supervisor_of_the_safe_stop
     ask(rig, "safe_stop")
     rig.run(2).restart()
     rig.silent = set(rig.names)
-    before = [one for _ in range(silent_ticks) for one in rig.tick()]
+    before = [decision for _ in range(silent_ticks) for decision in rig.tick()]
     rig.silent.clear()
     assert not before
-    assert [one.source for one in rig.tick()] in ([], ["safe_stop"])
+    assert [decision.source for decision in rig.tick()] in ([], ["safe_stop"])
     assert rig.run(3).last.source == "safe_stop"
 
 
@@ -391,10 +391,10 @@ def test_a_new_supervisor_that_finds_the_controllers_late_still_hears_of_the_saf
     tell = rig.arbiter.on_status
     rig.arbiter.on_status = lambda *args: []
     rig.silent = set() if proposing else set(rig.names)
-    assert not [one for _ in range(18) for one in rig.tick()]
+    assert not [decision for _ in range(18) for decision in rig.tick()]
     rig.arbiter.on_status = tell
     rig.silent.clear()
-    assert [one.source for _ in range(5) for one in rig.tick()] == ["safe_stop"] * 5
+    assert [decision.source for _ in range(5) for decision in rig.tick()] == ["safe_stop"] * 5
 
 
 @pytest.mark.requirement("S25")
@@ -409,7 +409,7 @@ def test_a_new_supervisor_listens_also_after_a_gap_before_its_first_command(rig,
     rig.now_s += gap_s
     rig.stamp_ns += round(gap_s * 1e9)
     ask(rig, asked_for)
-    assert [one.source for _ in range(5) for one in rig.tick()] == ["safe_stop"] * 5
+    assert [decision.source for _ in range(5) for decision in rig.tick()] == ["safe_stop"] * 5
 
 
 @pytest.mark.requirement("S25")

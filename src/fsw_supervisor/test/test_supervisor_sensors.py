@@ -85,8 +85,8 @@ def test_a_value_beyond_the_trip_stops_whatever_is_missing_between(value, betwee
         show(1052.0)
     for _ in range(3):
         show(value)
-        for one in between:
-            show(one)
+        for sample in between:
+            show(sample)
     assert "torque_high" in monitor.tripped
 
 
@@ -104,7 +104,7 @@ def test_a_spike_out_of_range_trips_nothing(rig, sensor, value):
     assert rig.arbiter.machine.mode is Mode.AUTO
 
 
-def test_a_rejected_value_that_is_beyond_no_trip_clears_none(rig):
+def test_rejected_value_within_limits_clears_no_trip(rig):
     rig.values["torque"] = 3500.0
     rig.run(5)
     rig.values["torque"] = 1450.0  # further from the last good value than the drives can move it

@@ -356,7 +356,7 @@ def test_the_one_that_was_stopped_never_wins_however_late_it_hears_of_the_other(
     assert world.taken == sorted(world.taken), "terms never fall"
 
 
-def test_of_two_leaders_the_one_stays_that_the_plant_reports():
+def test_leader_reported_by_the_plant_stays():
     world = World()
     a, b = world.add("a"), world.add("b")
     a.lag_s = b.lag_s = 60.0

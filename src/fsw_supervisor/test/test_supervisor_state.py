@@ -130,8 +130,8 @@ def test_each_trigger_leads_from_where_it_may_to_one_mode(trigger, target, sourc
 
 def test_swaps_that_nobody_asked_for_make_a_storm_within_the_window(machine):
     machine.fire(Cause.READY, Reason(), "start", "a")
-    asked, failed = Cause.SWAP_REQUESTED, Cause.SWAP_FAILED
-    for name, cause in (("b", asked), ("a", asked), ("b", failed)):
+    requested, failed = Cause.SWAP_REQUESTED, Cause.SWAP_FAILED
+    for name, cause in (("b", requested), ("a", requested), ("b", failed)):
         machine.swap(name, cause, Reason.of("why"), "who")
         assert (machine.active, machine.slewing, machine.storming()) == (name, 7, False)
     fact = Fact.of(Code.SWAP, reason=Reason.of("why"), before="a", controller="b")
@@ -251,12 +251,12 @@ def test_a_standby_that_leads_tells_so_and_slews(machine):
 
 
 def test_takeovers_again_and_again_leave_the_reason_as_it_is(machine):
-    told = Standing("hold", "", Cause.NO_CONTROLLER, Reason(ReasonCode.NO_FALLBACK))
+    reported = Standing("hold", "", Cause.NO_CONTROLLER, Reason(ReasonCode.NO_FALLBACK))
     for _ in range(3):
-        machine.mirror_standing(told)
+        machine.mirror_standing(reported)
         machine.mirror("hold")
         machine.lead(3)
-        assert (machine.cause, machine.reason) == (told.cause, told.reason)
+        assert (machine.cause, machine.reason) == (reported.cause, reported.reason)
     machine.mirror("nmpc")
     machine.lead(2)
     assert (machine.cause, machine.reason) == (Cause.UNKNOWN, Reason()), (

@@ -125,7 +125,7 @@ def test_operators_swaps_keep_a_distance(rig):
     assert [tick[0].source for tick in rig.ticks[-3:]] == ["nmpc", "nmpc", "decentral"]
 
 
-def test_a_controller_that_fails_at_the_swap_is_told_so(rig):
+def test_failure_at_the_swap_is_reported(rig):
     request = ask(rig, "nmpc")
     rig.silent.add("nmpc")
     rig.run(1)
@@ -196,8 +196,8 @@ def test_modes_an_operator_can_ask_for(rig):
     rig.run(2)
     assert rig.last.source == "safe_stop"
     changes = (Code.MODE, Code.MODE_WITH, Code.SWAP)
-    asked = [event.who for event in machine.events if event.fact.code in changes]
-    assert asked.count("operator") == 4
+    origins = [event.who for event in machine.events if event.fact.code in changes]
+    assert origins.count("operator") == 4
 
 
 @pytest.mark.parametrize(

@@ -21,9 +21,9 @@ STEP_NS = SECOND_NS // 10
 def samples(rig, stamp_ns, now_s):
     """All sensors at a stamp; returns what is decided."""
     return [
-        one
+        decision
         for sensor, value in rig.values.items()
-        for one in rig.arbiter.on_sample(sensor, stamp_ns, value, now_s)
+        for decision in rig.arbiter.on_sample(sensor, stamp_ns, value, now_s)
     ]
 
 
@@ -82,7 +82,7 @@ def test_a_depth_that_comes_twice_counts_with_the_deviation_of_the_first(rig):
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
-def test_that_no_measurement_comes_is_told_once_unless_the_plant_waits(make_rig, lockstep):
+def test_missing_measurements_are_logged_once(make_rig, lockstep):
     rig = make_rig(lockstep=lockstep)
     for _ in range(15):
         rig.tick()
@@ -133,7 +133,7 @@ def test_after_a_gap_a_proposal_is_held_against_what_acts_then(rig):
         out += arbiter.on_proposal(name, ProposalInput(rig.stamp_ns, name, acting), rig.now_s)
     out += arbiter.on_drives(rig.stamp_ns, acting, rig.now_s)
     out += samples(rig, rig.stamp_ns, rig.now_s)
-    assert [(one.source, one.command) for one in out] == [("decentral", acting)]
+    assert [(decision.source, decision.command) for decision in out] == [("decentral", acting)]
 
 
 def test_each_tick_in_which_a_gap_begins_is_lost(rig):
@@ -149,7 +149,9 @@ def test_a_tick_that_is_not_decided_when_the_next_one_begins_is_decided_then(rig
     arbiter, commands = rig.arbiter, rig.arbiter.ticks.commands
     rig.now_s += 0.1
     out = [
-        one for ahead in (1, 2) for one in samples(rig, rig.stamp_ns + ahead * STEP_NS, rig.now_s)
+        sample
+        for ahead in (1, 2)
+        for sample in samples(rig, rig.stamp_ns + ahead * STEP_NS, rig.now_s)
     ]
     assert out == [arbiter.ticks.last]
     assert arbiter.ticks.commands == commands + 1
@@ -169,13 +171,15 @@ def test_a_hold_up_of_more_than_the_tolerance_gives_the_queues_time_to_drain(rig
     rig.arbiter.on_proposal("nmpc", rig.proposal("nmpc"), rig.now_s)
     out = rig.arbiter.on_time(rig.now_s + held_up_s)
     if held_up_s < 0.13:
-        assert ([one.source for one in out], rig.arbiter.ticks.stalls) == (["nmpc"], 0)
+        assert ([decision.source for decision in out], rig.arbiter.ticks.stalls) == (["nmpc"], 0)
         return
     assert (out, rig.arbiter.ticks.stalls) == ([], 1)
     assert rig.facts("stalled") == [{"time_s": pytest.approx(0.14)}]
     assert rig.arbiter.wakeup_s == pytest.approx(rig.now_s + held_up_s + 0.025)
     out = rig.arbiter.on_time(rig.arbiter.wakeup_s)
-    assert [(one.source, one.reason.code) for one in out] == [("hold", ReasonCode.STALLED)]
+    assert [(decision.source, decision.reason.code) for decision in out] == [
+        ("hold", ReasonCode.STALLED)
+    ]
     assert rig.arbiter.ticks.stalls == 1
 
 
@@ -211,7 +215,7 @@ def test_in_lockstep_it_is_woken_for_the_shadows_and_at_the_start_for_the_contro
 
 @pytest.mark.requirement("S27")
 @pytest.mark.parametrize("mode", ["hold", "manual", "start", "abandoned"])
-def test_each_time_out_is_told_with_the_mode_and_the_reason(make_rig, mode):
+def test_time_outs_are_logged_with_mode_and_reason(make_rig, mode):
     values = {
         "start_timeout_s": 3.0,
         "hold_timeout_s": 2.0,
@@ -411,7 +415,7 @@ def test_in_lockstep_a_standby_gives_slow_controllers_as_much_time_as_the_leader
         "decentral", ProposalInput(10**12, "decentral", Command(80.5, 410.0)), 52.95
     )
     arbiter.on_time(53.0)
-    assert [one.source for one in arbiter.lead(2)] == ["decentral"]
+    assert [decision.source for decision in arbiter.lead(2)] == ["decentral"]
 
 
 @pytest.mark.parametrize(
@@ -464,7 +468,7 @@ def test_a_standby_that_takes_over_with_a_controller_that_it_has_never_seen_fall
 
 
 @pytest.mark.requirement("S25")
-def test_a_safe_stop_from_before_a_restart_is_told_as_such(make_rig):
+def test_earlier_safe_stop_is_reported_after_a_restart(make_rig):
     arbiter = make_rig().arbiter
     arbiter.on_source("hold")
     assert arbiter.machine.mode is Mode.START

@@ -51,9 +51,9 @@ def check_layout(library: CLibrary, folder: Path) -> None:
         kind = ffi.typeof(name)
         if kind.kind != "struct":
             continue
-        for field, found in kind.fields:
+        for field, value in kind.fields:
             lines.append(f'printf("%zu\\n", offsetof({name}, {field}));')
-            layout.append(found.offset)
+            layout.append(value.offset)
         lines.append(f'printf("%zu\\n", sizeof({name}));')
         layout.append(ffi.sizeof(kind))
     head = [

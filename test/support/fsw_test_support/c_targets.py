@@ -146,10 +146,10 @@ def run_vectors(folder: Path, build_folder: Path) -> None:
 def largest_difference(folder: Path, build_folder: Path) -> float:
     """Of the outputs from those expected, as the example told it."""
     log = (build_folder / "Testing" / "Temporary" / "LastTest.log").read_text(encoding="utf-8")
-    found = re.findall(r"largest difference (\S+):", log)
-    if len(found) != 2:
+    differences = re.findall(r"largest difference (\S+):", log)
+    if len(differences) != 2:
         raise AssertionError(f"the example said no difference:\n{log}")
-    return max(map(float, found))
+    return max(map(float, differences))
 
 
 def instructions(folder: Path, build_folder: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -189,7 +189,7 @@ def stack_bytes(build_folder: Path, function: str) -> int:
         if name in above:
             raise AssertionError(f"recursion: {' > '.join((*above, name))}")
         return own.get(name, 0) + max(
-            (deepest(one, (*above, name)) for one in calls.get(name, ())), default=0
+            (deepest(callee, (*above, name)) for callee in calls.get(name, ())), default=0
         )
 
     return deepest(function, ())
@@ -198,10 +198,10 @@ def stack_bytes(build_folder: Path, function: str) -> int:
 def state_bytes(build_folder: Path) -> int:
     """Bytes of the controller with its input and output, as the example holds them."""
     lines = _command(["arm-none-eabi-nm", "-S", str(build_folder / "fsw_example")], build_folder)
-    found = re.findall(r"^\w+ (\w+) [bB] (?:controller|input|output)$", lines, re.MULTILINE)
-    if len(found) != 3:
+    symbols = re.findall(r"^\w+ (\w+) [bB] (?:controller|input|output)$", lines, re.MULTILINE)
+    if len(symbols) != 3:
         raise AssertionError(f"the example has no controller, input and output:\n{lines[:500]}")
-    return sum(int(size, 16) for size in found)
+    return sum(int(size, 16) for size in symbols)
 
 
 def sizes(build_folder: Path) -> tuple[int, int]:

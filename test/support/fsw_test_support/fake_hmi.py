@@ -341,8 +341,8 @@ class FakeHmi:
                     self.touches += 1
                 else:
                     self.requests.append(request)
-                told = self._answer(request, session)
-                answer = {"t": "answer", "id": request["id"], **told._asdict()}
+                reply = self._answer(request, session)
+                answer = {"t": "answer", "id": request["id"], **reply._asdict()}
                 await socket.send_text(json.dumps(answer))
                 await self._push()
         except WebSocketDisconnect:
@@ -353,26 +353,26 @@ class FakeHmi:
                 self._room.lose(session, time.monotonic())
 
     def _answer(self, request: dict[str, Any], session: Session) -> Answer:
-        what = request["do"]
-        if what in self.refusals:
-            return Answer(REFUSED, "", self.refusals[what])
+        command = request["do"]
+        if command in self.refusals:
+            return Answer(REFUSED, "", self.refusals[command])
         now_s = time.monotonic()
         verdict = self._room.handle(session, json.dumps(request), now_s)
         if verdict.credentials:
             user = self._room.check(*verdict.credentials)
             verdict = self._room.on_checked(session, verdict.credentials, user, now_s)
         if verdict.action:
-            self._act(what, request)
+            self._act(command, request)
             verdict = Verdict(request["id"], Answer(DONE, "", ""), asked=verdict.asked)
         if verdict.asked:
             done = {"who": session.who, "action": verdict.asked, **verdict.answer._asdict()}
             self.actions.append({"server_s": time.time(), **done})
         return verdict.answer
 
-    def _act(self, what: str, request: dict[str, Any]) -> None:
-        if what == "safe_stop":
+    def _act(self, command: str, request: dict[str, Any]) -> None:
+        if command == "safe_stop":
             self.state.update(actual_mode="safe_stop", target_mode="safe_stop", reason="operator")
-        elif what == "switch":
+        elif command == "switch":
             self.state.update(
                 target_controller=request["controller"], actual_controller=request["controller"]
             )
@@ -533,12 +533,12 @@ def sample_bag(n: int, duration_s: float = 240.0, shift_mm: float = 0.0) -> dict
 def _alarm(
     name: str, text: str, priority: str, state: str, raised_s: float, **changed: Any
 ) -> dict[str, Any]:
-    what, _, why = text.partition(": ")
+    label, _, why = text.partition(": ")
     return {
         **{
             "id": name,
             "text": text,
-            "what": what,
+            "what": label,
             "why": why,
             "priority": priority,
             "state": state,
@@ -604,7 +604,7 @@ def _progress() -> dict[str, Any]:
 
 def _prediction(time_s: float) -> dict[str, Any]:
     times = [time_s + 0.4 * i for i in range(20)]
-    rows = [weld_row(one) for one in times]
+    rows = [weld_row(begin) for begin in times]
     named = {
         name: [row[COLUMNS.index(name)] for row in rows]
         for name in ("depth_mm", "temperature_c", "force_kn", "speed_rpm")

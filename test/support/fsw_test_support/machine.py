@@ -22,11 +22,11 @@ _reserved: list[socket.socket] = []
 
 def free_port() -> int:
     """A TCP port that nobody listens on, and on which only a server that is told of it will: it stays bound here."""
-    one = socket.socket()
-    one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    one.bind(("127.0.0.1", 0))
-    _reserved.append(one)
-    return int(one.getsockname()[1])
+    listener = socket.socket()
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    listener.bind(("127.0.0.1", 0))
+    _reserved.append(listener)
+    return int(listener.getsockname()[1])
 
 
 def write_machine_file(path: Path, port: int, text: str, **changes: Any) -> Path:

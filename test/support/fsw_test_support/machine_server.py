@@ -250,7 +250,7 @@ class MachineServer:
         self, node: ua.NodeId, attribute: ua.AttributeIds, value: ua.DataValue
     ) -> ua.StatusCode:
         status: ua.StatusCode = await self._setter(node, attribute, value)
-        name = next((name for name, one in self._ids.items() if one == node), "")
+        name = next((name for name, known_id in self._ids.items() if known_id == node), "")
         if not status.is_good() or attribute != ua.AttributeIds.Value or value.Value is None:
             return status
         if name == "switch":
@@ -266,24 +266,24 @@ class MachineServer:
         self._wanted.pop(name, None)
         inside = self._machine.nodes[name].inside(number)
         other = self.plant.applied
-        wanted = (
+        requested = (
             Command(inside, other.speed_rpm)
             if name == "force_setpoint"
             else Command(other.force_kn, inside)
         )
-        if refusal(wanted, self.plant.config.limits) is not None:
+        if refusal(requested, self.plant.config.limits) is not None:
             return ua.StatusCode(ua.StatusCodes.BadOutOfRange)
         self._wanted[name] = inside
         return ua.StatusCode()
 
     def _take(self, heartbeat: int) -> ua.StatusCode:
         """Take force and speed over, if both came and they answer one of the last cycles."""
-        wanted, self._wanted = self._wanted, {}
+        requested, self._wanted = self._wanted, {}
         known = self._cycles.get(heartbeat)
-        if not self.permissive or len(wanted) < 2 or known is None:
+        if not self.permissive or len(requested) < 2 or known is None:
             return ua.StatusCode(ua.StatusCodes.BadInvalidState)
         stamp_ns, begun_s = known
-        command = Command(wanted["force_setpoint"], wanted["speed_setpoint"])
+        command = Command(requested["force_setpoint"], requested["speed_setpoint"])
         before = self.plant.applied
         if self.plant.apply(command, stamp_ns):
             return ua.StatusCode(ua.StatusCodes.BadInvalidState)
@@ -300,10 +300,10 @@ class MachineServer:
             print(f"largest move so far: {moves:.3f}", flush=True)
 
 
-def moves_between(one: Command, other: Command) -> float:
+def moves_between(first: Command, other: Command) -> float:
     """Distance of two commands, in largest moves of a tick."""
-    force = abs(one.force_kn - other.force_kn) / weld.FORCE_STEP_KN
-    return max(force, abs(one.speed_rpm - other.speed_rpm) / weld.SPEED_STEP_RPM)
+    force = abs(first.force_kn - other.force_kn) / weld.FORCE_STEP_KN
+    return max(force, abs(first.speed_rpm - other.speed_rpm) / weld.SPEED_STEP_RPM)
 
 
 class _Users:

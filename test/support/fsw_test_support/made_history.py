@@ -62,7 +62,7 @@ def rows(n: int, wear_nm: float = 1.0, seed: int = 1) -> list[dict[str, Any]]:
             **settings,
             **none,
             "start_ns": i,
-            **{name: one[i] for name, one in columns.items()},
+            **{name: column[i] for name, column in columns.items()},
         }
         for i in range(n)
     ]

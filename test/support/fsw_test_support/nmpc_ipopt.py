@@ -198,7 +198,7 @@ class ReferenceSolver:
         still = np.zeros(n)
         scale = 1.0 / (1.0 + objective(problem, t, h, still, *self._outputs(problem, still)))
         open_ended = np.full(2 * r + 2 * n, -np.inf)
-        found = self._solver(
+        solution = self._solver(
             x0=np.zeros(2 * n + r),
             p=np.append(parameter, scale),
             lbx=np.concatenate([-np.ones(n), np.zeros(r + n)]),
@@ -208,10 +208,10 @@ class ReferenceSolver:
             ubg=np.concatenate([np.zeros(2 * r + 2 * n), input_high]),
         )
         stats = self._solver.stats()
-        self.iterations, self.cost = int(stats["iter_count"]), float(found["f"]) / scale
+        self.iterations, self.cost = int(stats["iter_count"]), float(solution["f"]) / scale
         if not stats["success"]:
             return SolveStatus.ITERATION_CAP, moves, nothing, nothing
-        best = np.clip(found["x"].full().ravel()[:n], -1.0, 1.0) * largest
+        best = np.clip(solution["x"].full().ravel()[:n], -1.0, 1.0) * largest
         return SolveStatus.OK, best, *self._outputs(problem, best)
 
     def _outputs(self, problem: Any, moves: Vector) -> tuple[Vector, Vector]:

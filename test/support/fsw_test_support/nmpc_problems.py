@@ -47,8 +47,8 @@ def use_solver(controller: NmpcController, solver: Solver) -> None:
     def step() -> None:
         if begin(library):
             moves = np.array(list(library.state.plan.start[0 : 2 * library.horizon.n_blocks]))
-            status, *found = solver.solve(problem_of(library), moves)
-            arrays = (pointer(np.ascontiguousarray(one)) for one in found)
+            status, *results = solver.solve(problem_of(library), moves)
+            arrays = (pointer(np.ascontiguousarray(array)) for array in results)
             library.lib.fsw_nmpc_end(library.state, *arrays, status, library.output)
 
     library.step = step  # type: ignore[method-assign]
@@ -73,9 +73,9 @@ def predict(library: Library, start: Any, moves: Vector) -> tuple[Vector, Vector
         If the prediction is not finite.
     """
     h, w, model = library.horizon, library.state.workspace, library.state.model
-    at = KERNEL.ffi.addressof
+    address = KERNEL.ffi.addressof
     if library.lib.fsw_predict(
-        at(library.state, "model"), start, pointer(np.ascontiguousarray(moves)), at(w)
+        address(library.state, "model"), start, pointer(np.ascontiguousarray(moves)), address(w)
     ):
         raise FloatingPointError("the prediction is not finite")
     outputs, by = (np.frombuffer(KERNEL.ffi.buffer(part)) for part in (w.output, w.by))
@@ -88,13 +88,13 @@ def predict(library: Library, start: Any, moves: Vector) -> tuple[Vector, Vector
 
 def solve(library: Library, problem: Any, moves: Vector) -> tuple[int, Vector, Vector, Vector]:
     """One real-time iteration about ``moves`` (2 n_blocks,): status, moves, outputs; the rest is in ``output``."""
-    found = (
+    matrices = (
         np.array(moves, dtype=np.float64),
         np.zeros(library.horizon.n_out),
         np.zeros(library.horizon.n_out),
     )
-    status = library.lib.fsw_solve(library.state, problem, *map(pointer, found), library.output)
-    return SolveStatus(status), *found
+    status = library.lib.fsw_solve(library.state, problem, *map(pointer, matrices), library.output)
+    return SolveStatus(status), *matrices
 
 
 def random_tuning(rng: np.random.Generator) -> Tuning:

@@ -26,9 +26,9 @@ def _may_be_taken(control: Frame) -> bool:
 def build_of(url: str, trusting: ssl.SSLContext | None = None) -> str:
     """The build of the page that a server serves."""
     with urlopen(url, timeout=PATIENCE_S, context=trusting) as response:
-        found = re.search(r'name="build" content="(\w+)"', response.read().decode())
-    assert found is not None
-    return found[1]
+        build = re.search(r'name="build" content="(\w+)"', response.read().decode())
+    assert build is not None
+    return build[1]
 
 
 class Page:
@@ -49,7 +49,7 @@ class Page:
     def __init__(
         self, url: str, build: str | None = None, resume: str = "", **options: Any
     ) -> None:
-        given = {
+        headers = {
             "origin": url.rstrip("/"),
             "max_size": None,
             "compression": None,
@@ -58,7 +58,7 @@ class Page:
         self._connection = connect(
             f"{url.replace('http', 'ws')}ws?build={build or build_of(url, options.get('ssl'))}"
             f"&resume={resume}",
-            **given,
+            **headers,
         )
         self.socket = self._connection.__enter__()
         self.frames: dict[str, Frame] = {}

@@ -38,9 +38,9 @@ def until(page: Any, condition: str) -> None:
 def settled(page: Any, measure: Callable[[], T]) -> T:
     """What is measured once nothing is found; a page that a busy machine starves is cut off now and then."""
     end = time.monotonic() + PATIENCE_S
-    while (found := measure()) and time.monotonic() < end:
+    while (faults := measure()) and time.monotonic() < end:
         page.wait_for_timeout(50)
-    return found
+    return faults
 
 
 def press(page: Any, name: str) -> None:

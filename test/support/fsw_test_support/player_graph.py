@@ -30,7 +30,11 @@ class PlayerGraph(Spinner):
     """
 
     def __init__(self, source: str, *parameters: str) -> None:
-        words = [word for one in ("wait_for_controllers:=0", *parameters) for word in ("-p", one)]
+        words = [
+            word
+            for setting in ("wait_for_controllers:=0", *parameters)
+            for word in ("-p", setting)
+        ]
         rclpy.init(args=["test", "--ros-args", *words])
         self.player, self.peer = ScenarioNode(source), rclpy.create_node("peer")
         self.follows = reference_queue(self.peer)
@@ -51,7 +55,10 @@ class PlayerGraph(Spinner):
 
     def listens(self) -> bool:
         """Whether the player has begun."""
-        return all(one.get_subscription_count() for one in (*self.sensors.values(), self.by_hand))
+        return all(
+            publisher.get_subscription_count()
+            for publisher in (*self.sensors.values(), self.by_hand)
+        )
 
     @property
     def weld(self) -> Any:

@@ -73,7 +73,7 @@ def write_programme_weld(
         )
         for name, data in (attachments or {}).items():
             writer.attach(name, "application/yaml", data)
-        for name, time_ns, data in sorted(messages, key=lambda one: one[1]):
+        for name, time_ns, data in sorted(messages, key=lambda message: message[1]):
             writer.write(name, data, time_ns, time_ns)
     if writer.error is not None:
         raise writer.error

@@ -20,7 +20,7 @@ def load(file: Path) -> list[Row]:
 
 def save(row: Row, file: Path, key: Sequence[str]) -> None:
     """Put a row into a file, instead of the one with the same values of ``key``."""
-    rows = [one for one in load(file) if any(one[name] != row[name] for name in key)]
+    rows = [other for other in load(file) if any(other[name] != row[name] for name in key)]
     file.write_text(json.dumps([*rows, row], indent=1), encoding="utf-8")
 
 

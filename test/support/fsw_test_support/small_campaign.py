@@ -46,7 +46,7 @@ def campaign(tmp_path: Path, **changes: Any) -> Campaign:
 
 def rows_of(made: Campaign, indices: Iterable[int] | None = None) -> list[Row]:
     """Rows of the welds of a campaign, of all by default."""
-    labels = [one.label for one in made.entrants]
+    labels = [entrant.label for entrant in made.entrants]
     indices = range(made.welds) if indices is None else indices
     return run_batch(made.text, [(i, made.parameters(i), labels) for i in indices])
 

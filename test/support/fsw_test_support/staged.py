@@ -237,11 +237,11 @@ def page_of(staged: Staged) -> tuple[list[dict[str, Any]], dict[str, str]]:
             alarms.update(rules.present(moment, now_s), now_s)
             now_s += _LOOK_S
     rows, last = alarms.rows(now_s, 0.0), staged.moments[-1]
-    found: Mapping[str, Mapping[str, str]] = flags_now(dict(last.values), None, default(), LIMITS)
+    flags: Mapping[str, Mapping[str, str]] = flags_now(dict(last.values), None, default(), LIMITS)
     now = Now(
         last.tick_age_s,
         rows,
-        found,
+        flags,
         last.state or {},
         good_account(),
         last.programme,

@@ -205,7 +205,11 @@ class World:
             if supervisor.alive and not supervisor.frozen:
                 self.rules.waits(supervisor.requests, self.now_s)
         leader = next(
-            (one for one in self.supervisors if one.alive and one.identity == self.rules.leader),
+            (
+                candidate
+                for candidate in self.supervisors
+                if candidate.alive and candidate.identity == self.rules.leader
+            ),
             None,
         )
         runs = [self.end, self.controllers, *([leader] if leader is not None else [])]

@@ -43,12 +43,12 @@ def wait_for_text(
     launcher: Launcher, name: str, pattern: str, timeout_s: float = PATIENCE_S
 ) -> str:
     """Wait until a process has printed something that matches; returns what matched."""
-    found: list[str] = []
+    lines: list[str] = []
 
     def printed() -> bool:
         match = re.search(pattern, launcher.children[name].text())
-        found.extend([match[0]] if match else [])
-        return bool(found)
+        lines.extend([match[0]] if match else [])
+        return bool(lines)
 
     launcher.wait_until(printed, timeout_s, f"{name} to print {pattern!r}")
-    return found[0]
+    return lines[0]

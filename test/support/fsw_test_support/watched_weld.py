@@ -31,10 +31,10 @@ def noise(random: np.random.Generator, n: int, correlation_s: float = 0.0) -> np
     fresh = random.standard_normal(n)
     if not correlation_s:
         return fresh
-    kept, found = exp(-0.1 / correlation_s), [float(fresh[0])]
-    for one in fresh[1:].tolist():
-        found.append(kept * found[-1] + sqrt(1.0 - kept**2) * one)
-    return np.array(found)
+    kept, correlated = exp(-0.1 / correlation_s), [float(fresh[0])]
+    for value in fresh[1:].tolist():
+        correlated.append(kept * correlated[-1] + sqrt(1.0 - kept**2) * value)
+    return np.array(correlated)
 
 
 def samples(
@@ -53,7 +53,7 @@ def samples(
     torque = shown["motor_torque_nm"] + 2.0 * noise(random, n, correlation_s)
     temperature = shown["temperature_c"] + 0.1 * noise(random, n, correlation_s)
     columns = (depth, torque, temperature, acting, turning, acting, turning)
-    rows = zip(*(one.tolist() for one in columns), strict=True)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
     return [Sample(0.1 * (k + 1), *row) for k, row in enumerate(rows)]
 
 
@@ -61,5 +61,5 @@ def drifting(
     weld: list[Sample], name: str, per_s: float, from_s: float = 120.0
 ) -> Iterator[Sample]:
     """A value that drifts from a time on."""
-    for one in weld:
-        yield one._replace(**{name: getattr(one, name) + per_s * max(0.0, one.time_s - from_s)})
+    for tick in weld:
+        yield tick._replace(**{name: getattr(tick, name) + per_s * max(0.0, tick.time_s - from_s)})

@@ -97,8 +97,8 @@ def _shared(index: int) -> object:
 
 # A copy of a cell shares what never changes. Signals without noise are never judged to be frozen,
 # so that what has been learnt of their noise does not matter.
-for _kind in {type(one) for one in _SHARED}:
-    copyreg.pickle(_kind, lambda one: (_shared, (_SHARED.index(one),)))
+for _kind in {type(shared) for shared in _SHARED}:
+    copyreg.pickle(_kind, lambda shared: (_shared, (_SHARED.index(shared),)))
 copyreg.pickle(Frozen, lambda _: (Frozen, ()))
 
 
@@ -383,10 +383,12 @@ class Rules:
     def acknowledged(self, ok: bool) -> None:
         self.to_acknowledge = self.to_acknowledge and not ok
 
-    def answered(self, wanted: str, ok: bool, mode: Mode) -> None:
-        if ok and mode != wanted:
-            self._broken("every request is answered", f"{wanted} was accepted, the mode is {mode}")
-        self._asked_for = wanted if ok else ""
+    def answered(self, request: str, ok: bool, mode: Mode) -> None:
+        if ok and mode != request:
+            self._broken(
+                "every request is answered", f"{request} was accepted, the mode is {mode}"
+            )
+        self._asked_for = request if ok else ""
         self.to_acknowledge |= self._asked_for == Mode.SAFE_STOP
         self._blind_manual = 0 if ok else self._blind_manual
         self._check_mode(mode, was_blind_for_long=False)
@@ -412,9 +414,9 @@ class Rules:
         self._check_mode(arbiter.machine.mode, blind_before)
         self._check_blind(arbiter.machine.mode, measured)
         self._asked_for = ""
-        if len(decisions) > 1 or any(one.stamp_ns != cell.stamp_ns for one in decisions):
+        if len(decisions) > 1 or any(sent.stamp_ns != cell.stamp_ns for sent in decisions):
             self._broken(
-                "one command per tick", f"{[(one.stamp_ns, one.source) for one in decisions]}"
+                "one command per tick", f"{[(sent.stamp_ns, sent.source) for sent in decisions]}"
             )
         if (
             measured
@@ -423,19 +425,19 @@ class Rules:
             and arbiter.applied is not None
         ):
             self._broken("one command per tick", f"none, {arbiter.machine.reason.words}")
-        for one in decisions:
-            self._check_command(one, cell)
+        for decision in decisions:
+            self._check_command(decision, cell)
         for request, age in self._waiting:
             if age > _ANSWER_TICKS and not request.done:
                 self._broken(
                     "every request is answered",
                     f"switch to {request.name} was asked {age} ticks ago",
                 )
-        self._waiting = [(one, age + 1) for one, age in self._waiting if not one.done]
+        self._waiting = [(pending, age + 1) for pending, age in self._waiting if not pending.done]
 
-    def _check_command(self, one: Decision, cell: Cell) -> None:
-        if refusal(one.command, SETTINGS.drive_limits) is not None:
-            self._broken("inside the bounds", f"{one.command}")
+    def _check_command(self, decision: Decision, cell: Cell) -> None:
+        if refusal(decision.command, SETTINGS.drive_limits) is not None:
+            self._broken("inside the bounds", f"{decision.command}")
         near = [
             before for before in (self._command, cell.in_force, cell.acting) if before is not None
         ]
@@ -446,15 +448,19 @@ class Rules:
         # Of commands that do not arrive, only the actuator end can tell a fresh supervisor: see
         # supervisor_pair.py.
         arrives = cell.gateway is not None or cell.delivering
-        if arrives and all(refusal(one.command, SETTINGS.drive_limits, before) for before in near):
-            self._broken("one move from what acts", f"{one.source} {one.command}, before: {near}")
-        if self.cause and one.source != "safe_stop":
-            self._broken("a cause leads to the safe state", f"the command is of {one.source}")
-        if self._told and one.source != "safe_stop":
+        if arrives and all(
+            refusal(decision.command, SETTINGS.drive_limits, before) for before in near
+        ):
             self._broken(
-                "a restart goes on with a safe stop", f"the first command is of {one.source}"
+                "one move from what acts", f"{decision.source} {decision.command}, before: {near}"
             )
-        self._command, self._source = one.command, one.source
+        if self.cause and decision.source != "safe_stop":
+            self._broken("a cause leads to the safe state", f"the command is of {decision.source}")
+        if self._told and decision.source != "safe_stop":
+            self._broken(
+                "a restart goes on with a safe stop", f"the first command is of {decision.source}"
+            )
+        self._command, self._source = decision.command, decision.source
         self._new = self._told = False
 
     def _sense(self, cell: Cell, measured: bool) -> None:

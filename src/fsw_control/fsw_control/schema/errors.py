@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Problem(NamedTuple):
-    """What is wrong in a file or a request that a model describes."""
+    """A problem in a file or request that a model describes."""
 
     path: str  #: of the value or missing key, as ``events[0].fault``; empty: all of it
     kind: (

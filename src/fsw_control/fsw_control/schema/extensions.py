@@ -1,4 +1,4 @@
-"""Loads what distributions, also the user's, register as entry points; optional dependencies.
+"""Entry points registered by distributions, including the user's; optional dependencies.
 
 Groups:
 
@@ -88,16 +88,16 @@ def extensions(group: str) -> dict[str, metadata.EntryPoint]:
     fsw_control.schema.models.InputError
         If two distributions give a name different meanings.
     """
-    found: dict[str, metadata.EntryPoint] = {}
+    points: dict[str, metadata.EntryPoint] = {}
     for point in sorted(
         metadata.entry_points(group=group), key=lambda point: (point.name, point.value)
     ):
-        other = found.setdefault(point.name, point)
+        other = points.setdefault(point.name, point)
         if other.value != point.value:
             raise InputError(
                 f"{group}: {point.name} is both {_words(other)} and {_words(point)}; uninstall one"
             )
-    return found
+    return points
 
 
 def loaded(group: str, name: str) -> Any:

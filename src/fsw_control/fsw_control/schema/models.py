@@ -170,13 +170,15 @@ def validated_by(check: Callable[..., T], content: Any, where: str) -> T:
         return check(content, context=models)
     except ValidationError as error:
         first = islice(error.errors(include_url=False), _MOST_COMPARED)
-        found = dict.fromkeys(_problem(one, content, models) for one in first)
-        problems, texts = tuple(one.problem for one in found), list(found)
+        found_problems = dict.fromkeys(
+            _problem(error_details, content, models) for error_details in first
+        )
+        problems, texts = tuple(one.problem for one in found_problems), list(found_problems)
         if len(texts) > _MOST_PROBLEMS:
             more = len(texts) - _MOST_PROBLEMS + max(0, error.error_count() - _MOST_COMPARED)
             texts[_MOST_PROBLEMS:] = [_Found(Problem("", ""), f"and {more} more")]
-        told = "; ".join(_known_once(texts))
-        raise InputError(f"{where}: {told}", problems=problems) from None
+        listed = "; ".join(_known_once(texts))
+        raise InputError(f"{where}: {listed}", problems=problems) from None
 
 
 def shipped_names(folder: Path) -> list[str]:
@@ -214,19 +216,19 @@ def descriptions(model: type[BaseModel]) -> dict[str, str]:
     They are read on demand: pydantic's ``use_attribute_docstrings`` reads the source of every
     model at import, which took up to a fifth of a node's start-up time.
     """
-    found = {
+    texts = {
         name: field.description for name, field in model.model_fields.items() if field.description
     }
-    for one in reversed(model.__mro__):
+    for base in reversed(model.__mro__):
         if (
-            not issubclass(one, Model)
-            or one is Model
-            or one.__pydantic_generic_metadata__["origin"]
+            not issubclass(base, Model)
+            or base is Model
+            or base.__pydantic_generic_metadata__["origin"]
         ):
             # a generic model with its types has no source of its own, only its base has
             continue
         try:
-            (definition,) = ast.parse(dedent(inspect.getsource(one))).body
+            (definition,) = ast.parse(dedent(inspect.getsource(base))).body
         except OSError:  # made from a table by `create_model`
             continue
         assert isinstance(definition, ast.ClassDef)
@@ -235,23 +237,23 @@ def descriptions(model: type[BaseModel]) -> dict[str, str]:
                 case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(
                     value=ast.Constant(value=str(words))
                 ):
-                    found[name] = inspect.cleandoc(words)
-    return found
+                    texts[name] = inspect.cleandoc(words)
+    return texts
 
 
 def json_schema(model: type[Model]) -> dict[str, Any]:
     """JSON Schema of a model, for editors."""
-    found = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
-    return found | model.model_json_schema(schema_generator=_GenerateJsonSchema)
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+    return head | model.model_json_schema(schema_generator=_GenerateJsonSchema)
 
 
 def range_of(model: type[Model], field: str) -> Range:
     """Range of a number in a model."""
     info = model.model_fields[field]
     inside = (
-        one for kind in get_args(info.annotation) for one in get_args(kind)[1:]
+        item for kind in get_args(info.annotation) for item in get_args(kind)[1:]
     )  # of an optional one
-    return next(one for one in (*info.metadata, *inside) if isinstance(one, Range))
+    return next(item for item in (*info.metadata, *inside) if isinstance(item, Range))
 
 
 def without_default(schema: dict[str, Any]) -> None:
@@ -263,20 +265,20 @@ class _GenerateJsonSchema(GenerateJsonSchema):
     """JSON Schema in which optional is not nullable, and keys do not repeat as titles."""
 
     def model_schema(self, schema: core_schema.ModelSchema) -> JsonSchemaValue:
-        found = super().model_schema(schema)
+        document = super().model_schema(schema)
         model: type[BaseModel] = schema["cls"]
         for name, text in descriptions(model).items():
-            found["properties"][model.model_fields[name].alias or name]["description"] = text
-        return found
+            document["properties"][model.model_fields[name].alias or name]["description"] = text
+        return document
 
     def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
         return self.generate_inner(schema["schema"])
 
     def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
-        found = super().default_schema(schema)
+        document = super().default_schema(schema)
         return {
             key: value
-            for key, value in found.items()
+            for key, value in document.items()
             if key != "default" or value not in (None, [])
         }
 
@@ -299,16 +301,16 @@ def _known_once(problems: Iterable[_Found]) -> Iterator[str]:
 
     The members of a union have a problem each, with the same value; their kinds are listed.
     """
-    told: set[str] = set()
+    listed_before: set[str] = set()
     for text, group in groupby(problems, lambda problem: problem.text):
         first, *others = group
-        kinds = dict.fromkeys(one.expected for one in (first, *others) if one.expected)
+        kinds = dict.fromkeys(member.expected for member in (first, *others) if member.expected)
         expected = f", not {' or '.join(kinds)}" if kinds else ""
         hint = f"; did you mean {first.near}?" if first.near else ""
-        is_new = first.known and first.known not in told
+        is_new = first.known and first.known not in listed_before
         listed = f"{' ' if hint else '; '}known: {first.known}" if is_new else ""
         yield text + expected + hint + listed
-        told.add(first.known)
+        listed_before.add(first.known)
 
 
 def _problem(error: ErrorDetails, content: Any, models: Mapping[int, type[Model]]) -> _Found:

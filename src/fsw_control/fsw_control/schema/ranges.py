@@ -40,5 +40,5 @@ class Range:
         return core_schema.no_info_before_validator_function(check, handler(source))
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
-        found: dict[str, Any] = handler(schema) | {"minimum": self.low, "maximum": self.high}
-        return found | ({"unit": self.unit} if self.unit else {})
+        document: dict[str, Any] = handler(schema) | {"minimum": self.low, "maximum": self.high}
+        return document | ({"unit": self.unit} if self.unit else {})
