@@ -18,6 +18,9 @@ from fsw_control.journal import AlarmChange
 from fsw_control.parameters import defaults
 from fsw_control.topics_ros import LATCHED
 from fsw_msgs.msg import AlarmEvent, WeldCommand
+from fsw_plant import event_schema
+from fsw_plant.events import Disturbance
+from fsw_plant.requests_ros import SERVICES, event_request
 from fsw_scenario.graph import STANDBY
 from fsw_scenario.launcher import Launcher
 from fsw_supervisor.parameters import SupervisorParameters
@@ -105,6 +108,7 @@ class AlarmWeld(Spinner):
         self.parameters = node.create_client(
             SetParametersAtomically, "fsw_supervisor/set_parameters_atomically"
         )
+        self.emulator = {kind: node.create_client(*one) for kind, one in SERVICES.items()}
         self.commands = self.another_journal = None
         launcher.start("hmi", "fsw_hmi.main", ["--port", "0", "--ros-args", *SOON])
         url = wait_for_text(launcher, "hmi", r"http://\S+")
@@ -184,6 +188,12 @@ class AlarmWeld(Spinner):
         )
         result = self.call(self.parameters, request).result
         assert result.successful, result.reason
+
+    def happen(self, event):
+        """Disturb the emulated plant, or let one of its sensors fail."""
+        client = self.emulator[isinstance(event, Disturbance)]
+        result = self.call(client, event_request(event))
+        assert result.ok, result.message
 
     def acknowledge_stop(self):
         for do, content in (("acknowledge_stop", {}), ("mode", {"mode": "auto"})):
@@ -278,10 +288,10 @@ def test_alarms_of_the_process(graph):
     weld = graph.weld()
 
     def fault(kind, magnitude=0.0, sensor="thermocouple"):
-        return lambda: weld.ask("fault", sensor=sensor, kind=kind, magnitude=magnitude)
+        return partial(weld.happen, event_schema.fault(sensor, kind, magnitude))
 
     def disturb(channel, shape, amplitude=0.0):
-        return lambda: weld.ask("disturb", channel=channel, shape=shape, amplitude=amplitude)
+        return partial(weld.happen, event_schema.disturbance(channel, shape, amplitude))
 
     weld.cycle(
         "sensor:torque",
