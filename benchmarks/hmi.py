@@ -88,7 +88,7 @@ async def view(url: str, build: str, ages_s: list[float], token: str = "") -> No
             for number, request in enumerate(
                 (
                     {"do": "login", "token": token, "name": "benchmark"},
-                    {"do": "take_control", "from": None},
+                    {"do": "take_control"},
                     {"do": "set_reference", **start},
                 )
             ):

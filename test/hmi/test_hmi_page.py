@@ -306,6 +306,17 @@ def test_request_that_nobody_answers_times_out(fake, open_page):
     expect(page.locator("#actions .answer")).to_contain_text("no answer from the server")
 
 
+def test_normal_screen_has_no_internal_words(fake, open_page):
+    page = ready(open_page(fake.url))
+    in_control(page)
+    expect(page.locator("#who strong")).to_have_text("nmpc · auto")
+    text = page.locator("body").inner_text()
+    assert (
+        re.findall(r"fsw\w*|\w+_\w+|\bNone\b|\bNaN\b|undefined|null|\[object|/diagnostics", text)
+        == []
+    )
+
+
 def test_safe_stop_on_the_servers_computer_needs_no_login(fake, open_page):
     fake.local_stop = True
     page = ready(open_page(fake.url))

@@ -124,6 +124,7 @@ def test_no_line_of_the_controllers_and_actions_is_half_in_view(fake, open_page,
     page = ready(open_page(fake.url, *size))
     lists = page.locator("#controllers .scroll")
     assert settled(page, lambda: page.evaluate(CUT_LINES)) == []
+    health = fake.state["controllers"][0]
     done = {"who": "Anna (1)", "action": "take control", "outcome": "done", "message": ""}
     for count in range(1, 6):  # with one or two lines each
         fake.actions.append(
@@ -131,9 +132,8 @@ def test_no_line_of_the_controllers_and_actions_is_half_in_view(fake, open_page,
             | {"server_s": time.time(), "message": count % 2 * "what nobody can say briefly " * 3}
         )
         texts = ["disk full" + i % 2 * " of what others record" for i in range(count)]
-        fake.state["parts"] = [
-            {"name": f"part{i}: file", "level": "error", "text": one}
-            for i, one in enumerate(texts)
+        fake.state["controllers"] = [
+            health | {"name": f"controller{i}", "reason": one} for i, one in enumerate(texts)
         ]
         fake.push()
         expect(page.locator("#controllers li")).to_have_count(count)

@@ -54,8 +54,6 @@ class Code(Worded):
     NOT_HOLDER = "not_holder", "you do not have control"
     TAKE_FIRST = "take_first", "you do not have control: take it first"
     HAVE_CONTROL = "have_control", "you have control already"
-    OTHER_HOLDER = "other_holder", "{holder} has control now: look again"
-    FREE_NOW = "free_now", "control is free now: look again"
     TAKEN = "taken", "control taken"
     TAKEN_FROM_OWN = "taken_from_own", "control taken from {holder}, the same person"
     TAKEN_FROM_SILENT = (

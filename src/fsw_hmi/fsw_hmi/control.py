@@ -74,20 +74,11 @@ class Control:
             "request": asker and _of(asker) | {"left_s": left_s, "you": asker is session},
         }
 
-    def take(
-        self, session: Session, seen: object, now_s: float, same_person: bool = False
-    ) -> Answer:
-        """Take control that is free or whose request was not answered.
-
-        ``seen`` is the session that the page showed in control.
-        """
+    def take(self, session: Session, now_s: float, same_person: bool = False) -> Answer:
+        """Take control that is free, the same person's, or was asked for in vain."""
         holder = self.holder
         if holder is session:
             return Code.HAVE_CONTROL.done()
-        if seen != (holder and holder.id):
-            if holder is None:
-                return Code.FREE_NOW.refused()
-            return Code.OTHER_HOLDER.refused(holder=holder.who)
         if holder is None:
             self._give(session)
             return Code.TAKEN.done()

@@ -280,7 +280,7 @@ class ControlRoom:
             # a name that came with a password proves who it is
             proven = self.login == "password"
             same = proven and holder is not None and holder.name == session.name
-            return control.take(session, message.get("from"), now_s, same)
+            return control.take(session, now_s, same)
         if do == "request_control":
             return control.request(session, now_s)
         if do == "withdraw_request":

@@ -169,7 +169,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._show("prediction", content, content["controller"])
 
     def _show_state(self) -> None:
-        self._show("state", self._watch.state_frame() | {"parts": self._watch.parts_frame()})
+        self._show("state", self._watch.state_frame())
 
     def _show_headline(self) -> None:
         watch, desk = self._watch, self._desk

@@ -78,7 +78,6 @@ interface State {
   acknowledged: boolean;
   controllers: Health[];
   interlocks: { name: string; level: string }[];
-  parts: { name: string; level: string; text: string }[];
 }
 interface Programme {
   t: "progress";
@@ -210,10 +209,6 @@ interface Headline {
   next?: string;
   /** What to do once the programme is over; empty before. */
   after?: string;
-}
-interface Note {
-  level: string;
-  text: string;
 }
 interface Choice {
   value: string;

@@ -94,8 +94,7 @@ class Desk:
         return self.send(json.dumps({"id": 7, "do": do, **content}))
 
     def take(self):
-        holder = self.room.holder
-        return self.ask("take_control", **{"from": holder and holder.id})
+        return self.ask("take_control")
 
     def control(self):
         return self.room.control(self.session, Desk.now_s)
@@ -194,7 +193,7 @@ class Misuse(RuleBasedStateMachine):
     @rule(page=pages, times=st.integers(1, 30))
     def asks_hastily(self, page, times):
         for _ in range(times):
-            self.send(page, do="take_control", **{"from": None})
+            self.send(page, do="take_control")
 
     @rule(page=pages)
     def sends_nonsense(self, page):
@@ -227,9 +226,7 @@ def test_control_is_taken_only_explicitly(room):
         {"name": "anna", "session": anna.session.id},
         False,
     )
-    assert (
-        bert.ask("take_control", **{"from": None}).answer.outcome == REFUSED
-    )  # he has not seen that she has it
+    assert bert.ask("take_control").answer.outcome == REFUSED
     assert bert.ask("mode", mode="hold").action is None
     assert bert.take().answer.code == "ask_first"
     assert bert.ask("request_control").answer.outcome == DONE

@@ -82,7 +82,7 @@ def test_page_that_leaves_while_its_password_is_checked_is_forgotten(make_server
     users.go_on.release(100)
     with server.open() as page:
         wait_until(lambda: page.log_in(PASSWORD, "olga")["outcome"] == "done", "the first check")
-        assert page.ask("take_control", **{"from": None})["outcome"] == "done"
+        assert page.ask("take_control")["outcome"] == "done"
 
 
 @pytest.mark.slow

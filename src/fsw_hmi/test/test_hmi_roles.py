@@ -62,8 +62,7 @@ class Place:
         return self.hall.room.on_checked(self.session, verdict.credentials, user, self.hall.now_s)
 
     def take(self):
-        holder = self.hall.room.holder
-        return self.ask("take_control", **{"from": holder and holder.id})
+        return self.ask("take_control")
 
     @property
     def control(self):
@@ -216,10 +215,8 @@ def test_same_person_takes_control_along_to_another_page(hall):
     pages = [token.join(THERE) for _ in range(2)]
     for page in pages:  # with a token a name proves nothing
         token.on_checked(page, ("otto", ""), "otto", 0.0)
-    token.handle(pages[0], json.dumps({"id": 2, "do": "take_control", "from": None}), 0.0)
-    again = token.handle(
-        pages[1], json.dumps({"id": 2, "do": "take_control", "from": pages[0].id}), 0.0
-    )
+    token.handle(pages[0], json.dumps({"id": 2, "do": "take_control"}), 0.0)
+    again = token.handle(pages[1], json.dumps({"id": 2, "do": "take_control"}), 0.0)
     assert again.answer.outcome == REFUSED
 
 

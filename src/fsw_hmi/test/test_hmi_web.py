@@ -207,10 +207,10 @@ def test_everybody_sees_who_has_control_and_a_reload_frees_it(server):
         anna.command(TOKEN)
         assert bert.until("control", lambda frame: frame["holder"])["holder"]["name"] == "anna"
         assert bert.ask("login", token=TOKEN, name="bert")["outcome"] == "done"
-        assert bert.ask("take_control", **{"from": None})["outcome"] == "refused"
+        assert bert.ask("take_control")["outcome"] == "refused"
         anna.socket.close()
         bert.until("control", lambda frame: frame["holder"] is None)
-        assert bert.ask("take_control", **{"from": None})["outcome"] == "done"
+        assert bert.ask("take_control")["outcome"] == "done"
 
 
 def test_page_of_a_user_is_not_pushed_out_by_new_ones(make_server):

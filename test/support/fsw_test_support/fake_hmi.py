@@ -175,7 +175,7 @@ class FakeHmi:
         """Somebody on another page takes control that is free."""
         session = self._room.join()
         session.name = name
-        request = json.dumps({"id": 1, "do": "take_control", "from": None})
+        request = json.dumps({"id": 1, "do": "take_control"})
         self._room.handle(session, request, time.monotonic())
 
     def ask_for_control(self, name: str) -> None:
@@ -565,10 +565,6 @@ def _state() -> dict[str, Any]:
             {"name": "decentral", "latency_ms": 2.0, **health, **counts},
         ],
         "interlocks": [],
-        "parts": [
-            {"name": name, "level": "ok", "text": "running"}
-            for name in ("arbiter", "process", "recorder", "plant")
-        ],
     }
 
 

@@ -198,7 +198,7 @@ export class Commands {
 
   takeControl() {
     const { holder } = this.page.control;
-    const take = () => this.ask("Take control", "take_control", { from: holder?.session ?? null });
+    const take = () => this.ask("Take control", "take_control");
     if (!holder) return take();
     openForm({ title: "Take control", summary: () => `${holder.name} has control, has not answered, and loses it.`, confirm: `Take control from ${holder.name}`, run: take });
   }
