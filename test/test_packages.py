@@ -182,6 +182,7 @@ OPTIONAL = {
     "pyarrow",
     "fmpy",
     "asyncua",
+    "argon2",
     "starlette",
     "uvicorn",
     "websockets",

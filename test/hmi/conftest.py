@@ -63,8 +63,9 @@ def open_page(browser):
     """
     errors, contexts = [], []
 
-    def opened(url, width=1280, height=800, patient=True, silence_ms=600_000):
-        contexts.append(browser.new_context(viewport={"width": width, "height": height}))
+    def opened(url, width=1280, height=800, patient=True, silence_ms=600_000, **options):
+        size = {"width": width, "height": height}
+        contexts.append(browser.new_context(viewport=size, **options))
         page = contexts[-1].new_page()
         if patient:
             page.route("**/connection.js*", partial(_patient, silence_ms))

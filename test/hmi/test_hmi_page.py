@@ -391,10 +391,8 @@ def test_what_the_programme_would_refuse_is_disabled_with_the_reason(
             expect(button).to_have_attribute("title", re.compile("weld|programme"))
 
 
-def test_local_time_is_beside_utc(fake, browser):
-    context = browser.new_context(timezone_id="Asia/Kolkata")
-    page = context.new_page()
-    page.goto(fake.url)
+def test_local_time_is_beside_utc(fake, open_page):
+    page = open_page(fake.url, timezone_id="Asia/Kolkata")
     shown = page.locator("#clock .detail").first
     expect(shown).to_have_text(re.compile(r"UTC · \d\d:\d\d:\d\d local"))
     utc, local = page.evaluate(
@@ -402,7 +400,6 @@ def test_local_time_is_beside_utc(fake, browser):
     )
     minutes = [60 * int(text[:2]) + int(text[3:5]) for text in (utc, local.split()[2])]
     assert (minutes[1] - minutes[0]) % 1440 == 330
-    context.close()
 
 
 def test_form_holds_what_may_be_sent_only(fake, open_page):
@@ -410,10 +407,10 @@ def test_form_holds_what_may_be_sent_only(fake, open_page):
     in_control(page)
     form, confirm = page.locator("dialog"), page.locator("dialog button[type=submit]")
     press(page, "Mode")
-    form.get_by_label("manual", exact=True).check()
-    form.get_by_label("Force").fill("59")
+    form.get_by_label(re.compile("^manual")).check()
+    form.get_by_label("Force in manual").fill("59")
     expect(confirm).to_be_disabled()
-    form.get_by_label("Force").fill("78")
+    form.get_by_label("Force in manual").fill("78")
     expect(confirm).to_be_enabled()
     press(page, "Set-points")
     expect(form.locator(".summary")).to_have_text("These are the set-points in force.")

@@ -9,6 +9,7 @@ from fsw_test_support.browser import shot
 from fsw_test_support.fake_hmi import PLACE, good_account, sample_alarms
 from fsw_test_support.page_boxes import faults, places
 from fsw_test_support.page_steps import in_control, press, ready, settled, until
+from fsw_test_support.staged import STAGED, page_of
 
 #: phone, tablet upright and across, panel computer, control room
 PHONE, PANEL = (390, 844), (1280, 800)
@@ -154,7 +155,11 @@ def test_no_line_of_the_controllers_and_actions_is_half_in_view(fake, open_page,
     [
         "good",
         "form",
-        *(pytest.param(one, marks=pytest.mark.full) for one in ("phone", "alarms", "bag")),
+        "stop",
+        *(
+            pytest.param(one, marks=pytest.mark.full)
+            for one in ("phone", "alarms", "bag", "notice", "end", "lost")
+        ),
     ],
 )
 def test_accessible_by_axe(fake, bags, open_page, axe, what):
@@ -178,10 +183,30 @@ def test_accessible_by_axe(fake, bags, open_page, axe, what):
     if what == "form":
         in_control(page)
         press(page, "Mode")
+    if what == "stop":
+        fake.alarms, _ = page_of(STAGED["safe stop by an interlock"])
+        fake.state.update(actual_mode="safe_stop", target_mode="safe_stop")
+        fake.force_kn = 70.0
+        fake.push()
+        expect(page.locator("#verdict")).to_have_attribute("data-level", "high")
+        expect(page.locator("#progress progress")).to_be_visible()
+    if what == "notice":
+        in_control(page)
+        fake.ask_for_control("Bert")
+        expect(page.locator(".notice")).to_be_visible()
+    if what == "end":
+        fake.progress["state"] = "done"
+        fake.push()
+        expect(page.locator(".end-screen")).to_be_visible()
+    if what == "lost":
+        fake.cut()
+        expect(page.locator("#veil-text")).to_be_visible()
     page.emulate_media(reduced_motion="reduce")
     page.evaluate(axe)
 
-    where = "dialog" if what == "form" else "html"
+    where = {"form": "dialog", "notice": "dialog", "end": "dialog", "lost": "header"}.get(
+        what, "html"
+    )
 
     def found():
         judged = page.evaluate(f"axe.run('{where}')")

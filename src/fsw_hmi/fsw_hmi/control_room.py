@@ -77,7 +77,7 @@ class Order:
     asked: str  #: the same in words
     answer: Answer = UNDECIDED  #: for the record
     action: Action | None = None
-    reply: Callable[[Answer], object] = lambda _: None  #: gets the outcome, in the server's loop
+    reply: Callable[[Answer], None] = lambda _: None  #: gets the outcome, in the server's loop
     holder: str = ""  #: who has control when it is delivered
 
 
