@@ -1,7 +1,7 @@
 """The operator's page with many viewers: processor time of its server, and how old a tick is when it is seen.
 
-Plant, both controllers, supervisor and the page's server run as processes in real time; the server
-has kept 45 minutes of a weld. The viewers are websockets in this process, and one is a browser. A
+Plant, both controllers, supervisor and the page's server run as processes in real time. The viewers
+are websockets in this process, and one is a browser, whose trends get 45 minutes of the past. A
 tick's age is from its stamp, at which the plant measures, to its arrival here, and in the browser
 to the first frame drawn with it.
 """
@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import math
 import os
 import sys
 import tempfile
@@ -33,8 +32,6 @@ from websockets.asyncio.client import connect
 
 from fsw_control import weld
 from fsw_control.free_domain import free_domain
-from fsw_hmi.frames import COLUMNS
-from fsw_hmi.keeper import Keeper, Kept
 from fsw_scenario.launcher import Launcher
 from fsw_test_support.browser import CHROMIUM, chromium
 from fsw_test_support.waiting import wait_for_text
@@ -43,6 +40,8 @@ from fsw_test_support.waiting import wait_for_text
 #: drawn, and what handling it costs
 WATCH = """
 window.ages = []; window.busy = [];
+const past = (nowS, columns) => Array.from({ length: 27000 }, (_, i) => // 45 minutes
+  [nowS + 0.1 * (i - 27000), ...Array(columns - 1).fill(1 + 1e-3 * Math.sin(0.01 * i))]);
 const native = WebSocket;
 window.WebSocket = class extends native {
   set onmessage(handle) {
@@ -51,6 +50,10 @@ window.WebSocket = class extends native {
       handle(event);
       const spent = performance.now() - begin;
       const frame = JSON.parse(event.data);
+      if (frame.t === 'hello') {
+        const rows = past(frame.server_s, frame.columns.length);
+        handle({ data: JSON.stringify({ t: 'history', rows }) });
+      }
       if (frame.t !== 'tick') return;
       window.busy.push(spent);
       requestAnimationFrame(() => setTimeout(() => window.ages.push(Date.now() - 1000 * frame.row[0])));
@@ -66,8 +69,6 @@ NODES = {
     "plant": "fsw_plant.plant_node",
 }
 VIEWERS = 100
-#: rows of 45 minutes
-PAST = 27_000
 #: while the pages open and get the past
 WARM_UP_S = 3.0
 #: for the browser: the percentile 99 needs hundreds of ticks
@@ -87,7 +88,7 @@ async def view(url: str, build: str, ages_s: list[float], token: str = "") -> No
             for number, request in enumerate(
                 (
                     {"do": "login", "token": token, "name": "benchmark"},
-                    {"do": "take_control", "from": None},
+                    {"do": "take_control"},
                     {"do": "set_reference", **start},
                 )
             ):
@@ -126,20 +127,6 @@ async def watch(url: str, token: str, viewers: int, seconds: float, process: int
     }
 
 
-def keep_a_past(folder: Path) -> None:
-    """Write what a server keeps of 45 minutes."""
-    keeper = Keeper(folder, print)
-    keeper.load(0.0)
-    now_s = time.time()
-    for i in range(PAST):
-        keeper.add(
-            json.dumps(
-                [now_s + 0.1 * (i - PAST), *[1.0 + 1e-3 * math.sin(0.01 * i)] * (len(COLUMNS) - 1)]
-            )
-        )
-    keeper.keep(Kept(time.monotonic(), now_s))
-
-
 def watch_screen(url: str) -> Figures:
     """Look at the page in a browser; nothing where there is none."""
     if not CHROMIUM.exists():
@@ -170,9 +157,7 @@ def measure(seconds: float) -> Figures:
                 "supervisor": "controller:=nmpc",
             }.get(name)
             launcher.start(name, module, ["--ros-args", "-p", settings] if settings else [])
-        keep_a_past(Path(text) / "page")
-        kept = ["--ros-args", "-p", f"state_folder:={text}/page"]
-        hmi = launcher.start("hmi", "fsw_hmi.main", ["--port", "0", *kept])
+        hmi = launcher.start("hmi", "fsw_hmi.main", ["--port", "0"])
         url = wait_for_text(launcher, "hmi", r"http://\S+")
         token = wait_for_text(launcher, "hmi", r"token: \S+").split()[1]
         wait_for_text(launcher, "supervisor", "taking over")

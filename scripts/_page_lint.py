@@ -1,8 +1,7 @@
 """Lint of the operator's page, ``test.py --lint``: its types by tsc, its habits by ESLint.
 
-Both come by ``npm ci`` into a folder that is not tracked. npm is the system's or, where there is
-none that is new enough, that of the wheel in ``requirements/node.lock``. Where they cannot be had,
-a line says so and the lint is skipped.
+Both come by ``npm ci`` into a folder that is not tracked, with the npm of the wheel in
+``requirements/node.lock``. Where they cannot be had, a line says so and the lint is skipped.
 """
 
 import subprocess
@@ -11,30 +10,20 @@ import sys
 import npm_packages as npm
 from _bootstrap import WORKSPACE
 
-_NODE = (20, 19)  # what ESLint needs
 _LOCK = WORKSPACE / "requirements" / "node.lock"
 
 
 def lint() -> int:
     """Check the page's modules; the exit code of the first tool that complains."""
     print("== tsc and eslint of the operator's page", flush=True)
-    if npm.find(_NODE) is None:
-        pip = [
-            sys.executable,
-            "-m",
-            "pip",
-            "--disable-pip-version-check",
-            "install",
-            "-q",
-            "--only-binary",
-            ":all:",
-        ]
-        subprocess.run([*pip, "-r", str(_LOCK)])
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "install", "-q"]
+    subprocess.run([*pip, "--only-binary", ":all:", "-r", str(_LOCK)])
     try:
-        npm.install(npm.PACKAGE, at_least=_NODE)
+        npm.install(npm.PACKAGE)
     except npm.NpmError as error:
         print(f"SKIPPED, the page is not checked: {error}", flush=True)
         return 0
-    found = npm.find(_NODE)
+    found = npm.find()
+    assert found is not None
     lint_page = [str(found), "run", "--silent", "lint"]
     return subprocess.run(lint_page, cwd=npm.PACKAGE, env=npm.environment(found)).returncode

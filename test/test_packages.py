@@ -39,10 +39,8 @@ MAY_IMPORT = {
     "fsw_supervisor": {"fsw_control", "fsw_model", "fsw_msgs"},
     "fsw_recorder": {"fsw_control"},
     "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model"},
-    # of fsw_plant: what disturbs it
     "fsw_hmi": {
         "fsw_control",
-        "fsw_plant",
         "fsw_model",
         "fsw_analysis",
         "fsw_recorder",
@@ -184,6 +182,7 @@ OPTIONAL = {
     "pyarrow",
     "fmpy",
     "asyncua",
+    "argon2",
     "starlette",
     "uvicorn",
     "websockets",

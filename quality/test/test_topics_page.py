@@ -64,10 +64,7 @@ def described(profile):
 
 def test_quality_of_service_is_that_of_the_page(published, domain_id, tmp_path):
     values = {"fsw_plant:clock": "simulated", "fsw_plant:speed": 0.0, "fsw_hmi:port": 0}
-    values |= {
-        "fsw_hmi:token_file": tmp_path / "token",
-        "fsw_hmi:state_folder": tmp_path / "state",
-    }
+    values |= {"fsw_hmi:token_file": tmp_path / "token"}
     values |= dict.fromkeys(
         (f"fsw_{name}:use_sim_time" for name in ("supervisor", "nmpc", "scenario")), "true"
     )

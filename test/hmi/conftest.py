@@ -5,6 +5,7 @@ from functools import partial
 
 import npm_packages as npm
 import pytest
+from argon2 import PasswordHasher
 from playwright.sync_api import expect
 
 from fsw_test_support.browser import CHROMIUM, chromium
@@ -16,6 +17,14 @@ __all__ = ["uplot"]
 #: for conditions that come at once on an idle machine
 PATIENCE_MS = 150_000
 expect.set_options(timeout=PATIENCE_MS)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def cheap_hashes():
+    """What a hash of a password costs is the library's."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("fsw_hmi.users.HASHER", PasswordHasher(1, 8, 1))
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -54,8 +63,9 @@ def open_page(browser):
     """
     errors, contexts = [], []
 
-    def opened(url, width=1280, height=800, patient=True, silence_ms=600_000):
-        contexts.append(browser.new_context(viewport={"width": width, "height": height}))
+    def opened(url, width=1280, height=800, patient=True, silence_ms=600_000, **options):
+        size = {"width": width, "height": height}
+        contexts.append(browser.new_context(viewport=size, **options))
         page = contexts[-1].new_page()
         if patient:
             page.route("**/connection.js*", partial(_patient, silence_ms))

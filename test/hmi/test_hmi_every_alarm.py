@@ -18,6 +18,9 @@ from fsw_control.journal import AlarmChange
 from fsw_control.parameters import defaults
 from fsw_control.topics_ros import LATCHED
 from fsw_msgs.msg import AlarmEvent, WeldCommand
+from fsw_plant import event_schema
+from fsw_plant.events import Disturbance
+from fsw_plant.requests_ros import SERVICES, event_request
 from fsw_scenario.graph import STANDBY
 from fsw_scenario.launcher import Launcher
 from fsw_supervisor.parameters import SupervisorParameters
@@ -101,14 +104,20 @@ class AlarmWeld(Spinner):
         self.node = node = rclpy.create_node("bystander", context=self.context)
         self.executor.add_node(node)
         node.create_subscription(AlarmEvent, "fsw/alarms", self.journal.append, LATCHED)
+        self.reports = set()  #: names of the diagnostics since it was last emptied
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
         self.diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 100)
         self.parameters = node.create_client(
             SetParametersAtomically, "fsw_supervisor/set_parameters_atomically"
         )
+        self.emulator = {kind: node.create_client(*one) for kind, one in SERVICES.items()}
         self.commands = self.another_journal = None
         launcher.start("hmi", "fsw_hmi.main", ["--port", "0", "--ros-args", *SOON])
         url = wait_for_text(launcher, "hmi", r"http://\S+")
         self.page = Page(url).command(wait_for_text(launcher, "hmi", r"token: \S+").split()[1])
+
+    def _on_diagnostics(self, message):
+        self.reports |= {one.name for one in message.status}
 
     def close(self):
         self.page.socket.socket.close()
@@ -184,6 +193,12 @@ class AlarmWeld(Spinner):
         )
         result = self.call(self.parameters, request).result
         assert result.successful, result.reason
+
+    def happen(self, event):
+        """Disturb the emulated plant, or let one of its sensors fail."""
+        client = self.emulator[isinstance(event, Disturbance)]
+        result = self.call(client, event_request(event))
+        assert result.ok, result.message
 
     def acknowledge_stop(self):
         for do, content in (("acknowledge_stop", {}), ("mode", {"mode": "auto"})):
@@ -278,10 +293,10 @@ def test_alarms_of_the_process(graph):
     weld = graph.weld()
 
     def fault(kind, magnitude=0.0, sensor="thermocouple"):
-        return lambda: weld.ask("fault", sensor=sensor, kind=kind, magnitude=magnitude)
+        return partial(weld.happen, event_schema.fault(sensor, kind, magnitude))
 
     def disturb(channel, shape, amplitude=0.0):
-        return lambda: weld.ask("disturb", channel=channel, shape=shape, amplitude=amplitude)
+        return partial(weld.happen, event_schema.disturbance(channel, shape, amplitude))
 
     weld.cycle(
         "sensor:torque",
@@ -407,7 +422,8 @@ def test_alarms_of_nodes(graph):
     def standby():
         if not weld.launcher.children["standby"].running:
             weld.start("standby")
-        weld.page.seen("state", lambda frame: ("fsw_supervisor: standby", "ok") in parts(frame))
+        weld.reports.clear()
+        weld.until(lambda: "fsw_supervisor: standby" in weld.reports, "the standby's report")
 
     standby()
     weld.cycle("standby", partial(weld.kill, "standby"), standby)
@@ -427,7 +443,3 @@ def test_alarms_of_nodes(graph):
 
     weld.cycle("supervisor", partial(weld.kill, "supervisor"), partial(start, "supervisor"))
     weld.cycle("measurements", partial(weld.kill, "plant"), partial(weld.start, "plant"))
-
-
-def parts(frame):
-    return {(one["name"], one["level"]) for one in frame["parts"]}

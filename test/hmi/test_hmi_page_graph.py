@@ -53,14 +53,18 @@ def address(tmp_path, bounds):
         token = wait_for_text(launcher, "hmi", r"token: \S+").split()[1]
         for name, (module, arguments) in PARTS.items():
             launcher.start(name, module, bounds if name == "nmpc" else arguments)
-        yield url, token
+        yield url, token, launcher
 
 
-def test_set_points_swap_disturbance_fault_and_safe_stop_by_clicking(address, open_page):
-    url, token = address
+def fault(launcher, *arguments):
+    """Let a sensor of the emulated plant fail."""
+    launcher.start("fault", "fsw.main", ["fault", *arguments])
+
+
+def test_set_points_swap_and_safe_stop_by_clicking(address, open_page):
+    url, token, _ = address
     page = open_page(url)
     in_control(page, secret=token)
-    press_in_form = page.locator("dialog button[type=submit]")
     expect(page.locator("#value-depth_mm output")).not_to_have_text("–")
     press(page, "Set-points")
     form = page.locator("dialog")
@@ -77,20 +81,6 @@ def test_set_points_swap_disturbance_fault_and_safe_stop_by_clicking(address, op
     press(page, "Swap")
     expect(form).to_have_count(0)
     expect(page.locator("#who strong")).to_have_text(f"{other} · auto")
-    press(page, "Disturb")
-    expect(form.get_by_label("Period")).to_be_hidden()
-    form.get_by_label("Shape").select_option("sine")
-    form.get_by_label("Amplitude").fill("0.02")
-    expect(form.get_by_label("Duration")).to_be_hidden()
-    form.get_by_label("Period").fill("20")
-    shot(page, "graph_disturb")
-    press_in_form.click()
-    expect(form).to_have_count(0)
-    press(page, "Fault")
-    form.get_by_label("Fault").select_option("bias")
-    form.get_by_label("Size").fill("0.01")
-    press(page, "Set the fault")
-    expect(form).to_have_count(0)
     shot(page, "graph")
     page.locator("#safe-stop").click()
     expect(page.locator("#who strong")).to_have_text("safe stop")
@@ -110,7 +100,7 @@ def test_set_points_swap_disturbance_fault_and_safe_stop_by_clicking(address, op
 def test_set_point_out_of_reach_of_the_real_nmpc_is_an_alarm_and_of_a_trip_the_first_is_marked(
     address, open_page
 ):
-    url, token = address
+    url, token, launcher = address
     page = open_page(url)
     in_control(page, secret=token)
     form, who = page.locator("dialog"), page.locator("#who strong")
@@ -150,12 +140,9 @@ def test_set_point_out_of_reach_of_the_real_nmpc_is_an_alarm_and_of_a_trip_the_f
     reached.get_by_role("button", name="Ack").click()
     expect(reached).to_have_count(0)
 
-    press(page, "Fault")  # a trip: what came first is marked, and the stop names it
-    form.get_by_label("Sensor").select_option("torque")
-    form.get_by_label("Fault").select_option("drift")
-    form.get_by_label("Size").fill("60")
-    form.get_by_label("Duration").fill("0")  # lasts
-    press(page, "Set the fault")
+    fault(
+        launcher, "torque", "drift", "60"
+    )  # a trip: what came first is marked, and the stop names it
     expect(who).to_have_text("safe stop")
     expect(alarms.locator("li.high", has_text="Safe stop:")).to_contain_text("first: ")
     expect(alarms.locator("li", has_text="first out")).to_have_count(1)
@@ -174,13 +161,13 @@ def programme(tmp_path):
         PatientWeld(
             parse(PROGRAMME), tmp_path / "weld", ["decentral", "nmpc"], realtime=True
         ).start(launcher)
-        yield url, token
+        yield url, token, launcher
 
 
 # with a page that others play to: test_hmi_page.py; without the page: test_hmi_weld.py
 @pytest.mark.full
 def test_programme_is_held_and_resumed_and_its_weld_unrolled_by_clicking(programme, open_page):
-    url, token = programme
+    url, token, launcher = programme
     page = open_page(url)
     in_control(page, secret=token)
     form, progress, unrolled = (
@@ -213,15 +200,8 @@ def test_programme_is_held_and_resumed_and_its_weld_unrolled_by_clicking(program
     expect(plan).to_have_text("= programme 825.0")
     expect(progress).not_to_contain_text("held")
 
-    press(
-        page, "Fault"
-    )  # a depth that is measured wrong leaves the band, and that is marked where it was
-    form.get_by_label("Sensor").select_option("depth")
-    form.get_by_label("Fault").select_option("bias")
-    form.get_by_label("Size").fill("0.3")
-    form.get_by_label("Duration").fill("5")
-    press(page, "Set the fault")
-    expect(form).to_have_count(0)
+    # a depth that is measured wrong leaves the band, and that is marked where it was
+    fault(launcher, "depth", "bias", "0.3", "--duration", "5")
     mark = page.locator(".exceedances button").first
     expect(mark).to_have_attribute(
         "aria-label", re.compile(r"depth error outside: .*, \d+° to \d+°, \d\d:\d\d:\d\d")

@@ -9,6 +9,7 @@ from fsw_test_support.browser import shot
 from fsw_test_support.fake_hmi import PLACE, good_account, sample_alarms
 from fsw_test_support.page_boxes import faults, places
 from fsw_test_support.page_steps import in_control, press, ready, settled, until
+from fsw_test_support.staged import STAGED, page_of
 
 #: phone, tablet upright and across, panel computer, control room
 PHONE, PANEL = (390, 844), (1280, 800)
@@ -23,7 +24,6 @@ def by_default(*sizes):
 @pytest.mark.parametrize("size", by_default(PHONE, PANEL), ids="{0[0]}x{0[1]}".format)
 def test_everything_fits_the_screen_and_the_finger(fake, open_page, uplot, size):
     fake.local_stop = True
-    fake.history_report = "report.html"
     fake.state["reason"] = (
         "nmpc answered late 3 times in a row, decentral took over; nmpc is inhibited until it is chosen"
     )
@@ -125,6 +125,7 @@ def test_no_line_of_the_controllers_and_actions_is_half_in_view(fake, open_page,
     page = ready(open_page(fake.url, *size))
     lists = page.locator("#controllers .scroll")
     assert settled(page, lambda: page.evaluate(CUT_LINES)) == []
+    health = fake.state["controllers"][0]
     done = {"who": "Anna (1)", "action": "take control", "outcome": "done", "message": ""}
     for count in range(1, 6):  # with one or two lines each
         fake.actions.append(
@@ -132,9 +133,8 @@ def test_no_line_of_the_controllers_and_actions_is_half_in_view(fake, open_page,
             | {"server_s": time.time(), "message": count % 2 * "what nobody can say briefly " * 3}
         )
         texts = ["disk full" + i % 2 * " of what others record" for i in range(count)]
-        fake.state["parts"] = [
-            {"name": f"part{i}: file", "level": "error", "text": one}
-            for i, one in enumerate(texts)
+        fake.state["controllers"] = [
+            health | {"name": f"controller{i}", "reason": one} for i, one in enumerate(texts)
         ]
         fake.push()
         expect(page.locator("#controllers li")).to_have_count(count)
@@ -155,7 +155,11 @@ def test_no_line_of_the_controllers_and_actions_is_half_in_view(fake, open_page,
     [
         "good",
         "form",
-        *(pytest.param(one, marks=pytest.mark.full) for one in ("phone", "alarms", "bag")),
+        "stop",
+        *(
+            pytest.param(one, marks=pytest.mark.full)
+            for one in ("phone", "alarms", "bag", "notice", "end", "lost")
+        ),
     ],
 )
 def test_accessible_by_axe(fake, bags, open_page, axe, what):
@@ -179,10 +183,30 @@ def test_accessible_by_axe(fake, bags, open_page, axe, what):
     if what == "form":
         in_control(page)
         press(page, "Mode")
+    if what == "stop":
+        fake.alarms, _ = page_of(STAGED["safe stop by an interlock"])
+        fake.state.update(actual_mode="safe_stop", target_mode="safe_stop")
+        fake.force_kn = 70.0
+        fake.push()
+        expect(page.locator("#verdict")).to_have_attribute("data-level", "high")
+        expect(page.locator("#progress progress")).to_be_visible()
+    if what == "notice":
+        in_control(page)
+        fake.ask_for_control("Bert")
+        expect(page.locator(".notice")).to_be_visible()
+    if what == "end":
+        fake.progress["state"] = "done"
+        fake.push()
+        expect(page.locator(".end-screen")).to_be_visible()
+    if what == "lost":
+        fake.cut()
+        expect(page.locator("#veil-text")).to_be_visible()
     page.emulate_media(reduced_motion="reduce")
     page.evaluate(axe)
 
-    where = "dialog" if what == "form" else "html"
+    where = {"form": "dialog", "notice": "dialog", "end": "dialog", "lost": "header"}.get(
+        what, "html"
+    )
 
     def found():
         judged = page.evaluate(f"axe.run('{where}')")
@@ -205,7 +229,6 @@ OVERLAP = """(selectors) => {
 
 @pytest.mark.parametrize("size", [PHONE, PANEL], ids="{0[0]}x{0[1]}".format)
 def test_form_of_set_points_leaves_what_it_changes_in_view(fake, open_page, uplot, size):
-    fake.history_report = "report.html"  # beside which the legend stays, too
     page = open_page(fake.url, *size)
     in_control(page)
     press(page, "Set-points")
@@ -236,7 +259,7 @@ COVERED = """(() => {
     return [...crossing, ...over.filter((one) => !inView(box(one))).map((one) => `${one.className} out of view`), ...hidden.map((one) => `cannot reach ${one.textContent || one.type}`)];
 })()"""
 #: buttons that open a form
-FORMS = ["Set-points", "Controller", "Mode", "Resume weld", "Abort weld", "Disturb", "Fault"]
+FORMS = ["Set-points", "Controller", "Mode", "Resume weld", "Abort weld"]
 
 
 @pytest.mark.requirement("S19")

@@ -5,27 +5,18 @@ from __future__ import annotations
 import argparse
 import getpass
 import sys
+from typing import TYPE_CHECKING
 
 from fsw.command import command, file, group, option
 from fsw.console import print_table
 from fsw.errors import CommandError
-from fsw_hmi.users import (
-    LONGEST,
-    NAME_RULE,
-    ROLES,
-    SHORTEST,
-    User,
-    checked_name,
-    new_user,
-    read,
-    write,
-)
+from fsw_hmi.main import EXTRA
 
-_NAME = option("name", metavar="NAME", help=NAME_RULE)
+if TYPE_CHECKING:  # from the extra hmi
+    from fsw_hmi.users import User
+
+_NAME = option("name", metavar="NAME", help="the user")
 _FILE = file("--file", "the users, for its owner alone", required=True)
-_ROLES = (
-    "view: look and safe stop; operate: command the weld, too; engineer: disturb the emulator, too"
-)
 HMI = group("hmi", "the operator's page: who may command by it")
 USER = group(
     "hmi user", "named users in a file of salted hashes, for users_file of the page's server"
@@ -33,11 +24,13 @@ USER = group(
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from fsw_hmi.users import read, write
+
     path, verb = arguments.file, arguments.verb
     try:
         users = [] if verb == "add" and not path.exists() else read(path)
         if verb == "list":
-            print_table([(user.name, user.role) for user in users], ("name", "role"))
+            print_table([(user.name,) for user in users], ("name",))
             return 0
         write(path, _changed(users, arguments))
     except ValueError as error:
@@ -53,22 +46,24 @@ ADD = command(
     "hmi user add",
     "add a user; the password comes from a prompt, or from stdin in a pipe",
     _NAME,
-    option("--role", choices=ROLES, required=True, help=_ROLES),
     _FILE,
+    needs=EXTRA,
 )(_run)
 PASSWD = command(
     "hmi user passwd",
-    "change a user's password, from a prompt or from stdin, and with --role the role",
+    "change a user's password, from a prompt or from stdin",
     _NAME,
-    option("--role", choices=ROLES, help=_ROLES),
     _FILE,
+    needs=EXTRA,
 )(_run)
-REMOVE = command("hmi user remove", "remove a user", _NAME, _FILE)(_run)
-LIST = command("hmi user list", "names and roles of all users", _FILE)(_run)
+REMOVE = command("hmi user remove", "remove a user", _NAME, _FILE, needs=EXTRA)(_run)
+LIST = command("hmi user list", "names of all users", _FILE, needs=EXTRA)(_run)
 
 
 def _changed(users: list[User], arguments: argparse.Namespace) -> list[User]:
     """All users after the command."""
+    from fsw_hmi.users import checked_name, new_user
+
     name, verb = arguments.name, arguments.verb
     before = next((user for user in users if user.name.casefold() == name.casefold()), None)
     if verb == "add" and before is not None:
@@ -81,8 +76,7 @@ def _changed(users: list[User], arguments: argparse.Namespace) -> list[User]:
     checked_name(name)
     if verb == "remove":
         return [user for user in users if user is not before]
-    name, role = (before.name, arguments.role or before.role) if before else (name, arguments.role)
-    after = new_user(name, role, _password(name))
+    after = new_user(before.name if before else name, _password(name))
     return [after if user is before else user for user in users] + ([] if before else [after])
 
 
@@ -90,7 +84,7 @@ def _password(name: str) -> str:
     """The password from a prompt, twice, or the first line of stdin."""
     if not sys.stdin.isatty():
         return sys.stdin.readline().rstrip("\r\n")
-    password = getpass.getpass(f"Password of {name} ({SHORTEST} to {LONGEST} characters): ")
+    password = getpass.getpass(f"Password of {name}: ")
     if getpass.getpass("Again: ") != password:
         raise CommandError("the two passwords differ; nothing is changed")
     return password

@@ -168,7 +168,7 @@ def weld(context: LaunchContext) -> list[Any]:
     if machine:
         parameters["fsw_machine"] = {"ros__parameters": {"machine_file": machine}}
     clock = {} if speed is None else {"use_sim_time": True}
-    page = {"port": _port(arguments["hmi_port"]), "state_folder": str(folder / "hmi"), **clock}
+    page = {"port": _port(arguments["hmi_port"]), **clock}
     process = "canister" if machine or (scenario is not None and scenario.on_canister) else "paper"
     parameters["fsw_monitor"] = {
         "ros__parameters": {"process": process, **_model(arguments), **clock}

@@ -1,9 +1,9 @@
 """``fsw.py hmi user``: the file of named users, from stdin and from a terminal."""
 
 import io
-from functools import partial
 
 import pytest
+from argon2 import PasswordHasher
 
 from fsw.main import main
 from fsw_hmi import users
@@ -21,8 +21,8 @@ class Terminal(io.StringIO):
 
 @pytest.fixture(autouse=True)
 def cheap_hashes(monkeypatch):
-    """What a hash costs is shown elsewhere."""
-    monkeypatch.setattr("fsw.hmi.new_user", partial(users.new_user, log2_n=4))
+    """What a hash costs is the library's."""
+    monkeypatch.setattr(users, "HASHER", PasswordHasher(1, 8, 1))
 
 
 @pytest.fixture
@@ -44,22 +44,17 @@ def run(file, monkeypatch, capsys):
 
 
 def test_users_are_added_changed_listed_and_removed(run, file):
-    assert run("add", "anna", "--role", "operate", stdin=f"{PASSWORD}\n")[0] == 0
-    assert run("add", "Bert.2", "--role", "view", stdin=f"{PASSWORD} 2\n")[0] == 0
+    assert run("add", "anna", stdin=f"{PASSWORD}\n")[0] == 0
+    assert run("add", "Bert.2", stdin=f"{PASSWORD} 2\n")[0] == 0
     assert file.stat().st_mode & 0o777 == 0o600
-    assert run("list")[1].split() == ["name", "role", "anna", "operate", "Bert.2", "view"]
-    assert users.Users(users.read(file)).check("anna", PASSWORD).role == "operate"
+    assert run("list")[1].split() == ["name", "anna", "Bert.2"]
+    assert users.Users(users.read(file)).check("ANNA", PASSWORD) == "anna"
     assert run("passwd", "ANNA", stdin=f"{PASSWORD} 3\n")[0] == 0
-    assert run("passwd", "bert.2", "--role", "engineer", stdin=f"{PASSWORD} 4\n")[0] == 0
+    assert run("passwd", "bert.2", stdin=f"{PASSWORD} 4\n")[0] == 0
     known = users.Users(users.read(file))
-    assert known.check("anna", PASSWORD) is None
-    assert (
-        known.check("anna", f"{PASSWORD} 3").role,
-        known.check("Bert.2", f"{PASSWORD} 4").role,
-    ) == (
-        "operate",
-        "engineer",
-    )
+    assert known.check("anna", PASSWORD) == ""
+    assert known.check("anna", f"{PASSWORD} 3") == "anna"
+    assert known.check("Bert.2", f"{PASSWORD} 4") == "Bert.2"
     assert run("remove", "Anna")[0] == 0
     assert [user.name for user in users.read(file)] == ["Bert.2"]
 
@@ -67,11 +62,11 @@ def test_users_are_added_changed_listed_and_removed(run, file):
 @pytest.mark.parametrize(
     ("arguments", "stdin", "text"),
     [
-        (["add", "ANNA", "--role", "view"], PASSWORD, "anna already"),
-        (["add", "\u0430nna", "--role", "view"], PASSWORD, "(ASCII letters"),
-        (["add", "anna b", "--role", "view"], PASSWORD, "(ASCII letters"),
-        (["add", "bert", "--role", "view"], "short", "12 to 128"),
-        (["add", "bert", "--role", "view"], "", "12 to 128"),
+        (["add", "ANNA"], PASSWORD, "anna already"),
+        (["add", "\u0430nna"], PASSWORD, "(ASCII letters"),
+        (["add", "anna b"], PASSWORD, "(ASCII letters"),
+        (["add", "bert"], "short", "12 to 128"),
+        (["add", "bert"], "", "12 to 128"),
         (["passwd", "anna"], "x" * 200, "12 to 128"),
         (["passwd", "carl"], PASSWORD, "no 'carl'"),
         (["remove", "carl"], "", "no 'carl'"),
@@ -80,7 +75,7 @@ def test_users_are_added_changed_listed_and_removed(run, file):
 def test_what_cannot_be_done_is_told_in_a_line_and_the_file_stays(
     run, file, arguments, stdin, text
 ):
-    run("add", "anna", "--role", "operate", stdin=f"{PASSWORD}\n")
+    run("add", "anna", stdin=f"{PASSWORD}\n")
     before = file.read_bytes()
     code, out, err = run(*arguments, stdin=stdin)
     assert (code, out, err.count("\n")) == (1, "", 1)
@@ -92,11 +87,11 @@ def test_broken_or_open_file_is_told_and_not_touched(run, file):
     assert "No such file" in run("list")[2]
     file.write_text("- {name: anna}\n")
     file.chmod(0o600)
-    error = run("add", "bert", "--role", "view", stdin=PASSWORD)[2]
+    error = run("add", "bert", stdin=PASSWORD)[2]
     assert f"users_file: {file}: [0]" in error
-    assert "lacks role" in error and "lacks password" in error
+    assert "lacks password" in error
     file.chmod(0o644)
-    assert f"chmod 600 {file}" in run("add", "bert", "--role", "view", stdin=PASSWORD)[2]
+    assert f"chmod 600 {file}" in run("add", "bert", stdin=PASSWORD)[2]
     assert file.read_text() == "- {name: anna}\n"
 
 
@@ -104,8 +99,8 @@ def test_password_is_asked_for_twice_at_a_terminal(run, file, monkeypatch):
     answers = iter([PASSWORD, PASSWORD, PASSWORD, "another one than that"])
     monkeypatch.setattr("getpass.getpass", lambda _: next(answers))
     monkeypatch.setattr("io.StringIO", Terminal)
-    assert run("add", "anna", "--role", "operate")[0] == 0
-    code, _, error = run("add", "bert", "--role", "operate")
+    assert run("add", "anna")[0] == 0
+    code, _, error = run("add", "bert")
     assert code == 1 and "passwords differ" in error
-    assert users.Users(users.read(file)).check("anna", PASSWORD) is not None
+    assert users.Users(users.read(file)).check("anna", PASSWORD) == "anna"
     assert len(users.read(file)) == 1

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from fsw_control.journal import AlarmChange
@@ -28,9 +28,6 @@ _LED_S, _JUST_GONE_S = 60.0, 10.0
 #: entries, and alarms whose earlier times are known, at most; one of high priority is always
 #: listed, alone or in a flood
 _MOST = 300
-#: after a restart, time for the graph to report what is still present (chosen; every node reports
-#: once a second)
-_RESTART_S = 5.0
 
 
 #: states in the order of the list, and what the page gets of an alarm and of its entry
@@ -139,19 +136,6 @@ class AlarmList:
         self._new_s: dict[str, deque[float]] = {}
         self.grouped: dict[str, str] = {}  #: present, but only counted in a flood
         self._number = 0
-
-    def restore(self, entries: Mapping[str, Entry], shift_s: float, now_s: float) -> None:
-        """Continue with the previous server's entries; ``shift_s``: offset of its steady clock."""
-        for name, one in entries.items():
-            until_s = one.shelved_until_s
-            self.entries[name] = replace(
-                one,
-                first_s=one.first_s + shift_s,
-                raised_s=one.raised_s + shift_s,
-                absent_s=now_s + _RESTART_S if one.present else (one.absent_s or 0.0) + shift_s,
-                shelved_until_s=None if until_s is None else until_s + shift_s,
-            )
-            self._number = max(self._number, one.newest)
 
     # ---------------------------------------------------------------- what is present
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
-from fsw_control.coded import Fact, Worded
+from fsw_control.coded import Worded
 from fsw_control.schema.errors import InputError
 from fsw_hmi.frames import readable
 
@@ -36,7 +35,6 @@ class Code(Worded):
         return Answer(TIMED_OUT, self, self.words.format_map(data))
 
     # the message
-    ACTIVE = "active", ""
     MALFORMED = "malformed", "the message is no request"
     NO_REQUEST = "no_request", "{reason}"
     MISSING = "missing", "{reason}"
@@ -44,24 +42,18 @@ class Code(Worded):
     CONTRADICTS = "value_error", "{reason}"
     INVALID = "invalid", "{reason}"
     TOO_MANY = "too_many", "too many requests in a second"
-    NO_ANSWER = "no_answer", "no answer within {wait_s:g} s"
     # login
     LOG_IN = "log_in", "log in first"
-    LOG_IN_AGAIN = "log_in_again", "log in again"
-    LOGGED_IN = "logged_in", "logged in as {name}, role {role}"
+    LOGGED_IN = "logged_in", "logged in as {name}"
     WRONG_TOKEN = "wrong_token", "wrong token"
     WRONG_PASSWORD = "wrong_password", "wrong name or password"
     WRONG_FROM = "wrong_from", "{what}, from {address}"
-    LOCKED_OUT = "locked_out", "too many wrong logins from your address: wait {wait_s:.0f} s"
     TOO_LONG = "too_long", "password: at most {longest} characters"
     BUSY = "busy", "your password cannot be checked now: try again in some seconds"
-    ROLE = "role", "your role is {role}: this needs the role {needed}"
     # control
     NOT_HOLDER = "not_holder", "you do not have control"
     TAKE_FIRST = "take_first", "you do not have control: take it first"
     HAVE_CONTROL = "have_control", "you have control already"
-    OTHER_HOLDER = "other_holder", "{holder} has control now: look again"
-    FREE_NOW = "free_now", "control is free now: look again"
     TAKEN = "taken", "control taken"
     TAKEN_FROM_OWN = "taken_from_own", "control taken from {holder}, the same person"
     TAKEN_FROM_SILENT = (
@@ -124,10 +116,7 @@ class Loss(Worded):
 
     PAGE_CLOSED = "page_closed", "the page was closed"
     SERVER_ENDED = "server_ended", "the page's server ended"
-    SERVER_RESTARTED = "server_restarted", "the page's server was started again"
     NOT_CONNECTED = "not_connected", "its page was not connected for {limit_s:g} s"
-    UNTOUCHED = "untouched", "nobody has touched the page for {limit_min:g} min"
-    USER_CHANGED = "user_changed", "the user {user} has been changed or removed"
     OTHER_LOGIN = "other_login", "{user} has logged in there"
 
 
@@ -135,7 +124,6 @@ class Note(Worded):
     """What happened to the control of a page, or of all."""
 
     LOST = "lost", "{name} has lost control: {why.words}"
-    SHUT = "shut", "{why.words}: log in again to command"
     TAKEN_BY_OWN = "taken_by_own", "you have taken control on another page ({session})"
     TAKEN = "taken", "{name} has taken control: nobody answered for {wait_s:g} s"
     HANDED_OVER = "handed_over", "you have handed control over to {name}"
@@ -143,28 +131,3 @@ class Note(Worded):
     KEPT = "kept", "{name} keeps control"
     FREE = "free", "control is free"
     OTHER = "other", "{name} has control now"
-
-
-class Ended(NamedTuple):
-    """Who lost control, and why."""
-
-    name: str
-    why: Fact
-
-    @property
-    def note(self) -> Fact:
-        """The same as a note of all pages."""
-        return Fact.of(Note.LOST, name=self.name, why=self.why)
-
-    @property
-    def fields(self) -> dict[str, str | float]:
-        """The same as plain fields, which survive a restart of the server."""
-        return {"name": self.name, "code": str(self.why.code), **self.why.data}
-
-    @classmethod
-    def of(cls, fields: Mapping[str, str | float]) -> Ended | None:
-        """Return what these fields say; None if they are empty, or of another version."""
-        data = dict(fields)
-        name, code = data.pop("name", ""), data.pop("code", "")
-        why = next((Fact(one, data) for one in Loss if one == code), None)
-        return cls(str(name), why) if why else None

@@ -26,9 +26,6 @@ class Session:
     token: str = ""  #: by which its page resumes it after its connection was lost
     lost_s: float | None = None  #: when the connection was lost; None while it stands
     name: str = ""  #: of the person; empty before the login
-    role: str = ""
-    idle: bool = False  #: nobody has touched the page for so long that only a safe stop is left
-    active_s: float = 0.0  #: when somebody who has logged in has last asked for something
     note: Fact | None = None  #: what happened to its control, for its page
     known: dict[str, Any] = field(default_factory=dict)  #: what its page has been told of control
     offences: int = 0
@@ -50,11 +47,6 @@ class Session:
     def may_stop(self) -> bool:
         """Whether a safe stop is accepted."""
         return self.local_stop or bool(self.name)
-
-    @property
-    def authenticated(self) -> bool:
-        """Whether requests other than a safe stop are accepted."""
-        return bool(self.name) and not self.idle
 
 
 class Control:
@@ -82,20 +74,11 @@ class Control:
             "request": asker and _of(asker) | {"left_s": left_s, "you": asker is session},
         }
 
-    def take(
-        self, session: Session, seen: object, now_s: float, same_person: bool = False
-    ) -> Answer:
-        """Take control that is free or whose request was not answered.
-
-        ``seen`` is the session that the page showed in control.
-        """
+    def take(self, session: Session, now_s: float, same_person: bool = False) -> Answer:
+        """Take control that is free, the same person's, or was asked for in vain."""
         holder = self.holder
         if holder is session:
             return Code.HAVE_CONTROL.done()
-        if seen != (holder and holder.id):
-            if holder is None:
-                return Code.FREE_NOW.refused()
-            return Code.OTHER_HOLDER.refused(holder=holder.who)
         if holder is None:
             self._give(session)
             return Code.TAKEN.done()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hmac
 import secrets
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -13,17 +14,18 @@ from fsw_control.coded import Fact, RefusedError
 from fsw_control.journal import RequestKind
 from fsw_control.schema.models import InputError, json_content_of
 from fsw_hmi import security
-from fsw_hmi.answers import DONE, REFUSED, Answer, Code, Ended, Loss, Note, invalid
+from fsw_hmi.answers import DONE, REFUSED, Answer, Code, Loss, Note, invalid
 from fsw_hmi.control import Control, Session
-from fsw_hmi.logins import WrongLogins
 from fsw_hmi.requests import ACTIONS, Action, SafeStop, read
-from fsw_hmi.users import LONGEST, ROLES, Token, User, Users, checked_name
+from fsw_hmi.users import LONGEST, Users, checked_name
 
 #: after so many malformed or hasty requests a page is shut out
 _MOST_OFFENCES = 20
 #: passwords that are checked or wait for it, at most: of one client and of all; of a session one
 #: (chosen)
 _OF_CLIENT, _OF_ALL = 8, 64
+#: of the wrong logins of a client one is recorded in so long (chosen)
+_RECORD_S = 60.0
 #: not answered here
 UNDECIDED = Answer("", "", "")
 #: a page that was cut off may resume its session for so long (chosen: a stall, or a short loss of
@@ -75,33 +77,27 @@ class Order:
     asked: str  #: the same in words
     answer: Answer = UNDECIDED  #: for the record
     action: Action | None = None
-    number: int = 0  #: by which the outcome of an action is reported
+    reply: Callable[[Answer], None] = lambda _: None  #: gets the outcome, in the server's loop
     holder: str = ""  #: who has control when it is delivered
 
 
 class ControlRoom:
     """Sessions, login and control. Decides what is permitted; does not act itself.
 
-    ``key`` is the token that a person must know to command, or the named users; the rest are
-    parameters of the node, which ``parameters.py`` describes.
+    ``users`` may command; the rest are parameters of the node, which ``parameters.py`` describes.
     """
 
     def __init__(
-        self,
-        key: str | Users,
-        local_stop: bool = True,
-        idle_timeout_s: float = 900.0,
-        handover_timeout_s: float = 30.0,
+        self, users: Users, local_stop: bool = True, handover_timeout_s: float = 30.0
     ) -> None:
-        self._users = key if isinstance(key, Users) else Token(key)
+        self._users, self._local_stop = users, local_stop
         self._waiting: dict[str, str] = {}  # client of each session that waits for a check
-        self._local_stop, self._idle_timeout_s = local_stop, idle_timeout_s
         self._sessions: dict[str, Session] = {}
         self._control = Control(handover_timeout_s)
-        self._wrong = WrongLogins()
+        self._recorded_s: dict[str, float] = {}  # when a wrong login of each client was
         self._records: list[Order] = []
         #: why nobody has control any longer, until somebody takes it
-        self.ended: Ended | None = None
+        self.ended: Fact | None = None
 
     @property
     def login(self) -> str:
@@ -140,43 +136,19 @@ class ControlRoom:
 
     def tick(self, now_s: float) -> list[Order]:
         """Apply time-outs; returns what is to be recorded."""
-        self._look_at_users()
         for session in [*self._sessions.values()]:
             if session.lost_s is not None and now_s - session.lost_s > _RESUME_S:
                 self.leave(session, Fact.of(Loss.NOT_CONNECTED, limit_s=_RESUME_S))
-        limit_s = self._idle_timeout_s
-        for session in self._sessions.values() if limit_s else ():
-            if session.authenticated and now_s - session.active_s > limit_s:
-                self._shut(session, Fact.of(Loss.UNTOUCHED, limit_min=limit_s / 60.0))
         self._control.lapse(now_s)
         records, self._records = self._records, []
         return records
 
-    def restart(self, holder: str) -> None:
-        """Report and record that the server was killed while an operator had control."""
-        self._note_loss(holder, holder, Fact.of(Loss.SERVER_RESTARTED))
-
-    def _note_loss(self, who: str, name: str, why: Fact) -> None:
-        self.ended = Ended(name, why)
-        answer = Answer(DONE, why.code, why.words)
-        self._records.append(Order(who, RequestKind.LOSE_CONTROL, LOST, answer))
-
-    def _look_at_users(self) -> None:
-        """Require a new login, except for a safe stop, from users whose entry has changed."""
-        changed = self._users.look()
-        for session in self._sessions.values():
-            if session.authenticated and session.name.casefold() in changed:
-                self._shut(session, Fact.of(Loss.USER_CHANGED, user=session.name))
-
-    def _shut(self, session: Session, why: Fact) -> None:
-        """Accept only a safe stop until the next login."""
-        session.idle, session.note = True, Fact.of(Note.SHUT, why=why)
-        self._free(session, why)
-
     def _free(self, session: Session, why: Fact) -> None:
         """Remove a session's control, or its request for control."""
         if self.holder is session:
-            self._note_loss(session.who, session.name, why)
+            self.ended = Fact.of(Note.LOST, name=session.name, why=why)
+            answer = Answer(DONE, why.code, why.words)
+            self._records.append(Order(session.who, RequestKind.LOSE_CONTROL, LOST, answer))
         self._control.release(session)
 
     @property
@@ -186,11 +158,10 @@ class ControlRoom:
 
     def control(self, session: Session, now_s: float) -> dict[str, Any]:
         """Content of the frame ``control`` for a session."""
-        note = session.note or (self.ended.note if self.ended and not self.holder else None)
+        note = session.note or (None if self.holder else self.ended)
         return self._control.shown(session, now_s) | {
             "name": session.name,
-            "authenticated": session.authenticated,
-            "role": session.role,
+            "authenticated": bool(session.name),
             "may_stop": session.may_stop,
             "note": note.words if note else "",
             "note_code": str(note.code) if note else "",
@@ -223,12 +194,9 @@ class ControlRoom:
         if not session.may_ask(now_s):
             return self._offence(session, Code.TOO_MANY)
         if do == "login":
-            return self._login(session, message, now_s)
-        if not session.authenticated:
-            return Verdict(answer=(Code.LOG_IN_AGAIN if session.idle else Code.LOG_IN).refused())
-        session.active_s = now_s
-        if do == "active":
-            return Verdict(answer=Code.ACTIVE.done())
+            return self._login(session, message)
+        if not session.name:
+            return Verdict(answer=Code.LOG_IN.refused())
         if do in _CONTROL:
             return self._change_control(session, do, message, now_s)
         return self._command(session, do, message)
@@ -239,24 +207,16 @@ class ControlRoom:
 
     # ---------------------------------------------------------------- login
 
-    def _login(self, session: Session, message: dict[str, Any], now_s: float) -> Verdict:
+    def _login(self, session: Session, message: dict[str, Any]) -> Verdict:
         name, given = (
             value if isinstance(value := message.get(key), str) else ""
             for key in ("name", self.login)
         )
-        self._look_at_users()
         try:
             name = checked_name(name.strip())
         except RefusedError as error:
             return Verdict(answer=Answer(REFUSED, error.fact.code, error.fact.words))
-        user, client = self._users.remembered(name, given), session.client
-        if user is not None:
-            return self._logged_in(session, user, now_s)
-        if wait_s := self._wrong.left_s(client, now_s):
-            return Verdict(answer=Code.LOCKED_OUT.refused(wait_s=wait_s), close=True)
-        if isinstance(self._users, Token):
-            return self._wrong_login(session, "", given, now_s)
-        clients = list(self._waiting.values())
+        clients, client = list(self._waiting.values()), session.client
         full = len(clients) >= _OF_ALL or clients.count(client) >= _OF_CLIENT
         if session.id in self._waiting or full:
             return Verdict(answer=Code.BUSY.timed_out())
@@ -265,42 +225,40 @@ class ControlRoom:
         self._waiting[session.id] = client
         return Verdict(credentials=(name, given))
 
-    def check(self, name: str, password: str) -> User | None:
-        """Check name and password and return their user; slow, may run in any thread."""
+    def check(self, name: str, password: str) -> str:
+        """Check name and password; returns the user's name, or nothing; slow, thread-safe."""
         return self._users.check(name, password)
 
     def on_checked(
-        self, session: Session, credentials: tuple[str, str], user: User | None, now_s: float
+        self, session: Session, credentials: tuple[str, str], user: str, now_s: float
     ) -> Verdict:
         """Judge a login after its password has been checked; ``user`` owns the password."""
         self._waiting.pop(session.id, None)
-        if user is None:
-            return self._wrong_login(session, credentials[0], "\0".join(credentials), now_s)
-        return self._logged_in(session, user, now_s)
+        if not user:
+            return self._wrong_login(session, credentials[0], now_s)
+        if session.name != user:
+            # what one person has, another does not get by a login
+            self._free(session, Fact.of(Loss.OTHER_LOGIN, user=user))
+        session.name, session.note = user, None
+        answer = Code.LOGGED_IN.done(name=user)
+        return Verdict(answer=answer, kind=RequestKind.LOGIN, asked="log in")
 
     def on_busy(self, session: Session) -> Verdict:
         """Judge a login whose password could not be checked."""
         self._waiting.pop(session.id, None)
         return Verdict(answer=Code.BUSY.timed_out())
 
-    def _wrong_login(self, session: Session, name: str, given: str, now_s: float) -> Verdict:
+    def _wrong_login(self, session: Session, name: str, now_s: float) -> Verdict:
         wrong = Code[f"WRONG_{self.login.upper()}"].refused()
-        if self._wrong.add(session.client, _bytes(given), now_s):
+        recent = {key: s for key, s in self._recorded_s.items() if now_s - s < _RECORD_S}
+        self._recorded_s = {session.client: now_s} | recent
+        if session.client not in recent:
             # what was typed in as a name may be a password
             who = f"{self._users.name(name) or 'unknown name'} ({session.id})"
             address = session.client or "an unknown address"
             answer = Code.WRONG_FROM.refused(what=wrong.message, address=address)
             self._records.append(Order(who, RequestKind.LOGIN, "log in", answer))
         return Verdict(answer=wrong)
-
-    def _logged_in(self, session: Session, user: User, now_s: float) -> Verdict:
-        if (session.name, session.role) != (user.name, user.role):
-            # what one person has, another does not get by a login
-            self._free(session, Fact.of(Loss.OTHER_LOGIN, user=user.name))
-        session.name, session.role, session.idle, session.note = user.name, user.role, False, None
-        session.active_s = now_s
-        answer = Code.LOGGED_IN.done(name=user.name, role=user.role)
-        return Verdict(answer=answer, kind=RequestKind.LOGIN, asked="log in")
 
     # ---------------------------------------------------------------- control and commands
 
@@ -309,10 +267,7 @@ class ControlRoom:
     ) -> Verdict:
         if do == "take_control" and self.holder is session:
             return Verdict(answer=Code.HAVE_CONTROL.done())
-        if session.role == ROLES[0]:
-            answer = _needs(session, "operate")
-        else:
-            answer = self._ask_control(session, do, message, now_s)
+        answer = self._ask_control(session, do, message, now_s)
         if answer.outcome == DONE:
             self.ended = None
         return Verdict(answer=answer, kind=RequestKind.of(do), asked=_CONTROL[do])
@@ -323,9 +278,9 @@ class ControlRoom:
         control, holder = self._control, self.holder
         if do == "take_control":
             # a name that came with a password proves who it is
-            proven = not isinstance(self._users, Token)
+            proven = self.login == "password"
             same = proven and holder is not None and holder.name == session.name
-            return control.take(session, message.get("from"), now_s, same)
+            return control.take(session, now_s, same)
         if do == "request_control":
             return control.request(session, now_s)
         if do == "withdraw_request":
@@ -335,14 +290,11 @@ class ControlRoom:
         return control.answer(session, message.get("to"), do == "hand_over_control")
 
     def _command(self, session: Session, do: str, message: dict[str, Any]) -> Verdict:
-        known, kind = ACTIONS.get(do), RequestKind.of(do)
-        if known is not None and ROLES.index(session.role) < ROLES.index(known.role):
-            return Verdict(answer=_needs(session, known.role), kind=kind, asked=do)
         try:
             action = read(do, message)
         except InputError as error:
-            asked = do if known else "unknown request"
-            return Verdict(answer=invalid(error), kind=kind, asked=asked)
+            asked = do if do in ACTIONS else "unknown request"
+            return Verdict(answer=invalid(error), kind=RequestKind.of(do), asked=asked)
         order = _order(do, action)
         if self.holder is not session:
             return replace(order, action=None, answer=Code.TAKE_FIRST.refused())
@@ -351,10 +303,6 @@ class ControlRoom:
 
 def _order(do: str, action: Action) -> Verdict:
     return Verdict(action=action, kind=RequestKind.of(do), asked=str(action))
-
-
-def _needs(session: Session, role: str) -> Answer:
-    return Code.ROLE.refused(role=session.role, needed=role)
 
 
 def _bytes(text: str) -> bytes:

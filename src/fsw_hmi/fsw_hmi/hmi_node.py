@@ -34,15 +34,14 @@ from fsw_control.units import NANOSECONDS
 from fsw_hmi import users
 from fsw_hmi.alarm_desk_ros import AlarmDesk
 from fsw_hmi.alarm_rules import NO_PROGRAMME_S
-from fsw_hmi.answers import Answer, Ended
+from fsw_hmi.answers import Answer
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import frame, readable, row
 from fsw_hmi.headline import Now, headline
-from fsw_hmi.keeper import Keeper, Kept
-from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, limits, reference, safe_state
+from fsw_hmi.limits import DEVIATIONS, PARAMETERS, limits, reference, safe_state
 from fsw_hmi.live_weld import LiveWeld
 from fsw_hmi.orders_ros import Orders
-from fsw_hmi.page_files import PageFiles, report_routes
+from fsw_hmi.page_files import PageFiles
 from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.recording import Recording
 from fsw_hmi.requests import Acknowledge, SafeStop, Shelve, Unshelve
@@ -62,10 +61,10 @@ _TICK_PERIOD_S = 0.04
 _ASK_AGAIN_S = 5.0
 #: in simulated time silence lasts so much longer
 _SIMULATED_SILENCE = 10.0
-#: actions that survive a restart
-_KEPT_ACTIONS = 50
+#: actions on the page, at most
+_MOST_ACTIONS = 50
 #: parameters of operators' control
-_CONTROL = ("local_stop", "idle_timeout_s", "handover_timeout_s")
+_CONTROL = ("local_stop", "handover_timeout_s")
 
 
 class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere
@@ -79,7 +78,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         super().__init__("fsw_hmi", **arguments)
         self._settings = ParameterValues(self, HmiParameters)
         values = self._settings.values
-        key = users.of(values["users_file"], values["token_file"], self.get_logger().error)
+        known, token = users.of(values["users_file"], values["token_file"])
         encrypted = tls_context(values["tls_cert"], values["tls_key"])
         files = PageFiles("live")
         listening = listen(values["host"], values["port"], values["patience_s"])
@@ -88,7 +87,6 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._tick_sent_s = 0.0
         self._interlocks: dict[str, float] = {}
         self._asked_leader, self._asked_s = "", float("-inf")
-        self._emulator = False
         self._actions = self.create_publisher(OperatorAction, "fsw/operator_action", LATCHED)
         self._get_parameters = self.create_client(GetParameters, "fsw_supervisor/get_parameters")
         to_pages = self._on_rows, self._on_prediction, self._show_state
@@ -104,15 +102,14 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._register = StopRegister()
         self._stop = StopHolder(self, self._register, self._register.merge)
         self._wake = self.create_guard_condition(self._on_orders)
-        self._room = ControlRoom(key, **{name: values[name] for name in _CONTROL})
-        timeout_s, touch = values["request_timeout_s"], listening.gate.touch
-        self._page = LivePage(files, self._room, self._deliver, timeout_s, touch)
-        routes = [*self._page.routes(), *report_routes(values["history_report"])]
-        app = application(routes, [values["host"], *values["allow_hosts"]], listening.gate)
+        self._room = ControlRoom(known, **{name: values[name] for name in _CONTROL})
+        self._page = LivePage(files, self._room, self._deliver, listening.gate.touch)
+        hosts = values["host"], *values["allow_hosts"]
+        app = application(self._page.routes(), hosts, listening.gate)
         self._web = WebThread(self._page, app, listening, encrypted)
-        self._restore(
-            Path(values["state_folder"]).expanduser() if values["state_folder"] else None
-        )
+        self._done = deque[dict[str, Any]](maxlen=_MOST_ACTIONS)
+        self._show("alarms", self._desk.frame())
+        self._show("actions", {"actions": []})
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         for period_s, look in ((_LOOK_S, self._look), (_REPORT_S, self._report)):
             self.create_timer(period_s, look, clock=steady)
@@ -122,46 +119,18 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self.get_logger().warning(
                 "the page can be reached from other computers, and nothing is encrypted"
             )
-        _announce(address(listening, encrypted is not None), key.new)
+        _announce(address(listening, encrypted is not None), token)
 
     def _setting(self, name: str) -> float:
         value: float = self._settings[name]
         simulated = name == "silence_s" and self.get_parameter("use_sim_time").value
         return value * _SIMULATED_SILENCE if simulated else value
 
-    def _restore(self, folder: Path | None) -> None:
-        """Go on where the server before has ended."""
-        now_s, wall_s = time.monotonic(), time.time()
-        self._keeper = Keeper(folder, self.get_logger().warning)
-        self._done = deque[dict[str, Any]](maxlen=_KEPT_ACTIONS)
-        kept, rows = self._keeper.load(wall_s)
-        if kept is not None:
-            self._desk.list.restore(
-                kept.alarms, now_s - kept.now_s - (wall_s - kept.wall_s), now_s
-            )
-            self._done.extend(kept.actions)
-            self._page.restore(rows)
-            self._room.ended = Ended.of(kept.ended)
-            if kept.holder:
-                self._room.restart(kept.holder)
-        if rows:
-            self._watch.view.newest_ns = round(float(rows[-1][1:].partition(",")[0]) * NANOSECONDS)
-        self._show("alarms", self._desk.frame())
-        self._show("actions", {"actions": list(self._done)})
-
-    def _keep(self) -> None:
-        holder, ended = self._room.holder, self._room.ended
-        state = Kept(time.monotonic(), time.time(), self._desk.list.entries, list(self._done))
-        state.holder = holder.who if holder else ""
-        state.ended = ended.fields if ended and not holder else {}
-        self._keeper.keep(state)
-
     def destroy_node(self) -> None:
         """Close the pages, then end."""
         if hasattr(self, "_web"):
             self._web.stop()
             self._on_orders()  # who has lost control by it
-            self._keep()
         super().destroy_node()
 
     # ---------------------------------------------------------------- to the pages
@@ -170,7 +139,6 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         now_s = time.monotonic()
         if restarted:
             self._web.call(self._page.forget)
-            self._keeper.forget()
             self._weld.forget()
             self._recording = Recording()
             self._watch.progress = None  # of the weld before; a programme reports every second
@@ -181,7 +149,6 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         for one in rows:
             self._weld.add(one, self._watch.source)
             text = row(one.stamp_ns, one.values)
-            self._keeper.add(text)
             shown = None
             if now_s - self._tick_sent_s >= _TICK_PERIOD_S:
                 self._tick_sent_s = now_s
@@ -202,7 +169,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._show("prediction", content, content["controller"])
 
     def _show_state(self) -> None:
-        self._show("state", self._watch.state_frame() | {"parts": self._watch.parts_frame()})
+        self._show("state", self._watch.state_frame())
 
     def _show_headline(self) -> None:
         watch, desk = self._watch, self._desk
@@ -221,11 +188,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
 
     def _say_hello(self) -> None:
         hello = {
-            "emulator": self._emulator,
-            "all_welds": bool(self._settings["history_report"]),
             "limits": self._limits(),
             "reference": reference(self._interlocks),
-            **(EMULATOR if self._emulator else dict.fromkeys(EMULATOR)),
         }
         self._web.call(partial(self._page.set_hello, hello))
 
@@ -253,16 +217,12 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._account = self._weld.frame(self._recording.gaps)
         if self._account is not None:
             self._show("account", self._account)
-        self._keep()
         now_s = time.monotonic()
         is_old = watch.leader != self._asked_leader or now_s - self._asked_s > _ASK_AGAIN_S
         if watch.leader and is_old and self._get_parameters.service_is_ready():
             self._asked_leader, self._asked_s = watch.leader, now_s
             future = self._get_parameters.call_async(GetParameters.Request(names=list(PARAMETERS)))
             future.add_done_callback(self._on_parameters)
-        if self._orders.emulator != self._emulator:
-            self._emulator = not self._emulator
-            self._say_hello()
 
     def _on_parameters(self, future: Future) -> None:
         response = future.result()
@@ -307,7 +267,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
     def _answer(self, order: Order, answer: Answer) -> None:
         answer = answer._replace(message=readable(answer.message))
         self._record(order, answer)
-        self._web.call(partial(self._page.on_outcome, order.number, answer))
+        self._web.call(partial(order.reply, answer))
 
     def _record(self, order: Order, answer: Answer) -> None:
         done = {"who": order.who, "action": order.asked, **answer._asdict()}

@@ -54,6 +54,7 @@ class Page:
         self.session, self.peer = session, peer
         self.closed = False  #: by the person, not cut off
         self.superseded = False  #: another connection has resumed its session
+        self.stops: list[int] = []  #: numbers of safe stops that are not answered yet
         self.given_up = asyncio.Event()  #: nothing more is to be sent
         self._wake = asyncio.Event()
         self._urgent: deque[str] = deque()

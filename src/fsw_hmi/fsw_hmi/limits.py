@@ -18,16 +18,7 @@ from fsw_control.ranges import (
 )
 from fsw_control.schema.ranges import Range
 from fsw_control.sensors import SENSORS
-from fsw_hmi.frames import readable
 from fsw_hmi.standing import QUANTITIES
-from fsw_plant.event_schema import (
-    DISTURBANCE_AMPLITUDE,
-    DISTURBANCE_SHAPES,
-    DURATION_S,
-    FAULT_DELAY_S,
-    FAULT_KINDS,
-    FAULT_MAGNITUDE,
-)
 
 #: scales, chosen
 _TORQUE_NM, _POWER_KW = Range(300.0, 1700.0, "N m"), Range(20.0, 70.0, "kW")
@@ -118,25 +109,3 @@ def reference(parameters: Mapping[str, Any]) -> dict[str, Any]:
             allowed.high if over is None else min(allowed.high, round(over - step, 6)),
         ]
     return found
-
-
-def _range(allowed: Range) -> dict[str, Any]:
-    unit = readable(allowed.unit).replace("N m", "N·m")
-    return {"unit": unit, "min": allowed.low, "max": allowed.high}
-
-
-#: requests to the emulated plant
-EMULATOR = {
-    "disturbances": {
-        "channels": {
-            name: _range(allowed) for name, (_, allowed) in DISTURBANCE_AMPLITUDE.items()
-        },
-        "shapes": DISTURBANCE_SHAPES,
-        "duration_s": [DURATION_S.low, DURATION_S.high],
-    },
-    "faults": {
-        "sensors": {name: _range(allowed) for name, (_, allowed) in FAULT_MAGNITUDE.items()},
-        "kinds": FAULT_KINDS,
-        "delay_s": [FAULT_DELAY_S.low, FAULT_DELAY_S.high],
-    },
-}

@@ -16,7 +16,7 @@ from fsw_control.schema.extensions import Extra
 from fsw_hmi.parameters import HmiParameters
 
 #: what serves the page; ROS 2 does not bring it
-EXTRA = Extra("fsw-control", "hmi", ("starlette", "uvicorn", "websockets"))
+EXTRA = Extra("fsw-control", "hmi", ("argon2", "starlette", "uvicorn", "websockets"))
 #: parameters of the node that are options, too
 _OPTIONS = ("host", "port", "token_file", "users_file", "tls_cert", "tls_key", "allow_hosts")
 

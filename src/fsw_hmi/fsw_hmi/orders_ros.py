@@ -19,15 +19,12 @@ from fsw_hmi.requests import (
     AcknowledgeStop,
     Action,
     ChangeMode,
-    Disturb,
-    Event,
     Programme,
     SafeStop,
     SetReference,
     Switch,
 )
 from fsw_msgs import srv
-from fsw_plant.requests_ros import SERVICES, event_request
 
 #: a safe stop that is not answered is asked for again, and longer than a person waits for the
 #: answer: a supervisor that is being started again must get it
@@ -64,13 +61,6 @@ class Orders:
         }
         # by this service of every action, because the goal is another node's
         self._cancel = node.create_client(CancelGoal, "fsw/run_weld/_action/cancel_goal")
-        self._disturb = node.create_client(*SERVICES[True])
-        self._fail = node.create_client(*SERVICES[False])
-
-    @property
-    def emulator(self) -> bool:
-        """Whether the plant is the emulator."""
-        return self._disturb.service_is_ready()
 
     # ---------------------------------------------------------------- services
 
@@ -106,9 +96,6 @@ class Orders:
                 return self._cancel, "programme", CancelGoal.Request()  # whichever goal there is
             case Programme():
                 return self._weld[action.action], "programme", srv.OperatorRequest.Request()
-            case Event():
-                client = self._disturb if isinstance(action, Disturb) else self._fail
-                return client, "emulated plant", event_request(action.event)
         raise TypeError(f"{action!r} is not for the graph")
 
     def look(self) -> None:

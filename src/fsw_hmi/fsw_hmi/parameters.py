@@ -21,15 +21,12 @@ class HmiParameters(NodeParameters):
     printed at every start."""
     users_file: Annotated[str, AT_START] = ""
     """File of named users, for its owner alone to read, made by 'fsw.py hmi user'; empty: the
-    token counts, and whoever knows it is an engineer."""
+    token counts."""
     tls_cert: Annotated[str, AT_START] = ""
     """Certificate in PEM by which the page is encrypted, with the chain behind it; empty: it is
     not."""
     tls_key: Annotated[str, AT_START] = ""
     """Private key of the certificate in PEM without a password, for its owner alone to read."""
-    idle_timeout_s: Annotated[float, Range(0.0, 86400.0, "s"), AT_START] = 900.0
-    """Time without a touch after which a page gives control back and its user has to log in again
-    for all but a safe stop; 0: never (chosen)."""
     handover_timeout_s: Annotated[float, Range(0.0, 3600.0, "s"), AT_START] = 30.0
     """Time after which control that was asked for may be taken when who has it does not answer
     (chosen)."""
@@ -42,15 +39,9 @@ class HmiParameters(NodeParameters):
     """Time after which a page that takes nothing is given up (chosen)."""
     request_timeout_s: Annotated[float, Range(0.1, 60.0, "s")] = 3.0
     """Time for which the graph's answer to a request is waited for (chosen)."""
-    state_folder: Annotated[str, AT_START] = ""
-    """Folder of this weld, in which trends, actions and alarms are kept so that they survive a
-    restart of the page; empty: they do not."""
     procedure: Annotated[str, AT_START] = ""
     """Procedure by whose limits the weld is judged and alarms are raised, a YAML file; empty:
     those of the default rules."""
-    history_report: Annotated[str, AT_START] = ""
-    """Report on the history of welds, as 'fsw.py history report' writes it, to be shown from the
-    page as 'All welds'; empty: none."""
     silence_s: Annotated[float, Range(0.15, 10.0, "s")] = 0.2
     """Silence of the drives' feedback or of the commands after which that is an alarm, within a
     further 0.1 s; ten times as long in simulated time (chosen: two ticks)."""

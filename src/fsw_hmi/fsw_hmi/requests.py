@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Annotated, Any, ClassVar, Literal, Self
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -16,9 +16,6 @@ from fsw_control.ranges import (
 )
 from fsw_control.schema.models import InputError, Many, Model, Problem, validate
 from fsw_control.schema.ranges import Range
-from fsw_hmi.users import Role
-from fsw_plant.event_schema import disturbance, fault
-from fsw_plant.events import PlantEvent
 
 _Name = Annotated[str, Field(pattern="^[A-Za-z0-9_]{1,100}$")]
 _AlarmId = Annotated[str, Field(pattern="^[ -~]{1,100}$")]
@@ -27,7 +24,6 @@ _AlarmId = Annotated[str, Field(pattern="^[ -~]{1,100}$")]
 class Action(Model):
     """An action in the graph."""
 
-    role: ClassVar[Role] = "operate"  #: that it needs at least
     words: ClassVar[str]  #: for the record, with its fields
 
     def __str__(self) -> str:
@@ -37,7 +33,6 @@ class Action(Model):
 class SafeStop(Action):
     """The safe state, at once."""
 
-    role = "view"
     words = "safe stop"
 
 
@@ -132,53 +127,6 @@ class Unshelve(Action):
     alarm: _AlarmId
 
 
-class Event(Action):
-    """An event of the emulated plant, which permits what a scenario may contain."""
-
-    role = "engineer"
-    make: ClassVar[Callable[..., PlantEvent]]
-
-    duration_s: float = 0.0
-
-    @model_validator(mode="after")
-    def _check_event(self) -> Self:
-        assert self.event
-        return self
-
-    @property
-    def event(self) -> PlantEvent:
-        """The event; raises InputError if it is not permitted."""
-        return type(self).make(**dict(self))
-
-    def __str__(self) -> str:
-        times = {"duration_s": " for {:g} s", "period_s": ", period {:g} s"}
-        lasts = (
-            text.format(value) for key, text in times.items() if (value := dict(self).get(key))
-        )
-        return super().__str__() + "".join(lasts)
-
-
-class Disturb(Event):
-    """A disturbance; the amplitude has the paper's unit of the channel."""
-
-    words = "disturb {channel} {shape} {amplitude:g}"
-    make = staticmethod(disturbance)
-    channel: str
-    shape: str
-    amplitude: float = 0.0
-    period_s: float = 0.0
-
-
-class Fail(Event):
-    """A fault of a sensor."""
-
-    words = "fault {sensor} {kind} {magnitude:g}"
-    make = staticmethod(fault)
-    sensor: str
-    kind: str
-    magnitude: float = 0.0
-
-
 #: by the request's name
 ACTIONS: dict[Any, type[Action]] = {
     "safe_stop": SafeStop,
@@ -190,8 +138,6 @@ ACTIONS: dict[Any, type[Action]] = {
     "acknowledge": Acknowledge,
     "shelve": Shelve,
     "unshelve": Unshelve,
-    "disturb": Disturb,
-    "fault": Fail,
 }
 
 

@@ -13,7 +13,6 @@ type Values = Record<string, Value | undefined>;
 type Row = Value[];
 /** Values along a trend, by column. */
 type Columns = Record<string, ArrayLike<Value>>;
-type Allowed = { unit: string; min: number; max: number };
 
 interface Limit {
   range: [number, number];
@@ -45,13 +44,9 @@ interface Hello {
   resume: string;
   server_s: number;
   login: "token" | "password";
-  emulator: boolean;
-  all_welds: boolean;
   columns: string[];
   limits: Limits;
   reference: Reference;
-  disturbances: { channels: Record<string, Allowed>; shapes: string[]; duration_s: [number, number] };
-  faults: { sensors: Record<string, Allowed>; kinds: string[]; delay_s: [number, number] };
 }
 interface Health {
   name: string;
@@ -83,7 +78,6 @@ interface State {
   acknowledged: boolean;
   controllers: Health[];
   interlocks: { name: string; level: string }[];
-  parts: { name: string; level: string; text: string }[];
 }
 interface Programme {
   t: "progress";
@@ -114,7 +108,6 @@ interface Control {
   request: { name: string; session: string; left_s: number; you: boolean } | null;
   name: string;
   authenticated: boolean;
-  role: string;
   may_stop: boolean;
   note: string;
   note_code: string;
@@ -216,10 +209,6 @@ interface Headline {
   next?: string;
   /** What to do once the programme is over; empty before. */
   after?: string;
-}
-interface Note {
-  level: string;
-  text: string;
 }
 interface Choice {
   value: string;

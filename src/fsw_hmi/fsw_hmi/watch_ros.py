@@ -47,8 +47,6 @@ _SILENT_S = 1.0
 _FORGET_S = 600.0
 #: parts of this software's own nodes, and of all others, at most
 _MOST_PARTS = 400
-#: of them, in the frame ``state``
-_SHOWN_PARTS = 200
 _PREDICTION_PERIOD_S = 0.5
 _LEVELS = ("ok", "warn", "error", "stale")
 _WORDS = ("target_controller", "actual_controller", "target_mode", "actual_mode")
@@ -241,21 +239,12 @@ class Watch:
         return sum(map(len, kept)) >= _MOST_PARTS
 
     def state_frame(self) -> dict[str, Any]:
-        """Content of the frame ``state`` but for the parts; not ``known`` is a state of a supervisor that is silent."""
+        """Content of the frame ``state``; not ``known`` is a state of a supervisor that is silent."""
         return {
             "known": time.monotonic() - self.state_s <= NO_REPORT_S,
             "known_heat_share": short(self._known_heat_share),
             **(self.state or NO_STATE),
         }
-
-    def parts_frame(self) -> list[dict[str, str]]:
-        """The parts as the page gets them, the bad ones first."""
-        parts = [
-            {"name": f"{node}: {what}" if what else node, "level": one.level, "text": one.text}
-            for node, parts in self.parts().items()
-            for what, one in parts.items()
-        ]
-        return sorted(parts, key=lambda one: one["level"] == "ok")[:_SHOWN_PARTS]
 
     def parts(self) -> dict[str, dict[str, Part]]:
         """Diagnostics by node and part."""

@@ -9,23 +9,20 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from typing import Any
 
 from starlette.routing import BaseRoute, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from fsw_control.coded import Fact
-from fsw_hmi.answers import Answer, Code, Loss
+from fsw_hmi.answers import Answer, Loss
 from fsw_hmi.control_room import ControlRoom, Order, Verdict
 from fsw_hmi.frames import COLUMNS, frame
 from fsw_hmi.hub import History, Page
 from fsw_hmi.page_files import PageFiles
-from fsw_hmi.requests import Action, SafeStop, Switch
+from fsw_hmi.requests import Action, SafeStop
 
-#: how much longer than the graph may take an answer is waited for, should the node itself be stuck
-_MARGIN_S = 2.0
 #: kinds of frames that do not belong to one weld
 _LASTING = ("state", "alarms", "actions")
 _STALE, _POLICY = 4001, 1008
@@ -34,20 +31,11 @@ _NICE = 10
 _CLOSED = (1000, 1001)
 
 
-@dataclass(slots=True)
-class _Pending:
-    page: Page
-    ids: list[int]
-    order: Order
-    timer: asyncio.TimerHandle
-
-
 class LivePage:
     """The page over a running weld. All methods but the constructor belong to the server's loop.
 
     ``deliver`` takes an :class:`Order`, in the server's thread; ``touch`` address and port of a
-    page on which somebody has asked for something, and whether a user has logged in there. The
-    numbers are parameters of the node, which ``parameters.py`` describes.
+    page on which somebody has asked for something, and whether a user has logged in there.
     """
 
     def __init__(
@@ -55,20 +43,16 @@ class LivePage:
         files: PageFiles,
         room: ControlRoom,
         deliver: Callable[[Order], None],
-        request_timeout_s: float,
         touch: Callable[[Any, bool], None] = lambda _peer, _known: None,
     ) -> None:
         self._files, self._room, self._deliver, self._touch = files, room, deliver, touch
         # one thread: a flood of logins takes no more of the processor
         self._logins = ThreadPoolExecutor(1, "login", _step_back)
         self._checks: set[asyncio.Task[None]] = set()
-        self._request_timeout_s = request_timeout_s
         self._pages: set[Page] = set()
         self._history = History()
         self._latest: dict[str, str] = {}  # frames for a new page, by kind
         self._hello: dict[str, Any] = {}
-        self._pending: dict[int, _Pending] = {}
-        self._orders = 0
         self._tick_s: float | None = None
         self._closed = False
 
@@ -90,11 +74,6 @@ class LivePage:
         self._latest = {kind: text for kind, text in self._latest.items() if kind in _LASTING}
         self._begin(*self._pages)
 
-    def restore(self, rows: list[str]) -> None:
-        """Continue with the rows of the previous server; call before the first page."""
-        for row in rows:
-            self._history.add(row)
-
     def tick(self, row: str, text: str | None, came_s: float) -> None:
         """Take an encoded row and its frame (None: not sent); ``came_s`` on ``time.monotonic``."""
         self._tick_s = came_s
@@ -108,15 +87,6 @@ class LivePage:
         self._latest[kind] = text
         for page in self._pages:
             page.show(kind, text)
-
-    def on_outcome(self, number: int, answer: Answer) -> None:
-        """Take the outcome of an order; only the first one counts."""
-        pending = self._pending.pop(number, None)
-        if pending is None:
-            return
-        pending.timer.cancel()
-        for request in pending.ids:
-            pending.page.answer(_answer(request, answer))
 
     def beat(self) -> None:
         """Send a heartbeat to all pages; call several times a second."""
@@ -241,20 +211,21 @@ class LivePage:
             self._hand_on(Order(session.who, verdict.kind, verdict.asked, verdict.answer))
 
     def _order(self, page: Page, request: int, action: Action, verdict: Verdict) -> None:
+        ids = [request]
         if isinstance(action, SafeStop):
-            for under_way in self._pending.values():
-                if under_way.page is page and under_way.order.action == action:
-                    under_way.ids.append(request)  # the graph is asked once
-                    return
-        self._orders += 1
-        who, number = page.session.who, self._orders
-        order = Order(who, verdict.kind, verdict.asked, action=action, number=number)
-        wait_s = self._request_timeout_s + _MARGIN_S
-        wait_s += action.wait_s if isinstance(action, Switch) else 0.0
-        timed_out = partial(self.on_outcome, order.number, Code.NO_ANSWER.timed_out(wait_s=wait_s))
-        timer = asyncio.get_running_loop().call_later(wait_s, timed_out)
-        self._pending[order.number] = _Pending(page, [request], order, timer)
-        self._hand_on(order)
+            page.stops.append(request)
+            ids = page.stops
+            if len(ids) > 1:
+                return  # the graph is asked once
+
+        def reply(answer: Answer) -> None:
+            """Take the outcome; only the first one counts."""
+            for one in ids:
+                page.answer(_answer(one, answer))
+            ids.clear()
+
+        who = page.session.who
+        self._hand_on(Order(who, verdict.kind, verdict.asked, action=action, reply=reply))
 
     def _hand_on(self, order: Order) -> None:
         holder = self._room.holder

@@ -29,6 +29,9 @@ LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 MAX_FRAME_BYTES = 4096
 #: What the kernel keeps for a client that does not read, so that the server notices soon.
 _SEND_BUFFER_BYTES = 65536
+#: connections that wait in the kernel, all of which the loop accepts at once: a flood of new ones
+#: must not delay a safe stop (measured: 1.0 s with uvicorn's 2048, 0.11 s with this)
+_BACKLOG = 32
 #: for the end of the server's thread
 _PATIENCE_S = 5.0
 
@@ -67,7 +70,7 @@ def listen(host: str, port: int, patience_s: float = 20.0) -> Listening:
         if hasattr(socket, "TCP_USER_TIMEOUT"):
             one.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1e3 * patience_s))
         one.bind(address)
-        one.listen(128)
+        one.listen(_BACKLOG)
     except OSError as error:
         if one is not None:
             one.close()
@@ -152,6 +155,7 @@ def server(
     config = uvicorn.Config(
         app,
         http="h11",
+        backlog=_BACKLOG,
         ws="websockets-sansio",
         ws_max_size=MAX_FRAME_BYTES,
         ws_per_message_deflate=False,

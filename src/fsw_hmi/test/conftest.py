@@ -7,11 +7,13 @@ import threading
 from functools import partial
 
 import pytest
+from argon2 import PasswordHasher
 
 from fsw_hmi.answers import Answer
 from fsw_hmi.control_room import ControlRoom
 from fsw_hmi.gate import Gate
-from fsw_hmi.page_files import PageFiles, report_routes
+from fsw_hmi.page_files import PageFiles
+from fsw_hmi.users import Users
 from fsw_hmi.web import LivePage
 from fsw_hmi.web_server import WebThread, address, application, listen
 from fsw_test_support.page_client import Page
@@ -23,27 +25,33 @@ __all__ = ["domain_id", "uplot"]
 TOKEN = "a token of some length"
 
 
+@pytest.fixture(autouse=True, scope="session")
+def cheap_hashes():
+    """What a hash of a password costs is the library's."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("fsw_hmi.users.HASHER", PasswordHasher(1, 8, 1))
+        yield
+
+
 class Server:
     """A server whose orders are kept in a queue; patient unless a test says otherwise: a machine may stand still."""
 
     def __init__(self, folder, **options):
         self.files = PageFiles("live", folder)
         self.orders, self.logins = queue.Queue(), queue.Queue()
-        settings = {"request_timeout_s": PATIENCE_S} | options
-        self.room = room = ControlRoom(settings.pop("key", TOKEN), **settings.pop("rules", {}))
+        settings = dict(options)
+        known = settings.pop("users", None) or Users(token=TOKEN)
+        self.room = room = ControlRoom(known, **settings.pop("rules", {}))
         encrypted = settings.pop("encrypted", None)
-        report = report_routes(settings.pop("history_report", ""))
         listening = listen("127.0.0.1", 0, settings.pop("patience_s", PATIENCE_S))
         self.gate = listening.gate = Gate(request_s=PATIENCE_S, **settings.pop("limits", {}))
         self.page = LivePage(self.files, room, self._take, touch=self.gate.touch, **settings)
         self.url = address(listening, encrypted is not None)
         self.port = listening.getsockname()[1]
-        routes = [*self.page.routes(), *report]
-        self.thread = WebThread(
-            self.page, application(routes, ["weld.example"], self.gate), listening, encrypted
-        )
+        app = application(self.page.routes(), ["weld.example"], self.gate)
+        self.thread = WebThread(self.page, app, listening, encrypted)
         self.thread.start()
-        self.call(self.page.set_hello, {"emulator": True})
+        self.call(self.page.set_hello, {"limits": {}})
 
     def open(self, build=None, **options):
         """Open a page."""
@@ -62,7 +70,7 @@ class Server:
         return self.orders.get(timeout=PATIENCE_S)
 
     def answer(self, order, outcome="done", message="well"):
-        self.thread.call(partial(self.page.on_outcome, order.number, Answer(outcome, "", message)))
+        self.thread.call(partial(order.reply, Answer(outcome, "", message)))
 
 
 @pytest.fixture
@@ -74,7 +82,6 @@ def folder(tmp_path):
     )
     (tmp_path / "main.js").write_text("export {};")
     (tmp_path / "sub" / "LICENSE").write_text("MIT")
-    (tmp_path / "notes.txt~").write_text("not to be served")
     return tmp_path
 
 

@@ -366,17 +366,6 @@ class AnyOrder(RuleBasedStateMachine):
         was = self.desk.states().get(name)
         assert (self.desk.list.unshelve(name, "anna").outcome == "done") == (was == "shelved")
 
-    @rule()
-    def restart(self):
-        before, self.desk = self.desk, Desk()
-        self.desk.now_s = before.now_s
-        self.desk.list.restore(before.list.entries, 0.0, before.now_s)
-        assert self.desk.states() == before.states()
-        # what was grouped is in its flood, but by whom is known only after the next look
-        listed = before.states().keys() - before.list.grouped.keys()
-        self.present = {name: one for name, one in self.present.items() if name in listed}
-        self.desk.list.events = before.list.events
-
     @invariant()
     def high_ones_are_shown(self):
         states = self.desk.states()

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from websockets.exceptions import ConnectionClosed
 
 from fsw_hmi.gate import Gate
+from fsw_hmi.web_server import server as make_uvicorn
 from fsw_test_support.page_client import PATIENCE_S
 
 TOKEN = "a token of some length"
@@ -207,7 +208,7 @@ def test_idle_pages_of_strangers_shut_no_new_page_out(make_server, host):
             assert page.receive()["t"] == "hello"
         with server.open(source_address=(host, 0)) as page:
             assert page.log_in(TOKEN, "bert")["outcome"] == "done"
-        assert anna.ask("active")["outcome"] == "done"
+        assert anna.ask("withdraw_request")["code"] == "not_asker"
 
 
 @pytest.mark.slow
@@ -219,6 +220,11 @@ def test_strangers_at_many_addresses_shut_no_new_page_out(server):
         with server.open() as page:
             assert page.receive()["t"] == "hello"
         assert len(server.gate._peers) <= 601
+
+
+def test_few_connections_are_accepted_at_once():
+    """The event loop accepts as many in a row as may wait, and does nothing else meanwhile."""
+    assert make_uvicorn(lambda *_: None, Gate()).config.backlog <= 32
 
 
 @pytest.mark.slow

@@ -5,28 +5,25 @@ import os
 import threading
 
 import pytest
-from websockets.exceptions import ConnectionClosed
 
 from fsw_hmi.users import Users, new_user
 from fsw_test_support.page_client import PATIENCE_S
 from fsw_test_support.waiting import wait_until
 
 PASSWORD = "correct horse battery"
-ROLES = {"vera": "view", "otto": "operate", "olga": "operate", "egon": "engineer"}
+NAMES = ("otto", "olga", "egon")
 
 
 class SlowUsers(Users):
     """Users whose passwords take until the test says so."""
 
     def __init__(self):
-        super().__init__(new_user(name, role, PASSWORD, log2_n=1) for name, role in ROLES.items())
+        super().__init__(new_user(name, PASSWORD) for name in NAMES)
         self.begun, self.go_on = threading.Semaphore(0), threading.Semaphore(0)
-        self.checked = 0
 
     def check(self, name, password):
         self.begun.release()
         assert self.go_on.acquire(timeout=PATIENCE_S)
-        self.checked += 1
         return super().check(name, password)
 
 
@@ -44,7 +41,7 @@ def test_check_runs_in_a_thread_that_steps_back_and_may_fail(make_server, users,
         raise MemoryError
 
     monkeypatch.setattr(users, "check", too_large)
-    server = make_server(key=users)
+    server = make_server(users=users)
     with server.open() as page:
         for _ in range(2):
             assert page.log_in(PASSWORD, "otto")["code"] == "busy"
@@ -54,7 +51,7 @@ def test_check_runs_in_a_thread_that_steps_back_and_may_fail(make_server, users,
 @pytest.mark.slow
 @pytest.mark.requirement("S30")
 def test_flood_of_logins_delays_no_safe_stop_and_no_frame(make_server, users):
-    server = make_server(key=users)
+    server = make_server(users=users)
     with contextlib.ExitStack() as stack:
         otto = stack.enter_context(server.open())
         number = otto.send("login", name="otto", password=PASSWORD)
@@ -69,9 +66,6 @@ def test_flood_of_logins_delays_no_safe_stop_and_no_frame(make_server, users):
         otto.send("safe_stop")
         assert server.next_order().who.startswith("otto (")
         otto.until("beat")
-        again = stack.enter_context(server.open())
-        assert again.log_in(PASSWORD, "otto")["outcome"] == "done"  # known without another check
-        assert users.checked == 1
         waiting = stack.enter_context(server.open())  # on this computer
         waiting.send("login", name="olga", password=PASSWORD)
         waiting.send("safe_stop")
@@ -81,40 +75,24 @@ def test_flood_of_logins_delays_no_safe_stop_and_no_frame(make_server, users):
 
 @pytest.mark.slow
 def test_page_that_leaves_while_its_password_is_checked_is_forgotten(make_server, users):
-    server = make_server(key=users)
+    server = make_server(users=users)
     with server.open() as gone:
         gone.send("login", name="otto", password=PASSWORD)
         assert users.begun.acquire(timeout=PATIENCE_S)
     users.go_on.release(100)
     with server.open() as page:
         wait_until(lambda: page.log_in(PASSWORD, "olga")["outcome"] == "done", "the first check")
-        assert page.ask("take_control", **{"from": None})["outcome"] == "done"
-
-
-@pytest.mark.slow
-def test_too_many_wrong_passwords_cost_the_connection_after_the_answer(make_server, users):
-    users.go_on.release(100)
-    server = make_server(key=users)
-    with server.open() as page:
-        assert page.seen("hello")["login"] == "password"
-        for number in range(5):
-            assert page.log_in(f"guess {number}", "egon")["code"] == "wrong_password"
-        assert "wait" in page.log_in("one more", "egon")["message"]
-        with pytest.raises(ConnectionClosed):
-            page.until("never")
+        assert page.ask("take_control")["outcome"] == "done"
 
 
 @pytest.mark.slow
 @pytest.mark.requirement("S18")
-def test_control_is_handed_over_and_a_role_is_refused_on_real_pages(make_server, users):
+def test_control_is_handed_over_on_real_pages(make_server, users):
     users.go_on.release(100)
-    server = make_server(key=users, rules={"handover_timeout_s": 3600.0})
+    server = make_server(users=users, rules={"handover_timeout_s": 3600.0})
     with server.open() as otto, server.open() as olga:
         otto.command(PASSWORD, "otto")
         assert server.next_order().asked == "take control"
-        refused = otto.ask("disturb", channel="depth", shape="step", amplitude=0.1)
-        assert refused["code"] == "role"
-        assert (server.next_order().action, server.orders.empty()) == (None, True)
         assert olga.log_in(PASSWORD, "olga")["outcome"] == "done"
         assert olga.ask("request_control")["outcome"] == "done"
         asked = otto.seen("control", lambda frame: frame["request"])["request"]
@@ -126,19 +104,3 @@ def test_control_is_handed_over_and_a_role_is_refused_on_real_pages(make_server,
             ("olga", "ask for control"),
             ("otto", "hand control over"),
         ]
-
-
-@pytest.mark.slow
-def test_idle_page_is_told_and_recorded(make_server, users):
-    users.go_on.release(100)
-    server = make_server(key=users)
-    with server.open() as otto:
-        otto.command(PASSWORD, "otto")
-        server.next_order()
-        server.call(setattr, server.room, "_idle_timeout_s", 0.1)
-        told = otto.seen("control", lambda frame: frame["note"])
-        assert (told["holder"], told["authenticated"], told["may_stop"]) == (None, False, True)
-        order = server.next_order()
-        assert (order.asked, order.answer.outcome) == ("lose control", "done")
-        otto.send("safe_stop")
-        assert server.next_order().asked == "safe stop"

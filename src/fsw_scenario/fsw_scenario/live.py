@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import secrets
 import sys
-import tempfile
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -29,14 +27,7 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
     graph.folder.mkdir(parents=True, exist_ok=True)
     token, token_file = secrets.token_urlsafe(12), graph.folder / "token"
     _write_secret(token_file, token)
-    kept = [
-        "--ros-args",
-        "-p",
-        f"state_folder:={json.dumps(tempfile.mkdtemp(prefix='page_', dir=graph.folder))}",
-    ]
-    hmi = launcher.start(
-        "hmi", "hmi", ["--port", str(port), "--token-file", str(token_file), *kept]
-    )
+    hmi = launcher.start("hmi", "hmi", ["--port", str(port), "--token-file", str(token_file)])
     launcher.wait_until(hmi.status, _PATIENCE_S, "the operator's page")
     url = hmi.status()["url"]
     # the same port after a restart

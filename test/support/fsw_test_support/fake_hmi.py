@@ -28,13 +28,12 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from fsw_analysis.rule_book import default
 from fsw_control.cause import Cause
 from fsw_control.sensors import OPTIONAL
-from fsw_hmi import page_files
 from fsw_hmi.answers import DONE, REFUSED, Answer
 from fsw_hmi.control import Session
 from fsw_hmi.control_room import ControlRoom, Verdict
 from fsw_hmi.frames import COLUMNS
 from fsw_hmi.headline import Now, headline
-from fsw_hmi.limits import EMULATOR, limits, reference
+from fsw_hmi.limits import limits, reference
 from fsw_hmi.security import Security
 from fsw_hmi.standing import flags_now
 from fsw_hmi.stop_progress import StopProgress
@@ -101,17 +100,16 @@ class FakeHmi:
         source: str = "live",
         port: int | None = None,
         bags: list[dict[str, Any]] | None = None,
-        key: str | Users = TOKEN,
+        users: Users | None = None,
         handover_timeout_s: float = 30.0,
     ) -> None:
         self.source, self.bags = source, bags or []
-        self._room = ControlRoom(key, local_stop=False, handover_timeout_s=handover_timeout_s)
+        users = users or Users(token=TOKEN)
+        self._room = ControlRoom(users, local_stop=False, handover_timeout_s=handover_timeout_s)
         self.port = port or free_port()
         self.build = BUILD
         self.silent = False  #: no frames at all, though the connection stands
         self.measuring = True  #: whether ticks come
-        self.emulator = True
-        self.history_report = ""  #: file with the report on all welds
         self.depth_offset_mm = self.temperature_offset_c = 0.0
         self.force_kn: float | None = None  #: instead of the synthetic weld's
         self.local_stop = False
@@ -124,8 +122,8 @@ class FakeHmi:
         self.recording: dict[str, Any] = {"state": "recording", "bag": "weld/bag"}
         self.recording |= {"bytes": 12_300_000, "missing": 0, "gap": None}
         self.refusals: dict[str, str] = {}  #: request -> reason
+        self.mute: set[str] = set()  #: requests that get no answer
         self.requests: list[dict[str, Any]] = []
-        self.touches = 0  #: how often a page has said that somebody is there
         self.state = _state()
         self.progress: dict[str, Any] | None = _progress()
         self.start_s = time.time() - 600.0
@@ -139,7 +137,6 @@ class FakeHmi:
             routes=[
                 Route("/", self._index),
                 Route("/bags", self._bags),
-                Route("/all_welds", self._all_welds),
                 Route("/bags/{n:int}", self._bag),
                 WebSocketRoute("/ws", self._socket),
                 Mount("/page", StaticFiles(directory=PAGE)),
@@ -177,16 +174,15 @@ class FakeHmi:
     def take_control(self, name: str) -> None:
         """Somebody on another page takes control that is free."""
         session = self._room.join()
-        session.name, session.role, session.active_s = name, "operate", time.monotonic()
-        self._room.handle(
-            session, json.dumps({"id": 1, "do": "take_control", "from": None}), session.active_s
-        )
+        session.name = name
+        request = json.dumps({"id": 1, "do": "take_control"})
+        self._room.handle(session, request, time.monotonic())
 
     def ask_for_control(self, name: str) -> None:
         """Somebody on another page asks for control that is held."""
         session = self._room.join()
-        session.name, session.role, session.active_s = name, "operate", time.monotonic()
-        self._room.handle(session, '{"id": 1, "do": "request_control"}', session.active_s)
+        session.name = name
+        self._room.handle(session, '{"id": 1, "do": "request_control"}', time.monotonic())
 
     def cut(self) -> None:
         """Cut all connections, as a network does; no page gets a frame until ``silent`` is False again."""
@@ -195,11 +191,6 @@ class FakeHmi:
         sockets = [socket for socket, _ in self._sessions.values()]
         for socket in sockets:
             asyncio.run_coroutine_threadsafe(socket.close(1011), self._loop).result(5.0)
-
-    def log_out(self) -> None:
-        """Let nobody have touched any page for a long time."""
-        self._room.tick(time.monotonic() + 10_000.0)
-        self.push()
 
     def push(self) -> None:
         """Send everybody the present state, progress, alarms, control and actions."""
@@ -337,11 +328,10 @@ class FakeHmi:
         try:
             while True:
                 request = json.loads(await socket.receive_text())
-                if request["do"] == "active":
-                    self.touches += 1
-                else:
-                    self.requests.append(request)
+                self.requests.append(request)
                 reply = self._answer(request, session)
+                if request["do"] in self.mute:
+                    continue
                 answer = {"t": "answer", "id": request["id"], **reply._asdict()}
                 await socket.send_text(json.dumps(answer))
                 await self._push()
@@ -385,21 +375,15 @@ class FakeHmi:
             "server_s": time.time(),
             "session": session,
             "login": self._room.login,
-            "emulator": self.emulator,
-            "all_welds": bool(self.history_report),
             "columns": COLUMNS,
             "limits": LIMITS,
             "reference": reference(_INTERLOCKS),
-            **EMULATOR,
         }
 
     async def _index(self, request: Request) -> Response:
         text = (PAGE / "index.html").read_text(encoding="utf-8")
         text = text.replace("{{build}}", BUILD).replace("{{source}}", self.source)
         return Response(text, media_type="text/html")
-
-    async def _all_welds(self, _: Request) -> Response:
-        return page_files.report(self.history_report)
 
     async def _bags(self, request: Request) -> Response:
         infos = [{key: value for key, value in bag.items() if key != "rows"} for bag in self.bags]
@@ -581,10 +565,6 @@ def _state() -> dict[str, Any]:
             {"name": "decentral", "latency_ms": 2.0, **health, **counts},
         ],
         "interlocks": [],
-        "parts": [
-            {"name": name, "level": "ok", "text": "running"}
-            for name in ("arbiter", "process", "recorder", "plant")
-        ],
     }
 
 

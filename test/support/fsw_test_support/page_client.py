@@ -111,7 +111,7 @@ class Page:
         holder = self.seen("control")["holder"]
         if holder is not None and self.ask("request_control")["outcome"] == "done":
             holder = self.seen("control", _may_be_taken)["holder"]
-        taken = self.ask("take_control", **{"from": holder and holder["session"]})
+        taken = self.ask("take_control")
         assert taken["outcome"] == "done", taken
         return self
 

@@ -1,7 +1,6 @@
 // What an operator can do: log in, take control, command. Every request shows pending and then its answer.
 import { byId, el, panel, setText } from "./dom.js";
 import { choiceField, closeForm, notice, numberField, openForm, selectField, textField } from "./dialog.js";
-import { disturb, fault } from "./emulator.js";
 import { words } from "./format.js";
 import { resume, setPoints } from "./set_points.js";
 
@@ -13,8 +12,7 @@ const MODES = [
 ];
 const SWITCH_WAITS_S = ["0", "2", "5", "10"];
 const NAME = "[A-Za-z0-9][A-Za-z0-9._\\-]*";
-/** How often the server is told that somebody is at the page, and when a login is tried again that could not be checked. */
-const TOUCH_MS = 20_000;
+/** When a login is tried again that could not be checked. */
 const AGAIN_MS = 5000;
 /** A stop that was pressed without a connection waits for so long; later it would surprise. */
 const STOPS_MS = 10_000;
@@ -23,7 +21,6 @@ export class Commands {
   /** @type {{[kind: string]: string}?} */ #credentials = null; // only here, so that a reload forgets them
   /** @type {Control?} */ #control = null; // as last told
   #due = 0; // until when control that is asked for must be answered
-  #touched = -Infinity;
   #stopsUntil = -Infinity; // until when a stop that was pressed without a connection is sent with the next one
   #lapse = 0; // the timer of that
   #lost = ""; // how control has got lost without anybody's doing
@@ -44,25 +41,22 @@ export class Commands {
     this.withdrawButton = button("Withdraw request", () => this.ask("Withdraw request", "withdraw_request"));
     this.releaseButton = button("Release control", () => this.ask("Release control", "release_control"));
     const access = el("div", { className: "buttons" }, this.logInButton, this.takeButton, this.requestButton, this.withdrawButton, this.releaseButton);
-    const withHello = (/** @type {(hello: Hello, ask: Ask) => void} */ open) => () => page.hello && open(page.hello, this.ask);
     this.acting = [button("Set-points", () => setPoints(page, this.ask)), button("Controller", () => this.switchController()), button("Mode", () => this.changeMode())];
     this.welding = [button("Hold weld", () => this.weld("hold")), button("Resume weld", () => resume(page, () => this.weld("resume"))), button("Abort weld", () => this.abort())];
     this.acknowledgeStop = button("Acknowledge stop", () => this.ask("Acknowledge the safe stop", "acknowledge_stop"));
-    this.emulator = [button("Disturb", withHello(disturb)), button("Fault", withHello(fault))];
-    const acting = el("div", { className: "acting" }, ...this.acting, ...this.welding, this.acknowledgeStop, ...this.emulator);
+    const acting = el("div", { className: "acting" }, ...this.acting, ...this.welding, this.acknowledgeStop);
     this.root = panel("commands", "Commands", this.control, access, acting);
     document.addEventListener("keydown", (event) => {
       if (!event.ctrlKey || event.key !== ".") return;
       event.preventDefault();
       this.safeStop();
     });
-    for (const touch of ["pointerdown", "pointermove", "keydown"]) document.addEventListener(touch, () => this.#touch(), { passive: true });
     this.update();
   }
 
   /** Show what may be done now, and why not. */
   update() {
-    const { hello, control, progress, state } = this.page;
+    const { hello, progress, state } = this.page;
     const { live } = this.connection;
     this.#showControl(live);
     const stopped = state.actual_mode === "safe_stop" && !state.acknowledged;
@@ -75,8 +69,6 @@ export class Commands {
     permit([resumed], none || (held || progress?.left ? "" : "The programme runs with its own set-points."));
     permit([abort], none);
     permit([this.acknowledgeStop], this.lack || (stopped ? "" : "There is no safe stop to acknowledge."));
-    permit(this.emulator, this.lack || (control.role === "engineer" ? "" : "This needs the role engineer."));
-    for (const one of this.emulator) one.hidden = !hello?.emulator;
     this.stop.disabled = !live && !hello; // once connected, it waits for the connection
     const waits = performance.now() < this.#stopsUntil;
     if (this.stop.lastChild) setText(this.stop.lastChild, live ? "Ctrl + ." : `${waits ? "waits for the connection" : "not connected"}: stop at the machine`);
@@ -85,22 +77,19 @@ export class Commands {
   /** Who has control, who asks for it, and what this page can do about it. */
   #showControl(/** @type {boolean} */ live) {
     const { hello, control } = this.page;
-    const { holder, you, request, name, authenticated, role, note } = control;
+    const { holder, you, request, name, authenticated, note } = control;
     if (control !== this.#control) {
       if (this.#control?.you && !you) closeForm(); // what it would send is no longer this page's to send
       if (you) this.#lost = "";
-      if (role && !authenticated) this.#credentials = null; // idle: who comes back must say who that is
       this.#control = control;
       this.#due = performance.now() + 1000 * (request?.left_s ?? 0);
     }
     const leftS = request?.left_s ? Math.max(0, Math.ceil((this.#due - performance.now()) / 1000)) : 0;
-    const commands = authenticated && role !== "view";
     const own = hello?.login === "password" && holder?.name === name; // on another page
-    const mayTake = commands && !you && (!holder || own || (request?.you && !request.left_s));
+    const mayTake = authenticated && !you && (!holder || own || (request?.you && !request.left_s));
     const reasons = [
       [!live, "Not connected."],
       [!authenticated, "Log in to command."],
-      [!commands, "Your role is view: you may look, and stop."],
       [!you && mayTake, "Take control to command."],
       [!you && request?.you, `You have asked for it: ${leftS} s left to answer.`],
       [!you, "Ask for control to command."],
@@ -112,7 +101,7 @@ export class Commands {
     this.control.dataset.level = this.#lost ? "medium" : "";
     this.logInButton.hidden = authenticated;
     this.takeButton.hidden = !mayTake;
-    this.requestButton.hidden = !commands || you || mayTake || Boolean(request?.you);
+    this.requestButton.hidden = !authenticated || you || mayTake || Boolean(request?.you);
     this.withdrawButton.hidden = !request?.you;
     this.releaseButton.hidden = !you;
     permit([this.logInButton, this.takeButton, this.withdrawButton, this.releaseButton], live ? "" : "Not connected.");
@@ -131,13 +120,6 @@ export class Commands {
       button(`Hand over to ${request.name}`, () => this.ask(`Hand control over to ${request.name}`, "hand_over_control", to)),
       button("Keep control", () => this.ask("Keep control", "keep_control", to)),
     );
-  }
-
-  /** Somebody is at this page. */
-  #touch() {
-    if (!this.connection.live || performance.now() - this.#touched < TOUCH_MS) return;
-    this.#touched = performance.now();
-    this.connection.request("active");
   }
 
   /** Send a request and show what becomes of it. @type {Ask} */
@@ -216,7 +198,7 @@ export class Commands {
 
   takeControl() {
     const { holder } = this.page.control;
-    const take = () => this.ask("Take control", "take_control", { from: holder?.session ?? null });
+    const take = () => this.ask("Take control", "take_control");
     if (!holder) return take();
     openForm({ title: "Take control", summary: () => `${holder.name} has control, has not answered, and loses it.`, confirm: `Take control from ${holder.name}`, run: take });
   }

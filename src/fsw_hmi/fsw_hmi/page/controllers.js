@@ -1,9 +1,8 @@
-// Health of the controllers, of the other parts and of the data itself.
+// Health of the controllers.
 import { el, panel, renew, scroll, setText } from "./dom.js";
 import { fixed } from "./format.js";
 
 const HEADS = ["", "state", "ms (max)", "missed, late, rej."];
-/** @type {Record<string, string>} */ const LEVEL_SIGN = { warn: "▲", error: "■", stale: "■" };
 
 export class Controllers {
   constructor() {
@@ -11,18 +10,14 @@ export class Controllers {
     this.notes = el("ul", { className: "notes" });
     this.timing = el("span", { className: "timing detail" }, "–");
     const head = el("tr", {}, ...HEADS.map((text) => el("th", { scope: "col" }, text || el("span", { className: "hidden" }, "controller"))));
-    this.root = panel("controllers", "Controllers", scroll("Health of controllers and parts", el("table", {}, el("thead", {}, head), this.rows), this.notes));
+    this.root = panel("controllers", "Controllers", scroll("Health of the controllers", el("table", {}, el("thead", {}, head), this.rows), this.notes));
     this.root.firstElementChild?.append(" ", this.timing);
   }
 
   update(/** @type {State} */ state) {
     renew(this.rows, JSON.stringify([state.controllers, state.actual_controller]), () => state.controllers.map((one) => row(one, state)));
-    const notes = state.controllers.filter((one) => one.reason).map((one) => ({ level: one.inhibited ? "error" : "warn", text: `${one.name}: ${one.reason}` }));
-    const parts = state.parts.filter((part) => part.level !== "ok").map((part) => ({ level: part.level, text: `${part.name}: ${part.text}` }));
-    const locks = state.interlocks.map(({ name, level }) => ({ level: level === "warn" ? "warn" : "error", text: `interlock ${name}: ${level}` }));
-    const healthy = { level: "ok", text: state.parts.length ? `all ${state.parts.length} parts report well` : "no diagnostics" };
-    const all = locks.length + notes.length + parts.length ? [...locks, ...notes, ...parts] : [healthy];
-    renew(this.notes, JSON.stringify(all), () => all.map(note));
+    const notes = state.controllers.filter((one) => one.reason).map((one) => `${one.inhibited ? "■" : "▲"} ${one.name}: ${one.reason}`);
+    renew(this.notes, JSON.stringify(notes), () => notes.map((text) => el("li", { title: text }, text)));
   }
 
   time(/** @type {Values} */ { solve_ms: solveMs, latency_ms: latencyMs }) {
@@ -36,9 +31,4 @@ function row(/** @type {Health} */ one, /** @type {State} */ state) {
   const cells = [commands && status === "ready" ? "commands" : status, `${fixed(one.latency_ms, 0)} (${fixed(one.latency_max_ms, 0)})`, `${one.missed}, ${one.late}, ${one.rejected}`];
   const level = one.inhibited || !one.healthy ? "medium" : "";
   return el("tr", { "data-level": level }, el("th", { scope: "row" }, one.name), ...cells.map((text) => el("td", {}, text)));
-}
-
-function note(/** @type {Note} */ { level, text }) {
-  const line = `${LEVEL_SIGN[level] ?? ""} ${text}`.trim();
-  return el("li", { title: line, "data-level": level }, line);
 }

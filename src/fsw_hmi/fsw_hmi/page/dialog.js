@@ -15,7 +15,7 @@ export function openForm({ title, fields = [], summary = () => "", confirm, run,
   const dialog = el("dialog", { "aria-labelledby": heading.id }, heading, form);
   const renew = () => {
     const text = summary();
-    const wrong = [...form.querySelectorAll("input")].find(({ validity }) => validity.customError || validity.rangeOverflow || validity.rangeUnderflow);
+    const wrong = [...form.querySelectorAll("input")].find(({ validity }) => validity.rangeOverflow || validity.rangeUnderflow);
     send.disabled = Boolean(wrong) || answer.textContent === PENDING;
     setText(told, wrong?.validationMessage ?? text);
   };
@@ -79,36 +79,27 @@ export function endScreen(key, content) {
 }
 
 function labelled(/** @type {string} */ text, /** @type {HTMLElement} */ input, hint = "") {
-  const detail = el("span", { className: "detail" }, hint);
-  return { root: el("label", { className: "field" }, el("span", {}, text, " ", detail), input), detail };
+  return el("label", { className: "field" }, el("span", {}, text, " ", el("span", { className: "detail" }, hint)), input);
 }
 
 /** @param {string} text @param {string} unit @param {number | string} value @param {number} low @param {number} high @param {number | "any"} step */
 export function numberField(text, unit, value, low, high, step = "any") {
   const input = el("input", { type: "number", required: true, min: low, max: high, step, value, inputMode: "decimal" });
-  const { root, detail } = labelled(text, input, `${low} to ${high} ${unit}`);
+  const root = labelled(text, input, `${low} to ${high} ${unit}`);
   return {
     root,
     input,
     get value() { return input.valueAsNumber; },
-    /** What is sent of a field that may be hidden. */
-    get sent() { return input.disabled ? 0 : input.valueAsNumber; },
-    /** Show the field or hide it, with the limits that hold now. */
-    use(/** @type {boolean} */ shown, lowest = low, highest = high, inUnit = unit) {
-      root.hidden = !shown;
-      Object.assign(input, { min: lowest, max: highest, disabled: !shown });
-      detail.textContent = `${lowest} to ${highest} ${inUnit}`;
-    },
-    /** Refuse 0, which would do nothing. */
-    refuseZero() {
-      input.setCustomValidity(input.valueAsNumber === 0 ? `${text} 0 would change nothing.` : "");
+    /** Show the field or hide it. */
+    use(/** @type {boolean} */ shown) {
+      root.hidden = input.disabled = !shown;
     },
   };
 }
 
 export function textField(/** @type {string} */ text, options = {}) {
   const input = el("input", { type: "text", required: true, maxLength: 100, ...options });
-  return { root: labelled(text, input).root, input, get value() { return input.value.trim(); } };
+  return { root: labelled(text, input), input, get value() { return input.value.trim(); } };
 }
 
 export function checkField(/** @type {string} */ text, /** @type {boolean} */ checked) {
@@ -118,7 +109,7 @@ export function checkField(/** @type {string} */ text, /** @type {boolean} */ ch
 
 export function selectField(/** @type {string} */ text, /** @type {Choice[]} */ choices, value = "") {
   const input = el("select", {}, ...choices.map((one) => el("option", { value: one.value, selected: one.value === value }, one.text)));
-  return { root: labelled(text, input).root, get value() { return input.value; } };
+  return { root: labelled(text, input), get value() { return input.value; } };
 }
 
 /** Choices that are all in view, each with a remark. @param {string} text @param {Choice[]} choices */

@@ -14,8 +14,8 @@ import { Store } from "./store.js";
 import { Veil } from "./veil.js";
 import { WeldMap } from "./weld_map.js";
 
-/** @type {Control} */ const NOBODY = { t: "control", holder: null, you: false, request: null, name: "", authenticated: false, role: "", may_stop: false, note: "", note_code: "" };
-/** @type {State} */ const UNKNOWN = { t: "state", known: false, known_heat_share: null, target_controller: "", actual_controller: "", target_mode: "", actual_mode: "", reason: "", cause: 0, by: "", stop_cause: 0, acknowledged: false, controllers: [], interlocks: [], parts: [] };
+/** @type {Control} */ const NOBODY = { t: "control", holder: null, you: false, request: null, name: "", authenticated: false, may_stop: false, note: "", note_code: "" };
+/** @type {State} */ const UNKNOWN = { t: "state", known: false, known_heat_share: null, target_controller: "", actual_controller: "", target_mode: "", actual_mode: "", reason: "", cause: 0, by: "", stop_cause: 0, acknowledged: false, controllers: [], interlocks: [] };
 
 /** No ticks for longer than this: the values on the page are old. */
 const TICK_AGE_S = 0.5;
@@ -87,7 +87,7 @@ export class LivePage {
     this.store = new Store(hello.columns);
     this.bars = new Bars(byId("values"), hello.limits);
     this.trends?.destroy();
-    this.trends = new LiveTrends(byId("trends"), this.store, hello.limits, hello.all_welds);
+    this.trends = new LiveTrends(byId("trends"), this.store, hello.limits);
     this.map?.destroy();
     this.map = new WeldMap(byId("map"), hello.columns, (timeS) => this.trends?.look(timeS), (timeS) => this.trends?.clock(timeS) ?? "");
     this.#show();

@@ -27,14 +27,13 @@ export class LiveTrends {
   #now = NaN; // of what is drawn
   toServerS = 0; // from the weld's clock to the server's
 
-  /** `allWelds`: whether there is a report on the welds before. @param {HTMLElement} root @param {import("./store.js").Store} store @param {Limits} limits */
-  constructor(root, store, limits, allWelds = false) {
+  /** @param {HTMLElement} root @param {import("./store.js").Store} store @param {Limits} limits */
+  constructor(root, store, limits) {
     this.store = store;
     this.limits = limits;
     this.buttons = WINDOWS.map((window) => el("button", { type: "button", onclick: () => this.#choose(window) }, window.name));
     this.back = el("button", { type: "button", className: "primary back", onclick: () => this.#show(null) }, "Back to now");
     const legend = el("ul", { className: "legend" }, ...LEGEND.map(([kind, text, title = ""]) => el("li", { title }, el("span", { className: `key ${kind}` }), text)));
-    const report = el("a", { href: "all_welds", target: "_blank", rel: "noopener", className: "button", hidden: !allWelds }, "All welds");
     this.plots = el("div", { className: "plots" });
     this.trends = new Trends(this.plots, {
       lines: (key) => liveLines(key, limits),
@@ -43,7 +42,7 @@ export class LiveTrends {
       overlay: (u, key) => this.#overlay(u, key),
       zoom: (range) => this.#show(range),
     });
-    root.replaceChildren(el("div", { className: "toolbar", role: "group", "aria-label": "Trends" }, ...this.buttons, this.trends.other, report, this.back, legend), this.plots);
+    root.replaceChildren(el("div", { className: "toolbar", role: "group", "aria-label": "Trends" }, ...this.buttons, this.trends.other, this.back, legend), this.plots);
     this.#choose(this.#window);
   }
 
