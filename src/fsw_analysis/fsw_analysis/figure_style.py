@@ -180,7 +180,12 @@ def shade_phases(axes: Sequence[Axes], phases: Iterable[tuple[str, float, float]
     """
     last, right = axes[-1], float("-inf")
     low, high = last.get_ylim()
-    style = {"rotation": 90, "fontsize": 7.0, "ha": "center", "color": "dimgray"}
+    style: dict[str, Any] = {
+        "rotation": 90,
+        "fontsize": 7.0,
+        "ha": "center",
+        "color": "dimgray",
+    }
     for number, (name, begin, end) in enumerate(phases):
         for axis in axes:
             axis.axvspan(begin, end, color="black", alpha=0.06 * (number % 2), linewidth=0.0)
