@@ -28,6 +28,7 @@ from _bootstrap import DISTRIBUTIONS, ensure
 if __name__ == "__main__":
     ensure(dev=True)
 
+import block_diagram
 import safety_case
 import yaml
 from build_gallery import NOTEBOOKS, cells
@@ -143,7 +144,12 @@ def on_page_markdown(text: str, page: Any, config: Any, files: Any) -> str:
     if folder == "gallery":
         file = Path(name).with_suffix(".ipynb")
         text += f"\n[Download the notebook]({file}){{ download={file} .md-button }}\n"
-    return re.sub(r"```mermaid\n.*?```\n", lambda _: f"{svg_diagram()}\n", text, flags=re.DOTALL)
+
+    def drawn(match: re.Match[str]) -> str:
+        is_graph = match[1].startswith("graph LR")
+        return f"{block_diagram.svg(match[1], name) if is_graph else svg_diagram()}\n"
+
+    return re.sub(r"```mermaid\n(.*?)```\n", drawn, text, flags=re.DOTALL)
 
 
 def on_page_content(content: str, page: Any, config: Any, files: Any) -> str:

@@ -342,6 +342,30 @@ def test_no_page_is_too_long_to_be_read(page: Path, pages: ModuleType) -> None:
         assert words <= _LONGER.get(page.stem, _MOST_WORDS), f"{name}: {words} words; shorten it"
 
 
+def test_each_block_diagram_is_drawn_with_its_own_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(WORKSPACE / "scripts"))
+    drawer = load("block_diagram")
+    graphs = [
+        graph
+        for path in sorted((WORKSPACE / "docs").rglob("*.md"))
+        for graph in re.findall(
+            r"```mermaid\n(graph LR\n.*?)```", path.read_text("utf-8"), re.DOTALL
+        )
+    ]
+    assert len(graphs) >= 3
+    for graph in graphs:
+        words, arrows = drawer.parse(graph)
+        drawing = drawer.svg(graph, "title")
+        assert len(arrows) == graph.count("-->") == drawing.count('fill="none"')
+        assert drawing.count("<rect") == len(words)
+        shown = set(re.findall(r">([^<>]+)</text>", drawing))
+        assert {line for text in words.values() for line in text} <= shown
+        stacks, loops = drawer.columns(words, arrows)
+        column = {name: i for i, stack in enumerate(stacks) for name in stack}
+        assert all(column[a] < column[b] for a, b, _ in arrows if (a, b) not in loops)
+    assert drawer.columns(*drawer.parse("graph LR\na --> b\nb --> a"))[1] == {("b", "a")}
+
+
 def test_readme_is_short() -> None:
     assert len((WORKSPACE / "README.md").read_text(encoding="utf-8").splitlines()) <= 90
 

@@ -184,22 +184,10 @@ def _draw_curves(axes: Sequence[Axes], picture: HeatPicture) -> None:
     axes[0].tick_params(labelbottom=False)
     for axis in axes:
         axis.set_xlim(0.0, minutes[-1])
-        axis.set_ylim(bottom=0.0)
     axes[-1].set_xlabel("time [min]")
-    style: dict[str, Any] = {
-        "rotation": 90,
-        "fontsize": 7.0,
-        "color": "dimgray",
-        "transform": axes[-1].get_xaxis_transform(),
-    }
-    last_s = -minutes[-1]
-    shade_phases(axes, [(begin_s / 60.0, end_s / 60.0) for _, begin_s, end_s in picture.phases])
-    for name, begin_s, _ in picture.phases:
-        if begin_s - last_s > 0.7 * minutes[-1]:  # no name over another
-            axes[-1].text(
-                begin_s / 60.0 + 0.003 * minutes[-1], 0.06, name.replace("_", " "), **style
-            )
-            last_s = begin_s
+    shade_phases(axes, [(name, begin / 60.0, end / 60.0) for name, begin, end in picture.phases])
+    for axis in axes:
+        axis.set_ylim(bottom=0.0)
 
 
 def _draw_fields(

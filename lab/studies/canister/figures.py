@@ -18,8 +18,6 @@ from fsw_analysis.figure_style import (
 )
 from fsw_model import nominal
 
-#: shortest phase whose name has room in the figure
-_NAMED_S = 50.0
 _SMALL: dict[str, Any] = {"fontsize": 7.0, "color": "dimgray"}
 #: in the figure of the steps, what is no canister
 _LINES: dict[str, dict[str, Any]] = {
@@ -67,15 +65,8 @@ def _draw_power(axis: Any, weld: Mapping[str, Any]) -> None:
     )
     axis.set_xlim(-0.5, len(means_kw) + 0.5)
     phases_s = weld["phases_s"]
-    shade_phases((axis,), [(begin / 60.0, end / 60.0) for begin, end in phases_s.values()])
-    for name, (begin, end) in phases_s.items():
-        if end - begin > _NAMED_S:
-            axis.annotate(
-                name.replace("_", " "),
-                (begin / 60.0 + 0.1, min(means_kw)),
-                **_SMALL,
-                rotation=90,
-            )
+    phases = [(name, begin / 60.0, end / 60.0) for name, (begin, end) in phases_s.items()]
+    shade_phases((axis,), phases)
 
 
 def _draw_steps(axis: Any, steps: Mapping[str, Any]) -> None:

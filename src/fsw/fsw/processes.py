@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +14,9 @@ from fsw.arguments import validated
 from fsw.welds import needed
 from fsw_control.schema.models import InputError
 from fsw_model import STEP_S, Equilibrium, ModelParameters, ProcessModel, equations, nominal
+
+if TYPE_CHECKING:
+    import casadi as ca
 
 Vector = NDArray[np.float64]
 
@@ -78,7 +80,7 @@ class Model:
 
     @cached_property
     def _equations(self) -> dict[int, ca.Function]:
-        p = self.parameters
+        ca, p = needed("casadi"), self.parameters
         (force, speed, depth, torque, motor), modes = (
             map(ca.SX.sym, ("F", "w", "z", "M", "tau")),
             ca.SX.sym("l", 3),
@@ -139,7 +141,7 @@ class Model:
         >>> x.shape, [round(float(value), 2) for value in y.full().ravel()[:2]]
         ((118,), [2.66, 816.4])
         """
-        n, n_power = self.process.delay_steps, equations.N_POWER
+        ca, n, n_power = needed("casadi"), self.process.delay_steps, equations.N_POWER
         x, u = ca.SX.sym("x", equations.N_STATES + n * n_power), ca.SX.sym("u", 2)
         own, power = x[: equations.N_STATES], x[equations.N_STATES :]
         newer = power[n_power : 2 * n_power] if n > 1 else power[:n_power]
@@ -229,6 +231,7 @@ class Model:
 
     def _slopes(self, x: Vector, u: Sequence[float]) -> list[Vector]:
         """Matrices A, B, C, D of :attr:`discrete` at a point."""
+        ca = needed("casadi")
         states, inputs = ca.SX.sym("x", x.size), ca.SX.sym("u", 2)
         parts = [
             ca.jacobian(of, by) for of in self.discrete(states, inputs) for by in (states, inputs)
@@ -265,7 +268,7 @@ class Model:
         >>> fsw.model().to_do_mpc().n_x
         118
         """
-        made = needed("do_mpc.model").Model("discrete", "SX")
+        ca, made = needed("casadi"), needed("do_mpc.model").Model("discrete", "SX")
         x = made.set_variable("_x", "x", (self.state().size, 1))
         after, y = self.discrete(
             x, ca.vertcat(*(made.set_variable("_u", name) for name in INPUTS))
@@ -278,7 +281,7 @@ class Model:
 
 
 def _function(name: str, given: Mapping[str, ca.SX], result: str, value: ca.SX) -> ca.Function:
-    return ca.Function(name, list(given.values()), [value], list(given), [result])
+    return needed("casadi").Function(name, [*given.values()], [value], [*given], [result])
 
 
 @validated

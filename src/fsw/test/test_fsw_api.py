@@ -56,6 +56,26 @@ def test_import_loads_next_to_nothing():
     )
 
 
+@pytest.mark.slow
+def test_a_weld_and_its_figure_need_no_extra(tmp_path):
+    code = """if True:
+        import sys
+        sys.modules |= dict.fromkeys(["casadi", "scipy", "rclpy"])  # an import of them fails
+        import fsw
+        fsw.compare("quick", ["nmpc", "decentral"]).plot().savefig("figure.png")
+        print(round(fsw.model().process.equilibrium().speed_rpm, 3))
+        try:
+            fsw.model().equation(19)
+        except ImportError as error:
+            print("fsw-control[science]" in str(error))
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert (done.stdout, done.returncode) == ("407.576\nTrue\n", 0), done.stderr
+    assert (tmp_path / "figure.png").is_file()
+
+
 def test_a_simulation_is_that_of_the_command_line(tmp_path):
     out = tmp_path / "out"
     assert (

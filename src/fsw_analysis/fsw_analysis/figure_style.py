@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from zlib import crc32
 
+import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -39,6 +40,8 @@ _LONG_S = 600.0
 _TICKS_MIN = (1, 2, 5, 10, 15, 30, 60, 120, 240)
 _MOST_TICKS = 10
 _LEGEND_ROW, _LEGEND_COLUMNS = 0.3, 4
+#: width of an upright phase's name and the room below the curves for it, as shares of the axis
+_PHASE_WIDTH, _PHASE_ROOM = 0.022, 0.4
 
 
 class Look(NamedTuple):
@@ -170,8 +173,23 @@ def label_time(axis: Axes, end_s: float) -> None:
     axis.set_xlabel("time [min]")
 
 
-def shade_phases(axes: Iterable[Axes], spans: Iterable[tuple[float, float]]) -> None:
-    """Shade every other phase of a weld; ``spans``: begin and end of each in the axes' unit."""
-    for axis in axes:
-        for number, (begin, end) in enumerate(spans):
+def shade_phases(axes: Sequence[Axes], phases: Iterable[tuple[str, float, float]]) -> None:
+    """Shade every other phase of a weld: name, begin and end of each in the axes' unit.
+
+    The last axis has the names below its curves, side by side where phases are short.
+    """
+    last, right = axes[-1], float("-inf")
+    low, high = last.get_ylim()
+    style: dict[str, Any] = {
+        "rotation": 90,
+        "fontsize": 7.0,
+        "ha": "center",
+        "color": "dimgray",
+    }
+    for number, (name, begin, end) in enumerate(phases):
+        for axis in axes:
             axis.axvspan(begin, end, color="black", alpha=0.06 * (number % 2), linewidth=0.0)
+        right = max(0.5 * (begin + end), right + _PHASE_WIDTH * np.ptp(last.get_xlim()))
+        across = last.get_xaxis_transform()
+        last.text(right, 0.03, name.replace("_", " "), transform=across, **style)
+        last.set_ylim(low - _PHASE_ROOM * (high - low), high)

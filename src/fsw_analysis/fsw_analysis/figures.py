@@ -211,7 +211,7 @@ def _draw_page(
             _mark_sizes(axis, panel, runs[0].signals)
         if len(runs) == 1:
             _mark_swaps(axes, runs[0].signals)
-        _mark_phases(axes, phases)
+        shade_phases(axes, phases)
     return figure
 
 
@@ -381,23 +381,6 @@ def _draw_error(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
     )
     axis.set_ylim(-span, span)
     axis.margins(x=0.01)
-
-
-def _mark_phases(axes: Sequence[Axes], phases: Sequence[Span]) -> None:
-    """Shade every other phase, with its name in the first axis."""
-    shade_phases(axes, [(begin_s, end_s) for _, begin_s, end_s in phases])
-    for name, begin_s, end_s in phases:
-        middle, across = 0.5 * (begin_s + end_s), axes[0].get_xaxis_transform()
-        axes[0].text(
-            middle,
-            0.03,
-            name,
-            transform=across,
-            rotation=90,
-            fontsize=7.0,
-            ha="center",
-            color="dimgray",
-        )
 
 
 def _mark_swaps(axes: Sequence[Axes], signals: WeldSignals) -> None:

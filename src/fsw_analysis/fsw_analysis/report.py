@@ -6,10 +6,13 @@ import base64
 import json
 from collections.abc import Mapping, Sequence
 from functools import cache
+from math import sqrt
 from pathlib import Path
-from typing import Any
+from statistics import NormalDist
+from typing import TYPE_CHECKING, Any
 
-from jinja2 import Environment, FileSystemLoader, PackageLoader, StrictUndefined, select_autoescape
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 
 def table(rows: Sequence[Sequence[object]], words: int | None = 1, padded: bool = False) -> str:
@@ -54,13 +57,19 @@ def templates(place: str | Path) -> Environment:
     A missing value is an error, values in HTML and XML are escaped, and ``table`` makes a table in
     Markdown.
     """
-    environment = Environment(
-        loader=FileSystemLoader(place) if isinstance(place, Path) else PackageLoader(place),
-        autoescape=select_autoescape(("html.j2", "xml.j2")),
+    import jinja2  # heavy to import, and a weld's table needs no template
+
+    environment = jinja2.Environment(
+        loader=(
+            jinja2.FileSystemLoader(place)
+            if isinstance(place, Path)
+            else jinja2.PackageLoader(place)
+        ),
+        autoescape=jinja2.select_autoescape(("html.j2", "xml.j2")),
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        undefined=StrictUndefined,
+        undefined=jinja2.StrictUndefined,
     )
     environment.globals["table"] = table
     return environment
@@ -88,7 +97,6 @@ def source(image: bytes) -> str:
 
 def wilson(good: int, total: int) -> tuple[float, float]:
     """Wilson interval (95 %) of the share of ``good`` ones in ``total``."""
-    from scipy.stats import binomtest  # heavy to import
-
-    interval = binomtest(good, total).proportion_ci(0.95, method="wilson")
-    return float(interval.low), float(interval.high)
+    z2 = NormalDist().inv_cdf(0.975) ** 2
+    middle, half = good + z2 / 2.0, sqrt(z2 * (good * (total - good) / total + z2 / 4.0))
+    return max(0.0, (middle - half) / (total + z2)), min(1.0, (middle + half) / (total + z2))

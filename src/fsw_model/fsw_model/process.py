@@ -5,20 +5,23 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import isfinite, pi
 from struct import Struct
 from threading import Lock
 from typing import Any, NamedTuple
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw_control.schema.extensions import Extra
 from fsw_model import equations
 from fsw_model.equations import STEP_S
 from fsw_model.parameters import ModelParameters, nominal
 
 Power = tuple[float, float, float, float]
+
+_CASADI = Extra("fsw-control", "science", ("casadi",))
 
 
 class OperatingPointError(ValueError):
@@ -109,7 +112,7 @@ class Linearisation:
 class _Numeric:
     """A CasADi function of floats, called through its buffers: thread-safe and fast."""
 
-    def __init__(self, function: ca.Function) -> None:
+    def __init__(self, function: Any) -> None:
         self._lock = Lock()  # other threads' plants may use the same buffers
         self._given, self._result = np.zeros(function.nnz_in()), np.zeros(function.nnz_out())
         self._target = self._given.data
@@ -136,17 +139,27 @@ class _Numeric:
 class ProcessModel:
     """The friction stir welding process, stepped at 10 Hz with inputs held between ticks.
 
-    Its parameters are the paper's by default. ``step_function`` and ``output_function`` are those
-    of :mod:`fsw_model.equations`.
+    Its parameters are the paper's by default. Steps and linearisations are by CasADi, of the extra
+    ``science``; without it they raise ``fsw_control.schema.extensions.MissingExtraError``.
     """
 
     def __init__(self, parameters: ModelParameters | None = None) -> None:
         self.parameters = p = parameters or nominal()
         self.delay_steps = equations.delay_steps(p)
-        self.step_function = equations.step_function(p)
-        self.output_function = equations.output_function(p)
-        self._step = _Numeric(self.step_function)
-        self._outputs = _Numeric(self.output_function)
+
+    @cached_property
+    def step_function(self) -> Any:
+        """A step as a CasADi function, see :func:`fsw_model.functions.step_function`."""
+        return _functions().step_function(self.parameters)
+
+    @cached_property
+    def output_function(self) -> Any:
+        """The outputs as a CasADi function, see :func:`fsw_model.functions.output_function`."""
+        return _functions().output_function(self.parameters)
+
+    @cached_property
+    def _step(self) -> _Numeric:
+        return _Numeric(self.step_function)
 
     def step(self, state: ProcessState, force_kn: float, speed_rpm: float) -> None:
         """Advance ``state`` in place by one step with the inputs held.
@@ -169,7 +182,10 @@ class ProcessModel:
 
     def outputs(self, state: ProcessState, force_kn: float, speed_rpm: float) -> Outputs:
         """Outputs in a state under given inputs."""
-        return Outputs(*self._outputs(*state.x, force_kn, speed_rpm))
+        return self._outputs(state.x, force_kn, speed_rpm)
+
+    def _outputs(self, x: Sequence[float], force_kn: float, speed_rpm: float) -> Outputs:
+        return Outputs(**equations.outputs(self.parameters, x, force_kn, speed_rpm))
 
     def equilibrium(
         self, depth_mm: float | None = None, temperature_c: float | None = None
@@ -201,9 +217,9 @@ class ProcessModel:
             )
         force = p.operating_force_kn
         settled = (depth / softening - p.operating_depth_mm, 0.0, 0.0, rise_c, rise_c)
-        torque = Outputs(*self._outputs(*settled, 0.0, force, 0.0)).process_torque_nm
+        torque = self._outputs((*settled, 0.0), force, 0.0).process_torque_nm
         speed = power_kw * 30000.0 / (pi * torque)
-        friction = Outputs(*self._outputs(*settled, 0.0, force, speed)).friction_torque_nm
+        friction = self._outputs((*settled, 0.0), force, speed).friction_torque_nm
         arriving: Power = (power_kw - p.operating_power_kw, 0.0, 0.0, 0.0)
         state = ProcessState((*settled, torque + friction), deque([arriving] * self.delay_steps))
         return Equilibrium(force, speed, self.outputs(state, force, speed), state)
@@ -211,20 +227,7 @@ class ProcessModel:
     def linearise(self, equilibrium: Equilibrium | None = None) -> Linearisation:
         """Continuous-time linearisation about an equilibrium (the operating point by default)."""
         at = equilibrium or self.equilibrium()
-        x, inputs = ca.SX.sym("x", equations.N_STATES), ca.SX.sym("u", 2)
-        arriving = ca.SX.sym("arriving")
-        dynamics = equations.dynamics_function(self.parameters)(x, arriving, inputs[0], inputs[1])
-        shown = self.output_function(x, inputs[0], inputs[1])
-        outputs, power = ca.vertcat(shown[0], shown[1], shown[3]), shown[6]
-        slopes = ca.Function(
-            "slopes",
-            [x, arriving, inputs],
-            [
-                ca.jacobian(dynamics, x), ca.jacobian(dynamics, inputs),
-                ca.jacobian(dynamics, arriving), ca.jacobian(power, x),
-                ca.jacobian(power, inputs), ca.jacobian(outputs, x),
-            ],
-        )  # fmt: skip
+        slopes = _functions().slopes_function(self.parameters)
         a, b, b_power, c_power, d_power, c = (
             m.full() for m in slopes(at.state.x, at.state.power[0][0], [at.force_kn, at.speed_rpm])
         )
@@ -273,7 +276,7 @@ class ProcessModel:
             )
         rows = []
         for force, speed in zip(force_kn, speed_rpm, strict=True):
-            rows.append(self._outputs(*state.x, force, speed))
+            rows.append(self._outputs(state.x, force, speed))
             self.step(state, force, speed)
         names = Outputs._fields
         columns = dict(zip(names, np.array(rows).reshape(-1, len(names)).T, strict=True))
@@ -282,3 +285,7 @@ class ProcessModel:
             np.array(speed_rpm, float),
         )
         return {"time_s": np.arange(len(rows)) * STEP_S, **columns}
+
+
+def _functions() -> Any:
+    return _CASADI.module("fsw_model.functions", "the process as CasADi functions")

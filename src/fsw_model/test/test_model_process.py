@@ -45,7 +45,8 @@ def test_step_and_outputs_are_the_casadi_functions(x, older, newer, force, speed
     OTHER.outputs(OTHER.equilibrium().state, 70.0, 300.0)
     assert state.x == tuple(expected_x.nonzeros())
     assert (state.power[0], state.power[-1]) == (newer, tuple(expected_power.nonzeros()))
-    assert outputs == tuple(float(value) for value in MODEL.output_function(list(x), force, speed))
+    expected = [float(value) for value in MODEL.output_function(list(x), force, speed)]
+    assert outputs == pytest.approx(expected, rel=1e-12, abs=1e-12)
 
 
 def test_check_values_at_the_operating_point():

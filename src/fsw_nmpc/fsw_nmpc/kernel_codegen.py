@@ -16,16 +16,7 @@ import casadi as ca
 from fsw_model import ModelParameters, equations
 from fsw_model.c_code import plain_c
 from fsw_nmpc import tuning_struct
-
-#: Parameters of the torque function, in the order of the kernel's ``torque_par``.
-TORQUE_PARAMETERS = (
-    "sticking_stress_pa",
-    "sliding_friction",
-    "contact_radius_m",
-    "contact_slope",
-    "geometry_offset_m3",
-    "geometry_factor",
-)
+from fsw_nmpc.library import TORQUE_PARAMETERS
 
 
 def torque_function() -> ca.Function:

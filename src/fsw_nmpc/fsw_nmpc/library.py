@@ -13,13 +13,21 @@ from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_model import ModelParameters
 from fsw_model.equations import depth_modes
 from fsw_nmpc.horizon import Horizon, make_horizon
-from fsw_nmpc.kernel_codegen import TORQUE_PARAMETERS
 from fsw_nmpc.settings import Settings
 from fsw_nmpc.tuning_struct import values
 
 Vector = NDArray[np.float64]
 
 KERNEL = CLibrary("fsw_nmpc", Path(__file__).parent / "kernel")
+#: Parameters of the torque function, in the order of the kernel's ``torque_par``.
+TORQUE_PARAMETERS = (
+    "sticking_stress_pa",
+    "sliding_friction",
+    "contact_radius_m",
+    "contact_slope",
+    "geometry_offset_m3",
+    "geometry_factor",
+)
 SolveStatus = KERNEL.enum("fsw_solve_status", "FSW_")
 Reason = KERNEL.enum("fsw_reason", "FSW_")
 Missing = KERNEL.enum("fsw_missing", "FSW_NO_")
