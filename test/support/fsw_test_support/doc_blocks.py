@@ -191,6 +191,7 @@ class Page:
             "HOME": str(self.folder),  # for keys and files that pages write there
             "XDG_CACHE_HOME": os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache"),
             "MPLBACKEND": "Agg",
+            "PIP_NO_COMPILE": "1",  # only what is imported, then
             "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
             "SHARED": str(self.folder.parent.parent),
             "ROS_DOMAIN_ID": str(self._held.enter_context(free_domain())),
@@ -213,7 +214,9 @@ class Page:
             return ""
         if block.ready:
             return self._start(block)
-        command = ["bash", "-euo", "pipefail", "-c", block.code]
+        # scripts that are sourced, as colcon's, may use variables that are not set
+        options = "-eo" if block.language == "bash" else "-euo"
+        command = ["bash", options, "pipefail", "-c", block.code]
         if block.language == "python":
             self._python.append(block.code)
             if len(self._python) < sum(

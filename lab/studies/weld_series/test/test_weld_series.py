@@ -10,6 +10,7 @@ import yaml
 pytest.importorskip("pyarrow")
 pytest.importorskip("cryptography")
 
+from fsw_analysis import procedure
 from fsw_analysis.signals import load_weld
 from fsw_quality import attestation, history
 from fsw_quality.evidence import Policy, verify_bag
@@ -118,7 +119,9 @@ def test_a_short_series_has_bags_records_chain_and_history_and_goes_on_where_it_
         assert made["verdict"] == "accept" and made["identity"]["tool"] == "T1"
     assert (folder / "report.html").exists()
     assert command.main([*arguments, "--joint-line", "20"]) == 1
-    assert "of 10 deg" in capsys.readouterr().err
+    assert "joint line" in capsys.readouterr().err
+    kept = procedure.load(folder / "procedure.yaml")
+    assert kept == series.series_procedure(series.BEGIN_DEG + 10.0)
 
 
 def test_a_folder_that_is_not_of_a_series_is_left_alone(tmp_path, capsys):
