@@ -36,9 +36,9 @@ def test_blocks_run_as_written(path, tmp_path):
 
 def test_each_block_runs_or_is_checked():
     every = [block for path in doc_blocks.pages() for block in doc_blocks.blocks(path)]
-    assert sum(block.mark == "takes minutes" for block in every) <= 5
+    assert sum(block.mark == "takes minutes" for block in every) <= 1
     others = [block for block in every if block.checked_by]
-    assert len(others) <= 7
+    assert len(others) <= 8
     assert [block for block in others if not block.checked_by.is_file()] == []
 
 

@@ -46,6 +46,8 @@ VERBS = {
 }
 TRANSITIONS = {"configure", "activate", "deactivate", "cleanup", "shutdown"}
 OPTIONS = {"--feedback", "--once"}
+#: folders of the workspace in a command, and what only a build on ROS 2 needs
+PARTS, OF_ROS = r"(src|quality|lab|scripts|requirements)(/|$)", ("ros-jazzy-", "colcon-")
 
 
 def commands():
@@ -137,11 +139,7 @@ class Graph:
                 return f"no file {file}"
         if package in FOREIGN:
             return None
-        [setup] = WORKSPACE.glob(f"*/{package}/setup.py") or [None]
-        if (
-            f'"{executable} = '
-            not in setup.read_text().partition("console_scripts")[2].partition("]")[0]
-        ):
+        if not has_program(package, executable):
             return f"no program {executable}"
         node = self.nodes[f"/fsw_{executable}"]
         for flag, word in pairwise(words):
@@ -225,32 +223,40 @@ def test_a_wrong_command_would_be_found(text, refusal):
     assert refusal(text)
 
 
-def declared():
-    """Requirements of the distributions, with their extras, by name; several of one name are joined."""
-    found = {}
+def has_program(package, executable):
+    """Whether a package of the workspace installs a program."""
+    scripts = [
+        path.read_text("utf-8").partition('"console_scripts"')[2].partition("]")[0]
+        for path in WORKSPACE.glob(f"*/{package}/setup.py")
+    ]
+    return any(f'"{executable} = ' in text for text in scripts)
+
+
+def required():
+    """Names of what the distributions require, with their extras."""
     for folder in ("", "quality", "lab"):
         project = tomllib.loads((WORKSPACE / folder / "pyproject.toml").read_text())["project"]
         extras = project["optional-dependencies"].values()
         for text in (*project["dependencies"], *(one for extra in extras for one in extra)):
-            requirement = Requirement(text)
-            found[requirement.name] = found.get(requirement.name, "") + str(requirement.specifier)
-    return found
+            yield Requirement(text).name
 
 
 def refused_line(line):
     """Why a line of a block that does not call ``ros2`` names what is not here; None if all is."""
-    program, verb, *words = shlex.split(line, comments=True)
-    if (program, verb) == ("pip", "install"):
-        wanted = [Requirement(word) for word in words]
-        other = [one for one in wanted if one.name not in declared()]
-        return f"{other} is not required" if other else None
-    if (program, verb) in (("rosdep", "install"), ("colcon", "build")):
-        after = words[words.index("--from-paths" if program == "rosdep" else "--base-paths") + 1 :]
-        folders = shlex.join(after).partition(" -")[0].partition(" '&&'")[0].split()
-        missing = [name for name in folders if not (WORKSPACE / name).is_dir()]
-        return f"no folders {missing}" if missing or not folders else None
-    # test_documents.py parses all others
-    return None if program in ("ros2", "fsw.py") else f"nothing checks {program}"
+    program, *words = shlex.split(line.partition(" && ")[0], comments=True)
+    files = [word for word in words if re.match(PARTS, word)]
+    if missing := [name for name in files if not (WORKSPACE / name).exists()]:
+        return f"not there: {missing}"
+    if program == "pip":
+        names = {re.match(r"[\w-]*", word)[0] for word in words[1:] if word not in files} - {"-r"}
+        other = {name for name in names - {*required()} if not name.startswith(OF_ROS)}
+        return f"not required: {other}" if other else None
+    if program.startswith("install/"):
+        _, package, *_, executable = program.split("/")
+        return None if has_program(package, executable) else f"no program {program}"
+    # test_documents.py parses those of fsw.py
+    known = ("ros2", "fsw.py", "rosdep", "colcon", "python", "python3")
+    return None if program in known else f"nothing checks {program}"
 
 
 @pytest.mark.parametrize("block", checked(), ids=str)
@@ -260,7 +266,14 @@ def test_other_lines_of_checked_blocks(block):
 
 
 @pytest.mark.parametrize(
-    "line", ["pip install no_such_package", "colcon build --base-paths no_such_folder", "rm x"]
+    "line",
+    [
+        "pip install no_such_package",
+        "pip install -r requirements/no_such.lock",
+        "colcon build --base-paths src/no_such_folder",
+        "install/fsw/lib/fsw/no_such_program",
+        "rm x",
+    ],
 )
 def test_a_wrong_line_would_be_found(line):
     assert refused_line(line)

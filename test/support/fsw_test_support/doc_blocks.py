@@ -127,7 +127,7 @@ def blocks(path: Path) -> list[Block]:
     for match in _BLOCK.finditer(text):
         language = match["language"] or "console"
         code = _commands(match["text"]) if language == "console" else match["text"]
-        if code and (match["file"] or language in ("python", "console", "bash")):
+        if code and (match["file"] or language in ("python", "console")):
             result.append(
                 Block(
                     path=path,
@@ -214,9 +214,7 @@ class Page:
             return ""
         if block.ready:
             return self._start(block)
-        # scripts that are sourced, as colcon's, may use variables that are not set
-        options = "-eo" if block.language == "bash" else "-euo"
-        command = ["bash", options, "pipefail", "-c", block.code]
+        command = ["bash", "-euo", "pipefail", "-c", block.code]
         if block.language == "python":
             self._python.append(block.code)
             if len(self._python) < sum(
