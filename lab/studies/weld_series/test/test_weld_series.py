@@ -10,13 +10,13 @@ import yaml
 pytest.importorskip("pyarrow")
 pytest.importorskip("cryptography")
 
-from fsw_analysis import procedure
 from fsw_analysis.signals import load_weld
 from fsw_quality import attestation, history
 from fsw_quality.evidence import Policy, verify_bag
 from fsw_recorder.manifest import read_manifest
 from fsw_recorder.manifest_check import check_files
 from fsw_recorder.signature import load_trusted
+from fsw_scenario import procedure
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all
 from fsw_scenario.scenario_file import parse
