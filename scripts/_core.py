@@ -17,6 +17,7 @@ PLACE = WORKSPACE / "out" / "core"
 OTHERS = ("quality", "lab")
 #: of the environment: what is installed from source, which the copy writes itself
 OWN = ("fsw_workspace.pth", "fsw_*.dist-info")
+DEMO = ["scripts/demo.py"]  #: as README has it
 TESTS = ["-n", "2", "--dist", "loadfile", "-m", "core", "src"]
 
 
@@ -59,7 +60,7 @@ def check(options: list[str]) -> int:
         if name not in (WHEELS_READY, "LD_LIBRARY_PATH")
     }
     for words in (
-        ["scripts/demo.py", "--out", "out/demo"],
+        DEMO,
         ["-m", "pytest", *TESTS, *options],
     ):
         print(f"== {' '.join(words)}, {time.monotonic() - began:.0f} s", flush=True)

@@ -4,6 +4,8 @@ With ``FSW_ALL_BLOCKS`` in the environment also those that take minutes.
 """
 
 import os
+import re
+from pathlib import Path
 
 import pytest
 
@@ -15,7 +17,7 @@ def chosen(path):
     return [
         block
         for block in doc_blocks.blocks(path)
-        if not block.mark or block.ready or (every and not block.not_run)
+        if not block.mark or block.ready or (every and not block.checked_by)
     ]
 
 
@@ -32,24 +34,38 @@ def test_blocks_run_as_written(path, tmp_path):
         assert page.end() == ""
 
 
-def test_few_blocks_do_not_run():
-    marks = [block.mark for path in doc_blocks.pages() for block in doc_blocks.blocks(path)]
-    assert sum(mark.startswith("not run") for mark in marks) <= 6
-    assert marks.count("takes minutes") <= 4
+def test_each_block_runs_or_is_checked():
+    every = [block for path in doc_blocks.pages() for block in doc_blocks.blocks(path)]
+    assert sum(block.mark == "takes minutes" for block in every) <= 1
+    others = [block for block in every if block.checked_by]
+    assert len(others) <= 8
+    assert [block for block in others if not block.checked_by.is_file()] == []
+
+
+def test_commands_that_this_file_checks_run_elsewhere():
+    """On another page, or in ``.ci/run``, with the options that choose the tests."""
+    every = [block for path in doc_blocks.pages() for block in doc_blocks.blocks(path)]
+    [block] = [one for one in every if one.checked_by == Path(__file__)]
+    run = [line for one in every if not one.checked_by for line in one.commands]
+    core = (doc_blocks.WORKSPACE / "scripts/_core.py").read_text("utf-8")
+    run += [f"python3 {demo}" for demo in re.findall(r'^DEMO = \["(.*)"\]', core, re.MULTILINE)]
+    ci = (doc_blocks.WORKSPACE / ".ci/run").read_text("utf-8").splitlines()
+    run += [line.partition(" --")[0] for line in ci]
+    assert block.commands and {*block.commands} - {*run} == set()
 
 
 def test_prompts_output_and_marks_are_read(tmp_path):
     path = tmp_path / "page.md"
     path.write_text(
         '```yaml title="a.yaml"\nk: 1\n```\n<!-- takes minutes -->\n<!-- before: true -->\n'
-        "```console\n$ cat a.yaml\nk: 1\nerror: no\n```\n<!-- not run: x -->\n```python\n1\n```\n"
+        "```console\n$ cat a.yaml\nk: 1\nerror: no\n```\n<!-- checked by: x -->\n```python\n1\n```\n"
     )
     file, shell, python = doc_blocks.blocks(path)
     assert (file.file, file.code) == ("a.yaml", "k: 1\n")
     assert (shell.code, shell.shown) == ("true\ncat a.yaml", ("k: 1", "error: no"))
     assert shell.fails
-    assert shell.mark == "takes minutes" and not shell.not_run
-    assert python.not_run and python.line == 12
+    assert shell.mark == "takes minutes" and not shell.checked_by
+    assert python.checked_by == doc_blocks.WORKSPACE / "x" and python.line == 12
 
 
 def test_a_block_that_ends_otherwise_is_reported(tmp_path):
@@ -87,3 +103,24 @@ def test_what_does_not_come_up_or_ends_otherwise_is_reported(tmp_path):
         other, none = page.blocks
         assert page.run(other) == "" and page.run(none)
         assert ": 3: up" in page.end()
+
+
+def test_what_ends_by_itself_before_its_section_is_reported(tmp_path):
+    path = tmp_path / "page.md"
+    path.write_text(
+        "<!-- stays up, ready: up -->\n```console\n$ bash -c 'echo $$ > pid; echo up'\n```\n"
+        "```console\n$ while [ -e /proc/$(cat pid)/fd/1 ]; do :; done\n```\n"
+    )
+    with doc_blocks.Page(path, tmp_path) as page:
+        assert [page.run(block) for block in page.blocks] == ["", ""]
+        assert "ended by itself: 0" in page.end()
+
+
+def test_pages_whose_programs_have_fixed_ports_wait_for_each_other(tmp_path, monkeypatch):
+    monkeypatch.setattr(doc_blocks, "LONGEST_S", 0.1)
+    path = tmp_path / "page.md"
+    path.write_text(WAITS.format(code=0))
+    first, second = (tmp_path / name for name in ("first", "second"))
+    first.mkdir(), second.mkdir()
+    with doc_blocks.Page(path, first), pytest.raises(AssertionError, match="ports"):
+        doc_blocks.Page(path, second).__enter__()

@@ -22,6 +22,7 @@ from fsw.main import parser as operator_parser
 from fsw_control.parameters import NodeParameters, describe
 from fsw_control.schema.extensions import all_loaded
 from fsw_hmi.main import parser as hmi_parser
+from fsw_test_support import doc_blocks
 from fsw_test_support.machine_server import parser as machine_server_parser
 
 WORKSPACE = Path(__file__).resolve().parent.parent
@@ -36,23 +37,16 @@ PARSERS = {
     "run_hmi.py": cache(hmi_parser),
     "run_machine_server.py": cache(machine_server_parser),
 }
-PROGRAM = re.compile(
-    r"(\.venv/bin/python|python3|(scripts/)?fsw\.py|fsw|scripts/\w+\.py|ros2 launch) "
-)
-LAUNCH_FILE = WORKSPACE / "src" / "fsw" / "launch" / "weld.launch.py"
+PROGRAM = re.compile(r"(\.venv/bin/python|python3|(scripts/)?fsw\.py|fsw|scripts/\w+\.py) ")
 FOLDERS = ("scripts/", "src/", "test/", "examples/", "benchmarks/", "docs/")
 
 
 def commands_of(text: str) -> list[str]:
     """Commands in a page that call one of the project's programs, without those shortened by ``…``."""
-    text = text.replace("\\\n", " ")
-    blocks = re.findall(r"^```\w*\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
-    inline = re.findall(
-        r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
-    )
-    lines = (line.removeprefix("$ ") for line in [*"\n".join(blocks).splitlines(), *inline])
     return [
-        line for line in lines if PROGRAM.match(line) and not re.search(r"…|\.\.\.|\bNAME\b", line)
+        line
+        for line in doc_blocks.lines_of(text)
+        if PROGRAM.match(line) and not re.search(r"…|\.\.\.|\bNAME\b", line)
     ]
 
 
@@ -85,12 +79,6 @@ def parameters() -> set[str]:
 def refusal(text: str) -> str | None:
     """Why a command cannot run as it is written, without running it; None if it can."""
     words = shlex.split(text.partition(" > ")[0].replace("[", "").replace("]", ""), comments=True)
-    if words[:2] == ["ros2", "launch"]:
-        if words[2:4] != ["fsw", LAUNCH_FILE.name]:
-            return f"no launch file {words[2:4]}"
-        arguments = (f'"{word.partition(":=")[0]}": (' for word in words[4:])
-        missing = [word for word in arguments if word not in LAUNCH_FILE.read_text("utf-8")]
-        return f"no argument {missing[0]}" if missing else None
     if words[0] in ("python3", ".venv/bin/python") and words[1] == "-m":
         if words[0] == "python3":
             return (
@@ -159,8 +147,6 @@ def test_a_command_in_the_documentation_can_run(page: str, text: str) -> None:
         "fsw.py bag info test/golden/no_such_weld",
         "fsw simulate quick --no-such-option",
         "python3 scripts/no_such_script.py --help",
-        "ros2 launch fsw weld.launch.py no_such_argument:=true",
-        "ros2 launch fsw no_such.launch.py monitor:=true",
     ],
 )
 def test_a_wrong_command_would_be_found(text: str) -> None:

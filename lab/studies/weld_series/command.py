@@ -13,6 +13,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from fsw_control.schema.files import write_whole
 from fsw_control.schema.models import InputError
 from fsw_plant import PlantConfig
@@ -94,24 +96,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _end_deg(folder: Path, joint_line_deg: float) -> float:
-    """Where the joint line ends; that of a series that was begun is kept."""
+    """Where the joint line ends; the procedure of a series that was begun is kept."""
     if not 10.0 <= joint_line_deg <= WHOLE_DEG - BEGIN_DEG:
         raise InputError(
             f"--joint-line {joint_line_deg:g}: give 10 to {WHOLE_DEG - BEGIN_DEG:g} deg"
         )
     folder.mkdir(parents=True, exist_ok=True)
-    note, text = folder / "joint_line", f"{joint_line_deg:g} deg\n"
+    end_deg, note = BEGIN_DEG + joint_line_deg, folder / "procedure.yaml"
+    text = yaml.safe_dump(series_procedure(end_deg).model_dump(mode="json", exclude_none=True))
     if not note.exists():
         if any(folder.iterdir()):
             raise InputError(
                 f"{folder} is not empty, and no series was begun in it; choose another --out"
             )
         note.write_text(text, encoding="utf-8")
-    if (begun := note.read_text(encoding="utf-8")) != text:
+    if note.read_text(encoding="utf-8") != text:
         raise InputError(
-            f"{folder}: was begun with a joint line of {begun.strip()}; choose another --out"
+            f"{folder}: was begun with another procedure or joint line; choose another --out"
         )
-    return BEGIN_DEG + joint_line_deg
+    return end_deg
 
 
 def _key(folder: Path) -> Path:

@@ -1,42 +1,23 @@
 """Nodes and parameters of the launch file: those of the graph that the launcher starts, too."""
 
-from pathlib import Path
-from types import SimpleNamespace
-
 import pytest
 import yaml
 
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.scenario_file import load
-from fsw_test_support.launch_modules import fake_launch, run_launch_file
+from fsw_test_support.launch_modules import launching
 
-PACKAGE = Path(__file__).resolve().parents[1]
 SCENARIO, OPEN = "reference_tracking", "open_loop_force_steps"
-
-
-class Node(SimpleNamespace):
-    """The options of a node action."""
 
 
 @pytest.fixture
 def launched(monkeypatch, tmp_path):
     """Run the launch file with arguments; returns its node actions and parameters by node."""
-    modules = fake_launch(monkeypatch)
-    modules["launch_ros.actions"].Node = Node
-    modules["launch.logging"].launch_config.log_dir = str(tmp_path)
-    index, values = modules["ament_index_python.packages"], {}
-    index.get_package_share_directory = lambda _: str(PACKAGE)
-    modules["launch.substitutions"].LaunchConfiguration = lambda name: SimpleNamespace(
-        perform=lambda _: values[name]
-    )
+    make = launching(monkeypatch, tmp_path)
 
     def launch(**arguments):
-        globals_ = run_launch_file()
-        values.update({name: default for name, (default, _) in globals_["ARGUMENTS"].items()})
-        values.update(arguments)
-        nodes = [action for action in globals_["weld"](None) if isinstance(action, Node)]
-        text = (tmp_path / "weld_parameters.yaml").read_text()
-        sections = yaml.safe_load(text).items()
+        nodes = make(**arguments)
+        sections = yaml.safe_load((tmp_path / "weld_parameters.yaml").read_text()).items()
         return nodes, {
             name.rpartition("/")[2]: section["ros__parameters"] for name, section in sections
         }

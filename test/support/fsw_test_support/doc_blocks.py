@@ -2,10 +2,10 @@
 
 Each page has a folder of its own in which its blocks run one after the other, as a reader would
 type them. Its Python is one program. A block with a title is that file. A comment before a block
-says why it does not run, that it takes minutes, or what the reader has done elsewhere (``$SHARED``
+says which test checks what cannot run, that it takes minutes, or what the reader has done elsewhere (``$SHARED``
 is a folder of all pages)::
 
-    <!-- not run: needs a sourced ROS 2 -->
+    <!-- checked by: test/test_ros2_commands.py -->
     <!-- takes minutes -->
     <!-- before: scripts/fsw.py simulate quick --bag --out $SHARED/weld -->
 
@@ -19,9 +19,11 @@ from __future__ import annotations
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -33,15 +35,17 @@ from fsw_test_support.waiting import PATIENCE_S, wait_until
 WORKSPACE = Path(__file__).resolve().parents[3]
 #: what commands name by its path in the workspace; all else is written into the page's folder
 LINKED = ("scripts", "src", "lab", "quality", "test", "examples", "benchmarks", "requirements")
-_COMMAND = re.compile(r"(\S*/)?(python3?|fsw|pip) |\S*/\S+\.py |sed |echo |head ")
+_COMMAND = re.compile(
+    r"(\S*/)?(python3?|fsw|pip) |\S*/\S+\.py |(sed|echo|head|ros2|rosdep|colcon|fsw\.py) "
+)
 _BLOCK = re.compile(
-    r"^(?:<!-- (?P<mark>not run: [^\n]*?|takes minutes|stays up, ready: [^\n]*?) -->\n)?"
+    r"^(?:<!-- (?P<mark>checked by: [^\n]*?|takes minutes|stays up, ready: [^\n]*?) -->\n)?"
     r"(?:<!-- before: (?P<before>[^\n]*?) -->\n)?"
     r"```(?P<language>\w*)(?: title=\"(?P<file>\S+)\")?\n(?P<text>.*?)^```$",
     re.MULTILINE | re.DOTALL,
 )
-_UP = "stays up, ready: "
-_LONGEST_S = 1800.0
+_UP, _CHECKED = "stays up, ready: ", "checked by: "
+LONGEST_S = 1800.0
 #: of what Ctrl-C ends; the last one where it had hardly begun, which a shell calls 130, too
 _CODES = (0, 130, -signal.SIGINT)
 _Terminal = tuple[subprocess.Popen[str], Path]  #: its process, and what it has printed
@@ -53,11 +57,13 @@ class Block:
 
     path: Path  #: of the page
     line: int
-    language: str  #: ``python``, ``console`` or, of a file, its own
+    language: (
+        str  #: ``python``, ``console``, ``bash`` (all of it is a script) or, of a file, its own
+    )
     code: str  #: what to run; a shell's prompts and the output shown are left out
     file: str  #: name of the file that the block is
     shown: tuple[str, ...]  #: lines of output that the page shows after prompts
-    mark: str  #: why it does not run, ``takes minutes``, or what shows that it is up
+    mark: str  #: which test checks it, ``takes minutes``, or what shows that it is up
     section: int  #: of the page
 
     @property
@@ -66,9 +72,15 @@ class Block:
         return any(line.startswith("error: ") for line in self.shown)
 
     @property
-    def not_run(self) -> bool:
-        """Whether it cannot run here."""
-        return self.mark.startswith("not run")
+    def checked_by(self) -> Path | None:
+        """The test that checks what cannot run."""
+        name = self.mark.removeprefix(_CHECKED)
+        return WORKSPACE / name if name != self.mark else None
+
+    @property
+    def commands(self) -> list[str]:
+        """Lines of a shell's block without comments."""
+        return [line.partition(" #")[0].strip() for line in self.code.splitlines()]
 
     @property
     def ready(self) -> str:
@@ -97,6 +109,15 @@ def _shown(text: str) -> tuple[str, ...]:
 def _printed(line: str, output: str) -> bool:
     parts = (re.escape(part) for part in line.split("…"))
     return re.search(".*".join(parts), output) is not None
+
+
+def lines_of(text: str) -> list[str]:
+    """Lines of a page's blocks without prompts, and its inline code."""
+    text = text.replace("\\\n", " ")
+    parts = re.findall(r"^```\w*\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    rest = re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
+    inline = re.findall(r"`([^`\n]+)`", rest)
+    return [line.removeprefix("$ ") for line in [*"\n".join(parts).splitlines(), *inline]]
 
 
 def blocks(path: Path) -> list[Block]:
@@ -129,6 +150,23 @@ def pages() -> list[Path]:
     return [path for path in written if not others & {*path.parts} and blocks(path)]
 
 
+@contextmanager
+def _ports() -> Iterator[None]:
+    """Reserve the ports that commands name, e.g. 8080, against other runs on this machine.
+
+    The reservation is the name of a local socket, as that of a ROS domain is.
+    """
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as reservation:
+
+        def bound() -> bool:
+            with suppress(OSError):
+                reservation.bind("\0fsw_doc_blocks")
+            return bool(reservation.getsockname())
+
+        wait_until(bound, "another run of pages to leave their ports", LONGEST_S)
+        yield
+
+
 class Page:
     """A page and the folder in which its blocks run."""
 
@@ -143,24 +181,27 @@ class Page:
         self._python: list[str] = []
         self._section = 0
         self._up: list[_Terminal] = []
-        self._domain = ExitStack()
+        self._held = ExitStack()
 
     def __enter__(self) -> Page:
+        if any(block.ready for block in self.blocks):
+            self._held.enter_context(_ports())
         self._environment = {
             **os.environ,
             "HOME": str(self.folder),  # for keys and files that pages write there
             "XDG_CACHE_HOME": os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache"),
             "MPLBACKEND": "Agg",
+            "PIP_NO_COMPILE": "1",  # only what is imported, then
             "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
             "SHARED": str(self.folder.parent.parent),
-            "ROS_DOMAIN_ID": str(self._domain.enter_context(free_domain())),
+            "ROS_DOMAIN_ID": str(self._held.enter_context(free_domain())),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         }
         return self
 
     def __exit__(self, *_: object) -> None:
         self.end()
-        self._domain.close()
+        self._held.close()
 
     def run(self, block: Block) -> str:
         """Run a block; the end of its output where it does not end as the page shows, else nothing."""
@@ -190,7 +231,7 @@ class Page:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            timeout=_LONGEST_S,
+            timeout=LONGEST_S,
             check=False,
         )
         as_shown = (done.returncode != 0) == block.fails
@@ -240,11 +281,14 @@ class Page:
         faults = []
         while self._up:
             process, log = self._up.pop()
+            if (code := process.poll()) is not None:
+                faults.append(
+                    f"{process.args!r} ended by itself: {code}: {log.read_text('utf-8')[-2000:]}"
+                )
+                continue
             try:
                 os.killpg(process.pid, signal.SIGINT)
                 code = process.wait(PATIENCE_S)
-            except ProcessLookupError:
-                code = process.wait()
             except subprocess.TimeoutExpired:
                 os.killpg(process.pid, signal.SIGKILL)
                 code = process.wait()

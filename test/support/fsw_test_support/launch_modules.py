@@ -2,7 +2,9 @@
 
 import runpy
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import MagicMock
 
@@ -35,3 +37,35 @@ def fake_launch(monkeypatch: pytest.MonkeyPatch) -> dict[str, MagicMock]:
 def run_launch_file() -> dict[str, Any]:
     """Names that the launch file defines."""
     return runpy.run_path(str(LAUNCH_FILE))
+
+
+class Node(SimpleNamespace):
+    """The options of a node action."""
+
+
+def launching(monkeypatch: pytest.MonkeyPatch, folder: Path) -> Callable[..., list[Node]]:
+    """Function that makes the nodes of the launch file for arguments, with its files in a folder.
+
+    It raises ValueError for an argument or a choice that is not declared, as launch does.
+    """
+    modules = fake_launch(monkeypatch)
+    modules["launch_ros.actions"].Node = Node
+    modules["launch.logging"].launch_config.log_dir = str(folder)
+    modules["ament_index_python.packages"].get_package_share_directory = lambda _: str(
+        LAUNCH_FILE.parents[1]
+    )
+    values: dict[str, str] = {}
+    modules["launch.substitutions"].LaunchConfiguration = lambda name: SimpleNamespace(
+        perform=lambda _: values[name]
+    )
+
+    def launch(**arguments: str) -> list[Node]:
+        names = run_launch_file()
+        values.update({name: default for name, (default, _) in names["ARGUMENTS"].items()})
+        for name, value in arguments.items():
+            if name not in values or value not in names["CHOICES"].get(name, [value]):
+                raise ValueError(f"{name}:={value}")
+        values.update(arguments)
+        return [action for action in names["weld"](None) if isinstance(action, Node)]
+
+    return launch

@@ -16,6 +16,7 @@ from fsw_quality.evidence import Policy, verify_bag
 from fsw_recorder.manifest import read_manifest
 from fsw_recorder.manifest_check import check_files
 from fsw_recorder.signature import load_trusted
+from fsw_scenario import procedure
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all
 from fsw_scenario.scenario_file import parse
@@ -118,7 +119,9 @@ def test_a_short_series_has_bags_records_chain_and_history_and_goes_on_where_it_
         assert made["verdict"] == "accept" and made["identity"]["tool"] == "T1"
     assert (folder / "report.html").exists()
     assert command.main([*arguments, "--joint-line", "20"]) == 1
-    assert "of 10 deg" in capsys.readouterr().err
+    assert "joint line" in capsys.readouterr().err
+    kept = procedure.load(folder / "procedure.yaml")
+    assert kept == series.series_procedure(series.BEGIN_DEG + 10.0)
 
 
 def test_a_folder_that_is_not_of_a_series_is_left_alone(tmp_path, capsys):
