@@ -7,7 +7,7 @@ Times are CPU times of the controller's thread for a whole step: estimator, traj
 acceptance, plan. ``rti`` is the default tuning with 20 blocks, ``rti108`` the same with a move of
 both inputs in every interval, ``paper`` the preset with the paper's cost, which has 108 moves too.
 
-``ratio_NAME`` is the CPU time of IPOPT, or of CasADi's SQP with PIQP, over the library's, all cold
+``ratio_NAME`` is the CPU time of IPOPT, CasADi's SQP with PIQP, or FATROP over the library's, all cold
 on the same problems of a weld, with 108 moves; the library linearises three times, and the costs
 that all of them reach are compared. ``ratio_NAME_to_tick`` is over the one linearisation about the
 last plan that a tick does: its cost is compared too. The exit code is 1 if a solver does not agree
@@ -43,6 +43,8 @@ from fsw_control import Command, Measurement, Reference, weld
 from fsw_model import STEP_S, ProcessModel, nominal
 from fsw_nmpc.controller import NmpcController
 from fsw_nmpc.library import KERNEL, SolveStatus, Vector
+from fsw_test_support.nmpc_fatrop import TOLERANCE as FATROP_TOLERANCE
+from fsw_test_support.nmpc_fatrop import FatropSolver
 from fsw_test_support.nmpc_ipopt import (
     ReferenceSolver,
     cumulation,
@@ -84,6 +86,13 @@ RIVALS: dict[str, tuple[str, dict[str, Any] | None]] = {
         },
     ),
 }
+#: FATROP on the same formulation as the others
+UNSTAGED_FATROP = {
+    "error_on_fail": False,
+    "fatrop": {"print_level": 0, "tolerance": FATROP_TOLERANCE, "max_iter": 200},
+}
+#: All of them; FATROP gets the problem in stages.
+RIVAL_NAMES = (*RIVALS, FatropSolver.name)
 #: Costs that differ by more, relatively, are not of the same problem or not of a solution.
 SAME_COST = 1e-3
 
@@ -242,14 +251,15 @@ class Comparison:
         self._tuning, self._horizon = self._library.state.tuning, self._library.horizon
         self._exact = self._tuning.tolerance
         self._cold = np.zeros(2 * self._horizon.n_blocks)
-        self._rivals = {
+        self._rivals: dict[str, ReferenceSolver | FatropSolver] = {
             name: ReferenceSolver(
                 self._library, controller.settings.model, method=method, options=options
             )
             for name, (method, options) in RIVALS.items()
         }
+        self._rivals[FatropSolver.name] = FatropSolver(self._library, controller.settings.model)
         self._series: dict[str, list[float]] = defaultdict(list)
-        self._unsolved = dict.fromkeys(RIVALS, 0)
+        self._unsolved = dict.fromkeys(RIVAL_NAMES, 0)
 
     def compare(self, problem: Any, start: Vector) -> str:
         """Solve one problem by all solvers; the costs in words."""
@@ -258,7 +268,7 @@ class Comparison:
             self._by_library(problem, start),
         )
         answers = {"rti108": own, "tick": tick}
-        for name in RIVALS:
+        for name in RIVAL_NAMES:
             answers[name] = self._by_rival(name, problem)
             self._unsolved[name] += answers[name].moves is None
         moves = {
@@ -288,16 +298,18 @@ class Comparison:
     def figures(self) -> Figures:
         """Medians of times, and the largest excesses."""
         series, figures = self._series, Figures()
-        for key in (one for name in RIVALS for one in (f"ratio_{name}", f"ratio_{name}_to_tick")):
+        for key in (
+            one for name in RIVAL_NAMES for one in (f"ratio_{name}", f"ratio_{name}_to_tick")
+        ):
             figures[key] = self._middle(key)
-        for name in ("rti108", "tick", *RIVALS):
+        for name in ("rti108", "tick", *RIVAL_NAMES):
             figures[f"solve_{name}_ms"] = self._middle(f"solve_{name}_ms")
             figures[f"limit_excess_{name}"] = max(series[f"limit_excess_{name}"], default=None)
-        for name in ("rti108", *RIVALS):
+        for name in ("rti108", *RIVAL_NAMES):
             figures[f"cost_excess_{name}"] = max(series[f"cost_excess_{name}"], default=None)
         figures["tick_cost_excess_p50"] = self._middle("cost_excess_tick")
         figures["tick_cost_excess_max"] = max(series["cost_excess_tick"])
-        for name in RIVALS:
+        for name in RIVAL_NAMES:
             figures[f"cost_error_{name}"] = max(
                 series[f"cost_error_{name}"], key=abs, default=None
             )
@@ -350,7 +362,33 @@ def ratios(quick: bool) -> Figures:
     for i, (problem, start) in enumerate(problems):
         costs = comparison.compare(problem, start)
         print(f"  problem {i + 1} of {len(problems)}: {costs}", file=sys.stderr, flush=True)
-    return {"ratio_problems": len(problems)} | comparison.figures()
+    figures = comparison.figures() | limits_of_fatrop(controller, [one for one, _ in problems])
+    return {"ratio_problems": len(problems)} | figures
+
+
+def limits_of_fatrop(controller: NmpcController, problems: list[Any]) -> Figures:
+    """FATROP on the same problems in stages, the same with the tolerance that IPOPT meets, and without stages: medians."""
+    library, model = controller.library, controller.settings.model
+    cold = np.zeros(2 * library.horizon.n_blocks)
+    ways: dict[str, ReferenceSolver | FatropSolver] = {
+        "staged": FatropSolver(library, model),
+        "strict": FatropSolver(library, model, tolerance=1e-8),
+        "unstaged": ReferenceSolver(library, model, method="fatrop", options=UNSTAGED_FATROP),
+    }
+    figures: Figures = {}
+    for name, solver in ways.items():
+        iterations, cpu_s, unsolved = [], [], 0
+        for problem in problems:
+            began = time.process_time()
+            unsolved += solver.solve(problem, cold)[0] is not SolveStatus.OK
+            cpu_s.append(time.process_time() - began)
+            iterations.append(solver.iterations)
+        figures |= {
+            f"fatrop_{name}_s": statistics.median(cpu_s),
+            f"fatrop_{name}_iterations": statistics.median(iterations),
+            f"fatrop_{name}_unsolved": unsolved,
+        }
+    return figures
 
 
 def against_converged(quick: bool) -> Figures:

@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
-"""Writes docs/results/solvers.md, with its figure, from what nmpc_qp.py and nmpc.py have measured.
+"""Writes docs/results/solvers.md, with its figure, from what nmpc_qp.py, nmpc.py and nmpc_acados.py have measured.
 
 python3 benchmarks/nmpc_qp.py --json out/qp.json
 python3 benchmarks/nmpc.py --only-ratios --json out/nlp.json
-python3 benchmarks/solvers.py out/qp.json out/nlp.json
+python3 benchmarks/nmpc_acados.py --json out/acados.json
+python3 benchmarks/solvers.py out/qp.json out/nlp.json --acados out/acados.json
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ if __name__ == "__main__":
     from _bootstrap import ensure
 
     ensure()
+
+from nmpc_acados import QPS
 
 from fsw_analysis.figure_style import legend_below, looks_of, sheet
 from fsw_analysis.report import numbers, templates
@@ -41,6 +44,7 @@ NAMES = {
         "ipopt": "IPOPT",
     },
     "sqp_piqp": "SQP, PIQP",
+    "fatrop": "FATROP",
 }
 #: time over this project's that others should have at least
 _AIM = 2.0
@@ -86,7 +90,7 @@ def qp_rows(figures: dict[str, Any], preset: str) -> list[Row]:
 def nlp_rows(figures: dict[str, Any]) -> list[Row]:
     """Solvers of the nonlinear problem, the fastest first."""
     rows = []
-    for name in ("rti108", "sqp_piqp", "ipopt"):
+    for name in ("rti108", "sqp_piqp", "fatrop", "ipopt"):
         if figures.get(f"solve_{name}_ms") is None and not figures.get(f"unsolved_{name}"):
             continue
         ratio = 1.0 if name == "rti108" else figures[f"ratio_{name}"]
@@ -125,10 +129,32 @@ def combined(tables: dict[str, list[Row]]) -> list[list[str]]:
     return [["solver", *tables], *([name, *map(cell, rows)] for name, rows in by_name.items())]
 
 
+def acados_rows(figures: dict[str, Any]) -> list[list[str]]:
+    """Phases of acados by QP solver beside the whole step of this project's solver: p50 / p99."""
+
+    def both(name: str) -> str:
+        return f"{number(figures[f'{name}_ms'])} / {number(figures[f'{name}_p99_ms'])}"
+
+    rows = [
+        ["", "preparation", "feedback", "together", "over this project's", "first move, off by"]
+    ]
+    rows.append([NAMES["own"], "", "", both("own"), "1", ""])
+    for name, (title, _) in QPS.items():
+        cells = [both(f"{name}_{phase}") for phase in ("preparation", "feedback")]
+        off = number(figures[f"{name}_move_difference"], 2)
+        rows.append([title, *cells, both(name), number(figures[f"{name}_ratio"]), off])
+    return rows
+
+
 def page(tables: dict[str, list[Row]], figures: dict[str, Any]) -> str:
     """The page, from the rows by problem and the figures of the benchmarks that it names."""
     template = templates(Path(__file__).parent).get_template("solvers.md.j2")
-    return template.render(figures, lost=lost(tables), rows=combined(tables))
+    return template.render(
+        figures,
+        lost=lost(tables),
+        rows=combined(tables),
+        acados_rows=acados_rows(figures["acados"]) if figures["acados"] else [],
+    )
 
 
 def draw(tables: dict[str, list[Row]], file: Path) -> None:
@@ -159,6 +185,7 @@ def main() -> int:
     arguments = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     arguments.add_argument("qp", type=Path, metavar="QP.json", help="of nmpc_qp.py")
     arguments.add_argument("nlp", type=Path, metavar="NLP.json", help="of nmpc.py")
+    arguments.add_argument("--acados", type=Path, metavar="ACADOS.json", help="of nmpc_acados.py")
     arguments.add_argument("--page", type=Path, default=PAGE)
     parsed = arguments.parse_args()
     qp, nlp = (json.loads(file.read_text(encoding="utf-8")) for file in (parsed.qp, parsed.nlp))
@@ -174,6 +201,8 @@ def main() -> int:
         "nonlinear_problems": nlp["ratio_problems"],
         "active": number(qp["default_active"]),
         "iterations": number(qp["default_iterations"]),
+        "acados": json.loads(parsed.acados.read_text(encoding="utf-8")) if parsed.acados else {},
+        "fatrop": {key: number(value) for key, value in nlp.items() if key.startswith("fatrop_")},
         "quick": " --quick" if qp["paper_problems"] < ALL_PROBLEMS else "",
     }
     rows = {title: [row._asdict() for row in of] for title, of in tables.items()}

@@ -467,6 +467,7 @@ def test_page_of_the_first_hour_follows_from_its_numbers(monkeypatch: pytest.Mon
 def test_page_of_solvers_names_those_closer_than_twice_the_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.syspath_prepend(str(WORKSPACE / "benchmarks"))
     solvers = load("solvers", "benchmarks")
     qp: dict[str, float | None] = {}
     qp |= {"default_active": 13.0, "default_iterations": 5.0}
@@ -509,7 +510,25 @@ def test_page_of_solvers_names_those_closer_than_twice_the_time(
     cells = {row[0]: row[1:] for row in rows if row}
     assert cells["DAQP"] == ["0.8", "3", ""] and cells["IPOPT"] == ["", "", "210"]
     assert cells["OSQP"] == ["4 not solved", "4 not solved", ""]
+    assert cells["FATROP"] == ["", "", "4 not solved"]
+    assert "Not measured here" in text
     assert "QP, preset default: DAQP (0.8).**" in text and "13 of 160" in text
     tables = json.loads((tmp_path / "page_tables.json").read_text(encoding="utf-8"))["tables"]
     assert tables["QP, preset default"][0]["name"] == "DAQP"
     assert page.with_suffix(".png").stat().st_size > 5_000
+    acados: dict[str, float] = {"ticks": 300, "own_ms": 0.25, "own_p99_ms": 0.5}
+    for applied in ("own", "hpipm"):
+        acados |= {f"{applied}_iae_depth_mm_s": 1.5, f"{applied}_iae_temperature_c_s": 100.0}
+        acados |= {f"{applied}_fallbacks": 0}
+    for name in ("hpipm", "partial", "qpoases"):
+        for phase in ("", "_preparation", "_feedback"):
+            acados |= {f"{name}{phase}_ms": 0.75, f"{name}{phase}_p99_ms": 1.25}
+        acados |= {f"{name}_ratio": 3.0, f"{name}_move_difference": 0.0125}
+    (tmp_path / "acados.json").write_text(json.dumps(acados), encoding="utf-8")
+    monkeypatch.setattr(sys, "argv", [*sys.argv, "--acados", str(tmp_path / "acados.json")])
+    assert solvers.main() == 0
+    text = page.read_text(encoding="utf-8")
+    assert "Not measured here" not in text
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines()]
+    phases = {row[0]: row[1:] for row in rows if len(row) == 6}
+    assert phases["full condensing, HPIPM"] == [*["0.75 / 1.25"] * 3, "3", "0.013"]

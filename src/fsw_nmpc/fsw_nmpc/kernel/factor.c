@@ -67,7 +67,7 @@ static void add_rows(fsw_workspace *w, int begin, int end, double (*restrict sum
  * solve: the sum over the leading ones, often most of the work, is kept. */
 static void sum_rows(fsw_workspace *w, int again) {
   double (*restrict kept)[FSW_STRIDE] = w->scratch.matrices.kept, (*restrict sum)[FSW_STRIDE] = w->scratch.matrices.factor;
-  const int n_kept = w->n_soft_rows ? w->soft_row[0] : w->n_rows, n = (w->nv + FSW_PAD - 1) / FSW_PAD * FSW_PAD;
+  const int n_kept = w->n_kept, n = (w->nv + FSW_PAD - 1) / FSW_PAD * FSW_PAD;
   if (!again) {
     for (int j = 0; j < n; j++)
       for (int l = 0; l < n; l++) kept[j][l] = 0.0;

@@ -49,7 +49,7 @@ typedef struct {
   /* quadratic program in scaled moves */
   int nv, n_rows, n_soft_rows, n_moves;          /* variables, rows, rows and moves with L1 cost */
   int row[FSW_MAX_ROWS], row_width[FSW_MAX_ROWS]; /* output of a row, leading variables */
-  int n_depth;                                   /* rows of the depth, which come first */
+  int n_depth, n_kept;                           /* rows of the depth, which come first; those before the first L1 cost */
   int soft_row[FSW_MAX_ROWS];                    /* rows with L1 cost */
   int move[FSW_MAX_VARS];                        /* variables of the moves with L1 weight */
   double scale[FSW_MAX_VARS], size[FSW_MAX_VARS]; /* largest move; largest change within a block */

@@ -44,8 +44,8 @@ void fsw_trajectories(fsw_nmpc *c, const fsw_nmpc_input *in);
 double fsw_dot(const double *a, const double *b, int n);
 void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_problem *problem, const double *v,
                fsw_workspace *w);
-void fsw_row_products(const fsw_workspace *w, const double *z, double *value, double *input);
-void fsw_add_transposed(const fsw_workspace *w, const double *row_force, const double *input_force, double *out);
+void fsw_row_products(const fsw_workspace *w, int first, const double *z, double *value, double *input);
+void fsw_add_transposed(const fsw_workspace *w, int first, const double *row_force, const double *input_force, double *out);
 
 /* factor.c */
 int fsw_factorise(fsw_workspace *w, int again);

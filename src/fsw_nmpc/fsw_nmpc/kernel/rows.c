@@ -82,13 +82,14 @@ void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_prob
   }
   w->n_rows = n;
   const int k_rows = w->n_soft_rows;
+  w->n_kept = k_rows ? w->soft_row[0] : n;
   for (int k = 0; k < k_rows; k++) w->soft.weight[k] = w->soft.weight[k_rows + k] = l1[w->soft_row[k] >= w->n_depth];
   for (int k = 0; k < w->n_moves; k++) w->soft.weight[2 * k_rows + k] = -2.0 * w->gradient[w->move[k]];
 }
 
-/* value[] = a'z of every row in use, input[] = change of the block-end inputs */
-void fsw_row_products(const fsw_workspace *w, const double *z, double *value, double *input) {
-  for (int r = 0; r < w->n_rows; r++) value[r] = fsw_dot(w->by[w->row[r]], z, (w->row_width[r] + 3) / 4 * 4);
+/* value[] = a'z of the rows in use from `first` on, input[] = change of the block-end inputs */
+void fsw_row_products(const fsw_workspace *w, int first, const double *z, double *value, double *input) {
+  for (int r = first; r < w->n_rows; r++) value[r] = fsw_dot(w->by[w->row[r]], z, (w->row_width[r] + 3) / 4 * 4);
   double sum[2] = {0.0, 0.0};
   for (int j = 0; j < w->nv; j++) {
     sum[j & 1] += w->size[j] * z[j];
@@ -96,9 +97,9 @@ void fsw_row_products(const fsw_workspace *w, const double *z, double *value, do
   }
 }
 
-/* out += sum over rows of a * row_force, plus the inputs' rows * input_force */
-void fsw_add_transposed(const fsw_workspace *w, const double *row_force, const double *input_force, double *restrict out) {
-  int r = 0;
+/* out += sum over rows of a * row_force, which is 0 before `first`, plus the inputs' rows * input_force */
+void fsw_add_transposed(const fsw_workspace *w, int first, const double *row_force, const double *input_force, double *restrict out) {
+  int r = first / 4 * 4;
   for (; r + 4 <= w->n_rows; r += 4) {
     const double *restrict a0 = w->by[w->row[r]], *restrict a1 = w->by[w->row[r + 1]];
     const double *restrict a2 = w->by[w->row[r + 2]], *restrict a3 = w->by[w->row[r + 3]];

@@ -91,7 +91,7 @@ static void start(fsw_workspace *w) {
   const int n = n_soft(w);
   fsw_soft *f = &w->soft;
   fsw_hard *h = &w->hard;
-  fsw_row_products(w, w->z, w->value, w->input);
+  fsw_row_products(w, 0, w->z, w->value, w->input);
   sides(w);
   const double mu = LEAST_START + START_SHARE * fabs(cost_of(w)) / (n + 4 * w->nv);
   for (int k = 0; k < n; k++) {
@@ -148,7 +148,7 @@ static double residuals(fsw_workspace *w, double *primal, double *dual) {
     w->dual[j] = w->gradient[j] + w->diagonal[j] * w->z[j] + h->lambda[j] - h->lambda[nv + j];
   }
   for (int k = 0; k < w->n_moves; k++) w->dual[w->move[k]] += f->lambda[2 * n_rows + k];
-  fsw_add_transposed(w, w->row_force, w->input_force, w->dual);
+  fsw_add_transposed(w, 0, w->row_force, w->input_force, w->dual);
   *dual = largest_size(w->dual, nv);
   return gap;
 }
@@ -231,9 +231,10 @@ static double direction(fsw_workspace *w, double mu, double second, double *gap_
   fsw_soft *f = &w->soft;
   fsw_hard *h = &w->hard;
   condense(w, mu, second);
-  fsw_add_transposed(w, w->row_force, w->input_force, w->step);
+  fsw_add_transposed(w, w->n_kept, w->row_force, w->input_force, w->step);
   fsw_substitute(w, w->step);
-  fsw_row_products(w, w->step, w->change, w->input_change);
+  /* the predictor, which is not taken, needs the change of soft rows only */
+  fsw_row_products(w, gap_there ? w->n_kept : 0, w->step, w->change, w->input_change);
   expand(w);
   const double soft_ratio = largest_of(f->work, n), hard_ratio = largest_of(h->work, 4 * nv);
   const double ratio = soft_ratio > hard_ratio ? soft_ratio : hard_ratio;
