@@ -3,8 +3,8 @@
 
 usage: monitor.py [--quick] [--json FILE] [--page FILE] [--calibrate]
 
-With ``--calibrate`` it computes the levels of alarms and trends instead, from other seeds. Nothing
-in the monitor was set by those of the page. ``monitor_welds.py`` says how the plants are drawn.
+With ``--calibrate`` it computes the level of alarms instead, from other seeds. Nothing in the
+monitor was set by those of the page. ``monitor_welds.py`` says how the plants are drawn.
 """
 
 import os
@@ -29,9 +29,9 @@ from report import parser, save, show
 
 from fsw_analysis.report import templates, wilson
 from fsw_control.weld import TICK_S
-from fsw_quality.diagnosis import WatchCause
+from fsw_quality.diagnosis import Estimate, WatchCause
 from fsw_quality.likelihood import default_covariance
-from fsw_quality.monitor import ALARM, SMOOTHED_S, TREND, Monitor
+from fsw_quality.monitor import ALARM, LASTS_S, SMOOTHED_S, Monitor
 from fsw_quality.monitor_run import watch
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "monitor.md"
@@ -43,10 +43,9 @@ KNOWN = HEALTHY[:20]
 LONG, LONG_S = range(7500, 7506), 2700.0
 #: lengths of welds without a fault
 HEALTHY_S = {"none": DURATION_S, "identified": DURATION_S, "long": LONG_S}
-#: seeds of whole healthy welds that calibrate the levels of alarms and trends, and by kind the
-#: shipped level and the share of such welds that may exceed it
-CALIBRATING = range(5500, 5516)
-LEVELS = {"alarm": (ALARM, 0.01), "trend": (TREND, 0.1)}
+#: seeds of whole healthy welds that calibrate the level of alarms, and the share of such welds that
+#: may exceed it
+CALIBRATING, SHARE = range(5500, 5516), 0.01
 #: what a fault must be named within [s] (of gains: after the set-point that shows it has moved)
 AIMS_S = {
     **dict.fromkeys(("depth stuck", "torque stuck", "thermocouple stuck"), 3.0),
@@ -73,6 +72,11 @@ TRUE_SIZES = {
     "heat gain +20 %": 0.2,
     "dead time +1.5 s": 1.5,
 }
+#: the same as people read them
+SHOWN_SIZES = {
+    case: Estimate(WatchCause[CASES[case][2][0].upper()], size).scaled[0]
+    for case, size in TRUE_SIZES.items()
+}
 #: standard errors from which it decides for the fault: one false alarm in a hundred
 NORMAL = NormalDist()
 DECIDES = NORMAL.inv_cdf(0.99)
@@ -89,36 +93,38 @@ def judged(process, case, seed, model):
     monitor, durations, expected = Monitor(process, *known), [], []
     step, begin_s, faulty = monitor.step, max(FAULT_S, moved_s or 0.0), case in CASES
     causes = CASES[case][2] if faulty else ()
-    first_s, stale = (
-        {},
-        set(),
-    )  # of alarms and of all that is shown; what was there before the fault
+    named_s, stale = None, True  # whether the alarm was there before the fault
     cause = WatchCause[CASES[case][2][0].upper()] if case in TRUE_SIZES else None
 
     def timed(sample):
+        nonlocal named_s, stale
         began = time.thread_time()
         step(sample)
         durations.append(time.thread_time() - began)
         if cause and sample.time_s > begin_s + 0.5:
             information = monitor.process.information(cause, FAULT_S)
             expected.append(0.5 * TRUE_SIZES[case] ** 2 * information)
-        present = {
-            kind
+        present = any(
+            one.word in causes
             for finding in monitor.findings
-            if any(one.word in causes for one in (finding.cause, *finding.others))
-            for kind in (["alarm", "shown"] if finding.alarm else ["shown"])
-        }
-        if sample.time_s < FAULT_S:
-            stale.update(present)
-        stale.intersection_update(present)
-        for kind in present - stale:
-            first_s.setdefault(kind, max(sample.time_s - begin_s, 0.0))
+            if finding.alarm
+            for one in (finding.cause, *finding.others)
+        )
+        stale = present and (stale or sample.time_s < FAULT_S)
+        if present and not stale and named_s is None:
+            named_s = max(sample.time_s - begin_s, 0.0)
 
     monitor.step = timed
     watched = watch(monitor, signals)
     alarms = [(one.begin_s, one.finding.cause.word) for one in watched.alarms]
     after = [one for one in watched.alarms if faulty and one.begin_s >= FAULT_S]
-    trends = [one for one in watched.others if one.finding.cause.of_process]
+    sizes = {}  # of the fault when it has lasted for a minute and at the end, without one of all
+    if cause and begin_s + LASTS_S < watched.time_s[-1]:
+        at = int(np.searchsorted(watched.time_s, begin_s + LASTS_S))
+        for name, estimates in (("minute", watched.estimates[at]), ("end", watched.estimates[-1])):
+            sizes |= {name: numbers(one) for one in estimates if one.cause == cause}
+    elif not faulty:
+        sizes = {one.cause.word: numbers(one) for one in watched.estimates[-1]}
     return {
         "process": process,
         "case": case,
@@ -128,10 +134,9 @@ def judged(process, case, seed, model):
         "controller": controller,
         "false": [cause for at_s, cause in alarms if not faulty or at_s < FAULT_S],
         "told": bool(after),
-        "named_s": first_s.get("alarm"),
-        "shown_s": first_s.get("shown"),
+        "named_s": named_s,
         "first": after[0].finding.cause.word if after else "",
-        "trends": sorted({one.finding.cause.word for one in trends}),
+        "sizes": {name: one for name, one in sizes.items() if one},
         "possible_s": next(
             (TICK_S * tick for tick, one in enumerate(expected, 1) if one >= CLAIRVOYANT), None
         ),
@@ -143,37 +148,37 @@ def judged(process, case, seed, model):
     }
 
 
+def numbers(estimate: Estimate):
+    """Size and standard error, as people read them; None of a fault that is not judged."""
+    return None if estimate.reason else estimate.scaled[:2]
+
+
 def largest(process, seed):
-    """Largest smoothed log likelihood ratios of any fault in a whole healthy weld, by kind of ``LEVELS``."""
+    """Largest smoothed log likelihood ratio of any fault in a whole healthy weld."""
     signals, *_ = weld(process, seed, "none", LONG_S)
-    watched = watch(Monitor(process), signals)
-    return max(watched.ratios), max(watched.trends)
+    return max(watch(Monitor(process), signals).ratios)
 
 
 def calibrate():
-    """Levels that the largest ratio of a weld exceeds in the share that is allowed, by Gumbel distributions.
+    """Level that the largest ratio of a weld exceeds in the share that is allowed, by a Gumbel distribution.
 
     It is the largest of all causes, onsets and times of a weld, so that the share is that of all of
     them together; maxima of many dependent values tend to such a distribution (Gumbel, Statistics of
     Extremes, 1958).
     """
     with ProcessPoolExecutor(min(2, len(os.sched_getaffinity(0)))) as pool:
-        welds = list(pool.map(largest, *zip(*product(PROCESSES, CALIBRATING), strict=True)))
-    figures = {}
-    by_kind = zip(*welds, strict=True)
-    for (kind, (level, share)), maxima in zip(LEVELS.items(), by_kind, strict=True):
-        fitted = scipy.stats.gumbel_r(*scipy.stats.gumbel_r.fit(maxima))
-        figures |= {
-            f"{kind}_welds": len(maxima),
-            f"{kind}_largest": max(maxima),
-            f"{kind}_second_largest": sorted(maxima)[-2],
-            f"{kind}_median": float(np.median(maxima)),
-            f"{kind}_level": float(fitted.isf(share)),
-            f"{kind}_shipped": level,
-            f"{kind}_percent_at_shipped": 100.0 * float(fitted.sf(level)),
-            f"{kind}_welds_over_shipped": sum(one >= level for one in maxima),
-        }
-    return figures
+        maxima = list(pool.map(largest, *zip(*product(PROCESSES, CALIBRATING), strict=True)))
+    fitted = scipy.stats.gumbel_r(*scipy.stats.gumbel_r.fit(maxima))
+    return {
+        "welds": len(maxima),
+        "largest": max(maxima),
+        "second_largest": sorted(maxima)[-2],
+        "median": float(np.median(maxima)),
+        "level": float(fitted.isf(SHARE)),
+        "shipped": ALARM,
+        "percent_at_shipped": 100.0 * float(fitted.sf(ALARM)),
+        "welds_over_shipped": sum(one >= ALARM for one in maxima),
+    }
 
 
 def summary(rows, process, case, model):
@@ -184,9 +189,7 @@ def summary(rows, process, case, model):
         for row in rows
         if tuple(row[name] for name in ("process", "case", "model", "excited")) == of
     ]
-    named, shown = (
-        [row[kind] for row in own if row[kind] is not None] for kind in ("named_s", "shown_s")
-    )
+    named = [row["named_s"] for row in own if row["named_s"] is not None]
     possible = [row["possible_s"] for row in own]
     late_s = np.median([np.inf if one is None else one for one in possible] or [np.inf])
     sized = bool(own) and all(row["expected"] is not None for row in own)
@@ -206,12 +209,44 @@ def summary(rows, process, case, model):
         * float(np.mean([NORMAL.cdf((2.0 * row["expected"]) ** 0.5 - DECIDES) for row in own]))
         if sized
         else None,
-        "shown": len(shown),
-        "shown_in_time": None if aim_s is None else sum(one <= aim_s for one in shown),
-        "shown_median_s": float(np.median(shown)) if shown else None,
-        "shown_worst_s": max(shown, default=None),
+        **estimated(own, case),
         "first": ", ".join(sorted({row["first"] for row in own if row["first"]})),
     }
+
+
+def estimated(own, case):
+    """In how many welds the band of a fault's size contains the true one, and excludes 0; the band, all at both times."""
+    found = {}
+    for name in ("minute", "end"):
+        sizes = [row["sizes"][name] for row in own if name in row["sizes"]]
+        size = SHOWN_SIZES.get(case, 0.0)
+        found |= {
+            f"{name}_sized": len(sizes),
+            f"{name}_contains": sum(abs(one - size) <= 2.0 * error for one, error in sizes),
+            f"{name}_not_0": sum(abs(one) > 2.0 * error for one, error in sizes),
+            f"{name}_size": float(np.median([one for one, _ in sizes])) if sizes else None,
+            f"{name}_band": 2.0 * float(np.median([error for _, error in sizes])) if sizes else None,
+        }
+    return found
+
+
+def without_fault(rows, process):
+    """Of welds without a fault: in how many the band of each cause contains 0 at the end, and the band; and of all causes."""
+    free = [row["sizes"] for row in rows if row["process"] == process and row["case"] in HEALTHY_S]
+    found = {}
+    for cause in dict.fromkeys(cause for sizes in free for cause in sizes):
+        sizes = [one[cause] for one in free]
+        contain = sum(abs(size) <= 2.0 * error for size, error in sizes)
+        low, high = wilson(contain, len(sizes))
+        found[cause] = {
+            "welds": len(sizes),
+            "contain_0": contain,
+            "percent": [100.0 * contain / len(sizes), 100.0 * low, 100.0 * high],
+            "band": 2.0 * float(np.median([error for _, error in sizes])),
+            "unit": Estimate(WatchCause[cause.upper()]).unit,
+        }
+    whole = sum(all(abs(s) <= 2.0 * e for s, e in sizes.values()) for sizes in free)
+    return found | {"all causes": {"welds": len(free), "contain_0": whole}}
 
 
 def overall(rows):
@@ -226,17 +261,13 @@ def overall(rows):
     for process, case in product(PROCESSES, HEALTHY_S):
         free = [row for row in rows if row["process"] == process and row["case"] == case]
         bad = [row for row in free if row["false"]]
-        shown = [row["trends"] for row in free if row["trends"]]
         causes = sorted({cause for row in bad for cause in row["false"]})
-        trends = sorted({cause for row in shown for cause in row})
         of_case = {
             "welds": len(free),
             "under_nmpc": sum(row["controller"].startswith("nmpc") for row in free),
             "with_false_alarm": len(bad),
             "false_alarms": ", ".join(causes),
             "at_most_percent": 100.0 * wilson(len(bad), len(free))[1],
-            "with_trend": len(shown),
-            "trends": ", ".join(trends),
         }
         figures |= {f"{process}_{case}_{name}": value for name, value in of_case.items()}
     return figures
@@ -262,7 +293,7 @@ def main():
     arguments = parser(__doc__, "few welds, no page")
     arguments.add_argument("--page", type=Path, default=PAGE, help="page of the results")
     arguments.add_argument(
-        "--calibrate", action="store_true", help="compute the levels of alarms and trends; no page"
+        "--calibrate", action="store_true", help="compute the level of alarms; no page"
     )
     chosen = arguments.parse_args()
     if chosen.calibrate:
@@ -297,6 +328,13 @@ def main():
         if model == "identified"
         for name, value in row.items()
     }
+    sizes = {process: without_fault(rows, process) for process in PROCESSES}
+    flat |= {
+        f"{process}: {cause}: {name}": value
+        for process, causes in sizes.items()
+        for cause, row in causes.items()
+        for name, value in row.items()
+    }
     show(figures | flat)
     save(figures | flat, chosen.json)
     if not chosen.quick:
@@ -307,7 +345,9 @@ def main():
             aims=aims,
             identified=IDENTIFIED,
             of_heat=OF_HEAT,
-            levels=LEVELS,
+            sizes=sizes,
+            level=ALARM,
+            lasts_s=LASTS_S,
             smoothed_s=SMOOTHED_S,
             unidentified=default_covariance()[0, 0] ** 0.5,
             calibrating=len(PROCESSES) * len(CALIBRATING),

@@ -176,6 +176,7 @@ def messages() -> dict[str, str]:
     watching = (
         "AlarmEvent",
         "OperatorAction",
+        "WeldEstimate",
         "WeldFinding",
         "WeldHealth",
         "WeldKpi",

@@ -490,6 +490,23 @@ def test_weld_is_unrolled_and_its_exceedances_lead_to_their_moments(fake, open_p
     expect(back).to_be_hidden()
 
 
+def test_exceedance_without_a_place_is_beside_the_map_and_not_on_it(fake, open_page):
+    page = ready(open_page(fake.url))
+    fake.account = good_account(PLACE | {"from_deg": None, "to_deg": None})
+    fake.push()
+    mark = page.locator(".unplaced button")
+    expect(mark).to_have_attribute("aria-label", re.compile("Depth error outside, place not known"))
+    expect(page.locator("#map h2")).to_contain_text("once outside the limits")
+    expect(page.locator(".exceedances button")).to_have_count(0)
+    assert not page.locator(".way .medium").get_attribute("d")
+    mark.click()
+    expect(page.get_by_role("button", name="Back to now")).to_be_visible()
+    fake.account = good_account(PLACE)
+    fake.push()
+    expect(page.locator(".exceedances button")).to_have_count(1)
+    expect(mark).to_have_count(0)
+
+
 def test_trends_are_zoomed_moved_by_keys_and_swapped_and_lead_back_to_now(fake, open_page, uplot):
     page = ready(open_page(fake.url))
     until(page, "document.querySelectorAll('.plot canvas').length === 4")

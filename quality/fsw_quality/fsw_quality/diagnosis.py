@@ -54,13 +54,23 @@ class WatchCause(Coded):
         return 40 <= self < 60
 
 
+class NotJudged(Coded):
+    """Why the size of a fault is not estimated; numbered as in ``WeldEstimate.msg``."""
+
+    NONE = 0
+    #: the disturbances of the weld are still being learnt
+    LEARNING = 1
+    #: of the heat, on a canister
+    HEAT_UNKNOWN = 2
+    UNKNOWN = 255
+
+
 class Judged(Worded):
-    """What a finding is, for people; a trend is no alarm."""
+    """What a finding is, for people."""
 
     ALARM = "alarm", "{cause.words}"
     ALARM_OR = "alarm_or", "{cause.words}; or, which cannot be distinguished: {others}"
-    TREND = "trend", "no alarm: {cause.words}"
-    TREND_OR = "trend_or", "no alarm: {cause.words}; or, which cannot be distinguished: {others}"
+    SHOWN = "shown", "no alarm: {cause.words}"
 
 
 #: causes by which a sensor's values mean nothing
@@ -69,14 +79,14 @@ _SICK = {one for one in WatchCause if one.name.endswith(("_STUCK", "_NOISE_GONE"
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """An alarm, or something that is shown and is none: a trend, a command at its limit."""
+    """An alarm, or something that is shown and is none: a command at its limit."""
 
     cause: WatchCause
     alarm: bool = True
     size: float = nan  #: in paper's units and seconds, see ``monitor_texts.yaml``
     error: float = nan  #: standard error of the size
     #: smoothed log likelihood ratio of this cause (of the process, else NaN) to the largest of it that
-    #: is no alarm, of a trend to the largest that is none
+    #: does no harm
     log_likelihood: float = nan
     #: causes that explain the same nearly as well, the likeliest first
     others: tuple[WatchCause, ...] = ()
@@ -89,16 +99,13 @@ class Finding:
     @property
     def fact(self) -> Fact:
         """The finding as a code with its cause, size [SI] and what cannot be distinguished from it."""
-        text, (size, error) = _TEXTS[self.cause.word], self.si
-        shown = f"{text.factor * self.size:{text.digits}}"
-        if isfinite(self.error):
-            shown += f" ± {2.0 * text.factor * self.error:{text.digits.lstrip('+')}}"
+        size, error = self.si
+        shown = _shown(self.cause, self.size, self.error)
         cause = Fact.of(_CAUSES[self.cause.name], shown=shown, size=size, error=error)
-        code = Judged.ALARM if self.alarm else Judged.TREND
         if not self.others:
-            return Fact.of(code, cause=cause)
+            return Fact.of(Judged.ALARM if self.alarm else Judged.SHOWN, cause=cause)
         others = tuple(Fact.of(_NAMES[one.name]) for one in self.others)
-        return Fact.of(Judged[f"{code.name}_OR"], cause=cause, others=others)
+        return Fact.of(Judged.ALARM_OR, cause=cause, others=others)
 
     @property
     def text(self) -> str:
@@ -117,10 +124,81 @@ class Finding:
         return factor * self.size, factor * self.error
 
 
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """How large a fault is if it alone has been there for a minute or longer; no claim that there is one."""
+
+    cause: WatchCause
+    size: float = nan  #: in paper's units and seconds, as of a finding
+    error: float = nan  #: standard error of the size
+    #: smallest size that is expected to be an alarm a minute after its begin; infinite: none
+    alarm_size: float = nan
+    reason: NotJudged = NotJudged.NONE
+
+    @classmethod
+    def of_si(cls, cause: WatchCause, reason: NotJudged, **sizes: float) -> Estimate:
+        """Return the estimate of these sizes in SI units, as in :attr:`si`."""
+        factor = _TEXTS[cause.word].si
+        return cls(cause, reason=reason, **{name: one / factor for name, one in sizes.items()})
+
+    @property
+    def is_distinct(self) -> bool:
+        """Whether the size differs from 0 by more than two standard errors."""
+        return abs(self.size) > 2.0 * self.error
+
+    @property
+    def name(self) -> str:
+        """Name of the fault."""
+        return _TEXTS[self.cause.word].name
+
+    @property
+    def unit(self) -> str:
+        """Unit in which people read the size."""
+        return _TEXTS[self.cause.word].unit
+
+    @property
+    def scaled(self) -> tuple[float, float, float]:
+        """Size, its standard error and the smallest size of an alarm in that unit."""
+        factor = _TEXTS[self.cause.word].factor
+        return factor * self.size, factor * self.error, factor * self.alarm_size
+
+    @property
+    def si(self) -> dict[str, float]:
+        """The same by name, in SI units."""
+        factor = _TEXTS[self.cause.word].si
+        sizes = {"size": self.size, "error": self.error, "alarm_size": self.alarm_size}
+        return {name: factor * value for name, value in sizes.items()}
+
+    @property
+    def text(self) -> str:
+        """The estimate with twice its standard error, or why there is none, in words."""
+        if self.reason:
+            return f"not judged: {self.reason.word.replace('_', ' ')}"
+        return _shown(self.cause, self.size, self.error)
+
+    @property
+    def alarm_text(self) -> str:
+        """The smallest size of an alarm in words."""
+        text = _TEXTS[self.cause.word]
+        if not isfinite(self.alarm_size):
+            return "no size" if self.alarm_size > 0.0 else ""
+        return f"{text.factor * self.alarm_size:{text.digits.lstrip('+')}} {text.unit}"
+
+
+def _shown(cause: WatchCause, size: float, error: float) -> str:
+    text = _TEXTS[cause.word]
+    shown = f"{text.factor * size:{text.digits}}"
+    if isfinite(error):
+        shown += f" ± {2.0 * text.factor * error:{text.digits.lstrip('+')}}"
+    return f"{shown} {text.unit}".rstrip()
+
+
 class _Text(Model):
     name: str
     cause: str
     action: str
+    unit: str = ""
+    """behind a size; without one, the text of the cause names it"""
     factor: float = 1.0
     """from the paper's unit, per second, to that of the text"""
     si: float = 1.0

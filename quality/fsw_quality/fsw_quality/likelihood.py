@@ -330,6 +330,21 @@ class Traces:
         """Log likelihood ratios of faults of these sizes to none, shape (onsets, faults)."""
         return sizes * self.product - 0.5 * sizes**2 * self.power
 
+    def averages(self, expected: FloatArray, possible: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Sizes and standard errors with the onset unknown, shape (faults,): mean and deviation over all onsets.
+
+        The size at the likeliest onset is too large, because that onset is chosen by it. So each of the
+        ``possible`` onsets, shape (onsets,), counts by its likelihood, with sizes normally distributed about 0
+        by ``expected`` (Bayesian model averaging; Hoeting et al., Statistical Science 14, 1999, 382-417).
+        """
+        precision = self.power[possible] + 1.0 / expected**2
+        means = self.product[possible] / precision
+        weights = 0.5 * (self.product[possible] * means - np.log(precision))
+        weights = np.exp(weights - weights.max(axis=0))
+        weights /= weights.sum(axis=0)
+        mean = (weights * means).sum(axis=0)
+        return mean, np.sqrt((weights * (1.0 / precision + (means - mean) ** 2)).sum(axis=0))
+
 
 class Healthy:
     """The filter of a weld: it learns how large the disturbances are, then takes the weld from its begin."""

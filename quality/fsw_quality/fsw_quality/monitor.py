@@ -16,7 +16,7 @@ from fsw_control import weld
 from fsw_control.sensors import REQUIRED
 from fsw_control.weld import TICK_S
 from fsw_model import ModelParameters, nominal
-from fsw_quality.diagnosis import Finding, WatchCause
+from fsw_quality.diagnosis import Estimate, Finding, NotJudged, WatchCause
 from fsw_quality.drive_watch import DriveWatch
 from fsw_quality.likelihood import (
     DEPTH_NOISE,
@@ -29,7 +29,7 @@ from fsw_quality.likelihood import (
 )
 from fsw_quality.residuals import DEPTH, HEAT, TORQUE, Gains, ModelResiduals, Values
 from fsw_quality.sensor_health import LEARN_S, Detached, SensorHealth
-from fsw_quality.signatures import OF_HEAT, SHOWN, SIZES, Onset, signatures
+from fsw_quality.signatures import OF_HEAT, SIZES, Onset, signatures
 
 PROCESSES = "paper", "canister"
 _SECOND = round(1.0 / TICK_S)
@@ -51,16 +51,19 @@ _ONSETS, _EVERY_S = 30, 10
 #: (Roberts, Technometrics 1, 1959, 239-250): a fault stands, an excursion of a healthy weld does
 #: not, and what is far beyond the level is an alarm within seconds
 SMOOTHED_S = 20.0
-#: levels of an alarm and of a trend: the largest smoothed ratio of any cause exceeds them in one
-#: healthy weld of 45 minutes in a hundred and in ten, causes and times together
-#: (``benchmarks/monitor.py --calibrate``)
-ALARM, TREND = 9.0, 6.0
+#: level of an alarm: the largest smoothed ratio of any cause exceeds it in one healthy weld of 45
+#: minutes in a hundred, causes and times together (``benchmarks/monitor.py --calibrate``)
+ALARM = 9.0
+#: the estimates are of faults that have been there for at least so long [s]; sizes that they expect,
+#: in the largest that does no harm (standard deviation; chosen)
+LASTS_S, _EXPECTED = 60.0, 10.0
 #: largest ratio that counts in a second: what lasts for a second or two is no alarm (chosen)
 _COUNTS = 40.0
 #: by which the likeliest cause leads those that are named beside it (chosen: 20 to 1)
 _BESIDE = 3.0
-#: model and signatures are inexact by this share: of what moves within a second, and of a
-#: likelihood ratio, so that causes that are nearer cannot be distinguished, either (chosen)
+#: model and signatures are inexact by this share: of what moves within a second, of the largest size
+#: that does no harm, and of a likelihood ratio, so that causes that are nearer cannot be
+#: distinguished, either (chosen)
 _INEXACT = 0.1
 #: share of what the force presses in by which it is inexact; time by which the model's temperature
 #: is early or late, and lag of a probe, by which its slope shows in the depth: for a while, and for
@@ -92,9 +95,7 @@ class ProcessWatch:
         self._p = parameters
         self._faults = list(SIZES)
         self._judged = np.array([known_heat or one not in OF_HEAT for one in self._faults])
-        harmless, self._largest = np.array([SIZES[one] for one in self._faults]).T
-        shown = [SHOWN[one] for one in self._faults]
-        self._small = np.array([harmless, shown])[:, None]  # largest that are no alarm, no trend
+        self._harmless, self._largest = np.array([SIZES[one] for one in self._faults]).T
         self.residuals = ModelResiduals(parameters, known_heat)
         self.healthy = Healthy(parameters, covariance, known_heat)
         self._begin_again()
@@ -109,8 +110,7 @@ class ProcessWatch:
         self._traces = Traces(self.healthy.n_states, _ONSETS, len(self._faults))
         self._onsets: list[Onset] = []
         self._pinned = -1
-        # smoothed log likelihood ratios by fault: to the largest that is no alarm, and no trend
-        self._ratios = np.zeros((2, len(self._faults)))
+        self._ratios = np.zeros(len(self._faults))  # smoothed, by fault
 
     def tick(self, values: Values, usable: list[bool]) -> None:
         """Take the values of a tick; those that are not usable have been replaced."""
@@ -210,15 +210,33 @@ class ProcessWatch:
     @property
     def ratio(self) -> float:
         """Smoothed log likelihood ratio of the likeliest harmful fault: what an alarm is decided by."""
-        return float(self._ratios[0].max())
+        return float(self._ratios.max())
 
-    @property
-    def trend(self) -> float:
-        """Likewise of the likeliest fault that is worth showing: what a trend is decided by."""
-        return float(self._ratios[1].max())
+    def estimates(self, time_s: float) -> list[Estimate]:
+        """Size of each fault, if it alone has been there for a minute or longer; shorter at the begin."""
+        if not self._onsets:
+            return [Estimate(one, reason=NotJudged.LEARNING) for one in self._faults]
+        ages_s = time_s - np.array([one.time_s for one in self._onsets])
+        lasts_s = min(LASTS_S, ages_s.max())
+        possible = np.flatnonzero(ages_s >= lasts_s)
+        sizes, errors = self._traces.averages(_EXPECTED * self._harmless, possible)
+        # a ratio goes with the square of the size
+        errors = np.sqrt(errors**2 + _INEXACT**2 * (self._harmless**2 + 0.25 * sizes**2))
+        power = self._traces.power[possible[np.argmin(ages_s[possible])]]
+        # whose ratio to the largest that does no harm is expected to be that of an alarm
+        alarms = self._harmless + np.sqrt(2.0 * ALARM / np.maximum(power, 1e-12))
+        alarms[alarms > self._largest] = np.inf
+        return [
+            Estimate(cause, *map(float, numbers))
+            if judged
+            else Estimate(cause, reason=NotJudged.HEAT_UNKNOWN)
+            for cause, judged, *numbers in zip(
+                self._faults, self._judged, sizes, errors, alarms, strict=True
+            )
+        ]
 
     def findings(self, sick: bool) -> list[Finding]:
-        """The likeliest fault, if any is likely: an alarm, or while that is not sure or a sensor is sick a trend."""
+        """The likeliest fault, if it is an alarm; none while a sensor is sick."""
         sizes, errors = self._traces.sizes()
         sizes = np.clip(sizes, -self._largest, self._largest)
         ratios = self._traces.ratios(sizes)
@@ -226,18 +244,16 @@ class ProcessWatch:
         likeliest = onsets, np.arange(len(self._faults))
         best = ratios[likeliest]
         best[~self._judged] = 0.0
-        small = self._traces.ratios(np.clip(sizes, -self._small, self._small))
-        beyond = np.clip((ratios - small)[:, *likeliest], 0.0, np.maximum(best, 0.0))
-        beyond *= _COUNTS / np.maximum(beyond.max(axis=1, keepdims=True), _COUNTS)
-        beyond[0] *= not sick
+        small = self._traces.ratios(np.clip(sizes, -self._harmless, self._harmless))
+        beyond = np.clip((ratios - small)[likeliest], 0.0, np.maximum(best, 0.0))
+        beyond *= (not sick) * _COUNTS / max(float(beyond.max()), _COUNTS)
         self._ratios += (beyond - self._ratios) / SMOOTHED_S
         # an alarm that is there stays for longer
         alarm = not sick and self.ratio >= (0.5 if self._pinned >= 0 else 1.0) * ALARM
-        decides = self._ratios[0 if alarm else 1]
-        cause = int(np.argmax(decides))
+        cause = int(np.argmax(self._ratios))
         onset = int(onsets[cause])
         self._pinned = onset if alarm else -1
-        if not alarm and self.trend < TREND:
+        if not alarm:
             return []
         near = best[cause] - max(_BESIDE, _INEXACT * best[cause])
         beside = tuple(
@@ -246,10 +262,10 @@ class ProcessWatch:
         return [
             Finding(
                 self._faults[cause],
-                alarm,
+                True,
                 float(sizes[onset, cause]),
                 float(errors[onset, cause]),
-                float(decides[cause]),
+                float(self._ratios[cause]),
                 beside,
             )
         ]
@@ -285,6 +301,7 @@ class Monitor:
         self._tick, self._begun_s, self._time_s = 0, nan, nan
         self.seconds = 0  #: seconds that were judged
         self.findings: list[Finding] = []
+        self.estimates = self.process.estimates(nan)
         self.restarts += 1
 
     @property
@@ -348,6 +365,7 @@ class Monitor:
         self.process.second(self._time_s, noises, self.learning)
         sick = any(one.of_sensor for one in found)
         self.findings = found + ([] if self.learning else self.process.findings(sick))
+        self.estimates = self.process.estimates(self._time_s)
         self.seconds += 1
 
     @property

@@ -1,29 +1,32 @@
-"""Figure of a watched weld: disturbances, likelihood of the likeliest fault, alarms."""
+"""Figure of a watched weld: disturbances, likelihood of the likeliest fault, alarms, estimated sizes of all faults."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from fsw_analysis.figure_style import BLUE, RED, sheet
-from fsw_quality.monitor import ALARM, TREND
+from fsw_analysis.weld_signals import FloatArray
+from fsw_quality.diagnosis import Estimate
+from fsw_quality.monitor import ALARM
 from fsw_quality.monitor_run import Watched
 
 _LABELS = "torque\n[N·m]", "force\n[kN]", "heat\n[°C]"
 _GREY = "#777777"
-_TREND: dict[str, Any] = {"facecolor": "white", "edgecolor": RED, "hatch": "////"}
+#: band that a panel of an estimate shows whole: the narrowest one of the weld, times this
+_WIDEST = 6.0
 
 
 def draw(watched: Watched, title: str, file: Path) -> None:
     """Write the figure: PNG, SVG or PDF."""
-    intervals = watched.alarms + [one for one in watched.others if one.finding.cause.of_process]
-    causes = list(dict.fromkeys(one.finding.cause for one in intervals))
+    causes = list(dict.fromkeys(one.finding.cause for one in watched.alarms))
     minutes = np.array(watched.time_s) / 60.0
-    with sheet(9.0, 7.5 + 0.25 * len(causes), file) as figure:
+    with sheet(13.0, 9.0, file) as figure:
         figure.suptitle(title)
-        axes = figure.subplots(
+        left, right = figure.subfigures(1, 2, width_ratios=[1.2, 1.0])
+        axes = left.subplots(
             5, 1, sharex=True, height_ratios=[1.0, 1.0, 1.0, 1.3, max(0.3 * len(causes), 0.5)]
         )
         for axis, label, values in zip(
@@ -34,30 +37,46 @@ def draw(watched: Watched, title: str, file: Path) -> None:
         axes[0].set_title(
             "what neither the model nor its coefficients explain", fontsize=9.0, loc="left"
         )
-        axes[3].plot(minutes, watched.ratios, color=BLUE, label="to a harmless fault, for alarms")
-        axes[3].plot(
-            minutes, watched.trends, color=_GREY, linewidth=1.0, label="to none, for trends"
+        axes[3].plot(minutes, watched.ratios, color=BLUE)
+        axes[3].axhline(ALARM, color=BLUE, linestyle="--", linewidth=1.0)
+        axes[3].annotate(
+            "alarm", (1.0, ALARM), xycoords=("axes fraction", "data"), ha="right", va="bottom"
         )
-        axes[3].legend(
-            loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, fontsize=8.0, frameon=False
-        )
-        for level, word, color in ((TREND, "trend", _GREY), (ALARM, "alarm", BLUE)):
-            axes[3].axhline(level, color=color, linestyle="--", linewidth=1.0)
-            axes[3].annotate(
-                word, (1.0, level), xycoords=("axes fraction", "data"), ha="right", va="bottom"
-            )
         axes[3].set_ylabel("log likelihood\nratio")
         axes[3].set_ylim(0.0, max(1.5 * ALARM, min(max(watched.ratios), 5.0 * ALARM)))
-        for one in intervals:
-            look = {"color": RED} if one.finding.alarm else _TREND
+        for one in watched.alarms:
             width = (one.end_s - one.begin_s) / 60.0
-            axes[4].barh(causes.index(one.finding.cause), width, left=one.begin_s / 60.0, **look)
+            place = causes.index(one.finding.cause)
+            axes[4].barh(place, width, left=one.begin_s / 60.0, color=RED)
         axes[4].set_yticks(
             range(len(causes)), [one.word.replace("_", " ") for one in causes], fontsize=8.0
         )
         axes[4].set_ylim(max(len(causes), 1) - 0.5, -0.5)
-        axes[4].set_title(
-            "alarms; hatched: trends" if causes else "no alarm", fontsize=9.0, loc="left"
-        )
+        axes[4].set_title("alarms" if causes else "no alarm", fontsize=9.0, loc="left")
         axes[4].set_xlabel("time [min]")
-        figure.align_ylabels(axes[:4])
+        left.align_ylabels(axes[:4])
+        faults = list(zip(*watched.estimates, strict=True))
+        panels = right.subplots(len(faults), 1, sharex=True)
+        for panel, fault in zip(panels, faults, strict=True):
+            _estimates(panel, minutes, fault)
+        panels[-1].set_xlabel("time [min]")
+
+
+def _estimates(panel: Axes, minutes: FloatArray, fault: tuple[Estimate, ...]) -> None:
+    """Size of a fault with twice its standard error, and the smallest one that would be an alarm in a minute."""
+    last = fault[-1]
+    panel.set_title(f"{last.name} [{last.unit}]", fontsize=8.0, loc="left", pad=2.0)
+    panel.tick_params(labelsize=7.0)
+    if last.reason:
+        panel.set_yticks([])
+        panel.annotate(last.text, (0.5, 0.5), xycoords="axes fraction", ha="center", va="center")
+        return
+    size, error, alarm = np.array([one.scaled for one in fault]).T
+    panel.fill_between(
+        minutes, size - 2.0 * error, size + 2.0 * error, color=BLUE, alpha=0.25, linewidth=0.0
+    )
+    panel.plot(minutes, size, color=BLUE)
+    for sign in (-1.0, 1.0):
+        panel.plot(minutes, sign * alarm, color=_GREY, linestyle="--", linewidth=0.8)
+    most = max(np.nanmax(np.abs(size)) * 1.1, _WIDEST * np.nanmin(error)) if np.isfinite(error).any() else 1.0
+    panel.set_ylim(-most, most)

@@ -24,7 +24,7 @@ from fsw_control.reports_ros import OK, WARN, DiagnosticsPublisher, Report
 from fsw_control.topics_ros import SENT, STREAM, subscribe_drives, subscribe_sensors
 from fsw_control.weld_ticks_ros import WeldTicks
 from fsw_model import ModelParameters
-from fsw_msgs.msg import WeldCommand, WeldFinding, WeldHealth
+from fsw_msgs.msg import WeldCommand, WeldEstimate, WeldFinding, WeldHealth
 from fsw_quality.diagnosis import Finding, WatchCause
 from fsw_quality.likelihood import covariance_from
 from fsw_quality.monitor import Monitor, Sample
@@ -127,6 +127,10 @@ class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types 
                 process=self._process,
                 learning=monitor.learning,
                 findings=[_message(one) for one in monitor.findings],
+                estimates=[
+                    WeldEstimate(cause=int(one.cause), reason=int(one.reason), **one.si)
+                    for one in monitor.estimates
+                ],
                 gain_names=list(gains),
                 gains=[gain for gain, _ in gains.values()],
                 gain_errors=[error for _, error in gains.values()],
@@ -145,16 +149,17 @@ class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types 
 
     def _report(self) -> None:
         watched = bool(self._sensors) and self._monitor.seconds > 0
-        trends = tuple(one.fact for one in self._monitor.findings if not one.alarm)
+        shown = tuple(one.fact for one in self._monitor.findings if not one.alarm)
         state = Fact.of(Watching.WATCHING)
         if not watched:
             state = Fact.of(Watching.NOTHING)
-        elif trends:
-            state = Fact.of(Watching.SHOWN, findings=trends)
+        elif shown:
+            state = Fact.of(Watching.SHOWN, findings=shown)
         elif self._monitor.learning:
             state = Fact.of(Watching.LEARNING)
         step_ms = f"{1e3 * self._longest_step_s:.3f}"
-        lines = [Report("watch", OK, state, {"longest step [ms]": step_ms})]
+        sizes = {one.cause.word: one.text for one in self._monitor.estimates} if watched else {}
+        lines = [Report("watch", OK, state, {"longest step [ms]": step_ms, **sizes})]
         for cause, one in self._shown.items():
             if one is None or not watched:
                 lines.append(Report(cause.word, OK, Fact.of(Watching.OVER), {}))

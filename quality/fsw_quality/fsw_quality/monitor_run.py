@@ -10,7 +10,7 @@ import yaml
 
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.schema.yaml_text import load_yaml
-from fsw_quality.diagnosis import Finding, WatchCause
+from fsw_quality.diagnosis import Estimate, Finding, WatchCause
 from fsw_quality.monitor import Monitor, Sample
 from fsw_quality.sensor_health import LEARN_S
 from fsw_recorder.errors import BagError
@@ -32,14 +32,14 @@ class Watched:
     """What a monitor found in a weld."""
 
     alarms: list[Interval] = field(default_factory=list)
-    others: list[Interval] = field(default_factory=list)  #: trends, and what else is no alarm
+    others: list[Interval] = field(default_factory=list)  #: shown, and no alarm
     time_s: list[float] = field(default_factory=list)  #: of what follows, once a second
     #: torque [N m], force [kN] and temperature [degC] that neither the model nor its coefficients
     #: explain
     disturbances: list[tuple[float, float, float]] = field(default_factory=list)
-    #: smoothed log likelihood ratios of the likeliest faults, by which alarms are decided and trends
+    #: smoothed log likelihood ratio of the likeliest fault, by which alarms are decided
     ratios: list[float] = field(default_factory=list)
-    trends: list[float] = field(default_factory=list)
+    estimates: list[list[Estimate]] = field(default_factory=list)  #: of each fault of the process
     gains: dict[str, tuple[float, float]] = field(
         default_factory=dict
     )  #: at the end, with standard errors
@@ -122,7 +122,7 @@ def _note(
     found.time_s.append(time_s)
     found.disturbances.append(monitor.disturbances)
     found.ratios.append(monitor.process.ratio)
-    found.trends.append(monitor.process.trend)
+    found.estimates.append(monitor.estimates)
     now = {(one.cause, one.alarm): one for one in monitor.findings}
     for key in [key for key in present if key not in now]:
         del present[key]

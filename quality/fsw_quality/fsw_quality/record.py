@@ -27,6 +27,7 @@ from fsw_control.schema.models import InputError
 from fsw_control.sensors import REQUIRED
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S
+from fsw_quality.diagnosis import Estimate, NotJudged, WatchCause
 from fsw_quality.record_content import (
     BagFile,
     ChannelRecord,
@@ -53,6 +54,7 @@ from fsw_recorder.signature import Purpose, signer_of
 
 #: node that watches the procedure, and where it tells what it finds
 WATCH_NODE, _DIAGNOSTICS = "fsw_procedure", "/diagnostics"
+_HEALTH = "/fsw/monitor/health"
 #: values of its entry that say which procedure it is
 _IDENTIFIES = ("procedure", "revision", "SHA-256")
 #: topics without which something cannot be said, and what
@@ -60,7 +62,7 @@ _SAYS = {
     "/fsw/supervisor/state": FactCode.NO_STATES,
     "/fsw/weld_progress": FactCode.NO_PROGRESS,
     "/fsw/drives": FactCode.NO_DRIVES,
-    "/fsw/monitor/health": FactCode.NO_MONITOR,
+    _HEALTH: FactCode.NO_MONITOR,
     "/fsw/alarms": FactCode.NO_ALARMS,
 }
 
@@ -97,6 +99,7 @@ def read(
         if f"parameters/{watch.replace('/', '.')}.yaml" in signals.attachments:
             known = [one.data for one in told]
             told += [one for one in told_by_watch(reader, signals) if one.data not in known]
+        told += estimated(reader, signals)
     if told:
         signals = replace(
             signals, events=sorted([*signals.events, *told], key=lambda one: one.time_s)
@@ -254,8 +257,7 @@ def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
         line = next((one for one in message.status if one.name == name), None)
         if line is None:
             continue
-        stamp_ns = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
-        time_s = float(signals.time_s[0]) + (stamp_ns - int(signals.stamp_ns[0])) / NANOSECONDS
+        time_s = _time_s(signals, message)
         values = {one.key: one.value for one in line.values}
         if welded_by != (now := values.get("SHA-256", welded_by)):
             found.append(
@@ -268,6 +270,37 @@ def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
             found.append(WeldEvent(time_s, "deviation", detail=line.message, data=facts))
         before = told
     return found
+
+
+def estimated(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
+    """Sizes of the faults of the process as the monitor estimated them last, with its units for people."""
+    topic = reader.topics().get(signals.namespace + _HEALTH)
+    record = None
+    for record in reader.records([topic.name] if topic else []):
+        pass
+    if topic is None or record is None:
+        return []
+    try:
+        message = Definitions().decode(record.type_name, definition_of(topic), record.data)
+    except BagError:  # load_weld has reported it
+        return []
+    found = []
+    for one in getattr(message, "estimates", ()):
+        numbers = {name: getattr(one, name) for name in ("size", "error", "alarm_size")}
+        estimate = Estimate.of_si(WatchCause(one.cause), NotJudged(one.reason), **numbers)
+        facts = {name: f"{value:.6g}" for name, value in numbers.items()}
+        if estimate.reason:
+            facts = {"not_judged": estimate.reason.word}
+        words = f"{estimate.name}: {estimate.text}"
+        time_s = _time_s(signals, message)
+        found.append(WeldEvent(time_s, "estimate", estimate.cause.word, detail=words, data=facts))
+    return found
+
+
+def _time_s(signals: WeldSignals, message: Any) -> float:
+    """Stamp of a message on the weld's clock."""
+    stamp_ns = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
+    return float(signals.time_s[0]) + (stamp_ns - int(signals.stamp_ns[0])) / NANOSECONDS
 
 
 def attached_procedures(signals: WeldSignals) -> list[WeldEvent]:

@@ -101,9 +101,9 @@ class Event(Model):
 
     time_s: Rounded
     kind: str
-    """phase, weld, swap, mode, interlock, alarm, operator, fault, procedure, deviation or finding"""
+    """phase, weld, swap, mode, interlock, alarm, operator, fault, procedure, deviation, finding or estimate"""
     subject: str | None = None
-    """the phase, controller, mode, interlock, request, alarm, fault or procedure"""
+    """the phase, controller, mode, interlock, request, alarm, fault, procedure or cause"""
     state: str | None = None
     """of an interlock, an alarm or a request"""
     is_over: bool | None = None

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fsw_analysis.weld_signals import FloatArray
+from fsw_control.schema.models import InputError
 from fsw_control.units import KW_PER_NM_RPM, RAD_PER_S_PER_RPM
 from fsw_model import STEP_S, ModelParameters, equations
 
@@ -85,8 +86,9 @@ class ModelResiduals:
         self._lag_s = _PROBE_S if known_heat else _PROBE_LATE_S
         changes = dict.fromkeys(COEFFICIENTS, _CHANGE)
         changes["dead_time_s"] = _DEAD_TICKS * STEP_S / p.dead_time_s
-        self._changes = np.array([*changes.values(), 1.0])
-        copies = [p, *(p.scaled(**{name: 1.0 + change}) for name, change in changes.items()), p]
+        changed, relative = zip(*(_changed(p, *one) for one in changes.items()), strict=True)
+        self._changes = np.array([*relative, 1.0])
+        copies = [p, *changed, p]
         self._c: Any = SimpleNamespace(
             **{
                 name: np.array([getattr(one, name) for one in copies])
@@ -206,6 +208,14 @@ class ModelResiduals:
         self._copper = aa * copper + ab * tool + ap * power_kw
         self._tool = ba * copper + bb * tool + bp * power_kw
         self._heated[:, self._at % self._heated.shape[1]] = self._tool
+
+
+def _changed(p: ModelParameters, name: str, change: float) -> tuple[ModelParameters, float]:
+    """A copy with a coefficient that is changed, and by how much: less of it where its range ends."""
+    try:
+        return p.scaled(**{name: 1.0 + change}), change
+    except InputError:
+        return p.scaled(**{name: 1.0 - change}), -change
 
 
 def _thermal_step(p: ModelParameters) -> tuple[float, ...]:

@@ -28,10 +28,6 @@ SIZES = {
     WatchCause.HEAT_GAIN: (0.03, 0.6),
     WatchCause.DEAD_TIME: (0.4, 5.0),
 }
-#: every tool wears, so that it is shown as a trend from a smaller size on (chosen)
-SHOWN = {cause: harmless for cause, (harmless, _) in SIZES.items()} | {
-    WatchCause.TOOL_WEAR: 0.1 / 60.0
-}
 #: faults that show in the heat alone
 OF_HEAT = WatchCause.HEAT_GAIN, WatchCause.DEAD_TIME
 

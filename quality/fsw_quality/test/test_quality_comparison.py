@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,11 +11,11 @@ import pytest
 from fsw_analysis.weld_events import WeldEvent
 from fsw_control.schema.models import InputError
 from fsw_quality.comparison import MOST, accepted_before, compare
-from fsw_quality.record import assemble, times_of_control, told_by_watch
+from fsw_quality.record import assemble, estimated, times_of_control, told_by_watch
 from fsw_quality.record_content import BagFile, Record
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic
-from fsw_recorder.definitions import interface_definition, interface_hash
+from fsw_recorder.definitions import Definitions, interface_definition, interface_hash
 from fsw_scenario.procedure import Procedure
 from fsw_test_support.judged_weld import good_weld, short_procedure
 from fsw_test_support.sample_weld import SampleTypes
@@ -148,3 +149,31 @@ def test_what_the_watch_tells_is_on_record_once_each(
         (4.1, "deviation", "no deviation"),
     ]
     assert [one.data for one in found[1:]] == [facts, {}]
+
+
+@pytest.mark.parametrize("home", ["", "/cell1"])
+def test_last_estimates_of_the_monitor_are_on_record(tmp_path: Path, home: str) -> None:
+    """Each as an event with its numbers in SI units; of what was not judged, why. An older monitor has none."""
+    kind, definitions = "fsw_msgs/msg/WeldHealth", Definitions()
+    weld, definition = replace(good_weld(), namespace=home), interface_definition(kind)
+    wear = {"cause": 45, "size": 0.01, "error": 0.002, "alarm_size": math.inf}
+    unknown = {"cause": 48, "reason": 2, "size": math.nan, "error": math.nan}
+    sent = [[], [{**wear, "size": 0.5}], [wear, unknown]]
+    with BagWriter(tmp_path / "bag") as writer:
+        for cell in (home, "/cell2"):
+            topic = f"{cell}/fsw/monitor/health"
+            writer.add_topic(RecordedTopic(topic, kind, definition, interface_hash(kind)))
+            for tick, estimates in enumerate(sent if cell == home else sent[1:2]):
+                stamp_ns = int(weld.stamp_ns[0]) + tick * 10**9
+                stamp = {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}
+                values = {"header": {"stamp": stamp}, "estimates": estimates}
+                data = definitions.encode(kind, definition, values)
+                writer.write(topic, data, stamp_ns, stamp_ns)
+    with BagReader(tmp_path / "bag") as reader:
+        found = estimated(reader, weld)
+        assert estimated(reader, replace(weld, namespace="/cell3")) == []
+    assert [(round(one.time_s, 6), one.kind, one.subject, one.data) for one in found] == [
+        (2.1, "estimate", "tool_wear", {"size": "0.01", "error": "0.002", "alarm_size": "inf"}),
+        (2.1, "estimate", "heat_gain", {"not_judged": "heat_unknown"}),
+    ]
+    assert found[0].text == "monitor: wear of the tool: +0.6 ± 0.2 N·m/min"

@@ -11,7 +11,7 @@ from fsw_control import messages_ros as convert
 from fsw_control.contract import Command
 from fsw_control.topics_ros import STREAM, sensor_publishers
 from fsw_control.weld import TICK_NS
-from fsw_msgs.msg import DriveFeedback, WeldCommand, WeldFinding, WeldHealth
+from fsw_msgs.msg import DriveFeedback, WeldCommand, WeldEstimate, WeldFinding, WeldHealth
 from fsw_quality.diagnosis import Judged
 from fsw_quality.monitor_node import MonitorNode, Watching
 from fsw_test_support.ros_graph import Spinner, domain_id  # noqa: F401
@@ -108,7 +108,13 @@ def test_it_waits_for_a_weld_then_publishes_code_and_words_until_the_fault_is_ov
     assert set(found.gain_names) == {"torque", "depth", "heat"} and all(
         map(math.isfinite, found.gains)
     )
+    assert len(found.estimates) == 10 and all(
+        one.reason == WeldEstimate.LEARNING and math.isnan(one.size) for one in found.estimates
+    )
     graph.until(lambda: graph.level(STUCK) == DiagnosticStatus.WARN)
+    assert {"tool_wear", "dead_time"} <= {
+        pair.key for pair in graph.parts["fsw_monitor: watch"].values
+    }
     fact = graph.code("torque_stuck")
     assert (fact["code"], fact["code: cause"]) == (Judged.ALARM, "torque_stuck")
     assert float(fact["code: cause: size"]) >= 1.0

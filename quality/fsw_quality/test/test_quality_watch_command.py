@@ -15,6 +15,8 @@ from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter
 from fsw_recorder.recover import copy
 
+#: not judged on a canister
+LEFT_OUT = {"heat_gain", "dead_time"}
 BAG = Path(__file__).resolve().parents[3] / "test" / "golden" / "reference_tracking"
 
 
@@ -23,9 +25,21 @@ def test_monitor_of_a_bag_writes_figure_and_json(tmp_path):
     assert main(["monitor", str(BAG), "--figure", str(figure), "--json", str(figures)]) == 0
     assert figure.read_bytes().startswith(b"\x89PNG")
     told = json.loads(figures.read_text())
+    assert len(told["estimates"]) == 10
     assert (told["process"], told["alarms"], told["others"]) == ("paper", [], [])
     assert told["gains"]["torque"]["gain"] == pytest.approx(1.0, abs=0.02)
     assert main(["monitor", str(BAG), "--figure", str(figure)]) == 1
+
+
+def test_monitor_of_a_bag_estimates_what_it_judges_and_says_what_not(tmp_path, capsys):
+    figure, figures = tmp_path / "figure.svg", tmp_path / "told.json"
+    words = ["monitor", str(BAG), "--process", "canister", "--figure", str(figure)]
+    assert main([*words, "--json", str(figures)]) == 0
+    told = json.loads(figures.read_text())["estimates"]
+    assert {name for name, one in told.items() if "not_judged" in one} == LEFT_OUT
+    assert all(one["error"] > 0.0 for name, one in told.items() if name not in LEFT_OUT)
+    out = capsys.readouterr().out
+    assert "wear of the tool" in out and out.count("not judged: heat unknown") == 2
 
 
 def test_history_of_a_bag_its_report_and_what_changed(tmp_path, capsys, monkeypatch):

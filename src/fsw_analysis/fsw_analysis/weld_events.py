@@ -21,6 +21,7 @@ _WORDS = {
     "alarm shelved": "{priority} alarm {state} by {who}, {detail}: {subject}",
     "procedure": "{subject} revision {revision}, SHA-256 {sha256}",
     "deviation": "{detail}",
+    "estimate": "monitor: {detail}",
     "finding": "monitor: {detail}",
     "finding over": "monitor: no longer: {detail}",
     "fault": "emulated fault {subject}",
@@ -34,10 +35,10 @@ class WeldEvent:
 
     time_s: float  #: on the clock of `WeldSignals.time_s`
     #: ``phase``, ``weld``, ``swap``, ``mode``, ``takeover``, ``interlock``, ``operator``,
-    #: ``alarm``, ``procedure``, ``deviation``, ``finding`` or ``fault``
+    #: ``alarm``, ``procedure``, ``deviation``, ``finding``, ``estimate`` or ``fault``
     kind: str
     #: the phase, what the weld became, the controller, the mode, the interlock, what was asked
-    #: for, what the alarm says, the procedure, what the monitor found, or the faults
+    #: for, what the alarm says, the procedure, what the monitor found or estimated, or the faults
     subject: str = ""
     #: of an interlock ``warn``, ``trip`` or ``unknown``, of a request its outcome, of an alarm what became of
     #: it

@@ -12,6 +12,7 @@ from fsw.console import ProgressBar, print_table
 from fsw.outputs import check_new, write_json
 from fsw_hmi.alarm_texts import ACTIONS
 from fsw_model import ModelParameters
+from fsw_quality.diagnosis import Estimate
 from fsw_quality.likelihood import covariance_from
 from fsw_quality.monitor import PROCESSES, Monitor
 from fsw_quality.monitor_figure import draw
@@ -20,7 +21,7 @@ from fsw_quality.monitor_run import Interval, Watched, process_of, watch
 
 @command(
     "monitor",
-    "alarms and trends of the monitor on a recorded weld: cause, size, advice",
+    "alarms of the monitor on a recorded weld, with cause and advice, and estimated sizes of faults",
     option("bag", type=Path, help=DAMAGED_TOO),
     option(
         "--process",
@@ -32,8 +33,8 @@ from fsw_quality.monitor_run import Interval, Watched, process_of, watch
         "--covariance",
         "YAML file of the parameters' covariance, of identify --covariance (default: within 10 %%)",
     ),
-    picture("--figure", "disturbances, likelihood and alarms"),
-    file("--json", "write alarms, trends and gains as JSON"),
+    picture("--figure", "disturbances, likelihood, alarms and estimated sizes"),
+    file("--json", "write alarms, estimates and gains as JSON"),
     FORCE,
     description="Run the monitor over the bag of a weld, as the node fsw_monitor does while it is welded.",
 )
@@ -57,8 +58,18 @@ def monitor(arguments: argparse.Namespace) -> int:
     }
     intervals = {"alarms": watched.alarms, "others": watched.others}
     found = {name: [_json(one) for one in some] for name, some in intervals.items()}
-    write_json(arguments.json, {"process": process, **found, "gains": gains})
+    estimates = {one.cause.word: _estimate(one) for one in watched.estimates[-1]}
+    content = {"process": process, **found, "estimates": estimates, "gains": gains}
+    write_json(arguments.json, content)
     return 0
+
+
+def _estimate(one: Estimate) -> dict[str, object]:
+    if one.reason:
+        return {"not_judged": one.reason.word}
+    # no size is an alarm where it is infinite
+    alarm_size = one.alarm_size if isfinite(one.alarm_size) else None
+    return {"size": one.size, "error": one.error, "alarm_size": alarm_size}
 
 
 def _json(one: Interval) -> dict[str, object]:
@@ -86,5 +97,11 @@ def _print(watched: Watched, process: str) -> None:
                 for a in intervals
             ]
             print_table(rows, ("from [s]", "to [s]", "cause", "advice"))
+    rows = [
+        (one.name, one.text, "x" if one.is_distinct else "", one.alarm_text)
+        for one in watched.estimates[-1]
+    ]
+    print("estimated at the end, each as if it were alone:")
+    print_table(rows, ("fault", "size ± 2 standard errors", "not 0", "alarm in a minute from"))
     for name, (gain, error) in watched.gains.items():
         print(f"gain of {name}: {gain:.1%} ± {2.0 * error:.1%} of the model's")

@@ -31,8 +31,9 @@ export class WeldMap {
     this.picture = svg("svg", { viewBox: `0 0 ${WAY_DEG} 10`, preserveAspectRatio: "none", role: "img" }, svg("rect", { x: TURN_DEG, width: WAY_DEG - TURN_DEG, height: 10, class: "overlap" }), ...this.paths, this.heat, this.tool);
     this.detail = el("span", { className: "detail" });
     this.marks = el("div", { className: "exceedances" });
+    this.unplaced = el("div", { className: "unplaced" });
     const axis = [0, 90, 180, 270, 360, 400].map((deg) => at(el("span", { className: "tick" }, `${deg}°`), deg / WAY_DEG));
-    root.replaceChildren(el("h2", {}, "Weld, unrolled ", this.detail), el("div", { className: "way" }, this.picture, this.marks), el("div", { className: "axis" }, ...axis));
+    root.replaceChildren(el("h2", {}, "Weld, unrolled ", this.detail), el("div", { className: "way" }, this.picture, this.marks), el("div", { className: "axis" }, ...axis), this.unplaced);
     this.resizer = new ResizeObserver(() => this.draw());
     this.resizer.observe(root);
   }
@@ -63,12 +64,12 @@ export class WeldMap {
 
   draw() {
     const welded = this.#steps.findLastIndex(Boolean) * STEP_DEG;
-    const outside = this.#marks.map((mark) => ({ from: mark.from_deg ?? 0, to: Math.max(mark.to_deg ?? 0, (mark.from_deg ?? 0) + STEP_DEG), worst: { rank: LEVELS.indexOf(mark.level), text: mark.text, timeS: mark.time_s } }));
+    const outside = this.#marks.map((mark) => ({ from: mark.from_deg ?? NaN, to: Math.max(mark.to_deg ?? NaN, (mark.from_deg ?? NaN) + STEP_DEG), worst: { rank: LEVELS.indexOf(mark.level), text: mark.text, timeS: mark.time_s } }));
     const times = outside.length === 1 ? "once" : outside.length ? `${outside.length} times` : "nowhere";
     setShort(this.detail, welded < 0 ? "no angle is known yet" : `${fixed(welded, 0)}° welded, ${times} outside the limits${this.#known}`);
     this.picture.setAttribute("aria-label", `Way around the canister: ${this.detail.textContent}`);
     this.tool.setAttribute("d", welded < 0 ? "" : `M${welded} 0v10`);
-    const drawn = [this.#welded(), ...LEVELS.slice(1).map((_, i) => outside.filter(({ worst }) => worst.rank === i + 1))];
+    const drawn = [this.#welded(), ...LEVELS.slice(1).map((_, i) => outside.filter(({ from, worst }) => known(from) && worst.rank === i + 1))];
     this.paths.forEach((path, level) => path.setAttribute("d", drawn[level].map(({ from, to }) => `M${from} 0H${to}V10H${from}z`).join("")));
     this.#mark(outside);
   }
@@ -92,23 +93,25 @@ export class WeldMap {
     if (key === this.#drawn) return;
     this.#drawn = key;
     /** @type {Map<number, Stretch[]>} */ const places = new Map();
-    for (const one of outside) {
+    for (const one of outside.filter(({ from }) => known(from))) {
       const place = Math.min(Math.floor(one.from / width), Math.round(WAY_DEG / width) - 1);
       places.set(place, [...(places.get(place) ?? []), one]);
     }
     const focused = [...this.marks.children].indexOf(/** @type {Element} */ (document.activeElement));
-    this.marks.replaceChildren(...[...places].map(([place, group]) => this.#button((place + 0.5) * width, group)));
+    this.marks.replaceChildren(...[...places].map(([place, group]) => at(this.#button(group), ((place + 0.5) * width) / WAY_DEG)));
     /** @type {HTMLElement?} */ (this.marks.children[focused])?.focus();
+    const unplaced = outside.filter(({ from }) => !known(from));
+    this.unplaced.replaceChildren(...(unplaced.length ? [this.#button(unplaced), " without a place"] : []));
   }
 
   /** A mark for one stretch, or for several, which it shows one after the other. @param {Stretch[]} group */
-  #button(/** @type {number} */ deg, group) {
+  #button(group) {
     const rank = Math.max(...group.map(({ worst }) => worst.rank));
-    const texts = group.map(({ from, to, worst }) => `${worst.text}, ${fixed(from, 0)}° to ${fixed(to, 0)}°, ${this.told(worst.timeS)}`);
+    const texts = group.map(({ from, to, worst }) => `${worst.text}, ${known(from) ? `${fixed(from, 0)}° to ${fixed(to, 0)}°` : "place not known"}, ${this.told(worst.timeS)}`);
     let next = 0;
     const sign = el("span", { "data-sign": `${SIGN[LEVELS[rank]]}${group.length > 1 ? group.length : ""}` });
     const onclick = () => this.onMoment(group[next++ % group.length].worst.timeS);
-    return at(el("button", { type: "button", "data-level": LEVELS[rank], title: texts.join("\n"), "aria-label": texts.join("; "), onclick }, sign), deg / WAY_DEG);
+    return el("button", { type: "button", "data-level": LEVELS[rank], title: texts.join("\n"), "aria-label": texts.join("; "), onclick }, sign);
   }
 
   destroy() {
