@@ -263,16 +263,20 @@ def test_tuned_files_are_taken_by_the_controllers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("fsw_lab.tune_command.margins.Loops", Loops)
-    model, out = tmp_path / "model.yaml", tmp_path / "out"
+    model, machine, out = (tmp_path / name for name in ("model.yaml", "machine.yaml", "out"))
     model.write_text("dead_time_s: 3.5\n")
+    machine.write_text("speed_rate_rpm_per_s: 10.0\ntemperature_noise_c: 0.4\n")
     tune = ["tune", "--model", str(model), "--evaluations", "3", "--no-sweep"]
-    assert main([*tune, "--out", str(out)]) == 0
+    assert main([*tune, "--out", str(out), "--machine", str(machine)]) == 0
+    machine.unlink()
     assert capsys.readouterr().out.count("> 8") == 4
     for label in ("decentral_conservative", "decentral_tight", "nmpc"):
         text = (out / f"{label}.yaml").read_text()
         assert "# Margins" in text and "temperature: delay ≥ 6.5 s" in text
         ((_, section),) = yaml.safe_load(text).items()
-        make(label.partition("_")[0], section["ros__parameters"])
+        made = make(label.partition("_")[0], section["ros__parameters"])
+    assert made.settings.limits.speed_step_rpm == pytest.approx(1.0)
+    assert made.settings.tuning.estimator.temperature_noise_c == pytest.approx(0.4)
     arguments = [
         "simulate",
         "quick",
