@@ -23,6 +23,7 @@ from fsw_identification.disturbed import (
     leave_out,
 )
 from fsw_identification.evidence import evidence, likely_colour, likely_lag
+from fsw_identification.prior import UNSEEN, Prior
 from fsw_identification.problem import NOISE_FLOOR, WALK, Problem, Shift
 from fsw_identification.robust import long_run_covariance
 from fsw_identification.simulation import (
@@ -61,8 +62,6 @@ _COLOURED = 0.2
 _LAGS, _LOOKS = 5.0, 2
 #: iterations between two searches for shifts
 _FEW = 6
-#: assumed relative standard deviation of a parameter that is kept nominal
-_KEPT_DEVIATION = 0.2
 #: residuals within this factor of the noise between neighbouring samples count as noise alone
 _AS_GOOD = 1.1
 #: factors on the starting values, tried in sequence
@@ -110,6 +109,8 @@ class Fit:
     lag_correlation: FloatArray  #: (n,): of its estimate with those of the parameters
     heat_and_offset: float  #: correlation of slow heat and offset of the temperature
     notes: list[str]  #: exclusions, one line each
+    #: by parameter, how far the data move it from its prior, in the prior's standard deviations
+    moved: dict[str, float]
 
     @property
     def std(self) -> dict[str, float]:
@@ -144,6 +145,7 @@ def identify(
     start: ModelParameters | None = None,
     progress: Callable[[float], None] | None = None,
     steady: bool = False,
+    prior: Prior | None = None,
 ) -> Fit:
     """Estimate the identifiable parameters of the model.
 
@@ -158,6 +160,8 @@ def identify(
     steady : bool
         Assume constant disturbances, without drifts and shifts, so that slow effects are
         attributed to the process.
+    prior : Prior, optional
+        What earlier welds say of the parameters, by default nothing.
 
     Raises
     ------
@@ -174,7 +178,7 @@ def identify(
             progress(1.0 - np.exp(-iterations / 30.0))
 
     try:
-        return _identify(segments, start or ModelParameters(), count, steady)
+        return _identify(segments, start or ModelParameters(), count, steady, prior or Prior())
     except InputError as error:
         if not error.problems:  # else a parameter is outside its range
             raise
@@ -189,16 +193,20 @@ def identify(
 
 
 def _identify(
-    segments: Sequence[Segment], start: ModelParameters, count: Progress, steady: bool
+    segments: Sequence[Segment],
+    start: ModelParameters,
+    count: Progress,
+    steady: bool,
+    prior: Prior,
 ) -> Fit:
     kept: dict[str, str] = {}
     # Stages: candidates by their expected deviation, starts, sensors (noise colour, lag) by the
     # evidence, removal of parameters that turn out not identifiable, disturbed windows, outliers.
-    first = Problem(segments, start, CANDIDATES)
+    first = Problem(segments, start, CANDIDATES, prior)
     first.noise = _sensor_noise(segments)
     first.settle()
     free = _select(first, kept, _LARGEST_AT_START)
-    best = _best_start(start, segments, free, first.noise, count, steady)
+    best = _best_start(start, first, free, count, steady)
     # A wrong noise model biases the residuals from which the right one is read, hence more than
     # one look; the richer sensor model stays only if the evidence is better.
     for _ in range(0 if steady else _LOOKS):
@@ -207,7 +215,7 @@ def _identify(
             break
         best = min(
             best,
-            _best_start(start, segments, free, first.noise, count, False, sensors),
+            _best_start(start, first, free, count, False, sensors),
             key=evidence,
         )
     # At the solution the deviations may be larger than expected at the start: what the data do not
@@ -240,26 +248,25 @@ def _sensors(problem: Problem) -> Sensors:
 
 def _best_start(
     start: ModelParameters,
-    segments: Sequence[Segment],
+    first: Problem,
     free: tuple[str, ...],
-    noise: FloatArray,
     count: Progress,
     steady: bool,
     sensors: Sensors = (False, 0.0),
 ) -> Problem:
-    """Best solution by evidence from several starts, as many as needed."""
+    """Best solution of a problem by evidence from several starts, as many as needed."""
     best: Problem | None = None
     for factors in _STARTS:
         scaled = start.scaled(**{name: factor for name, factor in factors.items() if name in free})
         if steady:
-            solved = _solve_steady(scaled, segments, free, count)
+            solved = _solve_steady(scaled, first, free, count)
         else:
-            solved = _solve_twice(scaled, segments, free, count, sensors)
+            solved = _solve_twice(scaled, first, free, count, sensors)
         if best is None or evidence(solved) < evidence(best):
             best = solved
         # Noise between neighbouring samples is a lower bound that no model can beat; residuals
         # close to it leave nothing for another start to find.
-        alone = _innovation(noise, solved.autocorrelation)
+        alone = _innovation(first.noise, solved.autocorrelation)
         share = np.concatenate([disturbed_windows(one, alone) for one in solved.whitened]).mean(
             axis=0
         )
@@ -271,10 +278,12 @@ def _best_start(
 
 
 def _solve_steady(
-    start: ModelParameters, segments: Sequence[Segment], free: tuple[str, ...], count: Progress
+    start: ModelParameters, first: Problem, free: tuple[str, ...], count: Progress
 ) -> Problem:
     """Solve with disturbances that hardly change, and without shifts."""
-    problem = Problem(segments, start, [name for name in free if name not in _KEPT_FIRST])
+    problem = Problem(
+        first.segments, start, [name for name in free if name not in _KEPT_FIRST], first.prior
+    )
     problem.walk = WALK[0]
     solve(problem, count)
     problem.free = free
@@ -284,7 +293,7 @@ def _solve_steady(
 
 def _solve_twice(
     start: ModelParameters,
-    segments: Sequence[Segment],
+    first: Problem,
     free: tuple[str, ...],
     count: Progress,
     sensors: Sensors,
@@ -294,17 +303,17 @@ def _solve_twice(
     Shifts are found in the residuals of a model that they have biased; the solution is therefore
     repeated from the start with these shifts.
     """
-    problem = _solve(start, segments, free, [], np.zeros(0), count, sensors)
+    problem = _solve(start, first, free, [], np.zeros(0), count, sensors)
     if not problem.shifts:
         return problem
-    again = _solve(start, segments, free, problem.shifts, problem.sizes, count, sensors)
+    again = _solve(start, first, free, problem.shifts, problem.sizes, count, sensors)
     # by the evidence (as minus twice its logarithm), since both have different numbers of shifts
     return min(problem, again, key=evidence)
 
 
 def _solve(
     start: ModelParameters,
-    segments: Sequence[Segment],
+    first: Problem,
     free: tuple[str, ...],
     shifts: Sequence[Shift],
     sizes: FloatArray,
@@ -313,7 +322,9 @@ def _solve(
 ) -> Problem:
     """Solve with known shifts, and search for others."""
     # first without the weakly identifiable parameters, which open a long and curved valley
-    problem = Problem(segments, start, [name for name in free if name not in _KEPT_FIRST])
+    problem = Problem(
+        first.segments, start, [name for name in free if name not in _KEPT_FIRST], first.prior
+    )
     problem.set_shifts(shifts, sizes)
     problem.coloured, problem.lag_s = sensors
     problem.lagged = problem.lag_s > 0.0
@@ -426,7 +437,7 @@ def _by_kept(problem: Problem, kept: Sequence[str], covariance: FloatArray) -> F
     others = np.delete(np.arange(len(information)), at)
     # First-order propagation: an error d of a kept parameter moves the estimate by
     # covariance @ information[others, kept] d.
-    gain = _KEPT_DEVIATION * covariance @ information[np.ix_(others, at)]
+    gain = UNSEEN * covariance @ information[np.ix_(others, at)]
     return np.asarray(gain @ gain.T)
 
 
@@ -514,7 +525,19 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str], rejected: boo
         lag_correlation=covariance[:n, -1] / std[:n] / std[-1],
         heat_and_offset=_heat_and_offset(problem),
         notes=notes,
+        moved=_moved(problem),
     )
+
+
+def _moved(problem: Problem) -> dict[str, float]:
+    """How far the data move each parameter from its prior; empty without one."""
+    if problem.prior.mean is None:
+        return {}
+    # The update's variance is at most the prior's, and less than it by an estimate that the
+    # corrections above enlarge: the prior's is the one that raises no false alarms.
+    expected = np.sqrt(np.diag(problem.prior_covariance))
+    sizes = np.abs(problem.prior.lacks(problem.parameters, problem.free)) / expected
+    return dict(zip(problem.free, map(float, sizes), strict=True))
 
 
 def _mean_disturbance(problem: Problem, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:

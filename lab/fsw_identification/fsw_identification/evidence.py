@@ -32,6 +32,7 @@ def _evidence_of(problem: Problem, border: FloatArray, parts: Sequence[Eliminate
     n = 1 + len(problem.free)
     cost = border[0, 0] - border[n:, 0] @ np.linalg.solve(border[n:, n:], border[n:, 0])
     cost += 2.0 * np.log(problem.lag_deviation_s)
+    cost += np.linalg.slogdet(problem.prior_covariance)[1]
     return float(cost + np.linalg.slogdet(border[1:, 1:])[1] + sum(part.logdet for part in parts))
 
 

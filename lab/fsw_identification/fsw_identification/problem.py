@@ -17,6 +17,7 @@ import scipy
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.elimination import Compressed, Eliminated, compress, eliminate
+from fsw_identification.prior import Prior
 from fsw_identification.simulation import (
     DEPENDS,
     DEPTH,
@@ -40,8 +41,6 @@ from fsw_identification.weld_data import Segment
 from fsw_model import STEP_S, ModelParameters
 from fsw_model.equations import power_kw
 
-#: prior standard deviation of the logarithm of a parameter: practically uninformative
-_PRIOR_LOG = 2.0
 #: prior standard deviations of the disturbances at the first knot
 _OFFSET_PRIOR = np.array([10.0, 20.0, 1e-4, 1e-3, 1e-2])
 #: prior standard deviations of shifts of ``OUTPUTS``, and of ``HEAT``
@@ -115,13 +114,18 @@ class Problem:
 
     The border consists of the logarithms of the free parameters, the sizes of the shifts, the
     tool's share in slow temperature disturbances, and the thermocouple's lag. ``free`` are the
-    names of the estimated parameters, whose initial values are in ``start``.
+    names of the estimated parameters, whose initial values are in ``start``; ``prior`` is what
+    earlier welds say of them.
     """
 
     def __init__(
-        self, segments: Sequence[Segment], start: ModelParameters, free: Sequence[str]
+        self,
+        segments: Sequence[Segment],
+        start: ModelParameters,
+        free: Sequence[str],
+        prior: Prior | None = None,
     ) -> None:
-        self.parameters, self.free = start, tuple(free)
+        self.parameters, self.free, self.prior = start, tuple(free), prior or Prior()
         #: (3,): standard deviation of each output's whitened residuals
         self.noise = np.array([0.01, 1.0, 10.0])
         #: (3,): autocorrelation of each output's noise from tick to tick
@@ -163,6 +167,16 @@ class Problem:
     def lag_deviation_s(self) -> float:
         """Prior standard deviation of the thermocouple's lag."""
         return _LAG_PRIOR_S[self.lagged]
+
+    @property
+    def prior_covariance(self) -> FloatArray:
+        """Prior covariance of the free parameters' logarithms, (free, free)."""
+        return self.prior.covariance_of(self.free, self.lagged or self.lag_s > 0.0)
+
+    def prior_cost(self, p: ModelParameters) -> float:
+        """What the prior adds to the cost at parameters."""
+        lacks = self.prior.lacks(p, self.free)
+        return float(lacks @ np.linalg.solve(self.prior_covariance, lacks))
 
     def disturbances(self) -> list[FloatArray]:
         """(n, 5) by segment: time series of ``WALKS``."""
@@ -271,9 +285,15 @@ class Problem:
         """Information of residuals and border, with prior, without knots; the eliminated parts."""
         walk, found = self.walk if sizes is None else sizes, []
         of_shifts = _SHIFT_PRIOR[[shift.output for shift in self.shifts]] ** -2.0
-        of_free = [_PRIOR_LOG**-2.0] * (len(self.free) if slopes else 0)
+        of_free = [0.0] * (len(self.free) if slopes else 0)
         of_lag = [self.lag_deviation_s**-2.0] * slopes
         border = np.diag([0.0, *of_free, *of_shifts, _SHARE_DEVIATION**-2.0, *of_lag])
+        if slopes:  # the prior's mean is a measurement of the parameters
+            measured = np.column_stack(
+                [self.prior.lacks(self.parameters, self.free), np.eye(len(self.free))]
+            )
+            n = len(self.free) + 1
+            border[:n, :n] += measured.T @ np.linalg.solve(self.prior_covariance, measured)
         for part in parts:
             found.append(self.eliminated(part, walk))
             border += found[-1].border
@@ -299,7 +319,8 @@ class Problem:
         for part, one in zip(parts, found, strict=True):
             values = one.values()
             part.at_knots = values[:, :, 0] - values[:, :, 1:] @ sizes
-        return float(border[0, 0] - border[1:, 0] @ sizes), parts, sizes
+        cost = float(border[0, 0] - border[1:, 0] @ sizes)
+        return cost + self.prior_cost(p), parts, sizes
 
     def settle(self) -> None:
         """Update knots, shifts and share at the present parameters, and the links between outputs.

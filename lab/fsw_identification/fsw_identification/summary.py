@@ -22,6 +22,8 @@ _SLOW_S = 10.0
 #: share of lags beyond the 99 % bounds above which residuals are not called white
 _WHITE = 0.07
 
+#: a weld that moves a parameter from its prior by more standard deviations is not like the earlier
+STRANGE = 4.0
 #: a mean disturbance of more standard deviations is included in the operating point
 _SIGNIFICANT = 3.0
 
@@ -216,6 +218,12 @@ def remarks(result: Summary) -> list[str]:
         for why, names in reasons.items()
     ]
     lines += [*result.notes, *disturbances(fit)]
+    lines += [
+        f"{name}: {size:.1f} standard deviations from that of the earlier welds; of another type? "
+        "--other-type; of another machine or tool? identify it without --prior"
+        for name, size in fit.moved.items()
+        if size > STRANGE
+    ]
     correlation = fit.correlation
     for i, j in np.argwhere(np.tril(np.abs(correlation) > CORRELATED, -1)):
         lines.append(f"{fit.free[j]} and {fit.free[i]}: correlation {correlation[i, j]:+.2f}")

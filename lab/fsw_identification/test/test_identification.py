@@ -19,9 +19,11 @@ from fsw_identification import (
 )
 from fsw_identification.elimination import knots
 from fsw_identification.friction import from_air
+from fsw_identification.prior import Prior
 from fsw_identification.problem import HEAT, WALK, Problem
 from fsw_identification.robust import _WINDOW_TICKS, _long_run, long_run_covariance
 from fsw_identification.simulation import (
+    CANDIDATES,
     DEPTH,
     KNOT_TICKS,
     TEMPERATURE,
@@ -36,7 +38,7 @@ from fsw_identification.simulation import (
 )
 from fsw_identification.solver import solve
 from fsw_identification.weld_data import Segment, prepare
-from fsw_model import ModelParameters, ProcessModel
+from fsw_model import ModelParameters, ParameterCovariance, ProcessModel
 
 NOISE = (0.002, 0.1, 2.0)
 #: a process unlike the nominal one, with a dead time of no whole number of steps
@@ -266,6 +268,62 @@ def test_two_welds_are_more_informative_than_one() -> None:
     assert both.std["thermal_gain_c_per_kw"] < 0.9 * one.std["thermal_gain_c_per_kw"]
 
 
+def test_a_prior_is_wider_by_what_changes_from_weld_to_weld() -> None:
+    known = ParameterCovariance(
+        parameters=["dead_time_s", "copper_lag_s"], covariance=[[4e-4, 1e-4], [1e-4, 9e-4]]
+    )
+    names = ("copper_lag_s", "dead_time_s", "softening_per_c")
+    found = Prior.of(OTHER, known).covariance_of(names)
+    assert found[:2, :2] == pytest.approx(np.array([[10e-4, 1e-4], [1e-4, 5e-4]]))
+    assert found[2, 2] == pytest.approx(0.2**2 + 1e-4) and not found[2, :2].any()
+    other = Prior.of(OTHER, known, other_type=True).covariance_of(names)
+    assert np.sqrt(np.diag(other - found)) == pytest.approx([0.2, 0.05, 0.05], rel=0.03)
+    # what a lagging thermocouple shows says nothing of the tool
+    lagging = Prior.of(OTHER, known).covariance_of(names, lagged=True)
+    assert lagging[1, 1] > 1.0 and not lagging[1, [0, 2]].any()
+    assert Prior().covariance_of(names)[0, 0] > 1.0 and not Prior().lacks(OTHER, names).any()
+    assert Prior.of(OTHER, known).lacks(OTHER.scaled(copper_lag_s=1.1), names) == pytest.approx(
+        [-np.log(1.1), 0.0, 0.0]
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.full
+def test_a_weld_after_another_says_as_much_as_both_together() -> None:
+    """Without a change between them; up to what is linearised, and what noise one weld shows."""
+    segments = [only(weld(seconds=80.0, seed=seed)) for seed in (1, 2)]
+    first, both = estimation.identify(segments[:1]), estimation.identify(segments)
+    seen = [CANDIDATES.index(name) for name in first.free]
+    covariance = np.diag(np.full(len(CANDIDATES), 4.0))
+    covariance[np.ix_(seen, seen)] = first.covariance
+    second = estimation.identify(
+        segments[1:], first.parameters, prior=Prior(first.parameters, covariance)
+    )
+    for name in ("thermal_gain_c_per_kw", "dead_time_s", "depth_gain_mm_per_kn_s"):
+        values = [getattr(fit.parameters, name) for fit in (second, both)]
+        assert values[0] == pytest.approx(values[1], abs=0.4 * both.std[name])
+        assert second.std[name] == pytest.approx(both.std[name], rel=0.25)
+        assert second.std[name] < 0.9 * first.std[name]
+        assert second.moved[name] < summary.STRANGE
+    assert not first.moved
+
+
+@pytest.mark.slow
+@pytest.mark.full
+def test_a_weld_of_another_machine_is_no_next_one() -> None:
+    names = ["thermal_gain_c_per_kw", "dead_time_s"]
+    known = ParameterCovariance(parameters=names, covariance=np.diag([1e-4, 1e-4]).tolist())
+    fit = estimation.identify(
+        [only(weld(seconds=80.0))], OTHER, prior=Prior.of(OTHER.scaled(dead_time_s=1.5), known)
+    )
+    assert fit.moved["dead_time_s"] > summary.STRANGE > fit.moved["thermal_gain_c_per_kw"]
+    lines = [
+        line for line in summary.remarks(summary.Summary("weld", fit)) if "--other-type" in line
+    ]
+    assert len(lines) == sum(size > summary.STRANGE for size in fit.moved.values())
+    assert any(line.startswith("dead_time_s") for line in lines)
+
+
 @pytest.mark.slow
 @pytest.mark.full
 def test_shifts_are_found_and_do_not_bias() -> None:
@@ -391,6 +449,15 @@ def test_nothing_is_identifiable_at_rest() -> None:
     )
     with pytest.raises(InputError, match="hardly move"):
         estimation.identify([only(quiet)])
+    # with a prior it says nothing new
+    known = ParameterCovariance(parameters=["dead_time_s"], covariance=[[1e-4]])
+    prior = Prior.of(OTHER, known)
+    fit = estimation.identify([only(quiet)], OTHER, prior=prior)
+    assert fit.parameters.dead_time_s == pytest.approx(OTHER.dead_time_s, rel=2e-3)
+    expected = prior.covariance_of(fit.free)[fit.free.index("dead_time_s")]
+    assert fit.std["dead_time_s"] == pytest.approx(
+        OTHER.dead_time_s * np.sqrt(expected.max()), rel=0.05
+    )
 
 
 @pytest.mark.slow

@@ -162,6 +162,7 @@ class Work:
         self._arguments = arguments
         self._folder: Path = arguments.out.resolve()
         self._model: Path = self._folder / "model.yaml"
+        self._machine: Path = self._folder / "machine.yaml"
         self._tuned: Path = self._folder / "tuned"
 
     def save(self, course: Course) -> None:
@@ -214,6 +215,7 @@ class Work:
         with ProgressBar("identifying") as bar:
             found = fsw.identify(Weld(bag.name, read_weld(bag)), drive_lag_s=lag_s, progress=bar)
         write_text(self._model, self._origin(bag) + found.text)
+        write_text(self._machine, self._origin(bag) + found.machine.text)
         (self._folder / "identification").mkdir(exist_ok=True)
         report.write(found, self._folder / "identification")
         notes = "; ".join(summary.remarks(found))
@@ -229,7 +231,12 @@ class Work:
         model = ModelParameters.from_file(self._model)
         origin = self._origin(self._model)
         own = write_tunings(
-            self._model, self._tuned, self._arguments.evaluations, origin, matched=True
+            self._model,
+            self._tuned,
+            self._arguments.evaluations,
+            origin,
+            matched=True,
+            machine_file=self._machine,
         )
         gains = {
             name: start_of(name, model).changed(**own.parameters[f"decentral:{name}"])
@@ -249,11 +256,12 @@ class Work:
             set_parameters(self._arguments, "fsw_decentral", self._parameters())
             note = f"in force until its restart; then give it --params-file {self._file()}"
         else:
-            has = parameter(self._arguments, "fsw_nmpc", "model_file")
-            if has != self._parameters()["model_file"]:
-                raise CommandError(
-                    f"the NMPC takes a model at its start only: start it with --params-file {self._file()}"
-                )
+            wanted = self._parameters()
+            for name in ("model_file", "machine_file"):
+                if parameter(self._arguments, "fsw_nmpc", name) != wanted[name]:
+                    raise CommandError(
+                        f"the NMPC was started with another {name}: start it with --params-file {self._file()}"
+                    )
             note = f"it was started with {self._file()}"
         return outcome_of([], _now(), note)
 

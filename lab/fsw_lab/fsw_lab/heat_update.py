@@ -17,8 +17,9 @@ from fsw_model.heat_profile import HeatProfile
 from fsw_recorder.bag_reader import SUFFIXES
 from fsw_scenario.scenario_file import parse
 
-#: what a weld of the same type has in common with the others, of what the recorder notes
-IDENTITY = ("lid", "tool", "machine")
+#: what a weld of the same type has in common with the others, of what the recorder notes: not the
+#: canister and the lid themselves, which have a number each, but what they are
+TYPE = ("canister_type", "lid_type", "tool", "machine")
 #: record that the recorder's procedure writes into a bag's folder
 RECORD = Path("record") / "record.json"
 #: a weld that lacks more than this many of the profile's deviations is of another type (chosen)
@@ -65,10 +66,10 @@ def check_record(bag: Path, profile: HeatProfile) -> None:
 
 
 def check_type(weld: WeldSignals, earlier: Sequence[WeldSignals]) -> None:
-    """Refuse a weld of another lid, tool, machine or path than an earlier one."""
+    """Refuse a weld of another kind of canister or lid, tool, machine or path than an earlier one."""
     path = _path(weld)
     for other in earlier:
-        for key in IDENTITY:
+        for key in TYPE:
             if weld.custom.get(key) != other.custom.get(key):
                 own, its = (one.custom.get(key, "none") for one in (weld, other))
                 detail = f"{key} {own}, in {other.path.name} {its}"

@@ -15,9 +15,10 @@ from fsw_control.schema.models import InputError
 from fsw_identification import estimation, summary
 from fsw_identification.drives import DriveRates, drive_rates
 from fsw_identification.friction import from_air
+from fsw_identification.prior import Prior
 from fsw_identification.summary import Summary
 from fsw_identification.weld_data import prepare
-from fsw_model import MachineData, ModelParameters
+from fsw_model import MachineData, ModelParameters, ParameterCovariance
 from fsw_plant.parameters import Actuators
 
 #: ends of the names of logs
@@ -39,6 +40,19 @@ class Identified(Summary):
     def std(self) -> dict[str, float]:
         """Standard deviations of the estimated parameters."""
         return self.fit.std | self.air
+
+    @property
+    def covariance(self) -> ParameterCovariance:
+        """Covariance of the estimates' relative errors, for the monitor and the next weld's prior.
+
+        Without what the thermocouple shows in another way than the tool has it, where it lags.
+        """
+        shown, fit = self.fit.shown, self.fit
+        same = [getattr(shown, name) == getattr(fit.parameters, name) for name in fit.free]
+        names = [name for name, is_same in zip(fit.free, same, strict=True) if is_same]
+        return ParameterCovariance(
+            parameters=names, covariance=fit.covariance[np.ix_(same, same)].tolist()
+        )
 
     @property
     def machine(self) -> MachineData:
@@ -79,6 +93,8 @@ def identify(
     start: ModelParameters | None = None,
     drive_lag_s: float | None = None,
     steady: bool = False,
+    prior: ParameterCovariance | None = None,
+    other_type: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> Identified:
     """Estimate the parameters of the process model from welds of one process.
@@ -98,6 +114,10 @@ def identify(
         Time constant of the drives, that of the emulator by default.
     steady : bool
         Take disturbances as constant: without drifts and shifts all that is slow is the process's.
+    prior : ParameterCovariance, optional
+        Covariance of ``start``, from the last weld of the machine: the welds update both.
+    other_type : bool
+        The last weld was of another type, from which the thermal parameters differ by more.
     progress : callable, optional
         Called with the share done, 0 to 1.
 
@@ -127,7 +147,8 @@ def identify(
     if air is not None:
         first, deviations = from_air(weld_of(air).signals, first, lag_s)
     segments = [segment for weld in data for segment in weld.segments]
-    found = estimation.identify(segments, first, progress, steady)
+    earlier = None if prior is None else Prior.of(first, prior, other_type)
+    found = estimation.identify(segments, first, progress, steady, earlier)
     validation = None
     if judge is not None:
         validation = estimation.validate(judge.segments, found.parameters, found.known_lag_s)

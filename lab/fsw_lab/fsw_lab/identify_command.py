@@ -47,12 +47,23 @@ DRIVE_LAG = number(
         "force_kn or 'Axial force [N]'",
     ),
     file("--out", "model file (YAML); with --design the scenario"),
-    file("--covariance", "covariance of the estimates (YAML), for the monitor"),
+    file(
+        "--covariance",
+        "covariance of the estimates (YAML), for the monitor and for --prior at the next weld",
+    ),
     file("--machine", "noise of the sensors and rates of the drives (YAML), for the NMPC"),
     file("--validate", "weld to validate the model, not used for the estimate", "BAG"),
     file("--air", "run in air at several speeds, to identify the friction (23)", "BAG"),
     file("--report", "write report.html and its figure into this folder", "DIR"),
     file("--model", "model to start from (default: the paper's)"),
+    file(
+        "--prior",
+        "covariance of --model, as the last weld of the machine left it: this weld updates both",
+        "COVARIANCE",
+    ),
+    switch(
+        "--other-type", "with --prior: the last weld was of another type of canister, lid or path"
+    ),
     DRIVE_LAG,
     switch(
         "--steady",
@@ -82,6 +93,10 @@ def identify(arguments: argparse.Namespace) -> int:
     if arguments.out is None:
         raise CommandError("identify: give --out FILE for the model")
     columns = _columns(arguments)
+    if arguments.prior is not None and arguments.model is None:
+        raise CommandError("identify: --prior is the covariance of a model; give it by --model")
+    if arguments.other_type and arguments.prior is None:
+        raise CommandError("identify: --other-type goes with --prior")
     check_new([arguments.out, arguments.covariance, arguments.machine], arguments.force)
     arguments.out.parent.mkdir(
         parents=True, exist_ok=True
@@ -91,6 +106,7 @@ def identify(arguments: argparse.Namespace) -> int:
         None if bag is None else _weld(bag, columns) for bag in (arguments.validate, arguments.air)
     )
     start, lag_s = _model(arguments.model), arguments.drive_lag
+    prior = None if arguments.prior is None else ParameterCovariance.from_file(arguments.prior)
     if arguments.report is not None:
         written = (arguments.out, arguments.covariance, arguments.machine)
         new_folder(arguments, "", "--report", written)
@@ -102,6 +118,8 @@ def identify(arguments: argparse.Namespace) -> int:
             start=start,
             drive_lag_s=lag_s,
             steady=arguments.steady,
+            prior=prior,
+            other_type=arguments.other_type,
             progress=bar,
         )
     for rows in (summary.parameter_rows(result), summary.output_rows(result)):
@@ -111,9 +129,7 @@ def identify(arguments: argparse.Namespace) -> int:
     write_text(arguments.out, result.text)
     files = [arguments.out]
     if arguments.covariance is not None:
-        fit = result.fit
-        known = ParameterCovariance(parameters=list(fit.free), covariance=fit.covariance.tolist())
-        write_text(arguments.covariance, known.text)
+        write_text(arguments.covariance, result.covariance.text)
         files.append(arguments.covariance)
     if arguments.machine is not None:
         write_text(arguments.machine, result.machine.text)
@@ -147,9 +163,9 @@ def _design(arguments: argparse.Namespace) -> int:
         raise CommandError(
             "identify: --design takes no bags, estimates nothing and writes no report"
         )
-    if arguments.covariance or arguments.machine:
+    if arguments.covariance or arguments.machine or arguments.prior:
         raise CommandError(
-            "identify: --design estimates nothing: no covariance, no data of the machine"
+            "identify: --design estimates nothing: no covariance, no prior, no data of the machine"
         )
     check_new([arguments.out], arguments.force)
     model = _model(arguments.model)

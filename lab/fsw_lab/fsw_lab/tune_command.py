@@ -15,7 +15,7 @@ from fsw.command import FORCE, FORMAT, command, file, number, switch
 from fsw.console import ProgressBar, print_table
 from fsw.outputs import listed, new_folder
 from fsw_control.schema.ranges import Range
-from fsw_model import ModelParameters
+from fsw_model import MachineData, ModelParameters
 from fsw_tuning import margins
 from fsw_tuning.identification_design import plant_factors
 from fsw_tuning.standard_cases import DEFAULT, TIGHT
@@ -38,6 +38,7 @@ EVALUATIONS = 3000
     "tune",
     "tunings of both controllers for a model",
     file("--model", "model file, e.g. from fsw.py identify", required=True),
+    file("--machine", "sensors' noise and drives' rates from fsw.py identify, for the NMPC"),
     file("--out", "folder for the files", "DIR", required=True),
     number(
         "--evaluations",
@@ -60,9 +61,15 @@ EVALUATIONS = 3000
 )
 def tune(arguments: argparse.Namespace) -> int:
     model = ModelParameters.from_file(arguments.model)
+    if arguments.machine is not None:
+        MachineData.from_file(arguments.machine)  # what is wrong in it is said before the search
     folder = new_folder(arguments, "tuning").resolve()
     tunings = write_tunings(
-        arguments.model, folder, arguments.evaluations, matched=arguments.matched
+        arguments.model,
+        folder,
+        arguments.evaluations,
+        matched=arguments.matched,
+        machine_file=arguments.machine,
     )
     rows = [[label, *_ordered(of, model)] for label, of in tunings.margins.items()]
     print_table(rows, ["margins", *margins.TITLES.values()], words=1)
@@ -83,12 +90,17 @@ class Tunings(NamedTuple):
 
 
 def write_tunings(
-    model_file: Path, folder: Path, evaluations: int, origin: str = "", matched: bool = False
+    model_file: Path,
+    folder: Path,
+    evaluations: int,
+    origin: str = "",
+    matched: bool = False,
+    machine_file: Path | None = None,
 ) -> Tunings:
     """Search, measure the margins, and write the parameter files of all controllers.
 
     ``origin``: comment for the head of the files. ``matched``: the NMPC gets the margins of
-    ``decentral:tight``.
+    ``decentral:tight``. ``machine_file``: data of the sensors and drives, which the NMPC gets.
     """
     model = ModelParameters.from_file(model_file)
     found = Tunings({}, {})
@@ -102,13 +114,17 @@ def write_tunings(
         _write(folder / f"decentral_{name}.yaml", "fsw_decentral", gains, origin + words)
     copy, tuning_file = folder / "model.yaml", folder / "nmpc_tuning.yaml"
     shutil.copyfile(model_file, copy)
+    files = {"model_file": str(copy)}
+    if machine_file is not None:
+        files["machine_file"] = str(folder / "machine.yaml")
+        shutil.copyfile(machine_file, files["machine_file"])
     tuning = fsw.tune("nmpc", model_file)
     rule = f"# By rule from the dead time of {model_file.name}"
     if matched:
-        slower = margins.slower_for(found.margins[TIGHT], {"model_file": str(copy)}, model)
+        slower = margins.slower_for(found.margins[TIGHT], files, model)
         tuning["temperature_time_s"] *= slower
         rule += f", times {slower:.3g} for the margins of {TIGHT}"
-    parameters = {"model_file": str(copy), "tuning_file": str(tuning_file)}
+    parameters = files | {"tuning_file": str(tuning_file)}
     tuning_file.write_text(yaml.safe_dump(tuning), "utf-8")
     found.parameters[DEFAULT] = parameters
     found.margins[DEFAULT] = margins.Loops(DEFAULT, parameters, model).margins()

@@ -4,6 +4,7 @@ import signal
 from contextlib import contextmanager
 from dataclasses import replace
 from math import inf, nan
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ from fsw_lab.commissioning import (
     margin_rows,
     outcome_of,
 )
-from fsw_model import ModelParameters
+from fsw_model import MachineData, ModelParameters
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
 
@@ -271,6 +272,39 @@ def test_the_experiment_returns_to_the_operating_point(tmp_path):
         2.66,
         816.4,
     )
+
+
+def test_the_nmpc_gets_what_the_experiment_shows_of_the_machine(tmp_path, monkeypatch):
+    class Arguments:
+        out, controller, tuning, drive_lag, evaluations = tmp_path, "nmpc", "", 0.1, 1
+
+    rest = ClosedLoop(
+        scenario_file.parse("{name: rest, duration_s: 1.0, controller: none}", "rest")
+    ).run()
+    seen = MachineData(temperature_noise_c=0.4, speed_rate_rpm_per_s=10.0)
+    found = SimpleNamespace(text="{}\n", machine=seen, parameters=ModelParameters(), std={})
+    margins = dict.fromkeys(("depth_gain", "temperature_gain"), 2.0)
+    margins |= dict.fromkeys(("depth_delay_s", "temperature_delay_s"), 6.0)
+    loops = SimpleNamespace(margins=lambda: margins, has=lambda *_: True)
+    monkeypatch.setattr(commission, "read_weld", lambda bag: rest)
+    monkeypatch.setattr(commission.fsw, "identify", lambda *_, **__: found)
+    monkeypatch.setattr(commission.report, "write", lambda *_: None)
+    monkeypatch.setattr(commission.summary, "remarks", lambda _: [])
+    monkeypatch.setattr("fsw_lab.tune_command.margins.Loops", lambda *_: loops)
+    (tmp_path / "experiment_1").mkdir()
+    (tmp_path / "experiment_1" / "data.mcap").touch()
+    work = commission.Work(Arguments)
+    work.identify()
+    work.tune()
+    content = yaml.safe_load((tmp_path / "tuned" / "nmpc.yaml").read_text())
+    parameters = content["fsw_nmpc"]["ros__parameters"]
+    assert MachineData.from_file(parameters["machine_file"]) == seen
+    has = dict(parameters)
+    monkeypatch.setattr(commission_ros, "parameter", lambda _, node, name: has[name])
+    assert work.apply().verdict == "done"
+    has["machine_file"] = ""
+    with pytest.raises(CommandError, match="machine_file"):
+        work.apply()
 
 
 def test_left_without_an_answer_and_reported(tmp_path, capsys, monkeypatch):

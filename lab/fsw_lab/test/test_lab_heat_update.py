@@ -10,8 +10,8 @@ import yaml
 
 from fsw_control.schema.models import InputError
 from fsw_lab.heat_update import (
-    IDENTITY,
     RECORD,
+    TYPE,
     Refusal,
     RefusedWeldError,
     check_heat,
@@ -86,18 +86,22 @@ def test_without_a_record_it_is_refused(tmp_path, text):
 
 def weld(way=WAY, **identity):
     """What is compared of a weld."""
-    custom = dict.fromkeys(IDENTITY, "A") | identity | {"canister": str(id(way))}
+    custom = dict.fromkeys(TYPE, "A") | {"canister": "C1", "lid": "L1"} | identity
     text = yaml.safe_dump(way).encode() if way else b""
     return SimpleNamespace(path=Path("C002"), custom=custom, attachments={"scenario.yaml": text})
 
 
-def test_a_weld_of_the_type_may_have_another_dwell_and_canister():
+def test_a_weld_of_the_type_may_have_another_dwell():
     dwell = {"name": "dwell", "duration_s": 5.0}
     check_type(weld(WAY | {"phases": [dwell, *WAY["phases"]]}), [weld()])
 
 
-@pytest.mark.parametrize("key", IDENTITY)
-def test_another_tool_lid_or_machine_is_refused(key):
+def test_every_weld_of_a_type_has_a_canister_and_a_lid_of_its_own():
+    check_type(weld(canister="C2", lid="L2"), [weld()])
+
+
+@pytest.mark.parametrize("key", TYPE)
+def test_another_kind_of_canister_or_lid_tool_or_machine_is_refused(key):
     assert refusal_of(check_type, weld(**{key: "B"}), [weld(), weld()]) is Refusal.IDENTITY
 
 

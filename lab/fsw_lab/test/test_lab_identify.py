@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 from math import inf
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,9 +13,9 @@ import yaml
 from fsw.main import main
 from fsw_analysis.export import export_weld
 from fsw_analysis.weld_signals import WeldSignals
-from fsw_lab.identify import weld_of
+from fsw_lab.identify import Identified, weld_of
 from fsw_lab.tune_command import write_tunings
-from fsw_model import MachineData, ModelParameters
+from fsw_model import MachineData, ModelParameters, ParameterCovariance
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
@@ -82,9 +83,12 @@ def test_identify(
 ) -> None:
     monkeypatch.setattr("fsw.bags.load_weld", lambda bag, progress=None: experiment)
     out, machine, folder = (tmp_path / name for name in ("model.yaml", "machine.yaml", "report"))
+    covariance, later = str(tmp_path / "covariance.yaml"), str(tmp_path / "later.yaml")
     files = (
         "--out",
         str(out),
+        "--covariance",
+        covariance,
         "--machine",
         str(machine),
         "--report",
@@ -105,6 +109,17 @@ def test_identify(
     before = out.read_text()
     assert "exists" in error_of(capsys, "identify", "weld", "--out", str(out))
     assert out.read_text() == before
+    prior = ("--model", str(out), "--prior", covariance)
+    files = ("--out", str(tmp_path / "next.yaml"), "--covariance", later)
+    assert main(["identify", "weld", *prior, *files]) == 0
+    known, both = map(ParameterCovariance.from_file, (covariance, later))
+    variances = [
+        dict(zip(one.parameters, np.diag(one.matrix), strict=True)) for one in (known, both)
+    ]
+    assert all(
+        variances[1][name] < variances[0][name] for name in ("depth_zero_s", "copper_lag_s")
+    )
+    assert set(variances[0]) <= set(variances[1])
 
 
 @pytest.mark.slow
@@ -188,6 +203,26 @@ def test_an_empty_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert "empty" in line
 
 
+def test_a_prior_is_of_a_model(capsys: pytest.CaptureFixture[str]) -> None:
+    files = ("identify", "bag", "--out", "model.yaml")
+    assert "--model" in error_of(capsys, *files, "--prior", "covariance.yaml")
+    assert "--prior" in error_of(capsys, *files, "--other-type")
+    assert "no prior" in error_of(capsys, "identify", "--design", "--prior", "covariance.yaml")
+
+
+def test_the_covariance_is_of_what_the_model_file_says() -> None:
+    """Where the thermocouple lags, that is not the tool's dead time."""
+    tool = ModelParameters()
+    fit = SimpleNamespace(
+        parameters=tool,
+        shown=tool.scaled(dead_time_s=1.2),
+        free=("copper_lag_s", "dead_time_s"),
+        covariance=np.array([[4e-4, 1e-4], [1e-4, 9e-4]]),
+    )
+    known = Identified("weld", cast("Any", fit)).covariance
+    assert (known.parameters, known.covariance) == (["copper_lag_s"], [[4e-4]])
+
+
 def test_a_design_takes_no_bags(capsys: pytest.CaptureFixture[str]) -> None:
     assert "takes no bags" in error_of(capsys, "identify", "--design", "bag")
 
@@ -263,16 +298,20 @@ def test_tuned_files_are_taken_by_the_controllers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("fsw_lab.tune_command.margins.Loops", Loops)
-    model, out = tmp_path / "model.yaml", tmp_path / "out"
+    model, machine, out = (tmp_path / name for name in ("model.yaml", "machine.yaml", "out"))
     model.write_text("dead_time_s: 3.5\n")
+    machine.write_text("speed_rate_rpm_per_s: 10.0\ntemperature_noise_c: 0.4\n")
     tune = ["tune", "--model", str(model), "--evaluations", "3", "--no-sweep"]
-    assert main([*tune, "--out", str(out)]) == 0
+    assert main([*tune, "--out", str(out), "--machine", str(machine)]) == 0
+    machine.unlink()
     assert capsys.readouterr().out.count("> 8") == 4
     for label in ("decentral_conservative", "decentral_tight", "nmpc"):
         text = (out / f"{label}.yaml").read_text()
         assert "# Margins" in text and "temperature: delay ≥ 6.5 s" in text
         ((_, section),) = yaml.safe_load(text).items()
-        make(label.partition("_")[0], section["ros__parameters"])
+        made = make(label.partition("_")[0], section["ros__parameters"])
+    assert made.settings.limits.speed_step_rpm == pytest.approx(1.0)
+    assert made.settings.tuning.estimator.temperature_noise_c == pytest.approx(0.4)
     arguments = [
         "simulate",
         "quick",

@@ -47,7 +47,7 @@ def _outputs(p: ModelParameters, *more: ca.SX) -> ca.Function:
     found = equations.outputs(p, x, force, speed)
     names = ["x", "force_kn", "speed_rpm", *(["numbers"] * len(more))]
     return ca.Function(
-        "process_outputs", [x, force, speed, *more], list(found.values()), entries, list(found)
+        "process_outputs", [x, force, speed, *more], list(found.values()), names, list(found)
     )
 
 

@@ -1,0 +1,140 @@
+#!/usr/bin/env python3
+"""How the model of a machine gets better from weld to weld: identification with the last weld's estimate as the prior.
+
+usage: weld_to_weld.py [--quick] [--json FILE] [--page FILE]
+
+Random machines, each with a series of short ordinary welds between which its process changes a little.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
+
+if __name__ == "__main__":
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    from _bootstrap import ensure
+
+    ensure()
+
+import numpy as np
+import yaml
+from identification import SPANS
+from report import parser, save, show
+
+from controller_comparison.processes import random_factors
+from fsw.welds import Weld
+from fsw_analysis.report import templates
+from fsw_identification.prior import STEP
+from fsw_identification.summary import STRANGE
+from fsw_lab.identify import identify
+from fsw_model import nominal
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.controllers import make
+from fsw_scenario.scenario_file import content_of, parse, text_of
+from fsw_tuning.standard_runs import on_all_cores
+
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "weld-to-weld.md"
+MACHINES, WELDS, SEED = 8, 8, 1947  #: of a seed that nothing else has
+AFTER = (1, 2, 4, 8)  #: welds, of which the page has the errors
+#: end of the joint line of a weld; a whole one ends at 380 degrees and takes 45 minutes
+END_DEG = 45.0
+SHOWN = (
+    "thermal_gain_c_per_kw",
+    "copper_lag_s",
+    "tool_lag_s",
+    "dead_time_s",
+    "depth_gain_mm_per_kn_s",
+    "depth_zero_s",
+    "softening_per_c",
+    "sliding_friction",
+)
+_95 = 1.96
+
+
+def ordinary(model, seed):
+    """Signals of ``canister_weld`` with a short joint line, on a process of these parameters."""
+    content = content_of(text_of("canister_weld"))
+    phases = {phase["name"]: phase for phase in content["phases"]}
+    less_deg = phases["joint_line"]["to_deg"] - END_DEG
+    for name in ("joint_line", "overlap", "parking"):
+        phases[name]["to_deg"] -= less_deg
+    content["events"] = [one for one in content["events"] if one.get("at_deg", 0.0) <= END_DEG]
+    factors = {
+        f"factors.{name}": getattr(model, name) / getattr(nominal(), name)
+        for name in (key.removeprefix("factors.") for key in SPANS)
+    }
+    content["plant"] = {"seed": seed, **factors}
+    scenario = parse(yaml.safe_dump(content), "ordinary")
+    return ClosedLoop(scenario, {"decentral": make("decentral:conservative")}).run()
+
+
+def series(job):
+    """By weld, each parameter's relative error with its standard deviation; strange welds; minutes of a weld."""
+    index, factors = job
+    generator = np.random.default_rng((SEED, index))
+    names = [name.removeprefix("factors.") for name in factors]
+    truth = nominal().scaled(**dict(zip(names, factors.values(), strict=True)))
+    model, prior, rows, strange = None, None, [], 0
+    for weld in range(WELDS):
+        signals = ordinary(truth, 100 * index + weld)
+        found = identify(Weld("weld", signals), start=model, prior=prior)
+        fit = found.fit
+        rows.append(
+            {
+                name: (
+                    float(np.log(getattr(fit.parameters, name) / getattr(truth, name))),
+                    float(std),
+                )
+                for name, std in zip(fit.free, np.sqrt(np.diag(fit.covariance)), strict=True)
+            }
+        )
+        strange += any(size > STRANGE for size in fit.moved.values())
+        model, prior = found.parameters, found.covariance
+        steps = np.exp(STEP * generator.standard_normal(len(names)))
+        truth = truth.scaled(**dict(zip(names, map(float, steps), strict=True)))
+    return rows, strange, float(signals.time_s[-1]) / 60.0
+
+
+def figures(runs):
+    """RMS of errors [%] and standard deviations, and the shares of true values inside the intervals."""
+    found = {
+        "machines": len(runs),
+        "strange": sum(strange for _, strange, _ in runs),
+        "minutes": max(minutes for *_, minutes in runs),
+    }
+    for after in AFTER:
+        welds = [rows[after - 1] for rows, *_ in runs]
+        for name in SHOWN:
+            values = [one[name] for one in welds if name in one]
+            for word, of in zip(("error", "std"), np.square(values).T, strict=True):
+                found[f"{name} {word} {after}"] = 100.0 * float(np.sqrt(np.mean(of)))
+    by_name = {}
+    for name, (error, std) in (one for rows, *_ in runs for row in rows for one in row.items()):
+        by_name.setdefault(name, []).append(abs(error) < _95 * std)
+    found["doubtful"] = min(by_name, key=lambda name: np.mean(by_name[name]))
+    found["doubtful inside"] = 100.0 * float(np.mean(by_name[found["doubtful"]]))
+    every = [one for rows, *_ in runs for row in rows for one in row.values()]
+    found["values"] = len(every)
+    found["inside"] = 100.0 * float(np.mean([abs(error) < _95 * std for error, std in every]))
+    found["largest"] = max(abs(error) / std for error, std in every)
+    return found
+
+
+def main():
+    """Measure, print, write JSON and the page."""
+    arguments = parser(__doc__, "one machine, no page")
+    arguments.add_argument("--page", type=Path, default=PAGE, help="page of the results")
+    chosen = arguments.parse_args()
+    drawn = random_factors(1 if chosen.quick else MACHINES, SPANS, seed=SEED)
+    found = figures(list(on_all_cores(series, list(enumerate(drawn)))))
+    show(found)
+    save(found, chosen.json)
+    if not chosen.quick:
+        template = templates(Path(__file__).parent).get_template("weld_to_weld.md.j2")
+        chosen.page.write_text(template.render(globals() | {"found": found}), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
