@@ -122,7 +122,7 @@ def judged(process, case, seed, model):
     if cause and begin_s + LASTS_S < watched.time_s[-1]:
         at = int(np.searchsorted(watched.time_s, begin_s + LASTS_S))
         for name, estimates in (("minute", watched.estimates[at]), ("end", watched.estimates[-1])):
-            sizes |= {name: numbers(one) for one in estimates if one.cause == cause}
+            sizes[name] = next(numbers(one) for one in estimates if one.cause == cause)
     elif not faulty:
         sizes = {one.cause.word: numbers(one) for one in watched.estimates[-1]}
     return {
@@ -225,7 +225,9 @@ def estimated(own, case):
             f"{name}_contains": sum(abs(one - size) <= 2.0 * error for one, error in sizes),
             f"{name}_not_0": sum(abs(one) > 2.0 * error for one, error in sizes),
             f"{name}_size": float(np.median([one for one, _ in sizes])) if sizes else None,
-            f"{name}_band": 2.0 * float(np.median([error for _, error in sizes])) if sizes else None,
+            f"{name}_band": 2.0 * float(np.median([error for _, error in sizes]))
+            if sizes
+            else None,
         }
     return found
 

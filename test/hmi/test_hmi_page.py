@@ -495,7 +495,9 @@ def test_exceedance_without_a_place_is_beside_the_map_and_not_on_it(fake, open_p
     fake.account = good_account(PLACE | {"from_deg": None, "to_deg": None})
     fake.push()
     mark = page.locator(".unplaced button")
-    expect(mark).to_have_attribute("aria-label", re.compile("Depth error outside, place not known"))
+    expect(mark).to_have_attribute(
+        "aria-label", re.compile("Depth error outside, place not known")
+    )
     expect(page.locator("#map h2")).to_contain_text("once outside the limits")
     expect(page.locator(".exceedances button")).to_have_count(0)
     assert not page.locator(".way .medium").get_attribute("d")

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fsw_analysis.weld_signals import FloatArray
+from fsw_analysis.weld_signals import FloatArray, IntArray
 from fsw_control.weld import SPEED_RPM
 from fsw_model import ModelParameters, ParameterCovariance, equations
 from fsw_quality.residuals import COEFFICIENTS, DEPTH, HEAT, TORQUE
@@ -330,7 +330,7 @@ class Traces:
         """Log likelihood ratios of faults of these sizes to none, shape (onsets, faults)."""
         return sizes * self.product - 0.5 * sizes**2 * self.power
 
-    def averages(self, expected: FloatArray, possible: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def averages(self, expected: FloatArray, possible: IntArray) -> tuple[FloatArray, FloatArray]:
         """Sizes and standard errors with the onset unknown, shape (faults,): mean and deviation over all onsets.
 
         The size at the likeliest onset is too large, because that onset is chosen by it. So each of the

@@ -227,10 +227,10 @@ class ProcessWatch:
         alarms = self._harmless + np.sqrt(2.0 * ALARM / np.maximum(power, 1e-12))
         alarms[alarms > self._largest] = np.inf
         return [
-            Estimate(cause, *map(float, numbers))
+            Estimate(cause, float(size), float(error), float(alarm))
             if judged
             else Estimate(cause, reason=NotJudged.HEAT_UNKNOWN)
-            for cause, judged, *numbers in zip(
+            for cause, judged, size, error, alarm in zip(
                 self._faults, self._judged, sizes, errors, alarms, strict=True
             )
         ]

@@ -25,7 +25,7 @@ def draw(watched: Watched, title: str, file: Path) -> None:
     minutes = np.array(watched.time_s) / 60.0
     with sheet(13.0, 9.0, file) as figure:
         figure.suptitle(title)
-        left, right = figure.subfigures(1, 2, width_ratios=[1.2, 1.0])
+        left, right = figure.subfigures(1, 2, width_ratios=[1.2, 1.0], squeeze=False)[0]
         axes = left.subplots(
             5, 1, sharex=True, height_ratios=[1.0, 1.0, 1.0, 1.3, max(0.3 * len(causes), 0.5)]
         )
@@ -56,7 +56,7 @@ def draw(watched: Watched, title: str, file: Path) -> None:
         axes[4].set_xlabel("time [min]")
         left.align_ylabels(axes[:4])
         faults = list(zip(*watched.estimates, strict=True))
-        panels = right.subplots(len(faults), 1, sharex=True)
+        panels = right.subplots(len(faults), 1, sharex=True, squeeze=False)[:, 0]
         for panel, fault in zip(panels, faults, strict=True):
             _estimates(panel, minutes, fault)
         panels[-1].set_xlabel("time [min]")
@@ -78,5 +78,9 @@ def _estimates(panel: Axes, minutes: FloatArray, fault: tuple[Estimate, ...]) ->
     panel.plot(minutes, size, color=BLUE)
     for sign in (-1.0, 1.0):
         panel.plot(minutes, sign * alarm, color=_GREY, linestyle="--", linewidth=0.8)
-    most = max(np.nanmax(np.abs(size)) * 1.1, _WIDEST * np.nanmin(error)) if np.isfinite(error).any() else 1.0
+    most = (
+        max(np.nanmax(np.abs(size)) * 1.1, _WIDEST * np.nanmin(error))
+        if np.isfinite(error).any()
+        else 1.0
+    )
     panel.set_ylim(-most, most)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
@@ -275,11 +276,10 @@ def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
 def estimated(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
     """Sizes of the faults of the process as the monitor estimated them last, with its units for people."""
     topic = reader.topics().get(signals.namespace + _HEALTH)
-    record = None
-    for record in reader.records([topic.name] if topic else []):
-        pass
-    if topic is None or record is None:
+    latest = deque(reader.records([topic.name]) if topic else (), maxlen=1)
+    if topic is None or not latest:
         return []
+    record = latest.pop()
     try:
         message = Definitions().decode(record.type_name, definition_of(topic), record.data)
     except BagError:  # load_weld has reported it

@@ -240,7 +240,9 @@ def test_size_with_unknown_onset_is_within_two_standard_errors_in_19_welds_of_20
     """The size at the likeliest onset is not: that onset is chosen because it makes the size large."""
     random, n_welds, seconds = np.random.default_rng(7), 2000, 100
     onsets = np.arange(0, 71, 10)
-    values = random.normal(size=(seconds, n_welds)) + size * (np.arange(seconds) >= from_s)[:, None]
+    values = (
+        random.normal(size=(seconds, n_welds)) + size * (np.arange(seconds) >= from_s)[:, None]
+    )
     traces = Traces(1, onsets.size, n_welds)
     traces.product = np.array([values[onset:].sum(axis=0) for onset in onsets])
     traces.power[:] = (seconds - onsets)[:, None]
