@@ -318,6 +318,11 @@ def main():
                 rows += pool.map(measured, part)
             print(f"\r{i + 1} of {len(parts)} canisters", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
+    publish(rows, profiles, chosen)
+
+
+def publish(rows, profiles, chosen):
+    """Print the figures, save them, and write the page."""
     figures, table = overall(rows), figures_of(rows)
     figures |= {f"{label}: share of phases inside": share for label, share in inside(rows).items()}
     figures |= {

@@ -309,6 +309,11 @@ def main():
             rows.append(row)
             print(f"\r{len(rows)} of {len(tasks)} welds", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
+    publish(rows, chosen)
+
+
+def publish(rows, chosen):
+    """Print the figures, save them, and write the page."""
     tables = {
         process: {case: summary(rows, process, case, "nominal") for case in CASES}
         for process in PROCESSES

@@ -11,6 +11,7 @@ import pytest
 
 import fsw_quality
 from fsw.main import main
+from fsw_quality.diagnosis import NotJudged
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter
 from fsw_recorder.recover import copy
@@ -39,7 +40,7 @@ def test_monitor_of_a_bag_estimates_what_it_judges_and_says_what_not(tmp_path, c
     assert {name for name, one in told.items() if "not_judged" in one} == LEFT_OUT
     assert all(one["error"] > 0.0 for name, one in told.items() if name not in LEFT_OUT)
     out = capsys.readouterr().out
-    assert "wear of the tool" in out and out.count("not judged: heat unknown") == 2
+    assert out.count(NotJudged.HEAT_UNKNOWN.word.replace("_", " ")) == 2
 
 
 def test_history_of_a_bag_its_report_and_what_changed(tmp_path, capsys, monkeypatch):
