@@ -104,8 +104,6 @@ class AlarmWeld(Spinner):
         self.node = node = rclpy.create_node("bystander", context=self.context)
         self.executor.add_node(node)
         node.create_subscription(AlarmEvent, "fsw/alarms", self.journal.append, LATCHED)
-        self.reports = set()  #: names of the diagnostics since it was last emptied
-        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
         self.diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 100)
         self.parameters = node.create_client(
             SetParametersAtomically, "fsw_supervisor/set_parameters_atomically"
@@ -115,9 +113,6 @@ class AlarmWeld(Spinner):
         launcher.start("hmi", "fsw_hmi.main", ["--port", "0", "--ros-args", *SOON])
         url = wait_for_text(launcher, "hmi", r"http://\S+")
         self.page = Page(url).command(wait_for_text(launcher, "hmi", r"token: \S+").split()[1])
-
-    def _on_diagnostics(self, message):
-        self.reports |= {one.name for one in message.status}
 
     def close(self):
         self.page.socket.socket.close()
@@ -422,8 +417,7 @@ def test_alarms_of_nodes(graph):
     def standby():
         if not weld.launcher.children["standby"].running:
             weld.start("standby")
-        weld.reports.clear()
-        weld.until(lambda: "fsw_supervisor: standby" in weld.reports, "the standby's report")
+        weld.page.seen("state", lambda frame: frame["standby"])
 
     standby()
     weld.cycle("standby", partial(weld.kill, "standby"), standby)

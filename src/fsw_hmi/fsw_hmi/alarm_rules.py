@@ -227,10 +227,12 @@ class AlarmRules:
             measuring and not starts and (now.command_age_s or 0.0) > self._setting("silence_s")
         )
         if never or silent or (age_s is not None and age_s > NO_REPORT_S):
-            standbys = [parts["standby"] for parts in now.parts.values() if "standby" in parts]
-            ready = any(part.level == "ok" for part in standbys)
-            one = alarm("supervisor")
-            found["supervisor"] = replace(one, on_s=_TAKEOVER_S) if ready else one
+            silent_alarm = alarm("supervisor")
+            found["supervisor"] = (
+                replace(silent_alarm, on_s=_TAKEOVER_S)
+                if standby_ready(now.parts)
+                else silent_alarm
+            )
         if state is None or (age_s is not None and age_s > NO_REPORT_S):
             return
         for interlock in state["interlocks"]:
@@ -372,6 +374,13 @@ class AlarmRules:
                 one = of_errors(node, errors)
                 own = node.startswith("fsw_") or node in known
                 found[alarm_id("part", node)] = one if own else replace(one, priority="low")
+
+
+def standby_ready(parts: Mapping[str, Mapping[str, Part]]) -> bool:
+    """Whether a supervisor reports that it stands by, ready to lead; ``parts`` by node and part."""
+    return any(
+        of_node["standby"].level == "ok" for of_node in parts.values() if "standby" in of_node
+    )
 
 
 def _channels(

@@ -67,6 +67,8 @@ interface State {
   known: boolean;
   /** of known heat that the controller in command uses, 0 to 1; null: it knows none */
   known_heat_share: Value;
+  /** whether another supervisor reports that it stands ready */
+  standby: boolean;
   target_controller: string;
   actual_controller: string;
   target_mode: string;

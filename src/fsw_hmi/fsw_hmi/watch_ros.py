@@ -26,7 +26,7 @@ from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.reports_ros import CODE
 from fsw_control.sensors import DEPTH_CHANNELS, REQUIRED, SENSORS
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
-from fsw_hmi.alarm_rules import NO_REPORT_S, RECORDING, UNDER_WAY, Part
+from fsw_hmi.alarm_rules import NO_REPORT_S, RECORDING, UNDER_WAY, Part, standby_ready
 from fsw_hmi.frames import COLUMNS, heat_band, readable, short
 from fsw_hmi.weld_view import Row, WeldView
 from fsw_msgs.msg import (
@@ -243,6 +243,7 @@ class Watch:
         return {
             "known": time.monotonic() - self.state_s <= NO_REPORT_S,
             "known_heat_share": short(self._known_heat_share),
+            "standby": standby_ready(self.parts()),
             **(self.state or NO_STATE),
         }
 

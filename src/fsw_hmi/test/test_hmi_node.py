@@ -257,6 +257,17 @@ def test_state_prediction_and_alarms_reach_the_page(graph, page, monkeypatch):
     page.until("state", lambda frame: not frame["known"])  # the supervisor is silent
 
 
+def test_standby_that_is_ready_reaches_the_page_until_it_is_not(graph, page):
+    diagnostics = graph.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    wait_until(diagnostics.get_subscription_count, "the page at the diagnostics")
+    for level in (DiagnosticStatus.OK, DiagnosticStatus.ERROR):
+        status = DiagnosticStatus(name="fsw_supervisor_standby: standby", level=level)
+        diagnostics.publish(DiagnosticArray(status=[status]))
+        page.until(
+            "state", lambda frame, level=level: frame["standby"] == (level == DiagnosticStatus.OK)
+        )
+
+
 def test_known_heat_reaches_the_page_with_the_share_in_use(graph, page):
     plan = HeatPlanData(
         at_s=[0.0, 60.0],

@@ -32,7 +32,7 @@ export class Status {
     const differs = !state.known || mode !== actualMode || (actualMode === "auto" && wanted !== actual);
     const target = differs ? `target ${wanted || "none"} · ${words(mode)}; ` : "";
     setShort(this.who, !state.known ? "No supervisor" : actualMode === "auto" ? `${actual || "nobody"} · auto` : words(actualMode));
-    setShort(this.why, state.known ? `${target}${reason}${by ? ` (${by})` : ""}` : "");
+    setShort(this.why, state.known ? `${target}${reason}${by ? ` (${by})` : ""}${state.standby ? " · standby ready" : ""}` : "");
     this.command.dataset.level = differs ? "medium" : "";
   }
 
