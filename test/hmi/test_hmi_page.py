@@ -93,6 +93,11 @@ def test_alarms_are_ordered_announced_and_acknowledged(fake, open_page):
     press(page, "Ack: Depth sensor invalid: frozen")
     expect(page.locator("#actions .answer")).to_have_text("Acknowledge alarm: ✓ done")
     assert fake.requests[-1]["ids"] == ["depth:stale"]
+    next(alarm for alarm in fake.alarms if alarm["first_out"])["state"] = "cleared"
+    fake.push()
+    expect(page.locator(".alarm.cleared", has_text="first out")).to_contain_text(
+        "Temperature above"
+    )
 
 
 def test_alarm_is_shelved_with_a_time_and_a_reason_and_taken_back(fake, open_page):
