@@ -68,7 +68,7 @@ TRUE_SIZES = {
     "tool wear 6 N·m/min": 6.0 / 60.0,
     "torque gain +20 %": 0.2,
     "depth gain +20 %": 0.2,
-    "depth gain -20 %": 0.2,
+    "depth gain -20 %": -0.2,
     "heat gain +20 %": 0.2,
     "dead time +1.5 s": 1.5,
 }
