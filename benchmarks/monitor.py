@@ -117,7 +117,6 @@ def judged(process, case, seed, model):
     monitor.step = timed
     watched = watch(monitor, signals)
     alarms = [(one.begin_s, one.finding.cause.word) for one in watched.alarms]
-    after = [one for one in watched.alarms if faulty and one.begin_s >= FAULT_S]
     sizes = {}  # of the fault when it has lasted for a minute and at the end, without one of all
     if cause and begin_s + LASTS_S < watched.time_s[-1]:
         at = int(np.searchsorted(watched.time_s, begin_s + LASTS_S))
@@ -133,9 +132,7 @@ def judged(process, case, seed, model):
         "excited": not faulty or not CASES[case][3] or moved_s is not None,
         "controller": controller,
         "false": [cause for at_s, cause in alarms if not faulty or at_s < FAULT_S],
-        "told": bool(after),
         "named_s": named_s,
-        "first": after[0].finding.cause.word if after else "",
         "sizes": {name: one for name, one in sizes.items() if one},
         "possible_s": next(
             (TICK_S * tick for tick, one in enumerate(expected, 1) if one >= CLAIRVOYANT), None
@@ -196,7 +193,6 @@ def summary(rows, process, case, model):
     aim_s = AIMS_S.get(case) if process == "paper" or case not in OF_HEAT else None
     return {
         "welds": len(own),
-        "told": sum(row["told"] for row in own),
         "named": len(named),
         "median_s": float(np.median(named)) if named else None,
         "worst_s": max(named, default=None),
@@ -210,7 +206,6 @@ def summary(rows, process, case, model):
         if sized
         else None,
         **estimated(own, case),
-        "first": ", ".join(sorted({row["first"] for row in own if row["first"]})),
     }
 
 
